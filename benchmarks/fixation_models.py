@@ -30,7 +30,7 @@ from saccade.datasets.fixations import read_fixations
 from saccade.evaluation.fixation_references import center_model, score_people, shuffled_model
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import PredictionScores, fixations_by_image, score_model
-from saccade.pyramid import resize
+from saccade.scale.pyramid import resize
 
 SIGMA = 24.0
 """Pixels to a degree of visual angle."""

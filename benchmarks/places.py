@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 
 from saccade import Sift, SiftConfig, read_image
-from saccade.image import find_images
+from saccade.io.image import find_images
 from saccade.visual.loop_detection import LoopDetectionConfig, LoopDetector
 
 TOLERANCE = 2

@@ -34,7 +34,7 @@ from saccade.evaluation.scanpaths import (
     score_paths,
     viewings,
 )
-from saccade.image import read_image
+from saccade.io.image import read_image
 
 DEGREE = 24.0
 """Pixels."""

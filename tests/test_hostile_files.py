@@ -22,7 +22,7 @@ from saccade.batch import open_source
 from saccade.batch.workers import count_workers
 from saccade.datasets import load
 from saccade.errors import ImageError, KeypointsError, LogError, OutputError
-from saccade.video import video_writer
+from saccade.io.video import video_writer
 from support.error_checks import refuses
 from support.limits import TIMEOUT, limited
 from support.privileges import without_privileges
@@ -138,7 +138,7 @@ def test_an_array_that_says_it_is_huge(tmp_path, shape):
 
 
 def test_an_archive_that_unpacks_to_too_much(tmp_path, monkeypatch):
-    monkeypatch.setattr("saccade.npz.MAX_UNPACKED", 1 << 20)
+    monkeypatch.setattr("saccade.io.npz.MAX_UNPACKED", 1 << 20)
     npz(tmp_path / "a.npz", (1 << 22, 2), size=1 << 25)
     with limited(memory=100 << 20), refuses(KeypointsError, "a.npz", "bytes that unpack to"):
         exchange.read_npz(tmp_path / "a.npz")

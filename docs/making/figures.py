@@ -16,7 +16,7 @@ import saccade
 from saccade import datasets, slam, viewing
 from saccade.attention.normalize import normalize
 from saccade.frames import Frame
-from saccade.pyramid import halve
+from saccade.scale.pyramid import halve
 from saccade.simulation import DriveConfig, LightConfig, simulate_drive
 from saccade.viewing.attention import draw_scanpath
 from saccade.viewing.keypoints import draw_keypoints

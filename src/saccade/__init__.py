@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from saccade.errors import LogWarning as LogWarning
     from saccade.errors import OutputError as OutputError
     from saccade.errors import SaccadeError as SaccadeError
-    from saccade.image import read_image as read_image
+    from saccade.io.image import read_image as read_image
     from saccade.keypoints.descriptor_config import DescriptorConfig as DescriptorConfig
     from saccade.keypoints.matching import match as match
     from saccade.keypoints.must import Must as Must
@@ -85,7 +85,7 @@ _MODULES = {
         *("ConfigError", "DriveError", "ImageError", "ImageWarning", "KeypointsError"),
         *("LogError", "LogWarning", "OutputError", "SaccadeError"),
     ),
-    "image": ("read_image",),
+    "io.image": ("read_image",),
     "keypoints.descriptor_config": ("DescriptorConfig",),
     "keypoints.matching": ("match",),
     "keypoints.must": ("Must",),

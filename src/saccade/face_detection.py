@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from saccade.errors import ConfigError
-from saccade.files import check_file, one_line
-from saccade.image import as_gray, check_image, in_unit_range
+from saccade.io.files import check_file, one_line
+from saccade.io.image import as_gray, check_image, in_unit_range
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,7 +9,7 @@ from PIL import Image as PillowImage
 
 from saccade.attention.models import SaliencyMaps
 from saccade.errors import ConfigError
-from saccade.image import check_image, in_unit_range, repeat_gray
+from saccade.io.image import check_image, in_unit_range, repeat_gray
 from saccade.types import Keypoints, Regions, Scanpath
 from saccade.viewing.attention import attention_figure
 from saccade.viewing.keypoints import keypoint_figure, region_figure

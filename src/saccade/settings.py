@@ -8,7 +8,7 @@ from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 from saccade.errors import ConfigError
-from saccade.files import read_text
+from saccade.io.files import read_text
 
 KINDS = {
     "attention": ("saccade.attention.combined", "AttentionConfig"),

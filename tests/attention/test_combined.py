@@ -14,8 +14,8 @@ from saccade.attention import (
     symmetry_saliency,
 )
 from saccade.errors import ConfigError
-from saccade.image import read_image
-from saccade.pyramid import resize
+from saccade.io.image import read_image
+from saccade.scale.pyramid import resize
 from support.saliency_images import noise, rank_of_the_odd_item
 
 

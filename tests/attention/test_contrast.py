@@ -10,8 +10,8 @@ from saccade.attention import ContrastConfig, contrast_pyramids, contrast_salien
 from saccade.attention.channels import COLORS
 from saccade.attention.normalize import NORMALIZATIONS, normalize
 from saccade.errors import ConfigError, ImageError
-from saccade.image import read_image
-from saccade.pyramid import resize
+from saccade.io.image import read_image
+from saccade.scale.pyramid import resize
 from support import oracles_attention as oracles
 from support.pyramids import dyadic_pyramid
 from support.saliency_images import noise, rank_of_the_odd_item

@@ -12,7 +12,7 @@ from saccade.attention.models import bare_saliency
 from saccade.attention.normalize import NORMALIZATIONS, normalize
 from saccade.attention.position_prior import position_prior
 from saccade.errors import ImageError
-from saccade.pyramid import resize
+from saccade.scale.pyramid import resize
 from support.pyramids import dyadic_pyramid
 
 DEFAULT = ContrastConfig()

@@ -22,7 +22,7 @@ from saccade.attention.saliencytoolbox2 import (
     rescale,
     whole_levels,
 )
-from saccade.image import read_image
+from saccade.io.image import read_image
 from support.reference_images import REFERENCE_IMAGES
 
 CONFIG = ContrastConfig.saliencytoolbox2()

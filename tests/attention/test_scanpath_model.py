@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chisquare, kstest
 
 import saccade
-import saccade.pyramid
+import saccade.scale.pyramid
 from saccade.attention import scanpath_model
 from saccade.attention._scanpath_model_kernels import alias_table, draw_cell
 from saccade.attention.scanpath_model import ScanpathModelConfig
@@ -104,7 +104,7 @@ def test_the_most_probable_path_goes_to_the_peaks_of_a_large_map():
     saliency = np.zeros((60, 80))
     saliency[15, 61], saliency[44, 22] = 1.0, 0.9
     path = saccade.most_probable_scanpath(saliency, (600, 800), 4)
-    peaks = saccade.pyramid.cell_centers([15, 44], [61, 22], saliency.shape, (600, 800))
+    peaks = saccade.scale.pyramid.cell_centers([15, 44], [61, 22], saliency.shape, (600, 800))
     assert {*map(tuple, path.xy)} >= {*map(tuple, peaks)}
     assert len(saccade.most_probable_scanpath(saliency, (600, 800), 0)) == 0
     narrow = ScanpathModelConfig(center_sigma=0.01)

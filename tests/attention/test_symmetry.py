@@ -11,8 +11,8 @@ from saccade.attention.channels import whitened
 from saccade.attention.symmetry import complete
 from saccade.attention.symmetry_2010 import SWAPPED_LUMA
 from saccade.errors import ConfigError, ImageError
-from saccade.image import read_image
-from saccade.pair_sums import (
+from saccade.io.image import read_image
+from saccade.scale.pair_sums import (
     color_sums,
     fraction_inside,
     gradients_of,

@@ -21,7 +21,7 @@ from saccade.batch.engines import InProcess, Processes
 from saccade.batch.shards import Shard
 from saccade.batch.sources import Item
 from saccade.errors import ConfigError
-from saccade.files import PARTIAL
+from saccade.io.files import PARTIAL
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 from support import extraction
 from support.extraction import SIFT, check_complete, check_whole, extract_here, photographs

@@ -14,7 +14,7 @@ from saccade import Sift
 from saccade.batch import open_source
 from saccade.batch.sources import read_content
 from saccade.errors import ImageError
-from saccade.video import read_video, video_writer
+from saccade.io.video import read_video, video_writer
 from support.extraction import check_complete, check_whole, extract_here, photographs
 
 IMAGES = 7

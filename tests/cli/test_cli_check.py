@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from saccade.datasets import save_drive
-from saccade.video import video_writer
+from saccade.io.video import video_writer
 
 
 @pytest.fixture

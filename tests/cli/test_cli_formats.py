@@ -13,7 +13,7 @@ from scipy.io import loadmat
 import saccade
 from saccade.attention.models import AttentionModel
 from saccade.datasets.fixations import read_fixations, write_fixations
-from saccade.pyramid import resize
+from saccade.scale.pyramid import resize
 from saccade.types import FixationTable
 from saccade.viewing import save_figure
 from support.circular_log import simulate

@@ -21,8 +21,8 @@ from saccade.cli.slam_report import LABELS, facts
 from saccade.datasets import load
 from saccade.evaluation.slam_runs import summarize_run
 from saccade.extras import install_command
+from saccade.io.video import read_video
 from saccade.types import Trajectory
-from saccade.video import read_video
 from support import interrupted_run
 from support.circular_log import simulate
 from support.limits import TIMEOUT

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import saccade
-from saccade.files import atomic_write, results_in
+from saccade.io.files import atomic_write, results_in
 from support.limits import TIMEOUT
 
 DATA = Path(saccade.__file__).parent / "data"
@@ -16,7 +16,7 @@ PHOTOS = DATA / "hallway_1.jpg", DATA / "hallway_2.jpg"
 WRITER = """
 import sys
 from pathlib import Path
-from saccade.files import atomic_write, results_in
+from saccade.io.files import atomic_write, results_in
 out = Path(sys.argv[1])
 with results_in(out, is_file=out.suffix == ".toml"):
     with atomic_write(out if out.suffix else out / "log.csv") as file:

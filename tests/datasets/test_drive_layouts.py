@@ -6,7 +6,7 @@ import pytest
 
 from saccade.datasets import load_drive
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.video import video_writer
+from saccade.io.video import video_writer
 from support.error_checks import refuses
 
 POINT = np.array([[0.4, -0.25, 4.0]])

@@ -15,7 +15,7 @@ from saccade.evaluation.features import FeatureScores, feature_difference, score
 from saccade.evaluation.homography import corner_error, inside, project
 from saccade.evaluation.repeatability import Features, PairScores, score_pair
 from saccade.exchange.colmap import import_pycolmap
-from saccade.image import as_gray
+from saccade.io.image import as_gray
 from support.run_command import run
 from support.shift import SHIFT
 

@@ -212,7 +212,7 @@ import pysaliency
 from saccade import contrast_saliency
 from saccade.evaluation.fixations import auc, nss
 from saccade.evaluation.pysaliency import as_pysaliency
-from saccade.pyramid import resize
+from saccade.scale.pyramid import resize
 
 rng = np.random.default_rng(0)
 images = [rng.integers(0, 255, (90, 120, 3), np.uint8) for _ in range(2)]

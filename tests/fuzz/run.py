@@ -51,7 +51,7 @@ def fuzz(name: str, chosen: list[str]) -> None:
     import atheris
 
     with atheris.instrument_imports(
-        include=["saccade.datasets", "saccade.exchange", "saccade.npz"]
+        include=["saccade.datasets", "saccade.exchange", "saccade.io.npz"]
     ):
         import saccade.datasets
         import saccade.exchange  # noqa: F401

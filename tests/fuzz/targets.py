@@ -18,9 +18,9 @@ from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import SaccadeError
 from saccade.evaluation.relative_pose import score_relative_poses
 from saccade.frames import Camera, Drive, Frame
-from saccade.image import read_image, read_stored
+from saccade.io.image import read_image, read_stored
+from saccade.io.video import VideoFrames, read_video, video_writer
 from saccade.types import LandmarkLog, Trajectory
-from saccade.video import VideoFrames, read_video, video_writer
 
 
 @dataclass(frozen=True)

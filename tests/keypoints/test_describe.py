@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from saccade import Keypoints, Sift, SiftConfig, exchange, match
 from saccade.errors import ImageError, KeypointsError
 from saccade.keypoints.scale_space_points import locate
-from saccade.scale_space import gaussian_scale_space
+from saccade.scale.scale_space import gaussian_scale_space
 from support.sift_images import PRESETS, assert_same, features, texture
 
 ROCKET = str(files("saccade") / "data" / "rocket.jpg")

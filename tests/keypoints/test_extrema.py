@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from saccade.keypoints import SiftConfig, _extrema_kernels, _refinement_kernels, extrema
-from saccade.workspace import Threads
+from saccade.scale.workspace import Threads
 from support import oracles_keypoints as oracles
 
 seeds = st.integers(0, 2**32 - 1)

@@ -15,7 +15,7 @@ from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.features import score_detector
 from saccade.keypoints import SiftConfig
 from saccade.keypoints.must import octave_symmetry
-from saccade.scale_space import ScaleSpace, gaussian_scale_space
+from saccade.scale.scale_space import ScaleSpace, gaussian_scale_space
 from support import oracles_symmetry as oracles
 from support.symmetric_images import discs, texture
 

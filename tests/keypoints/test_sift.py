@@ -12,8 +12,8 @@ from saccade.keypoints import Sift, SiftConfig, match
 from saccade.keypoints.detection import strongest
 from saccade.keypoints.orientation import assign_orientations
 from saccade.keypoints.scale_space_points import Points
-from saccade.scale_space import gaussian_scale_space
-from saccade.scale_space_config import ScaleSpaceConfig
+from saccade.scale.scale_space import gaussian_scale_space
+from saccade.scale.scale_space_config import ScaleSpaceConfig
 from support.sift_images import FIELDS, PRESETS, UNBIASED, assert_same, features, texture
 
 CENTERED = [name for name in PRESETS if PRESETS[name].grid == "centered"]

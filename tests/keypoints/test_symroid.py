@@ -20,7 +20,7 @@ from saccade.keypoints.symroid import (
     strongest_pair_radius,
     symmetry_levels,
 )
-from saccade.pair_sums import gradients_of, isotropic_sums, pair_kernel
+from saccade.scale.pair_sums import gradients_of, isotropic_sums, pair_kernel
 from support import oracles_symmetry as oracles
 from support.symmetric_images import discs, texture
 

@@ -19,7 +19,7 @@ from saccade import Sift, SiftConfig
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import InProcess
 from saccade.batch.sources import content_hash
-from saccade.image import decode_image
+from saccade.io.image import decode_image
 
 SIFT = Job("sift", SiftConfig())
 

@@ -1,6 +1,6 @@
 """A whole pyramid, of levels that the models make one by one."""
 
-from saccade.pyramid import deepest_level, halve
+from saccade.scale.pyramid import deepest_level, halve
 
 
 def dyadic_pyramid(image, levels):

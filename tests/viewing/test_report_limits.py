@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from saccade.image import decode_image
+from saccade.io.image import decode_image
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Section, html_page
 from saccade.viewing.report import (

@@ -17,8 +17,8 @@ from saccade.attention.channels import whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale
 from saccade.errors import require, require_ranges, require_types
-from saccade.image import check_image, in_unit_range
-from saccade.pyramid import FloatMap, resize
+from saccade.io.image import check_image, in_unit_range
+from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import Image
 
 
@@ -61,7 +61,7 @@ class BooleanConfig:
 class BooleanMaps(SaliencyMaps):
     """Saliency by surroundedness.
 
-    The map is float32, and its cells tile the image: see `saccade.pyramid.cell_centers`.
+    The map is float32, and its cells tile the image: see `saccade.scale.pyramid.cell_centers`.
     """
 
     saliency: FloatMap

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple, get_args
 import cv2
 import numpy as np
 
-from saccade.pyramid import FloatMap
+from saccade.scale.pyramid import FloatMap
 
 Color = Literal["linear", "quotient"]
 COLORS: tuple[Color, ...] = get_args(Color)

@@ -22,8 +22,8 @@ from saccade.attention.normalize import Normalization, normalize, rescale, sharp
 from saccade.attention.position_prior import position_prior
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
 from saccade.errors import require, require_ranges, require_types
-from saccade.image import check_image
-from saccade.pyramid import FloatMap, resize
+from saccade.io.image import check_image
+from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import Image
 
 
@@ -100,7 +100,7 @@ class AttentionConfig:
 class AttentionMaps(SaliencyMaps):
     """Saliency and the maps of the models.
 
-    The cells tile the image: see `saccade.pyramid.cell_centers`.
+    The cells tile the image: see `saccade.scale.pyramid.cell_centers`.
     """
 
     saliency: FloatMap

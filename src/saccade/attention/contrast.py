@@ -20,8 +20,8 @@ from saccade.attention.normalize import sharpen, smooth
 from saccade.attention.position_prior import position_prior
 from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Arithmetic
 from saccade.errors import ImageError
-from saccade.image import check_image
-from saccade.pyramid import FloatMap
+from saccade.io.image import check_image
+from saccade.scale.pyramid import FloatMap
 from saccade.types import Image
 
 __all__ = [
@@ -70,7 +70,7 @@ class ContrastMaps(SaliencyMaps):
     """Saliency, conspicuity maps and feature maps.
 
     Maps are float32 (float64 for the presets `kootstra2010` and `saliencytoolbox2`), and their
-    cells tile the image: see `saccade.pyramid.cell_centers`.
+    cells tile the image: see `saccade.scale.pyramid.cell_centers`.
     """
 
     saliency: FloatMap

@@ -8,7 +8,7 @@ import numpy as np
 from saccade.attention.channels import Color
 from saccade.attention.normalize import Normalization
 from saccade.errors import require, require_types
-from saccade.pyramid import MAX_LEVEL, coarser_levels
+from saccade.scale.pyramid import MAX_LEVEL, coarser_levels
 
 Scales = tuple[tuple[int, int], ...]
 

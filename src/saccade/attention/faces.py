@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from saccade.errors import ImageError
-from saccade.pyramid import FloatMap
+from saccade.scale.pyramid import FloatMap
 from saccade.types import FloatArray, Image
 
 FaceDetector: TypeAlias = Callable[[Image], FloatArray]

@@ -15,8 +15,8 @@ from saccade.attention.boolean_maps import boolean_saliency
 from saccade.attention.channels import CONSPICUITY
 from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
 from saccade.attention.faces import FaceDetector
-from saccade.image import check_image, in_unit_range
-from saccade.pyramid import FloatMap, resize
+from saccade.io.image import check_image, in_unit_range
+from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image
 
 FLOOR = 0.1

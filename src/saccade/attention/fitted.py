@@ -12,7 +12,7 @@ from saccade.attention.features import AROUND, EARLY, FACES, GEOMETRY, feature_m
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.saccade_basis import FUNCTIONS, path_terms, saccade_tables
 from saccade.errors import require, require_types
-from saccade.pyramid import FloatMap
+from saccade.scale.pyramid import FloatMap
 from saccade.types import FloatArray, Image
 
 
@@ -20,7 +20,7 @@ from saccade.types import FloatArray, Image
 class FittedMaps(SaliencyMaps):
     """Saliency of a fitted model.
 
-    The cells tile the image: see `saccade.pyramid.cell_centers`.
+    The cells tile the image: see `saccade.scale.pyramid.cell_centers`.
     """
 
     saliency: FloatMap

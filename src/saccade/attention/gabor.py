@@ -6,7 +6,7 @@ from functools import cache
 import cv2
 import numpy as np
 
-from saccade.pyramid import FloatMap
+from saccade.scale.pyramid import FloatMap
 from saccade.types import FloatArray
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from saccade.attention.mirrored import MirroredArithmetic
 from saccade.attention.normalize import rescale
-from saccade.pyramid import FloatMap, level_shape
+from saccade.scale.pyramid import FloatMap, level_shape
 
 BORDER = cv2.BORDER_REPLICATE
 EQUAL_DIGITS = 9

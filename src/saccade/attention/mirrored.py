@@ -12,8 +12,8 @@ from saccade.attention.channels import ChannelName, intensity, opponency
 from saccade.attention.contrast_config import ContrastConfig
 from saccade.attention.gabor import gabor_energies, gabor_pair
 from saccade.attention.normalize import normalize
-from saccade.image import in_unit_range, repeat_gray
-from saccade.pyramid import FloatMap, deepest_level, halve, level_shape, resize
+from saccade.io.image import in_unit_range, repeat_gray
+from saccade.scale.pyramid import FloatMap, deepest_level, halve, level_shape, resize
 from saccade.types import FloatArray
 
 

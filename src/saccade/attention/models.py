@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from saccade.attention.faces import FaceDetector
-    from saccade.pyramid import FloatMap
+    from saccade.scale.pyramid import FloatMap
     from saccade.types import Float32Array, SymmetricPairs
 
 REFERENCE_SIZE = 800
@@ -35,7 +35,7 @@ class SaliencyMaps(NotebookTable):
     @property
     def full_size(self) -> "dict[str, Float32Array]":
         """The maps by name at the size of the image, (H, W) each: bilinear where they grow."""
-        from saccade.pyramid import resize
+        from saccade.scale.pyramid import resize
 
         return {name: resize(layer, self.image_shape) for name, layer in self.layers.items()}
 

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import cv2
 import numpy as np
 
-from saccade.pyramid import FloatMap
+from saccade.scale.pyramid import FloatMap
 
 Normalization = Literal["local-maxima", "local-maxima-1998", "iterative", "none"]
 NORMALIZATIONS: tuple[Normalization, ...] = get_args(Normalization)

@@ -12,7 +12,7 @@ from saccade.attention.channels import CONSPICUITY, Conspicuity
 from saccade.attention.contrast import ContrastMaps
 from saccade.attention.scanpath import Region
 from saccade.errors import ImageError
-from saccade.pyramid import FloatMap, resize
+from saccade.scale.pyramid import FloatMap, resize
 
 MIN_HEIGHT = 0.05
 """Height at which the region ends, as a fraction of that of the winner."""

@@ -19,8 +19,8 @@ import numpy.typing as npt
 from saccade.attention.channels import ChannelName, opponency
 from saccade.attention.mirrored import MirroredArithmetic
 from saccade.attention.normalize import fraction_inside, inhibit_laterally
-from saccade.image import in_unit_range, repeat_gray
-from saccade.pyramid import FloatMap
+from saccade.io.image import in_unit_range, repeat_gray
+from saccade.scale.pyramid import FloatMap
 
 LUMA = (0.298936, 0.587043, 0.114021)
 """Brightness by red, green and blue."""

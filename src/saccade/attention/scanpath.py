@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from saccade.attention._winner_take_all_kernels import Cells, Network, run_network
 from saccade.errors import ImageError, require, require_types
-from saccade.pyramid import FloatMap, cell_centers
+from saccade.scale.pyramid import FloatMap, cell_centers
 from saccade.types import FloatArray, IntArray, Scanpath
 
 _logger = logging.getLogger(__name__)
@@ -125,7 +125,7 @@ def scanpath(
             for the disc; `partial(proto_object, maps)` gives the shape of the attended object.
 
     Returns:
-        Fixations at the centers of the winning cells, see `saccade.pyramid.cell_centers`.
+        Fixations at the centers of the winning cells, see `saccade.scale.pyramid.cell_centers`.
 
     Raises:
         ImageError: the map is not two-dimensional, is empty, not finite, or negative somewhere;

@@ -37,7 +37,7 @@ from saccade.attention._scanpath_model_kernels import (
 from saccade.attention.position_prior import position_prior
 from saccade.attention.scanpath import checked_map
 from saccade.errors import ImageError, require, require_ranges, require_types
-from saccade.pyramid import FloatMap, cell_centers, resize
+from saccade.scale.pyramid import FloatMap, cell_centers, resize
 from saccade.types import FloatArray, IntArray, Scanpath, ScanpathSamples
 
 BEAM_CELLS = 25

@@ -5,13 +5,13 @@ from dataclasses import fields
 
 import numpy as np
 
-from saccade._pair_sums_kernels import MARGIN
 from saccade.attention.symmetry import gradient_pyramid, pyramid_of, symmetry_at
 from saccade.attention.symmetry_config import SymmetryConfig
 from saccade.errors import ImageError, require
-from saccade.image import check_image
-from saccade.pair_sums import Gradients, PairKernel, pair_kernel
-from saccade.pyramid import FloatMap, cell_centers
+from saccade.io.image import check_image
+from saccade.scale._pair_sums_kernels import MARGIN
+from saccade.scale.pair_sums import Gradients, PairKernel, pair_kernel
+from saccade.scale.pyramid import FloatMap, cell_centers
 from saccade.types import Image, SymmetricPairs
 
 

@@ -21,15 +21,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade._pair_sums_kernels import MARGIN
 from saccade.attention.channels import OPPONENT, whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale, sharpen, smooth
 from saccade.attention.symmetry_2010 import Kootstra2010Pyramid
 from saccade.attention.symmetry_config import SymmetryConfig
 from saccade.errors import ImageError
-from saccade.image import check_image, in_unit_range
-from saccade.pair_sums import (
+from saccade.io.image import check_image, in_unit_range
+from saccade.scale._pair_sums_kernels import MARGIN
+from saccade.scale.pair_sums import (
     Gradients,
     PairKernel,
     color_sums,
@@ -39,7 +39,7 @@ from saccade.pair_sums import (
     pair_kernel,
     radial_sums,
 )
-from saccade.pyramid import FloatMap, half_shape, halve, level_shape, resize
+from saccade.scale.pyramid import FloatMap, half_shape, halve, level_shape, resize
 from saccade.types import Float32Array, Image
 
 __all__ = ["SymmetryConfig", "SymmetryMaps", "symmetry_saliency"]
@@ -56,7 +56,7 @@ radial sum is that fraction to this power of the full sum; measured for rings of
 class SymmetryMaps(SaliencyMaps):
     """Saliency and the symmetry of each level.
 
-    The maps are float32, and their cells tile the image: see `saccade.pyramid.cell_centers`.
+    The maps are float32, and their cells tile the image: see `saccade.scale.pyramid.cell_centers`.
     """
 
     saliency: FloatMap

@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.symmetry_config import SymmetryConfig
-from saccade.image import in_unit_range
-from saccade.pyramid import FloatMap, resize
+from saccade.io.image import in_unit_range
+from saccade.scale.pyramid import FloatMap, resize
 
 SWAPPED_LUMA = (0.114, 0.587, 0.299)
 """Weights of red, green and blue in gray."""

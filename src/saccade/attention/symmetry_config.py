@@ -7,7 +7,7 @@ from typing import Literal, Self
 import numpy as np
 
 from saccade.errors import require, require_types
-from saccade.pyramid import MAX_LEVEL, coarser_levels
+from saccade.scale.pyramid import MAX_LEVEL, coarser_levels
 
 Kind = Literal["isotropic", "radial", "color"]
 Channels = Literal["whitened", "opponent", "rgb", "gray"]

@@ -27,9 +27,9 @@ from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import smooth
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
 from saccade.errors import ImageError, require, require_ranges, require_types
-from saccade.image import check_image, in_unit_range, repeat_gray
 from saccade.image_motion import camera_motion, moved, tracked
-from saccade.pyramid import FloatMap, cell_centers, halve, resize
+from saccade.io.image import check_image, in_unit_range, repeat_gray
+from saccade.scale.pyramid import FloatMap, cell_centers, halve, resize
 from saccade.types import Float32Array, FloatArray, Image
 
 POOLING = 2.0

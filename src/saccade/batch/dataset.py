@@ -14,9 +14,9 @@ from saccade.batch.store import Store, open_store
 from saccade.batch.tables import DESCRIPTOR_SIZE, RECORD_SCHEMA, check_columns, point_schema
 from saccade.errors import ConfigError, KeypointsError
 from saccade.exchange.fields import COLUMNS, keypoints_from_columns
-from saccade.files import LARGEST_TEXT, one_line, reason_of
-from saccade.formats import check_format
-from saccade.npz import check_unpacked
+from saccade.io.files import LARGEST_TEXT, one_line, reason_of
+from saccade.io.formats import check_format
+from saccade.io.npz import check_unpacked
 from saccade.types import Keypoints
 
 MANIFEST = "manifest.json"

@@ -12,7 +12,7 @@ from saccade.batch.tables import DESCRIPTOR_SIZE
 from saccade.errors import KeypointsError, OutputError
 from saccade.exchange import to_opencv, write_colmap, write_csv, write_hdf5
 from saccade.exchange.fields import check_name
-from saccade.files import atomic_write
+from saccade.io.files import atomic_write
 from saccade.types import Keypoints
 
 WriteImage: TypeAlias = Callable[[Path, ImageKeypoints], None]

@@ -17,8 +17,8 @@ from saccade.batch.job import MAPS, Job
 from saccade.batch.store import Store
 from saccade.errors import KeypointsError, OutputError, SaccadeError
 from saccade.extras import import_optional
-from saccade.files import LARGEST_IMAGE, one_line
-from saccade.image import decode_stored, size_in_header
+from saccade.io.files import LARGEST_IMAGE, one_line
+from saccade.io.image import decode_stored, size_in_header
 from saccade.types import Float32Array
 
 FOLDER = "maps"

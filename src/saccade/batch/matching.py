@@ -44,7 +44,7 @@ from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
 from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.fields import check_name
 from saccade.extras import import_optional
-from saccade.files import atomic_write, is_file, read_text, reason_of
+from saccade.io.files import atomic_write, is_file, read_text, reason_of
 from saccade.keypoints.matching import match
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.verification import SAMPLE_SIZE, Geometry, Verification, verify

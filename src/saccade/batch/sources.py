@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from saccade.errors import ImageError
 from saccade.extras import import_optional
-from saccade.files import (
+from saccade.io.files import (
     IMAGE_SUFFIXES,
     VIDEO_SUFFIXES,
     as_text,
@@ -135,7 +135,7 @@ def decode(content: Content, name: str) -> Image:
     Raises:
         ImageError: the bytes are no image.
     """
-    from saccade.image import decode_image
+    from saccade.io.image import decode_image
 
     return decode_image(content, name) if isinstance(content, bytes) else content
 
@@ -174,7 +174,7 @@ def _open_local(source: str, every: int) -> Source:
     if path.is_dir():
         with os.scandir(source) as entries:
             found = [entry.name for entry in entries]
-        from saccade.image import warn_of_unread
+        from saccade.io.image import warn_of_unread
 
         warn_of_unread(found, source)
         names = [name for name in found if _is_image(name)]
@@ -252,7 +252,7 @@ def _tar_members(location: str) -> list[Item]:
 
 def _video_frames(location: str, every: int) -> list[Item]:
     """Every n-th frame of a video, which is decoded once to count its frames."""
-    from saccade.video import VideoFrames
+    from saccade.io.video import VideoFrames
 
     prefix = f"{as_text(Path(location).name)}/"
     frames = range(0, len(VideoFrames(location)), every)
@@ -307,7 +307,7 @@ def _read_remote(item: Item) -> bytes:
 
 
 def _read_frame(location: str, number: int) -> Image:
-    from saccade.video import VideoFrames
+    from saccade.io.video import VideoFrames
 
     if getattr(_thread, "location", None) != location:
         _thread.video, _thread.location = VideoFrames(location), location

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from saccade.batch.sources import is_url, remote_filesystem
 from saccade.errors import OutputError
-from saccade.files import PARTIAL, atomic_write, open_file, results_in
+from saccade.io.files import PARTIAL, atomic_write, open_file, results_in
 
 
 class Store(Protocol):

@@ -101,7 +101,7 @@ def _pixels(item: "Item") -> int:
     """Pixels of an image, from its header."""
     from saccade.batch.sources import read_content
     from saccade.errors import SaccadeError
-    from saccade.image import size_in_header
+    from saccade.io.image import size_in_header
 
     if item.frame is not None:
         return DEFAULT_PIXELS

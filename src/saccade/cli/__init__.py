@@ -36,7 +36,7 @@ from saccade.cli.simulate import simulate
 from saccade.cli.slam import slam
 from saccade.cli.textbook import textbook
 from saccade.errors import OutputError, SaccadeError
-from saccade.files import one_line
+from saccade.io.files import one_line
 
 TRACEBACK = "SACCADE_TRACEBACK"
 """Environment variable: if set, unexpected errors end with a traceback."""

@@ -32,7 +32,7 @@ Workers = Annotated[
 def preload(source: str, workers: int | None) -> None:
     """Let the workers import their libraries while this process does: both take a second."""
     from saccade.batch.workers import worker_context
-    from saccade.files import IMAGE_SUFFIXES
+    from saccade.io.files import IMAGE_SUFFIXES
 
     one_image = source.lower().endswith(IMAGE_SUFFIXES) and Path(source).is_file()
     if workers != 1 and os.cpu_count() != 1 and not one_image:

@@ -30,7 +30,7 @@ def demo(
     from importlib.resources import as_file, files
 
     from saccade.cli.output import print_json, print_message, print_table, write_text
-    from saccade.files import results_in
+    from saccade.io.files import results_in
     from saccade.viewing.report import ReportBuilder
 
     builder = ReportBuilder("saccade demo", LEAD)

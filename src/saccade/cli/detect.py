@@ -83,8 +83,8 @@ def detect(
     from saccade.cli.detect_run import SHARED_FILES, detect_in, require_libraries, write_shared
     from saccade.cli.detectors import make_detector
     from saccade.cli.output import for_each_image, print_json, print_result, print_table
-    from saccade.files import results_in
-    from saccade.image import find_images
+    from saccade.io.files import results_in
+    from saccade.io.image import find_images
 
     sources = images_or_camera(images, camera)
     chosen = list(dict.fromkeys(formats or []))

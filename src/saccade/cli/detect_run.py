@@ -13,7 +13,7 @@ from saccade.cli.output import relative_names
 from saccade.cli.symmetry_overlay import contributing_pairs
 from saccade.exchange.colmap import import_pycolmap
 from saccade.extras import import_optional
-from saccade.image import read_image
+from saccade.io.image import read_image
 from saccade.keypoints import Must
 from saccade.types import Keypoints, Regions
 from saccade.viewing import keypoint_figure, pair_figure, region_figure, save_figures

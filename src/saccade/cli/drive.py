@@ -88,7 +88,7 @@ def drive(
     from saccade.cli.run_output import RunOutput
     from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
     from saccade.diagnostics import drop_repeated
-    from saccade.files import results_in
+    from saccade.io.files import results_in
     from saccade.settings import load_settings
 
     settings = load_settings("visual", preset, config)

@@ -16,8 +16,8 @@ from saccade.cli.slam_run import pose_table
 from saccade.datasets import save_drive, write_landmarks, write_table, write_tum
 from saccade.datasets.drives.writing import require_writable
 from saccade.evaluation.drives import summarize_drive
-from saccade.formats import FORMATS
 from saccade.frames import Drive
+from saccade.io.formats import FORMATS
 from saccade.slam import Checkpoint, Recorder
 from saccade.types import Float32Array, Image, MapSnapshot
 from saccade.viewing import drive_frames, map_figure, save_figures

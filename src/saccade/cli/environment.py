@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from saccade.errors import ConfigError
-from saccade.files import LARGEST_IMAGE
+from saccade.io.files import LARGEST_IMAGE
 
 OPENCV_LIMITS = {
     "OPENCV_IO_MAX_IMAGE_PIXELS": str(LARGEST_IMAGE),  # refused by its header, before decoding

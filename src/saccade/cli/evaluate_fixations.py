@@ -110,7 +110,7 @@ def fixations(
     from saccade.cli.fixation_tables import fixation_format
     from saccade.cli.output import print_json
     from saccade.evaluation.comparison import paired_difference
-    from saccade.files import results_in
+    from saccade.io.files import results_in
     from saccade.viewing.report import Table, write_tables
 
     task = Task(images, fixations, drop, sigma, only_present, fixation_format(columns, xy, offset))

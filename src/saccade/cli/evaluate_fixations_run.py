@@ -25,9 +25,9 @@ from saccade.evaluation.prediction import (
     saliency_from_files,
     score_models,
 )
-from saccade.files import atomic_write
-from saccade.image import read_image
-from saccade.pyramid import resize
+from saccade.io.files import atomic_write
+from saccade.io.image import read_image
+from saccade.scale.pyramid import resize
 from saccade.types import FixationTable, Float32Array, FloatArray
 from saccade.viewing.fixation_scores import Bar, fixation_score_figure
 from saccade.viewing.style import save_figure

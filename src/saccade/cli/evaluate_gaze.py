@@ -64,8 +64,8 @@ def gaze(
     from saccade.errors import require
     from saccade.evaluation.gaze import compare
     from saccade.evaluation.gaze_runs import LEVELS, GazeRun, run_all
-    from saccade.files import results_in
     from saccade.gaze import POLICIES
+    from saccade.io.files import results_in
 
     require(level in LEVELS, "level", f"one of {', '.join(LEVELS)}", level)
     setting: Any = {"level": level, "map": known, "egomotion": egomotion, "frames": frames}

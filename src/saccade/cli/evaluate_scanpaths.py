@@ -124,8 +124,8 @@ def scanpaths(
     from saccade.evaluation.scanpath_similarity import ScanMatchConfig
     from saccade.evaluation.scanpath_summary import summary
     from saccade.evaluation.scanpaths import PathSettings, mean_fixations, score_paths, viewings
-    from saccade.files import results_in
-    from saccade.image import read_image
+    from saccade.io.files import results_in
+    from saccade.io.image import read_image
     from saccade.settings import load_settings
     from saccade.viewing.report import Table, write_tables
 

@@ -79,7 +79,7 @@ def trajectory(
     from saccade.datasets.drives.sidecar_files import read_tum_poses
     from saccade.errors import LogError
     from saccade.evaluation.pose_errors import PoseErrorConfig, Unit, score_poses
-    from saccade.files import as_text
+    from saccade.io.files import as_text
 
     config = PoseErrorConfig(
         max_difference, interpolate, scale, delta, cast("Unit", unit), all_pairs

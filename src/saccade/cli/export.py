@@ -39,7 +39,7 @@ def export(
 
     import_optional("pyarrow", "parquet")
     from saccade.batch.export import EXPORTS, FileFormat, export_points
-    from saccade.files import results_in
+    from saccade.io.files import results_in
 
     target = out or Path(EXPORTS[to.value].default_name)
     with results_in(target, is_file=isinstance(EXPORTS[to.value], FileFormat)):

@@ -60,7 +60,7 @@ def find(
 
 def _keypoints(data: Any, image: Path) -> Any:
     """Keypoints of an image, detected with the settings of the data set."""
-    from saccade.image import read_image
+    from saccade.io.image import read_image
     from saccade.keypoints import Must, Sift, SymRoid
     from saccade.settings import settings_from
 

@@ -67,7 +67,7 @@ def fit(
     from saccade.cli.fixation_tables import fixation_format
     from saccade.cli.output import print_json, print_table, write_text
     from saccade.evaluation.fitting import FittingConfig
-    from saccade.files import results_in
+    from saccade.io.files import results_in
     from saccade.settings import as_toml, load_settings
     from saccade.viewing.report import write_tables
 

@@ -22,10 +22,10 @@ from saccade.datasets.drives.bare import CameraOptions
 from saccade.datasets.drives.live import LiveDrive
 from saccade.exchange import to_opencv
 from saccade.frames import Frame
-from saccade.live_video import LiveVideo
+from saccade.io.live_video import LiveVideo
+from saccade.io.video import video_writer
 from saccade.slam import Recorder
 from saccade.types import FloatArray, Image, Regions
-from saccade.video import video_writer
 from saccade.viewing.live import LiveImages, LiveMap
 from saccade.viewing.style import ORANGE, rgb_levels
 from saccade.visual import VisualConfig

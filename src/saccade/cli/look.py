@@ -150,9 +150,9 @@ def look(
     from saccade.cli.output import for_each_image, print_json, print_result, print_table
     from saccade.cli.precompile import points_compiled_ahead
     from saccade.errors import ConfigError
-    from saccade.files import results_in
-    from saccade.image import find_images
-    from saccade.video import is_video
+    from saccade.io.files import results_in
+    from saccade.io.image import find_images
+    from saccade.io.video import is_video
     from saccade.viewing.report import ReportBuilder
 
     sources = images_or_camera(images, camera)

@@ -13,8 +13,8 @@ from saccade.attention.scanpath_model import most_probable_scanpath, sample_scan
 from saccade.cli.look_files import LookFiles
 from saccade.cli.output import write_arrays
 from saccade.errors import ImageError
-from saccade.formats import FORMATS
-from saccade.image import read_image
+from saccade.io.formats import FORMATS
+from saccade.io.image import read_image
 from saccade.keypoints import Sift, SiftConfig
 from saccade.types import Float32Array, Scanpath, ScanpathSamples
 from saccade.viewing import (

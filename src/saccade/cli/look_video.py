@@ -10,8 +10,8 @@ import numpy.typing as npt
 from saccade.attention.models import AttentionModel
 from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
 from saccade.cli.output import progress_bar, write_arrays
+from saccade.io.video import read_video, video_rate, video_writer
 from saccade.types import Image
-from saccade.video import read_video, video_rate, video_writer
 from saccade.viewing import heat_beside
 
 

@@ -137,7 +137,7 @@ def match(
     require(not given, "pairs", "--pairs, --redo and --workers with many images", str(second))
     from saccade.cli.match_run import LEAD, match_images
     from saccade.cli.output import print_json, print_table
-    from saccade.files import results_in
+    from saccade.io.files import results_in
     from saccade.viewing.report import ReportBuilder
 
     builder = ReportBuilder("saccade match", LEAD)

@@ -8,7 +8,7 @@ import numpy as np
 
 from saccade.cli.match_frames import frames_figure
 from saccade.cli.output import write_text
-from saccade.image import read_image
+from saccade.io.image import read_image
 from saccade.keypoints import match, verify
 from saccade.keypoints.verification import Geometry
 from saccade.types import Float32Array, Keypoints, Regions

@@ -11,7 +11,7 @@ from typing import Any, Protocol, TextIO, TypeVar
 
 from saccade.cli.batch_run import INTERRUPTED, stop_on_interrupt
 from saccade.errors import ImageWarning, LogWarning, OutputError, SaccadeError
-from saccade.files import as_text, atomic_write
+from saccade.io.files import as_text, atomic_write
 
 T = TypeVar("T")
 
@@ -130,7 +130,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write named arrays as .npz atomically."""
-    from saccade.npz import save_arrays
+    from saccade.io.npz import save_arrays
 
     with atomic_write(path) as temporary:
         save_arrays(temporary, arrays)

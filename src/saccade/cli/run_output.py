@@ -10,10 +10,10 @@ import PIL.Image
 
 import saccade
 from saccade.cli.output import Progress, write_text
-from saccade.files import atomic_write
-from saccade.formats import FORMATS
+from saccade.io.files import atomic_write
+from saccade.io.formats import FORMATS
+from saccade.io.video import video_writer
 from saccade.types import Image
-from saccade.video import video_writer
 from saccade.viewing.report import Part, ReportBuilder
 
 FRAME_RATE = 24

@@ -78,7 +78,7 @@ def _listening(port: int) -> "socket":
     import socket
 
     from saccade.errors import ConfigError
-    from saccade.files import reason_of
+    from saccade.io.files import reason_of
 
     try:
         return socket.create_server(("127.0.0.1", port), backlog=64)

@@ -25,7 +25,7 @@ def world(
     """
     from saccade import datasets
     from saccade.cli.output import print_result
-    from saccade.files import results_in
+    from saccade.io.files import results_in
     from saccade.settings import load_settings
     from saccade.simulation import simulate_world
 

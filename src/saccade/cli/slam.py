@@ -96,7 +96,7 @@ def slam(
         from saccade.cli.slam_run import map_log, smooth_config
         from saccade.cli.slam_session import Session, open_map
         from saccade.errors import ConfigError
-        from saccade.files import results_in
+        from saccade.io.files import results_in
         from saccade.settings import load_settings
 
         settings = load_settings("slam", preset, config)

@@ -49,8 +49,8 @@ def textbook(
     from saccade import datasets
     from saccade.cli.output import print_json, print_message, print_table, write_text
     from saccade.errors import ConfigError
-    from saccade.files import IMAGE_SUFFIXES
-    from saccade.image import read_image
+    from saccade.io.files import IMAGE_SUFFIXES
+    from saccade.io.image import read_image
     from saccade.viewing.embedding import shrunk
     from saccade.viewing.textbook import (
         Implementation,

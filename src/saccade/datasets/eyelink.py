@@ -13,7 +13,7 @@ import numpy as np
 from saccade.datasets.fixation_tables import BLANK, NAMES, Box, FixationList, RawFixation
 from saccade.datasets.tables import Row, read_rows
 from saccade.errors import LogError
-from saccade.files import IMAGE_SUFFIXES
+from saccade.io.files import IMAGE_SUFFIXES
 
 
 @dataclass(frozen=True)

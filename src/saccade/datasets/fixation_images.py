@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from saccade.datasets.fixation_tables import Box
 from saccade.errors import LogError
-from saccade.files import IMAGE_SUFFIXES, is_file
-from saccade.image import read_image
+from saccade.io.files import IMAGE_SUFFIXES, is_file
+from saccade.io.image import read_image
 from saccade.types import FloatArray
 
 Names = npt.NDArray[np.str_]

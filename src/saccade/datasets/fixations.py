@@ -29,7 +29,7 @@ from saccade.datasets.fixation_tables import (
 from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import write_table
 from saccade.errors import LogError, LogWarning, require
-from saccade.files import atomic_write, is_file
+from saccade.io.files import atomic_write, is_file
 from saccade.types import FixationTable, FloatArray, IntArray, select_rows
 
 DURATION = "duration_ms"

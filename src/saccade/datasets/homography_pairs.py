@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from saccade.errors import ImageError
-from saccade.files import read_text, reason_of
+from saccade.io.files import read_text, reason_of
 from saccade.types import FloatArray
 
 SUFFIXES = (".png", ".ppm", ".pgm", ".jpg")

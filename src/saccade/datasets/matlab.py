@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.files import read_bytes
+from saccade.io.files import read_bytes
 from saccade.types import FloatArray
 
 HEADER = 128

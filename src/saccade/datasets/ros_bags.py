@@ -13,7 +13,7 @@ from saccade.datasets.poses import Poses, rotation_matrices
 from saccade.datasets.tables import LARGEST
 from saccade.errors import ImageError, LogError, SaccadeError
 from saccade.extras import import_optional
-from saccade.files import LARGEST_TEXT, check_file, open_file, reason_of
+from saccade.io.files import LARGEST_TEXT, check_file, open_file, reason_of
 from saccade.types import FloatArray, IntArray
 
 ODOMETRY = "nav_msgs/msg/Odometry"

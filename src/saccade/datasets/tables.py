@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from saccade.errors import LogError, require
 from saccade.extras import import_optional
-from saccade.files import atomic_write, read_text
-from saccade.npz import read_arrays
+from saccade.io.files import atomic_write, read_text
+from saccade.io.npz import read_arrays
 from saccade.types import FloatArray, LandmarkMap, Trajectory
 
 LARGEST = 1e100

@@ -19,7 +19,7 @@ from saccade.evaluation.fixations import (
 )
 from saccade.evaluation.intervals import mean_interval
 from saccade.evaluation.prediction import PredictionScores, other_fixations
-from saccade.files import one_line
+from saccade.io.files import one_line
 from saccade.types import FixationTable, FloatArray, Image
 
 

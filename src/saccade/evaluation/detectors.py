@@ -12,9 +12,9 @@ import numpy as np
 from saccade.attention import attention_saliency
 from saccade.errors import ConfigError
 from saccade.exchange.colmap import import_pycolmap
-from saccade.image import as_gray
+from saccade.io.image import as_gray
 from saccade.keypoints import Must, MustConfig, Sift, SiftConfig, SymRoid, SymRoidConfig
-from saccade.pyramid import resize
+from saccade.scale.pyramid import resize
 from saccade.types import Float32Array
 
 Detector: TypeAlias = Callable[[Float32Array], Any]

@@ -12,7 +12,7 @@ from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.detectors import Detector
 from saccade.evaluation.intervals import ScoreSet, mean_interval
 from saccade.evaluation.repeatability import RADIUS, Features, PairScores, score_pair
-from saccade.image import read_image
+from saccade.io.image import read_image
 from saccade.types import Float32Array
 
 

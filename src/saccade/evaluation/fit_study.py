@@ -35,8 +35,8 @@ from saccade.evaluation.prediction import (
     fixations_by_image,
     score_models,
 )
-from saccade.image import read_image
-from saccade.pyramid import resize
+from saccade.io.image import read_image
+from saccade.scale.pyramid import resize
 from saccade.types import FixationTable, Float32Array, FloatArray, IntArray
 
 FITTED, BY_VIEWER, UNFITTED = "fitted, by image", "fitted, by viewer", "unfitted"

@@ -11,7 +11,7 @@ from saccade.evaluation.conditional import cell_density
 from saccade.evaluation.fitting import FittingConfig, FittingData, Weights, fit, log_density, split
 from saccade.evaluation.fixations import FixationScores, fixation_density, score
 from saccade.evaluation.prediction import Model, PredictionScores, other_fixations
-from saccade.pyramid import resize
+from saccade.scale.pyramid import resize
 from saccade.types import Float32Array, FloatArray, IntArray
 
 STATIC, ORDERED, REST = "static", "with the order", "the other viewers"

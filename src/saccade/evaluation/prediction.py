@@ -17,9 +17,9 @@ from saccade.evaluation.fixations import (
     score_density,
 )
 from saccade.evaluation.intervals import ScoreSet
-from saccade.image import as_gray, read_image, read_stored
-from saccade.npz import map_array
-from saccade.pyramid import resize
+from saccade.io.image import as_gray, read_image, read_stored
+from saccade.io.npz import map_array
+from saccade.scale.pyramid import resize
 from saccade.types import FixationTable, Float32Array, FloatArray
 
 

@@ -14,7 +14,7 @@ def as_pysaliency(predict: Callable[[Image], Float32Array]) -> Any:
     Args:
         predict: from an (H, W, 3) uint8 image to its (H, W) saliency map, such as
             `lambda image: resize(contrast_saliency(image).saliency, image.shape[:2])`
-            with `saccade.pyramid.resize`.
+            with `saccade.scale.pyramid.resize`.
 
     Returns:
         An object with pysaliency's methods: `saliency_map`, `AUC`, `NSS`, `CC` and so on.

@@ -14,7 +14,7 @@ from saccade.evaluation.homography import RUNS
 from saccade.evaluation.intervals import ScoreSet, mean_interval
 from saccade.evaluation.repeatability import Features, mean_precision
 from saccade.frames import Drive
-from saccade.image import as_gray
+from saccade.io.image import as_gray
 from saccade.keypoints.matching import nearest_neighbors
 from saccade.types import FloatArray
 

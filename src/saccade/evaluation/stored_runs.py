@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import cv2
 
 from saccade.errors import ConfigError
-from saccade.files import atomic_write, read_text, reason_of, written_at_once
+from saccade.io.files import atomic_write, read_text, reason_of, written_at_once
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

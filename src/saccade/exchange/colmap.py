@@ -18,7 +18,7 @@ import numpy.typing as npt
 from saccade.errors import KeypointsError, OutputError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
-from saccade.files import atomic_write
+from saccade.io.files import atomic_write
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 PIXEL_CENTER = np.float32(0.5)

@@ -8,7 +8,7 @@ import numpy as np
 
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import COLUMNS, checked, columns_of, keypoints_from_columns, reading
-from saccade.files import atomic_write, read_text
+from saccade.io.files import atomic_write, read_text
 from saccade.types import Keypoints
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError
-from saccade.files import one_line, open_file
+from saccade.io.files import one_line, open_file
 from saccade.types import Keypoints
 
 

@@ -18,9 +18,9 @@ import numpy.typing as npt
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
-from saccade.files import atomic_write
-from saccade.formats import FORMATS, check_format
-from saccade.npz import check_unpacked
+from saccade.io.files import atomic_write
+from saccade.io.formats import FORMATS, check_format
+from saccade.io.npz import check_unpacked
 from saccade.types import Keypoints
 
 VERSION_ATTRIBUTE = "saccade_format"

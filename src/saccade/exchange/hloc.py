@@ -14,8 +14,8 @@ from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, reading
 from saccade.exchange.hdf5 import create_hdf5
 from saccade.extras import import_optional
-from saccade.files import atomic_write
-from saccade.npz import check_unpacked
+from saccade.io.files import atomic_write
+from saccade.io.npz import check_unpacked
 from saccade.types import Float32Array, IntArray, check_pairs
 
 NONE = -1

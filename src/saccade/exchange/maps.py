@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from saccade.errors import OutputError, require
-from saccade.files import atomic_write
+from saccade.io.files import atomic_write
 from saccade.types import Float32Array
 
 MAP_FORMATS = ("npy", "mat", "png", "tiff")

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import FIELDS, checked, keypoints_from, reading
-from saccade.files import atomic_write
-from saccade.formats import FORMATS, check_format
-from saccade.npz import read_arrays, save_arrays
+from saccade.io.files import atomic_write
+from saccade.io.formats import FORMATS, check_format
+from saccade.io.npz import read_arrays, save_arrays
 from saccade.types import Keypoints
 
 

@@ -19,9 +19,9 @@ from saccade.exchange.fields import (
     reading,
 )
 from saccade.extras import import_optional
-from saccade.files import atomic_write, check_file
-from saccade.formats import FORMATS, check_format
-from saccade.npz import check_unpacked
+from saccade.io.files import atomic_write, check_file
+from saccade.io.formats import FORMATS, check_format
+from saccade.io.npz import check_unpacked
 from saccade.types import Keypoints
 
 DESCRIPTOR_SIZE = 128

@@ -16,8 +16,8 @@ from saccade.keypoints._gradient_kernels import (
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.orientation import max_samples
 from saccade.keypoints.scale_space_points import Points, run_by_octave
+from saccade.scale.workspace import SERIAL, Threads
 from saccade.types import Float32Array, IntArray
-from saccade.workspace import SERIAL, Threads
 
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
 Descriptors: TypeAlias = ByteArray | Float32Array

@@ -9,16 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.image import as_gray
+from saccade.io.image import as_gray
 from saccade.keypoints.descriptor import describe_points
 from saccade.keypoints.extrema import find_extrema
 from saccade.keypoints.orientation import assign_orientations
 from saccade.keypoints.scale_space_points import Points, locate
 from saccade.keypoints.selection import spread_out
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.scale_space import MIN_SIDE, ScaleSpace, gaussian_scale_space
+from saccade.scale.scale_space import MIN_SIDE, ScaleSpace, gaussian_scale_space
+from saccade.scale.workspace import Threads, Workspace, WorkspacePool
 from saccade.types import Float32Array, Image, IntArray, Keypoints
-from saccade.workspace import Threads, Workspace, WorkspacePool
 
 
 class ScaleSpaceDetector(ABC):

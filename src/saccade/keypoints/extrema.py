@@ -7,8 +7,8 @@ import numpy as np
 from saccade.keypoints._extrema_kernels import find_local_extrema, mark_duplicates
 from saccade.keypoints._refinement_kernels import fit_extrema
 from saccade.keypoints.sift_config import SiftConfig
+from saccade.scale.workspace import SERIAL, Threads
 from saccade.types import Float32Array, FloatArray, IntArray
-from saccade.workspace import SERIAL, Threads
 
 ROW_BLOCK = 64
 """Rows that a thread searches at a time."""

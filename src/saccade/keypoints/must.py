@@ -8,10 +8,10 @@ import numpy as np
 
 from saccade.keypoints.detection import ScaleSpaceDetector
 from saccade.keypoints.must_config import MustConfig
-from saccade.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
-from saccade.scale_space import ScaleSpace, interpolated
+from saccade.scale.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
+from saccade.scale.scale_space import ScaleSpace, interpolated
+from saccade.scale.workspace import Workspace
 from saccade.types import Float32Array
-from saccade.workspace import Workspace
 
 SOBEL_GAIN = 8
 """Response of Sobel's filters to a slope of 1 per sample."""

@@ -13,8 +13,8 @@ from saccade.keypoints._gradient_kernels import (
 )
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.scale_space_points import Points, run_by_octave
+from saccade.scale.workspace import SERIAL, Threads
 from saccade.types import Float32Array, IntArray
-from saccade.workspace import SERIAL, Threads
 
 PEAK_RATIO = 0.8
 """Smallest height of an orientation's peak, as a fraction of the highest."""

@@ -8,7 +8,7 @@ from saccade.keypoints.detection import strongest
 from saccade.keypoints.must import Must
 from saccade.keypoints.scale_space_points import Points
 from saccade.keypoints.symroid_config import SymRoidConfig
-from saccade.scale_space import ScaleSpace
+from saccade.scale.scale_space import ScaleSpace
 from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
 
 SEPARATION = 2.0

@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError
-from saccade.scale_space import ScaleSpace
-from saccade.scale_space_config import ScaleSpaceConfig
+from saccade.scale.scale_space import ScaleSpace
+from saccade.scale.scale_space_config import ScaleSpaceConfig
+from saccade.scale.workspace import Threads
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
-from saccade.workspace import Threads
 
 BLOCK_SIZE = 256
 """Points that a thread takes at a time."""

@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 
 from saccade.errors import ImageError
-from saccade.image import as_gray
+from saccade.io.image import as_gray
 from saccade.keypoints.descriptor import describe_points
 from saccade.keypoints.detection import ScaleSpaceDetector, oriented
 from saccade.keypoints.scale_space_points import check_keypoints, locate
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.scale_space import (
+from saccade.scale.scale_space import (
     MIN_SIDE,
     ScaleSpace,
     difference_of_gaussians,
     gaussian_scale_space,
 )
+from saccade.scale.workspace import Workspace
 from saccade.types import Float32Array, Image, Keypoints
-from saccade.workspace import Workspace
 
 
 class Sift(ScaleSpaceDetector):

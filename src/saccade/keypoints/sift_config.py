@@ -5,7 +5,7 @@ from typing import Literal, Self
 
 from saccade.errors import require, require_ranges
 from saccade.keypoints.descriptor_config import DescriptorConfig
-from saccade.scale_space_config import ScaleSpaceConfig
+from saccade.scale.scale_space_config import ScaleSpaceConfig
 
 
 @dataclass(frozen=True)

@@ -8,21 +8,21 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from saccade._pair_sums_kernels import MARGIN, update_strongest_pairs
-from saccade.image import as_gray
+from saccade.io.image import as_gray
 from saccade.keypoints.descriptor import describe_points
 from saccade.keypoints.orientation import assign_orientations
 from saccade.keypoints.region_frames import RegionFrames, pair_boxes
 from saccade.keypoints.scale_space_points import Points
 from saccade.keypoints.symroid_config import SymRoidConfig
-from saccade.pair_sums import (
+from saccade.scale._pair_sums_kernels import MARGIN, update_strongest_pairs
+from saccade.scale.pair_sums import (
     Gradients,
     PairKernel,
     gradients_of,
     isotropic_sums,
     pair_kernel,
 )
-from saccade.pyramid import cell_centers, halve, resize
+from saccade.scale.pyramid import cell_centers, halve, resize
 from saccade.types import Float32Array, FloatArray, Image, IntArray, Keypoints, Regions
 
 Labels: TypeAlias = npt.NDArray[np.int32]

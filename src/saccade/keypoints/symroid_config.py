@@ -7,7 +7,7 @@ from typing import Literal, Self
 from saccade.errors import require, require_types
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.must_config import MustConfig
-from saccade.pyramid import MAX_LEVEL
+from saccade.scale.pyramid import MAX_LEVEL
 
 MIN_SYMMETRY = 1e-4
 """Symmetry that passes all but rounding errors."""

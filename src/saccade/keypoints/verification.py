@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from saccade.errors import KeypointsError, require
-from saccade.image import quiet_opencv
+from saccade.io.image import quiet_opencv
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 Geometry: TypeAlias = Literal["fundamental", "homography"]

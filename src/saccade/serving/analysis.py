@@ -12,7 +12,7 @@ from saccade import keypoints
 from saccade.attention.models import KINDS, AttentionModel
 from saccade.attention.scanpath import scanpath
 from saccade.errors import ConfigError, ImageError, require
-from saccade.image import decode_image, size_in_header
+from saccade.io.image import decode_image, size_in_header
 from saccade.serving import snippets
 from saccade.serving.controls import DETECTORS, MODELS
 from saccade.serving.features import feature_data

@@ -9,7 +9,7 @@ from saccade.attention.contrast import (
     contrast_pyramids,
     contrast_saliency,
 )
-from saccade.pyramid import FloatMap
+from saccade.scale.pyramid import FloatMap
 from saccade.types import Image
 from saccade.viewing.embedding import heat, shrunk
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.image import read_image
+from saccade.io.image import read_image
 from saccade.types import Float32Array
 
 Texture = npt.NDArray[np.uint8]

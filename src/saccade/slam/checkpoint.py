@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ConfigError, LogError
-from saccade.files import atomic_write, written_at_once
-from saccade.formats import FORMATS
-from saccade.npz import read_arrays, save_arrays
+from saccade.io.files import atomic_write, written_at_once
+from saccade.io.formats import FORMATS
+from saccade.io.npz import read_arrays, save_arrays
 
 FORMAT = FORMATS["checkpoint"]
 """Of the file; another one is not read."""

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.files import atomic_write, one_line
-from saccade.formats import FORMATS, check_format
-from saccade.npz import read_arrays, save_arrays
+from saccade.io.files import atomic_write, one_line
+from saccade.io.formats import FORMATS, check_format
+from saccade.io.npz import read_arrays, save_arrays
 from saccade.slam.checkpoint import Arrays, checksum
 from saccade.slam.config import EkfConfig
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import convolve, label, map_coordinates, maximum_filter, maximum_position
 
 from saccade.errors import ImageError
-from saccade.image import as_rgb
+from saccade.io.image import as_rgb
 from saccade.types import FloatArray, Image, IntArray
 
 R, G, B = 0, 1, 2  # along the last axis of an image

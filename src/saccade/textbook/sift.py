@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import convolve1d, map_coordinates, maximum_filter, minimum_filter
 
 from saccade.errors import ImageError
-from saccade.image import as_gray
+from saccade.io.image import as_gray
 from saccade.textbook.sift_result import Candidate, Description, SiftResult, Status, to_keypoints
 from saccade.types import FloatArray, Image
 

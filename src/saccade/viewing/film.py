@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from PIL import ImageDraw, ImageFont
 
-from saccade.files import atomic_write
+from saccade.io.files import atomic_write
 from saccade.types import Float32Array, FloatArray, Image, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.attention import draw_scanpath, heat_colors
 from saccade.viewing.report_map import ObservedLandmarks

@@ -11,7 +11,7 @@ import numpy as np
 
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
-from saccade.files import atomic_write
+from saccade.io.files import atomic_write
 from saccade.types import FloatArray, Image, MapSnapshot, Trajectory
 from saccade.viewing.slam import bounds, ellipse_outlines
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, rgb_levels

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from saccade.files import atomic_write
+from saccade.io.files import atomic_write
 from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Scanpath, ScanpathSamples
 from saccade.viewing.embedding import heat, json_element, photograph
 from saccade.viewing.page import Picture, Section, section_html, standalone_page, web_file

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from saccade.files import atomic_write
+from saccade.io.files import atomic_write
 
 FIGURE_FORMATS: Mapping[str, dict[str, Any]] = {
     "png": {},

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from saccade.errors import DriveError
 from saccade.frames import Camera, Frame
-from saccade.image import as_gray
+from saccade.io.image import as_gray
 from saccade.types import BoolArray, Float32Array, FloatArray, Image
 
 ByteArray: TypeAlias = npt.NDArray[np.uint8]

@@ -15,8 +15,8 @@ from PIL import Image as Pillow
 from saccade.datasets.drives.calibration import CAMERA_FILE, Calibration
 from saccade.datasets.tables import read_rows
 from saccade.errors import ConfigError, DriveError
-from saccade.files import IMAGE_SUFFIXES
 from saccade.frames import Camera
+from saccade.io.files import IMAGE_SUFFIXES
 from saccade.types import FloatArray
 
 PAIR_NAMES = (

@@ -24,8 +24,8 @@ import cv2
 import numpy as np
 
 from saccade.errors import ConfigError, DriveError, require
-from saccade.files import atomic_write, read_text
 from saccade.frames import Camera
+from saccade.io.files import atomic_write, read_text
 from saccade.types import Float32Array, FloatArray, Image
 
 CAMERA_FILE = "camera.toml"

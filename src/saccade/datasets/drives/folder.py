@@ -31,8 +31,8 @@ from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.tables import read_table
 from saccade.errors import DriveError
 from saccade.frames import Drive
+from saccade.io.video import VideoFrames
 from saccade.types import FloatArray
-from saccade.video import VideoFrames
 
 ASSUMED_SPEED = 1.0
 """Units per second of a single camera without odometry."""

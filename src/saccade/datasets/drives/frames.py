@@ -10,9 +10,9 @@ import numpy as np
 
 from saccade.datasets.drives.calibration import Calibration, Lens
 from saccade.errors import DriveError, ImageError
-from saccade.files import read_bytes, reason_of
 from saccade.frames import Frame
-from saccade.image import find_images, read_stored, size_in_header
+from saccade.io.files import read_bytes, reason_of
+from saccade.io.image import find_images, read_stored, size_in_header
 from saccade.types import FloatArray, Image, IntArray
 
 

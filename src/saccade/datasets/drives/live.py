@@ -12,9 +12,9 @@ from saccade.datasets.drives.frames import FrameTimes, SourceImage, frame_loader
 from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.drives.writing import write_png
 from saccade.errors import DriveError, OutputError
-from saccade.files import reason_of, written_at_once
 from saccade.frames import EndOfDrive, Frame
-from saccade.live_video import LiveVideo
+from saccade.io.files import reason_of, written_at_once
+from saccade.io.live_video import LiveVideo
 
 
 class LiveDrive:

@@ -15,7 +15,7 @@ from saccade.datasets.drives.tum_rgbd import read_tum_drive
 from saccade.datasets.tables import read_rows
 from saccade.errors import DriveError, ImageError, LogError, require
 from saccade.frames import Drive
-from saccade.video import is_video
+from saccade.io.video import is_video
 
 DriveKind: TypeAlias = Literal[
     "auto", "kitti", "tum-rgbd", "euroc", "rosbag", "tracks", "folder", "video"

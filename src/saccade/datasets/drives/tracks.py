@@ -33,7 +33,7 @@ from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import DriveError
 from saccade.frames import Camera, Drive, Frame, Tracks
-from saccade.npz import save_arrays
+from saccade.io.npz import save_arrays
 from saccade.types import FloatArray, IntArray
 
 TRACK_FILES = ("stereo_tracks_clean.npz", "stereo_tracks.npz")

@@ -17,8 +17,8 @@ from saccade.datasets.drives.odometry import OdometryIncrements, write_increment
 from saccade.datasets.drives.tracks import TRACK_FILES, write_tracks
 from saccade.datasets.tables import write_tum
 from saccade.errors import DriveError, OutputError
-from saccade.files import claimed
 from saccade.frames import Camera, CameraTurn, Drive, Frame, Tracks
+from saccade.io.files import claimed
 from saccade.types import Image
 
 DRIVE_FILES = (

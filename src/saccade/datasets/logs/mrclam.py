@@ -13,7 +13,7 @@ from saccade.datasets.logs.conversions import (
 )
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import LogError, require
-from saccade.files import atomic_write, results_in
+from saccade.io.files import atomic_write, results_in
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 ROBOTS = 5

@@ -29,7 +29,7 @@ from saccade.datasets.logs.conversions import (
 )
 from saccade.datasets.tables import Row, from_upper_triangle, read_rows, upper_triangle
 from saccade.errors import LogError, require
-from saccade.files import atomic_write
+from saccade.io.files import atomic_write
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
 MatrixForm: TypeAlias = Literal["covariance", "information", "root", "toro"]

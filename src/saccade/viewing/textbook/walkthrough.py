@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from saccade import textbook
 from saccade.errors import ConfigError, SaccadeError
-from saccade.files import read_text, reason_of
+from saccade.io.files import read_text, reason_of
 from saccade.types import Image, LandmarkLog
 from saccade.viewing.textbook.contrast import contrast_figures, contrast_results
 from saccade.viewing.textbook.ekf import filter_figures, filter_results, trace_filter

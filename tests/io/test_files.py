@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from saccade.errors import OutputError
-from saccade.files import LARGEST_FILE, atomic_write, check_file, read_bytes, read_text
+from saccade.io.files import LARGEST_FILE, atomic_write, check_file, read_bytes, read_text
 from support.error_checks import refuses
 from support.limits import limited
 

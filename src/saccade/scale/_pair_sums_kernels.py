@@ -1,4 +1,4 @@
-"""Sums over the pairs of gradients about each pixel, compiled: see `saccade.pair_sums`."""
+"""Sums over the pairs of gradients about each pixel, compiled: see `saccade.scale.pair_sums`."""
 
 from typing import NamedTuple
 

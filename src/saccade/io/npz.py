@@ -10,7 +10,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from saccade.files import check_file, one_line, open_file
+from saccade.io.files import check_file, one_line, open_file
 
 MAX_UNPACKED = 1 << 30
 """Bytes that any file may unpack to."""

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from saccade.errors import ImageError, ImageWarning
-from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE, UNREAD_SUFFIXES, read_bytes
-from saccade.transparency import (
+from saccade.io.files import IMAGE_SUFFIXES, LARGEST_IMAGE, UNREAD_SUFFIXES, read_bytes
+from saccade.io.transparency import (
     WHITE,
     Color,
     composite,

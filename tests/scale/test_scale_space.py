@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from saccade.errors import ConfigError
-from saccade.scale_space import (
+from saccade.scale.scale_space import (
     blurred,
     difference_of_gaussians,
     gaussian_kernel,
@@ -13,8 +13,8 @@ from saccade.scale_space import (
     interpolated,
     upsampled,
 )
-from saccade.scale_space_config import ScaleSpaceConfig
-from saccade.workspace import Threads, Workspace, WorkspacePool
+from saccade.scale.scale_space_config import ScaleSpaceConfig
+from saccade.scale.workspace import Threads, Workspace, WorkspacePool
 
 
 def lowe(**changes):

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.files import VIDEO_SUFFIXES, atomic_write, check_file, reason_of, text_path
-from saccade.image import quiet_opencv
+from saccade.io.files import VIDEO_SUFFIXES, atomic_write, check_file, reason_of, text_path
+from saccade.io.image import quiet_opencv
 from saccade.types import Image
 
 

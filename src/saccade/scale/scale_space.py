@@ -9,9 +9,9 @@ from math import floor, log2, prod, sqrt
 import cv2
 import numpy as np
 
-from saccade.scale_space_config import ScaleSpaceConfig
+from saccade.scale.scale_space_config import ScaleSpaceConfig
+from saccade.scale.workspace import SERIAL, Threads, Workspace
 from saccade.types import Float32Array, FloatArray, IntArray
-from saccade.workspace import SERIAL, Threads, Workspace
 
 MIN_SIDE = 8
 """Samples: an octave narrower than this shows its reflected borders, not the image."""

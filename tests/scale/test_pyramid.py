@@ -7,8 +7,8 @@ from scipy import ndimage
 
 from saccade.attention.channels import quotient_opponency
 from saccade.attention.gabor import gabor_energies, gabor_pair
-from saccade.image import read_image
-from saccade.pyramid import (
+from saccade.io.image import read_image
+from saccade.scale.pyramid import (
     cell_centers,
     deepest_level,
     halve,

@@ -11,7 +11,7 @@ from PIL import ImageOps
 
 from saccade.batch import open_source
 from saccade.errors import ImageError, ImageWarning
-from saccade.image import as_gray, as_rgb, find_images, read_image
+from saccade.io.image import as_gray, as_rgb, find_images, read_image
 from support.error_checks import refuses
 
 COLORS = np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3)
@@ -189,7 +189,7 @@ def test_a_folder_is_not_an_image(tmp_path):
 
 
 def test_an_image_too_large_to_work_with_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("saccade.image.LARGEST_IMAGE", 34)
+    monkeypatch.setattr("saccade.io.image.LARGEST_IMAGE", 34)
     path = tmp_path / "large.png"
     cv2.imwrite(str(path), COLORS)
     with pytest.raises(ImageError, match=r"large\.png: expected at most 34 pixels, found 7 x 5"):

@@ -19,16 +19,16 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from saccade._pair_sums_kernels import (
+from saccade.scale._pair_sums_kernels import (
     MARGIN,
     add_color,
     add_isotropic,
     add_radial,
     normalize_gradients,
 )
-from saccade._pair_sums_kernels import Gradients as Gradients
-from saccade._pair_sums_kernels import PairKernel as PairKernel
-from saccade.pyramid import FloatMap
+from saccade.scale._pair_sums_kernels import Gradients as Gradients
+from saccade.scale._pair_sums_kernels import PairKernel as PairKernel
+from saccade.scale.pyramid import FloatMap
 from saccade.types import Float32Array
 
 

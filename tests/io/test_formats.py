@@ -20,12 +20,12 @@ from saccade.batch.store import LocalStore
 from saccade.datasets import load
 from saccade.datasets.drives.calibration import read_calibration
 from saccade.errors import ConfigError, KeypointsError
-from saccade.formats import FORMATS
-from saccade.npz import save_arrays
+from saccade.io.formats import FORMATS
+from saccade.io.npz import save_arrays
 from saccade.settings import load_settings
 from support.error_checks import refuses
 
-FIRST = Path(__file__).parent / "data" / "release-0.1"
+FIRST = Path(__file__).parent.parent.parent / "data" / "release-0.1"
 LOADS = ("load", "savez", "savez_compressed", "read_array")
 SOURCE = Path(saccade.__file__).parent
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.image import quiet_opencv
-from saccade.video import is_video, open_video
+from saccade.io.image import quiet_opencv
+from saccade.io.video import is_video, open_video
 
 USUAL_RATE = 30.0
 """Frames per second of a camera that does not tell its own."""

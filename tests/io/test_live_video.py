@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade import live_video
 from saccade.errors import ImageError
-from saccade.live_video import LiveVideo
-from saccade.video import read_video, video_writer
+from saccade.io import live_video
+from saccade.io.live_video import LiveVideo
+from saccade.io.video import read_video, video_writer
 
 
 class Device:

@@ -1,0 +1,1 @@
+"""Images, films, cameras and files: what is read and written."""

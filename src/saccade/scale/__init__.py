@@ -1,0 +1,1 @@
+"""Images at many scales: pyramids, scale spaces and sums over symmetric pairs."""
