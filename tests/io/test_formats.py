@@ -25,7 +25,7 @@ from saccade.io.npz import save_arrays
 from saccade.settings import load_settings
 from support.error_checks import refuses
 
-FIRST = Path(__file__).parent.parent.parent / "data" / "release-0.1"
+FIRST = Path(__file__).parent.parent / "data" / "release-0.1"
 LOADS = ("load", "savez", "savez_compressed", "read_array")
 SOURCE = Path(saccade.__file__).parent
 
