@@ -13,8 +13,8 @@ import argparse
 
 import numpy as np
 
+from monte_carlo import MonteCarloRuns, run_monte_carlo
 from saccade.settings import load_settings
-from saccade.simulation import MonteCarloRuns, run_monte_carlo
 from saccade.slam import EkfConfig
 from saccade.slam.consistency import chi_square_band
 

@@ -21,11 +21,11 @@ from time import perf_counter
 import cv2
 import numpy as np
 
+from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
 from saccade.datasets.drives.kitti import read_kitti_drive
 from saccade.datasets.drives.tracks import read_tracks_drive
 from saccade.evaluation.drives import score_drive
-from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.frames import Drive
 from saccade.visual.optical_flow import gray_bytes
 

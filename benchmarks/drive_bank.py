@@ -27,10 +27,10 @@ from saccade.datasets.drives.sidecar_files import camera_truth, read_kitti_poses
 from saccade.evaluation.drives import score_drive
 from saccade.evaluation.pose_errors import path_length
 from saccade.frames import Drive, relative_poses
-from saccade.simulation.stereo_tracks import TrackConfig, simulate_tracks
 from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, Trajectory
+from stereo_tracks import TrackConfig, simulate_tracks
 
 FRAME_SECONDS = 0.1037
 RECORDINGS = ("kitti07/stereo_tracks_clean.npz", "kitti_stereo_60m", "kitti_stereo_52m")

@@ -10,7 +10,7 @@ fixations of the other viewers, blurred: one against the others.
 """
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import cv2
@@ -29,7 +29,7 @@ from saccade.attention import (
 from saccade.datasets.fixations import read_fixations
 from saccade.evaluation.fixation_references import center_model, score_people, shuffled_model
 from saccade.evaluation.fixations import FixationScores
-from saccade.evaluation.prediction import PredictionScores, fixations_by_image, score_model
+from saccade.evaluation.prediction import PredictionScores, fixations_by_image, score_models
 from saccade.scale.pyramid import resize
 
 SIGMA = 24.0
@@ -132,6 +132,10 @@ def main() -> None:
     points, sizes = {n: points[n] for n in kept}, {n: sizes[n] for n in kept}
     print(f"{'':28} {'sAUC':22} {'AUC':22} {'NSS':22} {'CC':22} IG (bit)")
 
+    def scored(model: Callable[[str], np.ndarray]) -> Iterator[tuple[str, FixationScores]]:
+        for image, scores in score_models({"": model}, points, sizes, SIGMA):
+            yield image, scores[""]
+
     def show(name: str, scored: Iterable[tuple[str, FixationScores]]) -> None:
         result = PredictionScores(*zip(*scored, strict=True))
         mean, (low, high) = result.mean(), result.interval()
@@ -147,10 +151,9 @@ def main() -> None:
             pixels = read_image(options.images / image)
             return resize(model(pixels), pixels.shape[:2])
 
-        show(name, score_model(saliency, points, sizes, SIGMA))
-    show("centered Gaussian", score_model(center_model(sizes), points, sizes, SIGMA))
-    shuffled = shuffled_model(points, sizes, SIGMA)
-    show("other images' fixations", score_model(shuffled, points, sizes, SIGMA))
+        show(name, scored(saliency))
+    show("centered Gaussian", scored(center_model(sizes)))
+    show("other images' fixations", scored(shuffled_model(points, sizes, SIGMA)))
     show("people", score_people(table, points, sizes, options.drop, SIGMA))
 
 

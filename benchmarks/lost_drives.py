@@ -25,10 +25,10 @@ from tempfile import gettempdir
 
 import numpy as np
 
+from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
 from saccade.datasets import load_drive
 from saccade.evaluation.drives import score_drive
-from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.frames import Drive, Frame
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.simulation.rendering import Illumination, render

@@ -22,10 +22,10 @@ from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
 import saccade
+from out_and_back import OutAndBackConfig, out_and_back
 from saccade import datasets, visual
 from saccade.evaluation.drives import summarize_drive
 from saccade.evaluation.intervals import mean_interval
-from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.evaluation.stored_runs import map_in_processes, read_run, write_run
 from saccade.frames import Drive
 from saccade.simulation import DriveConfig, simulate_drive

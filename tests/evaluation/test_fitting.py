@@ -24,7 +24,7 @@ from saccade.evaluation.fitting import (
 )
 from saccade.evaluation.fixation_references import center_model, score_people, shuffled_model
 from saccade.evaluation.fixations import FixationScores, auc, fixation_density, nss
-from saccade.evaluation.prediction import PredictionScores, score_model, score_models
+from saccade.evaluation.prediction import PredictionScores, score_models
 from saccade.types import FixationTable
 
 SHAPE, SIZE = (12, 16), (120, 160)
@@ -179,8 +179,8 @@ def test_models_side_by_side_have_the_scores_they_have_alone(looked):
     models = {name: of_model.__getitem__ for name, of_model in maps.items()}
     together = dict(score_models(models, points, sizes, 3.0))
     for name, model in models.items():
-        alone = dict(score_model(model, points, sizes, 3.0))
-        assert alone == {image: together[image][name] for image in alone}
+        alone = dict(score_models({name: model}, points, sizes, 3.0))
+        assert alone == {image: {name: together[image][name]} for image in together}
 
 
 def test_differences_are_paired(looked):

@@ -3,9 +3,9 @@ import pytest
 from evo.core import metrics
 from evo.core.trajectory import PoseTrajectory3D
 
+from out_and_back import OutAndBackConfig, out_and_back
 from saccade.datasets import load_drive
 from saccade.errors import ConfigError, DriveError
-from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.frames import Camera, Drive, Frame, steps_between
 from saccade.slam.models import compose
 from saccade.types import Trajectory

@@ -6,8 +6,8 @@ import pytest
 
 from saccade.errors import ConfigError
 from saccade.frames import Camera, steps_between
-from saccade.simulation.stereo_tracks import TrackConfig, simulate_tracks
 from saccade.types import Trajectory
+from stereo_tracks import TrackConfig, simulate_tracks
 
 CAMERA = Camera(1226, 370, 707.0, 707.0, 602.0, 183.0, 0.537)
 EXACT = {"pixel_sigma": 0.0, "drift_sigma": 0.0, "disparity_sigma": 0.0, "outliers": 0.0}

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from monte_carlo import MonteCarloRuns, run_monte_carlo
 from saccade import datasets, slam
 from saccade.errors import ConfigError
-from saccade.simulation import WorldConfig, run_monte_carlo, simulate_world
-from saccade.simulation.world import MonteCarloRuns
+from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import EkfConfig
 
 WORLDS = ("loop", "slippery", "car", "coarse")

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
+from out_and_back import OutAndBackConfig, out_and_back
 from saccade.simulation import DriveConfig, simulate_drive
 
 

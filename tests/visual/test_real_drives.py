@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
 from saccade.datasets.drives.kitti import read_kitti_drive
 from saccade.datasets.drives.tracks import read_tracks_drive
-from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.evaluation.trajectory import position_rmse
 
 

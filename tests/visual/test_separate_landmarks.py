@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saccade.evaluation.out_and_back import out_and_back
+from out_and_back import out_and_back
 from saccade.frames import Frame, Tracks
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.visual import FeatureCache, VisualConfig

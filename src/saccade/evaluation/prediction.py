@@ -49,31 +49,6 @@ class PredictionScores(ScoreSet[str, FixationScores]):
     seed = 20101
 
 
-def score_model(
-    model: Model,
-    fixations: Mapping[str, FloatArray],
-    sizes: Mapping[str, tuple[int, int]],
-    sigma: float = 24.0,
-) -> Iterator[tuple[str, FixationScores]]:
-    """Score a saliency model image by image.
-
-    Args:
-        model: maps the name of an image to its (H, W) saliency.
-        fixations: by image, (n, 2) x and y in pixels.
-        sizes: by image, (H, W); fixations of one image are scaled to another by them.
-        sigma: standard deviation of the fixation blur, in pixels.
-
-    Yields:
-        The name and the scores of each image.
-
-    Raises:
-        LogError: there is only one image, so that nothing can be shuffled.
-        ImageError: a map or a fixation does not fit its image; names the image.
-    """
-    for name, scores in score_models({"": model}, fixations, sizes, sigma):
-        yield name, scores[""]
-
-
 def score_models(
     models: Mapping[str, Model],
     fixations: Mapping[str, FloatArray],
@@ -81,9 +56,21 @@ def score_models(
     sigma: float = 24.0,
     densities: Collection[str] = (),
 ) -> Iterator[tuple[str, dict[str, FixationScores]]]:
-    """The same for several models by name; yields the scores of each model on each image.
+    """Score saliency models image by image.
 
-    Those named in `densities` are scored by `score_density`.
+    Args:
+        models: by name, each maps the name of an image to its (H, W) saliency.
+        fixations: by image, (n, 2) x and y in pixels.
+        sizes: by image, (H, W); fixations of one image are scaled to another by them.
+        sigma: standard deviation of the fixation blur, in pixels.
+        densities: names of the models that are scored by `score_density`.
+
+    Yields:
+        The name of each image, and the scores of each model on it.
+
+    Raises:
+        LogError: there is only one image, so that nothing can be shuffled.
+        ImageError: a map or a fixation does not fit its image; names the image.
     """
     if len(fixations) < 2:
         raise LogError(f"fixations: expected at least two images, found {len(fixations)}")
