@@ -12,6 +12,7 @@ from saccade.evaluation.gaze_landmarks import drive_by_landmarks, landmark_world
 from saccade.evaluation.gaze_runs import GazeRun, first_closure, result_of
 from saccade.types import LandmarkMap, Trajectory
 from saccade.visual import LandmarkObservations, VisualResult
+from saccade.visual.config import EGOMOTIONS
 
 
 def run(world, policy, seed, ate, closed=1.0):
@@ -70,7 +71,7 @@ def test_a_stored_run_is_read_and_a_broken_one_is_named(tmp_path):
         result_of(stored, tmp_path)
 
 
-@pytest.mark.parametrize("egomotion", ["camera", "wheels"])
+@pytest.mark.parametrize("egomotion", EGOMOTIONS)
 def test_a_run_is_computed_stored_and_repeated_to_the_bit(tmp_path, egomotion):
     short = GazeRun("rooms", "active", 1, "images", egomotion=egomotion, frames=10)
     row = result_of(short, tmp_path / "a")

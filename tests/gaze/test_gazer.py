@@ -39,10 +39,11 @@ def look_around(made):
     made.pan = 0.0
 
 
-def test_the_information_is_the_entropy_that_an_update_takes_from_the_pose():
+@pytest.mark.parametrize("pan_sigma", [0.0, 0.02])
+def test_the_information_is_the_entropy_that_an_update_takes_from_the_pose(pan_sigma):
     landmarks = np.array([[2.0, 0.1], [3.0, -0.4], [4.0, 0.5]])
     slam = robot(landmarks, motion_sigma=0.3)
-    made = gazer(slam)
+    made = gazer(slam, pan_sigma=pan_sigma)
     view = made._roll_out()
     ahead = int(np.argmin(np.abs(made.candidates)))
     assert view.seen[ahead].tolist() == [1, 1, 1]
@@ -50,9 +51,21 @@ def test_the_information_is_the_entropy_that_an_update_takes_from_the_pose():
     before = np.linalg.slogdet(slam.ekf.pose_covariance)[1]
     r = np.hypot(*landmarks.T)
     R = np.stack([(RANGE_SIGMA * r) ** 2, np.full(3, BEARING_SIGMA**2)], 1)[:, None] * np.eye(2)
+    R[:, 1, 1] += 3 * pan_sigma**2
     slam.step(2.0, z=observe(np.zeros(3), landmarks)[0], R=R, names=np.arange(3))
     after = np.linalg.slogdet(slam.ekf.pose_covariance)[1]
     assert_allclose(information, (before - after) / 2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("k", [1, 2, 9])
+def test_the_bearings_of_a_scan_tell_the_heading_no_better_than_the_pan_is_measured(k):
+    R = np.tile(np.diag([0.01, 1e-12]), (k, 1, 1))
+    noisy = gazer(robot(), pan_sigma=0.03).add_pan_error(R)
+    assert_allclose((1 / noisy[:, 1, 1]).sum(), 1 / 0.03**2, rtol=1e-6)  # information of k bearings
+    assert_allclose(noisy[:, 0], R[:, 0])
+    assert_allclose(noisy[:, 1, 0], 0)
+    one = gazer(robot(), pan_sigma=0.03).add_pan_error(np.diag([0.01, 0.04**2])[None])
+    assert_allclose(np.sqrt(one[0, 1, 1]), 0.05)
 
 
 def test_a_landmark_that_is_as_uncertain_as_the_pose_tells_nothing_of_it():
@@ -77,6 +90,17 @@ def test_an_uncertain_robot_looks_at_known_landmarks_and_a_certain_one_at_what_i
     look = certain.next()
     assert look.pan < -1
     assert look.reason == "new area"
+
+
+def test_in_a_map_that_does_not_grow_new_area_is_worth_nothing():
+    slam = robot([[3.0, 0.3], [3.0, -0.3]])
+    reasons = set()
+    for mode in ("continue", "localize"):
+        slam.mode = mode
+        made = gazer(slam)
+        made.observed(0.0, [0, 1])
+        reasons.add((mode, made.next().reason == "new area"))
+    assert reasons == {("continue", True), ("localize", False)}
 
 
 def test_landmarks_that_were_looked_at_are_inhibited_until_they_are_forgotten():
@@ -147,6 +171,7 @@ def test_a_policy_of_ones_own_is_a_function_of_the_gazer():
         {"rate": 0.0},
         {"period": 2 * HORIZON},
         {"policy": "clever"},
+        {"pan_sigma": -0.1},
     ],
 )
 def test_arguments_out_of_range_are_named(wrong):

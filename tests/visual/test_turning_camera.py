@@ -11,7 +11,7 @@ from saccade import visual
 from saccade.datasets import load_drive, save_drive
 from saccade.errors import ConfigError, DriveError
 from saccade.evaluation.drives import summarize_drive
-from saccade.frames import AHEAD, Camera, CameraTurn, Gaze, GazeLimits
+from saccade.frames import AHEAD, Camera, CameraTurn, Gaze, GazeLimits, steps_between
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.visual.camera import directions, from_pixels, move_pixels, to_pixels
 from saccade.visual.egomotion import (
@@ -21,6 +21,7 @@ from saccade.visual.egomotion import (
     robot_motion,
     robot_motion_jacobian,
 )
+from saccade.visual.second_camera import measure_odometry
 
 CAMERA = Camera(320, 240, 340, 340, 160, 120, 0.1, np.array([0.2, 0.05, 0.7]), AHEAD)
 CONTROL = np.array([0.2, 0.03, 0.1])
@@ -137,3 +138,16 @@ def test_tracks_of_a_turning_camera_know_its_turn(pan_drive):
     assert recorded.load(12).turn == pan_drive.load(12).turn
     error = visual.run(recorded).trajectory.pose - pan_drive.truth.pose
     assert np.hypot(*error[:, :2].T).max() < 0.1
+
+
+def test_a_second_camera_that_is_fixed_measures_the_motion_of_a_robot_that_looks_around(pan_drive):
+    second = simulate_drive(replace(SMALL, field_of_view=70.0), 1)
+    measured = measure_odometry(pan_drive, second)
+    steps = steps_between(pan_drive.truth.pose)
+    wheels, error = (drive.control - steps for drive in (pan_drive, measured))
+    assert abs(error[:, 2].sum()) < abs(wheels[:, 2].sum()) / 3
+    nees = (error * np.linalg.solve(measured.control_covariance, error[..., None])[..., 0]).sum(1)
+    assert 0.02 < nees.mean() / 3 < 1.5
+    result = visual.run(measured, visual.VisualConfig(egomotion="second-camera"))
+    assert summarize_drive(measured, result)["ate_m"] < 0.02
+    assert measured.load is pan_drive.load

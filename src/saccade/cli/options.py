@@ -163,7 +163,11 @@ DropFirst = Annotated[
     Option("--drop", min=0, metavar="N", help="Leave out the first N fixations of each scanpath."),
 ]
 EgomotionName = Annotated[
-    str, Option("--egomotion", help="What measures the motion: camera or wheels (odometry).")
+    str,
+    Option(
+        "--egomotion",
+        help="What measures the motion: camera, second-camera (a fixed one), or wheels.",
+    ),
 ]
 Seed = Annotated[int, Option(min=0, help="Seed of the random number generator.")]
 MaxKeypoints = Annotated[

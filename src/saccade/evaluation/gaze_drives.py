@@ -12,11 +12,14 @@ from saccade.slam import Recorder
 from saccade.visual import VisualConfig, VisualResult
 from saccade.visual.config import EgomotionSource
 from saccade.visual.gaze_control import GazeControl
+from saccade.visual.second_camera import measure_odometry
 
 PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
 """A stereo camera that pans; the ring is smaller than by default."""
 SETTINGS = VisualConfig(recover=False)
 """Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
+SECOND_FIELD_OF_VIEW = 70.0
+"""Degrees of the second, fixed camera."""
 LAPS: dict[WorldName, int] = {"ring": 2, "crossing": 1, "rooms": 1}
 """Of each drive; after each the robot is where it began."""
 
@@ -44,6 +47,9 @@ def gaze_drive(
     """
     pan = PanCamera(seed=seed)
     drive = simulate_drive(config, seed, pan)
+    if egomotion == "second-camera":
+        second = simulate_drive(replace(config, field_of_view=SECOND_FIELD_OF_VIEW), seed)
+        drive = measure_odometry(drive, second, SETTINGS)
     control = GazeControl(policy, drive.camera, pan.limits, pan.turn_to, seed)
     settings = replace(SETTINGS, egomotion=egomotion)
     return drive, visual.run(drive, settings, progress, recorder=recorder, gaze=control), control

@@ -7,6 +7,7 @@ import numpy as np
 from saccade.frames import steps_between
 from saccade.gaze import Gazer, Policy
 from saccade.simulation import WorldConfig, simulate_world
+from saccade.simulation.pan_camera import ENCODER_SIGMA
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.models import compose, observe, wrap
@@ -82,20 +83,30 @@ def drive_by_landmarks(
     log = simulate_world(world, seed)
     assert log.truth is not None
     slam = _robot(log, known)
-    width = FIELD_OF_VIEW if fov is None else fov
-    gazer = Gazer(slam, width, REACH, rate=RATE, period=PERIOD, policy=policy, seed=seed)
+    gazer = Gazer(
+        slam,
+        FIELD_OF_VIEW if fov is None else fov,
+        REACH,
+        rate=RATE,
+        period=PERIOD,
+        policy=policy,
+        seed=seed,
+        pan_sigma=ENCODER_SIGMA,
+    )
+    encoder = ENCODER_SIGMA * np.random.default_rng([seed, 1]).standard_normal(len(log.time))
     steps = steps_between(log.truth.pose)  # a robot that follows a path knows those to come
     error, covariance = np.zeros((len(log.time), 2)), np.zeros((len(log.time), 2, 2))
     pan, closed, first = 0.0, False, dict[int, int]()
     scans = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
     for i, time in enumerate(log.time.tolist()):
         rows = np.arange(scans[i], scans[i + 1])
-        rows = rows[np.abs(wrap(log.observation[rows, 1] - pan)) <= width / 2]
+        rows = rows[np.abs(wrap(log.observation[rows, 1] - pan)) <= gazer.fov / 2]
         names = log.landmark[rows]
         moved = (log.control[i - 1], log.control_covariance[i - 1]) if i else (None, None)
-        scan = log.observation[rows], log.observation_covariance[rows], names
+        z = log.observation[rows] + np.array([0.0, encoder[i]])
+        scan = z, gazer.add_pan_error(log.observation_covariance[rows]), names
         result = slam.step(time, *moved, *(scan if len(rows) else ()))
-        gazer.observed(pan, names)
+        gazer.observed(pan + encoder[i], names)
         for name in names.tolist():
             closed |= i - first.setdefault(name, i) > len(log.time) / LAPS / 2
         error[i] = result.pose[:2] - log.truth.pose[i, :2]

@@ -68,6 +68,7 @@ class Gazer:
         odometry: standard deviations of the motion after one metre, in metres and radians.
         drift: where the camera itself measures the motion, a function from pans (c,) to factors
             (c,) on the covariance of the motion.
+        pan_sigma: standard deviation of the measured pan, in radians.
 
     Raises:
         ConfigError: an argument is out of its range.
@@ -98,12 +99,14 @@ class Gazer:
         seed: int = 0,
         odometry: tuple[float, float] = (0.02, 0.02),
         drift: Callable[[FloatArray], FloatArray] | None = None,
+        pan_sigma: float = 0.0,
     ) -> None:
         require(0 < fov <= 2 * pi, "fov", "over 0 and up to 2 pi", fov)
         require(0 < reach < 1e3, "reach", "over 0 and under 1000", reach)
         require(-2 * pi <= pan[0] <= pan[1] <= 2 * pi, "pan", "ascending, within 2 pi", pan)
         require(rate > 0, "rate", "over 0", rate)
         require(0 < period <= HORIZON, "period", f"over 0 and up to {HORIZON}", period)
+        require(0 <= pan_sigma <= 1, "pan_sigma", "from 0 to 1", pan_sigma)
         known = callable(policy) or policy in POLICIES
         require(known, "policy", f"one of {', '.join(POLICIES)}", policy)
         self.slam, self.fov, self.reach, self.limits = slam, fov, reach, pan
@@ -123,7 +126,7 @@ class Gazer:
         self._policy: Policy = policy if callable(policy) else getattr(self, f"_{policy}")
         self._reason = "a custom policy"
         self._rng, self._goal = np.random.default_rng(seed), 0.0
-        self._odometry, self._drift = odometry, drift
+        self._odometry, self._drift, self._pan_sigma = odometry, drift, pan_sigma
         self._seen_cells: set[tuple[int, int]] = set()
         cells = np.arange(-ceil(reach), ceil(reach) + 1)
         self._around = np.stack(np.meshgrid(cells, cells), -1).reshape(-1, 2)
@@ -166,6 +169,14 @@ class Gazer:
         seen = self._sees(pose[None], np.array([[self.pan]]), cells + 0.5)[0, 0]
         self._seen_cells.update(map(tuple, cells[seen].tolist()))
 
+    def add_pan_error(self, R: FloatArray) -> FloatArray:
+        """Covariances (k, 2, 2) of ranges and bearings of one scan, with the error of the pan.
+
+        All k bearings share it: each gets k times its variance, so that together they carry the
+        information of one measurement of the pan.
+        """
+        return np.asarray(R + len(R) * np.diag([0.0, self._pan_sigma**2]))
+
     def _fixed(self, _: "Gazer") -> float:
         self._reason = "straight ahead"
         return 0.0
@@ -190,13 +201,13 @@ class Gazer:
     def _active(self, _: "Gazer") -> float:
         """The pan with the most information about the pose, new area and remembered salience."""
         view = self._roll_out()
-        return self._best(
-            {
-                "informative landmarks": self._information(view),
-                "new area": AREA * self._new_area(view),
-                "salient landmarks": MEMORY * self._remembered_salience(view),
-            }
-        )
+        terms = {
+            "informative landmarks": self._information(view),
+            "salient landmarks": MEMORY * self._remembered_salience(view),
+        }
+        if self.slam.mode != "localize":  # where the map is not to grow, new area adds nothing
+            terms["new area"] = AREA * self._new_area(view)
+        return self._best(terms)
 
     def _best(self, terms: dict[str, FloatArray]) -> float:
         """The pan with the greatest sum of terms (c,), the nearest one of equals."""
@@ -269,7 +280,8 @@ class Gazer:
         J = np.hstack([H[..., :r].reshape(2 * k, r), by_landmark.reshape(2 * k, 2 * k)])
         JQ = J[:, :r] @ Q
         S, X = J @ C @ J.T + JQ @ J[:, :r].T, J @ C[:, :3] + JQ[..., :3]
-        sigma = np.stack([RANGE_SIGMA * z[:, 0], np.full(k, BEARING_SIGMA)], 1)
+        bearing = np.hypot(BEARING_SIGMA, np.sqrt(seen.sum(1)) * self._pan_sigma)[:, None]
+        sigma = np.stack(np.broadcast_arrays(RANGE_SIGMA * z[:, 0], bearing), -1)  # (c, k, 2)
         B = (np.sqrt(seen)[..., None] / sigma).reshape(len(seen), 2 * k)  # root of R's inverse
         BX = B[..., None] * X
         M = np.eye(2 * k) + B[..., None] * S * B[:, None]

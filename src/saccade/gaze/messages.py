@@ -7,9 +7,12 @@ from math import degrees, nan
 from typing import Any
 
 from saccade.gaze.gazer import Look
+from saccade.slam.models import wrap
 
 GIMBAL_MANAGER_PITCHYAW = 1000
-"""Number of the MAVLink command."""
+"""Number of the MAVLink command MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW."""
+YAW_IN_VEHICLE_FRAME = 32
+"""MAVLink's flag of a yaw relative to the heading of the vehicle, instead of north."""
 
 
 def joint_trajectory(
@@ -43,9 +46,9 @@ def point_head_goal(
     }
 
 
-def ptz_goal(look: Look, zoom: float = 1.0) -> dict[str, float]:
-    """A goal of the ROS action `ptz_action_server_msgs/Ptz`: radians to the left and up."""
-    return {"pan": look.pan, "tilt": look.tilt, "zoom": zoom}
+def ptz_goal(look: Look, zoom: float = 1.0) -> dict[str, Any]:
+    """A goal of the ROS action `ptz_action_server_msgs/PtzMove`: radians clockwise and up."""
+    return {"ptz": {"pan": -float(wrap(look.pan)), "tilt": look.tilt, "zoom": zoom}}
 
 
 def gimbal_pitch_yaw(look: Look, device: int = 0) -> dict[str, float]:
@@ -55,8 +58,9 @@ def gimbal_pitch_yaw(look: Look, device: int = 0) -> dict[str, float]:
         look: where to.
         device: of the gimbal; 0 for all.
     """
-    angles = degrees(look.tilt), -degrees(look.pan)
-    parameters = (*angles, nan, nan, 0.0, 0.0, float(device))  # no rates, no flags
+    angles = degrees(look.tilt), -degrees(float(wrap(look.pan)))
+    rates, unused = (nan, nan), 0.0
+    parameters = (*angles, *rates, float(YAW_IN_VEHICLE_FRAME), unused, float(device))
     numbered = {f"param{i}": value for i, value in enumerate(parameters, 1)}
     return {"command": GIMBAL_MANAGER_PITCHYAW, **numbered}
 

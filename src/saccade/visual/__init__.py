@@ -4,6 +4,7 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import FeatureCache, dedicated_process
 from saccade.visual.pipeline import Pipeline, run
 from saccade.visual.result import LandmarkObservations, ObservationKind, VisualResult
+from saccade.visual.second_camera import measure_odometry
 from saccade.visual.track_recorder import TrackRecorder
 
 __all__ = [
@@ -15,5 +16,6 @@ __all__ = [
     "VisualConfig",
     "VisualResult",
     "dedicated_process",
+    "measure_odometry",
     "run",
 ]

@@ -17,7 +17,7 @@ Selection: TypeAlias = Literal[
 ]
 """Criteria by which points become landmarks."""
 SELECTIONS = get_args(Selection)
-EgomotionSource: TypeAlias = Literal["camera", "wheels"]
+EgomotionSource: TypeAlias = Literal["camera", "second-camera", "wheels"]
 """What measures the motion of the robot."""
 EGOMOTIONS = get_args(EgomotionSource)
 DetectorName: TypeAlias = Literal["sift", "must", "symroid"]
@@ -71,9 +71,10 @@ class VisualConfig:
     where they are not shared."""
     egomotion: EgomotionSource = "camera"
     """What measures the motion: the camera, with odometry ("camera"), so that only re-identified
-    landmarks correct the pose, since the pixels of the others have been used; or odometry alone
-    ("wheels"), whose systematic errors the filter estimates, and every observation of a landmark
-    corrects the pose. The latter asks for stereo or depth images."""
+    landmarks correct the pose, since the pixels of the others have been used; or odometry alone,
+    and every observation of a landmark corrects the pose. It is that of "wheels", whose systematic
+    errors the filter estimates, or of a "second-camera" (see `measure_odometry`). Both ask for
+    stereo or depth images."""
     window: int = 6
     """Number of frames whose poses and points are adjusted together; 2 estimates each motion from
     the last frame alone."""

@@ -23,6 +23,7 @@ along it, less 1."""
 ODOMETRY: dict[EgomotionSource, tuple[float, float]] = {
     "wheels": (0.05, 0.015),
     "camera": (0.005, 0.002),
+    "second-camera": (0.005, 0.002),
 }
 """Standard deviations of distance and turn after a metre, by what measures the motion."""
 
@@ -92,7 +93,9 @@ class GazeControl:
             tracked: points tracked in it.
             egomotion: what measures the motion.
         """
-        gazer = self._gazer = self._gazer or self._make(visual_map, egomotion)
+        turn = features.frame.frame.turn
+        pan_sigma = 0.0 if turn is None else turn.sigma
+        gazer = self._gazer = self._gazer or self._make(visual_map, egomotion, pan_sigma)
         pose, present, own = visual_map.ekf.pose, features.frame.frame.gaze, tracked.landmarks
         gazer.observed(present.pan, own.landmark)
         if features.saliency is not None:
@@ -112,7 +115,7 @@ class GazeControl:
         self.decisions.append(Decision(time, present, chosen))
         self._turn(time, chosen)
 
-    def _make(self, visual_map: VisualMap, egomotion: EgomotionSource) -> Gazer:
+    def _make(self, visual_map: VisualMap, egomotion: EgomotionSource, pan_sigma: float) -> Gazer:
         camera, limits = self._camera, self._limits
         return Gazer(
             visual_map.slam,
@@ -125,6 +128,7 @@ class GazeControl:
             seed=self._seed,
             odometry=ODOMETRY[egomotion],
             drift=drift if egomotion == "camera" else None,
+            pan_sigma=pan_sigma,
         )
 
 

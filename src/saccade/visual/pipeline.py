@@ -142,9 +142,10 @@ class Pipeline:
         self.drive, self.config = drive, config
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
         self.map = VisualMap(drive, config, has_depth)
-        self._by_wheels = config.egomotion == "wheels"
-        if self._by_wheels:
-            require(has_depth, "egomotion", "camera where depth is not measured", "wheels")
+        self._by_odometry = config.egomotion != "camera"
+        if self._by_odometry:
+            found = config.egomotion
+            require(has_depth, "egomotion", "camera where depth is not measured", found)
         self.recovery = Recovery(self.map, config)
         self.tracked = TrackedPoints()
         self.detected: TrackedPoints | None = None
@@ -155,7 +156,7 @@ class Pipeline:
         self._cameras = drive.camera, drive.camera  # as turned in the last frame and in this one
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
-        adjusts = has_depth and config.window > 2 and not self._by_wheels
+        adjusts = has_depth and config.window > 2 and not self._by_odometry
         self._window = SlidingWindow(drive.camera, config) if adjusts else None
         cache = cache if gaze is None else None  # what a frame shows depends on the gaze
         self._extract = FeatureExtractor(drive, config, cache, first, gaze is not None)
@@ -320,7 +321,7 @@ class Pipeline:
         """Predict the pose; with a single camera, also triangulate the tracked points."""
         (earlier, camera), trajectory = self._cameras, self._camera_trajectory
         with self.log.timed("predict"):
-            if self._by_wheels:
+            if self._by_odometry:
                 self.map.predict_by_odometry(number)
             else:
                 self.map.predict(number, expected, motion, adjusted)
@@ -403,7 +404,7 @@ class Pipeline:
             landmark = self.tracked.landmark.copy()
             landmark[chosen] = self.map.initialize(observations, points.descriptor, number)
             points = replace(points, landmark=landmark[chosen])
-            self.tracked.reidentified[chosen] = self._by_wheels
+            self.tracked.reidentified[chosen] = self._by_odometry
             self.map.enforce_budget(landmark[landmark >= 0], number)
             removed = (landmark >= 0) & (self.map.landmarks.rows(landmark) < 0)
             self.tracked = replace(self.tracked, landmark=landmark)[~removed]

@@ -76,6 +76,8 @@ class VisualMap:
             variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * mean_speed) ** 2
         )
         self._odometry: MotionEstimate = np.zeros(3), np.zeros((3, 3))
+        self.control = self._odometry
+        """The control that led to the present frame, and its covariance."""
         self._step_seconds = 0.0
         speed_sigma, turn_rate_sigma = config.acceleration_sigma
         self._motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
@@ -189,6 +191,7 @@ class VisualMap:
 
     def _move(self, number: int, control: MotionEstimate) -> None:
         """Move the robot to the pose of a frame by a control (3,) with covariance (3, 3)."""
+        self.control = control
         self.slam.process(Scan(float(self._drive.time[number]), control, *NO_SCAN))
 
     def apply_ground_distance(self, motion: Egomotion, distance: float) -> Egomotion:

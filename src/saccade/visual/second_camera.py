@@ -1,0 +1,33 @@
+"""Odometry by a second, fixed camera, for a robot whose other camera looks around."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from saccade.frames import Drive
+from saccade.visual.config import VisualConfig
+from saccade.visual.pipeline import Pipeline
+
+
+def measure_odometry(drive: Drive, second: Drive, config: VisualConfig | None = None) -> Drive:
+    """A drive whose odometry is measured by a second camera, with the odometry of that camera's.
+
+    Args:
+        drive: of the camera that turns.
+        second: the same drive by the second camera, with frames at the same times.
+        config: settings of the egomotion of the second camera; it maps no landmarks.
+
+    Returns:
+        The drive, to be mapped with `VisualConfig(egomotion="second-camera")`.
+    """
+    config = config or VisualConfig()
+    nothing = (config.range_limits[1] - 1e-9, config.range_limits[1])
+    settings = replace(config, egomotion="camera", range_limits=nothing)
+    steps = []
+    with Pipeline(second, settings) as pipeline:
+        for number in range(len(second)):
+            pipeline.step(number)
+            steps.append(pipeline.map.control)
+    control, covariance = (np.array(each) for each in zip(*steps[1:], strict=True))
+    unbiased = (0.0, 0.0, 0.0)  # the covariances include calibration errors
+    return replace(drive, control=control, control_covariance=covariance, odometry_bias=unbiased)
