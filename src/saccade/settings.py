@@ -13,7 +13,7 @@ from saccade.io.files import read_text
 KINDS = {
     "attention": ("saccade.attention.combined", "AttentionConfig"),
     "contrast": ("saccade.attention.contrast", "ContrastConfig"),
-    "symmetry": ("saccade.attention.symmetry_config", "SymmetryConfig"),
+    "symmetry": ("saccade.attention.symmetry", "SymmetryConfig"),
     "boolean": ("saccade.attention.boolean_maps", "BooleanConfig"),
     "scanpath": ("saccade.attention.scanpath", "ScanpathConfig"),
     "scanpath-model": ("saccade.attention.scanpath_model", "ScanpathModelConfig"),

@@ -9,8 +9,7 @@ import pytest
 from saccade.attention import ContrastConfig, contrast_saliency
 from saccade.attention.contrast import sharpen, smooth
 from saccade.attention.models import bare_saliency
-from saccade.attention.normalize import NORMALIZATIONS, normalize
-from saccade.attention.position_prior import position_prior
+from saccade.attention.normalize import NORMALIZATIONS, normalize, position_prior
 from saccade.errors import ImageError
 from saccade.scale.pyramid import resize
 from support.pyramids import dyadic_pyramid

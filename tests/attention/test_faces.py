@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from saccade.attention import AttentionConfig, attention_saliency
-from saccade.attention.faces import SPREAD, face_map
+from saccade.attention.combined import FACE_SPREAD, face_map
 from saccade.errors import ConfigError, ImageError
 from saccade.face_detection import find_face_detector
 
@@ -22,7 +22,7 @@ def test_a_face_is_a_gaussian_of_its_box():
     faces = face_map(BOX, (120, 160), (120, 160))
     assert np.unravel_index(faces.argmax(), faces.shape) in {(35, 55), (36, 56)}
     y, x = np.indices(faces.shape) + 0.5
-    dy, dx = (y - 36) / (SPREAD * 40), (x - 56) / (SPREAD * 32)
+    dy, dx = (y - 36) / (FACE_SPREAD * 40), (x - 56) / (FACE_SPREAD * 32)
     np.testing.assert_allclose(faces, np.exp(-(dx**2 + dy**2) / 2), atol=1e-6)
     coarse = face_map(BOX, (120, 160), (15, 20))
     assert np.unravel_index(coarse.argmax(), coarse.shape) == (4, 6)

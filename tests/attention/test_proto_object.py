@@ -15,7 +15,7 @@ from saccade.attention import (
     scanpath,
 )
 from saccade.attention.channels import Channel
-from saccade.attention.proto_object import region_around
+from saccade.attention.scanpath import region_around
 from saccade.errors import ImageError
 
 INTENSITY = Channel("intensity")

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from saccade.attention import SymmetryConfig, symmetry_saliency
 from saccade.attention.channels import whitened
-from saccade.attention.symmetry import complete
-from saccade.attention.symmetry_2010 import SWAPPED_LUMA
+from saccade.attention.symmetry import SWAPPED_LUMA, complete
 from saccade.errors import ConfigError, ImageError
 from saccade.io.image import read_image
 from saccade.scale.pair_sums import (

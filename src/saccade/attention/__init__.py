@@ -1,55 +1,30 @@
 """Where to look: contrast, symmetry and Boolean map saliency, and the scanpath over a map."""
 
-from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
-from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
-from saccade.attention.contrast import (
-    ContrastConfig,
-    ContrastMaps,
-    FeatureMap,
-    contrast_pyramids,
-    contrast_saliency,
-)
-from saccade.attention.fitted import FittedMaps, FittedModel
-from saccade.attention.proto_object import proto_object
-from saccade.attention.scanpath import ScanpathConfig, scanpath
-from saccade.attention.scanpath_model import (
-    ScanpathModelConfig,
-    most_probable_scanpath,
-    next_fixation_density,
-    sample_scanpaths,
-    scanpath_log_likelihood,
-)
-from saccade.attention.symmetric_pairs import symmetric_pairs
-from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
-from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
-
-__all__ = [
-    "AttentionConfig",
-    "AttentionMaps",
-    "BooleanConfig",
-    "BooleanMaps",
-    "ContrastConfig",
-    "ContrastMaps",
-    "FeatureMap",
-    "FittedMaps",
-    "FittedModel",
-    "ScanpathConfig",
-    "ScanpathModelConfig",
-    "SymmetryConfig",
-    "SymmetryMaps",
-    "VideoConfig",
-    "VideoMaps",
-    "VideoSaliency",
-    "attention_saliency",
-    "boolean_saliency",
-    "contrast_pyramids",
-    "contrast_saliency",
-    "most_probable_scanpath",
-    "next_fixation_density",
-    "proto_object",
-    "sample_scanpaths",
-    "scanpath",
-    "scanpath_log_likelihood",
-    "symmetric_pairs",
-    "symmetry_saliency",
-]
+from saccade.attention.boolean_maps import BooleanConfig as BooleanConfig
+from saccade.attention.boolean_maps import BooleanMaps as BooleanMaps
+from saccade.attention.boolean_maps import boolean_saliency as boolean_saliency
+from saccade.attention.combined import AttentionConfig as AttentionConfig
+from saccade.attention.combined import AttentionMaps as AttentionMaps
+from saccade.attention.combined import attention_saliency as attention_saliency
+from saccade.attention.contrast import ContrastConfig as ContrastConfig
+from saccade.attention.contrast import ContrastMaps as ContrastMaps
+from saccade.attention.contrast import FeatureMap as FeatureMap
+from saccade.attention.contrast import contrast_pyramids as contrast_pyramids
+from saccade.attention.contrast import contrast_saliency as contrast_saliency
+from saccade.attention.fitted import FittedMaps as FittedMaps
+from saccade.attention.fitted import FittedModel as FittedModel
+from saccade.attention.scanpath import ScanpathConfig as ScanpathConfig
+from saccade.attention.scanpath import proto_object as proto_object
+from saccade.attention.scanpath import scanpath as scanpath
+from saccade.attention.scanpath_model import ScanpathModelConfig as ScanpathModelConfig
+from saccade.attention.scanpath_model import most_probable_scanpath as most_probable_scanpath
+from saccade.attention.scanpath_model import next_fixation_density as next_fixation_density
+from saccade.attention.scanpath_model import sample_scanpaths as sample_scanpaths
+from saccade.attention.scanpath_model import scanpath_log_likelihood as scanpath_log_likelihood
+from saccade.attention.symmetric_pairs import symmetric_pairs as symmetric_pairs
+from saccade.attention.symmetry import SymmetryConfig as SymmetryConfig
+from saccade.attention.symmetry import SymmetryMaps as SymmetryMaps
+from saccade.attention.symmetry import symmetry_saliency as symmetry_saliency
+from saccade.attention.video import VideoConfig as VideoConfig
+from saccade.attention.video import VideoMaps as VideoMaps
+from saccade.attention.video import VideoSaliency as VideoSaliency

@@ -4,8 +4,9 @@ The saliency of each model is normalized by N as the conspicuity maps are in A.1
 with a single outstanding maximum decides over one with many equal maxima.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Self, TypeAlias
 
 import numpy as np
 
@@ -16,15 +17,26 @@ from saccade.attention.contrast import (
     contrast_saliency,
 )
 from saccade.attention.contrast_config import MAX_WEIGHT
-from saccade.attention.faces import FaceDetector, face_map
 from saccade.attention.models import SaliencyMaps
-from saccade.attention.normalize import Normalization, normalize, rescale, sharpen
-from saccade.attention.position_prior import position_prior
+from saccade.attention.normalize import (
+    Normalization,
+    normalize,
+    position_prior,
+    rescale,
+    sharpen,
+)
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
-from saccade.errors import require, require_ranges, require_types
+from saccade.errors import ImageError, require, require_ranges, require_types
 from saccade.io.image import check_image
 from saccade.scale.pyramid import FloatMap, resize
-from saccade.types import Image
+from saccade.types import FloatArray, Image
+
+FaceDetector: TypeAlias = Callable[[Image], FloatArray]
+"""From an image to (n, 4) boxes of faces: left, top, width and height in pixels. Those of
+`saccade.face_detection`, or any other."""
+
+FACE_SPREAD = 0.35
+"""Standard deviation of the Gaussian of a face, as a fraction of each side of its box."""
 
 
 @dataclass(frozen=True)
@@ -202,3 +214,31 @@ def _boolean_maps(image: Image, config: AttentionConfig, shape: tuple[int, ...])
         return boolean_saliency(image, config.boolean)
     rows, columns = np.shape(image)[:2]
     return BooleanMaps(np.zeros(shape, np.float32), (rows, columns))
+
+
+def face_map(boxes: FloatArray, image_shape: tuple[int, int], shape: tuple[int, int]) -> FloatMap:
+    """A Gaussian at each face, of 1 at its center; the highest where they overlap.
+
+    Args:
+        boxes: (n, 4) left, top, width and height in pixels of the image; n may be 0.
+        image_shape: (H, W) of the image.
+        shape: (h, w) of the map, whose cells tile the image.
+
+    Returns:
+        (h, w) float32 in [0, 1].
+
+    Raises:
+        ImageError: the boxes are not finite numbers of shape (n, 4), or without area.
+    """
+    boxes = np.asarray(boxes, np.float64).reshape(-1, 4) if np.size(boxes) else np.zeros((0, 4))
+    if not (np.isfinite(boxes).all() and (boxes[:, 2:] > 0).all()):
+        raise ImageError("faces: expected finite boxes of left, top, width and height above 0")
+    (rows, columns), (height, width) = shape, image_shape
+    y = (np.arange(rows) + 0.5) * (height / rows)  # (h,) centers of the cells in pixels
+    x = (np.arange(columns) + 0.5) * (width / columns)
+    faces = np.zeros(shape)
+    for left, top, across, down in boxes:
+        along_y = np.exp(-(((y - top - down / 2) / (FACE_SPREAD * down)) ** 2) / 2)
+        along_x = np.exp(-(((x - left - across / 2) / (FACE_SPREAD * across)) ** 2) / 2)
+        faces = np.maximum(faces, np.outer(along_y, along_x))
+    return faces.astype(np.float32)

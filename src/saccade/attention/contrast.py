@@ -13,11 +13,9 @@ import numpy.typing as npt
 
 from saccade.attention.channels import CONSPICUITY, Channel, ChannelName, Conspicuity
 from saccade.attention.contrast_config import ContrastConfig
-from saccade.attention.kootstra2010 import Kootstra2010Arithmetic
-from saccade.attention.mirrored import MirroredArithmetic
+from saccade.attention.contrast_steps import Kootstra2010Arithmetic, MirroredArithmetic
 from saccade.attention.models import SaliencyMaps
-from saccade.attention.normalize import sharpen, smooth
-from saccade.attention.position_prior import position_prior
+from saccade.attention.normalize import position_prior, sharpen, smooth
 from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Arithmetic
 from saccade.errors import ImageError
 from saccade.io.image import check_image

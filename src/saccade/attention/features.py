@@ -13,8 +13,12 @@ import numpy as np
 
 from saccade.attention.boolean_maps import boolean_saliency
 from saccade.attention.channels import CONSPICUITY
-from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
-from saccade.attention.faces import FaceDetector
+from saccade.attention.combined import (
+    AttentionConfig,
+    AttentionMaps,
+    FaceDetector,
+    attention_saliency,
+)
 from saccade.io.image import check_image, in_unit_range
 from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image

@@ -8,7 +8,7 @@ from saccade.notebook import NotebookTable
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from saccade.attention.faces import FaceDetector
+    from saccade.attention.combined import FaceDetector
     from saccade.scale.pyramid import FloatMap
     from saccade.types import Float32Array, SymmetricPairs
 

@@ -1,6 +1,7 @@
-"""The normalization operator N: promotes maps with few outstanding maxima over those with many.
+"""The normalization operator N, and what a map of saliency is treated by after it.
 
-Every method first scales the map to [0, 1]. A flat map becomes 0.
+N promotes maps with few outstanding maxima over those with many. Every method first scales the map
+to [0, 1]. A flat map becomes 0.
 """
 
 from typing import Literal, get_args
@@ -9,6 +10,7 @@ import cv2
 import numpy as np
 
 from saccade.scale.pyramid import FloatMap
+from saccade.types import FloatArray
 
 Normalization = Literal["local-maxima", "local-maxima-1998", "iterative", "none"]
 NORMALIZATIONS: tuple[Normalization, ...] = get_args(Normalization)
@@ -81,6 +83,37 @@ def smooth(values: FloatMap, sigma: float) -> FloatMap:
 def sharpen(saliency: FloatMap, exponent: float) -> FloatMap:
     """The map scaled to [0, 1] to a power; unchanged for the power 1."""
     return saliency if exponent == 1 else rescale(saliency) ** exponent
+
+
+def position_prior(
+    shape: tuple[int, ...],
+    center_sigma: float | None,
+    center_height: float = 0.0,
+    border_distance: float | None = None,
+) -> FloatArray:
+    """Where people look whatever an image shows: its center, and not its border.
+
+    Args:
+        shape: (h, w) cells that tile the image.
+        center_sigma: standard deviation, as a fraction of each side, of a Gaussian about the
+            center; None for no such factor.
+        center_height: height of that Gaussian's center above the middle, as a fraction of the
+            image's height.
+        border_distance: distance d from the border, as a fraction of each side, in the factor
+            `1 - exp(-distance / d)`; None for no such factor.
+
+    Returns:
+        (h, w) in [0, 1], a factor of the saliency.
+    """
+    y, x = ((np.arange(side) + 0.5) / side - 0.5 for side in shape)
+    prior = np.ones(shape)
+    if center_sigma is not None:
+        above, across = (y + center_height) / center_sigma, x / center_sigma
+        prior *= np.outer(np.exp(-(above**2) / 2), np.exp(-(across**2) / 2))
+    if border_distance is not None:
+        distance = np.minimum(0.5 - abs(y)[:, None], 0.5 - abs(x))
+        prior *= 1 - np.exp(-distance / border_distance)
+    return prior
 
 
 def promotion(maxima: FloatMap, *, without_highest: bool) -> float:

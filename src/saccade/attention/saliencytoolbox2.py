@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.channels import ChannelName, opponency
-from saccade.attention.mirrored import MirroredArithmetic
+from saccade.attention.contrast_steps import MirroredArithmetic
 from saccade.attention.normalize import fraction_inside, inhibit_laterally
 from saccade.io.image import in_unit_range, repeat_gray
 from saccade.scale.pyramid import FloatMap

@@ -8,25 +8,37 @@ Two layers of leaky integrators have one cell each per cell of the map:
 The first W over the threshold is a fixation. It raises the conductance g in a disc around the
 winner, which suppresses the map layer there until g has decayed. Two steps later an interneuron
 resets the whole winner layer, and the competition starts again.
+
+In place of a disc the region of the attended proto-object may be inhibited: Walther & Koch (2006),
+*Modeling attention to salient proto-objects*.
 """
 
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import Self, get_args
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from saccade.attention._winner_take_all_kernels import Cells, Network, run_network
+from saccade.attention.channels import CONSPICUITY, Conspicuity
+from saccade.attention.contrast import ContrastMaps
 from saccade.errors import ImageError, require, require_types
-from saccade.scale.pyramid import FloatMap, cell_centers
+from saccade.scale.pyramid import FloatMap, cell_centers, resize
 from saccade.types import FloatArray, IntArray, Scanpath
 
 _logger = logging.getLogger(__name__)
 
 Region = npt.NDArray[np.bool_]
 """(h, w) cells of a saliency map."""
+REGION_HEIGHT = 0.05
+"""Height at which a proto-object ends, as a fraction of that of the winner."""
+REGION_AREA = 0.1
+"""Fraction of the map; a larger region is background."""
+REGION_MARGIN = 2
+"""Radius of its dilation, in cells."""
 
 
 @dataclass(frozen=True)
@@ -228,3 +240,56 @@ def simulate(
             inhibited = np.zeros(strength.shape, np.bool_)
         regions = np.concatenate([regions, [inhibited]])
     return winners, steps
+
+
+def proto_object(maps: ContrastMaps, row: int, column: int) -> Region | None:
+    """The region around a cell in the feature map that contributed most to it.
+
+    Of the conspicuity map that is highest at the cell, the feature map that is highest there is
+    taken. The region is its connected component of at least 5 % of the height at the cell, dilated
+    by a disc.
+
+    Args:
+        maps: with features, as `contrast_saliency(..., keep_features=True)` gives them.
+        row: of the cell in the saliency map.
+        column: of the cell.
+
+    Returns:
+        (h, w) mask; None where the region would be empty or over a tenth of the map.
+
+    Raises:
+        ImageError: the maps hold no features, or the cell lies outside.
+    """
+    shape = maps.saliency.shape
+    if not maps.features:
+        raise ImageError("maps: expected features; compute them with keep_features=True")
+    if not (0 <= row < shape[0] and 0 <= column < shape[1]):
+        raise ImageError(f"cell: expected one of {shape[0]} x {shape[1]}, found {row}, {column}")
+    winner = max(get_args(Conspicuity), key=lambda name: float(getattr(maps, name)[row, column]))
+    features = [
+        resize(feature.normalized, shape)
+        for feature in maps.features
+        if CONSPICUITY[feature.channel.name] == winner
+    ]
+    strongest = max(features, key=lambda values: float(values[row, column]))
+    return region_around(strongest, row, column)
+
+
+def region_around(values: FloatMap, row: int, column: int) -> Region | None:
+    """The dilated connected component about a cell, above a fraction of its height.
+
+    The fraction is 5 %, doubled while the region would be a tenth of the map or more; None where
+    no fraction up to 1 suffices.
+    """
+    height = float(values[row, column])
+    fraction = REGION_HEIGHT
+    while height > 0 and fraction <= 1:
+        above = (values >= fraction * height).astype(np.uint8)
+        _, label = cv2.connectedComponents(above, connectivity=4)
+        region = label == label[row, column]
+        if region.sum() < REGION_AREA * region.size:
+            y, x = np.ogrid[-REGION_MARGIN : REGION_MARGIN + 1, -REGION_MARGIN : REGION_MARGIN + 1]
+            disc = (x**2 + y**2 <= REGION_MARGIN**2).astype(np.uint8)
+            return np.asarray(cv2.dilate(region.astype(np.uint8), disc) > 0)
+        fraction *= 2
+    return None

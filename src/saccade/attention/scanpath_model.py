@@ -34,7 +34,7 @@ from saccade.attention._scanpath_model_kernels import (
     fill_density,
     log_probabilities,
 )
-from saccade.attention.position_prior import position_prior
+from saccade.attention.normalize import position_prior
 from saccade.attention.scanpath import checked_map
 from saccade.errors import ImageError, require, require_ranges, require_types
 from saccade.scale.pyramid import FloatMap, cell_centers, resize
@@ -66,7 +66,7 @@ class ScanpathModelConfig:
     """Height of its center above the middle of the image, as a fraction of the image's height."""
     border_distance: float | None = None
     """Distance from the border, as a fraction of each side, within which there is less to look at;
-    see `saccade.attention.position_prior`. None for no such factor."""
+    see `saccade.attention.normalize.position_prior`. None for no such factor."""
     amplitude_scale: float = 0.009
     """Amplitude from which the kernel falls as a power."""
     amplitude_exponent: float = 0.57

@@ -5,8 +5,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from saccade.attention.symmetry import gradient_pyramid, pyramid_of, symmetry_at
-from saccade.attention.symmetry_config import SymmetryConfig
+from saccade.attention.symmetry import SymmetryConfig, gradient_pyramid, symmetry_at
 from saccade.errors import ImageError, require
 from saccade.io.image import check_image
 from saccade.scale._pair_sums_kernels import MARGIN
@@ -65,7 +64,7 @@ def symmetric_pairs_at(
     kernel = pair_kernel(config.inner, config.outer, config.sigma)
     weights = dict(zip(config.levels, config.level_weights, strict=True))
     selected: list[list[SymmetricPairs]] = [[] for _ in positions]
-    for number, gradients in gradient_pyramid(pixels, config, pyramid_of(config)).items():
+    for number, gradients in gradient_pyramid(pixels, config).items():
         symmetry = symmetry_at(gradients, kernel, config)
         for xy, parts in zip(positions, selected, strict=True):
             cell = most_symmetric(symmetry, xy, radius, shape)

@@ -10,12 +10,25 @@ other contribute:
     strength   log(1 + m_i) log(1 + m_j), with the magnitude m of a gradient
     distance   exp(-d^2 / (2 sigma^2)) / (sigma sqrt(2 pi)), with the distance d of i and j
     symmetry   the sum over the pairs of the product of the three
+
+The authors' release of 2010, inferred from its output (no code of it was read), differs in:
+
+- The weights of red and blue in gray are exchanged, and gray is rounded to 8 bit and divided by
+  256. Without the former the maps of colored images correlate by .84 at worst.
+- A level is the previous one filtered by [1 2 1] / 4 along both axes and resized bilinearly. Its
+  sides are half of the previous, rounded down up to the finest level that counts, and from there
+  on to the nearest integer, ties to even.
+- Gradients reflect about the center of the outermost pixel.
+- The ring of pairs reaches from 3 to 7 pixels: the given radius of 8 is exclusive.
+
+Left out are its tables of logarithms and cosines: they cost at most 4e-4 of correlation, where
+all symmetries are the faint ones of a flat background.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import count
-from typing import Any, ClassVar, TypeAlias
+from dataclasses import dataclass, replace
+from itertools import count, pairwise
+from typing import Any, Literal, Self
 
 import cv2
 import numpy as np
@@ -24,9 +37,7 @@ import numpy.typing as npt
 from saccade.attention.channels import OPPONENT, whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale, sharpen, smooth
-from saccade.attention.symmetry_2010 import Kootstra2010Pyramid
-from saccade.attention.symmetry_config import SymmetryConfig
-from saccade.errors import ImageError
+from saccade.errors import ImageError, require, require_types
 from saccade.io.image import check_image, in_unit_range
 from saccade.scale._pair_sums_kernels import MARGIN
 from saccade.scale.pair_sums import (
@@ -39,10 +50,21 @@ from saccade.scale.pair_sums import (
     pair_kernel,
     radial_sums,
 )
-from saccade.scale.pyramid import FloatMap, half_shape, halve, level_shape, resize
+from saccade.scale.pyramid import (
+    MAX_LEVEL,
+    FloatMap,
+    coarser_levels,
+    half_shape,
+    halve,
+    level_shape,
+    resize,
+)
 from saccade.types import Float32Array, Image
 
-__all__ = ["SymmetryConfig", "SymmetryMaps", "symmetry_saliency"]
+Kind = Literal["isotropic", "radial", "color"]
+Channels = Literal["whitened", "opponent", "rgb", "gray"]
+Border = Literal["average", "missing"]
+Arithmetic = Literal["mirrored", "kootstra2010"]
 
 SUMS = {"isotropic": isotropic_sums, "radial": radial_sums, "color": color_sums}
 
@@ -50,6 +72,118 @@ RADIAL_FRACTION = 1.4
 """Where a fraction of the pairs lies inside the image their axes are similar, and on noise the
 radial sum is that fraction to this power of the full sum; measured for rings of 1 to 4 and of 3 to
 7 pixels."""
+
+SWAPPED_LUMA = (0.114, 0.587, 0.299)
+"""Weights of red, green and blue in the gray of the release of 2010."""
+
+
+@dataclass(frozen=True)
+class SymmetryConfig:
+    """Kind, scales and kernel of the symmetry transform.
+
+    The default predicts human fixations best; docs/symmetry.md says how it was chosen.
+    """
+
+    kind: Kind = "radial"
+    """Phase weight: "isotropic" weighs all axes alike, "radial" (Reisfeld, Wolfson & Yeshurun
+    1995) those least that are parallel to the strongest, "color" (Heidemann 2004) pairs gradients
+    of any two channels, and also those of opposite contrast."""
+    channels: Channels = "whitened"
+    """Channels of the gradients: three decorrelated color channels of unit variance; intensity
+    and the two color opponents; red, green and blue; or the intensity of a gray image."""
+    levels: tuple[int, ...] = (1, 2, 3, 4, 5)
+    """Pyramid levels; the image is level 0."""
+    level_weights: tuple[float, ...] = (3.0, 2.0, 1.0, 1.0, 1.0)
+    """Weight of each of these levels."""
+    inner: int = 1
+    """Smallest distance of a pair from its center, along x or y, in pixels of its level."""
+    outer: int = 4
+    """Largest distance, likewise."""
+    sigma: float = 4.0
+    """Standard deviation of the normal density of the distance between the two, likewise."""
+    gain: float = 18.0
+    """Gain of the strength log(1 + gain m) of a gradient, with the magnitude m of Sobel's filters,
+    which is 4 for an edge between black and white."""
+    border: Border = "average"
+    """What counts for pairs that reach beyond the image: the average of the level, or, with
+    "missing", nothing, so that the map has a center bias."""
+    map_level: int = 4
+    """Pyramid level whose size the saliency has."""
+    smoothing: float = 0.75
+    """Standard deviation in cells of the Gaussian that smooths the sum over the levels."""
+    sharpening: float = 2.0
+    """Exponent of the saliency scaled to [0, 1]."""
+    viewing_size: int | None = 800
+    """Longer side in pixels of an image for which the levels are meant. In an image of twice that
+    size every level is one coarser, in one of half that size one finer; None takes the levels as
+    they are."""
+    arithmetic: Arithmetic = "mirrored"
+    """How levels are computed: "mirrored" reflects the image at its borders;
+    `saccade.attention.symmetry` describes "kootstra2010"."""
+
+    def __post_init__(self) -> None:
+        require_types(self)
+        inside = all(0 <= level <= MAX_LEVEL for level in self.levels)
+        rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
+        expected = f"rising levels from 0 to {MAX_LEVEL}"
+        require(len(self.levels) > 0 and inside and rising, "levels", expected, self.levels)
+        require(
+            len(self.level_weights) == len(self.levels)
+            and all(0 < weight < np.inf for weight in self.level_weights),
+            "level_weights",
+            f"a finite weight above 0 for each of the {len(self.levels)} levels",
+            self.level_weights,
+        )
+        require(1 <= self.outer <= 100, "outer", "1 to 100 px", self.outer)
+        require(1 <= self.inner <= self.outer, "inner", f"1 px to {self.outer}", self.inner)
+        require(0.1 <= self.sigma < np.inf, "sigma", "0.1 px or more", self.sigma)
+        require(0 < self.gain <= 1e6, "gain", "above 0, at most 1e6", self.gain)
+        require(0 <= self.map_level <= MAX_LEVEL, "map_level", f"0 to {MAX_LEVEL}", self.map_level)
+        require(0 <= self.smoothing < np.inf, "smoothing", "0 cells or more", self.smoothing)
+        require(0 < self.sharpening <= 100, "sharpening", "above 0, at most 100", self.sharpening)
+        size = self.viewing_size
+        require(size is None or size >= 1, "viewing_size", "1 px or more, or none", size)
+        expected = '"gray" for the arithmetic of kootstra2010'
+        possible = self.arithmetic != "kootstra2010" or self.channels == "gray"
+        require(possible, "channels", expected, self.channels)
+
+    def at_size(self, shape: tuple[int, int]) -> Self:
+        """The configuration with the levels for an image of (H, W) pixels.
+
+        No level becomes finer than the image itself, and no map finer than level 1.
+        """
+        if self.viewing_size is None:
+            return self
+        coarser = coarser_levels(shape, self.viewing_size, self.levels[0], self.map_level)
+        return replace(
+            self,
+            levels=tuple(level + coarser for level in self.levels),
+            map_level=self.map_level + coarser,
+            viewing_size=None,
+        )
+
+    @classmethod
+    def kootstra2010(cls) -> Self:
+        """The authors' release of 2010, in gray at levels 3 to 5; the map has the size of level 3.
+
+        With `kind="radial"` it is their radial symmetry. For other levels set `map_level` too.
+        """
+        return cls(
+            kind="isotropic",
+            channels="gray",
+            levels=(3, 4, 5),
+            level_weights=(1.0, 1.0, 1.0),
+            inner=3,
+            outer=7,
+            sigma=16.0,
+            gain=1.0,
+            border="missing",
+            map_level=3,
+            smoothing=0.0,
+            sharpening=1.0,
+            viewing_size=None,
+            arithmetic="kootstra2010",
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,13 +224,12 @@ def symmetry_saliency(
     pixels = check_image(image, bgr=bgr)  # (H, W) or (H, W, 3)
     shape = pixels.shape[:2]
     config = (config or SymmetryConfig()).at_size(shape)
-    pyramid = pyramid_of(config)
     pairs = pair_kernel(config.inner, config.outer, config.sigma)
     symmetry = {
         number: symmetry_at(gradients, pairs, config)
-        for number, gradients in gradient_pyramid(pixels, config, pyramid).items()
+        for number, gradients in gradient_pyramid(pixels, config).items()
     }
-    summed = np.zeros(pyramid.level_shape(shape, config.map_level), np.float32)  # (h, w)
+    summed = np.zeros(shape_of_level(shape, config.map_level, config), np.float32)  # (h, w)
     for number, weight in zip(config.levels, config.level_weights, strict=True):
         if number in symmetry:
             summed += np.float32(weight) * resize(symmetry[number], summed.shape)
@@ -105,16 +238,18 @@ def symmetry_saliency(
 
 
 def gradient_pyramid(
-    pixels: npt.NDArray[Any], config: SymmetryConfig, pyramid: "Pyramid"
+    pixels: npt.NDArray[Any], config: SymmetryConfig
 ) -> dict[int, list[Gradients]]:
     """The gradients of each channel by level, for the levels that the image has."""
-    levels = existing_levels(pixels.shape[:2], config, pyramid)
+    levels = existing_levels(pixels.shape[:2], config)
+    mirrored = config.arithmetic == "mirrored"
+    border = cv2.BORDER_REFLECT if mirrored else cv2.BORDER_REFLECT_101
+    channels = mirrored_channels if mirrored else gray_levels_2010
     return {
         number: [
-            gradients_of(channel, config.gain, pyramid.border)
-            for channel in np.moveaxis(channels, 2, 0)
+            gradients_of(channel, config.gain, border) for channel in np.moveaxis(planes, 2, 0)
         ]
-        for number, channels in pyramid.channels(pixels, levels).items()
+        for number, planes in channels(pixels, levels, config).items()
     }
 
 
@@ -140,23 +275,21 @@ def complete(sums: Float32Array, fraction: Float32Array) -> Float32Array:
     return sums + (1 - fraction) * np.float32(average)
 
 
-def existing_levels(
-    shape: tuple[int, int], config: SymmetryConfig, pyramid: "Pyramid"
-) -> tuple[int, ...]:
+def existing_levels(shape: tuple[int, int], config: SymmetryConfig) -> tuple[int, ...]:
     """The levels on which an image of this shape has a pixel with a pair about it."""
     min_longer, min_shorter = 2 * (config.inner + MARGIN) + 1, 2 * MARGIN + 1
 
     def has_pairs(shape: tuple[int, int]) -> bool:
         return max(shape) >= min_longer and min(shape) >= min_shorter
 
-    levels = tuple(n for n in config.levels if has_pairs(pyramid.level_shape(shape, n)))
-    if not levels or max(pyramid.level_shape(shape, config.map_level)) == 1:
+    levels = tuple(n for n in config.levels if has_pairs(shape_of_level(shape, n, config)))
+    if not levels or max(shape_of_level(shape, config.map_level, config)) == 1:
         finest = config.levels[0]
         side = next(
             n
             for n in count(1)
-            if has_pairs(pyramid.level_shape((n, n), finest))
-            and pyramid.level_shape((n, n), config.map_level)[0] > 1
+            if has_pairs(shape_of_level((n, n), finest, config))
+            and shape_of_level((n, n), config.map_level, config)[0] > 1
         )
         raise ImageError(
             f"image: expected at least {side} x {side} px for a pair at level {finest} and a map "
@@ -166,49 +299,64 @@ def existing_levels(
     return levels
 
 
-@dataclass(frozen=True)
-class MirroredPyramid:
-    """The channels of an image that is mirrored at its borders, level by level."""
-
-    config: SymmetryConfig
-    border: ClassVar[int] = cv2.BORDER_REFLECT
-
-    level_shape = staticmethod(level_shape)
-
-    def channels(self, pixels: npt.NDArray[Any], levels: tuple[int, ...]) -> dict[int, FloatMap]:
-        """(h, w, c) channels by level.
-
-        The image is halved to the finest level before it is converted: linear channels commute
-        with that, and in 8 bit it is a quarter as large.
-        """
-        colors = pixels
-        for _ in range(levels[0]):
-            colors = halve(colors)
-        plane = self.split(in_unit_range(colors))
-        planes = {}
-        for number in range(levels[0], levels[-1] + 1):
-            if number > levels[0]:
-                plane = halve(plane).reshape(*half_shape(plane.shape[:2]), -1)
-            if number in levels:
-                planes[number] = plane
-        return planes
-
-    def split(self, colors: FloatMap) -> FloatMap:
-        """(h, w, c) channels of gray, or of RGB in [0, 1]."""
-        if self.config.channels == "whitened":
-            return whitened(colors)
-        if colors.ndim == 2:
-            return colors[:, :, None]
-        if self.config.channels == "rgb":
-            return colors
-        transform = OPPONENT if self.config.channels == "opponent" else OPPONENT[:1]
-        return cv2.transform(colors, transform).reshape(*colors.shape[:2], -1)
+def shape_of_level(shape: tuple[int, int], level: int, config: SymmetryConfig) -> tuple[int, int]:
+    """Shape of a level; the image is level 0."""
+    if config.arithmetic == "mirrored":
+        return level_shape(shape, level)
+    height, width = shape
+    for number in range(1, level + 1):
+        floor = number <= config.levels[0]
+        height, width = (side // 2 if floor else round(side / 2) for side in (height, width))
+    return height, width
 
 
-Pyramid: TypeAlias = MirroredPyramid | Kootstra2010Pyramid
+def mirrored_channels(
+    pixels: npt.NDArray[Any], levels: tuple[int, ...], config: SymmetryConfig
+) -> dict[int, FloatMap]:
+    """(h, w, c) channels of an image that is mirrored at its borders, by level.
+
+    The image is halved to the finest level before it is converted: linear channels commute with
+    that, and in 8 bit it is a quarter as large.
+    """
+    colors = pixels
+    for _ in range(levels[0]):
+        colors = halve(colors)
+    plane = split_channels(in_unit_range(colors), config.channels)
+    planes = {}
+    for number in range(levels[0], levels[-1] + 1):
+        if number > levels[0]:
+            plane = halve(plane).reshape(*half_shape(plane.shape[:2]), -1)
+        if number in levels:
+            planes[number] = plane
+    return planes
 
 
-def pyramid_of(config: SymmetryConfig) -> Pyramid:
-    """The pyramid of the arithmetic that the configuration names."""
-    source = config.arithmetic == "kootstra2010"
-    return Kootstra2010Pyramid(config) if source else MirroredPyramid(config)
+def split_channels(colors: FloatMap, channels: Channels) -> FloatMap:
+    """(h, w, c) channels of gray, or of RGB in [0, 1]."""
+    if channels == "whitened":
+        return whitened(colors)
+    if colors.ndim == 2:
+        return colors[:, :, None]
+    if channels == "rgb":
+        return colors
+    transform = OPPONENT if channels == "opponent" else OPPONENT[:1]
+    return cv2.transform(colors, transform).reshape(*colors.shape[:2], -1)
+
+
+def gray_levels_2010(
+    pixels: npt.NDArray[Any], levels: tuple[int, ...], config: SymmetryConfig
+) -> dict[int, FloatMap]:
+    """(h, w, 1) gray of the release of 2010, by level."""
+    gray = in_unit_range(pixels)
+    if gray.ndim == 3:
+        gray = cv2.transform(gray, np.array([SWAPPED_LUMA]))
+    plane = np.rint(255 * gray) / np.float32(256)
+    planes = {}
+    for number in range(levels[-1] + 1):
+        if number > 0:
+            plane = cv2.GaussianBlur(plane, (3, 3), 0, borderType=cv2.BORDER_REPLICATE)
+            shape = shape_of_level(pixels.shape[:2], number, config)
+            plane = resize(plane, shape, cv2.INTER_LINEAR)
+        if number in levels:
+            planes[number] = plane[:, :, None]
+    return planes

@@ -22,7 +22,7 @@ from saccade.attention.channels import intensity
 from saccade.attention.combined import attention_saliency
 from saccade.attention.contrast import existing_scales
 from saccade.attention.contrast_config import ContrastConfig, Scales
-from saccade.attention.mirrored import MirroredArithmetic
+from saccade.attention.contrast_steps import MirroredArithmetic
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import smooth
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density

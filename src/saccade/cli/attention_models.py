@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 if TYPE_CHECKING:
-    from saccade.attention.faces import FaceDetector
+    from saccade.attention.combined import FaceDetector
     from saccade.attention.models import AttentionModel
     from saccade.attention.scanpath import ScanpathConfig
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from saccade.attention.models import AttentionModel, bare_saliency, contrast_of
-from saccade.attention.proto_object import proto_object
-from saccade.attention.scanpath import ScanpathConfig, scanpath
+from saccade.attention.scanpath import ScanpathConfig, proto_object, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.cli.look_files import LookFiles
 from saccade.cli.output import write_arrays

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from saccade.attention.combined import AttentionConfig, attention_saliency
-from saccade.attention.faces import FaceDetector
+from saccade.attention.combined import AttentionConfig, FaceDetector, attention_saliency
 from saccade.attention.fitted import FittedModel
 from saccade.errors import LogError
 from saccade.evaluation.fitted_scores import (
