@@ -31,7 +31,7 @@ from saccade.batch.tables import (
     quantize_descriptors,
 )
 from saccade.datasets.homography_pairs import homography_pairs
-from saccade.evaluation.homography import project
+from saccade.keypoints.two_view_fit import project
 
 RIGHT = 3.0
 """Pixels within which a match is right."""

@@ -12,10 +12,11 @@ from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ConfigError, ImageError
 from saccade.evaluation.detectors import find_detector
 from saccade.evaluation.features import FeatureScores, feature_difference, score_detector
-from saccade.evaluation.homography import corner_error, inside, project
+from saccade.evaluation.homography import corner_error, inside
 from saccade.evaluation.repeatability import Features, PairScores, score_pair
 from saccade.exchange.colmap import import_pycolmap
 from saccade.io.image import as_gray
+from saccade.keypoints.two_view_fit import project
 from support.run_command import run
 from support.shift import SHIFT
 

@@ -47,7 +47,8 @@ from saccade.extras import import_optional
 from saccade.io.files import atomic_write, is_file, read_text, reason_of
 from saccade.keypoints.matching import match
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.keypoints.verification import SAMPLE_SIZE, Geometry, Verification, verify
+from saccade.keypoints.two_view_fit import Geometry
+from saccade.keypoints.verification import SAMPLE_SIZE, Verification, verify
 from saccade.types import Float32Array, IntArray, Keypoints
 
 Pair: TypeAlias = tuple[str, str]

@@ -20,7 +20,7 @@ from saccade.cli.options import (
 from saccade.extras import import_optional
 
 if TYPE_CHECKING:
-    from saccade.keypoints.verification import Geometry
+    from saccade.keypoints.two_view_fit import Geometry
 
 
 class GeometryChoice(StrEnum):

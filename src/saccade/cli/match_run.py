@@ -9,8 +9,8 @@ import numpy as np
 from saccade.cli.match_frames import frames_figure
 from saccade.cli.output import write_text
 from saccade.io.image import read_image
-from saccade.keypoints import match, verify
-from saccade.keypoints.verification import Geometry
+from saccade.keypoints import Verification, match, verify
+from saccade.keypoints.two_view_fit import Geometry
 from saccade.types import Float32Array, Keypoints, Regions
 from saccade.viewing import Picture, Section, match_figure, save_figures
 from saccade.viewing.embedding import figure_uri
@@ -76,12 +76,23 @@ def match_images(
     if frames is not None:
         row["frames"] = str(save_figures(frames[0], out / "frames", figures))
     if verified is not None:
+        sigma = corner_sigma(verified, images[0].shape)
         row |= {
             "inliers": int(verified.inliers.sum()),
             "geometry": verified.geometry,
             "matrix": None if verified.matrix is None else verified.matrix.tolist(),
+            "corner_sigma_px": sigma,
         }
     return row
+
+
+def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None:
+    """Standard deviation in pixels of the corner that a homography projects worst, if known."""
+    if verified.geometry != "homography" or verified.covariance is None:
+        return None
+    height, width = shape[:2]
+    corners = np.array([[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], float)
+    return float(np.sqrt(np.linalg.eigvalsh(verified.projection_covariance(corners)).max()))
 
 
 def detected(detector: Any, image: Float32Array) -> Keypoints:

@@ -3,20 +3,13 @@
 import cv2
 import numpy as np
 
+from saccade.keypoints.two_view_fit import project
 from saccade.types import BoolArray, FloatArray
 
 INLIER_PX = 2.0
 """Inlier threshold of MAGSAC in pixels."""
 RUNS = 5
 """Random draws of MAGSAC for each image pair, over which its scores are averaged."""
-
-
-def project(homography: FloatArray, xy: FloatArray) -> FloatArray:
-    """Projects (n, 2) points by a (3, 3) homography; points at infinity are not finite."""
-    rows = np.c_[xy, np.ones(len(xy))] @ homography.T  # (n, 3)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        projected: FloatArray = rows[:, :2] / rows[:, 2:]
-    return projected
 
 
 def inside(xy: FloatArray, shape: tuple[int, int]) -> BoolArray:

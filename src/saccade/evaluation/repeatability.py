@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from saccade.evaluation.homography import corner_errors, inside, project
+from saccade.evaluation.homography import corner_errors, inside
 from saccade.keypoints.matching import nearest_neighbors
+from saccade.keypoints.two_view_fit import project
 from saccade.types import BoolArray, FloatArray, IntArray
 
 RADIUS = 3.0
