@@ -27,7 +27,7 @@ SIZE, MILLISECONDS, QUALITY = (1080, 405), 160, 60
 
 def write_film(path: Path) -> None:
     """Simulate the drive, map it, and write the film as an animated WebP."""
-    drive, _, _ = gaze_drive(DRIVE, "active", SEED)
+    drive, _ = gaze_drive(DRIVE, "active", SEED)
     recorder = Recorder(len(drive) // STRIDE)
     result = visual.run(drive, SETTINGS, recorder=recorder)
     frames = [

@@ -4,9 +4,8 @@ The robot's frame has x ahead, y to the left and z up; its origin is the point o
 motion odometry measures. The camera's has x to the right, y down and z along the optical axis.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -97,8 +96,6 @@ class Gaze:
     """Radians up."""
     reason: str = ""
     """The term that decided."""
-    terms: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """Value of each term of the chosen gaze, in the unit of its policy."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +114,6 @@ class GazeLimits:
     """Largest speed of pan and of tilt in radians per second."""
     latency: float = 0.1
     """Seconds from a decision to the start of the motion."""
-    horizon: float = 2.0
-    """Seconds over which the consequences of a decision are predicted."""
     max_range: float = 8.0
     """Meters within which landmarks and salient places count."""
 
@@ -127,7 +122,7 @@ class GazeLimits:
             low, high = getattr(self, name)
             ordered = -2 * np.pi <= low <= high <= 2 * np.pi
             require(ordered, name, "two ascending angles within 2 pi", (low, high))
-        require_ranges(self, rate=(1e-3, 1e3), latency=(0, 60), horizon=(1e-3, 600))
+        require_ranges(self, rate=(1e-3, 1e3), latency=(0, 60))
         require_ranges(self, max_range=(0.1, 1e4))
 
 

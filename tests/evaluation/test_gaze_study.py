@@ -9,27 +9,14 @@ from numpy.testing import assert_allclose
 from saccade.errors import ConfigError
 from saccade.evaluation.gaze import compare
 from saccade.evaluation.gaze_landmarks import drive_by_landmarks, landmark_world
-from saccade.evaluation.gaze_runs import GazeRun, first_closure, result_of
-from saccade.types import LandmarkMap, Trajectory
-from saccade.visual import LandmarkObservations, VisualResult
+from saccade.evaluation.gaze_runs import GazeRun, closes_loop, result_of
+from saccade.visual import LandmarkObservations
 from saccade.visual.config import EGOMOTIONS
 
 
 def run(world, policy, seed, ate, closed=1.0):
     names = {"world": world, "policy": policy, "seed": seed}
     return names | {"ate_m": ate, "closed": closed, "inside_3sigma": 0.5}
-
-
-def result(pose, frame, landmark, kind):
-    """Of observations of landmarks along poses."""
-    n, k = len(pose), len(frame)
-    path = Trajectory(np.arange(n, dtype=float), pose, np.zeros((n, 3, 3)))
-    observed = LandmarkObservations.zeros(
-        k, frame=np.array(frame), landmark=np.array(landmark), kind=np.array(kind)
-    )
-    none = LandmarkMap(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    rest = (np.zeros((0, 128), np.uint8), np.zeros(0), observed, np.zeros((n, 3)), 0, {})
-    return VisualResult(path, path, path, none, *rest, np.zeros(n), np.zeros(n, bool), ())
 
 
 def test_the_ratio_of_the_ate_is_the_geometric_mean_over_worlds_and_seeds():
@@ -50,14 +37,20 @@ def test_the_ratio_of_the_ate_is_the_geometric_mean_over_worlds_and_seeds():
     assert compare(runs[:3])[0]["to_sweep"] is None
 
 
-def test_a_loop_is_closed_by_three_landmarks_after_five_meters():
-    pose = np.column_stack([np.arange(12.0), np.zeros((12, 2))])
-    seen = [0, 0, 0, 4, 4, 4, 11, 11, 11]
-    names = [0, 1, 2, 0, 1, 2, 0, 1, 2]
-    first, again = [0] * 3, [2] * 3
-    assert first_closure(result(pose, seen, names, [*first, *again, *again])) == 11
-    assert first_closure(result(0.5 * pose, seen, names, [*first, *again, *again])) is None
-    assert first_closure(result(pose, seen, names, [*first, *again, 2, 2, 1])) is None
+@pytest.mark.parametrize(
+    ("last", "landmarks", "kind", "closes"),
+    [
+        (11, [0, 1, 2], 2, True),
+        (5, [0, 1, 2], 2, False),  # too early
+        (11, [0, 1, 1], 2, False),  # too few
+        (11, [0, 1, 2], 1, False),  # tracked all the time
+    ],
+)
+def test_a_loop_is_closed_by_three_landmarks_that_are_found_again(last, landmarks, kind, closes):
+    frame, landmark = [0, 0, 0, last, last, last], [0, 1, 2, *landmarks]
+    columns = {"frame": frame, "landmark": landmark, "kind": [0, 0, 0, kind, kind, kind]}
+    arrays = {name: np.array(values) for name, values in columns.items()}
+    assert closes_loop(LandmarkObservations.zeros(6, **arrays), 12) is closes
 
 
 def test_a_stored_run_is_read_and_a_broken_one_is_named(tmp_path):
@@ -101,9 +94,9 @@ def test_a_robot_that_decides_where_to_look_errs_less_than_half_of_one_that_look
         drive_by_landmarks(landmark_world("pond"), policy, 100, known)
         for policy in ("fixed", "active")
     )
-    assert active.ate_m < 0.5 * fixed.ate_m
-    assert active.closed
-    assert active.inside_3sigma > 0.8
+    assert active["ate_m"] < 0.5 * fixed["ate_m"]
+    assert active["closed"]
+    assert active["inside_3sigma"] > 0.8
 
 
 def test_a_constant_pan_and_a_view_of_everything_are_runs(tmp_path):

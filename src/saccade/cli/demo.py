@@ -114,7 +114,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
             color=True,
         )
         recorder = Recorder(FRAMES // 2)
-        drive, result, _ = gaze_drive(rooms, "active", SEED, progress, recorder)
+        drive, result = gaze_drive(rooms, "active", SEED, progress, recorder)
         output = RunOutput(out / "drive", report=builder)
         snapshots = recorder.snapshots
         results["drive"] = write_results(drive, SETTINGS, output, progress, result, snapshots)

@@ -61,7 +61,7 @@ def drive(
 
         require(gaze in POLICIES, "gaze", f"one of {', '.join(POLICIES)}", gaze)
         with progress_bar("looking", settings.frames) as update:
-            simulated, _, _ = gaze_drive(
+            simulated, _ = gaze_drive(
                 settings, gaze, seed, update, egomotion=cast("EgomotionSource", egomotion)
             )
     with progress_bar("rendering", len(simulated)) as update:

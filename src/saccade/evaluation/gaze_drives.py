@@ -7,21 +7,16 @@ from saccade import visual
 from saccade.frames import Drive
 from saccade.gaze import Policy
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
-from saccade.simulation.drive_config import WorldName
 from saccade.slam import Recorder
 from saccade.visual import VisualConfig, VisualResult
 from saccade.visual.config import EgomotionSource
 from saccade.visual.gaze_control import GazeControl
 from saccade.visual.second_camera import measure_odometry
 
-PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
-"""A stereo camera that pans; the ring is smaller than by default."""
 SETTINGS = VisualConfig(recover=False)
 """Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
 SECOND_FIELD_OF_VIEW = 70.0
 """Degrees of the second, fixed camera."""
-LAPS: dict[WorldName, int] = {"ring": 2, "crossing": 1, "rooms": 1}
-"""Of each drive; after each the robot is where it began."""
 
 
 def gaze_drive(
@@ -31,7 +26,7 @@ def gaze_drive(
     progress: Callable[[int, int], None] | None = None,
     recorder: Recorder | None = None,
     egomotion: EgomotionSource = "camera",
-) -> tuple[Drive, VisualResult, GazeControl]:
+) -> tuple[Drive, VisualResult]:
     """Map a simulated drive whose camera is turned by a policy.
 
     Args:
@@ -43,7 +38,7 @@ def gaze_drive(
         egomotion: what measures the motion.
 
     Returns:
-        The drive, whose frames can now be loaded in any order; its result, and the decisions.
+        The drive, whose frames can now be loaded in any order, and its result.
     """
     pan = PanCamera(seed=seed)
     drive = simulate_drive(config, seed, pan)
@@ -52,17 +47,4 @@ def gaze_drive(
         drive = measure_odometry(drive, second, SETTINGS)
     control = GazeControl(policy, drive.camera, pan.limits, pan.turn_to, seed)
     settings = replace(SETTINGS, egomotion=egomotion)
-    return drive, visual.run(drive, settings, progress, recorder=recorder, gaze=control), control
-
-
-def run_in_world(
-    world: WorldName,
-    policy: str | Policy,
-    seed: int,
-    frames: int,
-    egomotion: EgomotionSource = "camera",
-) -> tuple[Drive, VisualResult]:
-    """A drive of the study, which ends where it began, and its result; see `gaze_drive`."""
-    lap = max(2, frames // LAPS[world])
-    config = replace(PAN_DRIVE, world=world, frames=frames, frames_per_lap=lap)
-    return gaze_drive(config, policy, seed, egomotion=egomotion)[:2]
+    return drive, visual.run(drive, settings, progress, recorder=recorder, gaze=control)

@@ -1,17 +1,15 @@
 """A robot with a camera that turns, at the level of landmarks: by a map that it makes or knows."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from saccade.evaluation.drives import score_drive
 from saccade.frames import steps_between
 from saccade.gaze import Gazer, Policy
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.simulation.pan_camera import ENCODER_SIGMA
 from saccade.slam import EkfConfig, Slam
-from saccade.slam.consistency import chi_square_gate
 from saccade.slam.models import compose, observe, wrap
-from saccade.types import LandmarkLog
+from saccade.types import LandmarkLog, Trajectory
 
 FIELD_OF_VIEW, REACH, RATE, PERIOD = float(np.radians(50)), 8.0, float(np.radians(120)), 0.2
 """Of the camera in radians, metres and radians per second; and seconds from scan to scan."""
@@ -52,25 +50,13 @@ def landmark_world(name: str) -> WorldConfig:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class LandmarkRun:
-    """What a drive gave."""
-
-    ate_m: float
-    """Root mean squared error of the position, in metres."""
-    inside_3sigma: float
-    """Fraction of the positions inside their 99.7 % ellipse."""
-    closed: bool
-    """Whether landmarks of the first lap were seen again in the second."""
-
-
 def drive_by_landmarks(
     world: WorldConfig,
     policy: str | Policy,
     seed: int,
     known: bool = False,
-    fov: float | None = None,
-) -> LandmarkRun:
+    fov: float = FIELD_OF_VIEW,
+) -> dict[str, float]:
     """Drive through a world; the camera sees what lies in the view that a policy chooses.
 
     Args:
@@ -78,14 +64,18 @@ def drive_by_landmarks(
         policy: see `Gazer`.
         seed: of all noise, which is equal for all policies, and of what the policy draws.
         known: whether the map is known, else it is made.
-        fov: of the camera in radians; `FIELD_OF_VIEW` by default.
+        fov: of the camera in radians.
+
+    Returns:
+        Root mean squared error of the position in metres, fraction of the positions inside their
+        99.7 % ellipse, and whether landmarks of the first lap were seen again in the second.
     """
     log = simulate_world(world, seed)
     assert log.truth is not None
     slam = _robot(log, known)
     gazer = Gazer(
         slam,
-        FIELD_OF_VIEW if fov is None else fov,
+        fov,
         REACH,
         rate=RATE,
         period=PERIOD,
@@ -95,29 +85,26 @@ def drive_by_landmarks(
     )
     encoder = ENCODER_SIGMA * np.random.default_rng([seed, 1]).standard_normal(len(log.time))
     steps = steps_between(log.truth.pose)  # a robot that follows a path knows those to come
-    error, covariance = np.zeros((len(log.time), 2)), np.zeros((len(log.time), 2, 2))
+    results = []
     pan, closed, first = 0.0, False, dict[int, int]()
     scans = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
     for i, time in enumerate(log.time.tolist()):
         rows = np.arange(scans[i], scans[i + 1])
-        rows = rows[np.abs(wrap(log.observation[rows, 1] - pan)) <= gazer.fov / 2]
+        rows = rows[np.abs(wrap(log.observation[rows, 1] - pan)) <= fov / 2]
         names = log.landmark[rows]
         moved = (log.control[i - 1], log.control_covariance[i - 1]) if i else (None, None)
         z = log.observation[rows] + np.array([0.0, encoder[i]])
         scan = z, gazer.add_pan_error(log.observation_covariance[rows]), names
-        result = slam.step(time, *moved, *(scan if len(rows) else ()))
+        results.append(slam.step(time, *moved, *(scan if len(rows) else ())))
         gazer.observed(pan + encoder[i], names)
         for name in names.tolist():
             closed |= i - first.setdefault(name, i) > len(log.time) / LAPS / 2
-        error[i] = result.pose[:2] - log.truth.pose[i, :2]
-        covariance[i] = result.covariance[:2, :2] + 1e-12 * np.eye(2)
         pan = gazer.next(steps[i:] if i < len(steps) else None).pan
-    squared = (error * np.linalg.solve(covariance, error[..., None])[..., 0]).sum(1)
-    return LandmarkRun(
-        ate_m=float(np.sqrt(np.square(error).sum(1).mean())),
-        inside_3sigma=float((squared < chi_square_gate(2, 0.9973)).mean()),
-        closed=closed,
-    )
+    poses, covariances = zip(*((each.pose, each.covariance) for each in results), strict=True)
+    estimate = Trajectory(log.time, np.array(poses), np.array(covariances))
+    error = score_drive(estimate, log.truth)
+    inside = error.inside_3sigma
+    return {"ate_m": error.ate_unaligned_m, "closed": closed, "inside_3sigma": inside}
 
 
 def _robot(log: LandmarkLog, known: bool) -> Slam:

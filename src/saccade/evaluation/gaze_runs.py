@@ -1,25 +1,34 @@
 """Drives with each gaze policy, scored, and stored so that the study can be resumed."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from math import tau
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
 import saccade
 from saccade.errors import require
 from saccade.evaluation.drives import summarize_drive
-from saccade.evaluation.gaze_drives import LAPS, run_in_world
-from saccade.evaluation.gaze_landmarks import COURSES, drive_by_landmarks, landmark_world
+from saccade.evaluation.gaze_drives import gaze_drive
+from saccade.evaluation.gaze_landmarks import (
+    COURSES,
+    FIELD_OF_VIEW,
+    drive_by_landmarks,
+    landmark_world,
+)
 from saccade.evaluation.stored_runs import map_in_processes, read_run, write_run
 from saccade.gaze import POLICIES, Gazer
-from saccade.simulation.drive_config import WorldName
-from saccade.visual import ObservationKind, VisualResult
+from saccade.simulation import DriveConfig
+from saccade.visual import LandmarkObservations, ObservationKind
 from saccade.visual.config import EGOMOTIONS, EgomotionSource
 
+PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
+"""A stereo camera that pans; the ring is smaller than by default."""
+LAPS = {"ring": 2, "crossing": 1, "rooms": 1}
+"""Of each drive with images; after each the robot is where it began."""
 Level = Literal["landmarks", "images"]
 LEVELS: dict[str, tuple[str, ...]] = {"landmarks": tuple(COURSES), "images": tuple(LAPS)}
 """Worlds of each level."""
@@ -28,9 +37,8 @@ SCORES = "ate_m", "closed", "inside_3sigma"
 """Scores that are stored of each run."""
 ALL_AROUND = "360"
 """A view in all directions at once: the bound, at the level of landmarks."""
-LOOP_DISTANCE, LOOP_LANDMARKS = 5.0, 3
-"""Metres that the robot travelled since it last observed the landmarks that close a loop, and how
-many of them it re-identifies in one frame."""
+LOOP_LANDMARKS = 3
+"""Landmarks that close a loop where they are re-identified."""
 
 
 @dataclass(frozen=True)
@@ -112,32 +120,26 @@ def score(run: GazeRun) -> dict[str, Any]:
     if policy not in POLICIES:
         policy = partial(_constant, pan=np.radians(float(policy)))
     if run.level == "landmarks":
-        around = run.policy == ALL_AROUND
-        options = {"fov": tau} if around else {}
+        fov = tau if run.policy == ALL_AROUND else FIELD_OF_VIEW
+        policy = "fixed" if run.policy == ALL_AROUND else policy
         world = landmark_world(run.world)
-        policy = "fixed" if around else policy
-        return asdict(drive_by_landmarks(world, policy, run.seed, run.map == "known", **options))
-    world_name = cast("WorldName", run.world)
-    drive, result = run_in_world(world_name, policy, run.seed, run.frames, run.egomotion)
-    summary = summarize_drive(drive, result)
-    closed = first_closure(result) is not None
-    return {name: summary[name] for name in ("ate_m", "inside_3sigma")} | {"closed": float(closed)}
+        return drive_by_landmarks(world, policy, run.seed, run.map == "known", fov)
+    name: Any = run.world
+    lap = max(2, run.frames // LAPS[name])
+    config = replace(PAN_DRIVE, world=name, frames=run.frames, frames_per_lap=lap)
+    drive, result = gaze_drive(config, policy, run.seed, egomotion=run.egomotion)
+    scores = summarize_drive(drive, result)
+    scores["closed"] = closes_loop(result.observations, run.frames)
+    return {name: scores[name] for name in SCORES}
 
 
 def _constant(gazer: Gazer, pan: float) -> float:
     return pan
 
 
-def first_closure(result: VisualResult) -> int | None:
-    """The first frame that closes a loop, see `LOOP_DISTANCE`; None where none does."""
-    steps = np.hypot(*np.diff(result.trajectory.pose[:, :2], axis=0).T)
-    travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    observed, last = result.observations, dict[int, float]()
-    closing = np.zeros(len(travelled), np.int64)
-    columns = (observed.frame, observed.landmark, observed.kind)
-    for frame, landmark, kind in zip(*(column.tolist() for column in columns), strict=True):
-        since = travelled[frame] - last.get(landmark, travelled[frame])
-        closing[frame] += kind == ObservationKind.REIDENTIFIED and since >= LOOP_DISTANCE
-        last[landmark] = travelled[frame]
-    frames = np.flatnonzero(closing >= LOOP_LANDMARKS)
-    return int(frames[0]) if len(frames) else None
+def closes_loop(observed: LandmarkObservations, frames: int) -> bool:
+    """Whether `LOOP_LANDMARKS` are re-identified at least half a drive after they were new."""
+    _, first, index = np.unique(observed.landmark, return_index=True, return_inverse=True)
+    age = observed.frame - observed.frame[first][index]
+    again = (observed.kind == ObservationKind.REIDENTIFIED) & (age >= frames / 2)
+    return len(np.unique(observed.landmark[again])) >= LOOP_LANDMARKS
