@@ -15,42 +15,19 @@ LAST = {"A": 14, "B": 12, "C": 18}
 """The last equation of each appendix."""
 FILES = {"A": "contrast_saliency.py", "B": "sift.py", "C": "ekf_slam.py"}
 CITATION = re.compile(r"(?<![\w.])([ABC])\.(\d+)(?:\s*[-\u2013]\s*(?:([ABC])\.)?(\d+)(?![\w.]))?")
-
 PLACES = {
-    "A": {
-        "intensity": [1],
-        "red_green": [2],
-        "blue_yellow": [3],
-        "low_pass": [4],
-        "every_second_sample": [5],
-        "oriented_pyramid": [6],
-        "across_scale_difference": [7, 8, 9, 10],
-        "contrast_saliency": [11, 12, 13, 14],
-    },
-    "B": {
-        "differences": [1],
-        "smooth": [2],
-        "gaussian_kernel": [3],
-        "taylor": [4],
-        "refine": [5],
-        "value_at": [6],
-        "gradient_and_hessian": [8, 9],
-        "curvature_ratio": [7, 10],
-        "gradient_at": [11, 12],
-    },
-    "C": {
-        "f": [1],
-        "h": [2],
-        "predict": [5, 6, 7],
-        "grad_f_x": [8],
-        "grad_f_u": [9],
-        "update": [10, 11, 12, 13],
-        "grad_h": [14],
-        "g": [15],
-        "augment": [16, 17],
-        "grad_g_x": [18],
-        "grad_g_z": [18],
-    },
+    "A": (
+        "intensity A.1, red_green A.2, blue_yellow A.3, low_pass A.4, every_second_sample A.5, "
+        "oriented_pyramid A.6, across_scale_difference A.7-10, contrast_saliency A.11-14"
+    ),
+    "B": (
+        "differences B.1, smooth B.2, gaussian_kernel B.3, taylor B.4, refine B.5, value_at B.6, "
+        "gradient_and_hessian B.8-9, curvature_ratio B.7, curvature_ratio B.10, gradient_at B.11-12"
+    ),
+    "C": (
+        "f C.1, h C.2, predict C.5-7, grad_f_x C.8, grad_f_u C.9, update C.10-13, grad_h C.14, "
+        "g C.15, augment C.16-17, grad_g_x C.18, grad_g_z C.18"
+    ),
 }
 """Which functions hold which equations, as the three appendices order them."""
 
@@ -73,28 +50,17 @@ def test_citations_are_read_as_people_write_them():
 
 
 @pytest.mark.parametrize("appendix", "ABC")
-def test_each_file_cites_all_of_its_appendix_and_nothing_else(appendix):
-    found = set(cited((TEXTBOOK / FILES[appendix]).read_text(encoding="utf-8")))
-    assert found == {(appendix, number) for number in range(1, LAST[appendix] + 1)}
-
-
-def test_results_in_a_file_of_their_own_cite_the_same_appendix():
-    for path in TEXTBOOK.glob("*_result.py"):
-        found = set(cited(path.read_text(encoding="utf-8")))
-        assert {appendix for appendix, _ in found} == {"B"}
-
-
-@pytest.mark.parametrize("appendix", "ABC")
-def test_each_equation_stands_in_its_function(appendix):
+def test_each_file_cites_all_of_its_appendix_each_equation_in_its_function(appendix):
     text = (TEXTBOOK / FILES[appendix]).read_text(encoding="utf-8")
+    assert set(cited(text)) == {(appendix, number) for number in range(1, LAST[appendix] + 1)}
     functions = {
         node.name: "\n".join(text.splitlines()[node.lineno - 1 : node.end_lineno])
         for node in ast.walk(ast.parse(text))
         if isinstance(node, ast.FunctionDef)
     }
-    for name, numbers in PLACES[appendix].items():
-        missing = {(appendix, number) for number in numbers} - set(cited(functions[name]))
-        assert not missing, f"{name} does not cite {missing}"
+    for place in PLACES[appendix].split(", "):
+        name = place.split()[0]
+        assert set(cited(place)) <= set(cited(functions[name])), place
 
 
 def test_the_page_of_equations_has_all_of_them():
@@ -102,35 +68,7 @@ def test_the_page_of_equations_has_all_of_them():
     assert found == {(key, number) for key, last in LAST.items() for number in range(1, last + 1)}
 
 
-@pytest.mark.parametrize(
-    ("symbol", "number"),
-    [
-        ("| $R, G, B$ |", "A.1-A.3"),
-        ("| $G_\\theta$, $\\theta$ |", "A.6"),
-        ("| $G$, $L$ |", "B.3, B.2"),
-        ("| $D$ |", "B.1"),
-        ("| $\\hat{x}$ |", "B.5"),
-        ("| $\\tau_c$ |", "B.6"),
-        ("| $\\tau_r$ |", "B.10"),
-        ("| $P$ |", "C.4"),
-        ("| $U$ |", "C.7"),
-        ("| $F_x, F_u$ |", "C.8, C.9"),
-        ("| $R$ |", "C.12"),
-        ("| $v = z - h$ |", "C.10"),
-        ("| $S$ | covariance", "C.12"),
-        ("| $W$ | Kalman gain", "C.13"),
-        ("| $g$, $G_x, G_z$ |", "C.15, C.18"),
-    ],
-)
-def test_symbols_stand_beside_the_equations_that_bring_them(symbol, number):
-    lines = (DOCS / "equations.md").read_text(encoding="utf-8").splitlines()
-    (row,) = [line for line in lines if line.startswith(symbol)]
-    assert row.rsplit("|", 2)[1].strip() == number
-
-
 def test_nothing_is_cited_that_is_not_in_print():
-    files = [*SOURCE.rglob("*.py"), *DOCS.rglob("*.md")]
-    assert len(files) > 100
-    for path in files:
+    for path in (*SOURCE.rglob("*.py"), *DOCS.rglob("*.md")):
         for appendix, number in cited(path.read_text(encoding="utf-8")):
             assert 1 <= number <= LAST[appendix], f"{path.name} cites {appendix}.{number}"

@@ -9,7 +9,6 @@ import pytest
 from saccade import (
     ContrastConfig,
     DescriptorConfig,
-    LandmarkLog,
     Must,
     MustConfig,
     Sift,
@@ -24,6 +23,7 @@ from saccade.slam import EkfConfig
 from saccade.textbook import EkfSlam
 from saccade.textbook import contrast_saliency as printed_saliency
 from saccade.textbook import sift as printed_sift
+from support.circular_log import simulate
 from support.reference_images import REFERENCE_IMAGES
 
 MAPS = ("saliency", "intensity", "color", "orientation")
@@ -42,7 +42,6 @@ def test_contrast_maps(shared, name):
     printed = printed_saliency(image)
     for each in MAPS:
         agreement = correlation(getattr(found, each), getattr(printed, each))
-        print(f"\n{name} {each}: {agreement:.5f}", end="")
         assert agreement >= 0.999, each
 
 
@@ -53,7 +52,6 @@ def test_sift_keypoints(shared, name):
     config = replace(SiftConfig.kootstra2010(), descriptor_dtype="float32")
     found, printed = Sift(config)(image), printed_sift(image).keypoints
     here, there = near(printed, found), near(found, printed)
-    print(f"\n{name}: {len(printed)} printed, {here.sum()} found, {(~there).sum()} others")
     if len(printed):
         assert here.mean() >= 0.97
         assert there.mean() >= 0.97
@@ -117,7 +115,6 @@ def assert_same_as_printed(log, atol):
     poses, ekf = printed_log(log)
     off = run.trajectory.pose - poses
     off[:, 2] = np.angle(np.exp(1j * off[:, 2]))
-    print(f"\n{len(poses)} poses, {ekf.N} landmarks: off by {np.abs(off).max():.1e}")
     assert np.abs(off).max() < atol
     assert np.abs(run.map.xy - ekf.m).max() < atol
     np.testing.assert_allclose(run.trajectory.covariance[-1], ekf.Pxx, atol=atol)
@@ -126,27 +123,7 @@ def assert_same_as_printed(log, atol):
 
 
 def test_ekf_slam_on_a_simulated_log(rng):
-    """Twice around a ring of landmarks, each of which is seen within 4 m."""
-    turns, ahead, steps = 2 * np.pi / 40, 0.5, 80
-    landmarks = 5 * np.exp(2j * np.pi * np.arange(12) / 12) + 3j
-    heading = turns * np.arange(steps + 1)
-    way = np.concatenate([[0], np.cumsum(ahead * np.exp(1j * heading[1:]))])
-    seen, where = np.nonzero(np.abs(landmarks - way[:, None]) < 4)
-    relative = (landmarks[where] - way[seen]) * np.exp(-1j * heading[seen])
-    z = np.c_[np.abs(relative), np.angle(relative)] + rng.normal(0, 0.05, (len(seen), 2))
-    log = LandmarkLog(
-        name="ring",
-        start=np.zeros(3),
-        time=np.arange(steps + 1.0),
-        motion="turn_then_translate",
-        control=np.array([ahead, turns]) + rng.normal(0, 0.02, (steps, 2)),
-        control_covariance=np.broadcast_to(np.diag([4e-4, 4e-4]), (steps, 2, 2)),
-        observation_pose=seen,
-        landmark=where,
-        observation=z,
-        observation_covariance=np.broadcast_to(np.diag([2.5e-3, 2.5e-3]), (len(z), 2, 2)),
-    )
-    assert_same_as_printed(log, 1e-9)
+    assert_same_as_printed(simulate(rng, "turn_then_translate", steps=100)[0], 1e-9)
 
 
 @pytest.mark.shared
