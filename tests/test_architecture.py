@@ -211,34 +211,6 @@ def test_every_public_name_is_there():
         saccade.nonsense  # noqa: B018
 
 
-RETIRED = {
-    *(
-        "Album",
-        "Disturbance",
-        "Followed",
-        "Foresight",
-        "Glance",
-        "Meetings",
-        "Patience",
-        "Presence",
-    ),
-    *("Recording", "Senses", "Trials", "Waiting", "Workbench", "borne_out", "common_sigma"),
-    *("depth_share", "foresee", "foretell", "heard", "least_wanted", "lifetime", "look_alikes"),
-    *("meetings", "motion_share", "palindrome", "proof", "range_share", "rehearsed", "surprise"),
-    *("take_in", "taken_in", "tell_pose", "trusted", "Explorer", "Passage", "Stretch", "swing"),
-    *("sightings", "go_on", "seen_again", "known_again", "agreeing", "make_room", "least_seen"),
-}
-"""Private words for what docs/glossary.md has the field's terms for."""
-
-
-def test_no_retired_word_comes_back():
-    for path in SOURCE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = {getattr(node, key, None) for key in ("name", "arg", "attr", "id")}
-            found = {name for name in names if isinstance(name, str)} & RETIRED
-            assert not found, f"{path.relative_to(SOURCE)}: {found}; see docs/glossary.md"
-
-
 def test_no_file_outgrows_its_subject():
     for path in SOURCE.rglob("*.py"):
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 600, path

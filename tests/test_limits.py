@@ -4,6 +4,7 @@ import dataclasses
 import importlib
 import pkgutil
 from math import inf, nan, nextafter
+from typing import Literal, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -194,6 +195,15 @@ def test_a_number_is_taken_up_to_its_limits(config, name):
             config(**{name: value})
 
 
+@pytest.mark.parametrize("config", NUMBERS)
+def test_a_choice_is_one_of_those_that_its_type_names(config):
+    for name, kind in get_type_hints(config).items():
+        if get_origin(kind) is Literal:
+            for wrong in ("nonsense", 3.5):
+                with pytest.raises(ConfigError, match=f"^{name}: expected"):
+                    config(**{name: wrong})
+
+
 @pytest.mark.parametrize("config", [ContrastConfig, SymmetryConfig, SymRoidConfig])
 def test_levels_rise_and_stay_within_a_pyramid(config):
     name = "levels" if config is not ContrastConfig else "orientation_scales"
@@ -217,6 +227,7 @@ def test_levels_rise_and_stay_within_a_pyramid(config):
         (ContrastConfig, "orientations", {"orientations": ()}),
         (ContrastConfig, "smoothing", {"normalize_at": "center"}),
         (ContrastConfig, "weights", NO_WEIGHT),
+        (SymmetryConfig, "channels", {"channels": "rgb", "arithmetic": "kootstra2010"}),
         (SymmetryConfig, "level_weights", {"levels": (1, 2), "level_weights": (1.0,)}),
         (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (0.0,)}),
         (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (OWN_INF,)}),

@@ -8,9 +8,7 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
-import tomllib
 import zipfile
-from email.parser import BytesParser
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -78,31 +76,6 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
     assert {"saccade/py.typed", "saccade/viewing/web/charts.js"} < shipped
     licences = {name.removeprefix(f"{info}/licenses/") for name in names if "/licenses/" in name}
     assert licences == {"LICENSE", "src/saccade/data/README.md"}
-
-
-def test_the_wheel_says_of_itself_what_pyproject_says(built):
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    info = f"{project['name']}-{saccade.__version__}.dist-info"
-    with zipfile.ZipFile(built[0]) as wheel:
-        told = BytesParser().parsebytes(wheel.read(f"{info}/METADATA"))
-        commands = wheel.read(f"{info}/entry_points.txt").decode()
-        assert b"Root-Is-Purelib: true" in wheel.read(f"{info}/WHEEL")
-    assert (told["Name"], told["Version"]) == (project["name"], saccade.__version__)
-    assert told["Summary"] == project["description"]
-    assert told["Requires-Python"] == project["requires-python"]
-    assert told["License-Expression"] == project["license"]
-    assert set(told.get_all("Classifier")) == set(project["classifiers"])
-    assert set(told["Keywords"].split(",")) == set(project["keywords"])
-    assert told["Description-Content-Type"] == "text/markdown"
-    text = told.get_payload(decode=True).decode()
-    assert text == (ROOT / "README.md").read_text(encoding="utf-8")
-    assert commands.split() == ["[console_scripts]", "saccade", "=", "saccade.cli:main"]
-    extras = project["optional-dependencies"]
-    assert set(told.get_all("Provides-Extra")) == set(extras)
-    wanted = project["dependencies"] + [
-        f"{line}; extra == '{extra}'" for extra, lines in extras.items() for line in lines
-    ]
-    assert set(map(Requirement, told.get_all("Requires-Dist"))) == set(map(Requirement, wanted))
 
 
 def test_the_citation_and_the_package_are_of_one_version():

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from saccade.attention import BooleanConfig, boolean_saliency
 from saccade.attention.channels import whitened
-from saccade.errors import ConfigError, ImageError
 from support import oracles_attention
 from support.saliency_images import noise
 
@@ -59,17 +58,3 @@ def test_the_map_of_a_large_image_is_of_the_reduced_size():
 
 def test_a_flat_image_has_no_figure():
     assert not boolean_saliency(np.full((40, 50, 3), 0.3)).saliency.any()
-
-
-@pytest.mark.parametrize(
-    "invalid",
-    [{"opening": 2}, {"dilation": 0}, {"thresholds": 0}, {"longer_side": 8}, {"smoothing": -1.0}],
-)
-def test_invalid_settings(invalid):
-    with pytest.raises(ConfigError, match=next(iter(invalid))):
-        BooleanConfig(**invalid)
-
-
-def test_no_image():
-    with pytest.raises(ImageError):
-        boolean_saliency(np.zeros((3, 4, 5)))

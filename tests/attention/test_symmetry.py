@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from saccade.attention import SymmetryConfig, symmetry_saliency
 from saccade.attention.channels import whitened
 from saccade.attention.symmetry import SWAPPED_LUMA, complete
-from saccade.errors import ConfigError, ImageError
+from saccade.errors import ImageError
 from saccade.io.image import read_image
 from saccade.scale.pair_sums import (
     color_sums,
@@ -293,34 +293,3 @@ def test_the_image_is_left_alone():
     symmetry_saliency(image)
     symmetry_saliency(image, FINE)
     np.testing.assert_array_equal(image, before)
-
-
-@pytest.mark.parametrize(
-    "broken",
-    [
-        {"kind": "axial"},
-        {"channels": "lab"},
-        {"channels": "rgb", "arithmetic": "kootstra2010"},
-        {"levels": ()},
-        {"levels": (-1, 0)},
-        {"levels": (2, 2)},
-        {"levels": (10**9,)},
-        {"level_weights": (1.0,)},
-        {"level_weights": (1.0, 1.0, 1.0, 1.0, 0.0)},
-        {"inner": 0},
-        {"inner": 5},
-        {"outer": 0},
-        {"outer": 1000},
-        {"sigma": 0.0},
-        {"gain": np.nan},
-        {"border": "wrap"},
-        {"map_level": -1},
-        {"smoothing": -1.0},
-        {"sharpening": 0.0},
-        {"viewing_size": -1},
-        {"arithmetic": "exact"},
-    ],
-)
-def test_a_broken_setting_is_named(broken):
-    with pytest.raises(ConfigError, match=next(iter(broken))):
-        SymmetryConfig(**broken)

@@ -82,21 +82,6 @@ def test_what_another_version_did_is_told_and_done_anew_on_request(run, tmp_path
     assert set(pq.read_table(tmp_path / "out/images")["version"].to_pylist()) == {__version__}
 
 
-def test_exact_points_are_exact(folder, tmp_path):
-    extract_here(folder, tmp_path, Job("sift", SiftConfig(), exact=True))
-    found = check_whole(tmp_path)["004.png"]
-    points = saccade_sift(folder / "004.png")
-    np.testing.assert_array_equal(found[["x", "y"]], points.xy)
-    np.testing.assert_array_equal(found.response, points.response)
-    assert b"".join(found.descriptor) == points.descriptors.tobytes()
-
-
-def saccade_sift(path):
-    from saccade import Sift
-
-    return Sift(threads=1)(read_image(path))
-
-
 def test_other_settings_do_not_mix(folder, tmp_path):
     extract_here(folder, tmp_path)
     other = Job("sift", SiftConfig(max_keypoints=3))

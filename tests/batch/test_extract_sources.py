@@ -210,15 +210,3 @@ def test_members_of_a_tar_may_have_any_name(run, tmp_path):
         assert (json.loads(printed)["done"], json.loads(printed)["already_done"]) == (done, same)
     (record,) = (tmp_path / "saccade-extract" / "images").iterdir()
     assert column(record, "image") == [r"photos\xfe.tar/a.png", r"photos\xfe.tar/bild-\xff.png"]
-
-
-def test_a_video_may_have_any_name(run, tmp_path):
-    """OpenCV takes text alone."""
-    with video_writer(tmp_path / "film\udcff.mp4", 10) as write:
-        for _ in range(2):
-            write(np.zeros((48, 64, 3), np.uint8))
-    assert len(list(read_video(tmp_path / "film\udcff.mp4"))) == 2
-    code, printed, err = run("extract", "film\udcff.mp4", "--workers", 1, "--json")
-    assert (code, err, json.loads(printed)["done"]) == (0, "", 2)
-    (record,) = (tmp_path / "saccade-extract" / "images").iterdir()
-    assert column(record, "image") == [rf"film\xff.mp4/{frame:08d}" for frame in range(2)]

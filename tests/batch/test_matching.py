@@ -2,7 +2,6 @@
 
 import csv
 import json
-from contextlib import nullcontext
 from importlib.resources import files
 from itertools import combinations
 from pathlib import Path
@@ -149,17 +148,6 @@ def test_a_run_that_is_stopped_goes_on(photos, expected, tmp_path):
     run = match_images(f"{photos}/**/*", tmp_path, **options)
     assert run.complete
     assert as_expected(run, expected)
-
-
-def test_the_command_says_how_to_go_on(run, photos, monkeypatch):
-    monkeypatch.setattr("saccade.cli.match_many.stop_on_interrupt", lambda: nullcontext(bool))
-    words = ["match", f"{photos}/**/*", "--max", 50, "--workers", 1]
-    assert run(*words, "--json")[0] == 0
-    always = nullcontext(lambda: True)
-    monkeypatch.setattr("saccade.cli.match_many.stop_on_interrupt", lambda: always)
-    code, _, err = run(*words, "--ratio", 0.7)
-    assert code == 130
-    assert err == "saccade: stopped after 0 of 6 pairs; run it again to resume\n"
 
 
 def test_the_command_leaves_out_images_that_fail(run, photos, tmp_path):

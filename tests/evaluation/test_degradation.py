@@ -81,12 +81,3 @@ def test_evaluate_features_by_number_and_degradation(monkeypatch, capsys, scene)
     code, _, err = run(monkeypatch, capsys, *words, "--degrade", "fog:1")
     assert code == 2
     assert "'fog'" in err
-
-
-def test_a_wider_radius_finds_more_again(monkeypatch, capsys, scene):
-    words = ["evaluate", "features", "--pairs", scene, "--json", "--degrade", "noise:20"]
-    found = []
-    for radius in (0.5, 3, 20):
-        _, out, _ = run(monkeypatch, capsys, *words, "--radius", radius)
-        found.append(json.loads(out)["detectors"]["sift, noise:20"]["mean"]["repeatability"])
-    assert found[0] < found[1] < found[2]

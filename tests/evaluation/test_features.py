@@ -182,14 +182,6 @@ def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
         assert err.strip().count("\n") == 0
 
 
-def test_pairs_or_a_drive_are_scored(monkeypatch, capsys, tmp_path):
-    for words in ([], ["--pairs", tmp_path, "--drive", tmp_path]):
-        code, _, err = run(monkeypatch, capsys, "evaluate", "features", *words)
-        assert code == 2
-        assert "--drive" in err
-        assert err.strip().count("\n") == 0
-
-
 @pytest.fixture
 def texture(rng):
     """(160, 200, 3) noise in [0, 1] in which there are some hundred points."""

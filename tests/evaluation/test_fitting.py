@@ -19,7 +19,6 @@ from saccade.evaluation.fitting import (
     as_model,
     cross_validate_images,
     fit,
-    log_density,
     split,
 )
 from saccade.evaluation.fixation_references import center_model, score_people, shuffled_model
@@ -153,12 +152,6 @@ def test_the_parts_are_a_partition():
         parts = split(count, folds, 1)
         assert sorted(np.concatenate(parts)) == list(range(count))
         assert max(map(len, parts)) - min(map(len, parts)) <= 1
-
-
-def test_the_static_density_sums_to_one(rng):
-    data = simulated(rng, images=4)
-    log_p = log_density(data, 0, np.linspace(-1, 1, len(data.names)))
-    assert np.exp(log_p).sum() == pytest.approx(1)
 
 
 @pytest.fixture

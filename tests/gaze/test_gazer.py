@@ -113,11 +113,6 @@ def test_landmarks_that_were_looked_at_are_inhibited_until_they_are_forgotten():
     assert made.next().pan > 1
 
 
-def test_names_of_landmarks_may_be_text():
-    made = gazer(robot([[0.0, 3.0], [0.0, -3.0]], np.array(["door", "lamp"])), "salient")
-    assert made.next(salience={"door": 0.1}).pan < -1
-
-
 def test_landmarks_to_come_are_seen_where_the_plan_leads():
     slam = robot([[6.0, 3.0]], motion_sigma=0.1)
     made = gazer(slam, "salient")

@@ -31,12 +31,6 @@ def test_sixteen_bits_keep_their_depth(tmp_path):
     np.testing.assert_allclose(read_image(path)[:, :, 1], deep / 65535, atol=1e-7)
 
 
-def test_a_gray_file_is_read_as_color(tmp_path):
-    gray = tmp_path / "gray.png"
-    cv2.imwrite(str(gray), COLORS[:, :, 0])
-    np.testing.assert_allclose(read_image(gray)[:, :, 2], COLORS[:, :, 0] / 255, atol=1e-7)
-
-
 def test_pictures_that_are_not_read_are_told(tmp_path):
     heic = tmp_path / "phone.heic"
     heic.write_bytes(bytes.fromhex("00000018") + b"ftypheic" + bytes(100))
@@ -181,11 +175,6 @@ def test_a_file_that_is_no_image_is_named(tmp_path, capfd, content, words):
     with pytest.raises(ImageError, match=f"letter.png: .*{words}"):
         read_image(path)
     assert capfd.readouterr().err == ""
-
-
-def test_a_folder_is_not_an_image(tmp_path):
-    with pytest.raises(ImageError, match="directory"):
-        read_image(tmp_path)
 
 
 def test_an_image_too_large_to_work_with_is_refused(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from saccade import Keypoints, Sift, SiftConfig, exchange, match
+from saccade import Keypoints, Sift, SiftConfig, exchange
 from saccade.errors import ImageError, KeypointsError
 from saccade.keypoints.scale_space_points import locate
 from saccade.scale.scale_space import gaussian_scale_space
@@ -36,23 +36,6 @@ def test_our_own_points_are_described_to_the_same_bytes(rng, photo, preset):
         assert_same(sift.describe(image, found), found)
         some = found[rng.permutation(len(found))[: len(found) // 2]]
         assert_same(sift.describe(image, some), some)
-
-
-@pytest.mark.parametrize("intervals", [1, 2, 5])
-@pytest.mark.parametrize("base_sigma", [1.0, 2.1])
-def test_so_are_those_of_other_scales(rng, photo, intervals, base_sigma):
-    config = SiftConfig(intervals=intervals, base_sigma=base_sigma, contrast_threshold=0.002)
-    found = Sift(config)(photo)
-    assert len(found) > 300
-    assert_same(Sift(config).describe(photo, found), found)
-
-
-def test_points_keep_their_bytes_on_their_way_through_a_file(photo, tmp_path):
-    sift = Sift()
-    found = sift(photo)
-    exchange.write_parquet(tmp_path / "points.parquet", {"photo": found})
-    read = exchange.read_parquet(tmp_path / "points.parquet")["photo"]
-    assert_same(sift.describe(photo, read), found)
 
 
 def test_the_octave_of_a_size_is_that_of_the_detector(photo):
@@ -123,19 +106,6 @@ def test_a_turned_point_in_a_turned_image_looks_the_same(rng):
     assert np.abs(here.descriptors.astype(int) - there.descriptors).max() <= 6
 
 
-def test_a_grid_of_points_finds_itself_in_a_moved_image(rng):
-    """Dense description: no detector at all."""
-    image = texture(rng, (160, 200))
-    xy = np.stack(np.meshgrid(np.arange(40, 160, 8), np.arange(40, 120, 8)), axis=-1)
-    grid = Keypoints.at(xy.reshape(-1, 2), size=10)
-    moved = dataclasses.replace(grid, xy=grid.xy - np.float32([11, 6]))
-    first = Sift().describe(image, grid)
-    second = Sift().describe(image[6:, 11:], moved)
-    pairs = match(first, second)
-    assert len(pairs) > 0.9 * len(grid)
-    assert (pairs[:, 0] == pairs[:, 1]).mean() > 0.99
-
-
 def test_the_size_says_how_much_is_described():
     """A step is seen by a point 6 sizes wide, and not by one that ends before it."""
     image = np.zeros((200, 200), np.float32)
@@ -170,14 +140,6 @@ def test_a_black_image_has_empty_descriptors_and_no_orientation():
     image, point = np.zeros((30, 30)), Keypoints.at([[15, 15]], 6)
     assert not Sift().describe(image, point).descriptors.any()
     assert Sift().describe(image, point, orient=True).descriptors.shape == (0, 128)
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (5, 9), (30, 30)])
-@pytest.mark.parametrize("orient", [False, True])
-def test_no_points_at_all(shape, orient):
-    found = Sift().describe(np.zeros(shape), Keypoints.at([], 1), orient=orient)
-    assert found.descriptors.shape == (0, 128)
-    assert found.descriptors.dtype == np.uint8
 
 
 def test_fields_of_any_kind_of_array(rng):

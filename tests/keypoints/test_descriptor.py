@@ -98,20 +98,6 @@ def test_gradients_are_weighed_as_numpy_does(rows):
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("quarter", range(4))
-def test_gradients_along_the_axes(quarter):
-    gradient = np.exp(0.5j * np.pi * quarter)
-    samples = np.array([[0], [0], [2 * gradient.real], [2 * gradient.imag]], np.float32)
-    samples[np.abs(samples) < 1e-6] = 0
-    weight_gradients(samples, 1, 1.0, 1.0, 0.0)
-    assert samples[3, 0] == 2
-    np.testing.assert_allclose(np.exp(1j * samples[2, 0]), gradient, atol=1e-6)
-    nothing = np.zeros((4, 1), np.float32)
-    weight_gradients(nothing, 1, 1.0, 1.0, 0.0)
-    assert not nothing.any()
-
-
-@pytest.mark.kernel
 @given(planes, places, scales, st.booleans(), st.booleans(), st.sampled_from([0.0, 1.4, 2.5]))
 @settings(max_examples=40)
 def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel, spacing):
@@ -217,18 +203,6 @@ def test_a_flat_place_has_no_orientation():
     assert len(index) == len(angle) == len(height) == 0
 
 
-@pytest.mark.parametrize("kind", ["sift", "root"])
-def test_a_flat_place_has_an_empty_descriptor(kind):
-    found = describe_points(
-        [np.full((1, 30, 30), 0.3, np.float32)],
-        point(10, 10, 1),
-        dense(window_sigma=0.5, descriptor=kind),
-    )
-    assert found.shape == (1, 128)
-    assert found.dtype == np.uint8
-    assert not found.any()
-
-
 def test_a_ramp_along_the_angle_fills_the_first_direction():
     angle = np.radians(25)
     found = describe_points(
@@ -272,12 +246,3 @@ def test_floats_are_of_unit_length_and_round_to_the_bytes(rng, kind):
     assert floats.dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(floats, axis=1), 1, rtol=1e-6)
     np.testing.assert_array_less(np.abs(bytes_ - np.minimum(512 * floats, 255)), 0.5 + 1e-4)
-
-
-@pytest.mark.kernel
-def test_root_descriptors_have_the_hellinger_kernel(rng):
-    """The inner product of root descriptors is the sum of sqrt(p q) of the distributions."""
-    raw = rng.random((2, 128), np.float32)
-    p, q = raw / raw.sum(axis=1, keepdims=True)
-    a, b = as_bytes(raw, root=True).astype(float) / 512
-    assert a @ b == pytest.approx(np.sqrt(p * q).sum(), abs=2e-3)

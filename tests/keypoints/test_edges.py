@@ -1,7 +1,5 @@
 """Images at the edge of what is one: found, described and matched, or refused in one line."""
 
-import json
-
 import cv2
 import numpy as np
 import pytest
@@ -106,37 +104,3 @@ def test_what_is_no_image_is_named_by_both(image, words):
         with pytest.raises(ImageError, match=f"image: expected.*{words}") as caught:
             call(image)
         assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("kind", ["bool", "uint8", "int", "float", "strided", "a list"])
-def test_a_mask_of_any_kind(rng, kind):
-    image = texture(rng, (90, 110))
-    keep = np.zeros((90, 110), bool)
-    keep[20:70, 30:80] = True
-    mask = {
-        "bool": keep,
-        "uint8": keep.astype(np.uint8) * 255,
-        "int": keep.astype(int),
-        "float": keep * 0.5,
-        "strided": np.repeat(keep, 2, axis=1)[:, ::2],
-        "a list": keep.tolist(),
-    }[kind]
-    found = Sift()(image, mask)
-    assert 5 < len(found) < len(Sift()(image))
-    assert_same(found, Sift()(image, keep))
-    assert len(Sift()(image, np.zeros_like(keep))) == 0
-
-
-@pytest.mark.parametrize("name", ["one.png", "tiny.png", "black.png", "deep.png"])
-def test_the_command_takes_them_too(run, tmp_path, rng, name):
-    image = {
-        "one.png": np.full((1, 1), 9, np.uint8),
-        "tiny.png": rng.integers(0, 256, (16, 16)).astype(np.uint8),
-        "black.png": np.zeros((60, 80), np.uint8),
-        "deep.png": (texture(rng, (80, 90)) * 65535).astype(np.uint16),
-    }[name]
-    cv2.imwrite(str(tmp_path / name), image)
-    code, out, _ = run("detect", name, "--json", "-f", "npz", "-f", "csv", "-f", "parquet")
-    assert code == 0
-    (row,) = json.loads(out)["images"]
-    assert (row["points"] > 20) == (name == "deep.png")

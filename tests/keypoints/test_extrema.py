@@ -76,13 +76,6 @@ def test_seeds_are_found_in_all_rows(rng, threads):
     assert sorted(found.tolist()) == as_lists(oracles.extrema(dog, 0, 2))
 
 
-def test_a_grid_of_peaks_is_found(rng):
-    row, column = np.indices((40, 40))
-    dog = np.zeros((3, 40, 40), np.float32)
-    dog[1] = np.where((row % 2 == 0) & (column % 2 == 0), 1, 0) + rng.random((40, 40)) / 9
-    assert sorted(candidates(dog, 0.5).tolist()) == as_lists(oracles.extrema(dog, 0.5, 2))
-
-
 @pytest.mark.kernel
 @given(seeds, st.floats(0.05, 2))
 @settings(max_examples=20)
@@ -251,15 +244,3 @@ def test_a_point_between_two_samples_is_found_once():
         dog = np.exp(-((c - x) ** 2 + (r - 7.5) ** 2 + (p - 2.2) ** 2) / 4).astype(np.float32)
         found = find(dog, fit="lagrange")
         np.testing.assert_allclose(found.xy, [[x, 7.5]], atol=0.02)
-
-
-def test_a_flat_octave_has_no_extrema():
-    assert len(find(np.zeros((5, 20, 20), np.float32)).xy) == 0
-    assert find(np.zeros((5, 20, 20), np.float32)).xy.shape == (0, 2)
-
-
-def test_all_extrema_of_a_checkerboard_are_found():
-    """There is one at every other sample."""
-    dog = np.full((3, 40, 40), -0.1, np.float32)
-    dog[1, ::2, ::2] = 1
-    assert len(find(dog, border=2).xy) == 18 * 18

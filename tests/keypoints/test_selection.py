@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from saccade import Sift, SiftConfig
-from saccade.errors import ConfigError
 from saccade.keypoints.selection import nearest_before, spread_out
-from support.sift_images import UNBIASED, assert_same, features, texture
+from support.sift_images import UNBIASED, assert_same
 
 ROCKET = str(files("saccade") / "data" / "rocket.jpg")
 
@@ -107,17 +106,3 @@ def test_of_noise_no_octave_is_stronger_than_another(rng):
 
 def test_with_room_for_all_spread_changes_nothing(photo):
     assert_same(Sift(SiftConfig(max_keypoints=10**6, spread=True))(photo), Sift()(photo))
-
-
-def test_the_kept_points_of_a_mirrored_image_are_the_mirrored_points(rng):
-    image = texture(rng, (160, 201))
-    sift = Sift(SiftConfig(max_keypoints=150, spread=True))
-    here, there = sift(image), sift(image[:, ::-1])
-    mirrored = features(np.c_[200 - here.xy[:, 0], here.xy[:, 1]], here.size, np.pi - here.angle)
-    distance, _ = cKDTree(features(there.xy, there.size, there.angle)).query(mirrored)
-    assert (distance < 0.02).mean() > 0.97
-
-
-def test_spread_needs_a_number():
-    with pytest.raises(ConfigError, match="spread: expected max_keypoints with it, found None"):
-        SiftConfig(spread=True)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from saccade import SymRoid, SymRoidConfig
-from saccade.errors import ConfigError
 from saccade.keypoints.symroid import (
     Level,
     bounding_boxes,
@@ -191,24 +190,3 @@ def test_a_flat_or_tiny_image_has_none(shape, config):
     assert len(regions) == 0
     assert regions.boxes.shape == (0, 4)
     assert regions.descriptors.shape == (0, 128)
-
-
-@pytest.mark.parametrize(
-    "broken",
-    [
-        {"levels": ()},
-        {"levels": (2, 1)},
-        {"inner": 9},
-        {"outer": 0},
-        {"sigma": 0.0},
-        {"gain": 0.0},
-        {"seed_threshold": 0.0},
-        {"growth_threshold": 1.1},
-        {"relative_to": "mean"},
-        {"frame": "ellipse"},
-        {"max_keypoints": 0},
-    ],
-)
-def test_a_broken_setting_is_named(broken):
-    with pytest.raises(ConfigError, match=next(iter(broken))):
-        SymRoidConfig(**broken)

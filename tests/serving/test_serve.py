@@ -21,7 +21,6 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-import saccade
 from saccade.errors import ConfigError, ImageError
 from saccade.extras import install_command
 from saccade.serving import snippets
@@ -31,7 +30,6 @@ from saccade.serving.controls import (
     KIND_RANGES,
     TITLES,
     controls,
-    field_help,
     setting_controls,
 )
 from saccade.settings import NONE, load_settings, preset_names, settings_from
@@ -419,30 +417,6 @@ def test_every_slider_stays_where_the_configuration_allows(group):
         assert not field.get("optional") or settings_from(kind, {name: None}, kind)
 
 
-def test_every_setting_of_the_model_that_is_shown_changes_its_map():
-    """Sliders without effect are not on the page."""
-    fields_of = {
-        group["kind"]: {each["name"]: each for each in group["fields"]}
-        for group in controls()["groups"]
-    }
-    analyzer = PhotoAnalyzer()
-    small = Pillow.open(io.BytesIO(PHOTO.read_bytes())).resize((120, 90))
-    with io.BytesIO() as file:
-        small.save(file, "PNG")
-        photo = analyzer.open(file.getvalue(), "a")["photo"]
-
-    def maps(**settings):
-        return analyzer.analyze({"photo": photo, "fixations": 1, **settings})["maps"][0]
-
-    prior = {"center_prior": 0.3}  # without it there is no height of the center
-    default = maps(attention=prior)
-    for name, field in fields_of["attention"].items():
-        values = [field["low"], field["high"]] if field["input"] == "range" else []
-        assert not values or any(
-            maps(attention=prior | {name: each}) != default for each in values
-        ), name
-
-
 @dataclass(frozen=True)
 class _Inner:
     a: int = 1
@@ -494,11 +468,6 @@ def test_a_setting_of_none_is_copied_as_none():
     command = snippets.detection_command("a.jpg", "sift", sample)
     table = tomllib.loads(command.split("<<'END'\n")[1].split("END\n")[0])
     assert table == {"limit": 4, "factor": NONE}
-
-
-def test_the_docstring_of_a_field_is_its_help():
-    assert field_help(saccade.MustConfig)["upright"] == "Give every keypoint the angle 0."
-    assert field_help(int) == {}
 
 
 @pytest.mark.parametrize(

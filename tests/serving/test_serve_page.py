@@ -153,54 +153,6 @@ def test_a_photograph_is_dropped_set_and_copied(opened):
     expect(copy).to_have_text(re.compile("Copied|Selected"))
 
 
-def test_layers_models_and_detectors_are_switched(opened):
-    page = opened()
-    part, heat = page.locator(".part"), page.locator(".heat")
-    assert page.locator(".thumbs img").count() == 0
-    page.get_by_text("Feature maps and pyramids").click()
-    level = page.get_by_role("button", name="red-green, pyramid, level")
-    level.first.wait_for()
-    assert level.count() >= 3
-    assert page.get_by_role("button", name="all channels, conspicuity, orientation").is_visible()
-    level.nth(1).click()
-    assert part.get_attribute("data-map") == level.nth(1).get_attribute("title")
-    assert heat.get_attribute("src") == level.nth(1).locator("img").get_attribute("src")
-    first = heat.get_attribute("src")
-    page.get_by_role("radio", name="orientation").check()
-    assert heat.get_attribute("src") != first
-    page.locator(".segments label", has_text=re.compile("^symmetry$")).click()
-    expect(page.locator("fieldset", has_text="Map").get_by_role("radio")).to_have_count(2)
-    expect(part).to_have_attribute("data-map", "none")
-    assert page.locator("[data-kind=contrast]").is_hidden()
-    assert page.locator(".features").is_hidden()
-    page.locator("[data-kind=symmetry] summary").first.click()
-    page.get_by_label("kind").select_option("isotropic")
-    expect(page.locator("pre").first).to_contain_text("kind='isotropic'")
-    for detector in ("must", "symroid"):
-        page.locator(".segments label", has_text=detector).click()
-        expect(page.locator("pre").last).to_contain_text(f"--detector {detector}")
-    _settle(page)
-    page.get_by_role("spinbutton", name="Point").fill("1")
-    assert page.locator(".detail dd").count() == 5
-    assert page.locator("canvas.descriptor").is_visible()
-    page.get_by_role("radio", name="none").check()
-    assert heat.is_hidden()
-
-
-def test_the_scanpath_is_played_and_lengthened(opened):
-    page = opened()
-    page.locator("[data-kind=scanpath] summary").first.click()
-    _slide(page, "fixations", 3)
-    page.wait_for_selector("#serve[data-fixations='3']")
-    assert "fixations=3" in page.locator("pre").first.inner_text()
-    page.get_by_role("slider", name="Fixation", exact=True).fill("1")
-    assert page.locator(".part").get_attribute("data-fixation") == "1"
-    page.get_by_role("button", name="Play").click()
-    page.wait_for_selector(".part[data-fixation='3']")
-    _slide(page, "inhibition_sigma", 0.2)
-    expect(page.locator("pre").first).to_contain_text("inhibition_sigma=0.2")
-
-
 def test_abandoned_requests_are_skipped(served):
     analyzer, address, _ = served
     place = ("127.0.0.1", int(address.rsplit(":", 1)[1].strip("/")))
@@ -217,17 +169,6 @@ def test_abandoned_requests_are_skipped(served):
         answers = [each.recv(12) for each in (first, last)]
     assert answers == [b"HTTP/1.1 200"] * 2
     assert analyzer.looks == 2
-
-
-def test_a_slider_that_moves_quickly_skips_requests(opened, served):
-    analyzer, address, _ = served
-    page = opened()
-    with analyzer.held(address):
-        for i in range(40):
-            _slide(page, "contrast_weight", 0.05 * (1 + i))
-    expect(page.locator("pre").first).to_contain_text("contrast_weight=2.0")
-    _settle(page)
-    assert 1 <= analyzer.looks < 25
 
 
 def test_errors_are_shown_and_the_page_goes_on(opened, served):
@@ -341,17 +282,6 @@ def test_the_page_is_accessible(opened, scheme, width):
     found = axe.Axe().run(page)
     assert found.violations_count == 0, found.generate_report()
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-
-
-def test_while_it_compiles_the_page_says_so(browser, served):
-    address = served[1]
-    page = browser.new_page()
-    page.route("**/state", lambda route: route.fulfill(json={"warm": False}))
-    page.goto(address)
-    page.get_by_text("Compiling for this machine").wait_for()
-    page.unroute("**/state")
-    page.get_by_text("Compiling for this machine").wait_for(state="hidden")
-    page.close()
 
 
 SETTING = """(field) => {

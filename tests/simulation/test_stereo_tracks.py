@@ -44,12 +44,6 @@ def test_points_are_static_and_distorted_as_opencv_does():
     np.testing.assert_allclose(bent.xy[j], expected[0][:, 0], atol=1e-6)
 
 
-def test_offset_is_added_to_every_disparity():
-    pair = [straight(TrackConfig(refresh=0, offset=v, **EXACT)).load(0).tracks for v in (0.0, 0.8)]
-    _, i, j = np.intersect1d(pair[0].id, pair[1].id, return_indices=True)
-    np.testing.assert_allclose(pair[1].disparity[j] - pair[0].disparity[i], 0.8)
-
-
 def test_a_refresh_ends_all_tracks():
     drive = straight(TrackConfig(refresh=4), 80)
     pairs = [(drive.load(i).tracks.id, drive.load(i + 1).tracks.id) for i in range(79)]

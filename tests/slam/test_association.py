@@ -43,25 +43,10 @@ def _scan(places):
     return z, np.tile(R, (len(z), 1, 1))
 
 
-def test_distance_is_the_nis_of_an_update():
-    z, noise = _scan(WORLD[::-1] + np.array([0.1, -0.05]))
-    distance = mahalanobis_squared(_filter(), z, noise)
-    for i in range(len(z)):
-        for landmark in range(len(WORLD)):
-            nis = _filter().update(z[i], R, landmark).nis
-            np.testing.assert_allclose(distance[i, landmark], nis, rtol=1e-9)
-
-
 def test_each_observation_finds_its_landmark_whatever_the_order():
     order = [2, 0, 3, 1]
     z, noise = _scan(WORLD[order] + 0.02)
     assert NearestNeighbor()(_filter(), z, noise, UNKNOWN[:4]).tolist() == order
-
-
-def test_bearings_behind_the_robot_are_near_each_other():
-    ekf = _filter(np.array([[-5.0, 0.001]]))
-    z, noise = _scan([-5.0, -0.001])
-    assert NearestNeighbor()(ekf, z, noise, UNKNOWN[:1]).tolist() == [0]
 
 
 def test_a_landmark_takes_the_nearer_of_two_observations():

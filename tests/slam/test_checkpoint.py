@@ -48,18 +48,6 @@ def test_resumed_run_is_the_uninterrupted_one(rng, tmp_path, kind, association, 
             np.testing.assert_array_equal(getattr(one, field.name), getattr(two, field.name))
 
 
-def test_a_run_that_is_interrupted_many_times_is_still_the_same(rng, tmp_path):
-    log, _, _ = simulate(rng, steps=60)
-    config = EkfConfig(association="nearest")
-    whole = slam.run(log, config)
-    for pose in range(5, 60, 9):
-        with pytest.raises(KeyboardInterrupt):
-            slam.run(
-                log, config, interrupt_at(pose), checkpoint=Checkpoint(tmp_path / "c.npz", None)
-            )
-    _same(whole, slam.run(log, config, checkpoint=Checkpoint(tmp_path / "c.npz", None)))
-
-
 def test_another_run_does_not_go_on_from_it(rng, tmp_path, caplog):
     log, _, _ = simulate(rng, steps=30)
     path = tmp_path / "run.npz"
@@ -88,15 +76,6 @@ def test_a_broken_checkpoint_is_said_and_left(rng, tmp_path, caplog, damage):
     assert "no checkpoint, or a broken one; beginning anew" in caplog.text
 
 
-def test_nothing_that_could_run_is_in_it(rng, tmp_path):
-    log, _, _ = simulate(rng, steps=10)
-    path = tmp_path / "run.npz"
-    slam.run(log, checkpoint=Checkpoint(path, None))
-    with np.load(path, allow_pickle=False) as archive:
-        kinds = {archive[name].dtype.kind for name in archive.files}
-    assert "O" not in kinds
-
-
 class _Stateful(slam.KnownIdentity):
     """A user's own rule, with a generator that no array describes."""
 
@@ -123,14 +102,3 @@ def test_a_rule_without_a_state_to_save_is_named(rng, tmp_path):
     checkpoint = Checkpoint(tmp_path / "run.npz", None)
     with pytest.raises(ConfigError, match=r"checkpoint: expected associate to have to_arrays"):
         slam.run(log, associate=_Bare(), checkpoint=checkpoint)
-
-
-def test_every_part_of_a_run_is_saved_by_name(rng, tmp_path):
-    log, _, _ = simulate(rng, steps=10)
-    slam.run(log, recorder=Recorder(), checkpoint=Checkpoint(tmp_path / "run.npz", None))
-    with np.load(tmp_path / "run.npz", allow_pickle=False) as archive:
-        assert {"format", "identity", "step", "checksum", "slam.num_steps"} <= set(archive.files)
-        assert {"slam.ekf.P", "slam.ekf.ids"} <= set(archive.files)
-        assert {name.split(".")[0] for name in archive.files if "." in name} == {
-            *("slam", "results", "recorder")
-        }

@@ -87,16 +87,6 @@ def test_a_local_map_is_the_whole_filter(retraction, rng):
         small.update(np.ones(2), NOISE, len(small))
 
 
-def test_numbers_of_a_local_map():
-    ekf = LargeMapSlam(np.zeros(3), np.eye(3))
-    for bearing in range(6):
-        ekf.augment(np.array([3.0, bearing]), NOISE)
-    place = ekf.enter(np.array([1, 4]))
-    assert place.to_local(np.array([4, 0, -2, 1, 6, 7])).tolist() == [1, -1, -2, 0, 2, 3]
-    assert place.to_map(np.array([1, -2, 0, 2, 3])).tolist() == [4, -2, 1, 6, 7]
-    assert place.numbers(4).tolist() == [1, 4, 6, 7]
-
-
 def test_blocks_of_an_upper_triangle(rng):
     P = np.triu(rng.normal(size=(9, 9)))
     full = P + np.triu(P, 1).T

@@ -32,12 +32,6 @@ def test_band_of_fifty_runs_in_three_dimensions_is_the_published_one():
     np.testing.assert_allclose(chi_square_band(3, 50), [2.36, 3.72], atol=0.005)
 
 
-def test_gate_of_two_degrees_is_the_exponential():
-    for confidence in (0.5, 0.99, 0.9999):
-        gate = chi_square_gate(2, confidence)
-        assert gate == pytest.approx(-2 * np.log(1 - confidence), rel=1e-12)
-
-
 @pytest.mark.parametrize("confidence", [0, 1, -0.1, float("nan")])
 def test_no_gate_without_a_probability(confidence):
     with pytest.raises(ConfigError, match="confidence"):

@@ -77,29 +77,6 @@ def test_observations_that_lie_about_being_exact(rng, kind, R):
 
 
 @each_filter
-def test_exact_controls_and_exact_observations(rng, kind):
-    log, truth, _ = simulate(rng, steps=60, noise=0.0)
-    log = dataclasses.replace(
-        log,
-        observation_covariance=np.zeros_like(log.observation_covariance),
-        control_covariance=np.zeros_like(log.control_covariance),
-    )
-    result = slam.run(log, _config(kind))
-    _is_sound(result)
-    np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=1e-8)
-
-
-@pytest.mark.parametrize("name", ["start", "time", "control", "control_covariance", "observation"])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_what_is_no_number_is_refused_by_name(rng, name, value):
-    log, _, _ = simulate(rng, steps=10)
-    array = getattr(log, name).copy()
-    array.flat[-1] = value
-    with pytest.raises(LogError, match=f"circle: {name}: expected finite"):
-        dataclasses.replace(log, **{name: array})
-
-
-@each_filter
 @each_association
 def test_times_that_repeat(rng, kind, association):
     log, _, _ = simulate(rng, steps=60)
@@ -222,15 +199,6 @@ def test_a_log_of_nothing(kind, association):
     result = slam.run(log, _config(kind, association))
     np.testing.assert_array_equal(result.trajectory.pose, [[1, 2, 3]])
     assert len(result.map) == len(smooth(log, result).map) == 0
-
-
-@pytest.mark.parametrize("name", ["log.txt", "log.g2o", "log.csv", "log.mat", "log.npz"])
-def test_a_file_of_nothing_is_one_line(tmp_path, name):
-    path = tmp_path / name
-    path.write_bytes(b"")
-    log, refusal = result_or_refusal(lambda: load("auto", path))
-    assert log is None
-    assert refusal.startswith(str(path))
 
 
 def test_a_log_that_ends_within_a_line_names_it(tmp_path):

@@ -1,6 +1,5 @@
 """A session that begins with the map of an earlier one."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -77,16 +76,6 @@ def test_two_sessions_of_mrclam_equal_one(shared, tmp_path, named):
     if not named:
         log = replace(log, landmark=np.full_like(log.landmark, -1))
     for pose in (400, 1900):
-        assert_two_sessions_equal_one(log, slam.EkfConfig(), pose, tmp_path / "map.npz")
-
-
-@pytest.mark.shared
-def test_two_sessions_of_the_park_equal_one(shared, tmp_path):
-    log = load(
-        "auto", shared / "data" / "logs" / "victoria_park" / "VictoriaParkSinSincronizar.mat"
-    )
-    log, _ = cut(log, 1600)
-    for pose in (300, 1100):
         assert_two_sessions_equal_one(log, slam.EkfConfig(), pose, tmp_path / "map.npz")
 
 
@@ -192,12 +181,6 @@ def test_what_is_no_map_says_so(small, tmp_path):
     _changed(small, format=np.array(99))
     with pytest.raises(LogError, match=r"map.npz: expected a format up to \d+, found 99: a later"):
         slam.Slam.load(small)
-
-
-def test_a_map_is_never_pickled(small):
-    with np.load(small, allow_pickle=False) as archive:
-        assert all(archive[name].dtype.kind in "biufU" for name in archive.files)
-        assert json.loads(str(archive["config"]))["filter"] == "invariant"
 
 
 def test_settings_that_do_not_suit_a_map_are_named(small, rng):

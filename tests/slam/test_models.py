@@ -87,16 +87,6 @@ def test_jacobian_is_the_slope(jacobian, rng):
         np.testing.assert_allclose(ours, slope, atol=2e-7 * max(1, np.abs(ours).max()))
 
 
-def test_turn_comes_before_the_drive():
-    moved, _, _ = turn_then_translate(np.array([1.0, 2.0, 0.0]), np.array([3.0, np.pi / 2]))
-    np.testing.assert_allclose(moved, [1, 5, np.pi / 2], atol=1e-15)
-    for same in (
-        turn_then_translate((1, 2, 0), [3, np.pi / 2])[0],
-        compose((1, 2, np.pi / 2), [3, 0, 0])[0],
-    ):
-        np.testing.assert_array_equal(same, moved)
-
-
 @pytest.mark.parametrize("control", [[1.0], [1.0, np.nan], "ahead", None, [[1.0], [2.0, 3.0]]])
 def test_a_control_of_other_numbers_is_refused(control):
     with pytest.raises(LogError, match="control: expected"):
@@ -114,10 +104,6 @@ def test_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
     assert -np.pi < wrapped <= np.pi
     turns = (angle - wrapped) / (2 * np.pi)
     assert turns == pytest.approx(round(turns), abs=1e-9)
-
-
-def test_half_a_turn_is_positive():
-    np.testing.assert_array_equal(wrap(np.array([np.pi, -np.pi, 0.0])), [np.pi, np.pi, 0.0])
 
 
 @given(st.tuples(angles, angles, st.floats(-3.1, 3.1)), st.floats(0.01, 1e3), st.floats(-3.1, 3.1))

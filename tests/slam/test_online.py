@@ -11,7 +11,6 @@ import pytest
 from saccade import slam
 from saccade.datasets import load
 from saccade.errors import LogError
-from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import EkfConfig, observe, online, turn_then_translate
 from saccade.slam.run import slam_for
 from support.circular_log import simulate
@@ -172,29 +171,3 @@ def test_an_estimate_that_diverges_is_named():
 def test_the_example_of_the_docstring_runs():
     assert doctest.testmod(online).attempted >= 7
     assert doctest.testmod(online).failed == 0
-
-
-def _misnamed(seed, hidden=0.3, steps=250):
-    """A log of which some names are wrong, and others missing."""
-    log, rng = (
-        simulate_world(WorldConfig(steps=steps, landmarks=30), seed),
-        np.random.default_rng(seed),
-    )
-    landmark = log.landmark.copy()
-    wrong = rng.random(len(landmark)) < 0.08
-    landmark[wrong] = rng.choice(np.unique(landmark), wrong.sum())
-    landmark[rng.random(len(landmark)) < hidden] = -1
-    return dataclasses.replace(log, landmark=landmark)
-
-
-def test_names_that_are_saved_go_on_to_the_same_bits():
-    log = _misnamed(8, steps=120)
-    one, two = slam_for(log), slam_for(log)
-    for i in range(60):
-        one.step(*_scan_of(log, i))
-    two.from_arrays(copy.deepcopy(one.to_arrays()))
-    for i in range(60, 121):
-        steps = [each.step(*_scan_of(log, i)) for each in (one, two)]
-        assert steps[0].pose.tobytes() == steps[1].pose.tobytes()
-        np.testing.assert_array_equal(steps[0].refused, steps[1].refused)
-    np.testing.assert_array_equal(one.identities, two.identities)

@@ -134,13 +134,6 @@ def test_the_bag_as_a_log_gives_what_the_node_gives(log, bag, recorded):
     )
 
 
-def test_landmarks_need_no_names(log, recorded):
-    blind = dataclasses.replace(log, landmark=np.full_like(log.landmark, -1))
-    config = slam.EkfConfig(association="mutual")
-    _, updates = feed(recorded, config)
-    check_against_run(blind, updates, config)
-
-
 def stamps(received):
     stamp = [message.header.stamp for _, message in received]
     return np.array([each.sec - START + 1e-9 * each.nanosec for each in stamp])

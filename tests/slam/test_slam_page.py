@@ -110,13 +110,6 @@ def test_slopes_of_the_page_are_slopes(page, rng):
         )
 
 
-def test_the_sensor_of_the_page_has_twenty_lines():
-    code = re.findall(r"```python\n(.*?)```", (ROOT / "docs/slam.md").read_text(), re.DOTALL)
-    (sensor,) = [block for block in code if "class Stereo" in block]
-    body = sensor[sensor.index("class") :]
-    assert len([line for line in body.splitlines() if line.strip()]) <= 20
-
-
 def test_a_motion_that_is_not_given_is_named(rng):
     log, _, _ = simulate(rng, "turn_then_translate", steps=3)
     with pytest.raises(LogError, match="motion: expected the model of custom controls"):

@@ -261,24 +261,6 @@ def test_a_missing_library_is_named(monkeypatch):
         smooth(log, slam.run(log))
 
 
-@pytest.mark.parametrize(
-    "setting",
-    [
-        {"huber": 0.0},
-        {"motion_noise_scale": 0.0},
-        {"sensor_noise_scale": float("nan")},
-        {"start_sigma": (0.0, -1.0, 0.0)},
-        {"iterations": 0},
-        {"method": "online"},
-        {"lag": 0.0},
-        {"lag": float("nan")},
-    ],
-)
-def test_settings_outside_their_range_are_named(setting):
-    with pytest.raises(ConfigError, match=next(iter(setting))):
-        SmoothConfig(**setting)
-
-
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("config", "robots"),

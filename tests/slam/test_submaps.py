@@ -8,11 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saccade import slam
-from saccade.errors import ConfigError
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import Checkpoint, EkfConfig, Recorder, local_map
+from saccade.slam import EkfConfig, Recorder, local_map
 from saccade.slam.local_map import LargeMapSlam
-from support.interrupted_run import interrupt_at
 
 WORLD = WorldConfig(
     course_length=70.0,
@@ -115,19 +113,3 @@ def test_a_filter_may_be_read_between_steps():
         for field in dataclasses.fields(one):
             a, b = getattr(one, field.name), getattr(two, field.name)
             np.testing.assert_allclose(a, b, atol=1e-6)
-
-
-def test_a_run_is_resumed(tmp_path):
-    log = simulate_world(WORLD, 5)
-    config = EkfConfig(association="mutual", confirm_after=2, submaps="always")
-    with pytest.raises(KeyboardInterrupt):
-        slam.run(log, config, interrupt_at(150), checkpoint=Checkpoint(tmp_path / "c.npz", None))
-    again = Checkpoint(tmp_path / "c.npz", None)
-    resumed = slam.run(log, config, checkpoint=again)
-    assert again.resumed > 0
-    _close(resumed, slam.run(log, dataclasses.replace(config, submaps="never")))
-
-
-def test_settings_are_checked():
-    with pytest.raises(ConfigError, match="submaps: expected"):
-        EkfConfig(submaps="sometimes")

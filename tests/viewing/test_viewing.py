@@ -69,15 +69,6 @@ def test_a_scanpath_is_numbered_at_its_fixations():
     assert numbers == {"1": (10, 20), "2": (70, 40)}
 
 
-@pytest.mark.parametrize("count", [1, 3, 4])
-def test_every_map_has_a_panel_over_the_whole_photograph(count):
-    maps = {f"map {i}": IMAGE[::8, ::8, 0] for i in range(count)}
-    figure = attention_figure(IMAGE, maps, SCANPATH)
-    shown = [axes for axes in figure.axes if axes.images]
-    assert len(shown) == 2 + count
-    assert all(axes.images[0].get_extent() == [-0.5, 89.5, 59.5, -0.5] for axes in shown)
-
-
 def test_an_image_is_bright_where_its_map_is_high():
     values = np.zeros((6, 9), np.float32)
     values[:, 6:] = 3
@@ -126,13 +117,6 @@ def test_the_maps_of_a_model_are_drawn_as_they_are():
     (axes, *_) = attention_figure(image, maps, saccade.scanpath(maps.saliency, image.shape)).axes
     faces = [text.get_bbox_patch().get_facecolor() for text in axes.texts]
     assert [face == (1, 1, 1, 1) for face in faces] == [True] + [False] * (len(faces) - 1)
-
-
-def test_symmetric_pairs_have_a_panel():
-    figure = attention_figure(IMAGE, {"saliency": IMAGE[::4, ::4, 0]}, SCANPATH, [PAIRS, PAIRS])
-    titles = [axes.get_title() for axes in figure.axes]
-    assert titles[-1] == "symmetric pairs at the fixations"
-    assert len(figure.axes[-1].collections) == 6
 
 
 def test_keypoints_are_circles_of_their_size():
@@ -239,10 +223,6 @@ def test_a_film_says_when_the_robot_is_lost():
     )
     assert first == 0
     assert last > 20
-
-
-def test_a_drive_without_snapshots_has_no_frames():
-    assert list(map_frames([], np.zeros(0))) == []
 
 
 def test_innovations_are_drawn_against_their_band(rng):

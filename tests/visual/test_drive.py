@@ -76,14 +76,6 @@ def test_innovations_are_logged_of_reidentified_landmarks(mapped):
     assert (sigma > observations.sigma[there]).all()  # of the observation and of the map
 
 
-def test_a_run_is_repeated_to_the_bit(drive):
-    some = drive.until(12)
-    first, second = visual.run(some), visual.run(some)
-    assert first.trajectory.pose.tobytes() == second.trajectory.pose.tobytes()
-    assert first.map.xy.tobytes() == second.map.xy.tobytes()
-    assert first.descriptors.tobytes() == second.descriptors.tobytes()
-
-
 def test_every_frame_is_read_once(drive):
     read = []
     visual.run(changed(drive.until(3), lambda number, frame: read.append(number) or frame))
