@@ -216,7 +216,10 @@ def test_names_in_tables_and_plain_pages_are_escaped(name, tmp_path):
     data = re.search(r'<script type="application/json">(.*?)</script>', page.read_text())[1]
     assert json.loads(data)["rows"] == [[name, name]]
     page.write_text(
-        html_page(name, name, [Section(name, name, facts={name: name}, links=[name])]), "utf-8"
+        html_page(
+            name, name, [Section(name, name, facts={name: name}, links=[name])], {name: name}
+        ),
+        "utf-8",
     )
     assert _is_harmless(page, name)
 

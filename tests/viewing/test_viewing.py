@@ -355,9 +355,9 @@ def test_a_page_escapes_every_text():
     nasty = '<script>"&'
     section = Section(nasty, nasty, [Picture(nasty, nasty, nasty)], {nasty: nasty}, [nasty])
     reader = _Reader()
-    reader.feed(html_page(nasty, nasty, [section]))
+    reader.feed(html_page(nasty, nasty, [section], {nasty: nasty}))
     tags = [tag for tag, _ in reader.tags]
     assert "script" not in tags
     assert ("img", {"src": nasty, "alt": nasty}) in reader.tags
     assert ("a", {"href": nasty}) in reader.tags
-    assert reader.words.count(nasty) == 9
+    assert reader.words.count(nasty) == 10

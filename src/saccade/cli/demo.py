@@ -61,6 +61,7 @@ def demo(
 
 def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str, Any]]:
     """Run the four commands with progress bars; returns the row of each."""
+    import numpy as np
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -73,10 +74,13 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
     from saccade.cli.run_output import RunOutput
     from saccade.cli.slam_run import map_log
     from saccade.evaluation.gaze_drives import SETTINGS, gaze_drive
+    from saccade.io.image import read_image
     from saccade.keypoints.sift import Sift
     from saccade.settings import load_settings
     from saccade.simulation import DriveConfig
     from saccade.slam import Recorder
+    from saccade.types import Scanpath
+    from saccade.viewing import attention_figure, save_figure
 
     columns = (TextColumn("{task.description:<40}"), BarColumn(), TimeElapsedColumn())
     victoria_park = data / "victoria_park.txt"
@@ -87,7 +91,11 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
     ):
         task = bar.add_task("attention: saliency and scanpath", total=1)
         attention = attention_model(DEFAULT_MODEL, preset=None, config=None, free_viewing=True)
-        results["look"] = analyze_image(data / "chelsea.jpg", out / "look", attention, 10, builder)
+        photo = data / "chelsea.jpg"
+        results["look"] = analyze_image(photo, out / "look", attention, 10, builder)
+        x, y, time, saliency = np.transpose(results["look"]["scanpath"])
+        path = Scanpath(np.stack([x, y], axis=1), time, saliency)
+        save_figure(attention_figure(read_image(photo), {}, path), out / "scanpath.png")
         bar.update(task, completed=1)
 
         task = bar.add_task("interest points: two views of a hallway", total=1)
@@ -122,87 +130,68 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
 
 
 def _page(results: dict[str, dict[str, Any]]) -> str:
-    from saccade.cli.slam_report import facts
     from saccade.viewing import Picture, Section, html_page
 
     look, match, slam, drive = results.values()
     sections = [
         Section(
-            "Interactive report",
-            "The same four results on one page: layers to switch, maps to play through time, "
-            "landmarks and points to click.",
-            links=["report.html"],
-        ),
-        Section(
-            "Attention: where to look",
-            "The contrast model finds locations that differ from their surroundings in intensity, "
-            "color or orientation, the symmetry model finds centers of facing edges, and Boolean "
-            "maps find surrounded regions. The scanpath is the most probable one of a model that "
-            "was fitted to people.",
+            "Where to look",
+            "A model that was fitted to people predicts which places of a photograph they look "
+            "at, and in which order.",
             [
                 Picture(
-                    Path(look["picture"]).name,
-                    "The photograph with numbered fixations, the maps of saliency, contrast and "
-                    "symmetry as heat, and the pairs of edges that drew the fixations",
-                    "Chelsea the cat: scanpath, saliency, the maps that it combines, and the "
-                    "symmetric edge pairs at the fixations. Photograph: Stefan van der Walt, CC0.",
-                    wide=True,
+                    "scanpath.png",
+                    "A photograph of a cat with numbered fixations that are joined by lines",
+                    "Numbers: the order of the fixations, the first in white. "
+                    "Photograph: Stefan van der Walt, CC0.",
                 )
             ],
-            links=[Path(look["arrays"]).name],
+            links=[Path(look[name]).name for name in ("picture", "arrays")],
         ),
         Section(
-            "Interest points: what to keep",
-            "SIFT detects points that can be found again from another viewpoint. Two laps through "
-            "the same hallway, matched by nearest neighbors with ratio test and mutual check.",
+            "What to keep",
+            f"Interest points are found again from another place: {match['matches']} of "
+            f"{match['first_points']} on a second lap through the hallway.",
             [
                 Picture(
                     Path(match["picture"]).name,
                     "Two photographs of one hallway, joined by lines between matched points",
-                    f"{match['matches']} matches between {match['first_points']} and "
-                    f"{match['second_points']} interest points. "
+                    "Green: matches that agree with one motion of the camera; red: the others. "
                     "Photographs: RTAB-Map samples, BSD-3.",
                 )
             ],
             links=[Path(match["table"]).name],
         ),
         Section(
-            "EKF-SLAM: where things are",
-            "A car drives through a park and detects trees with its laser. The filter estimates "
-            "the trajectory and the trees, with their covariances.",
+            "Where things are",
+            f"A car drives through a park, and EKF-SLAM finds its way and {slam['landmarks']} "
+            "trees from odometry and a laser.",
             [
                 Picture(
                     Path(slam["files"]["picture"]).name,
                     "The estimated trajectory, the trajectory from odometry alone, and the "
                     "landmarks with their ellipses",
-                    "Victoria Park, Sydney. Log: J. Guivant and E. Nebot, as distributed with "
-                    "GTSAM, BSD.",
+                    "Ellipses: 3 sigma of each tree. Victoria Park, Sydney; log: J. Guivant and "
+                    "E. Nebot, as distributed with GTSAM, BSD.",
                 )
             ],
-            facts=facts(slam),
             links=[*(Path(path).name for path in slam["files"].values()), "run.json"],
         ),
         Section(
-            "Visual SLAM: a robot that decides where to look",
-            "A robot drives through two simulated rooms. It keeps interest points of its stereo "
-            "camera as landmarks, and turns the camera to where it expects to learn most about its "
-            "pose and the map: at landmarks that it knows, or where it has none yet.",
+            "Where to look next",
+            "A robot turns its camera to where it expects to learn most about its pose and the "
+            f"map: its position is off by {drive['ate_m']:.2f} m on average, by "
+            f"{drive['odometry']['ate_m']:.2f} m from its wheels alone.",
             [
                 Picture(
                     f"drive/{Path(drive['files']['still']).name}",
                     "The camera image with landmarks, the same image with saliency as heat, and "
                     "the map with the trajectory",
-                    "A frame of the film. The posters are photographs of scikit-image's data, CC0 "
-                    "and public domain.",
-                    wide=True,
+                    "A frame of the film: the camera image with landmarks, its saliency, and the "
+                    "map. Posters: photographs of scikit-image's data, CC0 and public domain.",
                 )
             ],
-            facts={
-                "ATE": f"{drive['ate_m']:.3f} m",
-                "ATE of odometry": f"{drive['odometry']['ate_m']:.3f} m",
-                "landmarks": str(drive["landmarks"]),
-            },
             links=[f"drive/{Path(path).name}" for path in drive["files"].values()],
         ),
     ]
-    return html_page("saccade demo", LEAD, sections)
+    return html_page("saccade demo", LEAD, sections, {"report.html": "Explore all four results"})

@@ -1,6 +1,5 @@
 """The tables of `saccade fit`."""
 
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from saccade.attention.combined import AttentionConfig
 from saccade.cli.attention_models import face_detector
 from saccade.cli.fixation_tables import load_fixations
-from saccade.cli.output import print_message, tracked
+from saccade.cli.output import print_message, progress_bar, tracked
 from saccade.datasets.fixations import FixationFormat
 from saccade.evaluation.fit_study import FITTED, FitStudy, study
 from saccade.evaluation.fitted_scores import ORDERED, STATIC, differences
@@ -118,15 +117,12 @@ def run(
         skip=drop,
         sigma=sigma,
         people=people,
-        progress=_tracked,
+        progress=tracked,
+        bar=progress_bar,
     )
     if found.outside:
         print_message(f"{found.outside} fixations outside their images are left out")
     return Fitted(found)
-
-
-def _tracked(items: Iterable[Any], description: str, count: int) -> Iterable[Any]:
-    return tracked(items, description, count)
 
 
 def _cells(mean: Any, low: Any, high: Any) -> list[str]:

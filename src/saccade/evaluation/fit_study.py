@@ -1,6 +1,7 @@
 """The whole study of `saccade fit`: the model, and how good it is."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,8 @@ from saccade.evaluation.fitted_scores import (
 )
 from saccade.evaluation.fitting import (
     FittingConfig,
+    FittingData,
+    Weights,
     as_model,
     collect,
     cross_validate_images,
@@ -43,6 +46,14 @@ CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
 
 Progress = Callable[[Iterable[Any], str, int], Iterable[Any]]
 """Passes items on, with a description and their number."""
+Bar = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+"""Shows how far something is: from a description and a total to a function of what is done."""
+
+
+@contextmanager
+def no_bar(_description: str, _total: int) -> Iterator[Callable[[int], None]]:
+    """Shows nothing."""
+    yield lambda _done: None
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +82,7 @@ def study(
     sigma: float = 24.0,
     people: bool = True,
     progress: Progress = lambda items, _description, _count: items,
+    bar: Bar = no_bar,
 ) -> FitStudy:
     """Fit a model to all images, and score it by cross-validation.
 
@@ -84,6 +96,7 @@ def study(
         sigma: standard deviation of the fixation density, in pixels.
         people: whether people are scored, each against the others.
         progress: shows how far it is.
+        bar: shows the iterations of the fits.
 
     Raises:
         LogError: there are too few images.
@@ -98,9 +111,8 @@ def study(
     paths, viewers = zip(*looked, strict=True)
     parts = collect(names, read, paths, viewers, attention, faces)
     data = merge([*progress(parts, "features", len(names))])
-    static, ordered = (
-        [*progress(cross_validate_images(data, config, ordered=each), "fitting", len(names))]
-        for each in (False, True)
+    (static, static_of_all), (ordered, ordered_of_all) = (
+        _fits(data, config, each, bar) for each in (False, True)
     )
     models: dict[str, Model] = {
         FITTED: image_model(data, [each.features for each in static], sizes),
@@ -119,18 +131,32 @@ def study(
         ceiling = score_people(table, points, sizes, skip, sigma)
         results |= _scores(PEOPLE, progress(ceiling, "people", len(names)))
     order = (FITTED, BY_VIEWER, UNFITTED, CENTER, SHUFFLED, PEOPLE)
-    everything = np.arange(len(names))
-    final = [fit(data, everything, config, ordered=each) for each in (False, True)]
     people_count = len(np.unique(np.concatenate(viewers)))
     return FitStudy(
         as_model(
-            *(data, final[0].features, final[1]),
+            *(data, static_of_all.features, ordered_of_all),
             f"{len(names)} images, viewers: {people_count}",
         ),
         {name: results[name] for name in order if name in results},
         score_steps(data, {STATIC: static, ORDERED: ordered}, points, sigma),
         outside,
     )
+
+
+def _fits(
+    data: FittingData, config: FittingConfig, ordered: bool, bar: Bar
+) -> tuple[list[Weights], Weights]:
+    """Weights for each image, fitted to others, and those fitted to all."""
+    before = min(config.folds, len(data.images)) * config.iterations
+    description = "fitting scanpaths" if ordered else "fitting maps"
+    with bar(description, before + config.iterations) as update:
+        of_others = cross_validate_images(data, config, ordered=ordered, progress=update)
+        everything = np.arange(len(data.images))
+        of_all = fit(
+            data, everything, config, ordered=ordered, progress=lambda n: update(before + n)
+        )
+        update(before + config.iterations)
+    return of_others, of_all
 
 
 def _read(images: Path, name: str) -> Float32Array:

@@ -9,6 +9,7 @@ standardized weights small. Without the functions of the way it is the static de
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count as count_from
 from typing import NamedTuple
 
 import numpy as np
@@ -177,6 +178,7 @@ def fit(
     *,
     ordered: bool = True,
     viewers: IntArray | None = None,
+    progress: Callable[[int], None] = lambda _iterations: None,
 ) -> Weights:
     """The weights of highest penalized likelihood.
 
@@ -186,6 +188,7 @@ def fit(
         config: the penalty.
         ordered: whether a fixation depends on those before; otherwise on the image alone.
         viewers: whose fixations count; None for all.
+        progress: called after each iteration of the optimization, with their number.
     """
     k, e = len(data.names), len(data.early)
     mean, deviation = data.moments
@@ -222,10 +225,12 @@ def fit(
         value = total / count + config.penalty / 2 * scaled @ scaled
         return float(value), gradient / scale / count + config.penalty * scaled
 
+    number = count_from(1)
     found = minimize(
         *(objective, np.zeros(len(scale))),
         jac=True,
         method="L-BFGS-B",
+        callback=lambda _weights: progress(next(number)),
         options={"maxiter": config.iterations},
     )
     weights = found.x / scale
@@ -240,13 +245,22 @@ def split(count: int, folds: int, seed: int) -> list[IntArray]:
 
 
 def cross_validate_images(
-    data: FittingData, config: FittingConfig, *, ordered: bool = True
+    data: FittingData,
+    config: FittingConfig,
+    *,
+    ordered: bool = True,
+    progress: Callable[[int], None] = lambda _iterations: None,
 ) -> list[Weights]:
-    """Weights for each image, fitted to others."""
+    """Weights for each image, fitted to others; `progress` counts the iterations of all fits."""
     weights: dict[int, Weights] = {}
-    for held in split(len(data.images), config.folds, config.seed):
+    for number, held in enumerate(split(len(data.images), config.folds, config.seed)):
         others = np.delete(np.arange(len(data.images)), held)
-        weights |= dict.fromkeys(held.tolist(), fit(data, others, config, ordered=ordered))
+
+        def iterated(count: int, before: int = number * config.iterations) -> None:
+            progress(before + count)
+
+        found = fit(data, others, config, ordered=ordered, progress=iterated)
+        weights |= dict.fromkeys(held.tolist(), found)
     return [weights[i] for i in range(len(data.images))]
 
 

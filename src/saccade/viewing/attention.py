@@ -63,7 +63,7 @@ def attention_figure(
     maps = maps if isinstance(maps, Mapping) else maps.layers
     height, width = image.shape[:2]
     count = 1 + len(maps) + bool(maps) + bool(pairs)
-    columns = min(count, 2) if count <= 4 else 3
+    columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
     figure = figure_for(width, height, columns, rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -146,20 +146,27 @@ def axis_of(pairs: SymmetricPairs) -> float | None:
 
 
 def draw_scanpath(axes: Axes, path: Scanpath) -> None:
-    """Fixations numbered in their order, the first in white, joined by lines."""
+    """Fixations numbered in their order, the first in white, joined by lines.
+
+    Those at one place share a label with all their numbers.
+    """
     outline = [patheffects.withStroke(linewidth=3, foreground="black")]
     axes.plot(*path.xy.T, color=ORANGE, linewidth=1.5, path_effects=outline)
-    for number, (x, y) in enumerate(path.xy, start=1):
-        color = "white" if number == 1 else ORANGE
+    places: dict[tuple[float, ...], list[int]] = {}
+    for number, xy in enumerate(path.xy.tolist(), start=1):
+        places.setdefault(tuple(xy), []).append(number)
+    for (x, y), numbers in places.items():
+        color = "white" if numbers[0] == 1 else ORANGE
+        style = "circle" if len(numbers) == 1 else "round"
         axes.text(
             x,
             y,
-            str(number),
+            ", ".join(map(str, numbers)),
             color="black",
             fontsize=8,
             ha="center",
             va="center",
-            bbox={"boxstyle": "circle,pad=0.25", "facecolor": color, "edgecolor": "black"},
+            bbox={"boxstyle": f"{style},pad=0.25", "facecolor": color, "edgecolor": "black"},
             in_layout=False,  # a number at the border is not clipped, and moves no panel
         )
 

@@ -33,15 +33,20 @@ class Section:
     """Paths relative to the page."""
 
 
-def html_page(title: str, lead: str, sections: Sequence[Section]) -> str:
-    """A page of sections, with images beside it on disk.
+def html_page(title: str, lead: str, sections: Sequence[Section], links: Mapping[str, str]) -> str:
+    """A page of sections side by side, picture first, with images beside it on disk.
 
     Args:
         title: of the page.
         lead: its first paragraph.
         sections: in their order.
+        links: by path relative to the page, their text; above the sections.
     """
-    body = "\n".join(section_html(section) for section in sections)
+    above = "".join(
+        f'<p><a href="{escape(path)}">{escape(text)}</a></p>\n' for path, text in links.items()
+    )
+    cards = "\n".join(section_html(section) for section in sections)
+    body = f'{above}<div class="cards">\n{cards}\n</div>'
     return html_document(title, lead, body, [web_file("page.css")])
 
 
