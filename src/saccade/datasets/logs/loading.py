@@ -10,8 +10,8 @@ from saccade.datasets.logs.dlr import read_dlr
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
 from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
-from saccade.datasets.logs.rosbag import read_rosbag_log
 from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
+from saccade.datasets.ros.logs import read_rosbag_log
 from saccade.datasets.tables import Archive
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog

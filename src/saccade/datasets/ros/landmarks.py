@@ -24,8 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from saccade.datasets.ros_bags import Bag, stamp_of
-from saccade.datasets.ros_transforms import Transforms, bare
+from saccade.datasets.ros.bags import Bag, Transforms, bare, pose_of, stamp_of
 from saccade.errors import LogError
 from saccade.types import FloatArray
 
@@ -103,6 +102,22 @@ def _number(name: str) -> int | None:
     return None if ending is None else int(ending[0])
 
 
+Reader = Callable[[Any, float], Iterator[Detection]]
+"""Gives the landmarks of a message that was recorded at a time."""
+
+
+def _fields(items: str, number: str = "", pose: str = "") -> Reader:
+    """Reader of messages whose landmarks have their number and pose in fields of these names."""
+
+    def read(message: Any, recorded: float) -> Iterator[Detection]:
+        for each in getattr(message, items):
+            name = str(getattr(each, number)) if number else ""
+            found = getattr(each, pose) if pose else each
+            yield _detection(name, found, (each, message), recorded)
+
+    return read
+
+
 def _april_tags(message: Any, recorded: float) -> Iterator[Detection]:
     for each in message.detections:
         if hasattr(each, "pose"):
@@ -112,13 +127,6 @@ def _april_tags(message: Any, recorded: float) -> Iterator[Detection]:
             name, camera = f"{each.family}:{each.id}", bare(message.header.frame_id)
             time = _time((message.header,), recorded)
             yield Detection(name, time, name, (0.0, 0.0, 0.0), np.zeros((3, 3)), camera)
-
-
-def _tag_markers(message: Any, recorded: float) -> Iterator[Detection]:
-    for each in message.markers:
-        number = each.id if hasattr(each, "id") else each.marker_id
-        owners = (each, message) if hasattr(each, "header") else (message,)
-        yield _detection(str(number), each.pose, owners, recorded)
 
 
 def _ranges(message: Any, recorded: float) -> Iterator[Detection]:
@@ -134,11 +142,6 @@ def _ranges(message: Any, recorded: float) -> Iterator[Detection]:
         yield Detection(name, time, frame, (x, y, z), axes @ np.diag(np.square(sigma)) @ axes.T)
 
 
-def _fiducials(message: Any, recorded: float) -> Iterator[Detection]:
-    for each in message.transforms:
-        yield _detection(str(each.fiducial_id), each.transform, (message,), recorded)
-
-
 def _objects(message: Any, recorded: float) -> Iterator[Detection]:
     for each in message.detections:
         name = getattr(each, "id", getattr(each, "tracking_id", ""))
@@ -150,29 +153,24 @@ def _objects(message: Any, recorded: float) -> Iterator[Detection]:
 
 def _markers(message: Any, recorded: float) -> Iterator[Detection]:
     if any(not hasattr(each, "action") for each in message.markers):  # those of aruco_msgs
-        yield from _tag_markers(message, recorded)
+        yield from _fields("markers", "id", "pose")(message, recorded)
         return
     for each in message.markers:
         if each.action == _ADD and each.type in _AT_POSE:
             yield _detection(f"{each.ns}:{each.id}", each.pose, (each,), recorded)
 
 
-def _poses(message: Any, recorded: float) -> Iterator[Detection]:
-    for each in message.poses:
-        yield _detection("", each, (message,), recorded)
-
-
-_READERS: dict[str, Callable[[Any, float], Iterator[Detection]]] = {
+_READERS: dict[str, Reader] = {
     "AprilTagDetectionArray": _april_tags,
-    "AlvarMarkers": _tag_markers,
-    "ArucoDetection": _tag_markers,
-    "FiducialTransformArray": _fiducials,
+    "AlvarMarkers": _fields("markers", "id", "pose"),
+    "ArucoDetection": _fields("markers", "marker_id", "pose"),
+    "FiducialTransformArray": _fields("transforms", "fiducial_id", "transform"),
     "ObservationRangeBearing": _ranges,
     "Detection3DArray": _objects,
     "MarkerArray": _markers,
-    "PoseArray": _poses,
+    "PoseArray": _fields("poses"),
 }
-"""By the name of a type, the most specific first: landmarks of a message recorded at a time."""
+"""By the name of a type, the most specific first."""
 
 
 def _detection(name: str, pose: Any, owners: Sequence[Any], recorded: float) -> Detection:
@@ -187,11 +185,10 @@ def _detection(name: str, pose: Any, owners: Sequence[Any], recorded: float) -> 
         if hasattr(pose, "covariance"):
             covariance = np.reshape(np.asarray(pose.covariance, np.float64), (6, 6))[:3, :3]
         pose = pose.pose
-    headers += [each.header for each in owners]
-    place = pose.translation if hasattr(pose, "translation") else pose.position
+    headers += [each.header for each in owners if hasattr(each, "header")]
     frame = next((bare(each.frame_id) for each in headers if bare(each.frame_id)), "")
-    position = float(place.x), float(place.y), float(place.z)
-    return Detection(name, _time(headers, recorded), frame, position, covariance)
+    x, y, z = map(float, pose_of(pose)[:3])
+    return Detection(name, _time(headers, recorded), frame, (x, y, z), covariance)
 
 
 def _time(headers: Sequence[Any], recorded: float) -> float:

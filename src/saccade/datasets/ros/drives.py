@@ -1,0 +1,324 @@
+"""Drives from ROS 1 bags (.bag) and ROS 2 bags (a folder with metadata.yaml).
+
+Topics are selected by their types, and among several by their names:
+
+    sensor_msgs Image or CompressedImage    left: preferably with "left" in the name, without
+                                            "depth" or "right"; right: with "right"; depth: with
+                                            "depth" (16UC1 in mm, 32FC1 in m)
+    sensor_msgs CameraInfo                  the one with the longest common namespace with the
+                                            image's
+    nav_msgs Odometry                       the one without "truth" or "gt" in its name
+    Odometry, PoseStamped, TransformStamped with "truth", "gt", "vicon" or "mocap" in the name:
+                                            ground truth of the robot
+    tf2_msgs TFMessage                      pose of the camera on the robot, if they connect the
+                                            frames of image and odometry; of one that pans and
+                                            tilts, its turn at each image
+
+A camera.toml in the folder of the bag takes precedence over CameraInfo and transforms. Times are
+those of the messages' headers, from the first image on. Without odometry the motion is unknown (see
+`unknown_increments`). Needs the extra `ros`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from posixpath import commonpath
+from typing import Any
+
+import cv2
+import numpy as np
+
+from saccade.datasets.drives.calibration import (
+    CAMERA_FILE,
+    Calibration,
+    pinhole,
+    read_calibration,
+)
+from saccade.datasets.drives.frames import (
+    FrameTimes,
+    ImageSource,
+    SourceImage,
+    associate,
+    frame_loader,
+)
+from saccade.datasets.drives.odometry import (
+    OdometryIncrements,
+    increments_from_poses,
+    unknown_increments,
+)
+from saccade.datasets.drives.sidecar_files import Truth, assemble_drive, robot_truth
+from saccade.datasets.poses import Poses, project_to_plane
+from saccade.datasets.ros.bags import (
+    Bag,
+    Transforms,
+    bare,
+    finite,
+    odometry_topic,
+    read_poses,
+    reading,
+    truth_topic,
+)
+from saccade.errors import ConfigError, DriveError, ImageError
+from saccade.frames import Camera, CameraTurn, Drive, Frame
+from saccade.types import FloatArray, Image, IntArray
+
+MAX_TIME_DIFFERENCE = 0.01
+"""Seconds between the images of one frame."""
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+_ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
+    "mono8": (np.uint8, 1, None),
+    "8UC1": (np.uint8, 1, None),
+    "rgb8": (np.uint8, 3, None),
+    "bgr8": (np.uint8, 3, cv2.COLOR_BGR2RGB),
+    "8UC3": (np.uint8, 3, cv2.COLOR_BGR2RGB),
+    "rgba8": (np.uint8, 4, cv2.COLOR_RGBA2RGB),
+    "bgra8": (np.uint8, 4, cv2.COLOR_BGRA2RGB),
+    "mono16": (np.uint16, 1, None),
+    "16UC1": (np.uint16, 1, None),
+    "32FC1": (np.float32, 1, None),
+    "bayer_rggb8": (np.uint8, 1, cv2.COLOR_BayerBG2RGB),
+    "bayer_bggr8": (np.uint8, 1, cv2.COLOR_BayerRG2RGB),
+    "bayer_gbrg8": (np.uint8, 1, cv2.COLOR_BayerGR2RGB),
+    "bayer_grbg8": (np.uint8, 1, cv2.COLOR_BayerGB2RGB),
+}
+"""Number type, channels, and OpenCV's conversion to RGB."""
+DISTORTION_MODELS = ("plumb_bob", "rational_polynomial", "")
+STILL = 1e-4
+"""Rotations that differ by less, in radians, are those of a camera that does not turn."""
+MAX_ROLL = 0.02
+"""Radians by which a camera that pans and tilts may roll about its optical axis."""
+MAX_SHIFT = 0.01
+"""Metres by which its optical center may move on the robot without a remark."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mounting:
+    """Pose of a camera in the frame of the robot, and its turns from there."""
+
+    position: FloatArray
+    """(3,) meters."""
+    rotation: FloatArray
+    """(3, 3) from the frame of the camera into that of the robot."""
+    turns: tuple[CameraTurn, ...] | None = None
+    """Of each frame of the drive; None of a camera that does not turn."""
+    assumptions: tuple[str, ...] = ()
+    """What does not hold exactly, one line each."""
+
+    def mount(self, camera: Camera) -> Camera:
+        """The camera in this place."""
+        return replace(camera, position=self.position, rotation=self.rotation)
+
+    def turned(self, load: Callable[[int], Frame]) -> Callable[[int], Frame]:
+        """A `Drive.load` whose frames know how the camera was turned."""
+        turns = self.turns
+        return load if turns is None else lambda i: replace(load(i), turn=turns[i])
+
+
+def read_rosbag_drive(path: Path) -> Drive:
+    """A drive from a bag."""
+    with reading(str(path), DriveError):
+        bag = Bag(path)
+        left, right, depth = _image_topics(bag)
+        stamps, seconds = bag.stamps(left)
+        zero = float(seconds.min())
+        frames = FrameTimes.sort(seconds - zero, f"{path}, {left}")
+        calibration = _calibration(bag, left, right)
+        time = seconds[frames.index]
+        mounting = _mounting(bag, left, time)
+        if mounting is not None:
+            calibration = replace(calibration, camera=mounting.mount(calibration.camera))
+        load = frame_loader(
+            calibration,
+            frames.time,
+            left=_topic_images(bag, left, stamps[frames.index]),
+            right=_associated_images(bag, right, time),
+            depth=_associated_images(bag, depth, time, calibration.depth_unit),
+        )
+        if mounting is not None:
+            load = mounting.turned(load)
+        increments = _increments(bag, frames.time, zero)
+        truth = _truth(bag, zero)
+        drive = assemble_drive(path.stem, path.parent, calibration, frames, load, increments, truth)
+        return replace(drive, assumptions=() if mounting is None else mounting.assumptions)
+
+
+def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:
+    """Topics of the left and right images and of the depth; None where there is none."""
+    topics = bag.topics(IMAGES)
+    depth = next((topic for topic in topics if "depth" in topic), None)
+    right = next((topic for topic in topics if "right" in topic and "depth" not in topic), None)
+    left = [topic for topic in topics if topic != right and "depth" not in topic]
+    if not left:
+        raise DriveError(f"{bag.path}: expected a topic of images, found {bag.all_topics()}")
+    return min(left, key=lambda topic: "left" not in topic), right, depth
+
+
+def _topic_images(bag: Bag, topic: str, stamps: IntArray, unit: float = 1.0) -> ImageSource:
+    """Images of a topic recorded at `stamps` (n,) in nanoseconds, -1 where there is none.
+
+    `unit` is that of integer depth images, in metres per step; others are in metres.
+    """
+
+    def read(i: int) -> SourceImage | None:
+        if stamps[i] < 0:
+            return None
+        name = f"{bag.path}, {topic}, frame {i}"
+        with reading(name, ImageError):
+            pixels = pixels_of(bag.at(topic, int(stamps[i])), name)
+        return SourceImage(pixels, name, 1.0 if pixels.dtype.kind == "f" else unit)
+
+    return read
+
+
+def _associated_images(
+    bag: Bag, topic: str | None, time: FloatArray, unit: float = 1.0
+) -> ImageSource | None:
+    """The images of a topic nearest to times (n,) in seconds."""
+    if topic is None:
+        return None
+    stamps, seconds = bag.stamps(topic)
+    nearest = associate(time, seconds, MAX_TIME_DIFFERENCE)
+    return _topic_images(bag, topic, np.where(nearest >= 0, stamps[nearest], -1), unit)
+
+
+def _calibration(bag: Bag, left: str, right: str | None) -> Calibration:
+    file = bag.path.parent / CAMERA_FILE
+    if file.exists():
+        return read_calibration(file)
+    infos = bag.topics(("sensor_msgs/msg/CameraInfo",))
+    if not infos:
+        raise DriveError(f"{bag.path}: expected CameraInfo, or {file}, found {bag.all_topics()}")
+    info, right_message = _closest(infos, left), None
+    if right is not None and (right_info := _closest(infos, right)) != info:
+        _, right_message = next(bag.messages(right_info))
+    _, message = next(bag.messages(info))
+    return calibration_of(message, right_message, f"{bag.path}, {info}")
+
+
+def _mounting(bag: Bag, image: str, time: FloatArray) -> Mounting | None:
+    """How the camera of a topic is mounted, by the transforms of the bag, if it has them."""
+    odometry = odometry_topic(bag)
+    if odometry is None or (bag.path.parent / CAMERA_FILE).exists():
+        return None
+    first = next(bag.messages(odometry))[1]
+    part = next(bag.messages(image))[1].header.frame_id
+    on_robot = Transforms.read(bag).without(bare(first.header.frame_id))
+    poses = on_robot.poses(bare(first.child_frame_id), bare(part), time)
+    return None if poses is None else mounting_of(poses, f"{bag.path}, {image}")
+
+
+def _increments(bag: Bag, frame_time: FloatArray, zero: float) -> OdometryIncrements:
+    topic = odometry_topic(bag)
+    if topic is None:
+        return unknown_increments(frame_time)
+    poses = project_to_plane(read_poses(bag, topic, zero))
+    return increments_from_poses(poses, frame_time, f"{bag.path}, {topic}")
+
+
+def _truth(bag: Bag, zero: float) -> Truth:
+    topic = truth_topic(bag)
+    return Truth() if topic is None else robot_truth(read_poses(bag, topic, zero))
+
+
+def _closest(topics: list[str], image: str) -> str:
+    """The topic with the longest common namespace with an image topic."""
+    return max(topics, key=lambda topic: len(commonpath([topic, image])))
+
+
+def mounting_of(poses: Poses, name: str) -> Mounting:
+    """Mounting of a camera by its poses in the frame of the robot.
+
+    Pan and tilt are the azimuth and elevation of the optical axis, so that without them the
+    camera faces ahead.
+
+    Args:
+        poses: at each frame of the drive.
+        name: of the recording, for messages.
+
+    Raises:
+        DriveError: the camera also rolls about its optical axis.
+    """
+    R = poses.rotation
+    if _angle(R, R[0]) < STILL:
+        return Mounting(poses.position[0].copy(), R[0].copy())
+    x, y, z = R[:, :, 2].T  # of the optical axis
+    directions = zip(np.arctan2(y, x).tolist(), np.arcsin(z.clip(-1, 1)).tolist(), strict=True)
+    turns = tuple(CameraTurn(pan, tilt) for pan, tilt in directions)
+    mounted = np.stack([turn.rotation for turn in turns]).transpose(0, 2, 1) @ R
+    roll = _angle(mounted, mounted[0])
+    if roll > MAX_ROLL:
+        raise DriveError(
+            f"{name}: expected a camera that pans and tilts, found one that also rolls about its "
+            f"optical axis, by {roll:.2g} rad"
+        )
+    center = poses.position.mean(0)
+    shift = float(np.linalg.norm(poses.position - center, axis=1).max())
+    assumptions: tuple[str, ...] = ()
+    if shift > MAX_SHIFT:
+        assumptions = (
+            f"{name}: the optical center moves by up to {shift:.2f} m on the robot while the "
+            "camera turns; its mean position is used",
+        )
+    return Mounting(center, mounted[0], turns, assumptions)
+
+
+def _angle(rotations: FloatArray, other: FloatArray) -> float:
+    """Largest angle in radians between rotations (n, 3, 3) and another (3, 3)."""
+    chord = np.linalg.norm(rotations - other, axis=(1, 2)).max() / np.sqrt(8)
+    return float(2 * np.arcsin(min(chord, 1.0)))
+
+
+def pixels_of(message: Any, name: str) -> Image:
+    """The image of an Image or a CompressedImage: gray or RGB, or depth as it is."""
+    if hasattr(message, "format"):
+        pixels = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+        if pixels is None:
+            raise ImageError(f"{name}: expected an image, found {message.format[:40]!r}")
+        return pixels if pixels.ndim == 2 else cv2.cvtColor(pixels[..., :3], cv2.COLOR_BGR2RGB)
+    encoding = message.encoding
+    if encoding not in _ENCODINGS:
+        raise ImageError(f"{name}: expected one of {', '.join(_ENCODINGS)}, found {encoding!r}")
+    number, channels, conversion = _ENCODINGS[encoding]
+    kind = np.dtype(number).newbyteorder(">" if message.is_bigendian else "<")
+    height, width, step = message.height, message.width, message.step
+    row = width * channels * kind.itemsize
+    if step < row or len(message.data) < height * step:
+        raise ImageError(f"{name}: expected {height} rows of {row} bytes, found fewer")
+    rows = np.asarray(message.data, np.uint8)[: height * step].reshape(height, step)[:, :row]
+    pixels = np.ascontiguousarray(rows).view(kind).astype(number)
+    if channels > 1:
+        pixels = pixels.reshape(height, width, channels)
+    return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+
+
+def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
+    """Calibration from the CameraInfo of one camera, or of a rectified stereo pair.
+
+    The projection of the right camera has the baseline; `name` is for the error message.
+    """
+    K, D, P = (finite(_field(left, each), name) for each in "kdp")
+    P = P.reshape(3, 4)
+    if left.distortion_model not in DISTORTION_MODELS or len(D) not in (0, 4, 5):
+        raise DriveError(
+            f"{name}: expected plumb_bob with up to five coefficients, "
+            f"found {left.distortion_model!r} with {len(D)}"
+        )
+    baseline = 0.0
+    if right is not None:
+        P2 = finite(_field(right, "p"), name).reshape(3, 4)
+        baseline = -float(P2[0, 3] / P2[0, 0]) if P2[0, 0] else 0.0
+        if np.any(D):
+            raise DriveError(
+                f"{name}: expected rectified images of a stereo pair, found distortion {D.tolist()}"
+            )
+        K = P[:, :3]
+    try:
+        camera = pinhole(K.reshape(3, 3), (left.width, left.height), baseline=baseline)
+    except ConfigError as error:
+        raise DriveError(f"{name}: {error}") from error
+    return Calibration(camera, tuple(D.tolist()) if np.any(D) else ())
+
+
+def _field(message: Any, name: str) -> Any:
+    """A field whose name is a capital in ROS 1."""
+    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())

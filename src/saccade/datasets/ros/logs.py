@@ -1,0 +1,318 @@
+"""Landmark logs from ROS 1 bags (.bag) and ROS 2 bags (a folder with metadata.yaml).
+
+Landmarks are of the first topic of a type in `landmarks`, or of those that are wanted. Their
+positions are transformed into the frame of the robot, that of the odometry, by tf at the time of
+each, and projected to the ground. Odometry is of nav_msgs Odometry, or of tf, from odom
+to the robot.
+Ground truth of the robot is a topic with "truth", "gt", "vicon" or "mocap" in its name.
+
+Times are those of the headers, from the first odometry on. There is a pose at every time of an
+observation, and others between them. Needs the extra `ros`.
+"""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
+from saccade.datasets.logs.conversions import (
+    ASSUMED_ODOMETRY,
+    ASSUMED_SENSOR,
+    OdometryNoise,
+    sensor_variances,
+    to_range_bearing,
+)
+from saccade.datasets.poses import Poses, project_to_plane, rotation_matrices
+from saccade.datasets.ros.bags import (
+    Bag,
+    Transforms,
+    bare,
+    finite,
+    odometry_topic,
+    pose_of,
+    read_poses,
+    reading,
+    stamp_of,
+    truth_topic,
+)
+from saccade.datasets.ros.landmarks import (
+    Detection,
+    identities,
+    landmark_topics,
+    read_detections,
+)
+from saccade.datasets.tables import LARGEST
+from saccade.errors import LogError, LogWarning, require
+from saccade.frames import steps_between
+from saccade.types import BoolArray, FloatArray, LandmarkLog, Trajectory
+
+MAX_STEP = 0.5
+"""Seconds: poses are inserted between observations that are farther apart."""
+MIN_RANGE = 1e-3
+"""Metres: a landmark that is nearer, above or below the robot's origin, has no bearing."""
+BASES = ("base_link", "base_footprint")
+"""Names of the robot's frame, where odometry does not say it."""
+PLANE = np.ix_([0, 1, 5], [0, 1, 5])
+"""x, y and heading in the covariances of ROS."""
+MAX_SPEED = 50.0
+"""Metres and radians per second; faster odometry was reset, and is no motion."""
+UNKNOWN_SPEED = 0.5
+"""Standard deviation of the speed while it was reset, in metres and radians per second."""
+MAX_RATE_VARIANCE = 100.0
+"""Variance of a speed in square metres and radians per second that stands for unknown."""
+MAX_DURATION = 1e5
+"""Seconds; a longer log has a corrupt time stamp."""
+
+
+@dataclass(frozen=True, eq=False)
+class BagOdometry:
+    """Poses of a robot by its odometry, and the covariance of each motion between them."""
+
+    source: str
+    """The topic, or the frames of tf."""
+    base: str
+    """The frame of the robot."""
+    poses: Trajectory
+    """n poses."""
+    covariance: FloatArray
+    """(n - 1, 3, 3) of each pose in the frame of the previous."""
+    is_reset: BoolArray
+    """(n - 1,) whether odometry was reset between two poses, so that the motion is unknown."""
+
+    def between(self, time: FloatArray) -> OdometryIncrements:
+        """Motions between times (m + 1,) in seconds, strictly ascending, within the poses."""
+        known = self.poses.time
+        knots = np.union1d(known[(known > time[0]) & (known < time[-1])], time)
+        control = steps_between(self.poses.at(knots))
+        interval = np.searchsorted(known, knots[:-1], side="right") - 1
+        control[self.is_reset[interval]] = 0.0
+        part = np.diff(knots) / np.diff(known)[interval]
+        increments = OdometryIncrements(control, part[:, None, None] * self.covariance[interval])
+        return compose_increments(increments, np.searchsorted(knots, time), self.source)
+
+
+def _read_odometry(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> BagOdometry:
+    """Odometry of a bag.
+
+    The covariance of a motion is the growth of that of the pose, if it only grows; else that of the
+    twist, independent in each message; else, and where messages have none, by `noise`.
+
+    Raises:
+        LogError: there is none, or too little.
+    """
+    topic = odometry_topic(bag)
+    if topic is None:
+        return _from_transforms(bag, transforms, noise)
+    name = f"{bag.path}, {topic}"
+    messages = {stamp_of(message.header): message for _, message in bag.messages(topic)}
+    time, ordered = zip(*sorted(messages.items()), strict=True)
+    table = finite([pose_of(message) for message in ordered], name)
+    poses = Poses(np.array(time), rotation_matrices(table[:, 3:], name), table[:, :3])
+    growth, rate = (
+        np.array([np.reshape(each.covariance, (6, 6))[PLANE] for each in field], np.float64)
+        for field in ([each.pose for each in ordered], [each.twist for each in ordered])
+    )
+    base = bare(ordered[0].child_frame_id)
+    if not base:
+        base = next((each for each in BASES if transforms.has(each)), BASES[0])
+    return _odometry(topic, base, poses, noise, growth, rate)
+
+
+def _from_transforms(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> BagOdometry:
+    for (parent, base), poses in transforms.edges.items():
+        if parent.endswith("odom") and len(poses.time) > 1:
+            source = f"{parent} to {base}"
+            nothing = np.zeros((len(poses.time), 3, 3))
+            return _odometry(source, base, poses, noise, nothing, nothing)
+    raise LogError(
+        f"{bag.path}: expected nav_msgs/msg/Odometry, or transforms from odom; found "
+        f"{bag.all_topics()}, and transforms of {transforms.frames}"
+    )
+
+
+def _odometry(
+    source: str,
+    base: str,
+    poses: Poses,
+    noise: OdometryNoise,
+    pose_covariance: FloatArray,
+    rate_covariance: FloatArray,
+) -> BagOdometry:
+    """Odometry by its poses and the covariances (n, 3, 3) of its messages."""
+    path = project_to_plane(poses)
+    if not 0 < np.ptp(path.time) < MAX_DURATION:
+        raise LogError(
+            f"{source}: expected odometry over up to {MAX_DURATION:.0f} s, found "
+            f"{np.ptp(path.time):g} s"
+        )
+    motion, duration = steps_between(path.pose), np.diff(path.time)[:, None, None]
+    distance, turn = np.hypot(motion[:, 0], motion[:, 1]), np.abs(motion[:, 2])
+    along, heading = noise.variances(distance, turn)
+    covariance = np.stack([along, along, heading], 1)[:, :, None] * np.eye(3)
+    growth = _growth(path.pose, pose_covariance)
+    if growth is None:
+        given = _is_given(rate_covariance[1:])
+        covariance[given] = (np.square(duration) * rate_covariance[1:])[given]
+    else:
+        covariance = growth
+    is_reset = np.maximum(distance, turn) > MAX_SPEED * duration[:, 0, 0]
+    covariance[is_reset] = (np.square(UNKNOWN_SPEED * duration) * np.eye(3))[is_reset]
+    return BagOdometry(source, base, path, covariance, is_reset)
+
+
+def _is_given(covariance: FloatArray) -> BoolArray:
+    """Which covariances (n, 3, 3) are such, and neither zero nor so large that they mean none."""
+    variance = covariance.diagonal(axis1=1, axis2=2)
+    bounded = (variance >= 0).all(1) & (variance < MAX_RATE_VARIANCE).all(1)
+    bounded &= np.isfinite(covariance).all((1, 2))
+    bounded &= np.isclose(covariance, covariance.transpose(0, 2, 1)).all((1, 2))
+    safe = np.where(np.expand_dims(bounded, (1, 2)), covariance, 0.0)
+    least = np.linalg.eigvalsh(safe)[:, 0]
+    return np.asarray(bounded & (variance > 0).any(1) & (least > -1e-9 * variance.max(1)))
+
+
+def _growth(pose: FloatArray, covariance: FloatArray) -> FloatArray | None:
+    """Covariances (n - 1, 3, 3) of motions by which those of the poses (n, 3) grow.
+
+    Solves the propagation P' = Fx P Fx' + Fu U Fu' for U; None where that of some pose does not
+    grow, so that the covariance of the poses is not the accumulated one.
+    """
+    if not np.isfinite(covariance).all():
+        return None
+    c, s = np.cos(pose[:-1, 2]), np.sin(pose[:-1, 2])
+    step = np.diff(pose, axis=0)
+    Fx, Fu = (np.tile(np.eye(3), (len(step), 1, 1)) for _ in range(2))
+    Fx[:, 0, 2], Fx[:, 1, 2] = -step[:, 1], step[:, 0]
+    Fu[:, 0, 0], Fu[:, 0, 1], Fu[:, 1, 0], Fu[:, 1, 1] = c, -s, s, c
+    grown = covariance[1:] - Fx @ covariance[:-1] @ Fx.transpose(0, 2, 1)
+    U = Fu.transpose(0, 2, 1) @ grown @ Fu  # Fu is orthogonal
+    U = (U + U.transpose(0, 2, 1)) / 2
+    scale = np.abs(covariance).max(initial=0.0)
+    grows = np.linalg.eigvalsh(U)[:, 0].min(initial=0.0) >= -1e-12 * scale
+    return U if grows and np.trace(U.sum(0)) > 0 else None
+
+
+def read_rosbag_log(
+    path: str | Path,
+    topic: Sequence[str] = (),
+    odometry_noise: OdometryNoise = ASSUMED_ODOMETRY,
+    sensor_sigma: tuple[float, float] = ASSUMED_SENSOR,
+) -> LandmarkLog:
+    """A landmark log from a bag; its name has the topics that were used.
+
+    Warns (`LogWarning`) of observations that are left out and of odometry that was reset.
+
+    Args:
+        path: the bag.
+        topic: topics of landmarks, as of several cameras; by default one is chosen by its type.
+        odometry_noise: of odometry without covariance.
+        sensor_sigma: of observations without covariance: fraction of the range, and radians.
+
+    Raises:
+        LogError: the file is no bag, or lacks landmarks, odometry, or transforms between them.
+        ConfigError: a standard deviation that is not positive; the extra is not installed.
+    """
+    require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
+    path = Path(path)
+    with reading(str(path), LogError):
+        bag = Bag(path)
+        topics, transforms = landmark_topics(bag, topic), Transforms.read(bag)
+        odometry = _read_odometry(bag, transforms, odometry_noise)
+        detections = [each for name in topics for each in read_detections(bag, name, transforms)]
+        return _log(bag, ", ".join(topics), odometry, transforms, detections, sensor_sigma)
+
+
+def _log(
+    bag: Bag,
+    topics: str,
+    odometry: BagOdometry,
+    transforms: Transforms,
+    detections: list[Detection],
+    sensor_sigma: tuple[float, float],
+) -> LandmarkLog:
+    name, (first, last) = f"{bag.path}, {topics}", odometry.poses.time[[0, -1]].tolist()
+    detections = sorted(detections, key=lambda each: each.time)
+    position, covariance = _on_robot(detections, transforms, odometry.base, name)
+    time = np.array([each.time for each in detections])
+    usable = (time >= first) & (time <= last) & _is_measured(position)
+    if not usable.any():
+        raise LogError(
+            f"{name}: expected landmarks while there is odometry, from {first:.3f} to "
+            f"{last:.3f} s; found {len(detections)} at other times, or without a position"
+        )
+    _warn(name, usable, odometry)
+    observation, R = to_range_bearing(
+        position[usable, :2], covariance[usable, :2, :2], lambda k: f"{name}, landmark {k}"
+    )
+    unknown = ~(np.linalg.eigvalsh(covariance[usable, :2, :2])[:, 0] > 0)
+    variances = sensor_variances(observation[unknown, 0], sensor_sigma)
+    R[unknown] = variances[:, :, None] * np.eye(2)
+
+    grid = np.linspace(first, last, int(np.ceil((last - first) / MAX_STEP)) + 1)
+    pose_time = np.union1d(grid, time[usable])
+    motion = odometry.between(pose_time)
+    truth_name = truth_topic(bag)
+    truth = None if truth_name is None else project_to_plane(read_poses(bag, truth_name, first))
+    return LandmarkLog(
+        name=f"{bag.path.stem}, {topics} with {odometry.source}",
+        start=np.zeros(3) if truth is None else truth.at(np.zeros(1))[0],
+        time=pose_time - first,
+        motion="compose",
+        control=motion.control,
+        control_covariance=motion.covariance,
+        observation_pose=np.searchsorted(pose_time, time[usable]).astype(np.int64),
+        observation=observation,
+        observation_covariance=R,
+        landmark=identities([each.name for each in detections])[usable],
+        truth=truth,
+    )
+
+
+def _on_robot(
+    detections: list[Detection], transforms: Transforms, base: str, name: str
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (k, 3) in the frame of the robot, and their covariances (k, 3, 3)."""
+    position = np.array([each.position for each in detections]).reshape(-1, 3)
+    covariance = np.array([each.covariance for each in detections]).reshape(-1, 3, 3)
+    covariance = np.where(np.isfinite(covariance).all((1, 2), keepdims=True), covariance, 0.0)
+    covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
+    time = np.array([each.time for each in detections])
+    frames = np.array([each.frame for each in detections])
+    for frame in np.unique(frames).tolist():
+        rows = np.flatnonzero(frames == frame)
+        poses = transforms.poses(base, frame, time[rows])
+        if poses is None:
+            raise LogError(
+                f"{name}: expected transforms from {base} to {frame!r}, found {transforms.frames}"
+            )
+        R = poses.rotation
+        position[rows] = np.einsum("nij,nj->ni", R, position[rows]) + poses.position
+        covariance[rows] = R @ covariance[rows] @ R.transpose(0, 2, 1)
+    return position, covariance
+
+
+def _is_measured(position: FloatArray) -> BoolArray:
+    """Which positions (k, 3) have a range and a bearing."""
+    bounded = (np.abs(position) < LARGEST).all(1)
+    x, y = np.where(np.expand_dims(bounded, 1), position[:, :2], 0.0).T
+    return np.asarray(bounded & (np.hypot(x, y) > MIN_RANGE))
+
+
+def _warn(name: str, usable: BoolArray, odometry: BagOdometry) -> None:
+    if not usable.all():
+        warnings.warn(
+            f"{name}: {int((~usable).sum())} of {len(usable)} landmarks left out, without odometry "
+            "at their time, or without a position",
+            LogWarning,
+            stacklevel=4,
+        )
+    if odometry.is_reset.any():
+        warnings.warn(
+            f"{name}: {odometry.source} was reset {int(odometry.is_reset.sum())} times; the motion "
+            "there is unknown",
+            LogWarning,
+            stacklevel=4,
+        )
