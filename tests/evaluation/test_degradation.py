@@ -56,7 +56,7 @@ def test_nonsense_is_refused(text, words):
 
 def test_the_strongest_places_have_all_of_their_points():
     xy = np.array([[3.0, 1], [2, 2], [3, 1], [1, 1], [2, 2]])
-    features = Features(xy, np.arange(5)[:, None], (9, 9))
+    features = Features(xy, np.arange(5)[:, None], (9, 9), np.ones(5))
     kept = features.strongest(2)
     assert kept.descriptors.ravel().tolist() == [0, 1, 2, 4]
     np.testing.assert_array_equal(kept.xy, xy[[0, 1, 2, 4]])

@@ -12,7 +12,7 @@ from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ConfigError, ImageError
 from saccade.evaluation.detectors import find_detector
 from saccade.evaluation.features import FeatureScores, feature_difference, score_detector
-from saccade.evaluation.homography import corner_error, inside
+from saccade.evaluation.homography import corner_errors, inside
 from saccade.evaluation.repeatability import Features, PairScores, score_pair
 from saccade.exchange.colmap import import_pycolmap
 from saccade.io.image import as_gray
@@ -26,7 +26,7 @@ def found(xy, codes=None, shape=(100, 100)):
     xy = np.array(xy, float).reshape(-1, 2)
     codes = np.arange(len(xy)) if codes is None else np.array(codes)
     descriptors = 100 * np.eye(16, dtype=np.uint8)[codes]
-    return Features(xy, descriptors, shape)
+    return Features(xy, descriptors, shape, np.ones(len(xy)))
 
 
 def test_a_perfect_detector_has_full_marks(rng):
@@ -70,13 +70,20 @@ def test_projection_is_opencvs(rng):
     np.testing.assert_array_equal(inside(edges, (5, 10)), [True, True, False, False, False])
 
 
-def test_the_error_of_a_known_homography(rng):
+@pytest.mark.parametrize("estimator", ["verify", "magsac", "colmap"])
+def test_the_error_of_a_known_homography(rng, estimator):
+    if estimator == "colmap":
+        pytest.importorskip("pycolmap")
     xy = rng.uniform(0, 100, (60, 2))
-    moved = xy + np.array([12, 5])  # the truth says (10, 0)
-    assert corner_error(xy, moved, SHIFT, (100, 100)) == pytest.approx(np.hypot(2, 5), abs=1e-3)
-    assert corner_error(xy[:3], moved[:3], SHIFT, (100, 100)) == np.inf
-    same = np.repeat(xy[:1], 9, axis=0)
-    assert corner_error(same, same, SHIFT, (100, 100)) == np.inf
+    matched = np.hstack([xy, xy + np.array([12, 5])])  # the truth says (10, 0)
+
+    def errors(rows):
+        return corner_errors(rows, np.ones((len(rows), 2)), SHIFT, (100, 100), estimator)
+
+    np.testing.assert_allclose(errors(matched), np.hypot(2, 5), atol=1e-3)
+    assert len(errors(matched)) == (1 if estimator == "verify" else 5)
+    assert np.isinf(errors(matched[:3])).all()
+    assert np.isinf(errors(np.repeat(matched[:1], 9, axis=0))).all()
 
 
 def test_means_and_intervals():
@@ -182,6 +189,21 @@ def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
         assert err.strip().count("\n") == 0
 
 
+def test_pairs_or_a_drive_are_scored(monkeypatch, capsys, tmp_path):
+    for words, expected in (
+        ([], "--drive"),
+        (["--pairs", tmp_path, "--drive", tmp_path], "--drive"),
+        (["--pairs", tmp_path, "--synthetic"], "--synthetic"),
+        (["--pairs", tmp_path, "--images", tmp_path], "--synthetic"),
+        (["--synthetic", "--images", tmp_path], "expected a folder of photographs"),
+        (["--synthetic", "--estimator", "lmeds"], "expected one of verify, magsac, colmap"),
+    ):
+        code, _, err = run(monkeypatch, capsys, "evaluate", "features", *words)
+        assert code == 2
+        assert expected in err
+        assert err.strip().count("\n") == 0
+
+
 @pytest.fixture
 def texture(rng):
     """(160, 200, 3) noise in [0, 1] in which there are some hundred points."""
@@ -193,9 +215,7 @@ def texture(rng):
 def kept_places(name, image, count):
     """The places of a detector's points that `--points` keeps."""
     found = find_detector(name, None, count)(image)
-    return set(
-        map(tuple, Features(found.xy, found.descriptors, image.shape[:2]).strongest(count).xy)
-    )
+    return set(map(tuple, Features.of(found, image.shape[:2]).strongest(count).xy))
 
 
 @pytest.mark.parametrize("count", [10, 50])

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
@@ -33,8 +35,8 @@ MEANING = (
     "error: their mean distance in px. MMA: fraction of the mutual nearest neighbors correct "
     "within 1, 3 and 5 px; ratio: the same of those that pass the ratio test. Score: correct "
     "matches over the locations visible in both images. AUC: area under the cumulative curve of "
-    "the corner error of the homography that MAGSAC estimates from the matches that pass the ratio "
-    "test, mean of five draws. Higher is better, except for the error."
+    "the corner error of the homography that is estimated from the matches that pass the ratio "
+    "test. Higher is better, except for the error."
 )
 CLEAN = "clean"
 """Value of --degrade for images as they are."""
@@ -44,6 +46,21 @@ def features(
     pairs: Annotated[
         Path | None,
         Option(metavar="DIR", help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on."),
+    ] = None,
+    synthetic: Annotated[
+        bool,
+        Option(
+            "--synthetic",
+            help="Instead of --pairs: at least 200 pairs of known views of photographs.",
+        ),
+    ] = False,
+    images: Annotated[
+        Path | None,
+        Option(
+            metavar="DIR",
+            help="Photographs of --synthetic.",
+            show_default="eleven of this package",
+        ),
     ] = None,
     drive: Annotated[
         Path | None,
@@ -82,6 +99,13 @@ def features(
             "with commas.",
         ),
     ] = None,
+    estimator: Annotated[
+        list[str] | None,
+        Option(
+            help="Of the homographies: verify, magsac (OpenCV) or colmap; several with commas.",
+            show_default="verify",
+        ),
+    ] = None,
     degrade: Annotated[
         list[str] | None,
         Option(
@@ -111,45 +135,62 @@ def features(
     from saccade.cli.evaluate_poses import relative_poses
     from saccade.cli.output import print_json, progress_bar
     from saccade.datasets.homography_pairs import homography_pairs
-    from saccade.errors import ConfigError
+    from saccade.errors import ConfigError, require
     from saccade.evaluation.degradation import Degradation
     from saccade.evaluation.detectors import CONFIGURATIONS, OURS, find_detector
     from saccade.evaluation.features import feature_difference, score_detector
+    from saccade.evaluation.homography import ESTIMATORS
+    from saccade.evaluation.synthetic_pairs import write_synthetic_pairs
     from saccade.settings import load_settings
     from saccade.viewing.report import Table, write_tables
 
-    if drive is not None and (pairs is not None or degrade or report or per_sequence):
-        raise ConfigError("--drive: does not go with --pairs, --degrade, --report, --per-sequence")
+    elsewhere = pairs is not None or synthetic or degrade or report or per_sequence or estimator
+    if drive is not None and elsewhere:
+        raise ConfigError(
+            "--drive: does not go with --pairs, --synthetic, --degrade, --estimator, --report, "
+            "--per-sequence"
+        )
     if drive is not None:
         detectors = detector or ["sift"], preset, config
         relative_poses(drive, *detectors, points or [], gap or [1], ratio, as_json)
         return
-    if pairs is None:
-        raise ConfigError("--pairs: expected a folder of image pairs, or --drive, found neither")
-    found = homography_pairs(pairs)
-    sequences = list(dict.fromkeys(pair.sequence for pair in found))
-    degradations = [
-        None if text == CLEAN else Degradation.parse(text) for text in degrade or [CLEAN]
-    ]
-    counts: list[int | None] = [*points] if points else [None]
-    results: dict[str, FeatureScores] = {}
-    differences: dict[str, FeatureDifference] = {}
-    reference: dict[tuple[int | None, str], FeatureScores] = {}
-    for name in detector or ["sift"]:
-        kind = CONFIGURATIONS.get(name)
-        settings = None if kind is None else load_settings(kind, preset, config)
-        detect = find_detector(name, settings, max(points) if points else None)
-        label = f"{name} {preset}" if name in OURS and preset else name
-        for degradation in degradations:
-            with progress_bar(f"{name} {degradation or ''}", len(found)) as progress:
-                scores = score_detector(detect, found, counts, degradation, ratio, radius, progress)
-            for count, result in zip(counts, scores, strict=True):
-                words = [label, f"{count} points" if count else "", str(degradation or "")]
-                row = ", ".join(filter(None, words))
-                results[row] = result
-                first = reference.setdefault((count, words[2]), result)
-                if first is not result:
-                    differences[row] = feature_difference(first, result)
+    if (pairs is None) != synthetic:
+        raise ConfigError("--pairs: expected a folder of image pairs, --synthetic, or --drive")
+    if images is not None and not synthetic:
+        raise ConfigError("--images: expected --synthetic with it")
+    estimators: list[Any] = [*(estimator or ["verify"])]
+    for each in estimators:
+        require(each in ESTIMATORS, "estimator", f"one of {', '.join(ESTIMATORS)}", each)
+    with TemporaryDirectory() as temporary:
+        if pairs is None:
+            pairs = Path(temporary)
+            write_synthetic_pairs(pairs, images)
+        found = homography_pairs(pairs)
+        sequences = list(dict.fromkeys(pair.sequence for pair in found))
+        degradations = [
+            None if text == CLEAN else Degradation.parse(text) for text in degrade or [CLEAN]
+        ]
+        counts: list[int | None] = [*points] if points else [None]
+        results: dict[str, FeatureScores] = {}
+        differences: dict[str, FeatureDifference] = {}
+        reference: dict[tuple[int | None, str], FeatureScores] = {}
+        for name in detector or ["sift"]:
+            kind = CONFIGURATIONS.get(name)
+            settings = None if kind is None else load_settings(kind, preset, config)
+            detect = find_detector(name, settings, max(points) if points else None)
+            label = f"{name} {preset}" if name in OURS and preset else name
+            for degradation in degradations:
+                with progress_bar(f"{name} {degradation or ''}", len(found)) as progress:
+                    scores = score_detector(
+                        *(detect, found, counts, degradation, ratio, radius, progress, estimators)
+                    )
+                for (count, by), result in zip(product(counts, estimators), scores, strict=True):
+                    words = [label, f"{count} points" if count else "", str(degradation or "")]
+                    row = ", ".join(filter(None, [*words, "" if by == "verify" else by]))
+                    results[row] = result
+                    first = reference.setdefault((count, words[2]), result)
+                    if first is not result:
+                        differences[row] = feature_difference(first, result)
     difference_title = f"Paired difference from {(detector or ['sift'])[0]}"
     title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
     write_tables(

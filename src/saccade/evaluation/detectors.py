@@ -12,10 +12,11 @@ import numpy as np
 from saccade.attention import attention_saliency
 from saccade.errors import ConfigError
 from saccade.exchange.colmap import import_pycolmap
+from saccade.exchange.opencv import from_opencv
 from saccade.io.image import as_gray
 from saccade.keypoints import Must, MustConfig, Sift, SiftConfig, SymRoid, SymRoidConfig
 from saccade.scale.pyramid import resize
-from saccade.types import Float32Array
+from saccade.types import Float32Array, Keypoints
 
 Detector: TypeAlias = Callable[[Float32Array], Any]
 """From an (H, W, 3) image in [0, 1] to an object with xy (n, 2) and descriptors (n, d)."""
@@ -104,15 +105,12 @@ def _opencv(root: bool) -> Detector:
     def detect(image: Float32Array) -> Any:
         gray = np.rint(as_gray(image) * 255).astype(np.uint8)
         keypoints, descriptors = sift.detectAndCompute(gray, None)
-        if not keypoints:
-            return SimpleNamespace(xy=np.zeros((0, 2)), descriptors=np.zeros((0, 128)))
-        order = np.argsort([-keypoint.response for keypoint in keypoints], kind="stable")
-        xy = np.array([keypoint.pt for keypoint in keypoints])[order]
-        descriptors = descriptors[order]
-        if root:
-            total = descriptors.sum(axis=1, keepdims=True).clip(1)
-            return SimpleNamespace(xy=xy, descriptors=np.sqrt(descriptors / total))
-        return SimpleNamespace(xy=xy, descriptors=descriptors.astype(np.uint8))
+        points = from_opencv(keypoints, np.zeros((0, 128)) if descriptors is None else descriptors)
+        points = points[np.argsort(-points.response, kind="stable")]
+        if not root:
+            return points
+        rows = np.asarray(points.descriptors, np.float32)
+        return replace(points, descriptors=np.sqrt(rows / rows.sum(axis=1, keepdims=True).clip(1)))
 
     return detect
 
@@ -127,10 +125,11 @@ def _colmap() -> Detector:
     def detect(image: Float32Array) -> Any:
         gray = np.ascontiguousarray(as_gray(image), np.float32)
         keypoints, descriptors = sift.extract_from_float32_array(gray)
-        order = np.argsort([-keypoint.compute_scale() for keypoint in keypoints], kind="stable")
         # The center of its first pixel is (0.5, 0.5).
-        xy = np.array([(each.x, each.y) for each in keypoints]).reshape(-1, 2)[order] - 0.5
-        return SimpleNamespace(xy=xy, descriptors=descriptors.data[order])
+        xy = np.array([(each.x, each.y) for each in keypoints]).reshape(-1, 2) - 0.5
+        points = Keypoints.at(xy, [2 * each.compute_scale() for each in keypoints])
+        order = np.argsort(-points.size, kind="stable")
+        return replace(points, descriptors=np.asarray(descriptors.data, np.uint8))[order]
 
     return detect
 

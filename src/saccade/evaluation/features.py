@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 from saccade.datasets.homography_pairs import HomographyPair
 from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.detectors import Detector
+from saccade.evaluation.homography import Estimator
 from saccade.evaluation.intervals import ScoreSet, mean_interval
 from saccade.evaluation.repeatability import RADIUS, Features, PairScores, score_pair
 from saccade.io.image import read_image
@@ -53,6 +55,7 @@ def score_detector(
     ratio: float = 0.8,
     radius: float = RADIUS,
     progress: Callable[[int, int], object] | None = None,
+    estimators: Sequence[Estimator] = ("verify",),
 ) -> list[FeatureScores]:
     """Score a detector on image pairs, at several numbers of keypoint locations.
 
@@ -64,26 +67,26 @@ def score_detector(
         ratio: threshold of the ratio test.
         radius: distance in pixels within which a keypoint is repeated.
         progress: called with the pairs done and their number.
+        estimators: of the homography.
 
     Returns:
-        The scores at each of `counts`.
+        The scores at each of `counts`, and for each of these by each of `estimators`.
     """
 
     def features(image: Float32Array) -> Features:
-        keypoints = detect(image)
-        descriptors = np.asarray(keypoints.descriptors)
-        return Features(np.asarray(keypoints.xy, np.float64), descriptors, image.shape[:2])
+        return Features.of(detect(image), image.shape[:2])
 
-    scores: list[list[PairScores]] = [[] for _ in counts]
+    rows = list(product(counts, estimators))
+    scores: list[list[PairScores]] = [[] for _ in rows]
     path: Path | None = None
     for number, pair in enumerate(pairs):
         if pair.first != path:
             path, first = pair.first, features(read_image(pair.first))
         image = read_image(pair.second)
         second = features(image if degradation is None else degradation.apply(image, number))
-        for table, count in zip(scores, counts, strict=True):
+        for table, (count, estimator) in zip(scores, rows, strict=True):
             kept = first.strongest(count), second.strongest(count)
-            table.append(score_pair(*kept, pair.homography, ratio, radius))
+            table.append(score_pair(*kept, pair.homography, ratio, radius, estimator))
         if progress is not None:
             progress(number + 1, len(pairs))
     names = [(pair.sequence, pair.second.stem) for pair in pairs]

@@ -151,9 +151,7 @@ def _features(detect: Detector, drive: Drive, number: int) -> Features:
     if image is None:
         raise DriveError(f"{drive.name}: expected an image of frame {number}, found none")
     gray = as_gray(image)
-    keypoints = detect(np.repeat(gray[:, :, None], 3, axis=2))
-    descriptors = np.asarray(keypoints.descriptors)
-    return Features(np.asarray(keypoints.xy, np.float64), descriptors, gray.shape)
+    return Features.of(detect(np.repeat(gray[:, :, None], 3, axis=2)), gray.shape)
 
 
 def _score(

@@ -7,10 +7,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from saccade.evaluation.homography import corner_errors, inside
+from saccade.evaluation.homography import Estimator, corner_errors, inside
 from saccade.keypoints.matching import nearest_neighbors
 from saccade.keypoints.two_view_fit import project
-from saccade.types import BoolArray, FloatArray, IntArray
+from saccade.keypoints.verification import position_sigma
+from saccade.types import BoolArray, FloatArray, IntArray, Keypoints
 
 RADIUS = 3.0
 """Distance in pixels of the second image within which a keypoint is repeated, by default."""
@@ -26,6 +27,8 @@ class Features:
     """(n, d)."""
     shape: tuple[int, int]
     """(H, W) of the image."""
+    position_sigma: FloatArray
+    """(n,) standard deviation of the positions in pixels."""
 
     def strongest(self, locations: int | None) -> "Features":
         """The keypoints at the first `locations` distinct locations; all where that is None."""
@@ -33,7 +36,16 @@ class Features:
             return self
         _, first, location = np.unique(self.xy, axis=0, return_index=True, return_inverse=True)
         kept = np.argsort(np.argsort(first))[location.ravel()] < locations
-        return Features(self.xy[kept], self.descriptors[kept], self.shape)
+        return Features(
+            self.xy[kept], self.descriptors[kept], self.shape, self.position_sigma[kept]
+        )
+
+    @classmethod
+    def of(cls, found: Any, shape: tuple[int, int]) -> "Features":
+        """Those of what a detector returned; positions of unknown scale are equally exact."""
+        xy = np.asarray(found.xy, np.float64).reshape(-1, 2)
+        sigma = position_sigma(found) if isinstance(found, Keypoints) else np.ones(len(xy))
+        return cls(xy, np.asarray(found.descriptors), shape, sigma)
 
 
 @dataclass(frozen=True)
@@ -61,7 +73,7 @@ class PairScores:
     area of the image that has fewer."""
     auc_1: float
     """Area under the cumulative curve of the homography's corner error, up to 1 px; the mean of
-    several random draws of the estimator."""
+    several random draws of an estimator that draws."""
     auc_3: float
     auc_5: float
     auc_10: float
@@ -73,6 +85,7 @@ def score_pair(
     homography: FloatArray,
     ratio: float = 0.8,
     radius: float = RADIUS,
+    estimator: Estimator = "verify",
 ) -> PairScores:
     """Score the keypoints of two images related by a known homography.
 
@@ -88,6 +101,7 @@ def score_pair(
         homography: (3, 3) from the first image to the second.
         ratio: threshold of the ratio test.
         radius: distance in pixels of the second image within which a keypoint is repeated.
+        estimator: of the homography.
 
     Source: Mikolajczyk & Schmid (2005) and DeTone et al. (2018), section 4 and appendix.
     """
@@ -97,10 +111,10 @@ def score_pair(
     )
     repeated = distance[distance <= radius]
     error, kept, pairs = mutual_matches(first, second, homography, ratio)
-    matched = pairs[kept]
-    corners = corner_errors(
-        first.xy[matched[:, 0]], second.xy[matched[:, 1]], homography, first.shape
-    )
+    i, j = pairs[kept].T
+    matched = np.hstack([first.xy[i], second.xy[j]])
+    sigma = np.stack([first.position_sigma[i], second.position_sigma[j]], axis=1)
+    corners = corner_errors(matched, sigma, homography, first.shape, estimator)
     return PairScores(
         keypoints=float(len(first.xy)),
         repeatability=len(repeated) / max(len(distance), 1),

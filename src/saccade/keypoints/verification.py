@@ -110,10 +110,21 @@ def verify(
     if not np.isfinite(matched).all():
         raise KeypointsError("keypoints: expected finite positions, found NaN or infinity")
     sigma = np.stack([position_sigma(first)[pairs[:, 0]], position_sigma(second)[pairs[:, 1]]], 1)
+    return verify_positions(matched, sigma, geometry, tolerance, min_inliers)
+
+
+def verify_positions(
+    matched: FloatArray,
+    sigma: FloatArray,
+    geometry: Geometry,
+    tolerance: float,
+    min_inliers: int,
+) -> Verification:
+    """`verify` of (m, 4) rows x1, y1, x2, y2 and (m, 2) standard deviations of both positions."""
     unique, row = np.unique(matched, axis=0, return_inverse=True)
-    weights = np.full((len(unique), 2), np.inf)
-    np.minimum.at(weights, row.ravel(), sigma)
-    found = estimate(unique, weights, geometry, tolerance, min_inliers)
+    smallest = np.full((len(unique), 2), np.inf)
+    np.minimum.at(smallest, row.ravel(), sigma)
+    found = estimate(unique, smallest, geometry, tolerance, min_inliers)
     return replace(found, inliers=found.inliers[row.ravel()])
 
 
