@@ -403,7 +403,7 @@ def _gazes(folder: Path) -> object:
 
 
 def _turns(folder: Path) -> object:
-    from saccade.datasets.drives.gaze import read_turns
+    from saccade.datasets.drives.sidecar_files import read_turns
 
     return read_turns(folder / "gaze.csv")
 

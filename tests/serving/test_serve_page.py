@@ -12,7 +12,7 @@ from urllib.request import urlopen
 import pytest
 
 from saccade.serving.analysis import PhotoAnalyzer
-from saccade.serving.controls import controls
+from saccade.serving.controls import MODELS, controls
 from saccade.serving.playground import Playground
 from support.limits import TIMEOUT
 
@@ -208,6 +208,15 @@ def test_errors_are_shown_and_the_page_goes_on(opened, served):
     assert alarm.is_hidden()
 
 
+def test_the_settings_of_the_chosen_model_are_shown(opened):
+    page = opened()
+    for model, kinds in MODELS.items():
+        page.locator(f".segments input[value={model}]").check(force=True)
+        for kind in {each for known in MODELS.values() for each in known}:
+            expect(page.locator(f"[data-kind={kind}]")).to_be_visible(visible=kind in kinds)
+    _settle(page)
+
+
 def _steps(page):
     return int(page.locator("#slam").get_attribute("data-steps"))
 
@@ -288,7 +297,9 @@ SETTING = """(field) => {
   const values = { sample: { ...field.start } };
   const presets = { default: { sample: field.start } };
   window.last = undefined;
-  const sample = { kind: "sample", title: "Sample", first: 9, presets, fields: field.fields };
+  const sample = {
+    kind: "sample", title: "Sample", first: 9, presets, initial: "default", fields: field.fields,
+  };
   const changed = () => { window.last = JSON.stringify(group.values.sample); };
   const group = settingsGroups([sample], changed);
   document.body.replaceChildren(...group.elements);

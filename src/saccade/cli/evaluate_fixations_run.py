@@ -29,7 +29,7 @@ from saccade.io.files import atomic_write
 from saccade.io.image import read_image
 from saccade.scale.pyramid import resize
 from saccade.types import FixationTable, Float32Array, FloatArray
-from saccade.viewing.fixation_scores import Bar, fixation_score_figure
+from saccade.viewing.evaluation import Bar, fixation_score_figure
 from saccade.viewing.style import save_figure
 
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"

@@ -183,7 +183,7 @@ def _write(
     from saccade.cli.output import write_text
     from saccade.evaluation.scanpath_summary import tidy
     from saccade.evaluation.scanpaths import OTHERS
-    from saccade.viewing.scanpaths import scanpath_figure
+    from saccade.viewing.evaluation import scanpath_figure
     from saccade.viewing.style import save_figure
 
     for name, rows in (("paths", paths), ("fixations", predicted)):

@@ -178,9 +178,9 @@ def _write_figure(
     """Write the figure of the trajectories, and the report that holds it."""
     from saccade.viewing import save_figure
     from saccade.viewing.embedding import figure_uri
+    from saccade.viewing.evaluation import ComparedTrajectory, trajectory_figure
     from saccade.viewing.page import Picture
     from saccade.viewing.report import Table, write_tables
-    from saccade.viewing.trajectory import ComparedTrajectory, trajectory_figure
 
     figure = trajectory_figure(
         [

@@ -9,16 +9,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from saccade import keypoints
+from saccade.attention.channels import Channel
+from saccade.attention.contrast import (
+    ContrastConfig,
+    FeatureMap,
+    contrast_pyramids,
+    contrast_saliency,
+)
 from saccade.attention.models import KINDS, AttentionModel
 from saccade.attention.scanpath import scanpath
 from saccade.errors import ConfigError, ImageError, require
 from saccade.io.image import decode_image, size_in_header
+from saccade.scale.pyramid import FloatMap
 from saccade.serving import snippets
 from saccade.serving.controls import DETECTORS, MODELS
-from saccade.serving.features import feature_data
 from saccade.settings import settings_from
-from saccade.types import Float32Array
-from saccade.viewing.embedding import photograph
+from saccade.types import Float32Array, Image
+from saccade.viewing.embedding import heat, photograph, shrunk
 from saccade.viewing.report import maps_data, points_data, scanpath_data
 
 MAX_PHOTOS = 4
@@ -27,6 +34,8 @@ MAX_PIXELS, MAX_NAME = 40_000_000, 200
 """Of a photograph, and characters of its name that are kept."""
 MAX_FIXATIONS, MAX_POINTS = 100, 2000
 """Length of a scanpath, and interest points that are drawn."""
+LEVEL_SIDE = 200
+"""Pixels of the longer side of a pyramid level on the page."""
 
 
 class Photo(NamedTuple):
@@ -190,3 +199,61 @@ def _table(request: Mapping[str, Any], kind: str) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise ConfigError(f"{kind}: expected a table of settings, found {table!r}")
     return table
+
+
+def feature_data(image: Image, config: ContrastConfig) -> list[dict[str, Any]]:
+    """What the contrast model computes, by channel, as the page reads it.
+
+    Args:
+        image: (H, W, 3).
+        config: of the model.
+
+    Returns:
+        For each channel its name, the levels of its pyramid (A.1-A.6), its center-surround maps
+        (A.7-A.10) and the same after normalization; last the conspicuity maps (A.11-A.13) and the
+        saliency (A.14).
+    """
+    maps = contrast_saliency(image, config, keep_features=True)
+    channels = [
+        {"name": channel_name(channel), "rows": _rows(levels, maps.features, channel)}
+        for channel, levels in contrast_pyramids(image, config).items()
+    ]
+    sums = [{"name": name, "address": heat(values)} for name, values in maps.layers.items()]
+    return [*channels, {"name": "all channels", "rows": [{"name": "conspicuity", "maps": sums}]}]
+
+
+def channel_name(channel: Channel) -> str:
+    """The name of a channel, with the angle of an orientation."""
+    return (
+        channel.name
+        if channel.angle is None
+        else f"{channel.name} {channel.angle:g}\N{DEGREE SIGN}"
+    )
+
+
+def _rows(
+    levels: dict[int, FloatMap], features: tuple[FeatureMap, ...], channel: Channel
+) -> list[dict[str, Any]]:
+    own = [each for each in features if each.channel == channel]
+    pyramid = [
+        {"name": f"level {number}", "address": _level(level)}
+        for number, level in sorted(levels.items())
+    ]
+    differences, normalized = (
+        [
+            {"name": f"{each.center} against {each.surround}", "address": heat(values)}
+            for each, values in zip(own, maps, strict=True)
+        ]
+        for maps in ([each.values for each in own], [each.normalized for each in own])
+    )
+    return [
+        {"name": "pyramid", "maps": pyramid},
+        {"name": "center against surround", "maps": differences},
+        {"name": "normalized", "maps": normalized},
+    ]
+
+
+def _level(level: FloatMap) -> str:
+    """A level from its smallest value to its largest: those of opponent colors have signs."""
+    small = shrunk(level, LEVEL_SIDE / max(level.shape))
+    return heat(small - small.min())

@@ -1,13 +1,15 @@
 """Odometry and ground truth in files beside the images of a drive, whatever its layout.
 
 odometry.csv             see `odometry`; or odometry_oxts.csv
-gaze.csv                 optional, of a camera that turns: see `gaze`
+gaze.csv                 optional, of a camera that turns: pan_rad, tilt_rad, sigma_rad, see
+                         `CameraTurn`, and optionally the reason; one row for each recorded frame
 groundtruth.tum          ground truth of the robot, on the ground; or of the left camera, in its
                          frame: groundtruth_tum.txt, groundtruth_kitti.txt, poses.txt or, as in
                          KITTI's benchmark, ../../poses/NAME.txt
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,15 +17,17 @@ import numpy as np
 
 from saccade.datasets.drives.calibration import Calibration
 from saccade.datasets.drives.frames import FrameTimes
-from saccade.datasets.drives.gaze import with_recorded_turns
 from saccade.datasets.drives.odometry import OdometryIncrements, read_odometry, unknown_increments
 from saccade.datasets.poses import Poses, project_to_plane, rotation_matrices
-from saccade.datasets.tables import read_rows, read_table
-from saccade.errors import LogError
-from saccade.frames import Camera, Drive, Frame
+from saccade.datasets.tables import Row, read_rows, read_table, write_table
+from saccade.errors import DriveError, LogError
+from saccade.frames import Camera, CameraTurn, Drive, Frame
 from saccade.types import FloatArray, Trajectory
 
 TUM_COLUMNS = ("time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+GAZE_FILE = "gaze.csv"
+GAZE_COLUMNS = ("pan_rad", "tilt_rad", "sigma_rad", "reason")
+"""The last one is optional."""
 
 
 class Truth(NamedTuple):
@@ -129,3 +133,53 @@ def assemble_drive(
         truth_off_plane=truth.off_plane,
         remarks=frames.remarks,
     )
+
+
+def with_recorded_turns(
+    folder: Path, frames: FrameTimes, load: Callable[[int], Frame]
+) -> Callable[[int], Frame]:
+    """A `Drive.load` whose frames know how the camera was turned, if the folder has that file.
+
+    Raises:
+        DriveError: the file has no row for a recorded frame, or another header.
+        LogError: a row has other cells than the header, or no numbers.
+    """
+    path = folder / GAZE_FILE
+    if not path.exists():
+        return load
+    turns = read_turns(path)
+    if len(turns) != len(frames.recorded):
+        raise DriveError(
+            f"{path}: expected a row for each of {len(frames.recorded)} frames, found {len(turns)}"
+        )
+    numbers = frames.index.tolist()
+
+    def load_turned(i: int) -> Frame:
+        return replace(load(i), turn=turns[numbers[i]])
+
+    return load_turned
+
+
+def read_turns(path: Path) -> list[CameraTurn]:
+    """The turns of a file."""
+    rows = read_rows(path, delimiter=",")
+    header = tuple(next(rows, Row(path, 1, [])).cells)
+    if header not in (GAZE_COLUMNS, GAZE_COLUMNS[:3]):
+        found = ",".join(header)[:80]
+        raise DriveError(f"{path}: expected the header {','.join(GAZE_COLUMNS)}, found {found!r}")
+    turns = []
+    for row in rows:
+        cells = row.require_cells(len(header)).cells
+        pan, tilt, sigma = row.numbers(slice(3))
+        turn = CameraTurn(pan, tilt, sigma, "".join(cells[3:]))
+        if not (abs(turn.pan) <= 4 * np.pi and abs(turn.tilt) <= np.pi and 0 <= turn.sigma <= 1):
+            raise row.error("pan, tilt and their standard deviation in radians", str(row.cells))
+        turns.append(turn)
+    return turns
+
+
+def write_turns(path: Path, turns: Sequence[CameraTurn | None]) -> None:
+    """Write turns as CSV, with every digit; None is as mounted."""
+    rows = [turn or CameraTurn(0.0) for turn in turns]
+    columns = (np.array(column) for column in zip(*rows, strict=True))
+    write_table(path, dict(zip(GAZE_COLUMNS, columns, strict=True)))

@@ -12,8 +12,8 @@ from saccade.datasets.drives.calibration import (
     camera_matrix,
     write_calibration,
 )
-from saccade.datasets.drives.gaze import GAZE_FILE, write_turns
 from saccade.datasets.drives.odometry import OdometryIncrements, write_increments
+from saccade.datasets.drives.sidecar_files import GAZE_FILE, write_turns
 from saccade.datasets.drives.tracks import TRACK_FILES, write_tracks
 from saccade.datasets.tables import write_tum
 from saccade.errors import DriveError, OutputError

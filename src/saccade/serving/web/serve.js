@@ -252,7 +252,7 @@ function serve(element, data) {
     features.element.hidden = !data.models[request.model].includes("contrast");
   }
   const panel = make("section", { class: "controls", "aria-label": "Settings" }, models,
-    ...["attention", "contrast", "symmetry", "scanpath"].map(groupOf), detectors, ...data.detectors.map(groupOf));
+    ...elements.filter((each) => !data.detectors.includes(each.dataset.kind)), detectors, ...data.detectors.map(groupOf));
   groupOf("scanpath").querySelector(".presets").after(fixations.element);
   view.side.append(panel);
   showGroups();

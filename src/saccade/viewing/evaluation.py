@@ -1,0 +1,177 @@
+"""Figures of evaluations: scores of models, distributions of scanpaths, errors of trajectories."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from saccade.types import FloatArray
+from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, grid_axes
+
+COLUMN_WIDTH = 3.5
+"""Inches: 89 mm, a single column of most journals."""
+LONGEST = 24
+"""Characters of a model's name for which there is room; of a longer one the end is kept."""
+GROUP_COLORS = ("black", GRAY, BLUE, GREEN, ORANGE, RED)
+"""Of the groups of scanpaths, in their order."""
+DIRECTIONS = 16
+"""Bins of directions."""
+ESTIMATE_COLORS = (BLUE, ORANGE, RED, GRAY)
+"""Of estimated trajectories, in turn."""
+
+
+class Bar(NamedTuple):
+    """A score of a model with its interval."""
+
+    mean: float
+    low: float
+    high: float
+
+
+def fixation_score_figure(
+    scores: Mapping[str, Mapping[str, Bar]], references: Sequence[str] = ()
+) -> Figure:
+    """Each score in a panel of its own, a point with its interval for each model.
+
+    Args:
+        scores: by title of the score and name of the model; the first model is on top.
+        references: names of the models that are drawn in gray.
+    """
+    models = list(dict.fromkeys(name for of_models in scores.values() for name in of_models))
+    rows = -(-len(scores) // 2)
+    height = rows * (0.55 + 0.17 * len(models))
+    figure = Figure(figsize=(COLUMN_WIDTH, height), layout="constrained", dpi=300)
+    panels = figure.subplots(rows, 2, squeeze=False, sharey=True)
+    place = np.arange(len(models))[::-1]
+    for axes, (title, of_models) in zip(panels.ravel(), scores.items(), strict=False):
+        grid_axes(axes)
+        for y, name in zip(place, models, strict=True):
+            if name in of_models:
+                mean, low, high = of_models[name]
+                color = GRAY if name in references else BLUE
+                axes.plot([low, high], [y, y], color=color, linewidth=1.2)
+                axes.plot([mean], [y], "o", color=color, markersize=3)
+        axes.set_title(title, fontsize=7, pad=2)
+        axes.set_yticks(place, [_shortened(name) for name in models])
+        axes.set_ylim(-0.6, len(models) - 0.4)
+        axes.tick_params(labelsize=6, length=0)
+    for axes in panels.ravel()[len(scores) :]:
+        axes.set_axis_off()
+    return figure
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= LONGEST else f"...{name[3 - LONGEST :]}"
+
+
+def saccades(paths: Sequence[FloatArray]) -> FloatArray:
+    """(n, 2) the vectors of all saccades of paths (k, 2) of fixations."""
+    return np.vstack([np.zeros((0, 2)), *(np.diff(path, axis=0) for path in paths)])
+
+
+def scanpath_figure(
+    paths: Mapping[str, Sequence[FloatArray]],
+    durations: Mapping[str, FloatArray],
+    pixels_per_degree: float,
+) -> Figure:
+    """Distributions of amplitude, direction and duration, a line for each group of scanpaths.
+
+    Args:
+        paths: by the name of the group, fixations (k, 2) in image pixels.
+        durations: by name, seconds; those that are not finite are left out.
+        pixels_per_degree: unit of the amplitudes.
+    """
+    figure = Figure(figsize=(9.6, 3.2), layout="constrained")
+    amplitude, duration = figure.add_subplot(1, 3, 1), figure.add_subplot(1, 3, 3)
+    direction = figure.add_subplot(1, 3, 2, projection="polar")
+    steps = {name: saccades(group) for name, group in paths.items()}
+    lengths = {name: np.hypot(*each.T) / pixels_per_degree for name, each in steps.items()}
+    draw_distributions(amplitude, lengths, "amplitude of saccades [degrees]")
+    draw_directions(direction, steps)
+    known = {name: values[np.isfinite(values)] for name, values in durations.items()}
+    draw_distributions(
+        duration, {name: 1000 * values for name, values in known.items()}, "duration [ms]"
+    )
+    handles, labels = amplitude.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    return figure
+
+
+def draw_distributions(axes: Axes, groups: Mapping[str, FloatArray], label: str) -> None:
+    """Frequency polygons on the same bins, from 0 to where the last group has all but 1 %."""
+    tails = [np.quantile(values, 0.99) for values in groups.values() if len(values)]
+    edges = np.linspace(0, max(tails, default=1.0), 25)
+    for color, (name, values) in zip(GROUP_COLORS, groups.items(), strict=False):
+        if len(values):
+            share = np.histogram(values, edges)[0] / len(values)
+            axes.plot((edges[1:] + edges[:-1]) / 2, share, color=color, label=name, linewidth=1.4)
+    axes.set_xlabel(label)
+    axes.set_ylabel("fraction")
+    axes.set_ylim(bottom=0)
+    grid_axes(axes)
+
+
+def draw_directions(axes: Axes, groups: Mapping[str, FloatArray]) -> None:
+    """Fraction of saccades (n, 2) by direction, on polar axes; up is up on the screen."""
+    width = 2 * np.pi / DIRECTIONS
+    centers = width * np.arange(DIRECTIONS + 1)
+    for color, steps in zip(GROUP_COLORS, groups.values(), strict=False):
+        if len(steps):
+            angle = np.arctan2(-steps[:, 1], steps[:, 0])
+            bins = np.floor(angle / width + 0.5).astype(np.int64) % DIRECTIONS
+            share = np.bincount(bins, minlength=DIRECTIONS) / len(steps)
+            axes.plot(centers, np.append(share, share[0]), color=color, linewidth=1.4)
+    axes.set_title("direction", fontsize=10)
+    axes.set_yticklabels([])
+    axes.tick_params(labelsize=8, labelcolor="0.3")
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedTrajectory:
+    """An estimate of n positions beside the truth."""
+
+    name: str
+    """For the legend."""
+    time: FloatArray
+    """(n,) seconds."""
+    position: FloatArray
+    """(n, 3) metres, aligned with the truth."""
+    truth: FloatArray
+    """(n, 3) metres, at the same times."""
+    errors: Mapping[str, FloatArray]
+    """(n,) metres, by the name of the alignment."""
+
+
+def trajectory_figure(trajectories: Sequence[ComparedTrajectory]) -> Figure:
+    """Trajectories from above, and one panel for each kind of error over time.
+
+    Args:
+        trajectories: at least one; all with the same kinds of errors.
+    """
+    kinds = list(trajectories[0].errors)
+    figure = Figure(figsize=(12.0, 5.2), layout="constrained", dpi=110)
+    grid = figure.add_gridspec(len(kinds), 2)
+    above = figure.add_subplot(grid[:, 0])
+    above.set(xlabel="x [m]", ylabel="y [m]")
+    above.set_aspect("equal", adjustable="datalim")
+    longest = max(trajectories, key=lambda each: len(each.time))
+    above.plot(*longest.truth[:, :2].T, color=GREEN, lw=2.6, alpha=0.45, label="truth")
+    for number, each in enumerate(trajectories):
+        color = ESTIMATE_COLORS[number % len(ESTIMATE_COLORS)]
+        above.plot(*each.position[:, :2].T, color=color, lw=1.1, label=each.name)
+    grid_axes(above)
+    start = min(float(each.time[0]) for each in trajectories)
+    for row, kind in enumerate(kinds):
+        axes = figure.add_subplot(grid[row, 1])
+        for number, each in enumerate(trajectories):
+            color = ESTIMATE_COLORS[number % len(ESTIMATE_COLORS)]
+            axes.plot(each.time - start, each.errors[kind], color=color, lw=0.9)
+        axes.set_title(f"position error, {kind} [m]", loc="left", fontsize=10, color="0.2")
+        axes.set_xlabel("seconds since the start")
+        axes.set_ylim(bottom=0)
+        grid_axes(axes)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, handlelength=1.6)
+    return figure
