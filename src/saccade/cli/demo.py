@@ -171,8 +171,9 @@ def _page(results: dict[str, dict[str, Any]]) -> str:
                     Path(slam["files"]["picture"]).name,
                     "The estimated trajectory, the trajectory from odometry alone, and the "
                     "landmarks with their ellipses",
-                    "Ellipses: 3 sigma of each tree. Victoria Park, Sydney; log: J. Guivant and "
-                    "E. Nebot, as distributed with GTSAM, BSD.",
+                    "Blue: the way; dotted: from odometry alone; orange: 3 sigma of each tree. "
+                    "Victoria Park, Sydney; log: J. Guivant and E. Nebot, as distributed with "
+                    "GTSAM, BSD.",
                 )
             ],
             links=[*(Path(path).name for path in slam["files"].values()), "run.json"],
@@ -187,8 +188,10 @@ def _page(results: dict[str, dict[str, Any]]) -> str:
                     f"drive/{Path(drive['files']['still']).name}",
                     "The camera image with landmarks, the same image with saliency as heat, and "
                     "the map with the trajectory",
-                    "A frame of the film: the camera image with landmarks, its saliency, and the "
-                    "map. Posters: photographs of scikit-image's data, CC0 and public domain.",
+                    "A frame of the film: the camera image, its saliency, and the map. Blue: the "
+                    "way; dotted: from odometry alone; orange: 3 sigma of each landmark; green: "
+                    "what is in view. Posters: photographs of scikit-image's data, CC0 and public "
+                    "domain.",
                 )
             ],
             links=[f"drive/{Path(path).name}" for path in drive["files"].values()],
