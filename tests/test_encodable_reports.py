@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from support.limits import TIMEOUT
 
 TESTS = r"""
@@ -32,6 +34,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.nightly
 def test_a_lone_surrogate_ends_no_run(tmp_path):
     (tmp_path / "test_surrogates.py").write_text(TESTS)
     (tmp_path / "test_broken.py").write_text(r'raise RuntimeError("collected \ud800")')

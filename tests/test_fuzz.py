@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from fuzz.mutations import broken
 from fuzz.targets import TARGETS
 from support.error_checks import result_or_refusal
-from support.fuzz_examples import EXAMPLES
-from support.limits import TIMEOUT, limited
+from support.limits import EXAMPLES, TIMEOUT, limited
 
 RUN = Path(__file__).parent / "fuzz" / "run.py"
 COMMANDS = {

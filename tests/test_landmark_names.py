@@ -13,7 +13,6 @@ from saccade.evaluation.trajectory import landmark_rmse
 from saccade.landmark_names import number_names
 from saccade.simulation.world import WorldConfig, simulate_world
 from saccade.slam.consistency import landmark_nees
-from support.run_command import run
 
 TEXTS = np.array([f"tag36h11:{7 * i % 20}" for i in range(18)] + ["Tür, links", "4"], object)
 """A name for each landmark of the world; the last one is a number."""
@@ -99,11 +98,9 @@ def test_maps_are_merged_by_text(named):
     assert sorted(found) == sorted(set(names[0]) | set(names[1]))
 
 
-def test_the_command_writes_the_names(named, tmp_path, monkeypatch, capsys):
+def test_the_command_writes_the_names(named, tmp_path, run):
     save(tmp_path / "log.csv", named)
-    code, _, message = run(
-        monkeypatch, capsys, "slam", tmp_path / "log.csv", "--no-film", "--out", tmp_path / "out"
-    )
+    code, _, message = run("slam", tmp_path / "log.csv", "--no-film", "--out", tmp_path / "out")
     assert code == 0, message
     for file, column in (("landmarks.csv", "id"), ("innovations.csv", "landmark")):
         with (tmp_path / "out" / file).open(encoding="utf-8", newline="") as table:

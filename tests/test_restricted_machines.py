@@ -18,9 +18,8 @@ import pytest
 
 from saccade.cli import TRACEBACK
 from support import hostile_environments
-from support.fuzz_examples import EXAMPLES
 from support.hostile_environments import COMMANDS, ENVIRONMENTS, EXITS, all_commands
-from support.limits import TIMEOUT
+from support.limits import EXAMPLES, TIMEOUT
 from support.privileges import without_privileges
 
 OFFLINE = """

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from fuzz.targets import TARGETS, a_picture
 from saccade.cli import app
-from support.fuzz_examples import EXAMPLES
-from support.limits import limited
+from support.limits import EXAMPLES, limited
 
 WORDS = (
     *("", " ", "-", "--", "x", "nan", "inf", "-inf", "-1", "0", "0.5", "1e300", "1e-320", "1_0"),

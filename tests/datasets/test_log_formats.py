@@ -16,7 +16,7 @@ from saccade.errors import ConfigError, LogError, LogWarning
 from saccade.slam import compose, turn_then_translate
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
 from support.error_checks import result_or_refusal
-from support.fuzz_examples import EXAMPLES
+from support.limits import EXAMPLES
 
 SUFFIX = {"g2o": "g2o", "isam": "isam", "toro": "graph", "gtsam": "txt", "csv": "csv"}
 

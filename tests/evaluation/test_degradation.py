@@ -9,7 +9,6 @@ import pytest
 from saccade.errors import ConfigError
 from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.repeatability import Features
-from support.run_command import run
 
 GRAY = np.full((120, 160, 3), 0.5, np.float32)
 
@@ -63,12 +62,12 @@ def test_the_strongest_places_have_all_of_their_points():
     assert features.strongest(None) is features
 
 
-def test_evaluate_features_by_number_and_degradation(monkeypatch, capsys, scene):
+def test_evaluate_features_by_number_and_degradation(run, scene):
     words = ["evaluate", "features", "--pairs", scene, "--json"]
     ours = ("sift", "must", "symroid", "sift-random", "sift-salient")
     named = [word for name in ours for word in ("--detector", name)]
     asked = ["--points", 10, "--points", 20, "--degrade", "clean", "--degrade", "noise:20"]
-    code, out, _ = run(monkeypatch, capsys, *words, *named, *asked)
+    code, out, _ = run(*words, *named, *asked)
     assert code == 0
     detectors = json.loads(out)["detectors"]
     assert len(detectors) == 5 * 4
@@ -78,6 +77,6 @@ def test_evaluate_features_by_number_and_degradation(monkeypatch, capsys, scene)
         assert few["repeatability"] > 0.3 or name == "sift-random", name
     clean, noisy = (detectors[f"sift, 20 points{d}"]["mean"] for d in ("", ", noise:20"))
     assert noisy["repeatability"] != clean["repeatability"]
-    code, _, err = run(monkeypatch, capsys, *words, "--degrade", "fog:1")
+    code, _, err = run(*words, "--degrade", "fog:1")
     assert code == 2
     assert "'fog'" in err

@@ -17,7 +17,6 @@ from saccade.evaluation.repeatability import Features, PairScores, score_pair
 from saccade.exchange.colmap import import_pycolmap
 from saccade.io.image import as_gray
 from saccade.keypoints.two_view_fit import project
-from support.run_command import run
 from support.shift import SHIFT
 
 
@@ -153,10 +152,10 @@ def nonsense(image):
     return image
 
 
-def test_evaluate_features(monkeypatch, capsys, scene):
+def test_evaluate_features(run, scene):
     words = ["evaluate", "features", "--pairs", scene.parent]
     detectors = ["--detector", "sift", "--detector", "opencv", "--detector", f"{__name__}:corners"]
-    code, out, _ = run(monkeypatch, capsys, *words, *detectors, "--json")
+    code, out, _ = run(*words, *detectors, "--json")
     assert code == 0
     result = json.loads(out)
     assert result["pairs"] == 1
@@ -168,12 +167,12 @@ def test_evaluate_features(monkeypatch, capsys, scene):
     for name, scores in result["detectors"].items():
         assert scores["mean"]["mma_3"] > 0.8, name
         assert scores["sequences"]["noise"] == scores["mean"]
-    code, out, _ = run(monkeypatch, capsys, *words, "--per-sequence")
+    code, out, _ = run(*words, "--per-sequence")
     assert code == 0
     assert "noise" in out
 
 
-def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
+def test_evaluate_features_names_what_is_wrong(run, monkeypatch, scene):
     words = ["evaluate", "features", "--pairs", scene, "--detector"]
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     for name, expected in (
@@ -183,7 +182,7 @@ def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
         (f"{__name__}:SHIFT", "expected a callable"),
         (f"{__name__}:nonsense", "expected an object with xy and descriptors"),
     ):
-        code, _, err = run(monkeypatch, capsys, *words, name)
+        code, _, err = run(*words, name)
         assert code == 2, name
         assert expected in err
         assert err.strip().count("\n") == 0

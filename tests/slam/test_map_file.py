@@ -14,6 +14,7 @@ from saccade.slam.consistency import chi_square_band, pose_nees
 from saccade.slam.run import slam_for
 from saccade.slam.sessions import find_start
 from support.circular_log import simulate
+from support.logs import without_names
 
 
 def cut(log, pose):
@@ -63,7 +64,7 @@ def assert_two_sessions_equal_one(log, config, pose, path):
 def test_two_sessions_equal_one(rng, tmp_path, kind, named, pose):
     log, _, _ = simulate(rng)
     if not named:
-        log = replace(log, landmark=np.full_like(log.landmark, -1))
+        log = without_names(log)
     log = replace(log, odometry_bias=(0.02, 0.02, 0.0))
     config = slam.EkfConfig(filter=kind)
     assert_two_sessions_equal_one(log, config, pose, tmp_path / "new" / "folders" / "map.npz")
@@ -74,7 +75,7 @@ def test_two_sessions_equal_one(rng, tmp_path, kind, named, pose):
 def test_two_sessions_of_mrclam_equal_one(shared, tmp_path, named):
     log = load("auto", shared / "data" / "logs" / "mrclam" / "mrclam6.npz", robot=1)
     if not named:
-        log = replace(log, landmark=np.full_like(log.landmark, -1))
+        log = without_names(log)
     for pose in (400, 1900):
         assert_two_sessions_equal_one(log, slam.EkfConfig(), pose, tmp_path / "map.npz")
 

@@ -13,12 +13,9 @@ from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives
 from saccade.slam.filter.ekf import join_landmarks
 from support.clustered_world import clustered_world
+from support.logs import without_names
 
 MULTIPLE = EkfConfig(association="multiple")
-
-
-def _hidden(log):
-    return dataclasses.replace(log, landmark=np.full_like(log.landmark, -1))
 
 
 def _wrong(log, association):
@@ -31,8 +28,8 @@ def _wrong(log, association):
 
 def test_a_clustered_world_without_names_is_mapped_almost_as_with_them():
     log = clustered_world(1, steps=600)
-    named, result = slam.run(log), slam.run(_hidden(log), MULTIPLE)
-    single = slam.run(_hidden(log), EkfConfig(association="mutual"))
+    named, result = slam.run(log), slam.run(without_names(log), MULTIPLE)
+    single = slam.run(without_names(log), EkfConfig(association="mutual"))
     known = position_rmse(named.trajectory, log.truth)
     assert position_rmse(result.trajectory, log.truth) < 1.3 * known
     assert 12 <= len(result.map) <= 14  # of 12
@@ -40,7 +37,7 @@ def test_a_clustered_world_without_names_is_mapped_almost_as_with_them():
 
 
 def test_a_log_is_resumed_and_taken_apart_with_the_same_bits():
-    log = _hidden(clustered_world(2, steps=160))
+    log = without_names(clustered_world(2, steps=160))
     config = dataclasses.replace(MULTIPLE, max_hypotheses=6)
     whole = slam.run(log, config)
     live, poses, several = slam.slam_for(log, config), [], 0
@@ -60,7 +57,7 @@ def test_a_log_is_resumed_and_taken_apart_with_the_same_bits():
 
 
 def test_a_map_is_saved_and_gone_on_with(tmp_path):
-    log = _hidden(clustered_world(2, steps=160))
+    log = without_names(clustered_world(2, steps=160))
     live = slam.slam_for(log, MULTIPLE)
     slam.run(log, initial=live)
     live.save(tmp_path / "map.npz")

@@ -10,6 +10,7 @@ from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import EkfConfig
 from saccade.slam.association.consistent_names import consistent_names
 from saccade.slam.config import RETRACTIONS
+from support.logs import without_names
 
 KNOWN = EkfConfig(association="known")
 
@@ -138,7 +139,7 @@ def test_observations_without_a_name_are_associated_by_geometry():
     used = hidden & (mixed.association >= 0)
     assert used.sum() > 0.7 * hidden.sum()
     assert (mixed.map.id[mixed.association[used]] == log.landmark[used]).mean() > 0.95
-    nameless = replace(log, landmark=np.full_like(log.landmark, -1))
+    nameless = without_names(log)
     by_geometry = slam.run(nameless, EkfConfig(association="mutual"))
     single = slam.run(nameless, EkfConfig(max_hypotheses=1))
     np.testing.assert_array_equal(single.trajectory.pose, by_geometry.trajectory.pose)

@@ -1,10 +1,13 @@
-"""How long reading a small file may take, and how much memory."""
+"""How long reading a small file may take, how much memory, and how many broken ones are tried."""
 
+import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "2"))
+"""Broken inputs of a kind."""
 SECONDS = 60
 """Of a processor: the first file of a kind compiles what goes on with it."""
 TIMEOUT = 600
