@@ -188,7 +188,7 @@ def test_evaluate_features_names_what_is_wrong(run, monkeypatch, scene):
         assert err.strip().count("\n") == 0
 
 
-def test_pairs_or_a_drive_are_scored(monkeypatch, capsys, tmp_path):
+def test_pairs_or_a_drive_are_scored(run, tmp_path):
     for words, expected in (
         ([], "--drive"),
         (["--pairs", tmp_path, "--drive", tmp_path], "--drive"),
@@ -197,7 +197,7 @@ def test_pairs_or_a_drive_are_scored(monkeypatch, capsys, tmp_path):
         (["--synthetic", "--images", tmp_path], "expected a folder of photographs"),
         (["--synthetic", "--estimator", "lmeds"], "expected one of verify, magsac, colmap"),
     ):
-        code, _, err = run(monkeypatch, capsys, "evaluate", "features", *words)
+        code, _, err = run("evaluate", "features", *words)
         assert code == 2
         assert expected in err
         assert err.strip().count("\n") == 0
