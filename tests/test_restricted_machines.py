@@ -79,9 +79,13 @@ def test_no_network_one_core_and_a_home_that_cannot_be_written(look, tmp_path):
     look(OFFLINE, prepare, OMP_NUM_THREADS="0", HOME=home, **nowhere, **odd, **files)
 
 
-LIBRARIES = {"no-h5py": ("export",), "no-faiss": ("index", "find"), "no-starlette": ("serve",)}
+LIBRARIES = {"no-h5py": ("convert --to",), "no-faiss": ("find",), "no-starlette": ("serve",)}
 """Commands that go by an optional library, by the environment without it."""
-OFTEN = {"bytes": ("index", "slam"), "full-disk": ("export", "index"), "full": ("config", "look")}
+OFTEN = {
+    "bytes": ("find --in", "slam"),
+    "full-disk": ("convert --to", "find --in"),
+    "full": ("config", "look"),
+}
 """Commands that once did not withstand an environment."""
 USUAL = ("look", "slam")
 """Commands of every other environment."""
@@ -92,7 +96,7 @@ def cases():
     if EXAMPLES > 12:
         return list(product(ENVIRONMENTS, COMMANDS))
     usual = {each: USUAL for each in ENVIRONMENTS if each[:3] != "no-"}
-    found = usual | {"bare": ("extract", "index")} | OFTEN | LIBRARIES
+    found = usual | {"bare": ("extract", "find")} | OFTEN | LIBRARIES
     return [(environment, name) for environment, names in found.items() for name in names]
 
 
@@ -141,7 +145,7 @@ def test_a_library_that_is_missing_is_named_with_the_extra_that_brings_it(hostil
             library = environment.removeprefix("no-")
             assert code == 2, (environment, command, err)
             assert f": needs {library}, which is not installed; " in err
-    for command in ("extract", "index"):
+    for command in ("extract", "find"):
         assert "parquet: needs pyarrow" in hostile[1]["bare", command][2]
 
 
@@ -184,7 +188,7 @@ def test_an_error_that_nobody_foresaw_is_one_line(run, monkeypatch):
     def fails(*_):
         raise RuntimeError("several\nlines")
 
-    monkeypatch.setattr("saccade.cli.look_run.read_image", fails)
+    monkeypatch.setattr("saccade.cli.look.read_image", fails)
     with pytest.raises(RuntimeError, match="several"):
         run("look", "a.png")
     monkeypatch.delenv(TRACEBACK)

@@ -161,7 +161,7 @@ def contrast_and_symmetry() -> Figure:
 
 def must() -> Figure:
     """Twenty points of MUST with the pairs that contribute to them."""
-    from saccade.cli.symmetry_overlay import contributing_pairs
+    from saccade.cli.detect import contributing_pairs
 
     image, find = photo("chelsea"), saccade.Must(saccade.MustConfig(max_keypoints=20))
     return viewing.pair_figure(image, contributing_pairs(find, image, find(image)))
@@ -176,7 +176,7 @@ def symmetric_regions() -> Figure:
 
 def keypoint_frames() -> Figure:
     """The strongest points of MUST in two photographs of a hallway."""
-    from saccade.cli.match_frames import in_frames
+    from saccade.cli.match import in_frames
 
     images, find = (photo("hallway_1"), photo("hallway_2")), saccade.Must()
     points = find(images[0]), find(images[1])

@@ -41,8 +41,8 @@ def test_a_data_set_gives_the_points_back(extracted):
 
 def test_hdf5_and_csv(extracted, run, tmp_path):
     paths, out = extracted
-    assert run("export", out, "--format", "hdf5", "--out", "x.h5")[0] == 0
-    code, printed, _ = run("export", out, "--format", "csv", "--out", "tables", "--json")
+    assert run("convert", out, "x.h5")[0] == 0
+    code, printed, _ = run("convert", out, "tables", "--to", "csv", "--json")
     assert (code, json.loads(printed)["images"]) == (0, len(paths))
     for name, points in exchange.read_hdf5(tmp_path / "x.h5").items():
         expected = Sift()(read_image(paths[0].parent / name))
@@ -55,7 +55,7 @@ def test_hdf5_and_csv(extracted, run, tmp_path):
 
 def test_opencv_reads_what_is_for_it(extracted, run, tmp_path):
     paths, out = extracted
-    assert run("export", out, "--format", "opencv", "--out", "cv")[0] == 0
+    assert run("convert", out, "cv", "--to", "opencv")[0] == 0
     file = cv2.FileStorage(str(tmp_path / "cv" / "005.png.yml.gz"), cv2.FILE_STORAGE_READ)
     rows, descriptors = file.getNode("keypoints").mat(), file.getNode("descriptors").mat()
     points = exchange.from_opencv(
@@ -68,7 +68,7 @@ def test_opencv_reads_what_is_for_it(extracted, run, tmp_path):
 def test_colmap_opens_it(extracted, run, tmp_path):
     pytest.importorskip("pycolmap")
     paths, out = extracted
-    assert run("export", out, "--format", "colmap", "--out", "x.db")[0] == 0
+    assert run("convert", out, "x.db")[0] == 0
     found = exchange.read_colmap(tmp_path / "x.db")
     assert found.shapes == {path.name: (64, 96) for path in paths}
     for path in paths:
@@ -76,10 +76,15 @@ def test_colmap_opens_it(extracted, run, tmp_path):
 
 
 def test_what_holds_no_points_is_named(run, tmp_path):
-    for command in ("export", "index"):
-        code, _, err = run(command, tmp_path)
-        assert code == 2
-        assert "expected extracted points, found no manifest.json" in err
+    code, _, err = run("find", "--in", tmp_path)
+    assert code == 2
+    assert "expected extracted points, found no manifest.json" in err
+
+
+def test_a_format_of_keypoints_is_known(extracted, run):
+    code, _, err = run("convert", extracted[1], "x.g2o")
+    assert code == 2
+    assert "--to: expected one of colmap, hdf5, opencv, csv for keypoints, found 'x.g2o'" in err
 
 
 @pytest.mark.parametrize("small", [True, False])
@@ -141,10 +146,9 @@ def test_find_as_a_person_runs_it(run, tmp_path):
     for name in ("hallway_2.jpg", "coffee.jpg", "chelsea.jpg", "rocket.jpg"):
         (tmp_path / "photos" / name).write_bytes((data / name).read_bytes())
     assert run("extract", "photos", "--out", "set", "--workers", 1)[0] == 0
-    assert run("find", data / "hallway_1.jpg", "--in", "set")[0] == 2  # there is no index yet
-    assert run("index", "set")[0] == 0
-    code, printed, _ = run("find", data / "hallway_1.jpg", "--in", "set", "--json")
+    code, printed, err = run("find", data / "hallway_1.jpg", "--in", "set", "--json")
     assert code == 0
+    assert "index of 4 images -> set/index" in err
     (found,) = json.loads(printed)["found"]
     assert found["image"] == "hallway_2.jpg"
     assert found["inliers"] > 30
@@ -156,6 +160,10 @@ def test_find_as_a_person_runs_it(run, tmp_path):
     code, _, err = run("find", data / "camera.jpg", "--in", "set")
     assert code == 2
     assert "expected an index of its 5 images, found one of another state" in err
+    assert run("find", "--in", "set", "--json")[1].split()[:3] == ["{", '"images":', "5,"]
+    code, printed, _ = run("find", data / "camera.jpg", "--in", "set", "--json")
+    assert code == 0
+    assert json.loads(printed)["found"][0]["image"] == "camera.jpg"
 
 
 @pytest.mark.shared

@@ -105,7 +105,7 @@ def test_look_prints_a_table_for_people(run):
 
 
 def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["saccade.cli.demo"], "FRAMES", 16)
+    monkeypatch.setattr("saccade.cli.demo.FRAMES", 16)
     code, out, err = run("demo")
     assert code == 0
     page = (tmp_path / "saccade-demo" / "index.html").read_text()
@@ -454,7 +454,7 @@ def test_what_ends_a_run_is_one_line(run, monkeypatch, error, code, words):
     def ends(*_):
         raise error
 
-    monkeypatch.setattr("saccade.cli.detect_run.read_image", ends)
+    monkeypatch.setattr("saccade.cli.detect.read_image", ends)
     monkeypatch.setattr("saccade.cli._discard_stdout", lambda: None)
     assert run("detect", ROCKET) == (code, "", f"saccade: {words}\n")
 

@@ -1,4 +1,4 @@
-"""`saccade slam --map` and `saccade merge-maps` as a person runs them."""
+"""`saccade slam --map` and `saccade slam --merge` as a person runs them."""
 
 import json
 from pathlib import Path
@@ -85,9 +85,11 @@ def test_options_that_contradict_are_named(folder, options, message, tmp_path):
 
 def test_maps_are_merged(folder, tmp_path):
     out = tmp_path / "both.npz"
-    row = ran("merge-maps", folder / "park.npz", folder / "park.npz", "--out", out, "--json")
+    both = f"{folder / 'park.npz'},{folder / 'park.npz'}"
+    row = ran("slam", "--merge", both, "--save-map", out, "--json")
     (merged,) = row["merged"]
     assert row["landmarks"] == merged["common"] == len(slam.Slam.load(out).ekf)
     np.testing.assert_allclose(merged["transform"], 0, atol=1e-6)
-    with pytest.raises(ConfigError, match="MAP: expected two or more, found 1"):
-        ran("merge-maps", folder / "park.npz", "--out", out)
+    for words in (["--merge", folder / "park.npz", "--save-map", out], ["--merge", both]):
+        with pytest.raises(ConfigError, match="--merge: expected two maps or more, --save-map"):
+            ran("slam", *words)

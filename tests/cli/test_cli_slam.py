@@ -17,7 +17,7 @@ from evo.tools import file_interface
 
 import saccade
 from saccade import slam
-from saccade.cli.slam_report import LABELS, facts
+from saccade.cli.mapping import LABELS, facts
 from saccade.datasets import load
 from saccade.evaluation.slam_runs import summarize_run
 from saccade.extras import install_command

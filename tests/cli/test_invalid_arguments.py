@@ -31,8 +31,9 @@ READS = {
     "check {} --format rosbag": ("bag",),
     "drive {}": ("npz", "mp4"),
     "extract {} --workers 1": ("png", "tar", "txt", "mp4"),
-    "export {}": ("db",),
-    "index {}": ("db",),
+    "convert {} x.h5": ("db",),
+    "find --in {}": ("db",),
+    "slam --merge {0},{0} --save-map there.npz": ("npz",),
     "find {}": ("png",),
     "find a.png --in {}": ("db",),
     "config {}": ("toml",),
@@ -134,8 +135,7 @@ GOOD = {
 ENDS = {
     ("serve",): ["--max-upload", "0"],
     ("demo",): ["--out", "a.png"],
-    ("simulate", "world"): ["--config", "absent.toml"],
-    ("simulate", "drive"): ["--config", "absent.toml"],
+    ("simulate",): ["--config", "absent.toml"],
 }
 """Last words, for commands that need nothing and work for long: other options are read before."""
 

@@ -81,7 +81,9 @@ class Index:
             self._positions = map_array(path / POSITION_FILE)
             version = header.get("format")
         except (OSError, ValueError, RuntimeError, AttributeError) as error:
-            raise ConfigError(f"{folder}: expected an index; make one: saccade index") from error
+            raise ConfigError(
+                f"{folder}: expected an index; make one: saccade find --in {folder}"
+            ) from error
         check_format("index", version, path / IMAGE_FILE, ConfigError)
         _check_index(path, header, self._positions, self._vectors)
         _check_data_set(folder, header)
@@ -305,7 +307,7 @@ def _check_data_set(folder: str | Path, header: dict[str, Any]) -> None:
     if indexed != present:
         raise ConfigError(
             f"{folder}: expected an index of its {present['images']} images, found one of another "
-            "state of the data set; make it again: saccade index"
+            f"state of the data set; make it again: saccade find --in {folder}"
         )
 
 

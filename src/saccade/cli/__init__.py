@@ -1,4 +1,4 @@
-"""The command line: one file per command, thin.
+"""The command line: a module for each command, imported when it is run.
 
 Data goes to stdout, messages to stderr. Exit 0: done; 1: failed; 2: bad input.
 """
@@ -7,34 +7,15 @@ import logging
 import os
 import sys
 from contextlib import suppress
-from typing import Annotated, Any, NoReturn, cast
+from typing import Annotated, Any, ClassVar, NoReturn, cast
 
 import typer
 from typer import Option
 
 from saccade import __version__
-from saccade.cli.check import check
-from saccade.cli.config import config
-from saccade.cli.convert import convert
-from saccade.cli.demo import demo
-from saccade.cli.detect import detect
-from saccade.cli.drive import drive
 from saccade.cli.environment import prepare_libraries, prepare_streams
-from saccade.cli.evaluate import evaluate
-from saccade.cli.export import export
-from saccade.cli.extract import extract
-from saccade.cli.find import find
-from saccade.cli.fit import fit
-from saccade.cli.index import index
-from saccade.cli.look import look
-from saccade.cli.match import match
-from saccade.cli.merge_maps import merge_maps
-from saccade.cli.options import Command
+from saccade.cli.group import Entry, LazyGroup
 from saccade.cli.output import print_data_warnings
-from saccade.cli.serve import serve
-from saccade.cli.simulate import simulate
-from saccade.cli.slam import slam
-from saccade.cli.textbook import textbook
 from saccade.errors import OutputError, SaccadeError
 from saccade.io.files import one_line
 
@@ -45,8 +26,135 @@ _INTERRUPTED = "interrupted"
 _UsageError = cast("type[Exception]", typer.BadParameter.__base__)
 """Base of the errors of Typer's own Click, which it does not export."""
 
+IMAGES, MANY, MAPS, MORE = "Images", "Many images", "Maps", "More"
+"""Headings of the list of commands."""
+
+
+class Evaluate(LazyGroup):
+    """The commands that score results."""
+
+    prefix = "saccade.cli.evaluate_"
+    entries: ClassVar = {
+        "fixations": Entry(
+            "Images",
+            "Score saliency maps by how well they predict human fixations.",
+            "evaluate fixations --images photos --fixations fixations.csv",
+        ),
+        "scanpaths": Entry(
+            "Images",
+            "Score scanpaths by how similar they are to those of people.",
+            "evaluate scanpaths --images photos --fixations fixations.csv",
+        ),
+        "features": Entry(
+            "Images",
+            "Score detectors and descriptors on image pairs related by a homography, or by a "
+            "motion.",
+            "evaluate features --pairs oxford --detector opencv",
+        ),
+        "gaze": Entry(
+            "Maps",
+            "Compare gaze policies: where a camera that turns shall look.",
+            "evaluate gaze --map known --seeds 5",
+        ),
+        "trajectory": Entry(
+            "Maps",
+            "Score trajectories against the truth: absolute and relative errors (ATE, RPE).",
+            "evaluate trajectory mapped/trajectory.tum --truth groundtruth.tum",
+        ),
+    }
+
+
+class Saccade(LazyGroup):
+    """All commands."""
+
+    prefix = "saccade.cli."
+    groups: ClassVar = {"evaluate": Evaluate}
+    replaced: ClassVar = {
+        "export": "convert DIR FILE",
+        "index": "find --in DIR",
+        "merge-maps": "slam --merge MAP,MAP --save-map FILE",
+    }
+    entries: ClassVar = {
+        "look": Entry(
+            IMAGES,
+            "Compute saliency by contrast and symmetry, and a scanpath.",
+            "look photo.jpg --fixations 5 --out looked",
+        ),
+        "detect": Entry(
+            IMAGES,
+            "Detect and describe keypoints.",
+            "detect photos --max 500 --spread --format hdf5",
+        ),
+        "match": Entry(
+            IMAGES,
+            "Match the keypoints of two images, or of many.",
+            "match left.jpg right.jpg --geometry homography",
+        ),
+        "fit": Entry(
+            IMAGES,
+            "Fit a saliency model to your own photographs and fixations.",
+            "fit --images photos --fixations fixations.csv --out mine.toml",
+        ),
+        "extract": Entry(
+            MANY,
+            "Extract features of many images into a Parquet data set.",
+            "extract photos --what sift --out features",
+        ),
+        "find": Entry(
+            MANY,
+            "List the images that show the same scene as IMAGE, best first.",
+            "find photo.jpg --in features",
+        ),
+        "slam": Entry(
+            MAPS,
+            "Map the landmarks of a recorded log with an extended Kalman filter.",
+            "slam victoria_park.txt --out mapped",
+        ),
+        "drive": Entry(
+            MAPS,
+            "Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.",
+            "drive KITTI/07 --out mapped",
+        ),
+        "check": Entry(
+            MAPS, "Check a camera drive for errors before it is mapped.", "check kitti/07"
+        ),
+        "simulate": Entry(
+            MAPS,
+            "Simulate a landmark log or a camera drive, with ground truth.",
+            "simulate drive --preset repeated --seed 7 --out ring",
+        ),
+        "convert": Entry(
+            MORE,
+            "Convert a landmark log or extracted keypoints to another format.",
+            "convert victoria_park.txt park.g2o",
+        ),
+        "evaluate": Entry(
+            MORE, "Evaluate against human fixations, other implementations and ground truth."
+        ),
+        "textbook": Entry(
+            MORE,
+            "Walk through the equations of the source with a photograph or a log.",
+            "textbook photo.jpg --module my_contrast.py",
+        ),
+        "serve": Entry(
+            MORE,
+            "Serve a page for photographs (saliency, scanpath, keypoints) and for SLAM.",
+            "serve --port 8014",
+        ),
+        "demo": Entry(
+            MORE,
+            "Run look, match, slam and drive on built-in data, and write index.html.",
+            "demo --out saccade-demo",
+        ),
+        "config": Entry(
+            MORE, "Print a configuration as TOML.", "config sift --preset opencv > sift.toml"
+        ),
+    }
+
+
 app = typer.Typer(
     name="saccade",
+    cls=Saccade,
     help="Active vision: visual attention, interest points and EKF-SLAM.",
     epilog="Start with: saccade demo",
     no_args_is_help=True,
@@ -55,40 +163,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command(cls=Command, epilog="Example: saccade look photo.jpg --fixations 5 --out looked")(look)
-app.command(cls=Command, epilog="Example: saccade detect photos --max 500 --spread --format hdf5")(
-    detect
-)
-app.command(cls=Command, epilog="Example: saccade extract photos --what sift --out features")(
-    extract
-)
-app.command(
-    cls=Command, epilog="Example: saccade export features --format colmap --out database.db"
-)(export)
-app.command(cls=Command, epilog="Example: saccade index features")(index)
-app.command(cls=Command, epilog="Example: saccade find photo.jpg --in features")(find)
-app.command(
-    cls=Command,
-    epilog="Example: saccade fit --images photos --fixations fixations.csv --out mine.toml",
-)(fit)
-app.command(cls=Command, epilog="Example: saccade match left.jpg right.jpg --geometry homography")(
-    match
-)
-app.command(cls=Command, epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
-app.command(
-    cls=Command, epilog="Example: saccade merge-maps monday.npz tuesday.npz --out office.npz"
-)(merge_maps)
-app.command(cls=Command, epilog="Example: saccade check kitti/07")(check)
-app.command(cls=Command, epilog="Example: saccade convert victoria_park.txt park.g2o")(convert)
-app.command(cls=Command, epilog="Example: saccade drive KITTI/07 --out mapped")(drive)
-app.command(cls=Command, epilog="Example: saccade textbook photo.jpg --module my_contrast.py")(
-    textbook
-)
-app.command(cls=Command, epilog="Example: saccade serve --port 8014")(serve)
-app.command(cls=Command, epilog="Example: saccade demo --out saccade-demo")(demo)
-app.add_typer(evaluate, name="evaluate")
-app.add_typer(simulate, name="simulate")
-app.command(cls=Command, epilog="Example: saccade config sift --preset opencv > sift.toml")(config)
 
 
 def _print_version(requested: bool) -> None:

@@ -16,16 +16,9 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 """Exit code."""
-EXECUTION = "Execution"
-"""Heading of options."""
 Workers = Annotated[
     int | None,
-    Option(
-        min=1,
-        metavar="N",
-        help="Number of processes; by default as cores and memory allow.",
-        rich_help_panel=EXECUTION,
-    ),
+    Option(min=1, metavar="N", help="Number of processes; by default as cores and memory allow."),
 ]
 
 

@@ -1,24 +1,24 @@
 """`saccade check`: diagnostics of a camera drive."""
 
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from dataclasses import asdict
+from typing import Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.padding import Padding
+from rich.text import Text
 from typer import Option
 
-from saccade.cli.options import Baseline, Intrinsics, Json, SequenceFormat, SequencePath
-
-if TYPE_CHECKING:
-    from saccade.diagnostics import CheckReport
+from saccade.cli.options import Json, SequenceOptions
+from saccade.cli.output import print_json, progress_bar
+from saccade.diagnostics import CheckReport, check_drive
 
 
 def check(
-    sequence: SequencePath,
-    kind: SequenceFormat = None,
+    source: SequenceOptions,
     frames: Annotated[
         int, Option(min=40, help="Frames to inspect, spread over a longer drive.")
     ] = 300,
-    intrinsics: Intrinsics = None,
-    baseline: Baseline = None,
     as_json: Json = False,
 ) -> None:
     """Check a camera drive for errors before it is mapped.
@@ -29,14 +29,7 @@ def check(
 
     Exit code 0: no problem was found; 1: at least one was found.
     """
-    from saccade import datasets
-    from saccade.cli.output import print_json, progress_bar
-    from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
-    from saccade.diagnostics import check_drive
-
-    kind = "auto" if kind is None else kind
-    camera = CameraOptions(parse_intrinsics(intrinsics), baseline)
-    drive = datasets.load_drive(cast("datasets.DriveKind", kind), sequence, camera)
+    drive = source.load()
     with progress_bar("checking") as update:
         report = check_drive(drive, frames, update)
     if as_json:
@@ -48,7 +41,6 @@ def check(
 
 
 def _as_row(report: "CheckReport") -> dict[str, Any]:
-    from dataclasses import asdict
 
     return {
         "sequence": report.name,
@@ -61,9 +53,6 @@ def _as_row(report: "CheckReport") -> dict[str, Any]:
 
 
 def _print(report: "CheckReport") -> None:
-    from rich.console import Console
-    from rich.padding import Padding
-    from rich.text import Text
 
     console = Console(highlight=False)
     problems = sum(finding.severity != "note" for finding in report.findings)

@@ -5,6 +5,9 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
+from saccade.errors import require
+from saccade.settings import as_toml, load_settings, presets_as_toml
+
 
 def config(
     kind: Annotated[
@@ -27,9 +30,6 @@ def config(
     Save the output to a file, edit it, and pass it to a command with --config.
     The output of --all is for reading: it has a table for each preset.
     """
-    from saccade.errors import require
-    from saccade.settings import as_toml, load_settings, presets_as_toml
-
     require(not (every and preset), "preset", "--preset or --all", "both")
     text = presets_as_toml(kind) if every else as_toml(load_settings(kind, preset))
     typer.echo(text, nl=False)

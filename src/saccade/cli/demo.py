@@ -1,14 +1,34 @@
 """`saccade demo`: attention, matching and SLAM on data that ships with the package."""
 
+from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from typer import Option
 
+from saccade import datasets
+from saccade.cli.attention_models import DEFAULT_MODEL, attention_model
+from saccade.cli.drive import write_results
+from saccade.cli.look import analyze_image
+from saccade.cli.mapping import RunOutput
+from saccade.cli.match import match_images
 from saccade.cli.options import Json
-
-if TYPE_CHECKING:
-    from saccade.viewing.report import ReportBuilder
+from saccade.cli.output import print_json, print_message, print_table, write_text
+from saccade.cli.precompile import filter_compiled_ahead
+from saccade.cli.slam import map_log
+from saccade.evaluation.gaze_drives import SETTINGS, gaze_drive
+from saccade.io.files import results_in
+from saccade.io.image import read_image
+from saccade.keypoints.sift import Sift
+from saccade.settings import load_settings
+from saccade.simulation import DriveConfig
+from saccade.slam import Recorder
+from saccade.types import Scanpath
+from saccade.viewing import Picture, Section, attention_figure, html_page, save_figure
+from saccade.viewing.report import ReportBuilder
 
 LEAD = (
     "An image goes in, attention says where to look, interest points say what to keep, "
@@ -27,12 +47,6 @@ def demo(
     Everything needed ships with the package. The first run also compiles, for
     up to a minute.
     """
-    from importlib.resources import as_file, files
-
-    from saccade.cli.output import print_json, print_message, print_table, write_text
-    from saccade.io.files import results_in
-    from saccade.viewing.report import ReportBuilder
-
     builder = ReportBuilder("saccade demo", LEAD)
     page = out / "index.html"
     with results_in(out):
@@ -61,27 +75,6 @@ def demo(
 
 def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str, Any]]:
     """Run the four commands with progress bars; returns the row of each."""
-    import numpy as np
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from saccade import datasets
-    from saccade.cli.attention_models import DEFAULT_MODEL, attention_model
-    from saccade.cli.drive_run import write_results
-    from saccade.cli.look_run import analyze_image
-    from saccade.cli.match_run import match_images
-    from saccade.cli.precompile import filter_compiled_ahead
-    from saccade.cli.run_output import RunOutput
-    from saccade.cli.slam_run import map_log
-    from saccade.evaluation.gaze_drives import SETTINGS, gaze_drive
-    from saccade.io.image import read_image
-    from saccade.keypoints.sift import Sift
-    from saccade.settings import load_settings
-    from saccade.simulation import DriveConfig
-    from saccade.slam import Recorder
-    from saccade.types import Scanpath
-    from saccade.viewing import attention_figure, save_figure
-
     columns = (TextColumn("{task.description:<40}"), BarColumn(), TimeElapsedColumn())
     victoria_park = data / "victoria_park.txt"
     results: dict[str, dict[str, Any]] = {}
@@ -130,7 +123,6 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
 
 
 def _page(results: dict[str, dict[str, Any]]) -> str:
-    from saccade.viewing import Picture, Section, html_page
 
     look, match, slam, drive = results.values()
     sections = [

@@ -1,37 +1,54 @@
 """`saccade drive`: visual SLAM from camera frames and odometry."""
 
+from collections.abc import Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any
 
+import numpy as np
 from typer import Option
 
-from saccade.cli.options import (
-    MAX_CAMERA_FRAMES,
-    Baseline,
-    Camera,
-    CheckpointInterval,
-    Config,
-    FigureFormats,
-    Film,
-    Intrinsics,
-    Json,
-    LivePage,
-    LiveWindow,
-    Out,
-    Preset,
-    SequenceFormat,
-    SequencePath,
-    figure_formats,
+from saccade import visual
+from saccade.attention import attention_saliency, contrast_saliency, symmetry_saliency
+from saccade.cli import options
+from saccade.cli.mapping import (
+    RunOutput,
+    drive_part,
+    eye_loader,
+    image_loader,
+    lost_text,
+    write_film,
+    write_run,
 )
-
-if TYPE_CHECKING:
-    from saccade import datasets
+from saccade.cli.output import (
+    Progress,
+    Table,
+    emit,
+    print_message,
+    progress_bar,
+    resumable,
+    write_arrays,
+)
+from saccade.cli.slam import pose_table
+from saccade.datasets import save_drive, write_landmarks, write_table, write_tum
+from saccade.datasets.drives.writing import require_writable
+from saccade.diagnostics import drop_repeated
+from saccade.evaluation.drives import summarize_drive
+from saccade.frames import Drive
+from saccade.io.files import results_in
+from saccade.io.formats import FORMATS
+from saccade.settings import load_settings
+from saccade.slam import Checkpoint, Recorder
+from saccade.types import Float32Array, Image, MapSnapshot
+from saccade.viewing import drive_frames, map_figure, save_figures
+from saccade.viewing.report_map import ObservedLandmarks
+from saccade.visual import VisualConfig, VisualResult
 
 
 def drive(
-    sequence: SequencePath,
-    out: Out = Path("saccade-drive"),
-    kind: SequenceFormat = None,
+    source: options.SequenceOptions,
+    run: options.RunOptions,
+    out: options.Out = Path("saccade-drive"),
     frames: Annotated[
         int | None, Option(min=1, metavar="N", help="Process only the first N frames.")
     ] = None,
@@ -48,8 +65,6 @@ def drive(
     max_landmarks: Annotated[
         int | None, Option(min=1, help="Maximum number of landmarks in the map.")
     ] = None,
-    intrinsics: Intrinsics = None,
-    baseline: Baseline = None,
     anyway: Annotated[
         bool, Option("--anyway", help="Use frames that repeat the frame before as they are.")
     ] = False,
@@ -57,15 +72,12 @@ def drive(
         Path | None,
         Option(metavar="FOLDER", help="Also write the tracked points, as a drive of tracks."),
     ] = None,
-    camera: Camera = None,
-    live: LiveWindow = False,
-    page: LivePage = False,
-    figures: FigureFormats = None,
-    film: Film = True,
-    checkpoint: CheckpointInterval = 10.0,
-    preset: Preset = None,
-    config: Config = None,
-    as_json: Json = False,
+    camera: options.CameraSource = None,
+    live: options.LiveWindow = False,
+    page: options.LivePage = False,
+    preset: options.Preset = None,
+    config: options.Config = None,
+    as_json: options.Json = False,
 ) -> None:
     """Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.
 
@@ -77,35 +89,23 @@ def drive(
 
     An interrupted run resumes from its last checkpoint.
 
-    With --camera a camera is mapped live, and recorded in the folder SEQUENCE, whose camera.toml is
-    its calibration; Ctrl-C ends the drive.
+    With --camera a camera is mapped live, and recorded in the folder SEQUENCE,
+    whose camera.toml is its calibration; Ctrl-C ends the drive.
     """
-    from dataclasses import replace
-
-    from saccade import datasets
-    from saccade.cli.drive_run import map_drive
-    from saccade.cli.output import print_message, progress_bar
-    from saccade.cli.run_output import RunOutput
-    from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
-    from saccade.diagnostics import drop_repeated
-    from saccade.io.files import results_in
-    from saccade.settings import load_settings
-
     settings = load_settings("visual", preset, config)
     given = {"detector": detector, "selection": selection, "max_landmarks": max_landmarks}
     settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
-    known_camera = CameraOptions(parse_intrinsics(intrinsics), baseline)
-    output = RunOutput(out, film, checkpoint_interval=checkpoint, figures=figure_formats(figures))
+    output = run.into(out)
     if camera is not None:
-        from saccade.cli.live_run import Live, map_camera
+        from saccade.cli.live_run import map_camera
 
-        source = Live(camera, frames or MAX_CAMERA_FRAMES, live, page)
+        frames = frames or options.MAX_CAMERA_FRAMES
+        filmed = options.CameraOptions(camera, frames, live, page)
         with results_in(out), progress_bar(f"camera {camera}") as progress:
-            row = map_camera(source, sequence, known_camera, settings, output, progress)
+            row = map_camera(filmed, source, settings, output, progress)
         print_drive(row, as_json, f"camera {camera} -> {out}")
         return
-    kind = "auto" if kind is None else kind
-    recorded = datasets.load_drive(cast("datasets.DriveKind", kind), sequence, known_camera)
+    recorded = source.load()
     if frames is not None:
         recorded = recorded.until(frames)
     if not anyway:
@@ -120,39 +120,9 @@ def drive(
 
 def print_drive(row: dict[str, Any], as_json: bool, title: str, said: int = 0) -> None:
     """Print the remarks of a drive after those that were said before, and its figures."""
-    from saccade.cli.output import print_json, print_message
-
     for remark in row["remarks"][said:]:
         print_message(remark)
-    if as_json:
-        print_json(row)
-    else:
-        print_summary(row, title)
-
-
-def print_summary(row: dict[str, Any], title: str) -> None:
-    """Print the figures of a drive as tables."""
-    from saccade.cli.output import print_table
-    from saccade.cli.slam_report import lost_text
-
-    if row["ate_m"] is not None:
-        trajectories = {"SLAM": row, "odometry": row["odometry"]}
-        trajectories["visual odometry"] = row["visual_odometry"]
-        columns = {
-            "ate_m": "ATE (m)",
-            "ate_unaligned_m": "unaligned (m)",
-            "rpe_m": "RPE (m)",
-            "end_m": "at the end (m)",
-            "inside_3sigma": "in 99.7 % ellipse",
-        }
-        print_table(
-            title,
-            ["", *columns.values()],
-            [
-                [name, *("" if (v := errors.get(c)) is None else f"{v:.3f}" for c in columns)]
-                for name, errors in trajectories.items()
-            ],
-        )
+    tables = [] if row["ate_m"] is None else [_error_table(row, title)]
     facts = {
         "frames": str(row["frames"]),
         "landmarks": str(row["landmarks"]),
@@ -165,4 +135,166 @@ def print_summary(row: dict[str, Any], title: str) -> None:
         facts["lost"] = lost_text(row["lost"])
     if row["association_precision"] is not None:
         facts["association precision"] = f"{row['association_precision']:.1%}"
-    print_table("" if row["ate_m"] is not None else title, ["", ""], facts.items())
+    emit(row, as_json, *tables, Table("" if tables else title, ["", ""], [*facts.items()]))
+
+
+def _error_table(row: dict[str, Any], title: str) -> Table:
+    """Errors of the trajectories."""
+    columns = {
+        "ate_m": "ATE (m)",
+        "ate_unaligned_m": "unaligned (m)",
+        "rpe_m": "RPE (m)",
+        "end_m": "at the end (m)",
+        "inside_3sigma": "in 99.7 % ellipse",
+    }
+    trajectories = {"SLAM": row, "odometry": row["odometry"]}
+    trajectories["visual odometry"] = row["visual_odometry"]
+    cells = [
+        [name, *("" if (v := errors.get(c)) is None else f"{v:.3f}" for c in columns)]
+        for name, errors in trajectories.items()
+    ]
+    return Table(title, ["", *columns.values()], cells)
+
+
+LEAD = "The trajectory of a robot and the map of its landmarks, from camera frames and odometry."
+
+
+def map_drive(
+    drive: Drive,
+    settings: VisualConfig,
+    output: RunOutput,
+    progress: Progress,
+    save_tracks: Path | None = None,
+) -> dict[str, Any]:
+    """Map a drive, write the results, and return the content of run.json.
+
+    The tracked points are written to a folder `save_tracks`.
+    """
+    tracks = None
+    if save_tracks is not None:
+        require_writable(save_tracks, drive)
+        tracks = visual.TrackRecorder()
+    recorder = Recorder(output.snapshots)
+    checkpoint = Checkpoint(output.folder / "checkpoint.npz", output.checkpoint_interval)
+
+    def report(done: int, total: int) -> None:
+        progress(done, total, "map")
+
+    with resumable(checkpoint.path), visual.dedicated_process():
+        result = visual.run(
+            *(drive, settings, report),
+            recorder=recorder,
+            checkpoint=checkpoint,
+            tracks=tracks,
+        )
+    row = write_results(drive, settings, output, progress, result, recorder.snapshots)
+    if save_tracks is not None and tracks is not None:
+        save_drive(save_tracks, tracks.drive(drive))
+    checkpoint.remove()
+    return row
+
+
+def write_results(
+    drive: Drive,
+    settings: VisualConfig,
+    output: RunOutput,
+    progress: Progress,
+    result: VisualResult,
+    snapshots: list[MapSnapshot],
+) -> dict[str, Any]:
+    """Write the results of a mapped drive, and return the content of run.json."""
+    out = output.folder
+    files = write_tables(out, result) | write_figure(output, drive, result)
+    if output.film:
+        frames = film_frames(drive, snapshots, result, settings)
+        count = len(snapshots)
+        files |= write_film(out / "drive.mp4", frames, count, progress, still=60 * count // 100)
+    summary = summarize_drive(drive, result)
+    row = {
+        **summary,
+        "scale": drive.scale,
+        "remarks": [*drive.remarks, *drive.assumptions, *result.remarks],
+        "seed": settings.seed,
+        "settings": asdict(settings),
+    }
+    return write_run(
+        output,
+        (f"saccade drive: {drive.name}", LEAD),
+        lambda: drive_part(drive, snapshots, result, summary),
+        files,
+        row,
+    )
+
+
+def write_tables(out: Path, result: VisualResult) -> dict[str, Path]:
+    """Write trajectory, map and observations; returns the files."""
+    files = {
+        "trajectory": out / "trajectory.tum",
+        "poses": out / "poses.csv",
+        "landmarks": out / "landmarks.csv",
+        "map": out / "map.npz",
+        "observations": out / "observations.csv",
+    }
+    write_tum(files["trajectory"], result.trajectory)
+    write_table(files["poses"], pose_table(result.trajectory))
+    write_landmarks(files["landmarks"], result.map)
+    write_arrays(
+        files["map"],
+        {
+            "format": FORMATS["map"],
+            "id": result.map.id,
+            "xy": result.map.xy,
+            "covariance": result.map.covariance,
+            "height": result.height,
+            "descriptors": result.descriptors,
+        },
+    )
+    observed = result.observations
+    columns: dict[str, np.ndarray[Any, Any]] = {
+        "frame": observed.frame,
+        "landmark": observed.landmark,
+        "kind": observed.kind,
+        "pixel_x": observed.xy[:, 0],
+        "pixel_y": observed.xy[:, 1],
+        "z_range": observed.z[:, 0],
+        "z_bearing": observed.z[:, 1],
+        "sigma_range": observed.sigma[:, 0],
+        "sigma_bearing": observed.sigma[:, 1],
+    }
+    write_table(files["observations"], columns)
+    return files
+
+
+def write_figure(output: RunOutput, drive: Drive, result: VisualResult) -> dict[str, Path]:
+    """Write a figure of the map; returns the file of the first format."""
+    figure = map_figure(
+        result.trajectory, result.map, result.odometry, truth=drive.truth, lost=result.lost
+    )
+    if drive.scale != "metric":
+        axes = figure.axes[0]
+        axes.set_xlabel("x in units (the scale is unknown)")
+        axes.set_ylabel("y in units")
+    return {"picture": save_figures(figure, output.folder / "map", output.figures)}
+
+
+def film_frames(
+    drive: Drive,
+    snapshots: list[MapSnapshot],
+    result: VisualResult,
+    settings: VisualConfig,
+) -> Iterator[Image]:
+    """Frames of a film: the camera image with landmarks and saliency, and the growing map."""
+
+    def saliency(image: Image) -> Float32Array:
+        if settings.selection == "contrast":
+            return contrast_saliency(image).saliency
+        if settings.selection == "symmetry":
+            return symmetry_saliency(image).saliency
+        return attention_saliency(image).saliency
+
+    observed = result.observations
+    observations = ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind)
+    return drive_frames(
+        *(snapshots, drive.time, result.odometry, image_loader(drive), saliency, observations),
+        eye_at=eye_loader(drive),
+    )

@@ -5,15 +5,35 @@ from dataclasses import asdict
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from typer import Option
 
-from saccade.cli.options import Config, Json, Preset, Report
-
-if TYPE_CHECKING:
-    from saccade.evaluation.features import FeatureDifference, FeatureScores
-    from saccade.evaluation.repeatability import PairScores
+from saccade.cli.options import Config, Preset, ReportOptions
+from saccade.cli.output import emit, progress_bar, with_interval
+from saccade.datasets.drives.loading import load_drive
+from saccade.datasets.drives.sidecar_files import read_kitti_poses
+from saccade.datasets.homography_pairs import homography_pairs
+from saccade.errors import ConfigError, require
+from saccade.evaluation.degradation import Degradation
+from saccade.evaluation.detectors import CONFIGURATIONS, OURS, find_detector
+from saccade.evaluation.features import (
+    FeatureDifference,
+    FeatureScores,
+    feature_difference,
+    score_detector,
+)
+from saccade.evaluation.homography import ESTIMATORS
+from saccade.evaluation.relative_pose import (
+    PoseScores,
+    RelativePoseScores,
+    pose_difference,
+    score_relative_poses,
+)
+from saccade.evaluation.repeatability import PairScores
+from saccade.evaluation.synthetic_pairs import write_synthetic_pairs
+from saccade.settings import load_settings
+from saccade.viewing.report import Table
 
 SCORES = {
     "rep.": ("repeatability",),
@@ -43,6 +63,7 @@ CLEAN = "clean"
 
 
 def features(
+    shown: ReportOptions,
     pairs: Annotated[
         Path | None,
         Option(metavar="DIR", help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on."),
@@ -120,31 +141,18 @@ def features(
     ] = 3.0,
     ratio: Annotated[float, Option(min=0.01, max=1, help="Threshold of the ratio test.")] = 0.8,
     per_sequence: Annotated[bool, Option("--per-sequence", help="List every sequence.")] = False,
-    report: Report = None,
-    as_json: Json = False,
 ) -> None:
     """Score detectors and descriptors on image pairs related by a homography, or by a motion.
 
-    Means over the pairs with 95 % bootstrap intervals, and with several detectors the paired
-    differences of each from the first.
+    Means over the pairs with 95 % bootstrap intervals, and with several
+    detectors the paired differences of each from the first.
 
-    With --points the detectors of this package have no threshold, so that there are enough
-    keypoints where contrast is low; OpenCV and COLMAP keep theirs. A module:callable takes an
-    (H, W, 3) image in [0, 1] and returns an object with xy and descriptors, strongest first.
+    With --points the detectors of this package have no threshold, so that there
+    are enough keypoints where contrast is low; OpenCV and COLMAP keep theirs. A
+    module:callable takes an (H, W, 3) image in [0, 1] and returns an object
+    with xy and descriptors, strongest first.
     """
-    from saccade.cli.evaluate_poses import relative_poses
-    from saccade.cli.output import print_json, progress_bar
-    from saccade.datasets.homography_pairs import homography_pairs
-    from saccade.errors import ConfigError, require
-    from saccade.evaluation.degradation import Degradation
-    from saccade.evaluation.detectors import CONFIGURATIONS, OURS, find_detector
-    from saccade.evaluation.features import feature_difference, score_detector
-    from saccade.evaluation.homography import ESTIMATORS
-    from saccade.evaluation.synthetic_pairs import write_synthetic_pairs
-    from saccade.settings import load_settings
-    from saccade.viewing.report import Table, write_tables
-
-    elsewhere = pairs is not None or synthetic or degrade or report or per_sequence or estimator
+    elsewhere = pairs or synthetic or degrade or shown.report or per_sequence or estimator
     if drive is not None and elsewhere:
         raise ConfigError(
             "--drive: does not go with --pairs, --synthetic, --degrade, --estimator, --report, "
@@ -152,7 +160,7 @@ def features(
         )
     if drive is not None:
         detectors = detector or ["sift"], preset, config
-        relative_poses(drive, *detectors, points or [], gap or [1], ratio, as_json)
+        relative_poses(drive, *detectors, points or [], gap or [1], ratio, shown.as_json)
         return
     if (pairs is None) != synthetic:
         raise ConfigError("--pairs: expected a folder of image pairs, --synthetic, or --drive")
@@ -193,9 +201,8 @@ def features(
                         differences[row] = feature_difference(first, result)
     difference_title = f"Paired difference from {(detector or ['sift'])[0]}"
     title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
-    write_tables(
-        report,
-        "saccade evaluate features",
+    shown.write(
+        "evaluate features",
         f"Repeatability and matching of keypoints: {title}.",
         [
             Table(
@@ -226,31 +233,29 @@ def features(
             ),
         ],
     )
-    if as_json:
-        tables = {label: _as_json(result, sequences) for label, result in results.items()}
-        minus_first = {
-            label: {end: asdict(scores) for end, scores in each._asdict().items()}
-            for label, each in differences.items()
-        }
-        print_json({"pairs": len(found), "detectors": tables, "differences": minus_first})
-        return
+    tables = {label: _as_json(result, sequences) for label, result in results.items()}
+    minus_first = {
+        label: {end: asdict(scores) for end, scores in each._asdict().items()}
+        for label, each in differences.items()
+    }
+    scored = {"pairs": len(found), "detectors": tables, "differences": minus_first}
     rows = [
         _row(f"  {name}" if name else label, scores)
         for label, result in results.items()
         for name, scores in _means(result, sequences if per_sequence else [])
     ]
-    _print(title, rows)
+    printed = _fitting(title, rows)
     if differences:
-        _print(difference_title, _difference_rows(differences))
+        printed += _fitting(difference_title, _difference_rows(differences))
+    emit(scored, shown.as_json, *printed)
 
 
-def _print(title: str, rows: Sequence[Sequence[str]]) -> None:
-    """Print rows of `COLUMNS` as the tables of `PRINTED`."""
-    from saccade.cli.output import print_table
-
-    for names in PRINTED:
-        places = [COLUMNS.index(name) for name in names]
-        print_table(title, names, [[row[i] for i in places] for row in rows])
+def _fitting(title: str, rows: Sequence[Sequence[str]]) -> list[Table]:
+    """Rows of `COLUMNS` as the tables of `PRINTED`."""
+    return [
+        Table(title, names, [[row[COLUMNS.index(name)] for name in names] for row in rows])
+        for names in PRINTED
+    ]
 
 
 def _means(result: "FeatureScores", sequences: list[str]) -> "list[tuple[str | None, PairScores]]":
@@ -274,13 +279,8 @@ def _difference_rows(differences: "dict[str, FeatureDifference]") -> list[list[s
 
 
 def _as_json(result: "FeatureScores", sequences: list[str]) -> dict[str, Any]:
-    low, high = result.interval()
-    return {
-        "mean": asdict(result.mean()),
-        "low": asdict(low),
-        "high": asdict(high),
-        "sequences": {name: asdict(result.of(name).mean()) for name in sequences},
-    }
+    means = {name: asdict(result.of(name).mean()) for name in sequences}
+    return with_interval(result.mean(), *result.interval()) | {"sequences": means}
 
 
 def _row(name: str, scores: "PairScores", sign: str = "") -> list[str]:
@@ -289,3 +289,70 @@ def _row(name: str, scores: "PairScores", sign: str = "") -> list[str]:
         for fields in SCORES.values()
     ]
     return [name, f"{scores.keypoints:{sign}.0f}", *cells]
+
+
+ANGLES = ["", "pairs", "matches", "rotation", "direction"]
+AREAS = ["", "AUC@1/3/5/10"]
+
+
+def relative_poses(
+    path: Path,
+    detectors: Sequence[str],
+    preset: str | None,
+    config: Path | None,
+    points: Sequence[int],
+    gaps: Sequence[int],
+    ratio: float,
+    as_json: bool,
+) -> None:
+    """Score detectors on the frames of a recording, and print the scores."""
+    drive = load_drive("kitti", path)
+    poses = read_kitti_poses(path / "poses.txt", drive.time)
+    rows, results = [], {}
+    reference: dict[tuple[int, int | None], RelativePoseScores] = {}
+    for name in detectors:
+        kind = CONFIGURATIONS.get(name)
+        settings = None if kind is None else load_settings(kind, preset, config)
+        detect = find_detector(name, settings, max(points) if points else None)
+        with progress_bar(name, len(drive)) as progress:
+            table = score_relative_poses(
+                detect, drive, poses, points or (None,), gaps, ratio, progress
+            )
+        for (gap, count), scores in table.items():
+            words = [name, f"{count} points" if count else "", f"gap {gap}"]
+            label, (low, high) = ", ".join(filter(None, words)), scores.interval()
+            named = {"mean": scores.mean(), "low": low, "high": high}
+            first = reference.setdefault((gap, count), scores)
+            if first is not scores:
+                mean, *ends = pose_difference(first, scores)
+                named |= {"difference": mean, "difference_low": ends[0], "difference_high": ends[1]}
+            results[label] = {key: asdict(value) for key, value in named.items()}
+            pairs = str(len(scores.scores))
+            rows += [
+                _pose_row(label if key == "mean" else f"  {WORDS[key]}", pairs, value)
+                for key, value in named.items()
+            ]
+    title = f"{drive.name}: relative pose of {len(drive)} frames, degrees"
+    emit(
+        {"frames": len(drive), "detectors": results},
+        as_json,
+        Table(title, ANGLES, [row[:-1] for row in rows]),
+        Table(title, AREAS, [[row[0], row[-1]] for row in rows]),
+    )
+
+
+WORDS = {
+    "low": "95 % from",
+    "high": "95 % to",
+    "difference": "minus the first",
+    "difference_low": "95 % from",
+    "difference_high": "95 % to",
+}
+"""Rows below a mean."""
+
+
+def _pose_row(name: str, pairs: str, scores: "PoseScores") -> list[str]:
+    fields = (scores.auc_1, scores.auc_3, scores.auc_5, scores.auc_10)
+    areas = " ".join(f"{value:.3f}".replace("0.", ".", 1) for value in fields)
+    angles = [f"{scores.rotation:.3f}", f"{scores.direction:.2f}"]
+    return [name, pairs, f"{scores.matches:.0f}", *angles, areas]

@@ -5,7 +5,14 @@ from typing import Annotated, Any
 
 from typer import Option
 
-from saccade.cli.options import EgomotionName, Json, Report
+from saccade.cli.options import EgomotionName, ReportOptions
+from saccade.cli.output import emit, progress_bar
+from saccade.errors import require
+from saccade.evaluation.gaze import compare
+from saccade.evaluation.gaze_runs import LEVELS, GazeRun, run_all
+from saccade.gaze import POLICIES
+from saccade.io.files import results_in
+from saccade.viewing.report import Table
 
 LEAD = "Gaze policies compared, in the same worlds with the same noise."
 MEANING = (
@@ -18,6 +25,7 @@ MEANING = (
 
 
 def gaze(
+    shown: ReportOptions,
     out: Annotated[
         Path, Option("--out", "-o", help="Output folder, in which the runs are stored.")
     ] = Path("saccade-gaze"),
@@ -52,21 +60,12 @@ def gaze(
         int, Option(min=8, metavar="N", help="Frames of each drive with images, at most.")
     ] = 200,
     jobs: Annotated[int, Option(min=1, help="Number of processes.")] = 1,
-    report: Report = None,
-    as_json: Json = False,
 ) -> None:
     """Compare gaze policies: where a camera that turns shall look.
 
-    Wheels have systematic errors, and the map is made or known. --out receives every run: an
-    interrupted evaluation resumes, and more seeds add to it.
+    Wheels have systematic errors, and the map is made or known. --out receives
+    every run: an interrupted evaluation resumes, and more seeds add to it.
     """
-    from saccade.cli.output import print_json, print_table, progress_bar
-    from saccade.errors import require
-    from saccade.evaluation.gaze import compare
-    from saccade.evaluation.gaze_runs import LEVELS, GazeRun, run_all
-    from saccade.gaze import POLICIES
-    from saccade.io.files import results_in
-
     require(level in LEVELS, "level", f"one of {', '.join(LEVELS)}", level)
     setting: Any = {"level": level, "map": known, "egomotion": egomotion, "frames": frames}
     runs = [
@@ -78,19 +77,13 @@ def gaze(
     with results_in(out), progress_bar("driving", len(runs)) as progress:
         rows = compare(run_all(runs, out, jobs, progress))
     title = f"{level}, {known} map, motion by {egomotion}, {seeds} seeds"
-    tables = {title: _table(rows)}
+    tables = [Table(title, *_table(rows), MEANING, "policy", [])]
     if "worlds" in rows[0]:
-        tables["ATE relative to fixed, by world"] = _world_table(rows)
-    if report is not None:
-        from saccade.viewing.report import Table, write_tables
-
-        pages = [Table(name, *table, MEANING, "policy", []) for name, table in tables.items()]
-        write_tables(report, "saccade evaluate gaze", LEAD, pages)
-    if as_json:
-        print_json(setting | {"seeds": seeds, "first_seed": first_seed, "rows": rows})
-    else:
-        for name, table in tables.items():
-            print_table(name, *table)
+        by_world = _world_table(rows)
+        tables.append(Table("ATE relative to fixed, by world", *by_world, MEANING, "policy", []))
+    shown.write("evaluate gaze", LEAD, tables)
+    row = setting | {"seeds": seeds, "first_seed": first_seed, "rows": rows}
+    emit(row, shown.as_json, *tables)
 
 
 def _table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:

@@ -4,34 +4,38 @@ import csv
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import numpy as np
 from typer import Option
 
+from saccade.attention.scanpath_model import ScanpathModelConfig
+from saccade.cli import options
 from saccade.cli.attention_models import (
     DEFAULT_MODEL,
     ModelChoice,
     attention_model,
     scanpath_network,
 )
-from saccade.cli.options import (
-    Columns,
-    Config,
-    DropFirst,
-    Fixations,
-    Json,
-    Offset,
-    OnlyPresent,
-    PositionUnits,
-    Preset,
-    Report,
-    Seed,
+from saccade.cli.fixation_tables import FixationOptions
+from saccade.cli.output import emit, tracked, write_text
+from saccade.evaluation.conditional import FixationRow, score_fixations
+from saccade.evaluation.scanpath_similarity import ScanMatchConfig
+from saccade.evaluation.scanpath_summary import Summary, summary, tidy
+from saccade.evaluation.scanpaths import (
+    OTHERS,
+    PathRow,
+    PathSettings,
+    mean_fixations,
+    score_paths,
+    viewings,
 )
-
-if TYPE_CHECKING:
-    from saccade.evaluation.conditional import FixationRow
-    from saccade.evaluation.scanpath_summary import Summary
-    from saccade.evaluation.scanpaths import PathRow
+from saccade.io.files import results_in
+from saccade.io.image import read_image
+from saccade.settings import load_settings
+from saccade.viewing.evaluation import scanpath_figure
+from saccade.viewing.report import Table
+from saccade.viewing.style import save_figure
 
 MEANING = (
     "Each path is compared with those of the people who saw the image: by ScanMatch (Cristino et "
@@ -60,11 +64,11 @@ FIXATIONS = {"nss": "NSS", "auc": "AUC", "information_gain": "IG (bit)"}
 
 
 def scanpaths(
-    images: Annotated[Path, Option(help="Folder of the images.")],
-    fixations: Fixations,
+    seen: FixationOptions,
+    shown: options.ReportOptions,
     model: ModelChoice = DEFAULT_MODEL,
-    preset: Preset = None,
-    config: Config = None,
+    preset: options.Preset = None,
+    config: options.Config = None,
     paths_config: Annotated[
         Path | None,
         Option(help="TOML file of the scanpath model, as saccade config scanpath-model prints it."),
@@ -95,12 +99,7 @@ def scanpaths(
             help="Pixels to a degree of visual angle; also the blur of people's fixations.",
         ),
     ] = 24.0,
-    drop: DropFirst = 1,
-    columns: Columns = None,
-    xy: PositionUnits = None,
-    offset: Offset = None,
-    only_present: OnlyPresent = False,
-    seed: Seed = 0,
+    seed: options.Seed = 0,
     out: Annotated[
         Path | None,
         Option(
@@ -109,31 +108,12 @@ def scanpaths(
             help="Folder for paths.csv, fixations.csv, and scanpaths.png, .svg and .pdf.",
         ),
     ] = None,
-    report: Report = None,
-    as_json: Json = False,
 ) -> None:
     """Score scanpaths by how similar they are to those of people.
 
     Means over the images with 95 % bootstrap intervals.
     """
-    from saccade.attention.scanpath_model import ScanpathModelConfig
-    from saccade.cli.fixation_tables import fixation_format, load_fixations
-    from saccade.cli.output import print_json, print_message, print_table, tracked
-    from saccade.evaluation.conditional import score_fixations
-    from saccade.evaluation.prediction import fixations_by_image
-    from saccade.evaluation.scanpath_similarity import ScanMatchConfig
-    from saccade.evaluation.scanpath_summary import summary
-    from saccade.evaluation.scanpaths import PathSettings, mean_fixations, score_paths, viewings
-    from saccade.io.files import results_in
-    from saccade.io.image import read_image
-    from saccade.settings import load_settings
-    from saccade.viewing.report import Table, write_tables
-
-    table = load_fixations(fixations, images, fixation_format(columns, xy, offset), only_present)
-    _, sizes, outside = fixations_by_image(table, images, drop)
-    if outside:
-        print_message(f"{outside} fixations outside their images are left out")
-    people = viewings(table, sizes, drop)
+    people = viewings(seen.table, seen.places[1], seen.drop)
     chosen: ScanpathModelConfig = load_settings("scanpath-model", None, paths_config)
     settings = PathSettings(
         length or mean_fixations(people),
@@ -147,7 +127,7 @@ def scanpaths(
     path_rows: list[PathRow] = []
     fixation_rows: list[FixationRow] = []
     for name in tracked(people, "scoring", len(people)):
-        saliency = attention.maps(read_image(images / name)).saliency
+        saliency = attention.maps(read_image(seen.images / name)).saliency
         path_rows += score_paths(name, people, saliency, settings)
         fixation_rows += score_fixations(name, people, saliency, chosen, degree)
     paths, predicted = summary(path_rows), summary(fixation_rows)
@@ -166,26 +146,14 @@ def scanpaths(
         ),
     ]
     lead = f"Scanpaths of models and people: {title}. {MEANING}"
-    write_tables(report, "saccade evaluate scanpaths", lead, tables)
-    if as_json:
-        print_json({"paths": _as_dict(paths), "fixations": _as_dict(predicted)})
-        return
-    for each in tables:
-        print_table(each.title, each.columns, each.rows)
+    shown.write("evaluate scanpaths", lead, tables)
+    emit({"paths": _as_dict(paths), "fixations": _as_dict(predicted)}, shown.as_json, *tables)
 
 
 def _write(
     folder: Path, paths: "Sequence[PathRow]", predicted: "Sequence[FixationRow]", degree: float
 ) -> None:
     """Write the tables of all paths and fixations, and the figure, into a folder."""
-    import numpy as np
-
-    from saccade.cli.output import write_text
-    from saccade.evaluation.scanpath_summary import tidy
-    from saccade.evaluation.scanpaths import OTHERS
-    from saccade.viewing.evaluation import scanpath_figure
-    from saccade.viewing.style import save_figure
-
     for name, rows in (("paths", paths), ("fixations", predicted)):
         buffer = StringIO()
         csv.writer(buffer, lineterminator="\n").writerows(tidy(rows))

@@ -4,15 +4,31 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, cast
 
+import numpy as np
 from typer import Argument, Option
 
-from saccade.cli.options import FigureFiles, Json, Report
-
-if TYPE_CHECKING:
-    from saccade.evaluation.pose_errors import PoseScores
-    from saccade.types import FloatArray
+from saccade.cli.options import FigureFiles, ReportOptions
+from saccade.cli.output import emit
+from saccade.datasets import write_table
+from saccade.datasets.drives.sidecar_files import read_tum_poses
+from saccade.errors import LogError, require
+from saccade.evaluation.pose_errors import (
+    PoseErrorConfig,
+    PoseScores,
+    Unit,
+    score_poses,
+    statistics,
+)
+from saccade.evaluation.trajectory import none_if_nan
+from saccade.io.files import as_text
+from saccade.types import FloatArray
+from saccade.viewing import save_figure
+from saccade.viewing.embedding import figure_uri
+from saccade.viewing.evaluation import ComparedTrajectory, trajectory_figure
+from saccade.viewing.page import Picture
+from saccade.viewing.report import Table
 
 LEAD = "Errors of estimated trajectories against the truth."
 COLUMNS = ["", "RMSE", "mean", "median", "std", "min", "max"]
@@ -39,6 +55,7 @@ LABELS = {
 
 
 def trajectory(
+    shown: ReportOptions,
     estimates: Annotated[
         list[Path], Argument(metavar="ESTIMATE", help="Estimated trajectories: TUM files.")
     ],
@@ -67,20 +84,12 @@ def trajectory(
     csv: Annotated[
         Path | None, Option(metavar="FILE", help="Also write the errors of each pose as CSV.")
     ] = None,
-    report: Report = None,
-    as_json: Json = False,
 ) -> None:
     """Score trajectories against the truth: absolute and relative errors (ATE, RPE).
 
-    TUM files have lines of time x y z qx qy qz qw. A pose is compared with the true one
-    nearest in time.
+    TUM files have lines of time x y z qx qy qz qw. A pose is compared with the
+    true one nearest in time.
     """
-    from saccade.cli.output import print_json, print_table
-    from saccade.datasets.drives.sidecar_files import read_tum_poses
-    from saccade.errors import LogError
-    from saccade.evaluation.pose_errors import PoseErrorConfig, Unit, score_poses
-    from saccade.io.files import as_text
-
     config = PoseErrorConfig(
         max_difference, interpolate, scale, delta, cast("Unit", unit), all_pairs
     )
@@ -94,18 +103,16 @@ def trajectory(
             raise LogError(f"{name}{error}") from error
     if csv is not None:
         _write_csv(csv, scores)
-    if figure or report is not None:
-        _write_figure(figure or [], report, scores)
-    if as_json:
-        estimates_row = {name: _summary(each) for name, each in scores.items()}
-        print_json({"truth": str(truth), **asdict(config), "estimates": estimates_row})
-        return
+    if figure or shown.report is not None:
+        _write_figure(figure or [], shown, scores)
+    estimates_row = {name: _summary(each) for name, each in scores.items()}
+    row = {"truth": str(truth), **asdict(config), "estimates": estimates_row}
     rows: list[list[str]] = []
     for name, each in scores.items():
         rows += [[name, *[""] * (len(COLUMNS) - 1)]] if len(scores) > 1 else []
         rows += _rows(each)
     title = f"against {truth}" if len(scores) > 1 else f"{next(iter(scores))} against {truth}"
-    print_table(title, COLUMNS, rows)
+    emit(row, shown.as_json, Table(title, COLUMNS, rows))
 
 
 def _errors(scores: "PoseScores") -> "dict[str, FloatArray]":
@@ -126,7 +133,6 @@ def _errors(scores: "PoseScores") -> "dict[str, FloatArray]":
 
 
 def _rows(scores: "PoseScores") -> list[list[str]]:
-    from saccade.evaluation.pose_errors import statistics
 
     return [
         [LABELS[key], *("" if isnan(x) else f"{x:.3f}" for x in statistics(errors))]
@@ -136,8 +142,6 @@ def _rows(scores: "PoseScores") -> list[list[str]]:
 
 
 def _summary(scores: "PoseScores") -> dict[str, Any]:
-    from saccade.evaluation.pose_errors import statistics
-    from saccade.evaluation.trajectory import none_if_nan
 
     row: dict[str, Any] = {
         "poses": len(scores.estimate.time),
@@ -152,11 +156,6 @@ def _summary(scores: "PoseScores") -> dict[str, Any]:
 
 def _write_csv(path: Path, scores: "Mapping[str, PoseScores]") -> None:
     """One row for each pose of each estimate; the relative errors where their pair ends."""
-    import numpy as np
-
-    from saccade.datasets import write_table
-    from saccade.errors import require
-
     require(path.suffix == ".csv", "--csv", "a file that ends in .csv", str(path))
     parts: list[dict[str, np.ndarray[Any, Any]]] = []
     for name, each in scores.items():
@@ -173,15 +172,9 @@ def _write_csv(path: Path, scores: "Mapping[str, PoseScores]") -> None:
 
 
 def _write_figure(
-    paths: "Sequence[Path]", report: Path | None, scores: "Mapping[str, PoseScores]"
+    paths: "Sequence[Path]", shown: ReportOptions, scores: "Mapping[str, PoseScores]"
 ) -> None:
     """Write the figure of the trajectories, and the report that holds it."""
-    from saccade.viewing import save_figure
-    from saccade.viewing.embedding import figure_uri
-    from saccade.viewing.evaluation import ComparedTrajectory, trajectory_figure
-    from saccade.viewing.page import Picture
-    from saccade.viewing.report import Table, write_tables
-
     figure = trajectory_figure(
         [
             ComparedTrajectory(
@@ -204,4 +197,4 @@ def _write_figure(
     )
     rows = [[f"{name}: {row[0]}", *row[1:]] for name, each in scores.items() for row in _rows(each)]
     table = Table("Errors", COLUMNS, rows, MEANING, "estimate and error", [picture])
-    write_tables(report, "saccade evaluate trajectory", LEAD, [table])
+    shown.write("evaluate trajectory", LEAD, [table])

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +11,6 @@ import typer
 from typer import Argument, Option
 
 from saccade.cli.batch_run import (
-    EXECUTION,
     INTERRUPTED,
     Workers,
     batch_progress,
@@ -19,6 +19,10 @@ from saccade.cli.batch_run import (
     stop_on_interrupt,
 )
 from saccade.cli.options import Config, Json, Preset
+from saccade.cli.output import Table, emit, print_message, resumable
+from saccade.errors import ConfigError, require
+from saccade.extras import import_optional
+from saccade.settings import load_model, load_settings
 
 if TYPE_CHECKING:
     from saccade.batch import Extraction
@@ -90,35 +94,22 @@ def extract(
     workers: Workers = None,
     size: Annotated[
         int | None,
-        Option(
-            "--shard",
-            min=1,
-            metavar="N",
-            help="Images per shard; at most 256 by default.",
-            rich_help_panel=EXECUTION,
-        ),
+        Option("--shard", min=1, metavar="N", help="Images per shard; at most 256 by default."),
     ] = None,
     scheduler: Annotated[
         str | None,
-        Option(
-            metavar="ADDRESS",
-            help="Address of a Dask scheduler: tcp://host:8786.",
-            rich_help_panel=EXECUTION,
-        ),
+        Option(metavar="ADDRESS", help="Address of a Dask scheduler: tcp://host:8786."),
     ] = None,
     cluster: Annotated[
         str | None,
         Option(
             metavar="SYSTEM",
             help="Batch system for Dask jobs: slurm, pbs, sge, lsf, htcondor or oar.",
-            rich_help_panel=EXECUTION,
         ),
     ] = None,
     jobs: Annotated[
         int,
-        Option(
-            min=1, metavar="N", help="With --cluster: number of jobs.", rich_help_panel=EXECUTION
-        ),
+        Option(min=1, metavar="N", help="With --cluster: number of jobs."),
     ] = 1,
 ) -> None:
     """Extract features of many images into a Parquet data set.
@@ -130,14 +121,11 @@ def extract(
 
     Ctrl-C stops after the shards in progress; pressed twice, at once.
     """
-    from saccade.extras import import_optional
-
     if not (scheduler or cluster):
         preload(source, workers)
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
-    from saccade.cli.output import print_json, resumable
 
     kinds = list(dict.fromkeys(what or [What.SIFT]))
     made = [
@@ -175,20 +163,17 @@ def extract(
             if stopped():
                 break
     rows = [_as_row(result, folder) for folder, result in results.items()]
-    if as_json:
-        print_json(rows[0] if len(kinds) == 1 else {"data_sets": rows})
-    code = 0
-    for kind, (folder, result) in zip(kinds, results.items(), strict=False):
-        if not as_json:
-            _print(result, kind.value, folder)
-        code = max(code, _tell(result, folder, len(images)))
-    raise typer.Exit(code)
+    tables = [
+        _table(result, kind.value, folder)
+        for kind, (folder, result) in zip(kinds, results.items(), strict=False)
+    ]
+    emit(rows[0] if len(kinds) == 1 else {"data_sets": rows}, as_json, *tables)
+    codes = [_tell(result, folder, len(images)) for folder, result in results.items()]
+    raise typer.Exit(max(codes, default=0))
 
 
 def _tell(result: "Extraction", out: str, images: int) -> int:
     """Print what is wrong with a data set; returns the exit code."""
-    from saccade.cli.output import print_message
-
     if result.error is not None:
         print_message(result.error)
     others = result.totals.by_other_versions
@@ -207,9 +192,6 @@ def _tell(result: "Extraction", out: str, images: int) -> int:
 
 
 def _settings(what: What, preset: str | None, config: Path | None, model: Path | None) -> Any:
-    from saccade.errors import require
-    from saccade.settings import load_model, load_settings
-
     if model is None:
         return load_settings(KINDS.get(what, what.value), preset, config)
     require(what in KINDS, "model", "--what saliency or scanpath", what.value)
@@ -223,13 +205,10 @@ def _engine(
     images: "Source", workers: int | None, scheduler: str | None, cluster: str | None, jobs: int
 ) -> Iterator["Engine"]:
     from saccade.batch.engines import connect, submit_jobs
-    from saccade.errors import ConfigError
 
     if scheduler is not None and cluster is not None:
         raise ConfigError("cluster: expected --scheduler or --cluster, found both")
     if scheduler is not None or cluster is not None:
-        from saccade.cli.output import print_message
-
         if cluster is not None:
             count = f"{jobs} {'job' if jobs == 1 else 'jobs'}"
             print_message(f"submitting {count} to {cluster}; waiting for the first")
@@ -241,8 +220,6 @@ def _engine(
 
 
 def _as_row(result: "Extraction", out: str) -> dict[str, Any]:
-    from dataclasses import asdict
-
     return {
         "out": out,
         "done": result.done,
@@ -253,11 +230,9 @@ def _as_row(result: "Extraction", out: str) -> dict[str, Any]:
     }
 
 
-def _print(result: "Extraction", what: str, out: str) -> None:
-    from saccade.cli.output import print_table
-
+def _table(result: "Extraction", what: str, out: str) -> Table:
     totals = result.totals
-    print_table(
+    return Table(
         f"{what} -> {Path(out) if '://' not in out else out}",
         ["", ""],
         [

@@ -1,22 +1,95 @@
 """The fixations that commands score, and how they are to be read."""
 
+from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 from pathlib import Path
+from typing import Annotated
+
+from typer import Option
 
 from saccade.cli.output import print_message
 from saccade.datasets.fixations import FixationFormat, read_fixations
-from saccade.errors import ConfigError
-from saccade.types import FixationTable
+from saccade.errors import ConfigError, LogError
+from saccade.evaluation.prediction import fixations_by_image
+from saccade.types import FixationTable, FloatArray
 
 LARGEST = 1e6
 """Bound on pixels of a screen."""
 
 
-def load_fixations(
-    file: Path, images: Path, form: FixationFormat, only_present: bool
-) -> FixationTable:
-    """The fixations of a file on the images of a folder; remarks are printed."""
-    return read_fixations(file, images, form, only_present=only_present, say=print_message)
+@dataclass(frozen=True)
+class FixationOptions:
+    """Photographs, the fixations of people on them, and how these are to be read."""
+
+    images: Annotated[Path, Option(help="Folder of the images.")]
+    fixations: Annotated[
+        Path,
+        Option(
+            help="Fixations: a table of image, viewer, index or time, x and y (.csv, .tsv, Tobii's "
+            "export), EyeLink's .asc, OSIE's .mat, or a folder of them.",
+        ),
+    ]
+    drop: Annotated[
+        int,
+        Option(
+            "--drop", min=0, metavar="N", help="Leave out the first N fixations of each scanpath."
+        ),
+    ] = 1
+    columns: Annotated[
+        str | None,
+        Option(
+            metavar="KEY=NAME,...",
+            help="Columns of other than the usual names: image, viewer, index, time, x, y, "
+            "duration. viewer=code,x=gx",
+        ),
+    ] = None
+    xy: Annotated[
+        str | None,
+        Option(
+            "--xy",
+            metavar="UNIT",
+            help="Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the "
+            "screen), or pixels (of the images, unchecked).",
+        ),
+    ] = None
+    offset: Annotated[
+        str | None,
+        Option(
+            metavar="X,Y",
+            help="Upper left corner of the images on the screen, where x and y are positions on "
+            "it.",
+        ),
+    ] = None
+    only_present: Annotated[
+        bool,
+        Option("--only-present", help="Leave out the fixations on images that are not there."),
+    ] = False
+
+    @cached_property
+    def table(self) -> FixationTable:
+        """The fixations; remarks are printed."""
+        form = fixation_format(self.columns, self.xy, self.offset)
+        table = read_fixations(
+            self.fixations,
+            self.images,
+            form,
+            only_present=self.only_present,
+            say=print_message,
+        )
+        if not (table.index >= self.drop).any():
+            raise LogError(
+                f"{self.fixations}: every fixation is among the first {self.drop}; lower --drop"
+            )
+        return table
+
+    @cached_property
+    def places(self) -> tuple[dict[str, FloatArray], dict[str, tuple[int, int]]]:
+        """The fixations inside each image, and its size."""
+        points, sizes, outside = fixations_by_image(self.table, self.images, self.drop)
+        if outside:
+            print_message(f"{outside} fixations outside their images are left out")
+        return points, sizes
 
 
 def fixation_format(columns: str | None, xy: str | None, offset: str | None) -> FixationFormat:

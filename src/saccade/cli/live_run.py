@@ -5,7 +5,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,12 +13,12 @@ import numpy as np
 from saccade import visual
 from saccade.attention.models import AttentionModel
 from saccade.cli.batch_run import stop_on_interrupt
-from saccade.cli.drive_run import write_results
-from saccade.cli.look_video import VideoRecord
+from saccade.cli.drive import write_results
+from saccade.cli.look import VideoRecord
+from saccade.cli.mapping import RunOutput
+from saccade.cli.options import CameraOptions, SequenceOptions
 from saccade.cli.output import Progress, print_message, progress_bar
-from saccade.cli.run_output import RunOutput
 from saccade.datasets import load_drive, write_table
-from saccade.datasets.drives.bare import CameraOptions
 from saccade.datasets.drives.live import LiveDrive
 from saccade.exchange import to_opencv
 from saccade.frames import Frame
@@ -38,36 +38,19 @@ COLOR, RICH = rgb_levels(ORANGE), cv2.DRAW_MATCHES_FLAGS_DRAW_RICH_KEYPOINTS
 """Of keypoints in a film, which are drawn with their sizes and angles."""
 
 
-class Live(NamedTuple):
-    """A camera of a command, and where its frames are shown."""
-
-    source: str
-    frames: int
-    """Maximum number of frames."""
-    window: bool = False
-    """Whether rerun shows them in a window."""
-    page: bool = False
-    """Whether rerun shows them in the browser."""
-
-    @contextmanager
-    def open(self) -> Iterator[LiveVideo]:
-        """The camera, which ends on Ctrl-C; says at the end how many frames were dropped."""
-        with (
-            stop_on_interrupt("stopping after this frame") as stopped,
-            LiveVideo(self.source, stopped) as video,
-        ):
-            yield video
-        if video.dropped:
-            print_message(f"{video.name}: {video.dropped} frames came during others: dropped")
-
-    def images(self, name: str) -> LiveImages | None:
-        """A viewer of its images, if they are shown."""
-        if not self.window and not self.page:
-            return None
-        return LiveImages(name, in_browser=self.page)
+@contextmanager
+def opened(camera: CameraOptions) -> Iterator[LiveVideo]:
+    """The camera, which ends on Ctrl-C; says at the end how many frames were dropped."""
+    with (
+        stop_on_interrupt("stopping after this frame") as stopped,
+        LiveVideo(str(camera.camera), stopped) as video,
+    ):
+        yield video
+    if video.dropped:
+        print_message(f"{video.name}: {video.dropped} frames came during others: dropped")
 
 
-def look_at_camera(live: Live, out: Path, attention: AttentionModel) -> dict[str, Any]:
+def look_at_camera(live: CameraOptions, out: Path, attention: AttentionModel) -> dict[str, Any]:
     """Write the saliency and the gaze as a film and as arrays; returns the row for --json."""
     record = VideoRecord(attention)
 
@@ -77,10 +60,12 @@ def look_at_camera(live: Live, out: Path, attention: AttentionModel) -> dict[str
 
     file = out / f"{NAME}.look"
     _process(live, Path(f"{file}.mp4"), analyze)
-    return record.write(f"camera {live.source}", file)
+    return record.write(f"camera {live.camera}", file)
 
 
-def detect_in_camera(live: Live, out: Path, detect: Callable[[Image], Any]) -> dict[str, Any]:
+def detect_in_camera(
+    live: CameraOptions, out: Path, detect: Callable[[Image], Any]
+) -> dict[str, Any]:
     """Write the keypoints of each frame as a film and a table; returns the row for --json."""
     rows = list[FloatArray]()
 
@@ -100,7 +85,7 @@ def detect_in_camera(live: Live, out: Path, detect: Callable[[Image], Any]) -> d
     values = np.concatenate(rows).astype(np.float64)
     write_table(table, dict(zip(names, values.T, strict=True)))
     return {
-        "image": f"camera {live.source}",
+        "image": f"camera {live.camera}",
         "frames": len(rows),
         "points": len(values),
         "film": str(film),
@@ -109,18 +94,17 @@ def detect_in_camera(live: Live, out: Path, detect: Callable[[Image], Any]) -> d
 
 
 def map_camera(
-    live: Live,
-    folder: Path,
-    options: CameraOptions,
+    live: CameraOptions,
+    source: SequenceOptions,
     settings: VisualConfig,
     output: RunOutput,
     progress: Progress,
 ) -> dict[str, Any]:
     """Map while the camera records into a folder; write the results, return run.json's content."""
-    with live.open() as video:
-        recording = LiveDrive(video, folder, options, live.frames)
+    with opened(live) as video:
+        recording = LiveDrive(video, source.sequence, source.calibration(), live.frames)
         drive, show = recording.drive, None
-        if live.window or live.page:
+        if live.live or live.page:
             latest = _LatestImages(drive.load)
             drive = replace(drive, load=latest.load)
             show = LiveMap(
@@ -133,7 +117,7 @@ def map_camera(
                 result = visual.run(drive, settings, report, recorder=recorder)
         finally:
             recording.close()
-    recorded = load_drive("folder", folder)
+    recorded = load_drive("folder", source.sequence)
     return write_results(recorded, settings, output, progress, result, recorder.snapshots)
 
 
@@ -158,19 +142,20 @@ class _LatestImages:
 
 
 def _process(
-    live: Live, film: Path, analyze: Callable[[float, Image], tuple[Image, dict[str, Any]]]
+    live: CameraOptions, film: Path, analyze: Callable[[float, Image], tuple[Image, dict[str, Any]]]
 ) -> None:
     """Analyze each frame; write what is drawn of it, and show what the viewer gets of it."""
     with ExitStack() as stack:
-        video = stack.enter_context(live.open())
-        show = live.images(video.name)
+        video = stack.enter_context(opened(live))
+        shown = live.live or live.page
+        show = LiveImages(video.name, in_browser=live.page) if shown else None
         progress = stack.enter_context(progress_bar(video.name))
         write = stack.enter_context(video_writer(film, video.rate))
         done = 0
         while done < live.frames and (taken := video.read()) is not None:
-            drawn, shown = analyze(*taken)
+            drawn, layers = analyze(*taken)
             write(drawn)
             if show is not None:
-                show(*taken, **shown)
+                show(*taken, **layers)
             done += 1
             progress(done)

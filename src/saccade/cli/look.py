@@ -1,12 +1,22 @@
 """`saccade look`: saliency maps and scanpaths."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 import typer
 from typer import Argument, Option
 
+from saccade.attention.models import AttentionModel, bare_saliency, contrast_of
+from saccade.attention.scanpath import ScanpathConfig, proto_object, scanpath
+from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
+from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
+from saccade.cli import options
 from saccade.cli.attention_models import (
     DEFAULT_MODEL,
     PUBLISHED,
@@ -15,19 +25,32 @@ from saccade.cli.attention_models import (
     attention_model,
     scanpath_network,
 )
-from saccade.cli.options import (
-    MAX_CAMERA_FRAMES,
-    Camera,
-    CameraFrames,
-    Config,
-    Json,
-    LivePage,
-    LiveWindow,
-    Out,
-    Preset,
-    figure_formats,
-    images_or_camera,
+from saccade.cli.output import (
+    Table,
+    emit,
+    emit_facts,
+    for_each_image,
+    progress_bar,
+    relative_names,
+    write_arrays,
 )
+from saccade.cli.precompile import points_compiled_ahead
+from saccade.errors import ConfigError, ImageError
+from saccade.io.files import results_in
+from saccade.io.formats import FORMATS
+from saccade.io.image import find_images, read_image
+from saccade.io.video import is_video, read_video, video_rate, video_writer
+from saccade.keypoints import Sift, SiftConfig
+from saccade.types import FixationTable, Float32Array, FloatArray, Image, Scanpath, ScanpathSamples
+from saccade.viewing import (
+    Section,
+    attention_figure,
+    heat_beside,
+    save_figures,
+    save_film,
+    scanpath_frames,
+)
+from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
 
 
 class Format(StrEnum):
@@ -69,10 +92,12 @@ def look(
         list[str] | None,
         Argument(metavar="IMAGE", help="Images, videos, folders, or quoted patterns."),
     ] = None,
-    out: Out = Path("saccade-look"),
+    *,
+    camera: options.CameraOptions,
+    out: options.Out = Path("saccade-look"),
     model: ModelChoice = DEFAULT_MODEL,
-    preset: Preset = None,
-    config: Config = None,
+    preset: options.Preset = None,
+    config: options.Config = None,
     faces: Faces = None,
     bare: Annotated[
         bool,
@@ -120,11 +145,7 @@ def look(
         ),
     ] = None,
     every: Annotated[int, Option(min=1, metavar="N", help="Use every Nth frame of a video.")] = 1,
-    camera: Camera = None,
-    frames: CameraFrames = MAX_CAMERA_FRAMES,
-    live: LiveWindow = False,
-    page: LivePage = False,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
@@ -144,18 +165,7 @@ def look(
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
     """
-    from saccade.cli.look_files import LookFiles
-    from saccade.cli.look_run import LEAD, analyze_image
-    from saccade.cli.look_video import analyze_video
-    from saccade.cli.output import for_each_image, print_json, print_result, print_table
-    from saccade.cli.precompile import points_compiled_ahead
-    from saccade.errors import ConfigError
-    from saccade.io.files import results_in
-    from saccade.io.image import find_images
-    from saccade.io.video import is_video
-    from saccade.viewing.report import ReportBuilder
-
-    sources = images_or_camera(images, camera)
+    sources = camera.instead_of(images)
     by_shape = inhibition is Inhibition.shape
     if by_shape and scanpath is PathModel.most_probable:
         raise ConfigError("inhibition: a shape needs --scanpath winner-take-all")
@@ -164,12 +174,12 @@ def look(
     attention = attention_model(
         model, preset, config, keep_features=by_shape, faces=faces, free_viewing=not bare
     )
-    if camera is not None:
-        from saccade.cli.live_run import Live, look_at_camera
+    if camera.camera is not None:
+        from saccade.cli.live_run import look_at_camera
 
         with results_in(out):
-            row = look_at_camera(Live(camera, frames, live, page), out, attention)
-        print_result(row, as_json, f"camera -> {out}")
+            row = look_at_camera(camera, out, attention)
+        emit_facts(row, as_json, f"camera -> {out}")
         return
     published = scanpath is None and preset in PUBLISHED
     by_network = by_shape or published or scanpath is PathModel.winner_take_all
@@ -178,7 +188,7 @@ def look(
     chosen = list(dict.fromkeys(formats or []))
     tables = [each for each in chosen if each in (Format.CSV, Format.MAT)]
     files = LookFiles(
-        figure_formats(chosen), Format.NPZ in chosen or not tables, tables, [*(maps or [])]
+        options.figure_formats(chosen), Format.NPZ in chosen or not tables, tables, [*(maps or [])]
     )
 
     def process(path: Path, name: str) -> dict[str, Any]:
@@ -197,21 +207,233 @@ def look(
         rows, code = for_each_image(paths, out, process)
         report = builder.write(out / "report.html") if len(builder) else None
         written = files.write_tables(out)
-    if as_json:
-        result = {"images": rows, "report": None if report is None else str(report)}
-        print_json(result | ({"files": written} if written else {}))
-        raise typer.Exit(code)
-    for row in rows:
-        if "frames" in row:
-            facts = [["frames", str(row["frames"])], ["film", row["film"]]]
-            print_table(row["image"], ["", ""], facts)
-            continue
-        print_table(
-            f"{row['image']} -> {row['picture']}",
-            ["fixation", "x [px]", "y [px]", "time [ms]", "saliency"],
-            [
-                [str(i), f"{x:.0f}", f"{y:.0f}", f"{1000 * time:.0f}", f"{saliency:.3f}"]
-                for i, (x, y, time, saliency) in enumerate(row["scanpath"], start=1)
-            ],
-        )
+    result = {"images": rows, "report": None if report is None else str(report)}
+    emit(result | ({"files": written} if written else {}), as_json, *map(_table, rows))
     raise typer.Exit(code)
+
+
+def _table(row: dict[str, Any]) -> Table:
+    """The scanpath on an image, or the film of a video."""
+    if "frames" in row:
+        return Table(
+            row["image"], ["", ""], [["frames", str(row["frames"])], ["film", row["film"]]]
+        )
+    return Table(
+        f"{row['image']} -> {row['picture']}",
+        ["fixation", "x [px]", "y [px]", "time [ms]", "saliency"],
+        [
+            [str(i), f"{x:.0f}", f"{y:.0f}", f"{1000 * time:.0f}", f"{saliency:.3f}"]
+            for i, (x, y, time, saliency) in enumerate(row["scanpath"], start=1)
+        ],
+    )
+
+
+LEAD = "Saliency by contrast and symmetry, scanpaths, and the strongest interest points."
+TEXT = (
+    "The map is laid over the photograph, and the scanpath plays four times slower than in the "
+    "model. Point at an interest point to see its size, angle and descriptor. The cloud of thin "
+    "lines is a hundred scanpaths drawn from the scanpath model; below are the amplitudes and the "
+    "directions of their saccades."
+)
+SAMPLES = 100
+"""Scanpaths of the cloud."""
+
+
+class _Path(NamedTuple):
+    """A scanpath on an image, as of a viewer."""
+
+    image: str
+    viewer: int
+    path: Scanpath
+    duration: FloatArray
+
+
+@dataclass(frozen=True)
+class LookFiles:
+    """Formats of the files, and the scanpaths of the images so far."""
+
+    figures: Sequence[str] = ("png",)
+    arrays: bool = True
+    """Whether each image has an .npz."""
+    tables: Sequence[str] = ()
+    """csv or mat."""
+    maps: Sequence[str] = ()
+    """Of `saccade.exchange.maps.MAP_FORMATS`."""
+    paths: dict[Path, tuple[Scanpath, ScanpathSamples]] = field(default_factory=dict)
+
+    def write_maps(self, out: Path, name: str, layers: Mapping[str, Float32Array]) -> list[str]:
+        """Write maps (H, W) into a folder for each layer; returns the files."""
+        if not self.maps:
+            return []
+        from saccade.exchange import write_map
+
+        files = [
+            (out / "maps" / layer / f"{name}.{kind}", values)
+            for kind in self.maps
+            for layer, values in layers.items()
+        ]
+        for path, values in files:
+            write_map(path, values)
+        return [str(path) for path, _ in files]
+
+    def write_tables(self, out: Path) -> dict[str, str]:
+        """Write scanpaths and samples of all images; returns the files."""
+        if not self.tables or not self.paths:
+            return {}
+        from saccade.evaluation.scanpaths import durations_of
+
+        names = relative_names(list(self.paths))
+        scans, drawn = [], []
+        for path, (scan, samples) in self.paths.items():
+            scans.append(_Path(names[path], 0, scan, durations_of(scan)[: len(scan)]))
+            drawn += [
+                _Path(names[path], number, samples[number], samples.duration[number])
+                for number in range(len(samples))
+            ]
+        files = {}
+        for kind in self.tables:
+            for stem, paths in (("scanpaths", scans), ("samples", drawn)):
+                files[f"{stem}_{kind}"] = str(out / f"{stem}.{kind}")
+                _write(out / f"{stem}.{kind}", paths)
+        return files
+
+
+def analyze_image(
+    path: Path,
+    out: Path,
+    attention: AttentionModel,
+    fixations: int,
+    builder: ReportBuilder,
+    files: LookFiles | None = None,
+    *,
+    network: ScanpathConfig | None = None,
+    by_shape: bool = False,
+    film: bool = False,
+) -> dict[str, Any]:
+    """Write `out`.png, `out`.npz and the scanpath's film, return the row for --json.
+
+    The image is added to a report, and its scanpaths to those of `files`, which names other
+    formats. `by_shape` inhibits proto-objects rather than discs.
+    """
+    files = files or LookFiles()
+    image = read_image(path)
+    try:
+        maps = attention.maps(image)
+    except ImageError as error:
+        raise ImageError(f"{path}: {error}") from error
+    bare = bare_saliency(maps)
+    if network is None:
+        scan = most_probable_scanpath(bare, image.shape, fixations)
+    else:
+        region = partial(proto_object, contrast_of(maps)) if by_shape else None
+        scan = scanpath(maps.saliency, image.shape, fixations, network, region=region)
+    samples = sample_scanpaths(bare, image.shape, SAMPLES, fixations)
+    layers = maps.layers
+    pairs = attention.pairs(image, scan.xy)
+    picture = save_figures(attention_figure(image, layers, scan, pairs), out, files.figures)
+    scanpath_arrays = {
+        "scanpath_xy": scan.xy,
+        "scanpath_time": scan.time,
+        "scanpath_saliency": scan.saliency,
+        "scanpath_samples_xy": samples.xy,
+        "scanpath_samples_time": samples.time,
+    }
+    row: dict[str, Any] = {
+        "image": str(path),
+        "width": image.shape[1],
+        "height": image.shape[0],
+        "scanpath": np.column_stack([scan.xy, scan.time, scan.saliency]).tolist(),
+        "picture": str(picture),
+    }
+    if files.arrays:
+        row["arrays"] = f"{out}.npz"
+        write_arrays(Path(f"{out}.npz"), layers | scanpath_arrays | {"format": FORMATS["look"]})
+    if files.maps:
+        name = out.name.removesuffix(".look")
+        row["maps"] = files.write_maps(out.parent, name, maps.full_size)
+    files.paths[path] = scan, samples
+    section = Section(path.name, "" if len(builder) else TEXT)
+    builder.add(lambda: _part(section, image, layers, scan, samples))
+    if film:
+        file = out.with_name(f"{out.name.removesuffix('.look')}.scanpath.gif")
+        row["film"] = str(save_film(*scanpath_frames(image, scan), file))
+    return row
+
+
+def _part(
+    section: Section,
+    image: Float32Array,
+    layers: dict[str, Float32Array],
+    scan: Scanpath,
+    samples: ScanpathSamples,
+) -> Part:
+    """The image as a part of a report, with its strongest interest points."""
+    keypoints = Sift(SiftConfig(max_keypoints=MAX_POINTS, spread=True))(image)
+    return image_part(section, image, layers, scan, keypoints, samples)
+
+
+def _write(file: Path, paths: Sequence[_Path]) -> None:
+    from saccade.datasets.fixations import write_fixations
+
+    lengths = [len(each.path) for each in paths]
+    onset = np.concatenate([each.path.time for each in paths])
+    table = FixationTable(
+        np.repeat([each.image for each in paths], lengths),
+        np.repeat([each.viewer for each in paths], lengths),
+        np.concatenate([np.arange(length) for length in lengths]),
+        np.concatenate([each.path.xy for each in paths]),
+        np.concatenate([each.duration for each in paths]),
+    )
+    saliency = np.concatenate([each.path.saliency for each in paths])
+    write_fixations(file, table, onset_ms=1000 * onset, saliency=saliency)
+
+
+class VideoRecord:
+    """Saliency and gaze of the frames so far.
+
+    Args:
+        attention: model of the static saliency. If it has a prior of the center, the gaze has none.
+    """
+
+    def __init__(self, attention: AttentionModel) -> None:
+        config = VideoConfig()
+        if getattr(attention.settings, "center_prior", None) is not None:
+            config = replace(config, scanpath=replace(config.scanpath, center_sigma=None))
+        self._video = VideoSaliency(config, lambda frame: attention.maps(frame).saliency)
+        self._times = list[float]()
+        self._maps = list[VideoMaps]()
+
+    def __len__(self) -> int:
+        return len(self._maps)
+
+    def add(self, time: float, frame: Image) -> npt.NDArray[np.uint8]:
+        """The frame of the film: (H, 2 W, 3) the gaze in this frame and in its saliency."""
+        self._times.append(time)
+        self._maps.append(self._video(frame, time))
+        return heat_beside(frame, self._maps[-1].saliency, self._maps[-1].gaze)
+
+    def write(self, source: str, out: Path) -> dict[str, Any]:
+        """Write `out`.npz, return the row for --json; the film is `out`.mp4.
+
+        The arrays are the saliency (n, h, w), the times (n,) in seconds, and the gaze (n, 2) in
+        pixels.
+        """
+        arrays = Path(f"{out}.npz")
+        saliency = np.stack([maps.saliency for maps in self._maps])
+        gaze = np.array([maps.gaze for maps in self._maps])
+        write_arrays(arrays, {"saliency": saliency, "time": np.array(self._times), "gaze": gaze})
+        row = {"image": source, "frames": len(self), "film": f"{out}.mp4"}
+        return row | {"arrays": str(arrays)}
+
+
+def analyze_video(path: Path, out: Path, attention: AttentionModel, stride: int) -> dict[str, Any]:
+    """Write the film `out`.mp4 and the arrays `out`.npz, return the row for --json."""
+    record = VideoRecord(attention)
+    with (
+        progress_bar(path.name) as progress,
+        video_writer(Path(f"{out}.mp4"), video_rate(path) / stride) as write,
+    ):
+        for time, frame in read_video(path, stride):
+            write(record.add(time, frame))
+            progress(len(record))
+    return record.write(str(path), out)

@@ -1,26 +1,30 @@
 """`saccade match`: keypoint matches of two images, or of many."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated, Any, cast
 
+import numpy as np
+from matplotlib.figure import Figure
 from typer import Argument, Option
 
+from saccade.cli import options
 from saccade.cli.batch_run import Workers, preload
-from saccade.cli.options import (
-    Config,
-    Detector,
-    DetectorOption,
-    Json,
-    MaxKeypoints,
-    Out,
-    Preset,
-    Spread,
-)
+from saccade.cli.detect import DetectorOptions, contributing_pairs
+from saccade.cli.output import Table, emit, write_text
+from saccade.errors import require
 from saccade.extras import import_optional
-
-if TYPE_CHECKING:
-    from saccade.keypoints.two_view_fit import Geometry
+from saccade.io.files import results_in
+from saccade.io.image import read_image
+from saccade.keypoints import Must, SymRoid, Verification, verify
+from saccade.keypoints import match as nearest_matches
+from saccade.keypoints.two_view_fit import Geometry
+from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Regions
+from saccade.viewing import Picture, Section, keypoint_frame_figure, match_figure, save_figures
+from saccade.viewing.embedding import figure_uri
+from saccade.viewing.keypoint_frames import KeypointView, Outcome
+from saccade.viewing.report import ReportBuilder, match_part
 
 
 class GeometryChoice(StrEnum):
@@ -51,6 +55,8 @@ def match(
     second: Annotated[
         Path | None, Argument(metavar="B", help="Second image of the same scene.")
     ] = None,
+    *,
+    detector: DetectorOptions,
     pairs: Annotated[
         Path | None,
         Option(
@@ -58,12 +64,7 @@ def match(
             help="Of many images match these pairs, two names to a line; all pairs by default.",
         ),
     ] = None,
-    out: Out = Path("saccade-match"),
-    detector: DetectorOption = Detector.SIFT,
-    preset: Preset = None,
-    config: Config = None,
-    max_keypoints: MaxKeypoints = None,
-    spread: Spread = False,
+    out: options.Out = Path("saccade-match"),
     ratio: Annotated[
         float, Option(min=0, max=1, help="Ratio test: maximum nearest / second nearest distance.")
     ] = 0.8,
@@ -90,7 +91,7 @@ def match(
         Option("--redo", help="Of many images replace the features of other settings."),
     ] = False,
     workers: Workers = None,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Match the keypoints of two images, or of many.
 
@@ -106,9 +107,6 @@ def match(
     each pair (pairs.csv) and the pairs (pairs.txt). The same command resumes an
     interrupted run, and matches what is new or has changed.
     """
-    from saccade.cli.detectors import make_detector
-    from saccade.errors import require
-
     model = None if geometry is GeometryChoice.NONE else cast("Geometry", geometry.value)
     many = second is None
     allowed = (Format.HDF5, Format.COLMAP) if many else (Format.PNG, Format.SVG, Format.PDF)
@@ -117,7 +115,7 @@ def match(
     for each in chosen:
         expected = f"{names} for {'many images' if many else 'two images'}"
         require(each in allowed, "format", expected, each.value)
-    find = make_detector(detector.value, preset, config, max_keypoints, spread=spread)
+    find = detector.make()
     if second is None:
         preload(first, workers)
         import_optional("pyarrow", "parquet")
@@ -125,7 +123,7 @@ def match(
         from saccade.cli.match_many import match_many
 
         match_many(
-            *(first, pairs, out, Job(detector.value, find.config, exact=True)),
+            *(first, pairs, out, Job(detector.detector.value, find.config, exact=True)),
             MatchConfig(ratio, mutual, model, tolerance),
             [each.value for each in chosen],
             workers=workers,
@@ -135,11 +133,6 @@ def match(
         return
     given = pairs or redo or workers
     require(not given, "pairs", "--pairs, --redo and --workers with many images", str(second))
-    from saccade.cli.match_run import LEAD, match_images
-    from saccade.cli.output import print_json, print_table
-    from saccade.io.files import results_in
-    from saccade.viewing.report import ReportBuilder
-
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(out):
         row = match_images(
@@ -147,15 +140,171 @@ def match(
             figures=chosen,
         )
         row["report"] = str(builder.write(out / "report.html"))
-    if as_json:
-        print_json(row)
-        return
     shared = [str(row["matches"])] + ([] if model is None else [str(row["inliers"])])
-    print_table(
-        f"matches -> {out}",
-        ["image", "points", "matched", "inliers"][: 2 + len(shared)],
-        [
-            [first, str(row["first_points"]), *shared],
-            [str(second), str(row["second_points"]), *shared],
-        ],
+    columns = ["image", "points", "matched", "inliers"][: 2 + len(shared)]
+    cells = [
+        [first, str(row["first_points"]), *shared],
+        [str(second), str(row["second_points"]), *shared],
+    ]
+    emit(row, as_json, Table(f"matches -> {out}", columns, cells))
+
+
+LEAD = "Matching interest points of two photographs."
+TEXT = (
+    "Lines join matched points: the inliers of one geometry, and the others. Click near the end of "
+    "a line to see one match alone."
+)
+
+
+def match_images(
+    first: Path,
+    second: Path,
+    out: Path,
+    detector: Any,
+    builder: ReportBuilder,
+    ratio: float = 0.8,
+    mutual: bool = True,
+    geometry: Geometry | None = "fundamental",
+    tolerance: float = 2.0,
+    figures: Sequence[str] = ("png",),
+) -> dict[str, Any]:
+    """Match two images: write matches.png, .csv and frames.png, return the row for --json."""
+    images = (read_image(first), read_image(second))
+    keypoints = (detected(detector, images[0]), detected(detector, images[1]))
+    pairs = nearest_matches(*keypoints, ratio=ratio, mutual=mutual)
+    verified = None if geometry is None else verify(*keypoints, pairs, geometry, tolerance)
+    inliers = None if verified is None else verified.inliers
+    figure = match_figure(images, keypoints, pairs, inliers)
+    picture = save_figures(figure, out / "matches", figures)
+    xy = np.hstack([keypoints[0].xy[pairs[:, 0]], keypoints[1].xy[pairs[:, 1]]])
+    lines = [
+        f"{i},{j},{x1:.3f},{y1:.3f},{x2:.3f},{y2:.3f}"
+        for (i, j), (x1, y1, x2, y2) in zip(pairs.tolist(), xy.tolist(), strict=True)
+    ]
+    header = "first,second,x1,y1,x2,y2"
+    facts = {
+        "interest points": " and ".join(f"{len(each):,}" for each in keypoints),
+        "matches": f"{len(pairs):,}",
+    }
+    if inliers is not None:
+        header += ",inlier"
+        lines = [f"{line},{inlier:d}" for line, inlier in zip(lines, inliers, strict=True)]
+        facts["inliers"] = f"{inliers.sum():,} ({inliers.mean() if len(pairs) else 0:.0%})"
+    table = out / "matches.csv"
+    write_text(table, "\n".join([header, *lines]) + "\n")
+    verdicts = None if verified is None or verified.matrix is None else inliers
+    frames = frames_figure(detector, images, keypoints, pairs, verdicts)
+    pictures = [] if frames is None else [Picture(figure_uri(frames[0]), *frames[1:], wide=True)]
+    section = Section(f"{first.name} and {second.name}", TEXT, pictures, facts)
+    builder.add(lambda: match_part(section, images, keypoints, pairs, inliers))
+    row: dict[str, Any] = {
+        "first": str(first),
+        "second": str(second),
+        "first_points": len(keypoints[0]),
+        "second_points": len(keypoints[1]),
+        "matches": len(pairs),
+        "picture": str(picture),
+        "table": str(table),
+    }
+    if frames is not None:
+        row["frames"] = str(save_figures(frames[0], out / "frames", figures))
+    if verified is not None:
+        row |= {
+            "inliers": int(verified.inliers.sum()),
+            "geometry": verified.geometry,
+            "matrix": None if verified.matrix is None else verified.matrix.tolist(),
+            "corner_sigma_px": corner_sigma(verified, images[0].shape),
+        }
+    return row
+
+
+def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None:
+    """Standard deviation in pixels of the corner that a homography projects worst, if known."""
+    if verified.geometry != "homography" or verified.covariance is None:
+        return None
+    height, width = shape[:2]
+    corners = np.array([[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], float)
+    return float(np.sqrt(np.linalg.eigvalsh(verified.projection_covariance(corners)).max()))
+
+
+def detected(detector: Any, image: Float32Array) -> Keypoints:
+    """The keypoints of an image, or those of its regions."""
+    detections = detector(image)
+    return detections.keypoints if isinstance(detections, Regions) else detections
+
+
+MAX_SHOWN = 12
+"""Number of the strongest keypoints of the first image that are drawn."""
+CAPTION = (
+    "The strongest keypoints of the first image, each above its nearest neighbor in the second, "
+    "turned and scaled to the frame of the keypoint."
+)
+
+
+def frames_figure(
+    detector: Any,
+    images: tuple[Float32Array, Float32Array],
+    keypoints: tuple[Keypoints, Keypoints],
+    pairs: IntArray,
+    inliers: BoolArray | None,
+) -> tuple[Figure, str, str] | None:
+    """Draw the strongest keypoints in both images; None where there are none.
+
+    Args:
+        detector: that found the keypoints.
+        images: two (H, W, 3) in [0, 1].
+        keypoints: of each.
+        pairs: (m, 2) matches.
+        inliers: (m,) which matches agree with one geometry; None without verification.
+    """
+    views, outcomes = in_frames(detector, images, keypoints, pairs, inliers)
+    if not views:
+        return None
+    counts = ", ".join(f"{outcomes.count(each)} {each}" for each in dict.fromkeys(outcomes))
+    figure = keypoint_frame_figure(views, outcomes)
+    return figure, f"Patches of keypoints in two images: {counts}", CAPTION
+
+
+def in_frames(
+    detector: Any,
+    images: tuple[Float32Array, Float32Array],
+    keypoints: tuple[Keypoints, Keypoints],
+    pairs: IntArray,
+    inliers: BoolArray | None,
+) -> tuple[list[tuple[KeypointView, KeypointView]], list[Outcome]]:
+    """The strongest keypoints with their nearest neighbors, and what became of them."""
+    shown = strongest_positions(keypoints[0])
+    nearest = nearest_matches(keypoints[0][shown], keypoints[1], ratio=None, mutual=False)
+    rows = shown[nearest[:, 0]], nearest[:, 1]
+    first, second = (
+        views_of(detector, image, points[index])
+        for image, points, index in zip(images, keypoints, rows, strict=True)
     )
+    outcomes = [outcome(row, pairs, inliers) for row in rows[0].tolist()]
+    return list(zip(first, second, strict=True)), outcomes
+
+
+def strongest_positions(keypoints: Keypoints) -> IntArray:
+    """Indices of the strongest keypoints, one for each position."""
+    order = np.argsort(-keypoints.response, kind="stable")
+    _, first = np.unique(keypoints.xy[order], axis=0, return_index=True)
+    return order[np.sort(first)[:MAX_SHOWN]]
+
+
+def views_of(detector: Any, image: Float32Array, keypoints: Keypoints) -> list[KeypointView]:
+    """Each keypoint with the pairs of its symmetry, where it was detected by symmetry."""
+    rows = [keypoints[i : i + 1] for i in range(len(keypoints))]
+    if not isinstance(detector, Must | SymRoid):
+        return [KeypointView(image, row) for row in rows]
+    pairs = contributing_pairs(detector, image, keypoints)
+    return [KeypointView(image, row, each) for row, each in zip(rows, pairs, strict=True)]
+
+
+def outcome(row: int, pairs: IntArray, inliers: BoolArray | None) -> Outcome:
+    """What became of a keypoint of the first image."""
+    matched = pairs[:, 0] == row
+    if not matched.any():
+        return "rejected"
+    if inliers is None:
+        return "matched"
+    return "inlier" if inliers[matched].any() else "outlier"

@@ -1,4 +1,4 @@
-"""Matches of many images, with progress, and what is told of them."""
+"""Matches many images and reports progress, for `saccade match`."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -11,7 +11,7 @@ import typer
 
 from saccade.batch.matching import FEATURES, MatchRun, match_images
 from saccade.cli.batch_run import INTERRUPTED, batch_progress, local_engine, stop_on_interrupt
-from saccade.cli.output import print_json, print_message, print_table
+from saccade.cli.output import Table, emit, print_message
 
 if TYPE_CHECKING:
     from saccade.batch.job import Job
@@ -52,13 +52,10 @@ def match_many(
             on_report=watch,
         )
     row = _as_row(run)
-    if as_json:
-        print_json(row)
-    else:
-        names = {"done": "pairs matched now", "already_done": "pairs matched before"}
-        facts = [(names.get(name, name.replace("_", " ")), value) for name, value in row.items()]
-        shown = [(name, str(value)) for name, value in facts if not isinstance(value, bool | dict)]
-        print_table(f"{source} -> {out}", ["", ""], [*shown, *row["files"].items()])
+    names = {"done": "pairs matched now", "already_done": "pairs matched before"}
+    facts = [(names.get(name, name.replace("_", " ")), value) for name, value in row.items()]
+    shown = [(name, str(value)) for name, value in facts if not isinstance(value, bool | dict)]
+    emit(row, as_json, Table(f"{source} -> {out}", ["", ""], [*shown, *row["files"].items()]))
     if not run.complete:
         total = run.done + run.unchanged
         print_message(f"stopped after {total} of {run.pairs} pairs; run it again to resume")

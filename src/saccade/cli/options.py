@@ -1,48 +1,26 @@
 """Arguments and options that several commands share."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, BadParameter, Option
-from typer.core import TyperCommand, TyperOption
+
+from saccade.errors import ConfigError
+
+if TYPE_CHECKING:
+    from saccade.cli.mapping import RunOutput
+    from saccade.datasets.drives.bare import CameraOptions as Calibration
+    from saccade.frames import Drive
+    from saccade.viewing.report import Table
 
 FILE_SUFFIXES = (
     *(".bmp", ".csv", ".db", ".eps", ".gif", ".h5", ".html", ".jpeg", ".jpg", ".json", ".mp4"),
     *(".npz", ".parquet", ".pdf", ".png", ".svg", ".tif", ".tiff", ".toml", ".txt", ".webp"),
 )
 """Of an output that was meant as a file where a folder is written."""
-
-
-class Command(TyperCommand):
-    """A command whose options for several values take commas too, and others a single value."""
-
-    def make_parser(self, ctx: Any) -> Any:
-        """The parser of the arguments."""
-        parser: Any = super().make_parser(ctx)
-        parse = parser.parse_args
-
-        def parse_lists(args: list[str]) -> Any:
-            values, rest, order = parse(args)
-            for param in dict.fromkeys(order):
-                if not isinstance(param, TyperOption) or param.is_flag:
-                    continue
-                if not param.multiple and order.count(param) > 1:
-                    raise BadParameter("expected a single value, found several", ctx, param)
-                if param.multiple and param.metavar != "FILE":
-                    given = values[param.name]
-                    values[param.name] = [part for text in given for part in _parts(text)]
-            return values, rest, order
-
-        parser.parse_args = parse_lists
-        return parser
-
-
-def _parts(text: str) -> list[str]:
-    """Values between commas; commas may be in the name of a file."""
-    is_path = Path(text.partition("=")[2] or text).exists()
-    return [text] if is_path else [part.strip() for part in text.split(",")]
 
 
 class FigureFormat(StrEnum):
@@ -58,34 +36,14 @@ def figure_formats(formats: Iterable[str] | None) -> list[str]:
     return [each for each in dict.fromkeys(formats or ()) if each in tuple(FigureFormat)] or ["png"]
 
 
-class Detector(StrEnum):
-    """Keypoint detectors."""
-
-    SIFT = "sift"
-    MUST = "must"
-    SYMROID = "symroid"
-
-
-DetectorOption = Annotated[
-    Detector,
-    Option("--detector", help="SIFT, points of symmetry (must), or regions of symmetry (symroid)."),
-]
-LogPath = Annotated[Path, Argument(metavar="LOG", help="Landmark log: a file, folder or ROS bag.")]
-SequencePath = Annotated[
-    Path, Argument(metavar="SEQUENCE", help="Camera drive: a folder, video, bag or track file.")
-]
-Intrinsics = Annotated[
-    str | None,
-    Option(metavar="FX,FY,CX,CY", help="Camera of images without a calibration, in pixels."),
-]
-Baseline = Annotated[
-    float | None, Option(min=1e-6, help="Metres between the cameras of such a stereo pair.")
+LogPath = Annotated[
+    Path | None, Argument(metavar="LOG", help="Landmark log: a file, folder or ROS bag.")
 ]
 
 
-def _folder(path: Path) -> Path:
+def folder_name(path: Path | None) -> Path | None:
     """An output folder, whose name is not that of a file."""
-    if path.suffix.lower() in FILE_SUFFIXES and not path.exists():
+    if path and path.suffix.lower() in FILE_SUFFIXES and not path.exists():
         raise BadParameter(f"expected a folder, found the name of a file: {path}")
     return path
 
@@ -98,7 +56,7 @@ def _figures(paths: list[Path] | None) -> list[Path] | None:
     return paths
 
 
-Out = Annotated[Path, Option("--out", "-o", help="Output folder.", callback=_folder)]
+Out = Annotated[Path, Option("--out", "-o", help="Output folder.", callback=folder_name)]
 Json = Annotated[bool, Option("--json", help="Print the result as JSON.")]
 Preset = Annotated[
     str | None,
@@ -108,14 +66,6 @@ Config = Annotated[
     Path | None,
     Option("--config", "-c", help="TOML file of settings, as printed by saccade config."),
 ]
-Report = Annotated[
-    Path | None, Option("--report", metavar="FILE", help="Also write the tables as an HTML page.")
-]
-FigureFormats = Annotated[
-    list[FigureFormat] | None,
-    Option("--figure-format", help="Format of the figures, png by default; several with commas."),
-]
-"""Where --format is that of the input; elsewhere --format names those of figures too."""
 FigureFiles = Annotated[
     list[Path] | None,
     Option(
@@ -124,58 +74,16 @@ FigureFiles = Annotated[
         callback=_figures,
     ),
 ]
-OnlyPresent = Annotated[
-    bool, Option("--only-present", help="Leave out the fixations on images that are not there.")
-]
-Fixations = Annotated[
-    Path,
+Sigma = Annotated[
+    float,
     Option(
-        help="Fixations: a table of image, viewer, index or time, x and y (.csv, .tsv, Tobii's "
-        "export), EyeLink's .asc, OSIE's .mat, or a folder of them.",
-    ),
-]
-Columns = Annotated[
-    str | None,
-    Option(
-        metavar="KEY=NAME,...",
-        help="Columns of other than the usual names: image, viewer, index, time, x, y, duration. "
-        "viewer=code,x=gx",
-    ),
-]
-PositionUnits = Annotated[
-    str | None,
-    Option(
-        "--xy",
-        metavar="UNIT",
-        help="Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the screen), "
-        "or pixels (of the images, unchecked).",
-    ),
-]
-Offset = Annotated[
-    str | None,
-    Option(
-        metavar="X,Y",
-        help="Upper left corner of the images on the screen, where x and y are positions on it.",
-    ),
-]
-DropFirst = Annotated[
-    int,
-    Option("--drop", min=0, metavar="N", help="Leave out the first N fixations of each scanpath."),
-]
-EgomotionName = Annotated[
-    str,
-    Option(
-        "--egomotion",
-        help="What measures the motion: camera, second-camera (a fixed one), or wheels.",
+        min=0.1,
+        max=1000,
+        metavar="PX",
+        help="Standard deviation of the fixation density: one degree of visual angle.",
     ),
 ]
 Seed = Annotated[int, Option(min=0, help="Seed of the random number generator.")]
-MaxKeypoints = Annotated[
-    int | None, Option("--max", min=1, metavar="N", help="Keep only the N strongest keypoints.")
-]
-Spread = Annotated[
-    bool, Option("--spread", help="With --max: keep keypoints spread over the image.")
-]
 LogFormat = Annotated[
     str | None,
     Option(
@@ -196,51 +104,129 @@ Topics = Annotated[
         "by default.",
     ),
 ]
-SequenceFormat = Annotated[
-    str | None,
+EgomotionName = Annotated[
+    str,
     Option(
-        "--format",
-        help="Format of SEQUENCE: kitti, tum-rgbd, euroc, rosbag, tracks, folder or video; "
-        "detected by default.",
+        "--egomotion",
+        help="What measures the motion: camera, second-camera (a fixed one), or wheels.",
     ),
 ]
-Camera = Annotated[
+CameraSource = Annotated[
     str | None,
     Option(
         metavar="SOURCE",
         help="Take the frames of a camera: a device (0), an address (rtsp://...) or a video file.",
     ),
 ]
-CameraFrames = Annotated[
-    int, Option("--frames", min=2, metavar="N", help="Of a camera take at most N frames.")
-]
+LivePage = Annotated[bool, Option("--page", help="Show it in rerun's viewer in the browser.")]
 LiveWindow = Annotated[
     bool, Option("--live", help="Show the run in the rerun viewer (needs rerun-sdk).")
 ]
-LivePage = Annotated[bool, Option("--page", help="Show it in rerun's viewer in the browser.")]
 MAX_CAMERA_FRAMES = 36_000
 """Frames of a camera by default: twenty minutes at 30 a second."""
-Film = Annotated[bool, Option(help="Write a film of the growing map.")]
-CheckpointInterval = Annotated[
-    float,
-    Option(
-        "--checkpoint",
-        min=0.0,
-        metavar="SECONDS",
-        help="Time between checkpoints, from which an interrupted run resumes.",
-    ),
-]
 
 
-def images_or_camera(images: list[str] | None, camera: str | None) -> list[str]:
-    """The images, if there is no camera.
+@dataclass(frozen=True)
+class CameraOptions:
+    """A camera of a command, and where its frames are shown."""
 
-    Raises:
-        ConfigError: there are both, or neither.
-    """
-    from saccade.errors import ConfigError
+    camera: CameraSource = None
+    frames: Annotated[
+        int, Option("--frames", min=2, metavar="N", help="Of a camera take at most N frames.")
+    ] = MAX_CAMERA_FRAMES
+    live: LiveWindow = False
+    page: LivePage = False
 
-    if bool(images) == (camera is not None):
-        found = "both" if images else "neither"
-        raise ConfigError(f"IMAGE: expected images or --camera, found {found}")
-    return images or []
+    def instead_of(self, images: list[str] | None) -> list[str]:
+        """The images, if there is no camera.
+
+        Raises:
+            ConfigError: there are both, or neither.
+        """
+        if bool(images) == (self.camera is not None):
+            found = "both" if images else "neither"
+            raise ConfigError(f"IMAGE: expected images or --camera, found {found}")
+        return images or []
+
+
+@dataclass(frozen=True)
+class SequenceOptions:
+    """A camera drive, and what its files do not tell."""
+
+    sequence: Annotated[
+        Path, Argument(metavar="SEQUENCE", help="Camera drive: a folder, video, bag or track file.")
+    ]
+    kind: Annotated[
+        str | None,
+        Option(
+            "--format",
+            help="Format of SEQUENCE: kitti, tum-rgbd, euroc, rosbag, tracks, folder or video; "
+            "detected by default.",
+        ),
+    ] = None
+    intrinsics: Annotated[
+        str | None,
+        Option(metavar="FX,FY,CX,CY", help="Camera of images without a calibration, in pixels."),
+    ] = None
+    baseline: Annotated[
+        float | None, Option(min=1e-6, help="Metres between the cameras of such a stereo pair.")
+    ] = None
+
+    def calibration(self) -> "Calibration":
+        """The camera where the drive tells of none."""
+        from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
+
+        return CameraOptions(parse_intrinsics(self.intrinsics), self.baseline)
+
+    def load(self) -> "Drive":
+        """The drive."""
+        from saccade.datasets import load_drive
+
+        kind: Any = self.kind or "auto"
+        return load_drive(kind, self.sequence, self.calibration())
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What a mapping run writes."""
+
+    figures: Annotated[
+        list[FigureFormat] | None,
+        Option(
+            "--figure-format", help="Format of the figures, png by default; several with commas."
+        ),
+    ] = None
+    film: Annotated[bool, Option(help="Write a film of the growing map.")] = True
+    checkpoint: Annotated[
+        float,
+        Option(
+            "--checkpoint",
+            min=0.0,
+            metavar="SECONDS",
+            help="Time between checkpoints, from which an interrupted run resumes.",
+        ),
+    ] = 10.0
+
+    def into(self, folder: Path) -> "RunOutput":
+        """The output of a run."""
+        from saccade.cli.mapping import RunOutput
+
+        figures = figure_formats(self.figures)
+        return RunOutput(folder, self.film, checkpoint_interval=self.checkpoint, figures=figures)
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """How the tables of an evaluation are shown."""
+
+    report: Annotated[
+        Path | None,
+        Option("--report", metavar="FILE", help="Also write the tables as an HTML page."),
+    ] = None
+    as_json: Json = False
+
+    def write(self, command: str, lead: str, tables: "Sequence[Table]") -> None:
+        """Write the page, if there is to be one."""
+        from saccade.viewing.report import write_tables
+
+        write_tables(self.report, f"saccade {command}", lead, tables)

@@ -6,8 +6,9 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol, TextIO, TypeVar
+from typing import Any, NamedTuple, Protocol, TextIO, TypeVar
 
 from saccade.cli.batch_run import INTERRUPTED, stop_on_interrupt
 from saccade.errors import ImageWarning, LogWarning, OutputError, SaccadeError
@@ -108,18 +109,49 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
     Console().print(table)
 
 
-def print_result(
-    result: Mapping[str, Any],
+class Table(NamedTuple):
+    """A table on the terminal; those of reports begin alike."""
+
+    title: str
+    columns: Sequence[str]
+    """Without a header where all are empty."""
+    rows: Sequence[Sequence[str]]
+
+
+class _Tabular(Protocol):
+    """A table of a terminal or of a report."""
+
+    @property
+    def title(self) -> str: ...
+    @property
+    def columns(self) -> Sequence[str]: ...
+    @property
+    def rows(self) -> Sequence[Sequence[str]]: ...
+
+
+def with_interval(mean: Any, low: Any, high: Any) -> dict[str, Any]:
+    """Scores, dataclasses, with the ends of their interval, for JSON."""
+    return {"mean": asdict(mean), "low": asdict(low), "high": asdict(high)}
+
+
+def emit(row: Mapping[str, Any], as_json: bool, *tables: _Tabular) -> None:
+    """Print a result on stdout: `row` as JSON, or tables."""
+    if as_json:
+        print_json(row)
+        return
+    for table in tables:
+        print_table(table.title, table.columns, table.rows)
+
+
+def emit_facts(
+    row: Mapping[str, Any],
     as_json: bool,
     title: str,
     facts: Mapping[str, object] | None = None,
 ) -> None:
     """Print a result as JSON, or as a table of names and values; of `facts` where given."""
-    if as_json:
-        print_json(result)
-        return
-    rows = (result if facts is None else facts).items()
-    print_table(title, ["", ""], [(name, str(value)) for name, value in rows])
+    named = (row if facts is None else facts).items()
+    emit(row, as_json, Table(title, ["", ""], [(name, str(value)) for name, value in named]))
 
 
 def write_text(path: Path, text: str) -> None:

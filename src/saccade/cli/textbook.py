@@ -5,7 +5,20 @@ from typing import Annotated
 
 import typer
 
+from saccade import datasets
 from saccade.cli.options import Json, Out
+from saccade.cli.output import Table, emit, print_message, write_text
+from saccade.errors import ConfigError
+from saccade.io.files import IMAGE_SUFFIXES
+from saccade.io.image import read_image
+from saccade.viewing.embedding import shrunk
+from saccade.viewing.textbook import (
+    Implementation,
+    load_implementations,
+    simulated_log,
+    walk_through,
+    walkthrough_page,
+)
 
 LEAD = (
     "Each step with its equations, the lines of code that compute them, and their results for "
@@ -46,20 +59,6 @@ def textbook(
     To try an equation of your own, copy a file of saccade.textbook, change
     it, and name the copy with --module.
     """
-    from saccade import datasets
-    from saccade.cli.output import print_json, print_message, print_table, write_text
-    from saccade.errors import ConfigError
-    from saccade.io.files import IMAGE_SUFFIXES
-    from saccade.io.image import read_image
-    from saccade.viewing.embedding import shrunk
-    from saccade.viewing.textbook import (
-        Implementation,
-        load_implementations,
-        simulated_log,
-        walk_through,
-        walkthrough_page,
-    )
-
     replacements = {
         each.appendix: each for path in modules or [] for each in load_implementations(path)
     }
@@ -79,22 +78,16 @@ def textbook(
     ]
     page, lead = out / "report.html", LEAD.format(source=source.name)
     write_text(page, walkthrough_page(f"saccade textbook: {source.name}", lead, walkthroughs))
-    if as_json:
-        implementations = {
+    row = {
+        "source": str(source),
+        "report": str(page),
+        "implementations": {
             each.implementation.name: str(each.implementation.path)
             if each.implementation.appendix in replacements
             else "saccade.textbook"
             for each in walkthroughs
-        }
-        results = {each.implementation.appendix: each.results for each in walkthroughs}
-        print_json(
-            {
-                "source": str(source),
-                "report": str(page),
-                "implementations": implementations,
-                "results": results,
-            }
-        )
-        return
+        },
+        "results": {each.implementation.appendix: each.results for each in walkthroughs},
+    }
     rows = [row for each in walkthroughs for step in each.results.values() for row in step.items()]
-    print_table(f"{source.name} -> {page}", ["", ""], rows)
+    emit(row, as_json, Table(f"{source.name} -> {page}", ["", ""], rows))

@@ -13,7 +13,7 @@ FORMATS = {
     "checkpoint": 8,  # of an interrupted run; other versions are ignored
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
     "extraction": 1,  # the folder of `saccade extract`: in manifest.json, for all files
-    "index": 1,  # the index of `saccade index`: in images.json, for all files
+    "index": 1,  # the index of `saccade find`: in images.json, for all files
 }
 """Current versions by name; older ones are read too."""
 
