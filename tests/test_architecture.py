@@ -46,7 +46,7 @@ ALLOWED = {
     "simulation": FOUNDATION | {"slam"},
     "datasets": FOUNDATION,
     "evaluation": FOUNDATION
-    | {"scale", "attention", "keypoints", "slam", "visual", "gaze"}
+    | {"_jit", "scale", "attention", "keypoints", "slam", "visual", "gaze"}
     | {"datasets", "simulation", "exchange"},
     "diagnostics": FOUNDATION | {"visual", "slam"},
     "exchange": FOUNDATION,

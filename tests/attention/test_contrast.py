@@ -1,4 +1,5 @@
 import dataclasses
+from typing import get_args
 
 import cv2
 import numpy as np
@@ -7,8 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from saccade.attention import ContrastConfig, contrast_pyramids, contrast_saliency
-from saccade.attention.channels import COLORS
-from saccade.attention.normalize import NORMALIZATIONS, normalize
+from saccade.attention.channels import Color
+from saccade.attention.normalize import Normalization, normalize
 from saccade.errors import ImageError
 from saccade.io.image import read_image
 from saccade.scale.pyramid import resize
@@ -91,8 +92,8 @@ def test_saliency_is_the_weighted_mean_of_the_normalized_channels():
 
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("channel", MAPS[1:])
-@pytest.mark.parametrize("method", NORMALIZATIONS)
-@pytest.mark.parametrize("color", COLORS)
+@pytest.mark.parametrize("method", get_args(Normalization))
+@pytest.mark.parametrize("color", get_args(Color))
 def test_each_channel_alone_with_each_normalization(preset, channel, method, color):
     weights = {f"{name}_weight": float(name == channel) for name in MAPS[1:]}
     image = noise(5, (96, 130))
@@ -107,7 +108,7 @@ def test_each_channel_alone_with_each_normalization(preset, channel, method, col
 
 
 @settings(max_examples=20)
-@given(seeds, shapes, st.sampled_from(NORMALIZATIONS), st.sampled_from(MIRRORED))
+@given(seeds, shapes, st.sampled_from(get_args(Normalization)), st.sampled_from(MIRRORED))
 def test_a_mirrored_image_has_mirrored_maps(seed, shape, method, preset):
     """Of maps that are not smoothed N counts two neighbors as one maximum or two by rounding."""
     assume(preset == "default" or not method.startswith("local-maxima"))
@@ -145,7 +146,7 @@ def test_dtypes_agree_and_grey_has_no_color(seed, shape, preset):
 
 
 @pytest.mark.parametrize("shape", [(32, 32), (32, 900), (700, 33), (33, 47), (250, 61)])
-@pytest.mark.parametrize("method", NORMALIZATIONS)
+@pytest.mark.parametrize("method", get_args(Normalization))
 @pytest.mark.parametrize("preset", PRESETS)
 def test_any_size_gives_finite_maps_that_are_not_negative(shape, method, preset):
     image = noise(6, shape)
@@ -166,7 +167,7 @@ def test_any_size_gives_finite_maps_that_are_not_negative(shape, method, preset)
 
 
 @pytest.mark.parametrize("value", [0, 1, 77, 128, 254, 255])
-@pytest.mark.parametrize("method", NORMALIZATIONS)
+@pytest.mark.parametrize("method", get_args(Normalization))
 @pytest.mark.parametrize("shape", [(40, 55), (40, 55, 3)])
 def test_a_flat_image_has_nothing_salient(value, method, shape):
     flat = np.full(shape, value, np.uint8)

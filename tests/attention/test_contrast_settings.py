@@ -1,6 +1,7 @@
 """What the default adds to the source's model, and what any input becomes."""
 
 from dataclasses import replace
+from typing import get_args
 
 import cv2
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from saccade.attention import ContrastConfig, contrast_saliency
 from saccade.attention.contrast import sharpen, smooth
 from saccade.attention.models import bare_saliency
-from saccade.attention.normalize import NORMALIZATIONS, normalize, position_prior
+from saccade.attention.normalize import Normalization, normalize, position_prior
 from saccade.errors import ImageError
 from saccade.scale.pyramid import resize
 from support.pyramids import dyadic_pyramid
@@ -138,7 +139,7 @@ def test_a_center_prior_is_a_fixed_gaussian_and_off_by_default(scene):
     assert bare_saliency(held) is held.bare
 
 
-@pytest.mark.parametrize("method", NORMALIZATIONS)
+@pytest.mark.parametrize("method", get_args(Normalization))
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_number_of_threads_changes_no_byte(preset, method):
     rng = np.random.default_rng(5)

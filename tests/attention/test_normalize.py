@@ -1,3 +1,5 @@
+from typing import get_args
+
 import cv2
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from saccade.attention.normalize import (
     FLAT,
-    NORMALIZATIONS,
+    Normalization,
     inhibit_laterally,
     local_maxima,
     normalize,
@@ -33,7 +35,7 @@ def test_rescale_spans_zero_to_one():
     np.testing.assert_allclose(rescale(np.array([[2.0, 4.0, 3.0]])), [[0, 1, 0.5]])
 
 
-@pytest.mark.parametrize("method", NORMALIZATIONS)
+@pytest.mark.parametrize("method", get_args(Normalization))
 @pytest.mark.parametrize("value", [0.0, 1.0, 0.7])
 def test_a_flat_map_is_zero(method, value):
     flat = np.full((6, 7), value, np.float32)
@@ -107,7 +109,7 @@ def test_lateral_inhibition_favors_one_peak_over_many_and_the_higher_of_two():
     assert remaining[4, 14] / remaining[4, 4] < 0.95 * uneven[4, 14] / uneven[4, 4]
 
 
-@given(steps, st.sampled_from(NORMALIZATIONS), st.floats(0.1, 100), st.floats(-5, 5))
+@given(steps, st.sampled_from(get_args(Normalization)), st.floats(0.1, 100), st.floats(-5, 5))
 def test_the_unit_of_a_map_does_not_matter(values, method, scale, offset):
     values = values.astype(np.float64)
     expected = normalize(values, method)
@@ -120,6 +122,6 @@ def test_the_unit_of_a_map_does_not_matter(values, method, scale, offset):
 def test_the_callers_map_is_left_alone(rng):
     values = rng.random((12, 9))
     before = values.copy()
-    for method in NORMALIZATIONS:
+    for method in get_args(Normalization):
         normalize(values, method)
     np.testing.assert_array_equal(values, before)

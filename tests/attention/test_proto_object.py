@@ -29,7 +29,7 @@ def maps_with(feature, channel=INTENSITY, conspicuity="intensity"):
     stronger = FeatureMap(channel, 1, 3, feature, feature)
     elsewhere = FeatureMap(Channel("orientation", 45.0), 1, 3, 9 * feature.T, 9 * feature.T)
     return ContrastMaps(
-        feature, feature, **maps, image_shape=(400, 400), features=(weaker, elsewhere, stronger)
+        feature, (400, 400), feature, **maps, features=(weaker, elsewhere, stronger)
     )
 
 
@@ -81,7 +81,7 @@ def test_what_cannot_be_answered_is_refused():
     for row, column in ((10, 3), (12, 3), (-1, 3), (3, 10), (3, 12), (3, -1)):
         with pytest.raises(ImageError, match=f"of 10 x 10, found {row}, {column}"):
             proto_object(maps_with(feature), row, column)
-    bare = ContrastMaps(feature, feature, feature, feature, feature, (100, 100))
+    bare = ContrastMaps(feature, (100, 100), feature, feature, feature, feature)
     with pytest.raises(ImageError, match="keep_features"):
         proto_object(bare, 1, 1)
 

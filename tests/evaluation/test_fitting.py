@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import approx_fprime
 
 from saccade.attention import AttentionConfig
-from saccade.attention._saccade_basis_kernels import add_likelihood
 from saccade.attention.features import GEOMETRY, feature_maps
 from saccade.attention.fitted import FUNCTIONS, LAGS, path_terms, saccade_tables
+from saccade.evaluation._fitting_kernels import add_likelihood
 from saccade.evaluation.comparison import fixation_rows, paired_difference
 from saccade.evaluation.fitted_scores import REST, score_steps, step_densities
 from saccade.evaluation.fitting import (

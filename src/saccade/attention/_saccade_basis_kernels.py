@@ -1,8 +1,4 @@
-"""The likelihood of fixations given those before, and its gradient."""
-
-from math import exp, log
-
-import numpy as np
+"""The logits of the next fixation of a fitted model."""
 
 from saccade._jit import kernel
 from saccade.types import FloatArray, IntArray
@@ -27,55 +23,3 @@ def fill_logits(
                 first = w - 1 - anchors[t, 1]
                 for j in range(w):
                     out[i, j] += factor * tables[t, row, first + j]
-
-
-@kernel()
-def add_likelihood(
-    fields: FloatArray,
-    tables: FloatArray,
-    anchors: IntArray,
-    factors: FloatArray,
-    cells: IntArray,
-    fields_gradient: FloatArray,
-    table_gradient: FloatArray,
-) -> float:
-    """Sum of the negative log-likelihood of fixations; its gradient is added.
-
-    Args:
-        fields: (2, h, w) what is added, and what is added by the factor of `EARLY`.
-        tables: (T, 2 h - 1, 2 w - 1) by offset.
-        anchors: (n, T, 2) row and column of the fixation to which a table belongs.
-        factors: (n, T) of the tables.
-        cells: (n, 2) row and column of the fixations.
-        fields_gradient: as `fields`, is added to.
-        table_gradient: as `tables`, is added to.
-    """
-    h, w = fields.shape[1:]
-    p = np.empty((h, w))
-    total = 0.0
-    for n in range(len(cells)):
-        fill_logits(fields, tables, anchors[n], factors[n], p)
-        largest = p.max()
-        at = p[cells[n, 0], cells[n, 1]] - largest
-        norm = 0.0
-        for i in range(h):
-            for j in range(w):
-                p[i, j] = exp(p[i, j] - largest)
-                norm += p[i, j]
-        total += log(norm) - at
-        for i in range(h):
-            for j in range(w):
-                p[i, j] /= norm
-        p[cells[n, 0], cells[n, 1]] -= 1
-        for i in range(h):
-            for j in range(w):
-                fields_gradient[0, i, j] += p[i, j]
-                fields_gradient[1, i, j] += factors[n, EARLY] * p[i, j]
-            for t in range(factors.shape[1]):
-                factor = factors[n, t]
-                if factor != 0:
-                    row = i - anchors[n, t, 0] + h - 1
-                    first = w - 1 - anchors[n, t, 1]
-                    for j in range(w):
-                        table_gradient[t, row, first + j] += factor * p[i, j]
-    return total

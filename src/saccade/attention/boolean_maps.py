@@ -18,7 +18,7 @@ from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale
 from saccade.errors import require, require_ranges, require_types
 from saccade.io.image import check_image, in_unit_range
-from saccade.scale.pyramid import FloatMap, resize
+from saccade.scale.pyramid import resize
 from saccade.types import Image
 
 
@@ -59,15 +59,7 @@ class BooleanConfig:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BooleanMaps(SaliencyMaps):
-    """Saliency by surroundedness.
-
-    The map is float32, and its cells tile the image: see `saccade.scale.pyramid.cell_centers`.
-    """
-
-    saliency: FloatMap
-    """(h, w) in [0, 1]."""
-    image_shape: tuple[int, int]
-    """(H, W) of the image."""
+    """Saliency by surroundedness: (h, w) float32 in [0, 1]."""
 
 
 def boolean_saliency(
@@ -89,8 +81,11 @@ def boolean_saliency(
     Source: Zhang & Sclaroff, *Exploiting surroundedness for saliency detection: a Boolean map
     approach* (TPAMI 2016).
     """
-    pixels = check_image(image, bgr=bgr)  # (H, W) or (H, W, 3)
-    config = config or BooleanConfig()
+    return boolean_maps(check_image(image, bgr=bgr), config or BooleanConfig())
+
+
+def boolean_maps(pixels: npt.NDArray[Any], config: BooleanConfig) -> BooleanMaps:
+    """`boolean_saliency` of a checked image (H, W) or (H, W, 3)."""
     height, width = pixels.shape[:2]
     scale = min(1.0, config.longer_side / max(height, width))
     shape = max(1, round(height * scale)), max(1, round(width * scale))

@@ -1,6 +1,6 @@
 """Feature channels of the contrast model: intensity, color opponency and orientation."""
 
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -8,7 +8,6 @@ import numpy as np
 from saccade.scale.pyramid import FloatMap
 
 Color = Literal["linear", "quotient"]
-COLORS: tuple[Color, ...] = get_args(Color)
 ChannelName = Literal["intensity", "red-green", "blue-yellow", "orientation"]
 Conspicuity = Literal["intensity", "color", "orientation"]
 

@@ -10,12 +10,8 @@ from typing import Self, TypeAlias
 
 import numpy as np
 
-from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
-from saccade.attention.contrast import (
-    ContrastConfig,
-    ContrastMaps,
-    contrast_saliency,
-)
+from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_maps
+from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_maps
 from saccade.attention.contrast_config import MAX_WEIGHT
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import (
@@ -25,7 +21,7 @@ from saccade.attention.normalize import (
     rescale,
     sharpen,
 )
-from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
+from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_maps
 from saccade.errors import ImageError, require, require_ranges, require_types
 from saccade.io.image import check_image
 from saccade.scale.pyramid import FloatMap, resize
@@ -110,13 +106,8 @@ class AttentionConfig:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AttentionMaps(SaliencyMaps):
-    """Saliency and the maps of the models.
+    """Saliency, in [0, 1] and of the size of the contrast map, and the maps of the models."""
 
-    The cells tile the image: see `saccade.scale.pyramid.cell_centers`.
-    """
-
-    saliency: FloatMap
-    """(h, w) in [0, 1], of the size of the contrast map."""
     bare: FloatMap
     """The same without the prior of the position: equal unless the settings have one."""
     contrast: ContrastMaps
@@ -125,8 +116,6 @@ class AttentionMaps(SaliencyMaps):
     """Symmetry saliency and its levels."""
     boolean: BooleanMaps
     """Boolean map saliency."""
-    image_shape: tuple[int, int]
-    """(H, W) of the image."""
     faces: FloatMap | None = None
     """(h, w) in [0, 1], 1 at the center of a face; None without a detector."""
 
@@ -176,11 +165,13 @@ def attention_saliency(
         ImageError: as `contrast_saliency` and `symmetry_saliency`.
     """
     config = config or AttentionConfig()
-    image = check_image(image, bgr=True) if bgr else image
-    contrast = contrast_saliency(image, config.contrast, keep_features=keep_features)
-    symmetry = symmetry_saliency(image, config.symmetry)
+    pixels = check_image(image, bgr=bgr)
+    contrast = contrast_maps(pixels, config.contrast, keep_features=keep_features)
+    symmetry = symmetry_maps(pixels, config.symmetry)
     shape = contrast.saliency.shape
-    boolean = _boolean_maps(image, config, shape)
+    boolean = BooleanMaps(np.zeros(shape, np.float32), contrast.image_shape)
+    if config.boolean_weight > 0:
+        boolean = boolean_maps(pixels, config.boolean)
     models = (
         (config.contrast_weight, contrast.saliency),
         (config.symmetry_weight, resize(symmetry.saliency, shape)),
@@ -192,7 +183,7 @@ def attention_saliency(
         summed += weight * normalize(values, N, radius=None)
     found = None
     if faces is not None:
-        found = face_map(faces(image), contrast.image_shape, shape)
+        found = face_map(faces(pixels), contrast.image_shape, shape)
         summed = rescale(summed) + config.face_weight * found
     saliency = sharpen(rescale(summed), config.sharpening).astype(np.float32)
     prior = position_prior(
@@ -207,13 +198,6 @@ def attention_saliency(
         image_shape=contrast.image_shape,
         faces=found,
     )
-
-
-def _boolean_maps(image: Image, config: AttentionConfig, shape: tuple[int, ...]) -> BooleanMaps:
-    if config.boolean_weight > 0:
-        return boolean_saliency(image, config.boolean)
-    rows, columns = np.shape(image)[:2]
-    return BooleanMaps(np.zeros(shape, np.float32), (rows, columns))
 
 
 def face_map(boxes: FloatArray, image_shape: tuple[int, int], shape: tuple[int, int]) -> FloatMap:

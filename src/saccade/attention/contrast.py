@@ -67,12 +67,10 @@ class FeatureMap(NamedTuple):
 class ContrastMaps(SaliencyMaps):
     """Saliency, conspicuity maps and feature maps.
 
-    Maps are float32 (float64 for the presets `kootstra2010` and `saliencytoolbox2`), and their
-    cells tile the image: see `saccade.scale.pyramid.cell_centers`.
+    Maps are float32 (float64 for the presets `kootstra2010` and `saliencytoolbox2`); the saliency
+    is in [0, 1] for the normalizations by local maxima (A.14).
     """
 
-    saliency: FloatMap
-    """(h, w), not negative; in [0, 1] for the normalizations by local maxima (A.14)."""
     bare: FloatMap
     """The same without the center prior: equal unless the settings have one."""
     intensity: FloatMap
@@ -81,8 +79,6 @@ class ContrastMaps(SaliencyMaps):
     """(h, w) conspicuity (A.12), from 0 to 2; 0 for a gray image."""
     orientation: FloatMap
     """(h, w) conspicuity (A.13), from 0 to the number of orientations, 4."""
-    image_shape: tuple[int, int]
-    """(H, W) of the image."""
     features: tuple[FeatureMap, ...] = ()
     """The feature maps; empty without `keep_features`."""
 
@@ -116,8 +112,18 @@ def contrast_saliency(
 
     Source: Itti, Koch & Niebur (1998); equations A.1-A.14.
     """
-    pixels, config, scales, arithmetic = _prepared(image, config, bgr)
+    pixels = check_image(image, bgr=bgr)
+    return contrast_maps(pixels, config or ContrastConfig(), keep_features=keep_features)
+
+
+def contrast_maps(
+    pixels: npt.NDArray[Any], config: ContrastConfig, *, keep_features: bool
+) -> ContrastMaps:
+    """`contrast_saliency` of a checked image (H, W) or (H, W, 3)."""
     shape = pixels.shape[:2]
+    config = config.at_size(shape)
+    arithmetic = ARITHMETICS[config.arithmetic](config)
+    scales = existing_scales(shape, config, arithmetic)
     zeros = np.zeros(arithmetic.level_shape(shape, config.map_level), arithmetic.dtype)  # (h, w)
 
     pyramids = channel_pyramids(pixels, scales, arithmetic)  # A.1-A.6
@@ -169,18 +175,11 @@ def contrast_pyramids(
     Raises:
         ImageError: as for `contrast_saliency`.
     """
-    pixels, _, scales, arithmetic = _prepared(image, config)
-    return channel_pyramids(pixels, scales, arithmetic)
-
-
-def _prepared(
-    image: Image, config: ContrastConfig | None, bgr: bool = False
-) -> tuple[npt.NDArray[Any], ContrastConfig, Scales, MirroredArithmetic]:
-    """The checked image, the settings for its size, the scales it has, and their arithmetic."""
-    pixels = check_image(image, bgr=bgr)  # (H, W) or (H, W, 3)
+    pixels = check_image(image)
     config = (config or ContrastConfig()).at_size(pixels.shape[:2])
     arithmetic = ARITHMETICS[config.arithmetic](config)
-    return pixels, config, existing_scales(pixels.shape[:2], config, arithmetic), arithmetic
+    scales = existing_scales(pixels.shape[:2], config, arithmetic)
+    return channel_pyramids(pixels, scales, arithmetic)
 
 
 def existing_scales(

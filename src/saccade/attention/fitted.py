@@ -15,7 +15,6 @@ from saccade.attention.combined import AttentionConfig, FaceDetector
 from saccade.attention.features import AROUND, EARLY, FACES, GEOMETRY, feature_maps, map_names
 from saccade.attention.models import SaliencyMaps
 from saccade.errors import require, require_types
-from saccade.scale.pyramid import FloatMap
 from saccade.types import FloatArray, Image, IntArray
 
 SCALES = (0.012, 0.025, 0.05, 0.1, 0.2, 0.4)
@@ -30,15 +29,10 @@ FUNCTIONS = 53
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FittedMaps(SaliencyMaps):
-    """Saliency of a fitted model.
+    """Saliency of a fitted model: (h, w) float32, in proportion to the density of fixations.
 
-    The cells tile the image: see `saccade.scale.pyramid.cell_centers`.
+    Its maximum is 1.
     """
-
-    saliency: FloatMap
-    """(h, w) float32, in proportion to the density of fixations; its maximum is 1."""
-    image_shape: tuple[int, int]
-    """(H, W) of the image."""
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,17 @@ KINDS = {name: name for name in ("attention", "contrast", "symmetry", "boolean")
 """Kind of the configuration of each model, as `saccade config` calls it."""
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class SaliencyMaps(NotebookTable):
-    """Base of the results of the models: saliency by size, by name and by rank."""
+    """Base of the results of the models: saliency by size, by name and by rank.
+
+    The cells of a map tile the image: see `saccade.scale.pyramid.cell_centers`.
+    """
 
     saliency: "npt.NDArray[Any]"
+    """(h, w), not negative."""
     image_shape: tuple[int, int]
+    """(H, W) of the image."""
 
     @property
     def layers(self) -> "dict[str, npt.NDArray[Any]]":

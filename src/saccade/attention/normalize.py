@@ -4,7 +4,7 @@ N promotes maps with few outstanding maxima over those with many. Every method f
 to [0, 1]. A flat map becomes 0.
 """
 
-from typing import Literal, get_args
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -13,7 +13,6 @@ from saccade.scale.pyramid import FloatMap
 from saccade.types import FloatArray
 
 Normalization = Literal["local-maxima", "local-maxima-1998", "iterative", "none"]
-NORMALIZATIONS: tuple[Normalization, ...] = get_args(Normalization)
 
 FLAT = 2e-6
 """A map of a smaller range is flat: for images in [0, 1] it is float32 rounding."""

@@ -155,15 +155,7 @@ class ScanpathModelConfig:
     @property
     def dynamics(self) -> Dynamics:
         """What the kernels take of it."""
-        return Dynamics(
-            amplitude_scale=self.amplitude_scale,
-            amplitude_exponent=self.amplitude_exponent,
-            horizontal=self.horizontal,
-            persistence=self.persistence,
-            inhibition=self.inhibition,
-            inhibition_sigma=self.inhibition_sigma,
-            inhibition_decay=self.inhibition_decay,
-        )
+        return Dynamics(*(getattr(self, name) for name in Dynamics._fields))
 
 
 def sample_scanpaths(

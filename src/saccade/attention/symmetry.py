@@ -188,17 +188,10 @@ class SymmetryConfig:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SymmetryMaps(SaliencyMaps):
-    """Saliency and the symmetry of each level.
+    """Saliency, in [0, 1], and the symmetry of each level; (h, w) float32."""
 
-    The maps are float32, and their cells tile the image: see `saccade.scale.pyramid.cell_centers`.
-    """
-
-    saliency: FloatMap
-    """(h, w) in [0, 1]."""
     levels: Mapping[int, FloatMap]
     """By number of the pyramid level: (h, w) symmetry, not negative, not scaled."""
-    image_shape: tuple[int, int]
-    """(H, W) of the image."""
 
 
 def symmetry_saliency(
@@ -221,9 +214,13 @@ def symmetry_saliency(
     Source: Kootstra, de Boer & Schomaker (2011); the phase weight is that of Reisfeld,
     Wolfson & Yeshurun (1995).
     """
-    pixels = check_image(image, bgr=bgr)  # (H, W) or (H, W, 3)
+    return symmetry_maps(check_image(image, bgr=bgr), config or SymmetryConfig())
+
+
+def symmetry_maps(pixels: npt.NDArray[Any], config: SymmetryConfig) -> SymmetryMaps:
+    """`symmetry_saliency` of a checked image (H, W) or (H, W, 3)."""
     shape = pixels.shape[:2]
-    config = (config or SymmetryConfig()).at_size(shape)
+    config = config.at_size(shape)
     pairs = pair_kernel(config.inner, config.outer, config.sigma)
     symmetry = {
         number: symmetry_at(gradients, pairs, config)
@@ -234,7 +231,7 @@ def symmetry_saliency(
         if number in symmetry:
             summed += np.float32(weight) * resize(symmetry[number], summed.shape)
     saliency = sharpen(rescale(smooth(summed, config.smoothing)), config.sharpening)
-    return SymmetryMaps(saliency, symmetry, shape)
+    return SymmetryMaps(saliency, shape, symmetry)
 
 
 def gradient_pyramid(

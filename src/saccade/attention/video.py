@@ -82,10 +82,11 @@ class VideoConfig:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class VideoMaps(SaliencyMaps):
-    """Saliency and gaze at a frame; they depend on no later one. Maps are (h, w) float32."""
+    """Saliency and gaze at a frame; they depend on no later one. Maps are (h, w) float32.
 
-    saliency: Float32Array
-    """In [0, 1]; equal to `static` while nothing changes."""
+    The saliency is in [0, 1], and equal to `static` while nothing changes.
+    """
+
     static: Float32Array
     """Saliency of the frame by itself, or of one up to `static_interval` earlier, moved."""
     flicker: Float32Array
@@ -95,8 +96,6 @@ class VideoMaps(SaliencyMaps):
     [0, 1], 1 for a single thing of high contrast."""
     gaze: tuple[float, float]
     """x and y in pixels of the frame."""
-    image_shape: tuple[int, int]
-    """(H, W) of the frame."""
 
     @property
     def motion(self) -> Float32Array:
@@ -194,7 +193,7 @@ class VideoSaliency:
         gaze = self._gaze.move(saliency, shape, time)
         self._past.append(_Past(time, luminance, np.eye(3)))
         self._shape, self._static, self._summed = shape, static, summed
-        return VideoMaps(saliency, static, changes[0], changes[1:], gaze, shape)
+        return VideoMaps(saliency, shape, static, changes[0], changes[1:], gaze)
 
     def _compared(self, time: float, camera: FloatArray, now: Float32Array) -> Float32Array:
         """The earlier luminance nearest to a time, moved with the scene; drops those before."""

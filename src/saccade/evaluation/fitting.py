@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from saccade.attention._saccade_basis_kernels import add_likelihood
 from saccade.attention.combined import AttentionConfig, FaceDetector
 from saccade.attention.features import EARLY, feature_maps, feature_names
 from saccade.attention.fitted import FittedModel, path_terms, saccade_tables
 from saccade.errors import LogError, require_ranges, require_types
+from saccade.evaluation._fitting_kernels import add_likelihood
 from saccade.types import Float32Array, FloatArray, Image, IntArray
 
 
