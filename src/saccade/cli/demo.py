@@ -163,7 +163,7 @@ def _page(results: dict[str, dict[str, Any]]) -> str:
                     Path(slam["files"]["picture"]).name,
                     "The estimated trajectory, the trajectory from odometry alone, and the "
                     "landmarks with their ellipses",
-                    "Blue: the way; dotted: from odometry alone; orange: 3 sigma of each tree. "
+                    "Blue: the way; dashed: from odometry alone; orange: 3 sigma of each tree. "
                     "Victoria Park, Sydney; log: J. Guivant and E. Nebot, as distributed with "
                     "GTSAM, BSD.",
                 )
@@ -181,7 +181,7 @@ def _page(results: dict[str, dict[str, Any]]) -> str:
                     "The camera image with landmarks, the same image with saliency as heat, and "
                     "the map with the trajectory",
                     "A frame of the film: the camera image, its saliency, and the map. Blue: the "
-                    "way; dotted: from odometry alone; orange: 3 sigma of each landmark; green: "
+                    "way; dashed: from odometry alone; orange: 3 sigma of each landmark; green: "
                     "what is in view. Posters: photographs of scikit-image's data, CC0 and public "
                     "domain.",
                 )
