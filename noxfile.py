@@ -43,7 +43,7 @@ def fuzz(session: nox.Session) -> None:
 
 @nox.session
 def nightly(session: nox.Session) -> None:
-    """Tests that freeze a tuning: every rejected option is still worse."""
+    """Tests that freeze a tuning (every rejected option is still worse), or run pytest."""
     session.install(".", "--group", "dev")
     session.run("pytest", "-q", "-m", "nightly", *session.posargs)
 

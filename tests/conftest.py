@@ -10,6 +10,7 @@ import pytest
 from hypothesis.internal.conjecture import providers
 
 from saccade.cli import TRACEBACK, main
+from saccade.cli.precompile import filter_compiled_ahead
 from support.encodable_reports import pytest_report_to_serializable  # noqa: F401
 from support.filmed_wall import filmed
 from support.limits import TIMEOUT
@@ -37,13 +38,19 @@ hypothesis.settings.load_profile("saccade")
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_configure():
+def pytest_configure(config):
     """Keep derandomized examples free of the constants that Hypothesis finds in local modules.
 
-    Which of them are imported depends on the tests that a worker happened to run before.
+    Which of them are imported depends on the tests that a worker happened to run before. Before
+    all tests, compile what most of them call, which each worker would do for itself otherwise.
     """
     if hypothesis.settings.default.derandomize:
         providers.is_local_module_file = lambda path: False
+    if config.args_source is pytest.Config.ArgsSource.TESTPATHS and not hasattr(
+        config, "workerinput"
+    ):
+        with filter_compiled_ahead("points") as finish:
+            finish()
 
 
 def pytest_collection_modifyitems(items):
