@@ -22,7 +22,7 @@ control = GazeControl("active", drive.camera, motor.limits, turn)
 run = visual.run(drive, visual.VisualConfig(egomotion="wheels"), gaze=control)
 print(run)
 
-for reason, count in Counter(each.chosen.reason for each in control.decisions).most_common():
+for reason, count in Counter(each.reason for each in control.decisions).most_common():
     print(f"{reason}: {count} decisions")
 error = run.trajectory.pose[-1, :2] - drive.truth.pose[-1, :2]
 print(f"{(error @ error) ** 0.5:.3f} m off at the end")

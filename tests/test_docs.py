@@ -72,7 +72,7 @@ OF_PAGES = {
         and len(names["log"].truth) == len(names["log"].time)
     ),
     "gaze.md": lambda names: (
-        len(names["result"].trajectory) == 12 and names["control"].decisions[-1].chosen.pan != 0
+        len(names["result"].trajectory) == 12 and names["control"].decisions[-1].pan != 0
     ),
     "live.md": lambda names: (
         12 < len(names["live"].ekf) <= 20

@@ -121,19 +121,6 @@ def test_landmarks_to_come_are_seen_where_the_plan_leads():
     assert 0 < stays < goes_on
 
 
-def test_a_drift_across_the_motion_keeps_the_view_ahead():
-    slam = robot()
-    plan = np.tile([0.1, 0.0, 0.0], (20, 1))
-    made = gazer(slam, drift=lambda pan: 1 + 15 * np.sin(pan) ** 4)
-    look_around(made)
-    information = made._information(made._roll_out())
-    made.plan = plan
-    assert np.ptp(information) == 0.0
-    information = made._information(made._roll_out())
-    assert information[np.abs(made.candidates) > 1.2].max() < information.max() - 1
-    assert abs(made.next(plan).pan) < 0.5
-
-
 @pytest.mark.parametrize("policy", POLICIES)
 def test_a_camera_turns_within_its_limits_and_no_faster_than_its_rate(policy):
     slam = robot(np.random.default_rng(0).uniform(-6, 6, (20, 2)), motion_sigma=0.1)

@@ -1,5 +1,6 @@
 """`saccade evaluate gaze`: gaze policies compared."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,7 +10,8 @@ from saccade.cli.options import EgomotionName, ReportOptions
 from saccade.cli.output import emit, progress_bar
 from saccade.errors import require
 from saccade.evaluation.gaze import compare
-from saccade.evaluation.gaze_runs import LEVELS, GazeRun, run_all
+from saccade.evaluation.gaze_runs import LEVELS, GazeRun, result_of
+from saccade.evaluation.stored_runs import map_in_processes
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
 from saccade.viewing.report import Table
@@ -18,10 +20,11 @@ LEAD = "Gaze policies compared, in the same worlds with the same noise."
 MEANING = (
     "ATE: absolute trajectory error, the median. Relative to fixed and to sweep: geometric mean "
     "over worlds and seeds of its ratio to that of the policy, with the 95 % interval over the "
-    "seeds; lower is better. Worst drive: greatest ratio to fixed. Closed: drives that saw "
-    "known landmarks again in a later lap. Inside: poses whose true position lies in the 99.7 % "
-    "ellipse. A number is a constant pan in degrees, 360 a view in all directions."
+    "seeds; lower is better. Closed: drives that saw known landmarks again in a later lap. Inside: "
+    "poses whose true position lies in the 99.7 % ellipse. A number is a constant pan in degrees, "
+    "360 a view in all directions."
 )
+BY_WORLD = "Geometric mean over the seeds. Worst drive: greatest ratio of a single drive."
 
 
 def gaze(
@@ -56,9 +59,6 @@ def gaze(
         int, Option(min=1, help="Number of drives of each, with consecutive seeds.")
     ] = 10,
     first_seed: Annotated[int, Option(min=0, help="Seed of the first drive.")] = 0,
-    frames: Annotated[
-        int, Option(min=8, metavar="N", help="Frames of each drive with images, at most.")
-    ] = 200,
     jobs: Annotated[int, Option(min=1, help="Number of processes.")] = 1,
 ) -> None:
     """Compare gaze policies: where a camera that turns shall look.
@@ -67,7 +67,7 @@ def gaze(
     every run: an interrupted evaluation resumes, and more seeds add to it.
     """
     require(level in LEVELS, "level", f"one of {', '.join(LEVELS)}", level)
-    setting: Any = {"level": level, "map": known, "egomotion": egomotion, "frames": frames}
+    setting: Any = {"level": level, "map": known, "egomotion": egomotion}
     runs = [
         GazeRun(world, policy, seed, **setting)
         for seed in range(first_seed, first_seed + seeds)
@@ -75,12 +75,12 @@ def gaze(
         for policy in dict.fromkeys(policies or POLICIES)
     ]
     with results_in(out), progress_bar("driving", len(runs)) as progress:
-        rows = compare(run_all(runs, out, jobs, progress))
+        rows = compare(map_in_processes(partial(result_of, out=out), runs, jobs, progress))
     title = f"{level}, {known} map, motion by {egomotion}, {seeds} seeds"
     tables = [Table(title, *_table(rows), MEANING, "policy", [])]
     if "worlds" in rows[0]:
         by_world = _world_table(rows)
-        tables.append(Table("ATE relative to fixed, by world", *by_world, MEANING, "policy", []))
+        tables.append(Table("ATE relative to fixed, by world", *by_world, BY_WORLD, "policy", []))
     shown.write("evaluate gaze", LEAD, tables)
     row = setting | {"seeds": seeds, "first_seed": first_seed, "rows": rows}
     emit(row, shown.as_json, *tables)

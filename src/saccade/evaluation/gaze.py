@@ -26,14 +26,15 @@ def compare(runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         "sweep" (None without such runs), the ratios to "fixed" by world and the worst one, drives
         in which a loop was closed, their number, and the share of the poses inside 3 sigma.
     """
-    axes = [list(dict.fromkeys(run[name] for run in runs)) for name in ("policy", "world", "seed")]
-    policies, worlds, _ = axes
-    table = {name: np.full([len(axis) for axis in axes], np.nan) for name in SCORES}
-    for run in runs:
-        names = zip(("policy", "world", "seed"), axes, strict=True)
-        cell = tuple(axis.index(run[name]) for name, axis in names)
-        for name, values in table.items():
-            values[cell] = np.nan if run[name] is None else run[name]
+    names = "policy", "world", "seed"
+    policies, worlds, seeds = (list(dict.fromkeys(run[name] for run in runs)) for name in names)
+    found = {tuple(run[name] for name in names): run for run in runs}
+    table = {
+        score: np.array(
+            [[[found[p, w, s][score] for s in seeds] for w in worlds] for p in policies], np.float64
+        )
+        for score in SCORES
+    }
     log = np.log(table["ate_m"])  # (p, w, s)
     rows = []
     for p, policy in enumerate(policies):

@@ -1,8 +1,7 @@
 """Drives with each gaze policy, scored, and stored so that the study can be resumed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from math import tau
 from pathlib import Path
 from typing import Any, Literal
@@ -10,29 +9,36 @@ from typing import Any, Literal
 import numpy as np
 
 import saccade
+from saccade import visual
 from saccade.errors import require
 from saccade.evaluation.drives import summarize_drive
-from saccade.evaluation.gaze_drives import gaze_drive
 from saccade.evaluation.gaze_landmarks import (
     COURSES,
     FIELD_OF_VIEW,
     drive_by_landmarks,
     landmark_world,
 )
-from saccade.evaluation.stored_runs import map_in_processes, read_run, write_run
-from saccade.gaze import POLICIES, Gazer
-from saccade.simulation import DriveConfig
-from saccade.visual import LandmarkObservations, ObservationKind
+from saccade.evaluation.stored_runs import read_run, write_run
+from saccade.frames import Drive
+from saccade.gaze import POLICIES, Gazer, Policy
+from saccade.simulation import DriveConfig, PanCamera, simulate_drive
+from saccade.slam import Recorder
+from saccade.visual import LandmarkObservations, ObservationKind, VisualConfig, VisualResult
 from saccade.visual.config import EGOMOTIONS, EgomotionSource
+from saccade.visual.gaze_control import GazeControl
+from saccade.visual.second_camera import measure_odometry
 
 PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
 """A stereo camera that pans; the ring is smaller than by default."""
+SETTINGS = VisualConfig(recover=False)
+"""Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
+SECOND_FIELD_OF_VIEW = 70.0
+"""Degrees of the second, fixed camera."""
 LAPS = {"ring": 2, "crossing": 1, "rooms": 1}
 """Of each drive with images; after each the robot is where it began."""
 Level = Literal["landmarks", "images"]
 LEVELS: dict[str, tuple[str, ...]] = {"landmarks": tuple(COURSES), "images": tuple(LAPS)}
 """Worlds of each level."""
-MAPS = "new", "known"
 SCORES = "ate_m", "closed", "inside_3sigma"
 """Scores that are stored of each run."""
 ALL_AROUND = "360"
@@ -60,11 +66,11 @@ class GazeRun:
     egomotion: EgomotionSource = "wheels"
     """What measures the motion."""
     frames: int = 200
-    """Of a drive with images, at most."""
+    """Of a drive with images."""
 
     def __post_init__(self) -> None:
         require(self.level in LEVELS, "level", f"one of {', '.join(LEVELS)}", self.level)
-        require(self.map in MAPS, "map", f"one of {', '.join(MAPS)}", self.map)
+        require(self.map in ("new", "known"), "map", "new or known", self.map)
         ego, worlds = self.egomotion, LEVELS[self.level]
         require(ego in EGOMOTIONS, "egomotion", f"one of {', '.join(EGOMOTIONS)}", ego)
         require(self.world in worlds, "world", f"one of {', '.join(worlds)}", self.world)
@@ -81,35 +87,13 @@ class GazeRun:
         name = "-".join(str(value) for value in asdict(self).values())
         return out / "runs" / saccade.__version__ / f"{name}.json"
 
-    @property
-    def identity(self) -> dict[str, Any]:
-        """What tells it from other runs."""
-        return {"world": self.world, "policy": self.policy, "seed": self.seed}
-
-
-def run_all(
-    runs: Sequence[GazeRun],
-    out: Path,
-    jobs: int = 1,
-    progress: Callable[[int, int], object] | None = None,
-) -> list[dict[str, Any]]:
-    """The results of all runs, computed in `jobs` processes where they are not stored yet.
-
-    Args:
-        runs: the runs.
-        out: folder in which they are stored.
-        jobs: number of processes; with several, each has a single OpenCV thread.
-        progress: called with the runs done and their number.
-    """
-    return map_in_processes(partial(result_of, out=out), runs, jobs, progress)
-
 
 def result_of(run: GazeRun, out: Path) -> dict[str, Any]:
     """The scores of a run, read from its file or computed."""
-    path = run.path(out)
+    path, names = run.path(out), {"world": run.world, "policy": run.policy, "seed": run.seed}
     if path.exists():
-        return read_run(path, run.identity, SCORES)
-    row = run.identity | score(run)
+        return read_run(path, names, SCORES)
+    row = names | score(run)
     write_run(path, row)
     return row
 
@@ -118,7 +102,11 @@ def score(run: GazeRun) -> dict[str, Any]:
     """The scores of a drive."""
     policy: Any = run.policy
     if policy not in POLICIES:
-        policy = partial(_constant, pan=np.radians(float(policy)))
+        pan = float(np.radians(float(policy)))
+
+        def policy(_: Gazer) -> float:
+            return pan
+
     if run.level == "landmarks":
         fov = tau if run.policy == ALL_AROUND else FIELD_OF_VIEW
         policy = "fixed" if run.policy == ALL_AROUND else policy
@@ -133,8 +121,35 @@ def score(run: GazeRun) -> dict[str, Any]:
     return {name: scores[name] for name in SCORES}
 
 
-def _constant(gazer: Gazer, pan: float) -> float:
-    return pan
+def gaze_drive(
+    config: DriveConfig,
+    policy: str | Policy,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+    recorder: Recorder | None = None,
+    egomotion: EgomotionSource = "camera",
+) -> tuple[Drive, VisualResult]:
+    """Map a simulated drive whose camera is turned by a policy.
+
+    Args:
+        config: of the drive.
+        policy: see `saccade.gaze.Gazer`.
+        seed: of the world, of all noise, and of what the policy draws.
+        progress: called with the number of frames done and of all frames.
+        recorder: takes snapshots of the map while it grows.
+        egomotion: what measures the motion.
+
+    Returns:
+        The drive, whose frames can now be loaded in any order, and its result.
+    """
+    pan = PanCamera(seed=seed)
+    drive = simulate_drive(config, seed, pan)
+    if egomotion == "second-camera":
+        second = simulate_drive(replace(config, field_of_view=SECOND_FIELD_OF_VIEW), seed)
+        drive = measure_odometry(drive, second, SETTINGS)
+    control = GazeControl(policy, drive.camera, pan.limits, pan.turn_to, seed)
+    settings = replace(SETTINGS, egomotion=egomotion)
+    return drive, visual.run(drive, settings, progress, recorder=recorder, gaze=control)
 
 
 def closes_loop(observed: LandmarkObservations, frames: int) -> bool:

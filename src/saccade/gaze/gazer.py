@@ -66,22 +66,19 @@ class Gazer:
         period: seconds between decisions, and of one control of a plan.
         seed: seed of the policy "random".
         odometry: standard deviations of the motion after one metre, in metres and radians.
-        drift: where the camera itself measures the motion, a function from pans (c,) to factors
-            (c,) on the covariance of the motion.
         pan_sigma: standard deviation of the measured pan, in radians.
 
     Raises:
         ConfigError: an argument is out of its range.
 
     Examples:
-        >>> from math import radians
         >>> import numpy as np
         >>> from saccade.gaze import Gazer
         >>> from saccade.slam import Slam
         >>> slam = Slam()
         >>> R, names = np.diag([0.1, 0.02])[None] ** 2, [7]
         >>> _ = slam.step(0.0, z=np.array([[4.0, 1.5]]), R=R, names=names)
-        >>> gazer = Gazer(slam, fov=radians(50), reach=8.0, policy="salient", period=1.0)
+        >>> gazer = Gazer(slam, fov=0.9, reach=8.0, policy="salient", period=1.0)
         >>> gazer.next().pan > 1
         True
     """
@@ -98,7 +95,6 @@ class Gazer:
         period: float = 0.1,
         seed: int = 0,
         odometry: tuple[float, float] = (0.02, 0.02),
-        drift: Callable[[FloatArray], FloatArray] | None = None,
         pan_sigma: float = 0.0,
     ) -> None:
         require(0 < fov <= 2 * pi, "fov", "over 0 and up to 2 pi", fov)
@@ -126,7 +122,7 @@ class Gazer:
         self._policy: Policy = policy if callable(policy) else getattr(self, f"_{policy}")
         self._reason = "a custom policy"
         self._rng, self._goal = np.random.default_rng(seed), 0.0
-        self._odometry, self._drift, self._pan_sigma = odometry, drift, pan_sigma
+        self._odometry, self._pan_sigma = odometry, pan_sigma
         self._seen_cells: set[tuple[int, int]] = set()
         cells = np.arange(-ceil(reach), ceil(reach) + 1)
         self._around = np.stack(np.meshgrid(cells, cells), -1).reshape(-1, 2)
@@ -255,7 +251,7 @@ class Gazer:
         return np.asarray(inside & near[:, None])
 
     def _information(self, view: "View") -> FloatArray:
-        """(c,) mutual information of the pose and the expected observations, less drift, in nats.
+        """(c,) mutual information of the pose and the expected observations, in nats.
 
         By the joint covariance of pose and landmarks, so that a landmark whose error is that of
         the pose is worth nothing.
@@ -267,26 +263,23 @@ class Gazer:
         C[:r] = view.F @ C[:r]
         C[:, :r] = C[:, :r] @ view.F.T
         P = C[:3, :3] + np.diag([1e-8, 1e-8, 1e-10])  # the start may be exact
-        factor = np.ones(1) if self._drift is None else self._drift(self.candidates)
-        Q = view.Q * factor[:, None, None]
-        before = P + Q[:, :3, :3]
-        worth = np.linalg.slogdet(P + view.Q[:3, :3])[1]
+        before = P + view.Q[:3, :3]
         if k == 0:
-            return np.broadcast_to((worth - np.linalg.slogdet(before)[1]) / 2, len(seen))
+            return np.zeros(len(seen))
         robot[:3] = view.pose
         z, H = ekf.sensor.observe(robot, ekf.landmarks[landmarks])
         by_landmark = np.zeros((k, 2, k, 2))
         by_landmark[np.arange(k), :, np.arange(k)] = H[..., r:]
         J = np.hstack([H[..., :r].reshape(2 * k, r), by_landmark.reshape(2 * k, 2 * k)])
-        JQ = J[:, :r] @ Q
-        S, X = J @ C @ J.T + JQ @ J[:, :r].T, J @ C[:, :3] + JQ[..., :3]
+        JQ = J[:, :r] @ view.Q
+        S, X = J @ C @ J.T + JQ @ J[:, :r].T, J @ C[:, :3] + JQ[:, :3]
         bearing = np.hypot(BEARING_SIGMA, np.sqrt(seen.sum(1)) * self._pan_sigma)[:, None]
         sigma = np.stack(np.broadcast_arrays(RANGE_SIGMA * z[:, 0], bearing), -1)  # (c, k, 2)
         B = (np.sqrt(seen)[..., None] / sigma).reshape(len(seen), 2 * k)  # root of R's inverse
         BX = B[..., None] * X
         M = np.eye(2 * k) + B[..., None] * S * B[:, None]
         after = before - BX.swapaxes(1, 2) @ np.linalg.solve(M, BX)
-        return np.asarray((worth - np.linalg.slogdet(after)[1]) / 2)
+        return np.asarray((np.linalg.slogdet(before)[1] - np.linalg.slogdet(after)[1]) / 2)
 
     def _new_area(self, view: "View") -> FloatArray:
         """(c,) fraction of the area of each view that was never seen."""

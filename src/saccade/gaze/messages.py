@@ -19,7 +19,9 @@ def joint_trajectory(
     look: Look, joints: tuple[str, str] = ("pan", "tilt"), seconds: float = 0.2
 ) -> dict[str, Any]:
     """A ROS `trajectory_msgs/JointTrajectory` that arrives after some seconds."""
-    point = {"positions": [look.pan, look.tilt], "time_from_start": _duration(seconds)}
+    whole = int(seconds)
+    duration = {"sec": whole, "nanosec": round(1e9 * (seconds - whole))}
+    point = {"positions": [look.pan, look.tilt], "time_from_start": duration}
     return {"joint_names": list(joints), "points": [point]}
 
 
@@ -63,8 +65,3 @@ def gimbal_pitch_yaw(look: Look, device: int = 0) -> dict[str, float]:
     parameters = (*angles, *rates, float(YAW_IN_VEHICLE_FRAME), unused, float(device))
     numbered = {f"param{i}": value for i, value in enumerate(parameters, 1)}
     return {"command": GIMBAL_MANAGER_PITCHYAW, **numbered}
-
-
-def _duration(seconds: float) -> dict[str, int]:
-    whole = int(seconds)
-    return {"sec": whole, "nanosec": round(1e9 * (seconds - whole))}

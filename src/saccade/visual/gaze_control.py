@@ -1,8 +1,7 @@
 """Gaze in visual SLAM: asks a gazer after each frame, and turns the camera."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import atan, pi
+from math import atan, pi, radians
 
 import numpy as np
 
@@ -17,27 +16,10 @@ from saccade.visual.visual_map import VisualMap
 
 LEAVING = 0.15
 """Radians from which a turn leaves so many points behind that new ones are detected before it."""
-SIDEWAYS = 15.0
-"""Variance of the motion where the camera that measures it looks across, over that where it looks
-along it, less 1."""
-ODOMETRY: dict[EgomotionSource, tuple[float, float]] = {
-    "wheels": (0.05, 0.015),
-    "camera": (0.005, 0.002),
-    "second-camera": (0.005, 0.002),
-}
+MAX_ASIDE = radians(30)
+"""Pan up to which a camera that measures the motion drifts little more than ahead."""
+WHEELS, CAMERA = (0.05, 0.015), (0.005, 0.002)
 """Standard deviations of distance and turn after a metre, by what measures the motion."""
-
-
-@dataclass(frozen=True)
-class Decision:
-    """A gaze that was decided on, and what was known then."""
-
-    time: float
-    """Seconds."""
-    present: Gaze
-    """Where the camera looked."""
-    chosen: Gaze
-    """Where it shall look, and why."""
 
 
 class GazeControl:
@@ -65,16 +47,9 @@ class GazeControl:
         self._turn, self._seed, self._interval = turn, seed, interval
         self._gazer: Gazer | None = None
         self._last: tuple[float, FloatArray] | None = None
-        self._salience: dict[object, float] = {}
-        self.decisions: list[Decision] = []
-
-    @property
-    def is_leaving(self) -> bool:
+        self.decisions: list[Gaze] = []
+        self.is_leaving = False
         """Whether the camera is about to leave its present view."""
-        if not self.decisions:
-            return False
-        last = self.decisions[-1]
-        return abs(last.chosen.pan - last.present.pan) > LEAVING
 
     def decide(
         self,
@@ -96,46 +71,37 @@ class GazeControl:
         turn = features.frame.frame.turn
         pan_sigma = 0.0 if turn is None else turn.sigma
         gazer = self._gazer = self._gazer or self._make(visual_map, egomotion, pan_sigma)
-        pose, present, own = visual_map.ekf.pose, features.frame.frame.gaze, tracked.landmarks
-        gazer.observed(present.pan, own.landmark)
+        pose, own, pan = visual_map.ekf.pose, tracked.landmarks, features.frame.frame.gaze.pan
+        gazer.observed(pan, own.landmark)
         if features.saliency is not None:
             camera = visual_map.camera
             values = sample_saliency(features.saliency, (camera.height, camera.width), own.xy)
-            self._salience.update(zip(own.landmark.tolist(), values.tolist(), strict=True))
-        previous = self.decisions[-1].time if self.decisions else -np.inf
-        if time - previous < self._interval - 1e-6:
-            return
+            gazer.salience.update(zip(own.landmark.tolist(), values.tolist(), strict=True))
         step = np.zeros(3)
         if self._last is not None:
-            per_second = steps_between(np.stack([self._last[1], pose]))[0] / (time - self._last[0])
+            previous, before = self._last
+            if time - previous < self._interval - 1e-6:
+                return
+            per_second = steps_between(np.stack([before, pose]))[0] / (time - previous)
             step = self._interval * per_second
         self._last = time, pose
-        look = gazer.next(step[None], self._salience)
-        chosen = Gaze(look.pan, look.tilt, look.reason)
-        self.decisions.append(Decision(time, present, chosen))
-        self._turn(time, chosen)
+        look = gazer.next(step[None])
+        self.decisions.append(Gaze(look.pan, look.tilt, look.reason))
+        self.is_leaving = abs(look.pan - pan) > LEAVING
+        self._turn(time, self.decisions[-1])
 
     def _make(self, visual_map: VisualMap, egomotion: EgomotionSource, pan_sigma: float) -> Gazer:
         camera, limits = self._camera, self._limits
+        aside = MAX_ASIDE if egomotion == "camera" and self._policy == "active" else pi
         return Gazer(
             visual_map.slam,
             2 * atan(camera.width / 2 / camera.fx),
             limits.max_range,
-            (max(limits.pan[0], -pi), min(limits.pan[1], pi)),
+            (max(limits.pan[0], -aside), min(limits.pan[1], aside)),
             limits.rate,
             period=self._interval,
             policy=self._policy,
             seed=self._seed,
-            odometry=ODOMETRY[egomotion],
-            drift=drift if egomotion == "camera" else None,
+            odometry=WHEELS if egomotion == "wheels" else CAMERA,
             pan_sigma=pan_sigma,
         )
-
-
-def drift(pan: FloatArray) -> FloatArray:
-    """Factors (c,) on the covariance of the motion that a camera measures, by its pan.
-
-    Ahead, what is confused with a turn is a step to the side, which wheels hardly make; to the
-    side, it is an advance.
-    """
-    return np.asarray(1 + SIDEWAYS * np.sin(pan) ** 4)

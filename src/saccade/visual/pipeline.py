@@ -266,8 +266,8 @@ class Pipeline:
             return features
         before, now = (camera.rotation[:, 2] for camera in self._cameras)
         turned = np.linalg.norm(now - before) > MIN_TURN
-        leaves = self._gaze is not None and self._gaze.is_leaving
         many = len(self.tracked.for_motion) > MIN_POINTS * self.config.max_tracks
+        leaves = self._gaze is not None and self._gaze.is_leaving
         if many and not turned and not leaves:
             return features
         with self.log.timed("detect"):
