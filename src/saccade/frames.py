@@ -231,6 +231,11 @@ class Drive:
         shapes["control_covariance"] = (n - 1, 3, 3)
         check_arrays(self, shapes, ("time",), DriveError)
 
+    @property
+    def has_odometry(self) -> bool:
+        """Whether its controls were measured: they are neither zero nor assumed."""
+        return self.scale == "metric" and bool(self.control.any())
+
     def until(self, frames: int) -> "Drive":
         """The first frames of the drive."""
         return replace(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from saccade import Sift, SiftConfig, datasets, read_image, visual
+from saccade.cli.drive import print_drive
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.evaluation.drives import correct_associations, score_drive, summarize_drive
@@ -210,8 +211,8 @@ def test_a_camera_that_drops_out_leaves_a_consistent_map(drive):
     )
     result = visual.run(gone)
     assert score_drive(result.trajectory, ring.truth).inside_3sigma > 0.97
-    before, after = result.trajectory.covariance[[29, 30], :2, :2]
-    assert np.linalg.det(after) > 100 * np.linalg.det(before)
+    declared, after = steps.covariance[29, :2, :2], result.trajectory.covariance[30, :2, :2]
+    assert np.linalg.det(after) > 100 * np.linalg.det(declared)
 
 
 def test_a_calibration_of_other_images_is_refused(drive):
@@ -263,6 +264,16 @@ def test_drive_writes_its_files(drive, run, tmp_path):
     assert json.loads((tmp_path / "made" / "run.json").read_text())["settings"]["gate"] == 0.99
     with np.load(tmp_path / "made" / "map.npz", allow_pickle=False) as kept:
         assert kept["descriptors"].shape == (row["landmarks"], 128)
+
+
+def test_there_are_no_errors_of_odometry_where_there_is_none(drive, mapped, capsys):
+    row = summarize_drive(replace(drive, control=0 * drive.control), mapped)
+    print_drive(row | {"remarks": []}, False, "ring")
+    printed = capsys.readouterr().out
+    assert "SLAM" in printed
+    assert printed.count("odometry") == 1  # the visual one
+    assert row["odometry"]["ate_m"] is None
+    assert summarize_drive(drive, mapped)["odometry"]["ate_m"] > 0
 
 
 def test_drive_refuses_what_is_no_drive(run, tmp_path):

@@ -17,7 +17,7 @@ CONTROL = np.array([0.8, 0.0, 0.02])
 ODOMETRY = CONTROL, np.diag([0.2, 0.2, 0.1]) ** 2
 
 
-def observed(camera, pose, world, ids, rng, pixel=0.0, disparity=0.0, distortion=0.0):
+def observed(camera, pose, world, ids, rng, pixel=0.0, disparity=0.0, distortion=0.0, offset=0.0):
     """The points (k, 3) in the frame of the world that a robot at a pose (3,) sees."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -30,7 +30,7 @@ def observed(camera, pose, world, ids, rng, pixel=0.0, disparity=0.0, distortion
     for each in (xy, right):  # both lenses distort alike
         radius = np.square((each - center) / camera.fx).sum(1, keepdims=True)
         each += distortion * radius * (each - center)
-    d = xy[:, 0] - right[:, 0] + disparity * rng.standard_normal(len(xy))
+    d = offset + xy[:, 0] - right[:, 0] + disparity * rng.standard_normal(len(xy))
     xy += pixel * rng.standard_normal(xy.shape)
     depth = bf / d
     return TrackedPoints.zeros(
@@ -103,3 +103,9 @@ def test_the_distortion_of_the_lens_is_found(distortion):
     _, _, window = drive(40, pixel=0.3, disparity=0.2, distortion=distortion)
     assert window.calibration.error[0] == pytest.approx(-distortion, abs=6e-3)
     assert abs(window.calibration.error[1]) < 0.2
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.8])
+def test_an_offset_of_all_disparities_is_found_and_none_where_there_is_none(offset):
+    _, _, window = drive(40, pixel=0.3, disparity=0.2, offset=offset)
+    assert window.calibration.error[2] == pytest.approx(-offset, abs=0.15 if offset else 0)

@@ -152,6 +152,7 @@ def _error_table(row: dict[str, Any], title: str) -> Table:
     cells = [
         [name, *("" if (v := errors.get(c)) is None else f"{v:.3f}" for c in columns)]
         for name, errors in trajectories.items()
+        if errors["ate_m"] is not None
     ]
     return Table(title, ["", *columns.values()], cells)
 

@@ -224,7 +224,8 @@ def drive_part(
     summary: Mapping[str, Any],
 ) -> Part:
     """The map of a drive as a part of a report; `summary` has the figures of run.json."""
-    trajectories = {"estimate": result.trajectory, "odometry": result.odometry}
+    trajectories = {"estimate": result.trajectory}
+    trajectories |= {"odometry": result.odometry} if drive.has_odometry else {}
     trajectories |= {} if drive.truth is None else {"truth": drive.truth}
     observed = result.observations
     return map_part(
@@ -257,7 +258,8 @@ def _facts(summary: Mapping[str, Any]) -> dict[str, str]:
         shown["lost"] = lost_text(summary["lost"])
     if summary["ate_m"] is not None:
         shown["ATE"] = f"{summary['ate_m']:.3f} m"
-        shown["ATE of odometry"] = f"{summary['odometry']['ate_m']:.3f} m"
+        if summary["odometry"]["ate_m"] is not None:
+            shown["ATE of odometry"] = f"{summary['odometry']['ate_m']:.3f} m"
     shown["time per frame"] = f"{summary['ms_per_frame']:.1f} ms"
     return shown
 

@@ -92,7 +92,10 @@ def correct_associations(
 
 
 def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
-    """The figures of a mapped drive, as in run.json; errors are None without truth."""
+    """The figures of a mapped drive, as in run.json.
+
+    Errors are None without truth; those of odometry also where there is none.
+    """
     n, observed = len(result.trajectory), result.observations
     reidentified = observed.kind == ObservationKind.REIDENTIFIED
     precision = None
@@ -109,7 +112,7 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
         "sequence": drive.name,
         "frames": n,
         **_errors(result.trajectory, drive.truth),
-        "odometry": _errors(result.odometry, drive.truth),
+        "odometry": _errors(result.odometry, drive.truth if drive.has_odometry else None),
         "visual_odometry": _errors(result.visual_odometry, drive.truth),
         "association_precision": precision,
         "landmarks": len(result.map),

@@ -12,7 +12,7 @@ ignored."""
 DAMPING = 1.0
 """Added to the information of a point in every coordinate (Levenberg): far less than that of an
 observation, it keeps a point without parallax or depth where it is."""
-PARAMETERS = 2
+PARAMETERS = 3
 """Errors of the calibration, see `SelfCalibration`."""
 
 
@@ -49,10 +49,10 @@ def eliminate_points(
         disparity_scale: inverse depth of a disparity of one pixel; 0 without a stereo rig.
         kernel_width: width of the robust kernel, in standard deviations.
         points: (k, 3).
-        information: (6 n + 2, 6 n + 2) by rotation vector and translation of each pose and by the
+        information: (6 n + 3, 6 n + 3) by rotation vector and translation of each pose and by the
             errors of the calibration (see `SelfCalibration`), added to.
-        gradient: (6 n + 2,), added to.
-        gain: (k, 3, 6 n + 2) overwritten: a change p of these changes the points by
+        gradient: (6 n + 3,), added to.
+        gain: (k, 3, 6 n + 3) overwritten: a change p of these changes the points by
             `offset` - `gain` p.
         offset: (k, 3) overwritten.
         squared_residual: (k, n) overwritten by the normalized squares, NaN where not observed.
@@ -123,6 +123,7 @@ def eliminate_points(
             stereo = measured and disparity_scale > 0
             J[2, 6] = -w * (3 * u * u + v * v) / sigma[i, j, 2] if stereo else 0.0
             J[2, 7] = -u * disparity_scale / sigma[i, j, 2] if stereo else 0.0
+            J[2, 8] = -disparity_scale / sigma[i, j, 2] if stereo else 0.0
             squared_residual[i, j] = square
             root = 1 / (1 + square / (kernel_width * kernel_width))
             robust = root * root  # Geman & McClure (1987)

@@ -3,6 +3,11 @@
 Over a window of frames a point is seen at many places of the image and at many depths; an error of
 the calibration leaves residuals there that no motion explains. The focal length is no part of it:
 over a small window it can hardly be told from the distortion.
+
+Over a few frames the drift of the tracks looks like an offset of all disparities, which changes
+every distance. So it is estimated by two halves of the frames apart, and each is judged by the
+residuals of the other half: it is corrected only if that makes the residuals of frames smaller that
+did not estimate it, and only as far.
 """
 
 import numpy as np
@@ -10,10 +15,15 @@ import numpy as np
 from saccade.frames import Camera
 from saccade.types import FloatArray
 
-SIGMA = (0.02, 0.3)
+SIGMA = (0.02, 0.3, 0.5)
 """Standard deviations before the first frame: of the distortion at the radius of a focal length,
-as a fraction of that; and of the disparity there, in pixels: by how much the focal lengths of the
-two cameras differ."""
+as a fraction of that; of the disparity there, in pixels: by how much the focal lengths of the two
+cameras differ; and of all disparities, in pixels."""
+OFFSET = 2
+"""Row of the disparity offset."""
+MIN_GAIN = 12.0
+"""Least gain of the log likelihood of held-out residuals by which the offset is corrected: as the
+errors of a track are correlated, they reach 8 by chance."""
 
 
 class SelfCalibration:
@@ -21,24 +31,25 @@ class SelfCalibration:
 
     Args:
         camera: the calibration.
+        block: number of windows after which the other half of the frames follows.
     """
 
-    def __init__(self, camera: Camera) -> None:
-        self._camera = camera
-        self._information = np.diag(1 / np.square(SIGMA))
-        self._vector = np.zeros(len(SIGMA))
-
-    @property
-    def error(self) -> FloatArray:
-        """(2,) estimated errors."""
-        return np.asarray(np.linalg.solve(self._information, self._vector))
+    def __init__(self, camera: Camera, block: int) -> None:
+        self._camera, self._block = camera, block
+        self._information = np.zeros((2, len(SIGMA), len(SIGMA)))  # of the two halves
+        self._vector = np.zeros((2, len(SIGMA)))
+        self._count = 0
+        self.error = np.zeros(len(SIGMA))
+        """(3,) errors that are corrected."""
+        self.covariance = np.diag(np.square(SIGMA))
+        """(3, 3) of what remains of the errors."""
 
     def correct(self, observed: FloatArray) -> FloatArray:
         """Observations (..., 3) of pixels and inverse depths, without the estimated errors."""
         return np.asarray(observed + self.jacobian(observed) @ self.error)
 
     def jacobian(self, observed: FloatArray) -> FloatArray:
-        """(..., 3, 2) derivatives of corrected observations (..., 3) by the parameters."""
+        """(..., 3, 3) derivatives of corrected observations (..., 3) by the parameters."""
         camera = self._camera
         center = np.array([camera.cx, camera.cy])
         offset = observed[..., :2] - center
@@ -49,9 +60,39 @@ class SelfCalibration:
         if camera.baseline > 0:
             J[..., 2, 0] = observed[..., 2] * (3 * squared[..., 0] + squared[..., 1])
             J[..., 2, 1] = ray[..., 0] / (camera.fx * camera.baseline)
+            J[..., 2, 2] = 1 / (camera.fx * camera.baseline)
         return J
 
     def update(self, information: FloatArray, gradient: FloatArray) -> None:
-        """Add the normal equations (2, 2), (2,) of corrections, about the current estimate."""
-        self._vector = self._vector + information @ self.error + gradient
-        self._information = self._information + information
+        """Add the normal equations (3, 3), (3,) of corrections, about the current estimate."""
+        half = self._count // self._block % 2
+        self._vector[half] += information @ self.error + gradient
+        self._information[half] += information
+        self._count += 1
+        self._estimate()
+
+    def _estimate(self) -> None:
+        """Estimate the errors, the offset as far as the other half of the frames confirms it."""
+        prior = np.diag(1 / np.square(SIGMA))
+        total, vector = self._information.sum(0) + prior, self._vector.sum(0)
+        self.covariance = np.linalg.inv(total)
+        self.error = np.zeros(len(SIGMA))
+        self.error[OFFSET] = self._confirmed() * float(self.covariance[OFFSET] @ vector)
+        rest = vector[:OFFSET] - total[:OFFSET, OFFSET] * self.error[OFFSET]
+        self.error[:OFFSET] = np.linalg.solve(total[:OFFSET, :OFFSET], rest)
+
+    def _confirmed(self) -> float:
+        """The fraction of the offset by which held-out residuals gain most; 0 if too little."""
+        information, vector = np.empty(2), np.empty(2)
+        for half in (0, 1):  # the offset alone: the others are eliminated
+            total = self._information[half].copy()
+            total[:OFFSET, :OFFSET] += np.diag(1 / np.square(SIGMA[:OFFSET]))
+            cross = np.linalg.solve(total[:OFFSET, :OFFSET], total[:OFFSET, OFFSET])
+            information[half] = total[OFFSET, OFFSET] - cross @ total[:OFFSET, OFFSET]
+            vector[half] = self._vector[half, OFFSET] - cross @ self._vector[half, :OFFSET]
+        offset = vector / (information + 1 / SIGMA[OFFSET] ** 2)
+        slope = float(vector[::-1] @ offset)  # of the log likelihood of the other half
+        curvature = float(information[::-1] @ offset**2)
+        fraction = min(max(slope / max(curvature, 1e-12), 0.0), 1.0)
+        gain = fraction * slope - fraction**2 * curvature / 2
+        return fraction if gain > MIN_GAIN else 0.0

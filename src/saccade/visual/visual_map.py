@@ -20,6 +20,7 @@ from saccade.visual.motion_prior import (
     MotionPrior,
     OdometryScale,
     Planarity,
+    SideSlip,
     TurnRateBias,
     camera_error_covariance,
     correlation_factor,
@@ -75,6 +76,7 @@ class VisualMap:
         self._turn_bias = TurnRateBias(
             variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * mean_speed) ** 2
         )
+        self._slip = SideSlip()
         self._odometry: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         self.control = self._odometry
         """The control that led to the present frame, and its covariance."""
@@ -97,8 +99,13 @@ class VisualMap:
             restore_attributes(part, select(arrays, name))
 
     def _parts(self) -> dict[str, object]:
-        learned = {"odometry_scale": self.scale, "turn_rate_bias": self._turn_bias}
-        return {"tilt": self.planarity, "prior": self._motion_prior, **learned}
+        return {
+            "tilt": self.planarity,
+            "prior": self._motion_prior,
+            "odometry_scale": self.scale,
+            "turn_rate_bias": self._turn_bias,
+            "side_slip": self._slip,
+        }
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
         """Set how the camera is turned in the frames from now on."""
@@ -123,7 +130,7 @@ class VisualMap:
         """
         drive, seconds = self._drive, self._seconds(number)
         control = drive.control[number - 1] * (self.scale.factor, self.scale.factor, 1.0)
-        control = self._turn_bias.corrected(control, seconds)
+        control = self._slip.corrected(self._turn_bias.corrected(control, seconds), seconds)
         self._step_seconds = seconds
         covariance = drive.control_covariance[number - 1]
         if self._turn_sigma:  # of both frames: the camera's turn is compared with odometry's
@@ -137,11 +144,14 @@ class VisualMap:
     def odometry(self) -> MotionEstimate:
         """The last step by odometry; its covariance includes the systematic errors that remain."""
         control, covariance = self._odometry
+        return control, covariance + self._systematic(control)
+
+    def _systematic(self, control: FloatArray) -> FloatArray:
+        """(3, 3) covariance of a control by the systematic errors of odometry that remain."""
         scale_sigma = self.scale.sigma if self.has_depth else 0.0
-        systematic = odometry_error_covariance(
-            control, self._step_seconds, scale_sigma, self._turn_bias
+        return odometry_error_covariance(
+            control, self._step_seconds, scale_sigma, self._turn_bias, self._slip
         )
-        return control, covariance + systematic
 
     def predict(
         self,
@@ -159,30 +169,39 @@ class VisualMap:
             adjusted: control and covariance by the sliding window, which includes odometry.
         """
         seconds = self._seconds(number)
-        systematic = odometry_error_covariance(
-            expected[0], seconds, self.scale.sigma if self.has_depth else 0.0, self._turn_bias
-        )
+        systematic = self._systematic(expected[0])
         control = expected[0], expected[1] + systematic
         if motion is not None:
             self.planarity.update(motion.off_plane, seconds)
-            tilt = self.planarity.tilt
+            measured = motion.control, self.camera_covariance(motion, seconds)
+            self._learn_odometry(number, measured, seconds)
+            control = measured
             if adjusted is not None:
                 motion = motion._replace(control=adjusted[0], covariance=adjusted[1])
-            covariance = camera_error_covariance(motion, seconds, self._config, tilt)
-            control = motion.control, covariance
-            difference = float(self._drive.control[number - 1, 2] - motion.control[2])
-            variance = self._odometry[1][2, 2] + control[1][2, 2]
-            self._turn_bias.update(difference, seconds, float(variance))
-            if self.has_depth:
-                distance = float(np.hypot(*self._odometry[0][:2]))
-                if distance > MIN_STEP:
-                    self.scale.update(float(np.hypot(*motion.control[:2])) / distance)
-                if adjusted is None:
-                    odometry = self._odometry[0], self._odometry[1] + systematic
-                    control = fuse(control, odometry)
+                control = motion.control, self.camera_covariance(motion, seconds)
+            elif self.has_depth:
+                control = fuse(measured, (self._odometry[0], self._odometry[1] + systematic))
         elif adjusted is not None:
             control = adjusted[0], adjusted[1] + systematic
         self._move(number, control)
+
+    def camera_covariance(self, motion: Egomotion, seconds: float) -> FloatArray:
+        """(3, 3) covariance of an egomotion, with calibration errors and tilt."""
+        return camera_error_covariance(motion, seconds, self._config, self.planarity.tilt)
+
+    def _learn_odometry(self, number: int, measured: MotionEstimate, seconds: float) -> None:
+        """Update the errors of odometry by a motion that does not include it."""
+        control, covariance = self._odometry
+        variance = np.diag(covariance + measured[1])
+        difference = float(self._drive.control[number - 1, 2] - measured[0][2])
+        self._turn_bias.update(difference, seconds, float(variance[2]))
+        if not self.has_depth:
+            return
+        left = float(measured[0][1] - control[1])
+        self._slip.update(left, control, seconds, float(variance[1]))
+        distance = float(np.hypot(*control[:2]))
+        if distance > MIN_STEP:
+            self.scale.update(float(np.hypot(*measured[0][:2])) / distance)
 
     def predict_by_odometry(self, number: int) -> None:
         """Predict the pose of a frame after the first by odometry; its biases are estimated."""

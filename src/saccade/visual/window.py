@@ -60,7 +60,7 @@ class SlidingWindow:
         self._camera, self._config = camera, config
         speed, turn_rate = config.acceleration_sigma
         self._acceleration = np.array([speed, speed / 4, turn_rate, *OFF_PLANE_ACCELERATION_SIGMA])
-        self.calibration = SelfCalibration(camera)
+        self.calibration = SelfCalibration(camera, config.window)
         self.restart()
 
     def restart(self) -> None:

@@ -66,7 +66,7 @@ def parse_intrinsics(text: str | None) -> tuple[float, float, float, float] | No
 
 
 class BareCamera(NamedTuple):
-    """A calibration without a camera.toml, and how it was found."""
+    """A calibration without a camera.toml, and what of it was guessed."""
 
     calibration: Calibration
     remark: str = ""
@@ -104,13 +104,12 @@ def bare_camera(
 ) -> BareCamera:
     """The camera of images of a width and height: given, of a calib.txt, of EXIF, or guessed."""
     width, height = size
-    baseline, is_guess, remark = options.baseline or 0.0, False, "the intrinsics are those given"
+    baseline, is_guess, remark = options.baseline or 0.0, False, ""
     if options.intrinsics is not None:
         values = options.intrinsics
     elif (folder / "calib.txt").exists():
         values, found = read_intrinsics(folder / "calib.txt")
         baseline = options.baseline or found
-        remark = f"the intrinsics are those of {folder / 'calib.txt'}"
     else:
         focal = None if image is None else exif_focal_length(image, width)
         is_guess = focal is None
