@@ -32,9 +32,10 @@ class EkfConfig:
     """Error parametrization: right-invariant, which stays consistent, or the source's."""
     association: Literal["auto", "known", "nearest", "mutual", "multiple"] = "auto"
     """Data association. "auto": by identity where an observation has one that agrees with the map
-    (`name_gate`), else "mutual". "known": by identity, which is never doubted. By geometry alone,
-    to the nearest landmark, to the mutually nearest one, or by "multiple" hypotheses while the map
-    is small, for landmarks that are closer together than the pose is certain."""
+    (`name_gate`), else "mutual"; "multiple" while no observation has had an identity. "known": by
+    identity, which is never doubted. By geometry alone, to the nearest landmark, to the mutually
+    nearest one, or by "multiple" hypotheses while the map is small, for landmarks that are closer
+    together than the pose is certain."""
     gate: float = 0.99
     """Unknown association: probability with which an observation of a landmark is accepted."""
     new_gate: float = 0.9999
@@ -51,10 +52,10 @@ class EkfConfig:
     """"auto": probability with which an observation of the landmark that its identity says is
     inside its gate; outside, the identity is refused."""
     max_hypotheses: int = 8
-    """"multiple": association hypotheses that are kept at most; 1 for a single filter."""
+    """"auto" and "multiple": association hypotheses that are kept at most; 1 for one filter."""
     recover: bool = True
     """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
-    pose in it. Never while several hypotheses are followed, nor with a custom sensor model."""
+    pose in it. Never with a custom sensor model."""
     motion_noise_scale: float = 1.0
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0

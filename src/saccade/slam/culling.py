@@ -18,7 +18,7 @@ UNKNOWN = 4.0
 """Expectations that are added to those of a bin: of a new bin no detection is expected."""
 PER_LANDMARK = ("observed", "last_observed", "is_confirmed", "detected", "expected", "culled")
 """Attributes of `Culling` with a row for each landmark."""
-NUMBERS = ("scans", "ambiguous", "forgotten", "removed", "reach")
+NUMBERS = ("scans", "ambiguous", "forgotten", "removed", "reach", "log_likelihood")
 """Attributes of `Culling` that are numbers."""
 
 
@@ -75,6 +75,8 @@ class Culling:
         """Landmarks that were culled."""
         self.reach = -np.inf
         """Largest range that was observed so far."""
+        self.log_likelihood = 0.0
+        """Of which confirmed landmarks were detected, and which were missed, in all checks."""
         self._predicted = np.zeros((0, 2))  # of the landmarks in view, in the present scan
 
     def warning(self, association: IntArray) -> str:
@@ -207,7 +209,8 @@ class Culling:
         detected = self.last_observed[landmarks] == self.scans
         self.expected[landmarks] += hits / (checks + UNKNOWN)
         self.detected[landmarks] += detected
-        known = self.is_confirmed[landmarks]
+        known, p = self.is_confirmed[landmarks], (hits + 1) / (checks + 2)
+        self.log_likelihood += float(np.log(np.where(detected, p, 1 - p))[known].sum())
         place = row[known], column[known]
         np.add.at(self.bins[0], place, detected[known])
         np.add.at(self.bins[1], place, 1.0)

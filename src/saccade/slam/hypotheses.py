@@ -25,8 +25,8 @@ from saccade.types import FloatArray, IntArray
 PRUNED = 8.0
 """Log likelihood ratio to the most probable hypothesis at which another one is dropped."""
 TEMPER = 0.5
-"""Power of the likelihood of a scan in the weight of a hypothesis: the noise of successive scans
-from almost the same pose is not independent."""
+"""Power of the likelihood of a scan in the weight of a hypothesis, and of that of the landmarks
+that were missed: successive scans from almost the same pose are not independent."""
 SYSTEMATIC = 0.5
 """Systematic errors of the sensor, as a fraction of its noise, by which two estimates of one
 landmark may differ: averaging does not make them smaller."""
@@ -37,6 +37,9 @@ MIN_GAIN = 3.0
 """Log likelihood ratio from which two landmarks may be one."""
 MORE_GAIN = 1.5
 """By which it must grow for a hypothesis in which they are two to be split again."""
+MAX_EXPECTED = 10.0
+"""Largest log likelihood ratio by which two landmarks that are seldom observed together are one
+because, of each of them, more observations were expected."""
 MAX_JOINED = 4
 """Hypotheses into which one is split after a scan."""
 MAX_DISTANCE = 4.0
@@ -87,7 +90,7 @@ class Hypothesis:
         Args:
             z: (m, 2) observations.
             R: (m, 2, 2) their covariances.
-            association: (m,) numbers of landmarks and `NEW`.
+            association: (m,) numbers of landmarks, `NEW` and `DROPPED`.
             size: metres, standard deviation of the position of an observed point.
 
         Returns:
@@ -104,9 +107,12 @@ class Hypothesis:
         if added > 0:
             self.co_observations = np.pad(self.co_observations, (0, added))
             self.refused = np.pad(self.refused, (0, added))
-        self.co_observations[np.ix_(association, association)] += 1
+        used = association[association >= 0]
+        self.co_observations[np.ix_(used, used)] += 1
+        before = culling.log_likelihood
         culling.count_scan(ekf, check, mapped, association)
-        self.association = np.append(self.association, association)
+        self.weight += TEMPER * (culling.log_likelihood - before)
+        self.association = np.append(self.association, np.maximum(association, -1))
         ids, found = ekf.ids, [self]
         for each in found:  # those that are found on the way are looked at, too
             while (pair := each._duplicate(each.association[-len(z) :], size)) is not None:
@@ -142,6 +148,8 @@ class Hypothesis:
             S = blocks[k, :, k] + blocks[-1, :, -1] - cross - cross.transpose(0, 2, 1) + systematic
             nis = normalized_squared(d[near], S)
             gain = (Alternatives.new_cost - nis - log_determinant(S) + 4 * np.log(size)) / 2
+            expected = np.minimum(self.culling.expected[near], self.culling.expected[j])
+            gain += np.minimum(expected, MAX_EXPECTED)
             gain[(nis > MAX_DISTANCE**2) | (gain < self.refused[j, near])] = -np.inf
             i = int(gain.argmax())
             if gain[i] > (MIN_GAIN if best is None else best[0]):
@@ -219,11 +227,12 @@ class Hypotheses:
 
     Args:
         gate: probability with which an observation of a landmark is inside its gate.
+        new_gate: probability with which one that is not of a new landmark is inside this one.
         most: hypotheses that are kept.
     """
 
-    def __init__(self, gate: float, most: int) -> None:
-        self.alternatives = Alternatives(gate)
+    def __init__(self, gate: float, new_gate: float, most: int) -> None:
+        self.alternatives = Alternatives(gate, new_gate)
         self.most = most
         self.alive: list[Hypothesis] = []
         """The most probable one first."""
@@ -253,6 +262,11 @@ class Hypotheses:
                 each.ekf.inflate_heading_covariance()
                 each.ekf.reserve()
                 each.ekf.models.predict(each.ekf.view, *scan.control)
+
+    def leave_out(self, count: int) -> None:
+        """Use none of the observations of a scan of so many."""
+        for each in self.alive:
+            each.association = np.append(each.association, np.full(count, -1))
 
     def observe(self, z: FloatArray, R: FloatArray) -> Hypothesis:
         """Split the hypotheses by the alternatives of a scan, and keep the most probable ones.

@@ -116,9 +116,9 @@ class Slam:
             float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
         )
         self._choice = LocalMapChoice(config.submaps == "always", gate)
-        several = association is None and config.association == "multiple"
+        several = association is None and config.association in ("auto", "multiple")
         self._may_follow_several = several and built_in and adds and config.max_hypotheses > 1
-        self.several = Hypotheses(config.gate, config.max_hypotheses)
+        self.several = Hypotheses(config.gate, config.new_gate, config.max_hypotheses)
         """The association hypotheses, of which `ekf` and `culling` are the most probable one's."""
         self.num_steps = 0
         """Steps that were taken."""
@@ -192,11 +192,13 @@ class Slam:
             return self._result(scan, self.recovery.follow(self.ekf, self.culling, scan, named))
         if len(scan.z) == 0:
             return self._result(scan, NONE)
+        if self.recovery.contradicts(self.ekf, self.culling, scan, named):
+            self.several.leave_out(len(scan.z))
+            if self.recovery.begin_if_lost(self.ekf, self.confirmed, scan, named):
+                self.several.settle()
+            return self._result(scan, np.full(len(scan.z), -1))
         if self.several.alive:
             return self._observe_several(scan)
-        if self.recovery.contradicts(self.ekf, self.culling, scan, named):
-            self.recovery.begin_if_lost(self.ekf, self.confirmed, scan, named)
-            return self._result(scan, np.full(len(scan.z), -1))
         association = self._associate(scan)
         check = self.culling.predict_visible(self.ekf, scan.z, may_cull=self._may_cull)
         innovations = self._update(scan, association)  # C.10-C.14
@@ -206,12 +208,18 @@ class Slam:
         return self._result(scan, association, innovations, culled)
 
     def _choose_hypotheses(self, scan: Scan) -> None:
-        """Follow several hypotheses from the first scan on, while the map is small."""
+        """Follow several hypotheses from the first scan on, while the map is small.
+
+        With "auto", while no observation has an identity.
+        """
         if len(scan.z) == 0 or not self._may_follow_several:
             return
-        if self.several.alive and self.several.is_large:
+        identified = self.config.association == "auto" and bool(scan.names.max() >= 0)
+        if self.several.alive and (identified or self.several.is_large):
             self.several.settle()
-        elif len(self.ekf) == 0 and self.culling.scans == 0:
+            if isinstance(self.associate, GatedIdentity):
+                self.associate.has_unnamed = True
+        elif len(self.ekf) == 0 and self.culling.scans == 0 and not identified:
             self.several.begin(self.ekf, self.culling)
 
     def _observe_several(self, scan: Scan) -> StepResult:

@@ -187,13 +187,19 @@ class Recovery:
 
     def begin_if_lost(
         self, ekf: EkfSlam, confirmed: BoolArray, scan: Scan, named: IntArray
-    ) -> None:
-        """Begin to search among `confirmed` landmarks (N,) if the evidence is enough."""
+    ) -> bool:
+        """Begin to search among `confirmed` landmarks (N,) if the evidence is enough.
+
+        Returns:
+            Whether the robot is lost.
+        """
         now = self.evidence.now
-        if now.total >= self.rule.limit:
-            now.total, self._scans = self.rule.limit, 0
-            self._search = PoseSearch(ekf, np.flatnonzero(confirmed), self._motion, anywhere=False)
-            self._search.add(scan.z, scan.R, named)
+        if now.total < self.rule.limit:
+            return False
+        now.total, self._scans = self.rule.limit, 0
+        self._search = PoseSearch(ekf, np.flatnonzero(confirmed), self._motion, anywhere=False)
+        self._search.add(scan.z, scan.R, named)
+        return True
 
     def locate(
         self, ekf: EkfSlam, confirmed: BoolArray, scan: Scan, named: IntArray

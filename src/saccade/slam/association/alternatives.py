@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saccade.slam.association._assignment_kernels import best_assignments
-from saccade.slam.association._kernels import NEW
+from saccade.slam.association._kernels import DROPPED, NEW
 from saccade.slam.association.nearest_neighbor import mahalanobis_squared
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
@@ -18,6 +18,8 @@ class Alternatives:
 
     gate: float = 0.99
     """Probability with which an observation of a landmark is inside its gate."""
+    new_gate: float = 0.9999
+    """Probability with which an observation that is not of a new landmark is inside this one."""
     new_cost: float = 10.0
     """Of an observation of a landmark that is not in the map, relative to one without innovation
     of a landmark at a known place."""
@@ -34,7 +36,8 @@ class Alternatives:
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray) -> list[tuple[float, IntArray]]:
         """Cost and association (m,) of each alternative, the best one first.
 
-        An association has numbers of landmarks and `NEW`. Which of several landmarks at known
+        An association has numbers of landmarks, `NEW`, and `DROPPED` for an observation that is
+        between the two gates of the nearest landmark. Which of several landmarks at known
         places an observation is of, and whether it is of a new one beside them, moves the estimate
         by less than their distance: of those associations there is the best one only. Others move
         it by as much as it is uncertain.
@@ -44,11 +47,14 @@ class Alternatives:
             z: (m, 2) range in metres, bearing in radians.
             R: (m, 2, 2) their covariances.
         """
-        new = len(z) * self.new_cost, np.full(len(z), NEW)
-        distance = mahalanobis_squared(ekf, z, R, chi_square_gate(2, self.gate))  # (m, N)
+        gate, new_gate = chi_square_gate(2, self.gate), chi_square_gate(2, self.new_gate)
+        distance = mahalanobis_squared(ekf, z, R, new_gate)  # (m, N)
+        unpaired = np.where(distance.min(1, initial=np.inf) > new_gate, NEW, DROPPED)
+        distance[distance > gate] = np.inf
+        unpaired[np.isfinite(distance).any(1)] = NEW
         columns = np.flatnonzero(np.isfinite(distance).any(0))
         if len(columns) == 0:
-            return [new]
+            return [(len(z) * self.new_cost, unpaired)]
         predicted, joint = ekf.predict_jointly(columns)  # (c, 2), (2c, 2c)
         noise = log_determinant(R)  # (m,)
         c = np.arange(len(columns))
@@ -86,7 +92,7 @@ class Alternatives:
             column[rows] = np.where(pairs >= 0, pair[pairs], -1)
             settled = np.where(column < 0, by_known.any(1), by_known[np.arange(len(z)), column])
             which = tuple(np.where(settled, -2, column).tolist())
-            association = np.where(column >= 0, columns[column], NEW)
+            association = np.where(column >= 0, columns[column], unpaired)
             found.setdefault(which, (total, association))
         return list(found.values())
 
