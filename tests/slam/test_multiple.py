@@ -26,14 +26,34 @@ def _wrong(log, association):
     return 1 - counts.max(1).sum() / used.sum()
 
 
-def test_a_clustered_world_without_names_is_mapped_almost_as_with_them():
-    log = clustered_world(1, steps=600)
-    named, result = slam.run(log), slam.run(without_names(log), MULTIPLE)
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_a_clustered_world_without_names_is_mapped_almost_as_with_them(seed):
+    log = clustered_world(seed, steps=600)
+    named, result = slam.run(log), slam.run(without_names(log))
     single = slam.run(without_names(log), EkfConfig(association="mutual"))
     known = position_rmse(named.trajectory, log.truth)
-    assert position_rmse(result.trajectory, log.truth) < 1.3 * known
-    assert 12 <= len(result.map) <= 14  # of 12
-    assert _wrong(log, result.association) < 0.08 < _wrong(log, single.association)
+    assert position_rmse(result.trajectory, log.truth) < 1.7 * known
+    assert 10 <= len(result.map) <= 12  # of 12
+    assert _wrong(log, result.association) < 0.1 < _wrong(log, single.association)
+
+
+def test_names_end_the_hypotheses():
+    log = clustered_world(1, steps=300)
+    late = np.where(log.observation_pose > 150, log.landmark, -1)
+    live = slam.slam_for(log)
+    slam.run(dataclasses.replace(log, landmark=late), initial=live)
+    assert live.several.alive == []
+    assert set(log.landmark[log.observation_pose > 150]) <= set(live.identities)
+
+
+def test_a_new_landmark_costs_what_its_density_says():
+    # Of a density per square metre in range and bearing, over a Gaussian's at its mean.
+    r, R = 3.0, np.diag([0.02, 0.004]) ** 2
+    size = np.sqrt(r) * np.linalg.det(R) ** 0.25
+    density = 0.1 * r  # dx dy = r dr dbeta
+    peak = 1 / (2 * np.pi * np.sqrt(np.linalg.det(R)))
+    assert Alternatives().new_cost(size) == pytest.approx(-2 * np.log(density / peak))
+    assert Alternatives().new_cost(1.0) == 10.0
 
 
 def test_a_log_is_resumed_and_taken_apart_with_the_same_bits():
@@ -80,13 +100,13 @@ def test_alternatives_are_those_of_all_joint_associations(seed):
     ekf.predict(np.array([0.0, 0.0]), np.diag([0.2, 0.05]) ** 2)
     z = landmarks[rng.permutation(4)[:3]] + rng.normal(size=(3, 2)) * [0.1, 0.03]
     config = Alternatives(gate=0.9999, known=-np.inf, max_nodes=10**6, max_assignments=100)
-    found = config(ekf, z, R)
+    found, new_cost = config(ekf, z, R, 0.05), config.new_cost(0.05)
     costs = {}
     for which in product(range(-1, 4), repeat=3):
         pairs = [(i, j) for i, j in enumerate(which) if j >= 0]
         if len({j for _, j in pairs}) < len(pairs):
             continue
-        cost = config.new_cost * (3 - len(pairs))
+        cost = new_cost * (3 - len(pairs))
         if pairs:
             rows, columns = (list(each) for each in zip(*pairs, strict=True))
             predicted, S = ekf.predict_jointly(np.array(columns))

@@ -83,7 +83,7 @@ class Hypothesis:
         return Hypothesis(ekf, culling, self.weight, *own, self.refused.copy())
 
     def observe(
-        self, z: FloatArray, R: FloatArray, association: IntArray, size: float
+        self, z: FloatArray, R: FloatArray, association: IntArray, size: float, new_cost: float
     ) -> list["Hypothesis"]:
         """Update by a scan (C.10-C.18), and cull landmarks.
 
@@ -92,6 +92,7 @@ class Hypothesis:
             R: (m, 2, 2) their covariances.
             association: (m,) numbers of landmarks, `NEW` and `DROPPED`.
             size: metres, standard deviation of the position of an observed point.
+            new_cost: of an observation of a new landmark, see `Alternatives`.
 
         Returns:
             This hypothesis, and others in which two of its landmarks are one.
@@ -115,19 +116,23 @@ class Hypothesis:
         self.association = np.append(self.association, np.maximum(association, -1))
         ids, found = ekf.ids, [self]
         for each in found:  # those that are found on the way are looked at, too
-            while (pair := each._duplicate(each.association[-len(z) :], size)) is not None:
+            observed = each.association[-len(z) :]
+            while (pair := each._duplicate(observed, size, new_cost)) is not None:
                 gain, i, j = pair
                 if len(found) < MAX_JOINED:
                     separate = each.copy()
                     separate.refused[[i, j], [j, i]] = gain + MORE_GAIN
                     found.append(separate)
                 each._join(gain, i, j)
+                observed = each.association[-len(z) :]
         for each in found:
             each._remove(np.zeros(0, np.int64))
             each.culled = np.flatnonzero(~np.isin(ids, each.ekf.ids))
         return found
 
-    def _duplicate(self, observed: IntArray, size: float) -> tuple[float, int, int] | None:
+    def _duplicate(
+        self, observed: IntArray, size: float, new_cost: float
+    ) -> tuple[float, int, int] | None:
         """Log likelihood ratio and numbers of the two landmarks that are most probably one."""
         points, count, best = self.ekf.landmarks, self.co_observations.diagonal(), None
         confirmed = self.culling.confirmed(len(points))
@@ -147,7 +152,7 @@ class Hypothesis:
             cross = blocks[k, :, -1]  # (k, 2, 2)
             S = blocks[k, :, k] + blocks[-1, :, -1] - cross - cross.transpose(0, 2, 1) + systematic
             nis = normalized_squared(d[near], S)
-            gain = (Alternatives.new_cost - nis - log_determinant(S) + 4 * np.log(size)) / 2
+            gain = (new_cost - nis - log_determinant(S) + 4 * np.log(size)) / 2
             expected = np.minimum(self.culling.expected[near], self.culling.expected[j])
             gain += np.minimum(expected, MAX_EXPECTED)
             gain[(nis > MAX_DISTANCE**2) | (gain < self.refused[j, near])] = -np.inf
@@ -274,22 +279,23 @@ class Hypotheses:
         Returns:
             The most probable one.
         """
+        size = float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))
+        new_cost = self.alternatives.new_cost(size)
         options = [
             (hypothesis.weight - TEMPER * cost / 2, i, association)
             for i, hypothesis in enumerate(self.alive)
-            for cost, association in self.alternatives(hypothesis.ekf, z, R)
+            for cost, association in self.alternatives(hypothesis.ekf, z, R, size)
         ]
         options.sort(key=lambda option: -option[0])
         # twice as many as are kept: some become equal, and they would displace what differs
         options = [each for each in options if each[0] > options[0][0] - PRUNED][: 2 * self.most]
         left = [i for _, i, _ in options]
-        size = float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))
         found: list[Hypothesis] = []
         for weight, i, association in options:
             left.remove(i)
             hypothesis = self.alive[i].copy() if i in left else self.alive[i]
             hypothesis.weight = weight
-            found += hypothesis.observe(z, R, association, size)
+            found += hypothesis.observe(z, R, association, size, new_cost)
         found.sort(key=lambda each: -each.weight)
         kept: list[Hypothesis] = []
         for each in found:

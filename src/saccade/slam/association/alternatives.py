@@ -1,6 +1,7 @@
 """What the observations of a scan may be of, jointly, with the likelihood of each alternative."""
 
 from dataclasses import dataclass
+from math import log, pi
 
 import numpy as np
 
@@ -20,9 +21,10 @@ class Alternatives:
     """Probability with which an observation of a landmark is inside its gate."""
     new_gate: float = 0.9999
     """Probability with which an observation that is not of a new landmark is inside this one."""
-    new_cost: float = 10.0
-    """Of an observation of a landmark that is not in the map, relative to one without innovation
-    of a landmark at a known place."""
+    density: float = 0.1
+    """Landmarks that are not in the map, per square metre of what is observed, at most."""
+    least_new_cost: float = 10.0
+    """Of an observation of a new landmark, however coarse the sensor; see `new_cost`."""
     window: float = 10.0
     """Alternatives that cost so much more than the best one are left out."""
     known: float = 2.0
@@ -33,7 +35,17 @@ class Alternatives:
     max_nodes: int = 500
     """Pairs of an observation and a landmark that are tried."""
 
-    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray) -> list[tuple[float, IntArray]]:
+    def new_cost(self, size: float) -> float:
+        """Of an observation of a new landmark, relative to one of a landmark at a known place.
+
+        Args:
+            size: metres, standard deviation of the position of an observed point.
+        """
+        return max(self.least_new_cost, -2 * log(2 * pi * self.density * size**2))
+
+    def __call__(
+        self, ekf: EkfSlam, z: FloatArray, R: FloatArray, size: float
+    ) -> list[tuple[float, IntArray]]:
         """Cost and association (m,) of each alternative, the best one first.
 
         An association has numbers of landmarks, `NEW`, and `DROPPED` for an observation that is
@@ -46,7 +58,9 @@ class Alternatives:
             ekf: the filter, predicted to the pose of the scan.
             z: (m, 2) range in metres, bearing in radians.
             R: (m, 2, 2) their covariances.
+            size: as of `new_cost`.
         """
+        new_cost = self.new_cost(size)
         gate, new_gate = chi_square_gate(2, self.gate), chi_square_gate(2, self.new_gate)
         distance = mahalanobis_squared(ekf, z, R, new_gate)  # (m, N)
         unpaired = np.where(distance.min(1, initial=np.inf) > new_gate, NEW, DROPPED)
@@ -54,7 +68,7 @@ class Alternatives:
         unpaired[np.isfinite(distance).any(1)] = NEW
         columns = np.flatnonzero(np.isfinite(distance).any(0))
         if len(columns) == 0:
-            return [(len(z) * self.new_cost, unpaired)]
+            return [(len(z) * new_cost, unpaired)]
         predicted, joint = ekf.predict_jointly(columns)  # (c, 2), (2c, 2c)
         noise = log_determinant(R)  # (m,)
         c = np.arange(len(columns))
@@ -77,7 +91,7 @@ class Alternatives:
             ekf.sensor.difference(z[row], predicted[pair]),
             S,
             noise[row],
-            self.new_cost,
+            new_cost,
             self.window,
             self.max_nodes,
             cost,
