@@ -124,4 +124,4 @@ def test_the_command_prints_and_writes_tidy_tables(run, seen, tmp_path):
     assert "winner-take-all" in Path("scores.html").read_text()
     code, _, err = run(*words, "--drop", 8)
     assert code == 2
-    assert "two viewers" in err
+    assert "lower --drop" in err

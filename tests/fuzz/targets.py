@@ -390,9 +390,11 @@ def _gaze_run() -> Any:
 def _gaze(folder: Path) -> None:
     from saccade.evaluation.gaze_runs import SCORES
 
-    path = _gaze_run().path(folder)
+    run = _gaze_run()
+    path = run.path(folder)
     path.parent.mkdir(parents=True)
-    row = _gaze_run().identity | dict.fromkeys(SCORES, 0.5)
+    names = {"world": run.world, "policy": run.policy, "seed": run.seed}
+    row = names | dict.fromkeys(SCORES, 0.5)
     path.write_text(json.dumps(row))
 
 

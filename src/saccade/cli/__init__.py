@@ -179,7 +179,6 @@ def _root(
 ) -> None:
     logging.basicConfig(format="saccade: %(message)s", stream=sys.stderr)
     logging.getLogger("saccade").setLevel(logging.INFO)
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports its font cache
     print_data_warnings()
 
 

@@ -6,6 +6,7 @@ function changes them.
 
 import gc
 import io
+import logging
 import os
 import re
 import sys
@@ -51,6 +52,7 @@ def prepare_libraries() -> None:
     """
     gc.set_threshold(OBJECTS_PER_COLLECTION)
     os.environ["MPLBACKEND"] = "agg"  # figures go into files
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports its font cache
     for name, value in OPENCV_LIMITS.items():
         os.environ.setdefault(name, value)
     for name in TERMINAL_SIZE:

@@ -30,7 +30,7 @@ that were missed: successive scans from almost the same pose are not independent
 SYSTEMATIC = 0.5
 """Systematic errors of the sensor, as a fraction of its noise, by which two estimates of one
 landmark may differ: averaging does not make them smaller."""
-MAX_CO_OBSERVED = 0.05
+MAX_CO_OBSERVED = 0.1
 """Two landmarks are not one if this fraction of the observations of either were in a scan with the
 other."""
 MIN_GAIN = 3.0
