@@ -100,7 +100,8 @@ def test_alternatives_are_those_of_all_joint_associations(seed):
     ekf.predict(np.array([0.0, 0.0]), np.diag([0.2, 0.05]) ** 2)
     z = landmarks[rng.permutation(4)[:3]] + rng.normal(size=(3, 2)) * [0.1, 0.03]
     config = Alternatives(gate=0.9999, known=-np.inf, max_nodes=10**6, max_assignments=100)
-    found, new_cost = config(ekf, z, R, 0.05), config.new_cost(0.05)
+    new_cost = config.new_cost(0.05)
+    found = config(ekf, z, R, new_cost)
     costs = {}
     for which in product(range(-1, 4), repeat=3):
         pairs = [(i, j) for i, j in enumerate(which) if j >= 0]

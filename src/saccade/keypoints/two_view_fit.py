@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Literal, NamedTuple, TypeAlias
 
+import cv2
 import numpy as np
 
 from saccade.types import FloatArray
@@ -192,22 +193,12 @@ def _fundamentals(
 
     def model(p: FloatArray) -> FloatArray:
         diagonal = np.diag([np.cos(angle + p[6]), np.sin(angle + p[6]), 0])
-        normalized = U @ rotation(p[:3]) @ diagonal @ rotation(p[3:6]).T @ Vt
+        left, right = (cv2.Rodrigues(p[rows])[0] for rows in (slice(3), slice(3, 6)))
+        normalized = U @ left @ diagonal @ right.T @ Vt
         fundamental: FloatArray = T2.T @ normalized @ T1
         return fundamental
 
     return model, 7
-
-
-def rotation(vector: FloatArray) -> FloatArray:
-    """(3, 3) rotation by a vector's length in radians about its direction (Rodrigues)."""
-    x, y, z = vector
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angle = np.linalg.norm(vector)
-    # sin(a) / a and (1 - cos(a)) / a^2, also at 0.
-    first, second = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
-    matrix: FloatArray = np.eye(3) + first * cross + second * cross @ cross
-    return matrix
 
 
 _PARAMETRIZATIONS = {"homography": _homographies, "fundamental": _fundamentals}

@@ -116,31 +116,31 @@ class Hypothesis:
         self.association = np.append(self.association, np.maximum(association, -1))
         ids, found = ekf.ids, [self]
         for each in found:  # those that are found on the way are looked at, too
-            observed = each.association[-len(z) :]
-            while (pair := each._duplicate(observed, size, new_cost)) is not None:
+            while (pair := each._duplicate(len(z), size, new_cost)) is not None:
                 gain, i, j = pair
                 if len(found) < MAX_JOINED:
                     separate = each.copy()
                     separate.refused[[i, j], [j, i]] = gain + MORE_GAIN
                     found.append(separate)
                 each._join(gain, i, j)
-                observed = each.association[-len(z) :]
         for each in found:
             each._remove(np.zeros(0, np.int64))
             each.culled = np.flatnonzero(~np.isin(ids, each.ekf.ids))
         return found
 
-    def _duplicate(
-        self, observed: IntArray, size: float, new_cost: float
-    ) -> tuple[float, int, int] | None:
-        """Log likelihood ratio and numbers of the two landmarks that are most probably one."""
-        points, count, best = self.ekf.landmarks, self.co_observations.diagonal(), None
+    def _duplicate(self, count: int, size: float, new_cost: float) -> tuple[float, int, int] | None:
+        """Log likelihood ratio and numbers of the two landmarks that are most probably one.
+
+        One of them is among the last `count` observations.
+        """
+        points, seen, best = self.ekf.landmarks, self.co_observations.diagonal(), None
         confirmed = self.culling.confirmed(len(points))
         deviation = np.sqrt(self.ekf.landmark_covariances.trace(0, 1, 2))  # (N,)
         systematic = (SYSTEMATIC * size) ** 2 * np.eye(2)
-        observed = np.unique(observed[observed >= 0])  # not those that were removed
+        observed = np.unique(self.association[-count:])
+        observed = observed[observed >= 0]  # not those that were removed
         for j in observed[confirmed[observed]].tolist():
-            apart = self.co_observations[j] <= MAX_CO_OBSERVED * np.minimum(count, count[j])
+            apart = self.co_observations[j] <= MAX_CO_OBSERVED * np.minimum(seen, seen[j])
             d = points - points[j]
             bound = MAX_DISTANCE * (deviation + deviation[j] + SYSTEMATIC * size)
             near = np.flatnonzero(confirmed & apart & (np.hypot(d[:, 0], d[:, 1]) < bound))
@@ -284,7 +284,7 @@ class Hypotheses:
         options = [
             (hypothesis.weight - TEMPER * cost / 2, i, association)
             for i, hypothesis in enumerate(self.alive)
-            for cost, association in self.alternatives(hypothesis.ekf, z, R, size)
+            for cost, association in self.alternatives(hypothesis.ekf, z, R, new_cost)
         ]
         options.sort(key=lambda option: -option[0])
         # twice as many as are kept: some become equal, and they would displace what differs

@@ -214,12 +214,15 @@ class Slam:
         """
         if len(scan.z) == 0 or not self._may_follow_several:
             return
+        begins = len(self.ekf) == 0 and self.culling.scans == 0
+        if not (self.several.alive or begins):
+            return
         identified = self.config.association == "auto" and bool(scan.names.max() >= 0)
         if self.several.alive and (identified or self.several.is_large):
             self.several.settle()
             if isinstance(self.associate, GatedIdentity):
                 self.associate.has_unnamed = True
-        elif len(self.ekf) == 0 and self.culling.scans == 0 and not identified:
+        elif begins and not identified:
             self.several.begin(self.ekf, self.culling)
 
     def _observe_several(self, scan: Scan) -> StepResult:

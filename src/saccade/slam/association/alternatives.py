@@ -44,7 +44,7 @@ class Alternatives:
         return max(self.least_new_cost, -2 * log(2 * pi * self.density * size**2))
 
     def __call__(
-        self, ekf: EkfSlam, z: FloatArray, R: FloatArray, size: float
+        self, ekf: EkfSlam, z: FloatArray, R: FloatArray, new_cost: float
     ) -> list[tuple[float, IntArray]]:
         """Cost and association (m,) of each alternative, the best one first.
 
@@ -58,14 +58,13 @@ class Alternatives:
             ekf: the filter, predicted to the pose of the scan.
             z: (m, 2) range in metres, bearing in radians.
             R: (m, 2, 2) their covariances.
-            size: as of `new_cost`.
+            new_cost: of an observation of a new landmark, see the method.
         """
-        new_cost = self.new_cost(size)
         gate, new_gate = chi_square_gate(2, self.gate), chi_square_gate(2, self.new_gate)
         distance = mahalanobis_squared(ekf, z, R, new_gate)  # (m, N)
-        unpaired = np.where(distance.min(1, initial=np.inf) > new_gate, NEW, DROPPED)
+        nearest = distance.min(1, initial=np.inf)
+        unpaired = np.where((nearest > gate) & (nearest <= new_gate), DROPPED, NEW)
         distance[distance > gate] = np.inf
-        unpaired[np.isfinite(distance).any(1)] = NEW
         columns = np.flatnonzero(np.isfinite(distance).any(0))
         if len(columns) == 0:
             return [(len(z) * new_cost, unpaired)]
