@@ -4,7 +4,7 @@ import dataclasses
 import importlib
 import pkgutil
 from math import inf, nan, nextafter
-from typing import Literal, get_origin, get_type_hints
+from typing import Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -17,10 +17,15 @@ from saccade.attention import (
     BooleanConfig,
     ContrastConfig,
     ScanpathConfig,
+    ScanpathModelConfig,
     SymmetryConfig,
 )
-from saccade.errors import ConfigError
+from saccade.attention.video import VideoConfig
+from saccade.errors import RANGE, ConfigError
+from saccade.evaluation.fitting import FittingConfig
 from saccade.keypoints import MustConfig, SiftConfig, SymRoidConfig
+from saccade.simulation import DriveConfig, WorldConfig
+from saccade.simulation.drive_config import LightConfig, OdometryConfig
 from saccade.slam import EkfConfig, SmoothConfig
 
 OWN_INF = float("1e999")
@@ -37,124 +42,34 @@ def under(value):
     return nextafter(float(value), -inf)
 
 
-def closed(low, high):
-    """What a range of numbers takes at its ends, and what is just outside."""
-    return (low, high), (under(low), over(high), nan)
-
-
-def whole(low, high):
-    return (low, high), (low - 1, high + 1)
-
-
 def at_least(low):
     return (low, low + 1), (low - 1,)
 
 
-def optional_count():
-    return (None, 1, 2), (0,)
-
-
-def above_0(high):
-    return (ABOVE_0, high), (0.0, over(high), nan)
-
-
 NO_WEIGHT = {"intensity_weight": 0, "color_weight": 0, "orientation_weight": 0}
 POSITIVE = (ABOVE_0, 1e300), (0.0, -1.0, OWN_INF, nan)
-NOT_NEGATIVE = (0.0, 1e300), (BELOW_0, OWN_INF, nan)
+RANGED = (
+    *(ContrastConfig, SymmetryConfig, ScanpathConfig, AttentionConfig, BooleanConfig),
+    *(SiftConfig, MustConfig, SymRoidConfig, WorldConfig, DriveConfig, LightConfig),
+    *(OdometryConfig, VideoConfig, ScanpathModelConfig, FittingConfig),
+)
+ALONE = {
+    (ContrastConfig, "gabor_size"): (3, 99),
+    (SymmetryConfig, "inner"): (1,),
+    (SymmetryConfig, "outer"): (100,),
+    (SymRoidConfig, "inner"): (1,),
+    (SymRoidConfig, "outer"): (100,),
+    (BooleanConfig, "opening"): (1, 99),
+    (BooleanConfig, "dilation"): (1, 99),
+    (ScanpathConfig, "time_step"): (1e-9,),
+    **{(ScanpathConfig, f"{name}_time_constant"): (1e300,) for name in ("map", "winner")},
+    (ScanpathConfig, "inhibition_time_constant"): (1e300,),
+    (DriveConfig, "wall_height"): (4,),
+}
+"""What a number takes beside the default of the others, where these narrow its range."""
 NUMBERS = {
-    ContrastConfig: {
-        "intensity_weight": closed(0, 1e6),
-        "color_weight": closed(0, 1e6),
-        "orientation_weight": closed(0, 1e6),
-        "dark": closed(0, 1),
-        "gabor_period": closed(2, 1000),
-        "gabor_sigma": closed(0.1, 1000),
-        "gabor_size": ((3, 99), (1, 2, 98, 101)),
-        "map_level": whole(0, 30),
-        "smoothing": NOT_NEGATIVE,
-        "maxima_threshold": closed(0, 1),
-        "maxima_radius": ((None, ABOVE_0, 1), (0.0, over(1), nan)),
-        "iterations": whole(1, 1000),
-        "sharpening": above_0(100),
-        "center_prior": ((None, *POSITIVE[0]), POSITIVE[1]),
-        "viewing_size": ((None, 1, 2), (0,)),
-    },
-    SymmetryConfig: {
-        "outer": ((100.0,), (over(100), nan)),
-        "inner": ((1,), (under(1), nan)),
-        "sigma": ((0.1, 1e300), (under(0.1), OWN_INF, nan)),
-        "gain": above_0(1e6),
-        "map_level": whole(0, 30),
-        "smoothing": NOT_NEGATIVE,
-        "sharpening": above_0(100),
-        "viewing_size": ((None, 1, 2), (0,)),
-    },
-    ScanpathConfig: {
-        "time_limit": POSITIVE,
-        "drive": POSITIVE,
-        "gain": POSITIVE,
-        "threshold": POSITIVE,
-        "inhibition_sigma": POSITIVE,
-        "inhibition_strength": POSITIVE,
-        "map_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
-        "winner_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
-        "inhibition_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
-        "peak": ((None, *POSITIVE[0]), POSITIVE[1]),
-        "reset": ((0.0, -1.0), (ABOVE_0, nan)),
-        "inhibition_surround": ((0.0, under(1)), (BELOW_0, 1.0, nan)),
-    },
-    AttentionConfig: {
-        "contrast_weight": above_0(1e6),
-        "symmetry_weight": above_0(1e6),
-        "boolean_weight": closed(0, 1e6),
-        "face_weight": closed(0, 1e6),
-        "center_height": closed(-0.5, 0.5),
-        "border_prior": ((None, *POSITIVE[0]), POSITIVE[1]),
-        "sharpening": above_0(100),
-    },
-    BooleanConfig: {
-        "longer_side": whole(16, 4096),
-        "thresholds": whole(1, 256),
-        "area_exponent": closed(0, 2),
-        "smoothing": closed(0, 1),
-    },
-    SiftConfig: {
-        "first_octave": whole(-1, 0),
-        "octaves": optional_count(),
-        "intervals": whole(1, 16),
-        "extra_intervals": whole(0, 16),
-        "base_sigma": closed(0.5, 8),
-        "density": ((0.5, 1), (0.25, 0.75, 2)),
-        "camera_sigma": closed(0, 4),
-        "kernel_radius": closed(1, 8),
-        "border": at_least(2),
-        "contrast_threshold": ((0.0, under(1)), (BELOW_0, 1, nan)),
-        "candidate_fraction": closed(0, 1),
-        "neighbors": ((10, 26), (9, 11, 25, 27)),
-        "edge_ratio": ((1, OWN_INF), (under(1), nan)),
-        "smoothing": whole(0, 100),
-        "max_orientations": optional_count(),
-        "orientation_spacing": ((None, ABOVE_0, 3), (0.0, over(3), nan)),
-        "descriptor_spacing": ((None, ABOVE_0, 3), (0.0, over(3), nan)),
-        "window_sigma": closed(0.1, 10),
-        "max_keypoints": optional_count(),
-    },
-    MustConfig: {
-        "radius": closed(0.1, 20),
-        "falloff": closed(0.1, 20),
-        "gain": above_0(1e6),
-        "scale_power": closed(-5, 5),
-        "contrast_threshold": ((0.0, under(1000)), (BELOW_0, 1000, nan)),
-    },
-    SymRoidConfig: {
-        "outer": ((100.0,), (over(100), nan)),
-        "inner": ((1,), (under(1), nan)),
-        "sigma": closed(0.1, 1e6),
-        "gain": above_0(1e6),
-        "seed_threshold": above_0(1),
-        "growth_threshold": above_0(1),
-        "max_keypoints": optional_count(),
-    },
+    SiftConfig: {"density": ((0.5, 1), (0.25, 0.75, 2)), "neighbors": ((10, 26), (9, 27))},
+    ContrastConfig: {"gabor_size": ((3, 99), (1, 2, 98, 101))},
     EkfConfig: {
         "gate": ((ABOVE_0, 0.9999), (0.0, 1.0, over(0.9999), nan)),
         "new_gate": ((0.99, under(1)), (under(0.99), 1.0, nan)),
@@ -181,6 +96,30 @@ NUMBERS = {
         "iterations": at_least(1),
     },
 }
+
+
+@pytest.mark.parametrize("config", RANGED)
+def test_a_setting_is_taken_at_the_ends_of_its_range_and_no_further(config):
+    hints = get_type_hints(config)
+    for field in dataclasses.fields(config):
+        allowed = field.metadata.get(RANGE)
+        if allowed is None:
+            continue
+        name, count = field.name, int in (hints[field.name], *get_args(hints[field.name]))
+        step = (lambda x, by: x + by) if count else (lambda x, by: nextafter(x, by * inf))
+        low, high = ((max(-1e300, min(1e300, x))) for x in (allowed.low, allowed.high))
+        inside = (
+            low if allowed.closed[0] else step(low, 1),
+            high if allowed.closed[1] or high == 1e300 else step(high, -1),
+        )
+        for value in ALONE.get((config, name), inside):
+            assert getattr(config(**{name: value}), name) == value
+        outside = [nan, -OWN_INF] + [OWN_INF] * (allowed.high < inf or not allowed.closed[1])
+        outside += [step(low, -1) if allowed.closed[0] else low] * (low > -1e300)
+        outside += [step(high, 1) if allowed.closed[1] else high] * (high < 1e300)
+        for value in outside:
+            with pytest.raises(ConfigError, match=f"^{name}: expected"):
+                config(**{name: value})
 
 
 @pytest.mark.parametrize(
@@ -232,7 +171,7 @@ def test_levels_rise_and_stay_within_a_pyramid(config):
         (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (0.0,)}),
         (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (OWN_INF,)}),
         (SymmetryConfig, "inner", {"inner": 12.5, "outer": 12.0}),
-        (SymmetryConfig, "outer", {"inner": 0, "outer": 0}),
+        (SymmetryConfig, "outer", {"outer": 0}),
         (SymRoidConfig, "inner", {"inner": 12.5, "outer": 12.0}),
         (SiftConfig, "grid", {"grid": "shifted", "density": 0.5}),
         (SiftConfig, "spread", {"spread": True}),

@@ -3,10 +3,14 @@
 Every message names the file, line or argument, what was expected and what was found.
 """
 
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
+from math import inf
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, TypeAlias, get_args, get_origin
+
+Slider: TypeAlias = tuple[float, float, float]
+"""Minimum, maximum and step of the slider of a setting; a step of 0 makes it logarithmic."""
 
 
 class SaccadeError(Exception):
@@ -51,29 +55,88 @@ def require(holds: bool, name: str, expected: str, found: object) -> None:
         raise ConfigError(f"{name}: expected {expected}, found {found!r}")
 
 
-def require_types(config: Any) -> None:
-    """Raise `ConfigError` unless numbers and choices of a dataclass are of their declared types.
+@dataclass(frozen=True)
+class Range:
+    """Values that a number may have."""
+
+    low: float
+    """Smallest value, or the one that all are above."""
+    high: float
+    """Largest value, or the one that all are below."""
+    closed: tuple[bool, bool]
+    """Whether `low` and `high` are values themselves."""
+    slider: Slider | None
+    """Slider that shows the setting; None for a field."""
+
+    def __contains__(self, value: float) -> bool:
+        above = self.low <= value if self.closed[0] else self.low < value
+        return above and (value <= self.high if self.closed[1] else value < self.high)
+
+    def __str__(self) -> str:
+        if self.closed == (True, True):
+            return f"{self.low:g} to {self.high:g}"
+        low = f"at least {self.low:g}" if self.closed[0] else f"above {self.low:g}"
+        high = f"at most {self.high:g}" if self.closed[1] else f"below {self.high:g}"
+        return " and ".join([low] * (self.low > -inf) + [high] * (self.high < inf)) or "finite"
+
+
+RANGE = "range"
+"""Key of the `Range` in the metadata of a field."""
+
+
+def setting(
+    default: float | None,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    *,
+    above: float = -inf,
+    below: float = inf,
+    slider: Slider | float | None = None,
+) -> Any:
+    """A field of a dataclass for a number, or None, whose range `require_valid` checks.
+
+    Args:
+        default: its value.
+        minimum: smallest value.
+        maximum: largest value.
+        above: in place of `minimum`, a value that is itself too small.
+        below: in place of `maximum`, a value that is itself too large.
+        slider: minimum, maximum and step; the step alone for a slider over the whole range.
+    """
+    low = above if minimum is None else minimum
+    high = below if maximum is None else maximum
+    shown = slider if slider is None or isinstance(slider, tuple) else (low, high, slider)
+    closed = minimum is not None, maximum is not None
+    return field(default=default, metadata={RANGE: Range(low, high, closed, shown)})
+
+
+def require_valid(config: Any) -> None:
+    """Raise `ConfigError` unless the settings of a dataclass are of their types and ranges.
 
     Whole numbers become of the declared type: a kernel would be compiled for either.
     """
-    for field in fields(config):
-        value, options = getattr(config, field.name), get_args(field.type)
+    for each in fields(config):
+        value, options = getattr(config, each.name), get_args(each.type)
         optional = NoneType in options
-        kind = options[0] if optional else field.type
+        kind = options[0] if optional else each.type
         if optional and value is None:
             continue
         if kind is int:
             whole = isinstance(value, Real) and (
                 isinstance(value, Integral) or float(value).is_integer()
             )
-            require(whole, field.name, "a whole number", value)
-            object.__setattr__(config, field.name, int(value))
+            require(whole, each.name, "a whole number", value)
+            object.__setattr__(config, each.name, int(value))
         elif kind is float:
-            require(isinstance(value, Real), field.name, "a number", value)
-            object.__setattr__(config, field.name, float(value))
+            require(isinstance(value, Real), each.name, "a number", value)
+            object.__setattr__(config, each.name, float(value))
         elif get_origin(kind) is Literal:
             choices = get_args(kind)
-            require(value in choices, field.name, " or ".join(map(repr, choices)), value)
+            require(value in choices, each.name, " or ".join(map(repr, choices)), value)
+        allowed = each.metadata.get(RANGE)
+        if allowed is not None:
+            words = f"{allowed}, or none" if optional else str(allowed)
+            require(value in allowed, each.name, words, value)
 
 
 def require_ranges(config: Any, **ranges: tuple[float, float]) -> None:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from saccade.attention.channels import whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale
-from saccade.errors import require, require_ranges, require_types
+from saccade.errors import require, require_valid, setting
 from saccade.io.image import check_image, in_unit_range
 from saccade.scale.pyramid import resize
 from saccade.types import Image
@@ -29,27 +29,25 @@ class BooleanConfig:
     The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
     """
 
-    longer_side: int = 200
+    longer_side: int = setting(200, 16, 4096, slider=(50, 800, 10))
     """Pixels to which the longer side of a larger image is reduced."""
-    thresholds: int = 24
+    thresholds: int = setting(24, 1, 256, slider=(4, 64, 1))
     """Thresholds of each channel, evenly spaced between its extremes."""
-    opening: int = 1
+    opening: int = setting(1, 1, 99, slider=(1, 15, 2))
     """Diameter in pixels of the disc by which a Boolean map is opened; 1 leaves it as it is."""
-    dilation: int = 3
+    dilation: int = setting(3, 1, 99, slider=(1, 15, 2))
     """Diameter in pixels of the disc by which the surrounded regions are dilated, likewise."""
-    area_exponent: float = 0.5
+    area_exponent: float = setting(0.5, 0, 2, slider=(0, 1, 0.05))
     """A Boolean map counts by its surrounded area to minus this power: 0.5 divides it by its
     Euclidean norm, as in the source."""
-    smoothing: float = 0.03
+    smoothing: float = setting(0.03, 0, 1, slider=(0, 0.2, 0.005))
     """Standard deviation of the Gaussian that smooths the sum, as a fraction of the longer side."""
 
     def __post_init__(self) -> None:
-        require_types(self)
-        require_ranges(self, longer_side=(16, 4096), thresholds=(1, 256))
-        require_ranges(self, area_exponent=(0, 2), smoothing=(0, 1))
+        require_valid(self)
         for name in ("opening", "dilation"):
             size = getattr(self, name)
-            require(1 <= size <= 99 and size % 2 == 1, name, "an odd size from 1 to 99", size)
+            require(size % 2 == 1, name, "an odd size", size)
 
     @classmethod
     def zhang2016(cls) -> Self:

@@ -22,7 +22,7 @@ from saccade.attention.normalize import (
     sharpen,
 )
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_maps
-from saccade.errors import ImageError, require, require_ranges, require_types
+from saccade.errors import ImageError, require_valid, setting
 from saccade.io.image import check_image
 from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image
@@ -42,25 +42,25 @@ class AttentionConfig:
     The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
     """
 
-    contrast_weight: float = 0.05
+    contrast_weight: float = setting(0.05, above=0, maximum=MAX_WEIGHT, slider=(0.05, 2, 0.05))
     """Weight of contrast in the saliency."""
-    symmetry_weight: float = 1.0
-    """The same for symmetry."""
-    boolean_weight: float = 0.6
-    """The same for Boolean maps; at 0 they are not computed and their map is 0."""
-    face_weight: float = 1.0
+    symmetry_weight: float = setting(1.0, above=0, maximum=MAX_WEIGHT, slider=(0.05, 2, 0.05))
+    """Weight of symmetry in the saliency."""
+    boolean_weight: float = setting(0.6, 0, MAX_WEIGHT, slider=(0, 2, 0.05))
+    """Weight of Boolean maps in the saliency; at 0 they are not computed and their map is 0."""
+    face_weight: float = setting(1.0, 0, MAX_WEIGHT)
     """Weight of faces beside the sum of the models scaled to [0, 1]; without effect unless
     `attention_saliency` is given a detector of faces."""
     normalization: Normalization = "local-maxima"
     """Normalization of the maps; see `saccade.attention.normalize`."""
-    sharpening: float = 1.4
+    sharpening: float = setting(1.4, above=0, maximum=100, slider=(0.25, 4, 0.25))
     """Exponent of the sum scaled to [0, 1]."""
-    center_prior: float | None = None
+    center_prior: float | None = setting(None, above=0, slider=(0, 1, 0.05))
     """Standard deviation, as a fraction of each side, of a central Gaussian by which the saliency
     is multiplied; None for no prior."""
-    center_height: float = 0.0
+    center_height: float = setting(0.0, -0.5, 0.5, slider=0.05)
     """How far the center of that Gaussian lies above the middle, as a fraction of the height."""
-    border_prior: float | None = None
+    border_prior: float | None = setting(None, above=0, slider=(0, 0.5, 0.01))
     """Distance from the border, as a fraction of each side, within which the saliency falls to 0:
     it is multiplied by `1 - exp(-distance / border_prior)`; None for no such factor."""
     contrast: ContrastConfig = field(default_factory=ContrastConfig)
@@ -71,16 +71,7 @@ class AttentionConfig:
     """Settings of the Boolean map model."""
 
     def __post_init__(self) -> None:
-        for name in ("contrast_weight", "symmetry_weight"):
-            weight = getattr(self, name)
-            require(0 < weight <= MAX_WEIGHT, name, f"above 0, at most {MAX_WEIGHT:g}", weight)
-        require_types(self)
-        require_ranges(self, boolean_weight=(0, MAX_WEIGHT), face_weight=(0, MAX_WEIGHT))
-        require(0 < self.sharpening <= 100, "sharpening", "above 0, at most 100", self.sharpening)
-        for name in ("center_prior", "border_prior"):
-            prior = getattr(self, name)
-            require(prior is None or 0 < prior < np.inf, name, "above 0, or none", prior)
-        require_ranges(self, center_height=(-0.5, 0.5))
+        require_valid(self)
 
     @classmethod
     def free_viewing(cls) -> Self:

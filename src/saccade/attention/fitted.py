@@ -14,7 +14,7 @@ from saccade.attention._saccade_basis_kernels import fill_logits
 from saccade.attention.combined import AttentionConfig, FaceDetector
 from saccade.attention.features import AROUND, EARLY, FACES, GEOMETRY, feature_maps, map_names
 from saccade.attention.models import SaliencyMaps
-from saccade.errors import require, require_types
+from saccade.errors import require, require_valid
 from saccade.types import FloatArray, Image, IntArray
 
 SCALES = (0.012, 0.025, 0.05, 0.1, 0.2, 0.4)
@@ -59,7 +59,7 @@ class FittedModel:
         return [i for i, name in enumerate(self.features) if name in EARLY]
 
     def __post_init__(self) -> None:
-        require_types(self)
+        require_valid(self)
         known = {*map_names(self.attention), *GEOMETRY, FACES}
         for name in self.features:
             base, around, cells = str(name).partition(AROUND)

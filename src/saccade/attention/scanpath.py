@@ -15,7 +15,7 @@ In place of a disc the region of the attended proto-object may be inhibited: Wal
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Self, get_args
 
 import cv2
@@ -25,7 +25,7 @@ import numpy.typing as npt
 from saccade.attention._winner_take_all_kernels import Cells, Network, run_network
 from saccade.attention.channels import CONSPICUITY, Conspicuity
 from saccade.attention.contrast import ContrastMaps
-from saccade.errors import ImageError, require, require_types
+from saccade.errors import ImageError, require, require_valid, setting
 from saccade.scale.pyramid import FloatMap, cell_centers, resize
 from saccade.types import FloatArray, IntArray, Scanpath
 
@@ -51,50 +51,41 @@ class ScanpathConfig:
     Source: Itti, Koch & Niebur (1998), with the constants published with Walther & Koch (2006).
     """
 
-    peak: float | None = 2.0
-    """What the maximum of the map is scaled to; None takes the map as it is."""
-    time_step: float = 1e-4
-    """Of the network, in seconds."""
-    time_limit: float = 10.0
+    peak: float | None = setting(2.0, above=0, slider=(0, 5, 0.1))
+    """Value to which the maximum of the map is scaled; None takes the map as it is."""
+    time_step: float = setting(1e-4, above=0, slider=(1e-5, 1e-3, 0))
+    """Time step of the network, in seconds."""
+    time_limit: float = setting(10.0, above=0, slider=(0.5, 20, 0.5))
     """Seconds after which the scanpath ends, however many fixations were made."""
-    drive: float = 0.01
+    drive: float = setting(0.01, above=0, slider=(1e-3, 1, 0))
     """Equilibrium of the map layer per saliency."""
-    background: float = 1e-5
+    background: float = setting(1e-5, slider=(1e-7, 1e-2, 0))
     """Saliency added to every cell that has any."""
-    map_time_constant: float = 0.5
-    """Of the map layer, in seconds."""
-    gain: float = 5.0
+    map_time_constant: float = setting(0.5, above=0, slider=(0.05, 2, 0.05))
+    """Time constant of the map layer, in seconds."""
+    gain: float = setting(5.0, above=0, slider=(0.5, 50, 0))
     """Equilibrium of the winner layer per potential of the map layer."""
-    winner_time_constant: float = 0.1
-    """Of the winner layer, in seconds."""
-    threshold: float = 1e-3
+    winner_time_constant: float = setting(0.1, above=0, slider=(0.02, 1, 0.01))
+    """Time constant of the winner layer, in seconds."""
+    threshold: float = setting(1e-3, above=0, slider=(1e-4, 1e-2, 0))
     """Potential over which a winner cell spikes."""
-    reset: float = -0.02
+    reset: float = setting(-0.02, maximum=0, slider=(-0.1, 0, 0.005))
     """Potential to which the winner layer is reset."""
-    inhibition_sigma: float = 0.015
+    inhibition_sigma: float = setting(0.015, above=0, slider=(0.01, 0.3, 0.005))
     """Standard deviation of the disc of inhibition of return, a Gaussian, as a fraction of the
     longer side of the map."""
-    inhibition_strength: float = 2e6
-    """Conductance over capacitance at its center, per second and volt of the winner's V."""
-    inhibition_surround: float = 1e-4
-    """Fraction of that strength which excites a surround four times as wide."""
-    inhibition_time_constant: float = 1.0
-    """Of the inhibition of return, in seconds."""
+    inhibition_strength: float = setting(2e6, above=0, slider=(1e4, 1e8, 0))
+    """Conductance over capacitance at the center of the disc, per second and volt of V."""
+    inhibition_surround: float = setting(1e-4, 0, below=1, slider=(0, 0.01, 1e-4))
+    """Fraction of the strength of inhibition that excites a surround four times as wide."""
+    inhibition_time_constant: float = setting(1.0, above=0, slider=(0.05, 5, 0.05))
+    """Time constant of the inhibition of return, in seconds."""
 
     def __post_init__(self) -> None:
-        require_types(self)
-        signed = ("background", "reset", "inhibition_surround", "peak")
-        for name in (field.name for field in fields(self) if field.name not in signed):
-            value = getattr(self, name)
-            require(0 < value < np.inf, name, "a finite value above 0", value)
+        require_valid(self)
         times = self.map_time_constant, self.winner_time_constant, self.inhibition_time_constant
         expected = f"at most a tenth of the shortest time constant, {min(times):g} s"
         require(self.time_step <= min(times) / 10, "time_step", expected, self.time_step)
-        positive = self.peak is None or 0 < self.peak < np.inf
-        require(positive, "peak", "a finite value above 0, or none", self.peak)
-        require(self.reset <= 0, "reset", "at most 0", self.reset)
-        surround = self.inhibition_surround
-        require(0 <= surround < 1, "inhibition_surround", "a fraction in [0, 1)", surround)
 
     @classmethod
     def itti1998(cls) -> Self:

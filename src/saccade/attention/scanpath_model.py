@@ -36,7 +36,7 @@ from saccade.attention._scanpath_model_kernels import (
 )
 from saccade.attention.normalize import position_prior
 from saccade.attention.scanpath import checked_map
-from saccade.errors import ImageError, require, require_ranges, require_types
+from saccade.errors import ImageError, require, require_valid, setting
 from saccade.scale.pyramid import FloatMap, cell_centers, resize
 from saccade.types import FloatArray, IntArray, Scanpath, ScanpathSamples
 
@@ -54,59 +54,40 @@ class ScanpathModelConfig:
     at photographs freely; docs/scanpaths.md has the data and the scores.
     """
 
-    exponent: float = 0.99
-    """Of the saliency, which is scaled to a maximum of 1."""
-    floor: float = 0.0022
-    """Added to the saliency: places without any are looked at, too."""
-    smoothing: float = 0.0
+    exponent: float = setting(0.99, 0, 20)
+    """Exponent of the saliency, which is scaled to a maximum of 1."""
+    floor: float = setting(0.0022, 1e-9, 1e9)
+    """Saliency added everywhere: places without any are looked at, too."""
+    smoothing: float = setting(0.0, 0, 1)
     """Standard deviation of a Gaussian by which the saliency is smoothed before."""
-    center_sigma: float | None = 0.37
+    center_sigma: float | None = setting(0.37, 0.01, 100)
     """Standard deviation of the center bias as a fraction of each side; None for no bias."""
-    center_height: float = 0.0
-    """Height of its center above the middle of the image, as a fraction of the image's height."""
-    border_distance: float | None = None
+    center_height: float = setting(0.0, -0.5, 0.5)
+    """Height of the center bias above the middle of the image, as a fraction of its height."""
+    border_distance: float | None = setting(None, 0.01, 100)
     """Distance from the border, as a fraction of each side, within which there is less to look at;
     see `saccade.attention.normalize.position_prior`. None for no such factor."""
-    amplitude_scale: float = 0.009
+    amplitude_scale: float = setting(0.009, 1e-3, 1e3)
     """Amplitude from which the kernel falls as a power."""
-    amplitude_exponent: float = 0.57
-    """The kernel falls as the amplitude to the power of minus twice this; 1.5 is Cauchy's."""
-    horizontal: float = 0.2
+    amplitude_exponent: float = setting(0.57, 0, 20)
+    """Half of the negative power of the amplitude as which the kernel falls; 1.5 is Cauchy's."""
+    horizontal: float = setting(0.2, -0.99, 0.99)
     """Preference of horizontal (1) over vertical (-1) saccades."""
-    persistence: float = 0.32
+    persistence: float = setting(0.32, -0.99, 0.99)
     """Preference of going on in the direction of the last saccade (1) over turning back (-1)."""
-    inhibition: float = 0.26
+    inhibition: float = setting(0.26, 0, 0.999)
     """Fraction by which the current fixation inhibits its own place."""
-    inhibition_sigma: float = 0.17
+    inhibition_sigma: float = setting(0.17, 1e-3, 10)
     """Standard deviation of the inhibited disc, a Gaussian."""
-    inhibition_decay: float = 0.8
+    inhibition_decay: float = setting(0.8, 0, 1)
     """Fraction of the inhibition that a further fixation leaves."""
-    duration_mean: float = 0.217
+    duration_mean: float = setting(0.217, 1e-3, 1e3)
     """Mean duration of a fixation, in seconds."""
-    duration_shape: float = 3.56
+    duration_shape: float = setting(3.56, 1e-2, 1e4)
     """Shape of the gamma distribution of durations: squared mean over variance."""
 
     def __post_init__(self) -> None:
-        require_types(self)
-        require_ranges(
-            self,
-            exponent=(0, 20),
-            floor=(1e-9, 1e9),
-            smoothing=(0, 1),
-            center_height=(-0.5, 0.5),
-            amplitude_scale=(1e-3, 1e3),
-            amplitude_exponent=(0, 20),
-            horizontal=(-0.99, 0.99),
-            persistence=(-0.99, 0.99),
-            inhibition=(0, 0.999),
-            inhibition_sigma=(1e-3, 10),
-            inhibition_decay=(0, 1),
-            duration_mean=(1e-3, 1e3),
-            duration_shape=(1e-2, 1e4),
-        )
-        for name in ("center_sigma", "border_distance"):
-            value = getattr(self, name)
-            require(value is None or 0.01 <= value <= 100, name, "0.01 to 100, or none", value)
+        require_valid(self)
 
     @classmethod
     def similar(cls) -> Self:

@@ -37,7 +37,7 @@ import numpy.typing as npt
 from saccade.attention.channels import OPPONENT, whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale, sharpen, smooth
-from saccade.errors import ImageError, require, require_types
+from saccade.errors import ImageError, require, require_valid, setting
 from saccade.io.image import check_image, in_unit_range
 from saccade.scale._pair_sums_kernels import MARGIN
 from saccade.scale.pair_sums import (
@@ -94,26 +94,26 @@ class SymmetryConfig:
     levels: tuple[int, ...] = (1, 2, 3, 4, 5)
     """Pyramid levels; the image is level 0."""
     level_weights: tuple[float, ...] = (3.0, 2.0, 1.0, 1.0, 1.0)
-    """Weight of each of these levels."""
-    inner: int = 1
+    """Weight of each of `levels`."""
+    inner: int = setting(1, 1, slider=(1, 10, 1))
     """Smallest distance of a pair from its center, along x or y, in pixels of its level."""
-    outer: int = 4
-    """Largest distance, likewise."""
-    sigma: float = 4.0
+    outer: int = setting(4, 1, 100, slider=(1, 15, 1))
+    """Largest distance of a pair from its center, likewise."""
+    sigma: float = setting(4.0, 0.1, slider=(0.5, 32, 0.5))
     """Standard deviation of the normal density of the distance between the two, likewise."""
-    gain: float = 18.0
+    gain: float = setting(18.0, above=0, maximum=1e6, slider=(1, 200, 1))
     """Gain of the strength log(1 + gain m) of a gradient, with the magnitude m of Sobel's filters,
     which is 4 for an edge between black and white."""
     border: Border = "average"
     """What counts for pairs that reach beyond the image: the average of the level, or, with
     "missing", nothing, so that the map has a center bias."""
-    map_level: int = 4
+    map_level: int = setting(4, 0, MAX_LEVEL, slider=(1, 7, 1))
     """Pyramid level whose size the saliency has."""
-    smoothing: float = 0.75
+    smoothing: float = setting(0.75, 0, slider=(0, 5, 0.25))
     """Standard deviation in cells of the Gaussian that smooths the sum over the levels."""
-    sharpening: float = 2.0
+    sharpening: float = setting(2.0, above=0, maximum=100, slider=(0.25, 4, 0.25))
     """Exponent of the saliency scaled to [0, 1]."""
-    viewing_size: int | None = 800
+    viewing_size: int | None = setting(800, 1, slider=(0, 3200, 100))
     """Longer side in pixels of an image for which the levels are meant. In an image of twice that
     size every level is one coarser, in one of half that size one finer; None takes the levels as
     they are."""
@@ -122,7 +122,7 @@ class SymmetryConfig:
     `saccade.attention.symmetry` describes "kootstra2010"."""
 
     def __post_init__(self) -> None:
-        require_types(self)
+        require_valid(self)
         inside = all(0 <= level <= MAX_LEVEL for level in self.levels)
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
         expected = f"rising levels from 0 to {MAX_LEVEL}"
@@ -134,15 +134,7 @@ class SymmetryConfig:
             f"a finite weight above 0 for each of the {len(self.levels)} levels",
             self.level_weights,
         )
-        require(1 <= self.outer <= 100, "outer", "1 to 100 px", self.outer)
-        require(1 <= self.inner <= self.outer, "inner", f"1 px to {self.outer}", self.inner)
-        require(0.1 <= self.sigma < np.inf, "sigma", "0.1 px or more", self.sigma)
-        require(0 < self.gain <= 1e6, "gain", "above 0, at most 1e6", self.gain)
-        require(0 <= self.map_level <= MAX_LEVEL, "map_level", f"0 to {MAX_LEVEL}", self.map_level)
-        require(0 <= self.smoothing < np.inf, "smoothing", "0 cells or more", self.smoothing)
-        require(0 < self.sharpening <= 100, "sharpening", "above 0, at most 100", self.sharpening)
-        size = self.viewing_size
-        require(size is None or size >= 1, "viewing_size", "1 px or more, or none", size)
+        require(self.inner <= self.outer, "inner", f"1 px to {self.outer}", self.inner)
         expected = '"gray" for the arithmetic of kootstra2010'
         possible = self.arithmetic != "kootstra2010" or self.channels == "gray"
         require(possible, "channels", expected, self.channels)

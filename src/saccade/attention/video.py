@@ -26,7 +26,7 @@ from saccade.attention.contrast_steps import MirroredArithmetic
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import smooth
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
-from saccade.errors import ImageError, require, require_ranges, require_types
+from saccade.errors import ImageError, require, require_valid, setting
 from saccade.image_motion import camera_motion, moved, tracked
 from saccade.io.image import check_image, in_unit_range, repeat_gray
 from saccade.scale.pyramid import FloatMap, cell_centers, halve, resize
@@ -44,34 +44,31 @@ MEMORY = 20
 class VideoConfig:
     """Flicker, motion and gaze; times are in seconds and hold at any frame rate."""
 
-    flicker_weight: float = 1.0
+    flicker_weight: float = setting(1.0, 0, 2**31)
     """Weight of flicker in the saliency; that of the static saliency is 1."""
-    motion_weight: float = 1.0
-    """The same for motion."""
+    motion_weight: float = setting(1.0, 0, 2**31)
+    """Weight of motion in the saliency, likewise."""
     scales: Scales = ((1, 3), (2, 4), (3, 5))
     """Pyramid levels of center and surround, as those of `ContrastConfig`."""
-    semisaturation: float = 0.05
+    semisaturation: float = setting(0.05, 1e-4, 1)
     """Change of the luminance, which is in [0, 1], that has half the largest response: the
     normalization alone would raise noise to the height of motion."""
-    static_interval: float = 0.1
+    static_interval: float = setting(0.1, 0, 2**31)
     """Time after which the static saliency is computed again, which takes longer than all else;
     until then it moves with the scene. 0 computes it at each frame."""
-    delay: float = 0.04
+    delay: float = setting(0.04, 0, 10)
     """Time between the two frames that are compared: the earlier is the nearest to that."""
-    time_constant: float = 0.1
-    """Of the temporal low-pass filter of the saliency; 0 for none."""
+    time_constant: float = setting(0.1, 0, 10)
+    """Time constant of the low-pass filter of the saliency; 0 for none."""
     scanpath: ScanpathModelConfig = field(default_factory=lambda: ScanpathModelConfig(exponent=2))
     """Model of the gaze. The exponent is not fitted: past its onset, people's gazes differ more in
     a photograph than in a video (Dorr, Martinetz, Gegenfurtner & Barth 2010, *Variability of eye
     movements when viewing dynamic natural scenes*)."""
-    seed: int = 0
-    """Of the random numbers of the gaze."""
+    seed: int = setting(0, 0, 2**31)
+    """Seed of the random numbers of the gaze."""
 
     def __post_init__(self) -> None:
-        require_types(self)
-        for name in ("flicker_weight", "motion_weight", "static_interval", "seed"):
-            require_ranges(self, **{name: (0, 2**31)})
-        require_ranges(self, semisaturation=(1e-4, 1), delay=(0, 10), time_constant=(0, 10))
+        require_valid(self)
         _ = self.contrast
 
     @property

@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 from saccade.attention.combined import AttentionConfig, FaceDetector
 from saccade.attention.features import EARLY, feature_maps, feature_names
 from saccade.attention.fitted import FittedModel, path_terms, saccade_tables
-from saccade.errors import LogError, require_ranges, require_types
+from saccade.errors import LogError, require_valid, setting
 from saccade.evaluation._fitting_kernels import add_likelihood
 from saccade.types import Float32Array, FloatArray, Image, IntArray
 
@@ -27,19 +27,17 @@ from saccade.types import Float32Array, FloatArray, Image, IntArray
 class FittingConfig:
     """How a model is fitted and cross-validated."""
 
-    folds: int = 5
+    folds: int = setting(5, 2, 100)
     """Parts of the images, or viewers, each left out once."""
-    penalty: float = 0.001
+    penalty: float = setting(0.001, 0, 1e3)
     """Weight of half of the squared standardized weights beside the mean log-likelihood."""
-    iterations: int = 60
+    iterations: int = setting(60, 1, 10_000)
     """Most iterations of the optimization."""
-    seed: int = 2020
+    seed: int = setting(2020, 0, 2**31)
     """Seed of the folds."""
 
     def __post_init__(self) -> None:
-        require_types(self)
-        require_ranges(self, folds=(2, 100), penalty=(0, 1e3), iterations=(1, 10_000))
-        require_ranges(self, seed=(0, 2**31))
+        require_valid(self)
 
 
 class Steps(NamedTuple):

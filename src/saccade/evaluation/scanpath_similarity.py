@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saccade.errors import ImageError, require, require_types
+from saccade.errors import ImageError, require_valid, setting
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MULTIMATCH = ("shape", "direction", "length", "position", "duration")
@@ -30,26 +30,20 @@ class ScanMatchConfig:
     fixation sequences* (Behavior Research Methods 2010).
     """
 
-    columns: int = 12
-    """Of the grid over the image."""
-    rows: int = 8
-    """Of the grid over the image."""
-    threshold: float = 3.5
+    columns: int = setting(12, 1, 1000)
+    """Columns of the grid over the image."""
+    rows: int = setting(8, 1, 1000)
+    """Rows of the grid over the image."""
+    threshold: float = setting(3.5, above=0)
     """Distance in cells at which a substitution scores 0; it scores the threshold less the
     distance, so that nearer cells are aligned and farther ones are not."""
-    gap: float = 0.0
+    gap: float = setting(0.0, maximum=0)
     """Score of a gap in the alignment; not above 0."""
-    time_bin: float | None = None
+    time_bin: float | None = setting(None, above=0)
     """Seconds for which a fixation counts once; None counts each once, whatever its duration."""
 
     def __post_init__(self) -> None:
-        require_types(self)
-        require(1 <= self.columns <= 1000, "columns", "1 to 1000", self.columns)
-        require(1 <= self.rows <= 1000, "rows", "1 to 1000", self.rows)
-        require(0 < self.threshold < np.inf, "threshold", "above 0", self.threshold)
-        require(-np.inf < self.gap <= 0, "gap", "at most 0", self.gap)
-        bin_ = self.time_bin
-        require(bin_ is None or 0 < bin_ < np.inf, "time_bin", "above 0, or none", bin_)
+        require_valid(self)
 
 
 def scanmatch(

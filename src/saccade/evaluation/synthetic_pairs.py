@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from saccade.errors import ImageError, require_ranges
+from saccade.errors import ImageError, require_valid, setting
 from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import as_gray, read_image
 from saccade.keypoints.two_view_fit import project
@@ -34,40 +34,29 @@ MIDDLE_GRAY = 0.5
 class SyntheticPairsConfig:
     """Numbers of views, and the ranges from which each draws its pose and its degradation."""
 
-    min_pairs: int = 200
+    min_pairs: int = setting(200, 1, 100_000)
     """Of each photograph there are as many first views as give this number of pairs."""
-    views: int = 5
+    views: int = setting(5, 1, 1000)
     """Second views for each first one."""
     seed: int = 20261126
     """Seed of all draws."""
-    scale: float = 4.0
+    scale: float = setting(4.0, 1, 16)
     """Largest ratio of the sizes of two views; drawn uniformly in its logarithm."""
-    turn: float = 60.0
+    turn: float = setting(60.0, 0, 180)
     """Largest roll of the second view, in degrees."""
-    tilt: float = 45.0
+    tilt: float = setting(45.0, 0, 70)
     """Largest angle in degrees between the second view's direction and the normal of the plane."""
-    noise: float = 8.0
+    noise: float = setting(8.0, 0, 100)
     """Largest standard deviation of the noise, in gray levels of 255."""
-    blur: float = 1.5
+    blur: float = setting(1.5, 0, 20)
     """Largest standard deviation of the blur, in pixels."""
-    gamma: float = 1.6
+    gamma: float = setting(1.6, 1, 5)
     """Largest exponent of the brightness, or one over it."""
-    quality: int = 40
+    quality: int = setting(40, 1, 95)
     """Lowest quality of the JPEG compression; the highest is 95."""
 
     def __post_init__(self) -> None:
-        require_ranges(
-            self,
-            min_pairs=(1, 100_000),
-            views=(1, 1000),
-            scale=(1, 16),
-            turn=(0, 180),
-            tilt=(0, 70),
-            noise=(0, 100),
-            blur=(0, 20),
-            gamma=(1, 5),
-            quality=(1, 95),
-        )
+        require_valid(self)
 
 
 def write_synthetic_pairs(

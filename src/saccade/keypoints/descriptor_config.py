@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, Self
 
-from saccade.errors import require, require_ranges, require_types
+from saccade.errors import require_valid, setting
 
 
 @dataclass(frozen=True)
@@ -13,19 +13,19 @@ class DescriptorConfig:
     voting: Literal["linear", "nearest"] = "linear"
     """Whether a gradient is interpolated between the two nearest of the 36 orientation bins, or
     counts for one."""
-    smoothing: int = 6
+    smoothing: int = setting(6, 0, 100, slider=(0, 20, 1))
     """Passes of [1 2 1] / 4 over the orientation histogram."""
     orientation_bins: Literal["peaks", "all"] = "peaks"
     """Whether of the bins over 80 % of the highest only local peaks count, or all."""
-    orientation_spacing: float | None = 1.0
-    """Between the samples of the orientation histogram, in scales; None for all samples."""
+    orientation_spacing: float | None = setting(1.0, above=0, maximum=3, slider=(0, 3, 0.1))
+    """Spacing of the samples of the orientation histogram, in scales; None for all samples."""
     subpixel_patches: bool = True
     """Center orientation and descriptor on the keypoint, not on the sample nearest to it."""
-    descriptor_spacing: float | None = 1.2
-    """Between the samples of the descriptor, in scales; None for all samples. Lowe's 4x4 samples
+    descriptor_spacing: float | None = setting(1.2, above=0, maximum=3, slider=(0, 3, 0.1))
+    """Spacing of the samples of the descriptor, in scales; None for all samples. Lowe's 4x4 samples
     in each of 4x4 subregions are 0.75 apart."""
-    window_sigma: float = 0.7
-    """Of the descriptor's Gaussian window, in sides of the descriptor."""
+    window_sigma: float = setting(0.7, 0.1, 10, slider=(0.1, 3, 0.1))
+    """Standard deviation of the Gaussian window of the descriptor, in sides of the descriptor."""
     descriptor: Literal["sift", "root", "kootstra2010"] = "root"
     """"root" L1-normalizes and takes the square root (RootSIFT). "kootstra2010" takes 4 x 4
     samples in each of the 4 x 4 subregions, each weighted by its Euclidean distance, as section
@@ -34,11 +34,7 @@ class DescriptorConfig:
     """Whether descriptors are bytes, 512 to the unit, or floats of unit length."""
 
     def __post_init__(self) -> None:
-        require_types(self)
-        require_ranges(self, smoothing=(0, 100), window_sigma=(0.1, 10))
-        for name in ("orientation_spacing", "descriptor_spacing"):
-            spacing = getattr(self, name)
-            require(spacing is None or 0 < spacing <= 3, name, "above 0 to 3, or None", spacing)
+        require_valid(self)
 
     @classmethod
     def lowe2004(cls) -> Self:

@@ -1,9 +1,10 @@
 """The settings of MUST."""
 
 from dataclasses import dataclass, field, fields
+from math import inf
 from typing import Literal, Self
 
-from saccade.errors import require, require_ranges, require_types
+from saccade.errors import require_valid, setting
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.sift_config import SiftConfig
 
@@ -12,38 +13,38 @@ from saccade.keypoints.sift_config import SiftConfig
 class MustConfig:
     """Settings of the detector; `saccade.keypoints.must` says why these are the defaults."""
 
-    first_octave: int = -1
-    """-1 begins at the scales of a doubled image; 0 at those of the image."""
-    octaves: int | None = None
+    first_octave: int = setting(-1, -1, 0, slider=1)
+    """First octave: -1 has the scales of a doubled image, 0 those of the image."""
+    octaves: int | None = setting(None, 1, slider=(0, 10, 1))
     """Maximum number of octaves; None for as many as the image has room for."""
-    intervals: int = 2
-    """s, intervals per octave."""
-    base_sigma: float = 3.2
+    intervals: int = setting(2, 1, 16, slider=(1, 8, 1))
+    """Intervals per octave, s."""
+    base_sigma: float = setting(3.2, 0.5, 8, slider=(0.5, 6, 0.1))
     """Blur of the first plane of an octave, in samples of a grid twice as dense as its own."""
-    radius: float = 2.5
-    """The largest distance of a pair from its middle, in scales of the plane."""
-    falloff: float = 1.3
+    radius: float = setting(2.5, 0.1, 20, slider=(0.5, 6, 0.1))
+    """Largest distance of a pair from its middle, in scales of the plane."""
+    falloff: float = setting(1.3, 0.1, 20, slider=(0.2, 6, 0.1))
     """Standard deviation, in scales, of the normal density that weights a pair by the distance
     of the two from their middle."""
-    gain: float = 100.0
-    """Of the logarithm of a gradient: its strength is log(1 + gain g), with the change g over one
+    gain: float = setting(100.0, above=0, maximum=1e6, slider=(1, 500, 1))
+    """Gain of a gradient, whose strength is log(1 + gain g), with the change g over one
     scale by the standard deviation of the image."""
-    scale_power: float = 0.25
+    scale_power: float = setting(0.25, -5, 5, slider=(-1, 2, 0.05))
     """Power of the scale in pixels by which symmetry is multiplied: above 0, large structures
     count more."""
-    contrast_threshold: float = 0.05
-    """The smallest symmetry: the weighted mean over the pairs of strength and phase weight."""
+    contrast_threshold: float = setting(0.05, 0, below=1000, slider=(0, 0.5, 0.005))
+    """Smallest symmetry: the weighted mean over the pairs of strength and phase weight."""
     neighbors: Literal[10, 26] = 10
     """Samples that a maximum is compared with: all 26 around it, or 10 as `SiftConfig` has it."""
-    edge_ratio: float = 50.0
-    """The largest ratio of the principal curvatures of the symmetry, as B.10 has it for D."""
-    border: int = 5
+    edge_ratio: float = setting(50.0, 1, inf, slider=(1, 100, 1))
+    """Largest ratio of the principal curvatures of the symmetry, as B.10 has it for D."""
+    border: int = setting(5, 2, slider=(2, 20, 1))
     """Samples at the edge of every octave that are not searched."""
-    max_orientations: int | None = None
+    max_orientations: int | None = setting(None, 1, slider=(0, 8, 1))
     """Strongest orientations to keep at a position; None for all over 80 % of the highest."""
     upright: bool = False
     """Give every keypoint the angle 0."""
-    max_keypoints: int | None = None
+    max_keypoints: int | None = setting(None, 1, slider=(0, 10_000, 50))
     """Number of keypoints to keep, the strongest; None for all."""
     spread: bool = False
     """Keep as many, but rather those that are far from any clearly stronger one."""
@@ -51,12 +52,8 @@ class MustConfig:
     """How orientations are assigned and keypoints described."""
 
     def __post_init__(self) -> None:
-        require_types(self)
-        require_ranges(self, radius=(0.1, 20), falloff=(0.1, 20), scale_power=(-5, 5))
-        require(0 < self.gain <= 1e6, "gain", "above 0, at most 1e6", self.gain)
-        threshold = self.contrast_threshold
-        require(0 <= threshold < 1e3, "contrast_threshold", "at least 0 and under 1000", threshold)
-        self.sift()  # checks the others
+        require_valid(self)
+        self.sift()  # checks combinations
 
     @classmethod
     def kootstra2010(cls) -> Self:

@@ -1,9 +1,10 @@
 """The settings of SIFT, and their presets."""
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Literal, Self
 
-from saccade.errors import require, require_ranges
+from saccade.errors import require, setting
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.scale.scale_space_config import ScaleSpaceConfig
 
@@ -15,29 +16,29 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
     Thresholds are for images in [0, 1].
     """
 
-    border: int = 5
+    border: int = setting(5, 2, slider=(2, 20, 1))
     """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float = 0.016
-    """tau_c: the smallest |D| at an extremum (B.6)."""
-    candidate_fraction: float = 0.7
+    contrast_threshold: float = setting(0.016, 0, below=1, slider=(0, 0.1, 0.001))
+    """Smallest |D| at an extremum, tau_c (B.6)."""
+    candidate_fraction: float = setting(0.7, 0, 1, slider=0.05)
     """Fraction of `contrast_threshold` that a sample must exceed before the fit."""
     neighbors: Literal[10, 26] = 10
     """Samples that an extremum is compared with: all 26 around it, as Lowe has it, or the 8 in its
     plane and the 2 above and below. Where samples are sparse one of the other 16 often belongs to
     another extremum, and the keypoint is found one time and missed the next. With 10, the fit
     tells extrema from saddles."""
-    edge_ratio: float = 15.0
-    """tau_r: the largest ratio of the principal curvatures (B.10)."""
+    edge_ratio: float = setting(15.0, 1, inf, slider=(1, 50, 0.5))
+    """Largest ratio of the principal curvatures, tau_r (B.10)."""
     fit: Literal["lagrange", "quadratic", "once"] = "lagrange"
     """"once" is B.5 alone. "quadratic" fits again from the neighboring sample while that is
     nearer to the extremum, as Lowe does. "lagrange" continues with the polynomial through 9
     samples each way, which localizes a blob's center within 0.003 samples rather than 0.07, and
     keeps the extrema halfway between two samples, where the quadratic goes back and forth."""
-    max_orientations: int | None = None
+    max_orientations: int | None = setting(None, 1, slider=(0, 8, 1))
     """Strongest orientations to keep at a position; None for all over 80 % of the highest."""
     upright: bool = False
     """Give every keypoint the angle 0."""
-    max_keypoints: int | None = None
+    max_keypoints: int | None = setting(None, 1, slider=(0, 10_000, 50))
     """Number of keypoints to keep, the strongest; None for all."""
     ranking: Literal["signal-to-noise", "response"] = "signal-to-noise"
     """What makes a keypoint strong: "response" is |D|; "signal-to-noise" is |D| times the scale
@@ -48,16 +49,7 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
     the image (adaptive non-maximal suppression)."""
 
     def __post_init__(self) -> None:
-        ScaleSpaceConfig.__post_init__(self)
-        DescriptorConfig.__post_init__(self)
-        require(self.border >= 2, "border", "2 or more", self.border)
-        threshold = self.contrast_threshold
-        require(0 <= threshold < 1, "contrast_threshold", "at least 0 and under 1", threshold)
-        require_ranges(self, candidate_fraction=(0, 1))
-        require(self.edge_ratio >= 1, "edge_ratio", "1 or more", self.edge_ratio)
-        for name in ("max_orientations", "max_keypoints"):
-            number = getattr(self, name)
-            require(number is None or number >= 1, name, "1 or more, or None", number)
+        ScaleSpaceConfig.__post_init__(self)  # checks the ranges of the descriptor too
         limited = self.max_keypoints is not None
         require(limited or not self.spread, "spread", "max_keypoints with it", self.max_keypoints)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, Self
 
-from saccade.errors import require, require_types
+from saccade.errors import require, require_valid, setting
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.must_config import MustConfig
 from saccade.scale.pyramid import MAX_LEVEL
@@ -18,55 +18,44 @@ class SymRoidConfig:
     """Settings of the region detector; docs/symmetry.md says how the default was chosen."""
 
     frame: Literal["scale-space", "box"] = "scale-space"
-    """What a region is described in. "scale-space": center, scale and orientations of a maximum of
-    symmetry over position and scale, as MUST finds it. "box": the box about a region grown in the
-    map of symmetry, as the source has it; `levels`, `inner`, `outer`, `sigma`, `gain`,
+    """Frame in which a region is described. "scale-space": center, scale and orientations of a
+    maximum of symmetry over position and scale, as MUST finds it. "box": the box about a region
+    grown in the map of symmetry, as the source has it; `levels`, `inner`, `outer`, `sigma`, `gain`,
     `growth_threshold` and `relative_to` are settings of that map and of no effect otherwise."""
     levels: tuple[int, ...] = (1, 2, 3)
     """Pyramid levels whose symmetry is summed; the image is level 0, and the map has the size
     of the first."""
-    inner: int = 1
-    """The smallest distance of a pair from its middle, along x or y, in pixels of its level."""
-    outer: int = 7
-    """The largest, likewise."""
-    sigma: float = 8.0
-    """Of the normal density that weights a pair by the distance between the two, likewise."""
-    gain: float = 60.0
-    """Of the logarithm of a gradient; see `SymmetryConfig`."""
-    seed_threshold: float = 0.05
-    """The smallest symmetry of a region or a seed, as a fraction of the largest in the image."""
-    growth_threshold: float = 0.8
-    """The smallest symmetry of a region, as a fraction of what `relative_to` names."""
+    inner: int = setting(1, 1, slider=(1, 10, 1))
+    """Smallest distance of a pair from its middle, along x or y, in pixels of its level."""
+    outer: int = setting(7, 1, 100, slider=(1, 15, 1))
+    """Largest distance of a pair from its middle, likewise."""
+    sigma: float = setting(8.0, 0.1, 1e6, slider=(0.5, 32, 0.5))
+    """Standard deviation of the density that weights a pair by its distance, likewise."""
+    gain: float = setting(60.0, above=0, maximum=1e6, slider=(1, 200, 1))
+    """Gain of the strength of a gradient; see `SymmetryConfig`."""
+    seed_threshold: float = setting(0.05, above=0, maximum=1, slider=(0.01, 1, 0.01))
+    """Smallest symmetry of a region or a seed, as a fraction of the largest in the image."""
+    growth_threshold: float = setting(0.8, above=0, maximum=1, slider=(0.05, 1, 0.05))
+    """Smallest symmetry of a region, as a fraction of what `relative_to` names."""
     relative_to: Literal["seed", "maximum"] = "seed"
     """"maximum" of the map, as the source has it: regions are few, and merge where the threshold
     is low. With "seed" every region is a peak."""
     upright: bool = False
     """Describe regions upright; otherwise along the dominant orientations of their gradients: a
     box along one, a frame in scale space along each, as a keypoint of MUST is."""
-    max_keypoints: int | None = 50
+    max_keypoints: int | None = setting(50, 1, slider=(0, 500, 1))
     """Number of regions to keep, the strongest: few, as landmarks should be; None for all. Like
     a keypoint, a region counts once for each of its orientations."""
     descriptor: DescriptorConfig = field(default_factory=DescriptorConfig)
     """How orientations of a region are assigned and the region described."""
 
     def __post_init__(self) -> None:
-        require_types(self)
+        require_valid(self)
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
         inside = all(0 <= level <= MAX_LEVEL for level in self.levels)
         expected = f"rising levels from 0 to {MAX_LEVEL}"
         require(len(self.levels) > 0 and inside and rising, "levels", expected, self.levels)
-        require(1 <= self.outer <= 100, "outer", "1 to 100 px", self.outer)
-        require(1 <= self.inner <= self.outer, "inner", f"1 px to {self.outer}", self.inner)
-        require(0.1 <= self.sigma <= 1e6, "sigma", "0.1 px or more", self.sigma)
-        require(0 < self.gain <= 1e6, "gain", "above 0, at most 1e6", self.gain)
-        for name in ("seed_threshold", "growth_threshold"):
-            value = getattr(self, name)
-            require(0 < value <= 1, name, "above 0, at most 1", value)
-        require(self.frame in ("scale-space", "box"), "frame", "'scale-space' or 'box'", self.frame)
-        reference = self.relative_to
-        require(reference in ("seed", "maximum"), "relative_to", "'seed' or 'maximum'", reference)
-        limit = self.max_keypoints
-        require(limit is None or limit >= 1, "max_keypoints", "1 or more, or None", limit)
+        require(self.inner <= self.outer, "inner", f"1 px to {self.outer}", self.inner)
 
     @classmethod
     def kootstra2010(cls) -> Self:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.errors import require, require_ranges
+from saccade.errors import require, require_valid, setting
 from saccade.slam.models import turn_then_translate, wrap
 from saccade.types import FloatArray, IntArray
 
@@ -23,32 +23,21 @@ RING = ((8.0, 7), (12.0, 9))
 class PlaygroundNoise:
     """Noise of the odometry and the sensor of the simulated robot."""
 
-    distance_percent: float = 10.0
+    distance_percent: float = setting(10.0, 0, 20, slider=1)
     """Standard deviation of the odometry's distance, in per cent of it."""
-    turn_sigma: float = 6.0
+    turn_sigma: float = setting(6.0, 0, 10, slider=0.5)
     """Standard deviation of the odometry's turn in a step, in degrees."""
-    range_percent: float = 5.0
+    range_percent: float = setting(5.0, 0.5, 20, slider=0.5)
     """Standard deviation of a range, in per cent of it."""
-    bearing_sigma: float = 3.0
+    bearing_sigma: float = setting(3.0, 0.2, 10, slider=0.2)
     """Standard deviation of a bearing, in degrees."""
-    reach: float = 4.0
+    reach: float = setting(4.0, 1, 20, slider=0.5)
     """Largest range of an observation, in metres."""
-    assumed_factor: float = 1.0
+    assumed_factor: float = setting(1.0, 0.2, 5, slider=0)
     """Standard deviations that the filters assume, relative to the true ones above."""
 
     def __post_init__(self) -> None:
-        require_ranges(self, **{name: limits[:2] for name, limits in NOISE_RANGES.items()})
-
-
-NOISE_RANGES = {
-    "distance_percent": (0.0, 20.0, 1.0),
-    "turn_sigma": (0.0, 10.0, 0.5),
-    "range_percent": (0.5, 20.0, 0.5),
-    "bearing_sigma": (0.2, 10.0, 0.2),
-    "reach": (1.0, 20.0, 0.5),
-    "assumed_factor": (0.2, 5.0, 0.0),
-}
-"""Minimum, maximum and step of each slider, as in `controls.RANGES`."""
+        require_valid(self)
 
 
 class Scan(NamedTuple):

@@ -1,11 +1,11 @@
 """Configuration of a simulated camera drive: scene, camera, illumination, odometry."""
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from saccade.errors import require, require_ranges
+from saccade.errors import require, require_ranges, require_valid, setting
 from saccade.frames import Camera
 
 WorldName: TypeAlias = Literal["ring", "crossing", "rooms"]
@@ -16,22 +16,21 @@ WorldName: TypeAlias = Literal["ring", "crossing", "rooms"]
 class LightConfig:
     """Illumination and sensor: pixel = (gain vignetting image)^gamma + noise."""
 
-    noise_sigma: float = 2.0
+    noise_sigma: float = setting(2.0, 0, 128)
     """Standard deviation of the pixel noise, in steps of 1/255."""
-    brightness: float = 1.0
+    brightness: float = setting(1.0, 1e-3, 16)
     """Mean gain."""
-    gain_sigma: float = 0.08
+    gain_sigma: float = setting(0.08, 0, 2)
     """Standard deviation of the logarithm of the gain, which drifts over a dozen seconds."""
-    gamma_sigma: float = 0.04
+    gamma_sigma: float = setting(0.04, 0, 2)
     """Standard deviation of the logarithm of gamma, which drifts likewise."""
-    vignetting: float = 0.15
+    vignetting: float = setting(0.15, 0, 1)
     """Fraction of the intensity lost in the corners of the image; drifts by a third of it."""
-    flicker_sigma: float = 0.0
+    flicker_sigma: float = setting(0.0, 0, 2)
     """Standard deviation of the logarithm of a gain that is independent in every frame."""
 
     def __post_init__(self) -> None:
-        require_ranges(self, noise_sigma=(0, 128), brightness=(1e-3, 16), vignetting=(0, 1))
-        require_ranges(self, gain_sigma=(0, 2), gamma_sigma=(0, 2), flicker_sigma=(0, 2))
+        require_valid(self)
 
 
 @dataclass(frozen=True)
@@ -41,18 +40,17 @@ class OdometryConfig:
     Scale error and heading drift have these magnitudes in every drive; their signs are drawn.
     """
 
-    scale_percent: float = 3.0
+    scale_percent: float = setting(3.0, 0, 50)
     """Scale error of all distances, in per cent."""
-    heading_drift: float = 1.5
+    heading_drift: float = setting(1.5, 0, 50)
     """Heading drift, in degrees per metre."""
-    distance_percent: float = 5.0
+    distance_percent: float = setting(5.0, 0, 50)
     """Standard deviation of each distance, in per cent of it; to the side a fifth of that."""
-    heading_sigma: float = 0.8
+    heading_sigma: float = setting(0.8, 0, 50)
     """Standard deviation of the heading after one metre, in degrees."""
 
     def __post_init__(self) -> None:
-        names = ("scale_percent", "heading_drift", "distance_percent", "heading_sigma")
-        require_ranges(self, **dict.fromkeys(names, (0, 50)))
+        require_valid(self)
 
 
 @dataclass(frozen=True)
@@ -66,11 +64,11 @@ class DriveConfig:
     """Metres between the outer walls, along the first side of the lap and across it."""
     corridor: float = 2.2
     """Metres between the outer walls and the central block."""
-    wall_height: float = 2.4
+    wall_height: float = setting(2.4, 1, 4)
     """Height of all walls in metres."""
-    poster_spacing: float = 1.6
+    poster_spacing: float = setting(1.6, 0.5, 100)
     """Smallest distance of posters along a wall, in metres."""
-    posters: int | None = None
+    posters: int | None = setting(None, 1, 1000)
     """Number of distinct images on the posters; None for all available ones."""
     mirrored_posters: bool = False
     """Whether each poster is symmetric about its vertical axis."""
@@ -79,15 +77,15 @@ class DriveConfig:
     sway: float = 0.08
     """Lateral oscillation to the left of the center line, in metres; its phase differs between
     laps."""
-    frames: int = 600
+    frames: int = setting(600, 2, 10**6)
     """Number of frames."""
-    frames_per_lap: int = 300
+    frames_per_lap: int = setting(300, 2, 10**6)
     """Number of frames per lap; sets the speed."""
-    frame_rate: float = 10.0
+    frame_rate: float = setting(10.0, 1e-3, 1e4)
     """Frames per second."""
     image_size: tuple[int, int] = (320, 240)
     """Width and height in pixels."""
-    field_of_view: float = 70.0
+    field_of_view: float = setting(70.0, 20, 120)
     """Horizontal field of view in degrees."""
     baseline: float | None = 0.15
     """Metres to the right camera; None for a single camera."""
@@ -103,8 +101,7 @@ class DriveConfig:
     """Errors of the odometry."""
 
     def __post_init__(self) -> None:
-        valid = self.world in get_args(WorldName)
-        require(valid, "world", "ring, crossing or rooms", self.world)
+        require_valid(self)
         sides = len(self.size) == 2 and all(3 <= side <= 20 for side in self.size)
         require(
             sides and sum(self.size) <= 24, "size", "two of 3 to 20 m, 24 m together", self.size
@@ -119,16 +116,8 @@ class DriveConfig:
             self,
             sway=(0, round(0.2 * corridor, 3)),
             turning_radius=(0.5, round(float(max_radius), 3)),
-            wall_height=(1, 4),
             camera_height=(0.05, round(self.wall_height - 1e-3, 3)),
-            poster_spacing=(0.5, 100),
-            frames=(2, 10**6),
-            frames_per_lap=(2, 10**6),
-            frame_rate=(1e-3, 1e4),
-            field_of_view=(20, 120),
         )
-        if self.posters is not None:
-            require_ranges(self, posters=(1, 1000))
         if self.baseline is not None:
             require_ranges(self, baseline=(1e-3, round(0.25 * corridor, 3)))
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from saccade.errors import require, require_ranges, require_types
+from saccade.errors import require, require_valid, setting
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
@@ -19,67 +19,55 @@ class WorldConfig:
 
     vehicle: Literal["robot", "car"] = "robot"
     """Noise model: distance and turn of a robot, or speed and steering angle of a car."""
-    course_length: float = 20 * np.pi
+    course_length: float = setting(20 * np.pi, 1e-6, 1e6)
     """Length of one lap in metres."""
-    curvature_amplitude: float = 0.0
+    curvature_amplitude: float = setting(0.0, 0, 3)
     """Amplitude of the curvature relative to its mean, with three periods per lap; 0 is a circle,
     over 1 includes turns to the other side."""
-    steps: int = 1500
+    steps: int = setting(1500, 1, 10**6)
     """Number of steps; there is one pose more."""
-    step_length: float = 0.25
+    step_length: float = setting(0.25, 1e-6, 1e6)
     """Metres per step."""
-    step_time: float = 1.0
+    step_time: float = setting(1.0, 1e-6, 1e6)
     """Seconds per step."""
-    landmarks: int = 20
+    landmarks: int = setting(20, 1, 10**6)
     """Number of landmarks along the course."""
-    landmark_spread: float = 5.0
+    landmark_spread: float = setting(5.0, 0, 1000)
     """Largest distance of a landmark from the course, to either side, in metres."""
-    group_size: int = 1
+    group_size: int = setting(1, 1, 10**6)
     """Number of landmarks in each group, within a metre or so; 1 for no groups."""
-    layout: int = LAYOUT_SEED
+    layout: int = setting(LAYOUT_SEED, 0, 2**31)
     """Seed of the positions of the landmarks."""
-    scan_interval: int = 1
+    scan_interval: int = setting(1, 1, 10**6)
     """Steps per scan."""
     range_limits: tuple[float, float] = (0.5, 5.0)
     """Smallest and largest range of an observation, in metres."""
-    field_of_view: float = 360.0
+    field_of_view: float = setting(360.0, 0.1, 360)
     """Field of view about the heading, in degrees."""
-    range_percent: float = 5.0
+    range_percent: float = setting(5.0, 0, 1000)
     """Standard deviation of a range, in per cent of it."""
-    range_sigma: float = 0.0
+    range_sigma: float = setting(0.0, 0, 1000)
     """Standard deviation added to that, in metres."""
-    bearing_sigma: float = 3.0
+    bearing_sigma: float = setting(3.0, 0, 1000)
     """Standard deviation of a bearing, in degrees."""
-    odometry_percent: float = 2.0
-    """f of a robot: standard deviations in a step of v metres are f v / sqrt 2 metres ahead and
-    2 sqrt 2 f v radians of turn."""
-    turn_sigma: float = 0.0
+    odometry_percent: float = setting(2.0, 0, 1000)
+    """Odometry noise f of a robot: standard deviations in a step of v metres are f v / sqrt 2
+    metres ahead and 2 sqrt 2 f v radians of turn."""
+    turn_sigma: float = setting(0.0, 0, 1000)
     """Standard deviation added to that of a robot's turn in a step, in degrees."""
-    scale_percent: float = 0.0
+    scale_percent: float = setting(0.0, 0, 1000)
     """Systematic error of a robot's distances, in per cent, whose sign is drawn."""
-    heading_drift: float = 0.0
+    heading_drift: float = setting(0.0, 0, 1000)
     """Systematic error of a robot's turns, in degrees per metre, whose sign is drawn."""
-    speed_sigma: float = 0.3
+    speed_sigma: float = setting(0.3, 0, 1000)
     """Standard deviation of a car's speed in a step, in metres per second."""
-    steering_sigma: float = 3.0
+    steering_sigma: float = setting(3.0, 0, 1000)
     """Standard deviation of a car's steering angle in a step, in degrees."""
-    wheel_base: float = 4.0
+    wheel_base: float = setting(4.0, 1e-6, 1e6)
     """Metres between a car's axles."""
 
     def __post_init__(self) -> None:
-        require_types(self)
-        counts = ("steps", "landmarks", "scan_interval", "group_size")
-        lengths = ("course_length", "step_length", "step_time", "wheel_base")
-        spreads = (
-            *("landmark_spread", "range_percent", "range_sigma", "bearing_sigma"),
-            *("odometry_percent", "turn_sigma", "speed_sigma", "steering_sigma"),
-            *("scale_percent", "heading_drift"),
-        )
-        require_ranges(self, **dict.fromkeys(counts, (1, 10**6)))
-        require_ranges(self, **dict.fromkeys(lengths, (1e-6, 1e6)))
-        require_ranges(self, **dict.fromkeys(spreads, (0, 1000)))
-        require_ranges(self, layout=(0, 2**31))
-        require_ranges(self, curvature_amplitude=(0, 3), field_of_view=(0.1, 360))
+        require_valid(self)
         limits = self.range_limits
         ascending = len(limits) == 2 and 0 <= limits[0] < limits[1] < 1e6
         require(ascending, "range_limits", "two ascending numbers from 0", limits)

@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from saccade.errors import require, require_types
+from saccade.errors import require, require_valid
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
 from saccade.slam.filter.error_state import INVARIANT, STANDARD, Retraction
@@ -76,7 +76,7 @@ class EkfConfig:
     association rules always work on the whole map."""
 
     def __post_init__(self) -> None:
-        require_types(self)
+        require_valid(self)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
         require(self.gate <= self.new_gate < 1, "new_gate", "from `gate` to under 1", self.new_gate)
         require(0 < self.name_gate < 1, "name_gate", "a probability under 1", self.name_gate)

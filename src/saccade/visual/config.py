@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from saccade.errors import require, require_ranges, require_types
+from saccade.errors import require, require_ranges, require_valid
 
 Selection: TypeAlias = Literal[
     "strength",
@@ -119,7 +119,7 @@ class VisualConfig:
     """Seed of the random order of equal candidates."""
 
     def __post_init__(self) -> None:
-        require_types(self)
+        require_valid(self)
         require_ranges(self, **_RANGES)
         for name in ("shared_error_sigma", "acceleration_sigma", "relative_motion_sigma"):
             value = getattr(self, name)
