@@ -1,12 +1,17 @@
 """Turn the camera of a ROS 2 robot to where its map tells most.
 
-    gazer = Gazer(slam, fov=radians(50), reach=8.0, period=0.2)
+    gazer = Gazer(slam, fov=radians(50), reach=8.0, period=0.2, pan_sigma=0.002)
     turn = GazePublisher(node, "pan_tilt_controller/joint_trajectory")
+
+and for each image, with ranges and bearings z in the frame of the camera and their covariances R:
+
+    pan = pan_of(buffer, "base_link", "camera_optical", stamp)
+    slam.step(time, control, U, z + np.array([0.0, pan]), gazer.add_pan_error(R), names)
+    gazer.observed(pan, names)
     turn(gazer.next(plan))
 
 The controller of the pan-tilt unit turns the joints `pan` and `tilt`: radians to the left and up,
-from how the camera is mounted. The pan of each image is that of the transform from the robot to
-the camera at its time, `pan_of`; an error of it adds its variance to that of all bearings.
+from how the camera is mounted.
 
 A head with an action server takes `point_head_goal`, a PTZ camera `ptz_goal`, and the gimbal of a
 vehicle with MAVLink `gimbal_pitch_yaw`.

@@ -48,6 +48,12 @@ def test_every_selection_differs(drive):
     assert np.array_equal(alone.trajectory.covariance, sharing.trajectory.covariance)
 
 
+def test_odometry_without_a_map_has_no_landmarks(drive):
+    result = visual.run(drive, VisualConfig(new_per_frame=0))
+    assert (len(result.map), len(result.observations)) == (0, 0)
+    assert np.abs(result.trajectory.pose - drive.truth.pose).max() < 0.05
+
+
 @given(
     arrays(np.float32, (7, 2), elements=st.integers(0, 80).map(float)),
     arrays(np.float64, 7, elements=st.sampled_from([0.25, 0.5, 1.0])),

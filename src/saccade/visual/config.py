@@ -24,7 +24,8 @@ DetectorName: TypeAlias = Literal["sift", "must", "symroid"]
 """Interest point detectors."""
 
 _RANGES: dict[str, tuple[float, float]] = {
-    **dict.fromkeys(("new_per_frame", "max_landmarks", "detect_interval", "max_points"), (1, 1e5)),
+    **dict.fromkeys(("max_landmarks", "detect_interval", "max_points"), (1, 1e5)),
+    "new_per_frame": (0, 1e5),
     "window": (2, 1000),
     **dict.fromkeys(("max_tracked", "max_tracks"), (4, 1e5)),
     **dict.fromkeys(("min_spacing", "pixel_sigma", "disparity_sigma", "huber"), (1e-9, 1e6)),
@@ -57,7 +58,7 @@ class VisualConfig:
     re-match rate while tracked; of these with a certain range, or far from other landmarks in the
     image ("spread")."""
     new_per_frame: int = 8
-    """Maximum number of new landmarks per frame, on average."""
+    """Maximum number of new landmarks per frame, on average; 0 for odometry without a map."""
     max_tracked: int = 20
     """Number of landmarks tracked at a time from which none is added."""
     max_landmarks: int = 500

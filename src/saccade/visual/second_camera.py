@@ -20,9 +20,7 @@ def measure_odometry(drive: Drive, second: Drive, config: VisualConfig | None = 
     Returns:
         The drive, to be mapped with `VisualConfig(egomotion="second-camera")`.
     """
-    config = config or VisualConfig()
-    nothing = (config.range_limits[1] - 1e-9, config.range_limits[1])
-    settings = replace(config, egomotion="camera", range_limits=nothing)
+    settings = replace(config or VisualConfig(), egomotion="camera", new_per_frame=0)
     steps = []
     with Pipeline(second, settings) as pipeline:
         for number in range(len(second)):
