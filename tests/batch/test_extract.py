@@ -49,7 +49,7 @@ def test_what_comes_out_is_what_the_detector_finds(folder, tmp_path):
     check_complete(folder, tmp_path)
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert manifest["complete"]
-    assert manifest["configuration"]["settings"]["contrast_threshold"] == 0.016
+    assert manifest["configuration"]["settings"]["edge_ratio"] == 15
     assert (manifest["images"], manifest["rows"]) == (IMAGES, result.totals.rows)
     assert not (tmp_path / PARTIAL).exists()
 

@@ -8,7 +8,6 @@ import pytest
 
 from saccade.errors import ConfigError
 from saccade.evaluation.degradation import Degradation
-from saccade.evaluation.repeatability import Features
 
 GRAY = np.full((120, 160, 3), 0.5, np.float32)
 
@@ -53,29 +52,20 @@ def test_nonsense_is_refused(text, words):
         Degradation.parse(text)
 
 
-def test_the_strongest_places_have_all_of_their_points():
-    xy = np.array([[3.0, 1], [2, 2], [3, 1], [1, 1], [2, 2]])
-    features = Features(xy, np.arange(5)[:, None], (9, 9), np.ones(5))
-    kept = features.strongest(2)
-    assert kept.descriptors.ravel().tolist() == [0, 1, 2, 4]
-    np.testing.assert_array_equal(kept.xy, xy[[0, 1, 2, 4]])
-    assert features.strongest(None) is features
-
-
 def test_evaluate_features_by_number_and_degradation(run, scene):
     words = ["evaluate", "features", "--pairs", scene, "--json"]
     ours = ("sift", "must", "symroid", "sift-random", "sift-salient")
     named = [word for name in ours for word in ("--detector", name)]
-    asked = ["--points", 10, "--points", 20, "--degrade", "clean", "--degrade", "noise:20"]
+    asked = ["--points", 15, "--points", 30, "--degrade", "clean", "--degrade", "noise:20"]
     code, out, _ = run(*words, *named, *asked)
     assert code == 0
     detectors = json.loads(out)["detectors"]
     assert len(detectors) == 5 * 4
     for name in ours:
-        few, more = (detectors[f"{name}, {n} points"]["mean"] for n in (10, 20))
-        assert 10 <= few["keypoints"] < more["keypoints"]
+        few, more = (detectors[f"{name}, {n} points"]["mean"] for n in (15, 30))
+        assert few["keypoints"] == 15 < more["keypoints"] <= 30
         assert few["repeatability"] > 0.3 or name == "sift-random", name
-    clean, noisy = (detectors[f"sift, 20 points{d}"]["mean"] for d in ("", ", noise:20"))
+    clean, noisy = (detectors[f"sift, 30 points{d}"]["mean"] for d in ("", ", noise:20"))
     assert noisy["repeatability"] != clean["repeatability"]
     code, _, err = run(*words, "--degrade", "fog:1")
     assert code == 2

@@ -1,5 +1,6 @@
 """Exactly as many points as asked for, the strongest or spread over the image."""
 
+from dataclasses import replace
 from importlib.resources import files
 
 import cv2
@@ -32,8 +33,9 @@ def test_the_kept_have_the_greatest_radii(seed, n, count, levels):
     rng = np.random.default_rng(seed)
     xy = rng.integers(0, 12, (n, 2)).astype(float)  # many of equal radius, some of one place
     response = np.sort(rng.integers(1, 1 + levels, n))[::-1].astype(np.float32)
-    kept = spread_out(xy, response, count)
-    assert kept.sum() == min(count, n)
+    order = spread_out(xy, response)
+    assert sorted(order) == list(range(n))
+    kept = np.isin(np.arange(n), order[:count])
     radii = suppression_radii(xy, response.astype(float))
     if kept.any() and not kept.all():
         assert radii[kept].min() >= radii[~kept].max()
@@ -58,20 +60,40 @@ def photo():
 
 
 def strength(points, config):
-    return points.response * points.size if config.ranking == "signal-to-noise" else points.response
+    """Scales count up to a fiftieth of the number that is asked for."""
+    if config.ranking == "response":
+        return points.response
+    return points.response / np.hypot(2 / points.size, 50 / config.max_keypoints)
 
 
 @pytest.mark.parametrize("preset", UNBIASED)
 @pytest.mark.parametrize("spread", [False, True])
 def test_the_number_is_exact(photo, preset, spread):
-    config = getattr(SiftConfig, preset)()
+    config = replace(getattr(SiftConfig, preset)(), contrast_threshold=0.02)
     every = len(Sift(config)(photo))
     for count in (1, 2, 37, every - 1, every, every + 1):
-        chosen = Sift(SiftConfig(**{**vars(config), "max_keypoints": count, "spread": spread}))(
-            photo
-        )
+        limited = replace(config, max_keypoints=count, spread=spread)
+        chosen = Sift(limited)(photo)
         assert len(chosen) == min(count, every)
-        assert (np.diff(strength(chosen, config)) <= 0).all()
+        assert (np.diff(strength(chosen, limited)) <= 1e-6 * strength(chosen, limited)[1:]).all()
+
+
+def test_without_a_threshold_there_are_as_many_as_asked_for(photo):
+    """However weak: at a fraction of the contrast few exceed the threshold."""
+    pale = 0.5 + (photo / 255 - 0.5) / 2
+    above = len(Sift()(pale))
+    assert 0 < above < 300
+    assert len(Sift(SiftConfig(max_keypoints=300))(pale)) == 300
+    capped = Sift(SiftConfig(max_keypoints=300, contrast_threshold=0.016))(pale)
+    assert len(capped) == above
+
+
+def test_the_strongest_few_are_not_all_large(photo):
+    """By their signal-to-noise ratio alone they are."""
+    every = Sift()(photo)
+    few = Sift(SiftConfig(max_keypoints=100))(photo)
+    print(f"\nmedian diameter {np.median(every[:100].size):.1f} -> {np.median(few.size):.1f} px")
+    assert np.median(few.size) < np.median(every[:100].size)
 
 
 @pytest.mark.parametrize("count", [50, 150])
@@ -105,4 +127,5 @@ def test_of_noise_no_octave_is_stronger_than_another(rng):
 
 
 def test_with_room_for_all_spread_changes_nothing(photo):
-    assert_same(Sift(SiftConfig(max_keypoints=10**6, spread=True))(photo), Sift()(photo))
+    all_of_them = SiftConfig(max_keypoints=10**6, contrast_threshold=0.016)
+    assert_same(Sift(replace(all_of_them, spread=True))(photo), Sift(all_of_them)(photo))

@@ -116,7 +116,7 @@ def features(
         Option(
             min=1,
             metavar="N",
-            help="Keep N locations of each image, the strongest (COLMAP: the largest); several "
+            help="Keep N keypoints of each image, the strongest (COLMAP: the largest); several "
             "with commas.",
         ),
     ] = None,
@@ -185,14 +185,14 @@ def features(
         for name in detector or ["sift"]:
             kind = CONFIGURATIONS.get(name)
             settings = None if kind is None else load_settings(kind, preset, config)
-            detect = find_detector(name, settings, max(points) if points else None)
             label = f"{name} {preset}" if name in OURS and preset else name
-            for degradation in degradations:
+            for degradation, count in product(degradations, counts):
+                detect = find_detector(name, settings, count)
                 with progress_bar(f"{name} {degradation or ''}", len(found)) as progress:
                     scores = score_detector(
-                        *(detect, found, counts, degradation, ratio, radius, progress, estimators)
+                        *(detect, found, degradation, ratio, radius, progress, estimators)
                     )
-                for (count, by), result in zip(product(counts, estimators), scores, strict=True):
+                for by, result in zip(estimators, scores, strict=True):
                     words = [label, f"{count} points" if count else "", str(degradation or "")]
                     row = ", ".join(filter(None, [*words, "" if by == "verify" else by]))
                     results[row] = result
@@ -313,12 +313,13 @@ def relative_poses(
     for name in detectors:
         kind = CONFIGURATIONS.get(name)
         settings = None if kind is None else load_settings(kind, preset, config)
-        detect = find_detector(name, settings, max(points) if points else None)
-        with progress_bar(name, len(drive)) as progress:
-            table = score_relative_poses(
-                detect, drive, poses, points or (None,), gaps, ratio, progress
-            )
-        for (gap, count), scores in table.items():
+        tables: dict[tuple[int, int | None], RelativePoseScores] = {}
+        for count in points or (None,):
+            detect = find_detector(name, settings, count)
+            with progress_bar(name, len(drive)) as progress:
+                table = score_relative_poses(detect, drive, poses, gaps, ratio, progress)
+            tables |= {(gap, count): scores for gap, scores in table.items()}
+        for (gap, count), scores in tables.items():
             words = [name, f"{count} points" if count else "", f"gap {gap}"]
             label, (low, high) = ", ".join(filter(None, words)), scores.interval()
             named = {"mean": scores.mean(), "low": low, "high": high}

@@ -21,9 +21,9 @@ from saccade.types import Float32Array, Keypoints
 Detector: TypeAlias = Callable[[Float32Array], Any]
 """From an (H, W, 3) image in [0, 1] to an object with xy (n, 2) and descriptors (n, d)."""
 
-OURS: dict[str, tuple[Any, Any, dict[str, float]]] = {
-    "sift": (Sift, SiftConfig, {"contrast_threshold": 1e-4}),
-    "must": (Must, MustConfig, {"contrast_threshold": 1e-4}),
+OURS: dict[str, tuple[Any, Any, dict[str, float | None]]] = {
+    "sift": (Sift, SiftConfig, {"contrast_threshold": None}),
+    "must": (Must, MustConfig, {"contrast_threshold": None}),
     "symroid": (SymRoid, SymRoidConfig, {"seed_threshold": 1e-3}),
 }
 """Class, configuration, and the threshold that passes all but rounding errors."""
@@ -31,15 +31,13 @@ CONFIGURATIONS = {**{name: name for name in OURS}, "sift-random": "sift", "sift-
 """Detectors that take a configuration, and its kind."""
 NAMES = (*CONFIGURATIONS, "opencv", "opencv-root", "colmap")
 """All names besides module:callable."""
-ORIENTATIONS = 2
-"""Keypoints for each location, about: a location may have several orientations."""
 UNLIMITED = 1_000_000
 """Keypoints of an image; COLMAP's default of 8192 truncates the richest images."""
 SEED = 2010
 """Seed of the random order."""
 
 
-def find_detector(name: str, settings: Any = None, max_locations: int | None = None) -> Detector:
+def find_detector(name: str, settings: Any = None, max_keypoints: int | None = None) -> Detector:
     """The detector of a name.
 
     Keypoints are ordered by descending strength: SIFT's as `SiftConfig.ranking` has it, OpenCV's,
@@ -48,8 +46,8 @@ def find_detector(name: str, settings: Any = None, max_locations: int | None = N
     Args:
         name: one of `NAMES`, or module:callable.
         settings: configuration of one in `CONFIGURATIONS`; None for the default.
-        max_locations: number of distinct locations wanted of one in `OURS`, however weak; None
-            for those above its threshold.
+        max_keypoints: number of keypoints to keep, the first in this order; one in `OURS` has as
+            many, however weak. None for all above a threshold.
 
     Raises:
         ConfigError: there is no detector of this name, or a library is not installed.
@@ -57,10 +55,22 @@ def find_detector(name: str, settings: Any = None, max_locations: int | None = N
     if name in OURS:
         detector, default, threshold = OURS[name]
         settings = settings or default()
-        if max_locations is not None:
-            count = ORIENTATIONS * max_locations
-            settings = replace(settings, max_keypoints=count, **threshold)
+        if max_keypoints is not None:
+            settings = replace(settings, max_keypoints=max_keypoints, **threshold)
         return cast("Detector", detector(settings))
+    detect = _unlimited_detector(name, settings)
+
+    def first(image: Float32Array) -> Any:
+        found = detect(image)
+        if isinstance(found, Keypoints):
+            return found[:max_keypoints]
+        xy, descriptors = found.xy[:max_keypoints], found.descriptors[:max_keypoints]
+        return SimpleNamespace(xy=xy, descriptors=descriptors)
+
+    return detect if max_keypoints is None else first
+
+
+def _unlimited_detector(name: str, settings: Any) -> Detector:
     if name == "sift-random":
         return _in_random_order(Sift(settings or SiftConfig()))
     if name == "sift-salient":

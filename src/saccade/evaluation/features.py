@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple
-from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,19 +49,17 @@ def feature_difference(
 def score_detector(
     detect: Detector,
     pairs: Sequence[HomographyPair],
-    counts: Sequence[int | None] = (None,),
     degradation: Degradation | None = None,
     ratio: float = 0.8,
     radius: float = RADIUS,
     progress: Callable[[int, int], object] | None = None,
     estimators: Sequence[Estimator] = ("verify",),
 ) -> list[FeatureScores]:
-    """Score a detector on image pairs, at several numbers of keypoint locations.
+    """Score a detector on image pairs.
 
     Args:
-        detect: the detector, its keypoints in the order in which they are to be kept.
+        detect: the detector.
         pairs: the image pairs; an image shared by successive pairs is detected in once.
-        counts: numbers of locations kept in each image; None keeps all.
         degradation: applied to the second image of each pair, seeded by its number.
         ratio: threshold of the ratio test.
         radius: distance in pixels within which a keypoint is repeated.
@@ -70,23 +67,21 @@ def score_detector(
         estimators: of the homography.
 
     Returns:
-        The scores at each of `counts`, and for each of these by each of `estimators`.
+        The scores by each of `estimators`.
     """
 
     def features(image: Float32Array) -> Features:
         return Features.of(detect(image), image.shape[:2])
 
-    rows = list(product(counts, estimators))
-    scores: list[list[PairScores]] = [[] for _ in rows]
+    scores: list[list[PairScores]] = [[] for _ in estimators]
     path: Path | None = None
     for number, pair in enumerate(pairs):
         if pair.first != path:
             path, first = pair.first, features(read_image(pair.first))
         image = read_image(pair.second)
         second = features(image if degradation is None else degradation.apply(image, number))
-        for table, (count, estimator) in zip(scores, rows, strict=True):
-            kept = first.strongest(count), second.strongest(count)
-            table.append(score_pair(*kept, pair.homography, ratio, radius, estimator))
+        for table, estimator in zip(scores, estimators, strict=True):
+            table.append(score_pair(first, second, pair.homography, ratio, radius, estimator))
         if progress is not None:
             progress(number + 1, len(pairs))
     names = [(pair.sequence, pair.second.stem) for pair in pairs]

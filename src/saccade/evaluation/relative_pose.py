@@ -90,24 +90,22 @@ def score_relative_poses(
     detect: Detector,
     drive: Drive,
     poses: Poses,
-    counts: Sequence[int | None] = (None,),
     gaps: Sequence[int] = (1,),
     ratio: float = 0.8,
     progress: Callable[[int, int], object] | None = None,
-) -> dict[tuple[int, int | None], RelativePoseScores]:
+) -> dict[int, RelativePoseScores]:
     """Score a detector on pairs of frames of a recording whose poses are known.
 
     Args:
-        detect: the detector, its keypoints in the order in which they are to be kept.
+        detect: the detector.
         drive: n frames with images.
         poses: (n,) true poses of the camera, x right, y down, z ahead.
-        counts: numbers of locations kept in each image; None keeps all.
         gaps: numbers of frames from the first of a pair to the second.
         ratio: threshold of the ratio test.
         progress: called with the frames done and their number.
 
     Returns:
-        The scores by gap and count. Pairs without motion are left out, since the translation of
+        The scores by gap. Pairs without motion are left out, since the translation of
         these has no direction.
 
     Raises:
@@ -120,18 +118,18 @@ def score_relative_poses(
         )
     matrix = camera_matrix(drive.camera)
     kept: list[Features] = []
-    names: dict[tuple[int, int | None], list[tuple[int, int]]] = {}
-    scores: dict[tuple[int, int | None], list[PoseScores]] = {}
+    names: dict[int, list[tuple[int, int]]] = {}
+    scores: dict[int, list[PoseScores]] = {}
     for number in range(len(drive)):
         kept = [*kept, _features(detect, drive, number)][-max(gaps) - 1 :]
         for gap in gaps:
             if gap > number or np.allclose(poses.position[number - gap], poses.position[number]):
                 continue
             truth = relative_pose(poses, number - gap, number)
-            for count in counts:
-                pair = kept[-1 - gap].strongest(count), kept[-1].strongest(count)
-                names.setdefault((gap, count), []).append((number - gap, number))
-                scores.setdefault((gap, count), []).append(_score(*pair, matrix, truth, ratio))
+            names.setdefault(gap, []).append((number - gap, number))
+            scores.setdefault(gap, []).append(
+                _score(kept[-1 - gap], kept[-1], matrix, truth, ratio)
+            )
         if progress is not None:
             progress(number + 1, len(drive))
     return {key: RelativePoseScores(names[key], table) for key, table in scores.items()}

@@ -30,16 +30,6 @@ class Features:
     position_sigma: FloatArray
     """(n,) standard deviation of the positions in pixels."""
 
-    def strongest(self, locations: int | None) -> "Features":
-        """The keypoints at the first `locations` distinct locations; all where that is None."""
-        if locations is None:
-            return self
-        _, first, location = np.unique(self.xy, axis=0, return_index=True, return_inverse=True)
-        kept = np.argsort(np.argsort(first))[location.ravel()] < locations
-        return Features(
-            self.xy[kept], self.descriptors[kept], self.shape, self.position_sigma[kept]
-        )
-
     @classmethod
     def of(cls, found: Any, shape: tuple[int, int]) -> "Features":
         """Those of what a detector returned; positions of unknown scale are equally exact."""

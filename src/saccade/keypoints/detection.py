@@ -20,6 +20,10 @@ from saccade.scale.scale_space import MIN_SIDE, ScaleSpace, gaussian_scale_space
 from saccade.scale.workspace import Threads, Workspace, WorkspacePool
 from saccade.types import Float32Array, Image, IntArray, Keypoints
 
+KEYPOINTS_PER_SCALE = 50
+"""Keypoints asked for, for each pixel of the scale at which the ranking levels off: chosen by the
+matches and homographies of known pairs at 100 to 4000 keypoints."""
+
 
 class ScaleSpaceDetector(ABC):
     """A detector of the extrema of a response in scale space.
@@ -53,9 +57,9 @@ class ScaleSpaceDetector(ABC):
         Octaves come in any order; what was given may change when the next is asked for.
         """
 
-    def _selected(self, points: Points, space: ScaleSpace) -> IntArray:
-        """Indices of the points to keep, the strongest first."""
-        return strongest(points, space, self._sift)
+    def _preferred(self, points: Points, space: ScaleSpace) -> IntArray:
+        """Indices of the points to keep, first those that are kept where there are too many."""
+        return preferred(points, space, self._sift)
 
     def __call__(
         self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
@@ -70,7 +74,7 @@ class ScaleSpaceDetector(ABC):
         Returns:
             The keypoints, strongest first; of equally strong ones the upper left first. The
             response is that at the extremum: |D| of SIFT, the symmetry of MUST; SIFT's strongest
-            are those of the largest product with the scale, see `SiftConfig.ranking`. A flat
+            are chosen by it and the scale, see `SiftConfig.ranking`. A flat
             image, or one of a few pixels, has none.
 
         Raises:
@@ -91,16 +95,18 @@ class ScaleSpaceDetector(ABC):
                 further_planes=self.further_planes,
                 workspace=workspace,
             )
-            threshold = self.config.contrast_threshold
+            threshold = self.config.min_response
             points = Points.concatenate(
                 scale_space_extrema(responses, octave, config, threshold, threads)
                 for octave, responses in self._responses(gray, space, workspace)  # B.1, B.4-B.10
             )
             if inside is not None:
                 points = points.inside(inside, space)
+            points = points.take(self._preferred(points, space))
             if not config.upright:
                 points, _ = oriented(points, space, config, threads)  # B.11-B.12
-            points = points.take(self._selected(points, space))
+            points = points.take(slice(config.max_keypoints))
+            points = points.take(by_strength(points, space, config))
             keypoints = points.keypoints(space, config.first_octave)
             if not describe:
                 return keypoints
@@ -133,16 +139,33 @@ def oriented(
     """Each point once for each of its dominant orientations, and (m,) its index (B.11-B.12)."""
     limit = config.max_orientations
     index, angle = assign_orientations(space.octaves, points, config, limit, threads)
+    order = np.lexsort((angle, index))
+    index, angle = index[order], angle[order]
     return points.take(index)._replace(angle=angle), index
 
 
-def strongest(points: Points, space: ScaleSpace, config: SiftConfig) -> IntArray:
-    """Indices of the points to keep, by falling strength, then row, column, size and angle."""
+def by_strength(points: Points, space: ScaleSpace, config: SiftConfig) -> IntArray:
+    """Indices of the points by falling strength, then row, column, size and angle."""
     xy, sigma = points.image_coordinates(space)
-    strength = points.response
-    if config.ranking == "signal-to-noise":
-        strength = (strength * sigma).astype(np.float32)
-    order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -strength))
-    if config.spread and config.max_keypoints is not None:
-        order = order[spread_out(xy[order], strength[order], config.max_keypoints)]
+    return np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -strength(points, space, config)))
+
+
+def strength(points: Points, space: ScaleSpace, config: SiftConfig) -> Float32Array:
+    """(n,) what points are ranked by, see `SiftConfig.ranking`."""
+    if config.ranking == "response":
+        return points.response
+    sigma = points.image_coordinates(space)[1]
+    if config.max_keypoints is not None:
+        sigma = 1 / np.hypot(1 / sigma, KEYPOINTS_PER_SCALE / config.max_keypoints)
+    return (points.response * sigma).astype(np.float32)
+
+
+def preferred(points: Points, space: ScaleSpace, config: SiftConfig) -> IntArray:
+    """Indices of at most `max_keypoints` points, first the strongest, or the most spread ones."""
+    if config.max_keypoints is None:
+        return np.arange(len(points.octave))
+    order = by_strength(points, space, config)
+    if config.spread:
+        xy = points.image_coordinates(space)[0][order]
+        order = order[spread_out(xy, strength(points, space, config)[order])]
     return order[: config.max_keypoints]

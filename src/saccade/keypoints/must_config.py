@@ -6,7 +6,10 @@ from typing import Literal, Self
 
 from saccade.errors import require_valid, setting
 from saccade.keypoints.descriptor_config import DescriptorConfig
-from saccade.keypoints.sift_config import SiftConfig
+from saccade.keypoints.sift_config import MIN_RESPONSE, SiftConfig
+
+CONTRAST_THRESHOLD = 0.05
+"""Smallest symmetry, where neither it nor the number of keypoints is given."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,9 @@ class MustConfig:
     scale_power: float = setting(0.25, -5, 5, slider=(-1, 2, 0.05))
     """Power of the scale in pixels by which symmetry is multiplied: above 0, large structures
     count more."""
-    contrast_threshold: float = setting(0.05, 0, below=1000, slider=(0, 0.5, 0.005))
-    """Smallest symmetry: the weighted mean over the pairs of strength and phase weight."""
+    contrast_threshold: float | None = setting(None, 0, below=1000, slider=(0, 0.5, 0.005))
+    """Smallest symmetry: the weighted mean over the pairs of strength and phase weight. None for
+    0.05, or with `max_keypoints` for as little as it takes to have so many."""
     neighbors: Literal[10, 26] = 10
     """Samples that a maximum is compared with: all 26 around it, or 10 as `SiftConfig` has it."""
     edge_ratio: float = setting(50.0, 1, inf, slider=(1, 100, 1))
@@ -54,6 +58,13 @@ class MustConfig:
     def __post_init__(self) -> None:
         require_valid(self)
         self.sift()  # checks combinations
+
+    @property
+    def min_response(self) -> float:
+        """Smallest symmetry of a keypoint."""
+        if self.contrast_threshold is not None:
+            return self.contrast_threshold
+        return CONTRAST_THRESHOLD if self.max_keypoints is None else MIN_RESPONSE
 
     @classmethod
     def kootstra2010(cls) -> Self:

@@ -1,10 +1,8 @@
 """Frames of regions: maxima of symmetry over position and scale that do not overlap."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from saccade.keypoints.detection import strongest
+from saccade.keypoints.detection import by_strength
 from saccade.keypoints.must import Must
 from saccade.keypoints.scale_space_points import Points
 from saccade.keypoints.symroid_config import SymRoidConfig
@@ -27,8 +25,8 @@ class RegionFrames(Must):
         super().__init__(config.must(), threads)
         self._seed_threshold = config.seed_threshold
 
-    def _selected(self, points: Points, space: ScaleSpace) -> IntArray:
-        order = strongest(points, space, replace(self._sift, max_keypoints=None))
+    def _preferred(self, points: Points, space: ScaleSpace) -> IntArray:
+        order = by_strength(points, space, self._sift)
         response = points.response[order]
         order = order[response >= self._seed_threshold * response.max(initial=0)]
         xy, sigma = points.take(order).image_coordinates(space)
@@ -40,7 +38,7 @@ def separated(xy: FloatArray, sigma: FloatArray, count: int | None) -> IntArray:
     """Indices of the first points that are apart from those kept before them.
 
     Args:
-        xy: (n, 2) positions; equal ones of equal scale are one region in several orientations.
+        xy: (n, 2) positions.
         sigma: (n,) scales.
         count: number of points to keep; None for all.
     """
@@ -49,9 +47,7 @@ def separated(xy: FloatArray, sigma: FloatArray, count: int | None) -> IntArray:
         if len(kept) == count:
             break
         reach = SEPARATION * np.maximum(sigma[kept], sigma[i])
-        gap = np.hypot(*(xy[kept] - xy[i]).T)
-        same = (gap == 0) & (sigma[kept] == sigma[i])
-        if same.any() or (gap >= reach).all():
+        if (np.hypot(*(xy[kept] - xy[i]).T) >= reach).all():
             kept.append(i)
     return np.array(kept, np.int64)
 

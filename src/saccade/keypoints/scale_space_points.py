@@ -41,8 +41,8 @@ class Points(NamedTuple):
         none = cls(integer, integer, np.zeros((0, 2), np.float32), real, real, real)
         return cls._make(map(np.concatenate, zip(none, *parts, strict=True)))
 
-    def take(self, index: Index) -> "Points":
-        """The points that a mask or an index array selects."""
+    def take(self, index: Index | slice) -> "Points":
+        """The points that a mask, an index array or a slice selects."""
         return Points._make(field[index] for field in self)
 
     def image_coordinates(self, space: ScaleSpace) -> tuple[FloatArray, FloatArray]:

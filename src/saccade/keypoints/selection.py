@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saccade.types import BoolArray, Float32Array, FloatArray, IntArray
+from saccade.types import Float32Array, FloatArray, IntArray
 
 ROBUSTNESS = 0.9
 """A point is suppressed only by those of which this fraction exceeds its own response."""
@@ -10,27 +10,24 @@ FIRST_NEIGHBORS = 8
 """Neighbors that are queried of every point."""
 
 
-def spread_out(xy: FloatArray, response: Float32Array, count: int) -> BoolArray:
-    """Keep the points with the largest suppression radii.
+def spread_out(xy: FloatArray, response: Float32Array) -> IntArray:
+    """Order of points by falling suppression radius.
 
     The radius of a point is its distance to the nearest point that is clearly stronger; of equal
-    radii those with lower indices are kept. There is no grid: a mirrored or rotated image keeps
+    radii the lower index comes first. There is no grid: a mirrored or rotated image keeps
     the mirrored or rotated points.
 
     Args:
         xy: (n, 2) positions.
         response: (n,) in falling order.
-        count: number of points to keep.
 
     Returns:
-        (n,) true for `count` points, or for all if there are no more.
+        (n,) indices.
 
     Source: adaptive non-maximal suppression; Brown, Szeliski & Winder (2005), section 3.
     """
     stronger = np.searchsorted(-ROBUSTNESS * response, -response)  # (n,) number of stronger ones
-    kept = np.zeros(len(xy), np.bool_)
-    kept[np.argsort(-nearest_before(xy, stronger), kind="stable")[:count]] = True
-    return kept
+    return np.argsort(-nearest_before(xy, stronger), kind="stable")
 
 
 def nearest_before(xy: FloatArray, ends: IntArray) -> FloatArray:

@@ -8,6 +8,11 @@ from saccade.errors import require, setting
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.scale.scale_space_config import ScaleSpaceConfig
 
+CONTRAST_THRESHOLD = 0.016
+"""Smallest |D| of a keypoint, where neither it nor the number of keypoints is given."""
+MIN_RESPONSE = 1e-4
+"""Response that passes all but rounding errors."""
+
 
 @dataclass(frozen=True)
 class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
@@ -18,8 +23,9 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
 
     border: int = setting(5, 2, slider=(2, 20, 1))
     """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float = setting(0.016, 0, below=1, slider=(0, 0.1, 0.001))
-    """Smallest |D| at an extremum, tau_c (B.6)."""
+    contrast_threshold: float | None = setting(None, 0, below=1, slider=(0, 0.1, 0.001))
+    """Smallest |D| at an extremum, tau_c (B.6). None for 0.016, or with `max_keypoints` for as
+    little as it takes to have so many."""
     candidate_fraction: float = setting(0.7, 0, 1, slider=0.05)
     """Fraction of `contrast_threshold` that a sample must exceed before the fit."""
     neighbors: Literal[10, 26] = 10
@@ -43,7 +49,8 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
     ranking: Literal["signal-to-noise", "response"] = "signal-to-noise"
     """What makes a keypoint strong: "response" is |D|; "signal-to-noise" is |D| times the scale
     in pixels, which is proportional to that ratio: white noise of the pixels has in D a standard
-    deviation that falls as 1 / sigma."""
+    deviation that falls as 1 / sigma. With `max_keypoints` scales level off at a fiftieth of it:
+    the strongest few would else all be large, and large ones are localized coarsely."""
     spread: bool = False
     """Keep as many, but rather those that are far from any clearly stronger one: they cover
     the image (adaptive non-maximal suppression)."""
@@ -52,6 +59,13 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
         ScaleSpaceConfig.__post_init__(self)  # checks the ranges of the descriptor too
         limited = self.max_keypoints is not None
         require(limited or not self.spread, "spread", "max_keypoints with it", self.max_keypoints)
+
+    @property
+    def min_response(self) -> float:
+        """Smallest |D| of a keypoint."""
+        if self.contrast_threshold is not None:
+            return self.contrast_threshold
+        return CONTRAST_THRESHOLD if self.max_keypoints is None else MIN_RESPONSE
 
     @classmethod
     def recommended(cls) -> Self:

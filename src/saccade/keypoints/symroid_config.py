@@ -7,10 +7,8 @@ from typing import Literal, Self
 from saccade.errors import require, require_valid, setting
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.must_config import MustConfig
+from saccade.keypoints.sift_config import MIN_RESPONSE
 from saccade.scale.pyramid import MAX_LEVEL
-
-MIN_SYMMETRY = 1e-4
-"""Symmetry that passes all but rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class SymRoidConfig:
         """
         return MustConfig(
             first_octave=0,
-            contrast_threshold=MIN_SYMMETRY,
+            contrast_threshold=MIN_RESPONSE,
             upright=self.upright,
             max_keypoints=self.max_keypoints,
             descriptor=self.descriptor,

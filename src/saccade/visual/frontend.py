@@ -214,7 +214,9 @@ def _detector(
     opposite orientations that are alike, and the camera of a robot does not roll.
     """
     if name == "must":
-        return Must(MustConfig(max_keypoints=config.max_points, upright=separate))
+        return Must(
+            MustConfig(max_keypoints=config.max_points, contrast_threshold=0.05, upright=separate)
+        )
     if name == "symroid":
         symroid = SymRoid(SymRoidConfig(max_keypoints=config.max_points, upright=separate))
         return lambda image: symroid(image).keypoints
@@ -222,6 +224,7 @@ def _detector(
     return Sift(
         SiftConfig(
             max_keypoints=config.max_points,
+            contrast_threshold=0.016,
             ranking="response",  # the ranking with which drives were measured
             spread=True,
             first_octave=-1 if upsampled else 0,
