@@ -43,7 +43,7 @@ def made(short, tmp_path_factory):
     """What one run with everything printed and wrote."""
     folder = tmp_path_factory.mktemp("made")
     done = subprocess.run(
-        [sys.executable, "-m", "saccade", "slam", str(short), "--out", str(folder), "--json"],
+        [sys.executable, "-m", "saccade", "slam", short, "--film", "--out", folder, "--json"],
         capture_output=True,
         text=True,
         check=True,
@@ -232,7 +232,7 @@ def test_a_log_of_one_pose_has_a_map_and_a_film(run, tmp_path):
         "time,forward,left,turn,cov_forward_forward,cov_left_left,cov_turn_turn,"
         "range,bearing,cov_range_range,cov_bearing_bearing\n0,,,,,,,,,,\n"
     )
-    code, out, err = run("slam", "one.csv", "--smooth", "--json")
+    code, out, err = run("slam", "one.csv", "--smooth", "--film", "--json")
     assert code == 0
     assert "warning: Nothing is mapped: there are no observations" in err
     row = json.loads(out)

@@ -251,7 +251,8 @@ def test_scores_are_those_of_evo(drive, mapped):
 
 def test_drive_writes_its_files(drive, run, tmp_path):
     datasets.save_drive(tmp_path / "ring", drive.until(9))
-    code, out, _ = run("drive", tmp_path / "ring", "--out", "made", "--max-landmarks", 25, "--json")
+    words = ("--out", "made", "--max-landmarks", 25, "--film", "--json")
+    code, out, _ = run("drive", tmp_path / "ring", *words)
     assert code == 0
     row = json.loads(out)
     assert row["frames"] == 9

@@ -34,7 +34,7 @@ LEAD = (
     "An image goes in, attention says where to look, interest points say what to keep, "
     "landmarks say where things are, and a map comes out."
 )
-SEED, FRAMES = 0, 160
+SEED, FRAMES = 0, 80
 """Seed and number of frames of the simulated drive."""
 
 
@@ -102,7 +102,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         task = bar.add_task("EKF-SLAM: a car in Victoria Park", total=None)
         log = datasets.load("victoria-park", victoria_park)
         finish()
-        output = RunOutput(out, film=False, report=builder)
+        output = RunOutput(out, report=builder)
         results["slam"] = map_log(log, load_settings("slam"), output, progress)
 
         task = bar.add_task("visual SLAM: a robot that looks around", total=None)
@@ -116,7 +116,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         )
         recorder = Recorder(FRAMES // 2)
         drive, result = gaze_drive(rooms, "active", SEED, progress, recorder)
-        output = RunOutput(out / "drive", report=builder)
+        output = RunOutput(out / "drive", film=True, report=builder)
         snapshots = recorder.snapshots
         results["drive"] = write_results(drive, SETTINGS, output, progress, result, snapshots)
     return results

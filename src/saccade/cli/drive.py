@@ -83,9 +83,9 @@ def drive(
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
     covariances), the map (landmarks.csv; map.npz with descriptors), every
-    observation of a landmark (observations.csv), a figure (map.png), a film
-    (drive.mp4) and a frame of it (drive.png), an interactive report
-    (report.html), and settings and scores (run.json).
+    observation of a landmark (observations.csv), a figure (map.png), an
+    interactive report (report.html), and settings and scores (run.json); with
+    --film a film (drive.mp4) and a frame of it (drive.png) too.
 
     An interrupted run resumes from its last checkpoint.
 

@@ -41,7 +41,7 @@ class RunOutput:
     """Where a mapping run writes, and what besides its tables and figures."""
 
     folder: Path
-    film: bool = True
+    film: bool = False
     snapshots: int = 240
     """Maximum number of snapshots of the map, for the film and the report."""
     checkpoint_interval: float = 10.0

@@ -196,7 +196,7 @@ class RunOptions:
             "--figure-format", help="Format of the figures, png by default; several with commas."
         ),
     ] = None
-    film: Annotated[bool, Option(help="Write a film of the growing map.")] = True
+    film: Annotated[bool, Option(help="Also write a film of the growing map.")] = False
     checkpoint: Annotated[
         float,
         Option(

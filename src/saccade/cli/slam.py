@@ -112,9 +112,9 @@ def slam(
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
     covariances), the landmarks with covariances (landmarks.csv), the
-    innovations (innovations.csv), figures (map.png, innovations.png), a film
-    (map.mp4), an interactive report (report.html), and settings and scores
-    (run.json).
+    innovations (innovations.csv), figures (map.png, innovations.png), an
+    interactive report (report.html), and settings and scores (run.json); with
+    --film a film too (map.mp4).
 
     An interrupted run resumes from its last checkpoint. With --map, the
     settings are those of the map unless others are given. With --merge the
