@@ -27,7 +27,7 @@ from saccade.attention import (
     symmetry_saliency,
 )
 from saccade.datasets.fixations import read_fixations
-from saccade.evaluation.fixation_references import center_model, score_people, shuffled_model
+from saccade.evaluation.comparison import center_model, score_people, shuffled_model
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import PredictionScores, fixations_by_image, score_models
 from saccade.scale.pyramid import resize

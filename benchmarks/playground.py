@@ -10,8 +10,7 @@ import argparse
 
 import numpy as np
 
-from saccade.serving.playground import Session, positions
-from saccade.serving.simulated_robot import PlaygroundNoise, rings
+from saccade.serving.playground import PlaygroundNoise, Session, positions, rings
 from saccade.slam.config import RETRACTIONS
 
 ROUND = 126

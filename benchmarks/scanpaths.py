@@ -23,10 +23,9 @@ from scipy.stats import gamma
 from saccade import AttentionConfig, ScanpathConfig, ScanpathModelConfig, attention_saliency
 from saccade.attention import sample_scanpaths, scanpath, scanpath_log_likelihood
 from saccade.datasets.fixations import read_fixations
-from saccade.evaluation.conditional import score_fixations
+from saccade.evaluation.conditional import score_fixations, summary
 from saccade.evaluation.prediction import fixations_by_image
 from saccade.evaluation.scanpath_similarity import GazePath, ScanMatchConfig, scanmatch
-from saccade.evaluation.scanpath_summary import summary
 from saccade.evaluation.scanpaths import (
     PathSettings,
     Viewing,

@@ -8,8 +8,8 @@ import pytest
 
 import saccade
 import saccade.attention.video
+from saccade.attention.video import camera_motion
 from saccade.errors import ConfigError, ImageError
-from saccade.image_motion import camera_motion
 
 H, W = 180, 320
 RATE = 25.0

@@ -17,7 +17,7 @@ from saccade.batch.engines import Processes
 from saccade.batch.matching import read_pairs, write_pairs
 from saccade.errors import ConfigError
 from saccade.exchange.colmap import import_pycolmap
-from saccade.exchange.hloc import group_of
+from saccade.exchange.hdf5 import group_of
 from support.hloc import import_hloc
 
 HALLWAY = [str(files("saccade") / "data" / f"hallway_{n}.jpg") for n in (1, 2)]

@@ -9,8 +9,12 @@ from PIL import Image as Pillow
 
 from saccade import visual
 from saccade.datasets import load_drive
-from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics, read_intrinsics
-from saccade.datasets.drives.folder import assume_speed
+from saccade.datasets.drives.folder import (
+    CameraOptions,
+    assume_speed,
+    parse_intrinsics,
+    read_intrinsics,
+)
 from saccade.errors import ConfigError, DriveError
 from saccade.simulation import DriveConfig, simulate_drive
 

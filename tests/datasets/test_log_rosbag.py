@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from saccade import LogWarning, slam
 from saccade.datasets import load
-from saccade.datasets.ros.landmarks import identities
+from saccade.datasets.ros.logs import identities
 from saccade.errors import LogError
 from saccade.frames import steps_between
 from saccade.types import THREE_SIGMA_2D

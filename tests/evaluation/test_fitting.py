@@ -10,8 +10,14 @@ from saccade.attention import AttentionConfig
 from saccade.attention.features import GEOMETRY, feature_maps
 from saccade.attention.fitted import FUNCTIONS, LAGS, path_terms, saccade_tables
 from saccade.evaluation._fitting_kernels import add_likelihood
-from saccade.evaluation.comparison import fixation_rows, paired_difference
-from saccade.evaluation.fitted_scores import REST, score_steps, step_densities
+from saccade.evaluation.comparison import (
+    center_model,
+    fixation_rows,
+    paired_difference,
+    score_people,
+    shuffled_model,
+)
+from saccade.evaluation.fit_study import REST, score_steps, step_densities
 from saccade.evaluation.fitting import (
     FittingConfig,
     FittingData,
@@ -21,7 +27,6 @@ from saccade.evaluation.fitting import (
     fit,
     split,
 )
-from saccade.evaluation.fixation_references import center_model, score_people, shuffled_model
 from saccade.evaluation.fixations import FixationScores, auc, fixation_density, nss
 from saccade.evaluation.prediction import PredictionScores, score_models
 from saccade.types import FixationTable

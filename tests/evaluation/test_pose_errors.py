@@ -11,15 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from saccade.datasets.drives.sidecar_files import read_tum_poses as read_poses
 from saccade.errors import ConfigError, LogError
-from saccade.evaluation.pose_errors import (
+from saccade.evaluation.trajectory import (
     PoseErrorConfig,
     Poses,
     associate,
     pairs,
     score_poses,
     statistics,
+    umeyama,
 )
-from saccade.evaluation.trajectory import umeyama
 
 N = 300
 

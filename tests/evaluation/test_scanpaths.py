@@ -10,9 +10,8 @@ import pytest
 
 from saccade.attention import ScanpathModelConfig, sample_scanpaths
 from saccade.errors import LogError
-from saccade.evaluation.conditional import MODELS, score_fixations
+from saccade.evaluation.conditional import MODELS, score_fixations, summary
 from saccade.evaluation.fixations import auc, nss
-from saccade.evaluation.scanpath_summary import summary
 from saccade.evaluation.scanpaths import SOURCES, PathSettings, score_paths, viewings
 from saccade.types import FixationTable
 

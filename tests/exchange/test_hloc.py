@@ -7,7 +7,7 @@ import pytest
 import saccade
 from saccade import exchange
 from saccade.errors import ConfigError, KeypointsError
-from saccade.exchange.hloc import group_of
+from saccade.exchange.hdf5 import group_of
 from support.hloc import import_hloc
 from support.keypoint_files import HALLWAY, random_points
 

@@ -353,7 +353,7 @@ def _mapped(folder: Path, maps: str) -> None:
 
 def _read_map(folder: Path) -> object:
     from saccade.batch.dataset import read_table
-    from saccade.batch.maps import read_map
+    from saccade.batch.shards import read_map
     from saccade.batch.store import LocalStore
     from saccade.batch.tables import MAP_SCHEMA
 

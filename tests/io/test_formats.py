@@ -20,7 +20,7 @@ from saccade.batch.store import LocalStore
 from saccade.datasets import load
 from saccade.datasets.drives.calibration import read_calibration
 from saccade.errors import ConfigError, KeypointsError
-from saccade.io.formats import FORMATS
+from saccade.io.files import FORMATS
 from saccade.io.npz import save_arrays
 from saccade.settings import load_settings
 from support.error_checks import refuses

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from saccade.errors import ImageError
-from saccade.io import live_video
-from saccade.io.live_video import LiveVideo
-from saccade.io.video import read_video, video_writer
+from saccade.io import video as live_video
+from saccade.io.video import LiveVideo, read_video, video_writer
 
 
 class Device:

@@ -7,10 +7,19 @@ import numpy as np
 import pytest
 
 from saccade.errors import ConfigError, LogError
-from saccade.serving.playground import MAX_SESSIONS, MAX_STEPS, Playground, Session, positions
-from saccade.serving.simulated_robot import MAX_LANDMARKS, PlaygroundNoise, World, rings
+from saccade.serving.playground import (
+    MAX_LANDMARKS,
+    MAX_SESSIONS,
+    MAX_STEPS,
+    Playground,
+    PlaygroundNoise,
+    Session,
+    World,
+    positions,
+    rings,
+)
 from saccade.slam.consistency import chi_square_band
-from saccade.viewing.embedding import as_json
+from saccade.viewing.page import as_json
 
 LAP = [0.5, 0.05]
 """A step on the circle between the rings of landmarks."""
@@ -161,7 +170,7 @@ def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
         ({"noise": {"loud": 1}}, "noise: expected one of distance_percent"),
         ({"noise": {"reach": "far"}}, "reach: expected a number, found 'far'"),
         ({"noise": {"reach": None}}, "reach: expected a number"),
-        ({"noise": {"range_percent": 0}}, "range_percent: expected 0.5 to 20.0, found 0"),
+        ({"noise": {"range_percent": 0}}, "range_percent: expected 0.5 to 20, found 0"),
         ({"noise": {"reach": 10**400}}, "reach: expected a number"),
     ],
 )

@@ -23,7 +23,7 @@ from PIL import Image as Pillow
 
 from saccade.errors import ConfigError, ImageError, setting
 from saccade.extras import install_command
-from saccade.serving import snippets
+from saccade.serving import controls as snippets
 from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
 from saccade.serving.controls import (
     HIDDEN,

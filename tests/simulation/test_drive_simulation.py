@@ -14,8 +14,7 @@ from saccade.evaluation.trajectory import position_rmse
 from saccade.settings import as_toml
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
 from saccade.simulation.rendering import Illumination, render
-from saccade.simulation.scene import Ground, Walls, build_scene, poster_images
-from saccade.simulation.textures import all_posters
+from saccade.simulation.scene import Ground, Walls, all_posters, build_scene, poster_images
 from saccade.slam import compose
 from saccade.slam.filter.models import unbiased
 from saccade.types import Trajectory

@@ -11,7 +11,7 @@ import saccade
 from saccade.types import Keypoints, SymmetricPairs
 from saccade.viewing import keypoint_frame_figure
 from saccade.viewing.attention import axis_of
-from saccade.viewing.keypoint_frames import KeypointView
+from saccade.viewing.keypoints import KeypointView
 from saccade.viewing.style import GREEN, RED
 
 CHELSEA = saccade.read_image(files("saccade") / "data" / "chelsea.jpg")

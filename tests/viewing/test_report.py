@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from saccade.types import Keypoints, MapSnapshot, Scanpath, ScanpathSamples, Trajectory
-from saccade.viewing.embedding import jpeg
-from saccade.viewing.page import Picture, Section, web_file
+from saccade.viewing.page import Picture, Section, jpeg, web_file
 from saccade.viewing.report import ReportBuilder, Table, image_part, match_part, report_page
 from saccade.viewing.report_map import (
     ObservedLandmarks,

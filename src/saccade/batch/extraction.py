@@ -29,7 +29,7 @@ from saccade.batch.sources import Item, Source
 from saccade.batch.store import Store, open_store
 from saccade.batch.tables import ERROR_SCHEMA, MAP_SCHEMA, parquet_options, record_batch
 from saccade.errors import ConfigError, OutputError
-from saccade.io.formats import FORMATS
+from saccade.io.files import FORMATS
 
 ERROR_FILE = "errors.parquet"
 MAX_SHARD_SIZE = 256

@@ -29,8 +29,16 @@ from saccade.batch.store import LocalStore
 from saccade.batch.tables import DESCRIPTOR_SIZE
 from saccade.errors import ConfigError, KeypointsError, OutputError, require
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write, check_file, one_line, read_text, results_in, text_path
-from saccade.io.formats import FORMATS, check_format
+from saccade.io.files import (
+    FORMATS,
+    atomic_write,
+    check_file,
+    check_format,
+    one_line,
+    read_text,
+    results_in,
+    text_path,
+)
 from saccade.io.npz import map_array
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify

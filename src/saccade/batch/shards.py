@@ -1,4 +1,4 @@
-"""Extracts one shard: some images in, a Parquet table and its record out.
+"""Extracts one shard: some images in, a Parquet table or maps and its record out.
 
 A shard is done when its record exists, which is written last. An interrupted shard leaves at most a
 table without a record, which the next run removes. Images that are done again make a new generation
@@ -6,12 +6,17 @@ of the shard beside the old one, so that a record never describes a table that i
 for.
 """
 
+import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
+from math import prod
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -20,12 +25,113 @@ from saccade import keypoints
 from saccade.batch import tables
 from saccade.batch.dataset import RECORDS, read_record, read_table, shard_file
 from saccade.batch.job import MAPS, POINTS, Job
-from saccade.batch.maps import map_writer, read_map
 from saccade.batch.sources import Item, content_hash, decode, read_content
 from saccade.batch.store import Store, open_store
 from saccade.batch.tables import RECORD_SCHEMA, parquet_options, record_batch, text_array
-from saccade.errors import OutputError, SaccadeError
+from saccade.errors import KeypointsError, OutputError, SaccadeError
+from saccade.extras import import_optional
+from saccade.io.files import LARGEST_IMAGE, one_line
+from saccade.io.image import decode_stored, size_in_header
 from saccade.types import Float32Array, Image, Keypoints, Regions
+
+FOLDER = "maps"
+PNG_MAXIMUM = 65535
+"""Pixel of a PNG that stands for 1."""
+
+AddMap: TypeAlias = Callable[[str, Float32Array], tuple[str, str]]
+"""Writes the map of an image, by its name; gives the file and the array in it, "" for a PNG."""
+
+
+@contextmanager
+def map_writer(job: Job, store: Store, shard: str) -> Iterator[AddMap]:
+    """A function that writes the maps of a shard; it must not be called where a job has none.
+
+    Raises:
+        OutputError: they cannot be written.
+        ConfigError: zarr is asked for and not installed.
+    """
+    if job.what not in MAPS:
+        yield _no_map
+    elif job.maps == "png":
+        yield partial(_write_png, store, shard)
+    else:
+        zarr = import_optional("zarr", "zarr")
+        file = f"{FOLDER}/part-{shard}.zarr.zip"
+        with store.writing(file) as path, _archive(zarr, path, "w") as archive:
+            group = zarr.create_group(archive)
+
+            def add(name: str, values: Float32Array) -> tuple[str, str]:
+                group.create_array(name, data=values.astype(np.float16), chunks=values.shape)
+                return file, name
+
+            yield add
+
+
+def read_map(store: Store, row: pa.Table) -> Float32Array:
+    """The map of a row of the table, (h, w) in [0, 1].
+
+    Raises:
+        KeypointsError: it is missing, broken, or of another shape than in the row.
+        ConfigError: zarr is needed and not installed.
+    """
+    names = ("file", "array", "rows", "columns")
+    file, array, *shape = (row[name][0].as_py() for name in names)
+    try:
+        return _read_array(store, file, array, tuple(shape))
+    except (SaccadeError, MemoryError):
+        raise
+    except Exception as error:  # zarr raises anything for a broken file
+        message = f"{store.location}/{file}: expected a map: {one_line(error)}"
+        raise KeypointsError(message) from error
+
+
+def _read_array(store: Store, file: str, array: str, shape: tuple[int, ...]) -> Float32Array:
+    with store.open(file) as opened:
+        if not array:
+            data = opened.read()
+            _check_shape(size_in_header(data, file)[::-1], shape)
+            pixels = decode_stored(data, f"{store.location}/{file}")
+            _check_shape(pixels.shape, shape)
+            return (np.asarray(pixels) / np.float32(PNG_MAXIMUM)).astype(np.float32)
+        zarr = import_optional("zarr", "zarr")
+        with tempfile.NamedTemporaryFile(suffix=".zip") as copy:
+            shutil.copyfileobj(opened, copy)
+            copy.flush()
+            with _archive(zarr, Path(copy.name), "r") as archive:
+                values = zarr.open_group(archive, mode="r")[array]
+                _check_shape(values.shape, shape)
+                return np.asarray(values[...], np.float32)
+
+
+def _check_shape(found: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    """Check a shape before the array is unpacked: a small file may hold a large one."""
+    if found != expected or prod(expected) > LARGEST_IMAGE:
+        raise ValueError(f"expected {expected} values, found {found}")
+
+
+@contextmanager
+def _archive(zarr: Any, path: Path, mode: str) -> Iterator[Any]:
+    """A Zarr store in one file; a folder of many small files would be slow."""
+    archive = zarr.storage.ZipStore(path, mode=mode)
+    try:
+        yield archive
+    finally:
+        archive.close()
+
+
+def _write_png(store: Store, shard: str, name: str, values: Float32Array) -> tuple[str, str]:
+    file = f"{FOLDER}/part-{shard}/{name}.png"
+    encoded, packed = cv2.imencode(".png", np.rint(values * PNG_MAXIMUM).astype(np.uint16))
+    if not encoded:
+        raise OutputError(f"{store.location}/{file}: cannot be written as PNG")
+    with store.writing(file) as path:
+        path.write_bytes(packed.tobytes())
+    return file, ""
+
+
+def _no_map(name: str, values: Float32Array) -> tuple[str, str]:
+    raise AssertionError(name)
+
 
 ROW_GROUP = 1 << 16
 """Rows that are written together; as points they take 10 MB."""

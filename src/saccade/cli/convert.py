@@ -66,7 +66,7 @@ def convert(
 def _convert_points(folder: str, file: Path, to: str | None) -> dict[str, Any]:
     """Write the keypoints of a data set in the format of another program."""
     import_optional("pyarrow", "parquet")
-    from saccade.batch.export import EXPORTS, FileFormat, export_points
+    from saccade.batch.dataset import EXPORTS, FileFormat, export_points
 
     form = to or {".db": "colmap", ".h5": "hdf5", ".hdf5": "hdf5"}.get(file.suffix, "")
     names = ", ".join(EXPORTS)

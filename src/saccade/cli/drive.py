@@ -35,8 +35,7 @@ from saccade.datasets.drives.writing import require_writable
 from saccade.diagnostics import drop_repeated
 from saccade.evaluation.drives import summarize_drive
 from saccade.frames import Drive
-from saccade.io.files import results_in
-from saccade.io.formats import FORMATS
+from saccade.io.files import FORMATS, results_in
 from saccade.settings import load_settings
 from saccade.slam import Checkpoint, Recorder
 from saccade.types import Float32Array, Image, MapSnapshot

@@ -17,12 +17,14 @@ from saccade.cli.output import emit, tracked, with_interval
 from saccade.errors import ConfigError, require
 from saccade.evaluation.comparison import (
     FixationRow,
+    center_model,
     checked_map,
     fixation_rows,
     imported_model,
     paired_difference,
+    score_people,
+    shuffled_model,
 )
-from saccade.evaluation.fixation_references import center_model, score_people, shuffled_model
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import (
     Model,

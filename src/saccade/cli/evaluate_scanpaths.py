@@ -19,9 +19,8 @@ from saccade.cli.attention_models import (
 )
 from saccade.cli.fixation_tables import FixationOptions
 from saccade.cli.output import emit, tracked, write_text
-from saccade.evaluation.conditional import FixationRow, score_fixations
+from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary, tidy
 from saccade.evaluation.scanpath_similarity import ScanMatchConfig
-from saccade.evaluation.scanpath_summary import Summary, summary, tidy
 from saccade.evaluation.scanpaths import (
     OTHERS,
     PathRow,

@@ -14,20 +14,19 @@ from saccade.cli.output import emit
 from saccade.datasets import write_table
 from saccade.datasets.drives.sidecar_files import read_tum_poses
 from saccade.errors import LogError, require
-from saccade.evaluation.pose_errors import (
+from saccade.evaluation.trajectory import (
     PoseErrorConfig,
     PoseScores,
     Unit,
+    none_if_nan,
     score_poses,
     statistics,
 )
-from saccade.evaluation.trajectory import none_if_nan
 from saccade.io.files import as_text
 from saccade.types import FloatArray
 from saccade.viewing import save_figure
-from saccade.viewing.embedding import figure_uri
 from saccade.viewing.evaluation import ComparedTrajectory, trajectory_figure
-from saccade.viewing.page import Picture
+from saccade.viewing.page import Picture, figure_uri
 from saccade.viewing.report import Table
 
 LEAD = "Errors of estimated trajectories against the truth."

@@ -12,8 +12,7 @@ from saccade.cli import options
 from saccade.cli.attention_models import Faces, face_detector
 from saccade.cli.fixation_tables import FixationOptions
 from saccade.cli.output import emit, print_message, progress_bar, tracked, with_interval, write_text
-from saccade.evaluation.fit_study import FITTED, FitStudy, study
-from saccade.evaluation.fitted_scores import ORDERED, STATIC, differences
+from saccade.evaluation.fit_study import FITTED, ORDERED, STATIC, FitStudy, differences, study
 from saccade.evaluation.fitting import FittingConfig
 from saccade.evaluation.intervals import mean_interval
 from saccade.evaluation.prediction import PredictionScores

@@ -22,8 +22,7 @@ from saccade.datasets import load_drive, write_table
 from saccade.datasets.drives.live import LiveDrive
 from saccade.exchange import to_opencv
 from saccade.frames import Frame
-from saccade.io.live_video import LiveVideo
-from saccade.io.video import video_writer
+from saccade.io.video import LiveVideo, video_writer
 from saccade.slam import Recorder
 from saccade.types import FloatArray, Image, Regions
 from saccade.viewing.live import LiveImages, LiveMap

@@ -36,8 +36,7 @@ from saccade.cli.output import (
 )
 from saccade.cli.precompile import points_compiled_ahead
 from saccade.errors import ConfigError, ImageError
-from saccade.io.files import results_in
-from saccade.io.formats import FORMATS
+from saccade.io.files import FORMATS, results_in
 from saccade.io.image import find_images, read_image
 from saccade.io.video import is_video, read_video, video_rate, video_writer
 from saccade.keypoints import Sift, SiftConfig

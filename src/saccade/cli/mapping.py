@@ -14,8 +14,7 @@ from saccade.cli.output import Progress, write_text
 from saccade.errors import ImageError
 from saccade.evaluation.slam_runs import has_headings, lost_times
 from saccade.frames import Drive
-from saccade.io.files import atomic_write
-from saccade.io.formats import FORMATS
+from saccade.io.files import FORMATS, atomic_write
 from saccade.io.video import video_writer
 from saccade.slam import SlamResult, SmoothResult
 from saccade.slam.consistency import chi_square_band, normalized_squared

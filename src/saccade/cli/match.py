@@ -22,8 +22,8 @@ from saccade.keypoints import match as nearest_matches
 from saccade.keypoints.two_view_fit import Geometry
 from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Regions
 from saccade.viewing import Picture, Section, keypoint_frame_figure, match_figure, save_figures
-from saccade.viewing.embedding import figure_uri
-from saccade.viewing.keypoint_frames import KeypointView, Outcome
+from saccade.viewing.keypoints import KeypointView, Outcome
+from saccade.viewing.page import figure_uri
 from saccade.viewing.report import ReportBuilder, match_part
 
 

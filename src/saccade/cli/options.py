@@ -12,7 +12,7 @@ from saccade.errors import ConfigError
 
 if TYPE_CHECKING:
     from saccade.cli.mapping import RunOutput
-    from saccade.datasets.drives.bare import CameraOptions as Calibration
+    from saccade.datasets.drives.folder import CameraOptions as Calibration
     from saccade.frames import Drive
     from saccade.viewing.report import Table
 
@@ -174,7 +174,7 @@ class SequenceOptions:
 
     def calibration(self) -> "Calibration":
         """The camera where the drive tells of none."""
-        from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
+        from saccade.datasets.drives.folder import CameraOptions, parse_intrinsics
 
         return CameraOptions(parse_intrinsics(self.intrinsics), self.baseline)
 

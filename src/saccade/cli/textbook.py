@@ -11,7 +11,7 @@ from saccade.cli.output import Table, emit, print_message, write_text
 from saccade.errors import ConfigError
 from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import read_image
-from saccade.viewing.embedding import shrunk
+from saccade.viewing.page import shrunk
 from saccade.viewing.textbook import (
     Implementation,
     load_implementations,

@@ -3,7 +3,7 @@
 from saccade.diagnostics.checks import check_drive
 from saccade.diagnostics.findings import CheckReport, Finding
 from saccade.diagnostics.landmark_log import check_log
-from saccade.diagnostics.repeats import drop_repeated
+from saccade.diagnostics.recording import drop_repeated
 from saccade.diagnostics.slam_run import check_run
 
 __all__ = ["CheckReport", "Finding", "check_drive", "check_log", "check_run", "drop_repeated"]

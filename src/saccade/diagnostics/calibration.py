@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from saccade.diagnostics.findings import Finding, Severity
-from saccade.diagnostics.motion_series import MIN_STEPS, MotionSeries, fit
-from saccade.diagnostics.survey import Survey
+from saccade.diagnostics.survey import MIN_STEPS, MotionSeries, Survey, fit
 from saccade.frames import Camera
 
 MIN_DISPARITIES = 200

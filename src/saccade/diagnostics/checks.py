@@ -13,11 +13,11 @@ from saccade.diagnostics.calibration import (
     check_rotation,
 )
 from saccade.diagnostics.findings import CheckReport, Finding
-from saccade.diagnostics.motion_series import MIN_STEPS, Lag, MotionSeries, fit, lag_of, series_of
 from saccade.diagnostics.odometry import (
     check_direction,
     check_jumps,
     check_translations,
+    check_truth,
     check_turns,
 )
 from saccade.diagnostics.recording import (
@@ -26,8 +26,16 @@ from saccade.diagnostics.recording import (
     check_planarity,
     check_timestamps,
 )
-from saccade.diagnostics.survey import Survey, survey_drive
-from saccade.diagnostics.truth import check_truth
+from saccade.diagnostics.survey import (
+    MIN_STEPS,
+    Lag,
+    MotionSeries,
+    Survey,
+    fit,
+    lag_of,
+    series_of,
+    survey_drive,
+)
 from saccade.errors import DriveError, require
 from saccade.frames import Drive
 

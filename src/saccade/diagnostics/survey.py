@@ -1,18 +1,27 @@
-"""Survey of a drive: image statistics and camera motion of its frames."""
+"""Survey of a drive: statistics of its images, and the motion of its camera over time."""
 
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
-from saccade.diagnostics.camera_motion import FramePoints, match_points, motion_between, points_of
 from saccade.errors import ImageError
-from saccade.frames import Drive, Frame, Tracks
+from saccade.frames import Camera, Drive, Frame, Tracks
 from saccade.types import BoolArray, FloatArray, Image, IntArray
-from saccade.visual.camera import reduced_camera
-from saccade.visual.optical_flow import ByteArray, PreparedFrame, gray_bytes, reduced_image
+from saccade.visual.camera import Intrinsics, directions, reduced_camera
+from saccade.visual.depth import depth_of
+from saccade.visual.egomotion import MAX_REPROJECTION_ERROR, CameraPose, perspective_n_point
+from saccade.visual.optical_flow import (
+    ByteArray,
+    PreparedFrame,
+    gray_bytes,
+    reduced_image,
+    track_points,
+)
+from saccade.visual.tables import Table, column
 
 STRETCHES = 4
 """Sequences of successive frames, evenly spread, that are surveyed of a longer drive."""
@@ -161,3 +170,273 @@ def repeated_observations(before: Tracks, now: Tracks) -> IntArray | None:
     if len(i) < MIN_COMMON_TRACKS or equal.mean() <= MAX_EQUAL:
         return None
     return np.asarray(j[equal], np.int64)
+
+
+MAX_CORNERS, CORNER_QUALITY, MIN_SPACING = 300, 0.003, 9
+"""Corners in an image, their response as a fraction of the strongest, and pixels between them."""
+MIN_DISPARITY = 2.0
+"""Pixels from which a disparity gives a depth."""
+MIN_POINTS = 12
+"""Points from which a motion is estimated."""
+STANDSTILL = 0.2
+"""Median displacement in pixels of the points of a camera that stands still."""
+
+
+@dataclass(frozen=True, eq=False)
+class FramePoints(Table):
+    """k points of a frame."""
+
+    xy: FloatArray = column(2)
+    """(k, 2) pixels."""
+    depth: FloatArray = column()
+    """(k,) metres along the optical axis, NaN where unknown."""
+    disparity: FloatArray = column()
+    """(k,) pixels, NaN where unknown."""
+    row_offset: FloatArray = column()
+    """(k,) row in the right image less that in the left one in pixels, NaN where unknown."""
+    track: IntArray = column(dtype=np.int64)
+    """(k,) track ids of the drive, 0 for corners."""
+
+
+def points_of(prepared: PreparedFrame, camera: Camera) -> FramePoints:
+    """The tracks of a frame, or the corners of its image (Shi & Tomasi, 1994)."""
+    if (tracks := prepared.frame.tracks) is not None:
+        unknown = np.full(len(tracks), np.nan)
+        depth = _depth_of(tracks.disparity, camera)
+        return FramePoints(tracks.xy, depth, tracks.disparity, unknown, tracks.id)
+    if (gray := prepared.left) is None:
+        return FramePoints()
+    corners: Any = cv2.goodFeaturesToTrack(gray, MAX_CORNERS, CORNER_QUALITY, MIN_SPACING)
+    if corners is None:
+        return FramePoints()
+    xy = np.asarray(corners, np.float64).reshape(-1, 2)
+    depth = disparity = rows = np.full(len(xy), np.nan)
+    if prepared.frame.depth is not None:
+        column, row = np.rint(xy).astype(np.int64).T
+        depth = prepared.frame.depth[row, column]
+    elif prepared.right is not None and prepared.right.shape == gray.shape:
+        right, tracked = track_points(gray, prepared.right, xy.astype(np.float32))
+        disparity = np.where(tracked, xy[:, 0] - right[:, 0], np.nan)
+        rows = np.where(tracked, right[:, 1] - xy[:, 1], np.nan)
+        depth = _depth_of(disparity, camera)
+    return FramePoints(xy, depth, disparity, rows, np.zeros(len(xy), np.int64))
+
+
+def _depth_of(disparity: FloatArray, camera: Camera) -> FloatArray:
+    """(k,) metres; NaN where the disparity is too small, or there is no right camera."""
+    usable = (disparity > MIN_DISPARITY) & (camera.baseline > 0)
+    return depth_of(camera, np.where(usable, disparity, np.nan))
+
+
+def match_points(
+    first: FramePoints, frames: tuple[PreparedFrame, PreparedFrame], second: FramePoints
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Correspondences of two frames, by their tracks or by optical flow.
+
+    Returns:
+        (k, 2) pixels in the first and (k, 2) in the second frame, and (k,) depths in the first.
+    """
+    previous, current = frames
+    if previous.frame.tracks is not None and current.frame.tracks is not None:
+        _, i, j = np.intersect1d(first.track, second.track, return_indices=True)
+        return first.xy[i], second.xy[j], first.depth[i]
+    one, other = previous.left, current.left
+    if one is None or other is None or one.shape != other.shape:
+        return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
+    xy, tracked = track_points(one, other, first.xy.astype(np.float32))
+    return first.xy[tracked], xy[tracked].astype(np.float64), first.depth[tracked]
+
+
+def motion_between(
+    first: FloatArray, second: FloatArray, depth: FloatArray, camera: Camera
+) -> tuple[FloatArray, FloatArray, bool] | None:
+    """Estimate the motion of a camera from k correspondences.
+
+    Args:
+        first: (k, 2) pixels in the one frame.
+        second: (k, 2) in the next.
+        depth: (k,) metres along the optical axis in the first frame, NaN where unknown.
+        camera: the calibration.
+
+    Returns:
+        Along the robot's axes (ahead, left, up) at the first frame: rotation vector (3,) in
+        radians, translation (3,), and whether it is in metres. Without depths it has length 1,
+        or 0 at a standstill. None where too few points, or less than a third, agree.
+    """
+    known = np.isfinite(depth)
+    metric = bool(known.sum() >= MIN_POINTS)
+    pose: CameraPose | None = None
+    if metric:
+        points = directions(camera, first[known]) * depth[known, None]
+        solution = perspective_n_point(
+            camera, points, second[known], method=cv2.SOLVEPNP_ITERATIVE, confidence=0.99
+        )
+        if solution is not None and _most_agree(solution[2], len(points)):
+            pose = solution[:2]
+    else:
+        pose = _from_directions(first, second, camera)
+    if pose is None:
+        return None
+    R, t = pose
+    C = camera.rotation
+    rotation = np.asarray(cv2.Rodrigues(C @ R.T @ C.T)[0], np.float64).ravel()
+    return rotation, -(C @ R.T @ t), metric
+
+
+def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> CameraPose | None:
+    if len(first) < MIN_POINTS:
+        return None
+    if np.median(np.hypot(*(second - first).T)) < STANDSTILL:
+        return np.eye(3), np.zeros(3)
+    K = Intrinsics.of(camera).matrix
+    E, inliers = cv2.findEssentialMat(first, second, K, cv2.RANSAC, 0.999, MAX_REPROJECTION_ERROR)
+    if E is None or E.shape != (3, 3):
+        return None
+    count, R, t, _ = cv2.recoverPose(E, first, second, K, mask=inliers)
+    if not _most_agree(int(count), len(first)):
+        return None
+    return np.asarray(R, np.float64), np.asarray(t, np.float64).ravel()
+
+
+def _most_agree(inliers: int, count: int) -> bool:
+    return inliers >= MIN_POINTS and inliers > count / 3
+
+
+MIN_STEPS = 20
+"""Steps from which odometry and images are compared."""
+MAX_LAG = 1.0
+"""Largest offset between the two clocks that is tried, in seconds."""
+MAX_ITERATIONS, INLIER_SIGMAS = 10, 3.0
+"""Robust regression: standard deviations of the residual within which a sample is an inlier."""
+TRUNCATED_SIGMA = 0.987
+"""Standard deviation of a standard normal variable truncated at `INLIER_SIGMAS`."""
+SIGNIFICANT_SIGMAS = 4.0
+"""Standard errors of a coefficient that make a difference significant."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSeries(Table):
+    """k steps between successive frames in which both motions are known, in order."""
+
+    duration: FloatArray = column()
+    """(k,) seconds."""
+    rotation: FloatArray = column(3)
+    """(k, 3) by the images, as `Survey.rotation`."""
+    translation: FloatArray = column(3)
+    """(k, 3) by the images, in metres; scaled by odometry where they do not measure the length."""
+    metric: BoolArray = column(dtype=np.bool_)
+    """(k,) whether the images measure the length; the same in all steps."""
+    odometry: FloatArray = column(3)
+    """(k, 3) metres ahead and left, radians turned."""
+    covariance: FloatArray = column(3, 3)
+    """(k, 3, 3) covariances of odometry."""
+
+    @property
+    def moving(self) -> "MotionSeries":
+        """The steps in which the robot drives, rather than stands or turns on the spot."""
+        length = np.hypot(self.odometry[:, 0], self.odometry[:, 1])
+        return self[length > 0.3 * (np.quantile(length, 0.9) if len(length) else 0.0)]
+
+
+def series_of(drive: Drive, survey: Survey) -> MotionSeries:
+    """The surveyed steps of a drive; none where it has no odometry."""
+    known = survey.frame > 0
+    known &= np.isfinite(survey.rotation).all(1) & np.isfinite(survey.translation).all(1)
+    metric = bool(survey.metric[known].mean() > 0.5) if known.any() else False
+    known &= (survey.metric == metric) & bool(drive.control.any())
+    step = survey.frame[known] - 1
+    odometry, translation = drive.control[step], survey.translation[known]
+    if not metric:
+        translation = translation * np.hypot(odometry[:, 0], odometry[:, 1])[:, None]
+    return MotionSeries(
+        *(np.diff(drive.time)[step], survey.rotation[known], translation, survey.metric[known]),
+        *(odometry, drive.control_covariance[step]),
+    )
+
+
+class Lag(NamedTuple):
+    """Offset between two clocks."""
+
+    frames: int
+    """Frames by which odometry is later than the images."""
+    correlation: float
+    """Correlation of both turns at this lag, -1 to 1."""
+    correlation_without: float
+    """Correlation at lag 0."""
+
+
+def lag_of(drive: Drive, survey: Survey) -> Lag | None:
+    """The lag of the highest correlation between turns of odometry and images.
+
+    None where the robot does not turn.
+    """
+    turn = np.full(len(drive) - 1, np.nan)
+    turn[survey.frame[survey.frame > 0] - 1] = survey.rotation[survey.frame > 0, 2]
+    duration = np.diff(drive.time)
+    period = float(np.median(duration)) if len(duration) else 0.0
+    if period <= 0:
+        return None
+    duration = np.maximum(duration, period / 2)
+    rates = turn / duration, drive.control[:, 2] / duration
+    longest = int(np.clip(round(MAX_LAG / period), 2, max(len(turn) // 5, 2)))
+    lags = range(-longest, longest + 1)
+    correlations = [_correlation(*rates, lag) for lag in lags]
+    if not np.isfinite(correlations).all():
+        return None
+    best = int(np.argmax(np.abs(correlations)))
+    return Lag(lags[best], correlations[best], correlations[longest])
+
+
+def _correlation(turn: FloatArray, odometry: FloatArray, lag: int) -> float:
+    """Correlation of turn rates with those of odometry `lag` steps later, without outliers."""
+    n = len(turn)
+    first, second = turn[max(0, -lag) : n - max(0, lag)], odometry[max(0, lag) : n + min(0, lag)]
+    known = np.isfinite(first)
+    if known.sum() < MIN_STEPS:
+        return float("nan")
+    a, b = (np.clip(x, *np.quantile(x, [0.005, 0.995])) for x in (first[known], second[known]))
+    if a.std() == 0 or b.std() == 0:
+        return float("nan")
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Coefficients of y = A @ value."""
+
+    value: FloatArray
+    """(c,) coefficients."""
+    error: FloatArray
+    """(c,) their standard errors."""
+    sigma: float
+    """Standard deviation of the residuals of the inliers."""
+
+    def differs(self, index: int, expected: float, tolerance: float) -> bool:
+        """Whether a coefficient deviates significantly, and by more than a tolerance."""
+        difference = abs(self.value[index] - expected)
+        return bool(difference > max(tolerance, SIGNIFICANT_SIGMAS * self.error[index]))
+
+
+def fit(A: FloatArray, y: FloatArray) -> Fit | None:
+    """Least squares with iterated rejection of outliers: y (n,) = A (n, c) @ value (c,).
+
+    None where there are too few samples or inliers, or A is singular.
+    """
+    c = A.shape[1]
+    if len(y) < 5 * c:
+        return None
+    inlier = np.ones(len(y), bool)
+    for _ in range(MAX_ITERATIONS):
+        value, *_ = np.linalg.lstsq(A[inlier], y[inlier], rcond=None)
+        residual = np.abs(y - A @ value)
+        sigma = 1.4826 * float(np.median(residual)) + 1e-12
+        inlier = residual < INLIER_SIGMAS * sigma
+        if inlier.sum() < 3 * c:
+            return None
+    information = A[inlier].T @ A[inlier]
+    if np.linalg.cond(information) > 1e12:
+        return None
+    dof = int(inlier.sum()) - c
+    sigma = float(np.sqrt(np.square(residual[inlier]).sum() / dof)) / TRUNCATED_SIGMA
+    error = sigma * np.sqrt(np.diagonal(np.linalg.inv(information)))
+    return Fit(np.asarray(value), np.asarray(error), sigma)

@@ -6,7 +6,7 @@ from saccade.evaluation.drives import score_drive
 from saccade.frames import steps_between
 from saccade.gaze import Gazer, Policy
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.simulation.pan_camera import ENCODER_SIGMA
+from saccade.simulation.drive import ENCODER_SIGMA
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.models import compose, observe, wrap
 from saccade.types import LandmarkLog, Trajectory

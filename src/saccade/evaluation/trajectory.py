@@ -1,12 +1,19 @@
-"""Errors of an estimated trajectory and map against the truth."""
+"""Errors of an estimated trajectory and map against the truth.
 
+Those of timed poses in space are as evo and KITTI's benchmark define them, after Sturm, Engelhard,
+Endres, Burgard & Cremers (2012) and Geiger, Lenz & Urtasun (2012).
+"""
+
+from dataclasses import dataclass
 from math import isfinite
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from saccade.datasets.poses import Poses, interpolate_poses
+from saccade.errors import LogError, require
 from saccade.landmark_names import renumber
-from saccade.types import BoolArray, FloatArray, LandmarkMap, Trajectory
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
 
 TRIMMED_ITERATIONS = 30
 """Iterations of the trimmed alignment."""
@@ -120,3 +127,264 @@ def _rmse(points: FloatArray, truth: FloatArray, keep: float = 1.0, aligned: boo
         error = np.hypot(*(moved - truth).T)
         inliers = error <= np.quantile(error, keep)
     return float(np.sqrt(np.square(error[inliers]).mean()))
+
+
+Unit = Literal["frames", "seconds", "meters"]
+UNITS: tuple[Unit, ...] = ("frames", "seconds", "meters")
+"""Units of the distance between the two poses of a relative error."""
+TOLERANCE = 0.1
+"""Fraction by which the two poses of a pair may be farther apart or nearer than asked for."""
+SEGMENTS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
+"""Lengths in metres of KITTI's segments; one of each begins at every tenth pose."""
+
+
+@dataclass(frozen=True)
+class PoseErrorConfig:
+    """How estimated poses are associated with true ones, aligned and paired."""
+
+    max_difference: float = 0.01
+    """Seconds between a pose and the true one with which it is compared."""
+    interpolate: bool = False
+    """Whether the poses of the finer trajectory are interpolated at the times of the other."""
+    scale: bool = False
+    """Whether the alignment estimates the scale too, as for a single camera."""
+    delta: float = 1.0
+    """Distance between the two poses of a relative error."""
+    unit: Unit = "frames"
+    """Unit of `delta`; metres are counted along the estimate."""
+    all_pairs: bool = False
+    """Whether a pair begins at every pose; else each begins where the last one ends."""
+
+    def __post_init__(self) -> None:
+        limits = 0 <= self.max_difference < np.inf
+        require(limits, "max_difference", "0 or more seconds", self.max_difference)
+        require(self.unit in UNITS, "unit", f"one of {UNITS}", self.unit)
+        require(0 < self.delta < np.inf, "delta", "over 0", self.delta)
+        whole = self.unit != "frames" or float(self.delta).is_integer()
+        require(whole, "delta", "a whole number of frames", self.delta)
+
+
+class Errors(NamedTuple):
+    """Errors of n poses or pairs."""
+
+    translation: FloatArray
+    """(n,) metres."""
+    rotation: FloatArray
+    """(n,) degrees; NaN where the alignment does not determine it (see `score_poses`)."""
+
+
+class RelativeErrors(NamedTuple):
+    """Errors of the motion from one pose to a later one."""
+
+    first: IntArray
+    """(m,) number of the pose from which each leads."""
+    second: IntArray
+    """(m,) number of the pose to which it leads."""
+    errors: Errors
+    """(m,) of each."""
+
+
+class SegmentErrors(NamedTuple):
+    """Errors of the motion over segments of 100 to 800 m of the true path."""
+
+    translation: FloatArray
+    """(m,) per cent of the length."""
+    rotation: FloatArray
+    """(m,) degrees per 100 m."""
+
+
+class PoseScores(NamedTuple):
+    """Errors of an estimate of n poses that have a true one."""
+
+    estimate: Poses
+    """Aligned."""
+    truth: Poses
+    """At the same times, up to `PoseErrorConfig.max_difference`."""
+    aligned: Errors
+    """After rigid alignment of all positions, with scale where that is asked for."""
+    first_aligned: Errors
+    """After alignment of the first pose with the first true one."""
+    unaligned: Errors
+    """As they are, for an estimate in the frame of the truth."""
+    scale: float
+    """Of the alignment; 1 where it is not estimated."""
+    relative: RelativeErrors
+    """From pose to pose (RPE)."""
+    segments: SegmentErrors
+    """KITTI's; empty for paths under 100 m."""
+
+
+class Statistics(NamedTuple):
+    """Statistics of errors, in their unit."""
+
+    rmse: float
+    mean: float
+    median: float
+    std: float
+    min: float
+    max: float
+
+
+def statistics(errors: FloatArray) -> Statistics:
+    """Statistics of errors (n,); NaN for none."""
+    if len(errors) == 0:
+        return Statistics(*[float("nan")] * len(Statistics._fields))
+    return Statistics(
+        rmse=float(np.sqrt(np.square(errors).mean())),
+        mean=float(errors.mean()),
+        median=float(np.median(errors)),
+        std=float(errors.std()),
+        min=float(errors.min()),
+        max=float(errors.max()),
+    )
+
+
+def score_poses(
+    estimate: Poses, truth: Poses, config: PoseErrorConfig = PoseErrorConfig()
+) -> PoseScores:
+    """Compare estimated poses with the truth.
+
+    Where all positions lie on a line, their alignment does not determine the rotation about it, and
+    the rotation errors after alignment are NaN.
+
+    Args:
+        estimate: in the frame of the truth, or another where only aligned errors matter.
+        truth: of the same body.
+        config: association, alignment and pairs.
+
+    Raises:
+        LogError: fewer than two poses have a true one, or no pair is `delta` apart.
+    """
+    estimate, truth = associate(estimate, truth, config)
+    fit = umeyama(estimate.position, truth.position, config.scale)
+    moved = Poses(estimate.time, fit.rotation @ estimate.rotation, fit(estimate.position))
+    aligned = _absolute(moved, truth)
+    if fit.rank < 2:
+        aligned = aligned._replace(rotation=np.full(len(aligned.rotation), np.nan))
+    turn = truth.rotation[0] @ estimate.rotation[0].T
+    position = (estimate.position - estimate.position[0]) @ turn.T + truth.position[0]
+    scaled = estimate._replace(position=fit.scale * estimate.position)
+    first, second = pairs(scaled, config)
+    if len(first) == 0:
+        raise LogError(
+            f"delta: expected poses {config.delta:g} {config.unit} apart, found none among "
+            f"{len(estimate.time)} poses"
+        )
+    return PoseScores(
+        estimate=moved,
+        truth=truth,
+        aligned=aligned,
+        first_aligned=_absolute(Poses(estimate.time, turn @ estimate.rotation, position), truth),
+        unaligned=_absolute(estimate, truth),
+        scale=fit.scale,
+        relative=RelativeErrors(first, second, _relative(scaled, truth, first, second)),
+        segments=_segment_errors(scaled, truth),
+    )
+
+
+def associate(
+    estimate: Poses, truth: Poses, config: PoseErrorConfig = PoseErrorConfig()
+) -> tuple[Poses, Poses]:
+    """The poses of both that belong together, one for each pose of the one that has fewer.
+
+    Raises:
+        LogError: there are fewer than two.
+    """
+    swapped = len(truth.time) > len(estimate.time)
+    few, many = (estimate, truth) if swapped else (truth, estimate)
+    after = np.searchsorted(many.time, few.time).clip(1, max(len(many.time) - 1, 1))
+    neighbors = np.stack([after - 1, after]).clip(0, len(many.time) - 1)  # (2, n)
+    distance = np.abs(many.time[neighbors] - few.time)
+    nearest = neighbors[distance.argmin(0), np.arange(len(few.time))]
+    found = distance.min(0) <= config.max_difference
+    if found.sum() < 2:
+        raise LogError(
+            f"expected at least 2 poses within {config.max_difference:g} s of a true one, found "
+            f"{int(found.sum())}, the nearest {distance.min():.3g} s away"
+        )
+    few = _select(few, found)
+    many = (
+        interpolate_poses(many, few.time) if config.interpolate else _select(many, nearest[found])
+    )
+    return (few, many) if swapped else (many, few)
+
+
+def pairs(poses: Poses, config: PoseErrorConfig) -> tuple[IntArray, IntArray]:
+    """The poses (m,) from which relative errors lead, and those (m,) to which they lead."""
+    n = len(poses.time)
+    if config.unit == "frames":
+        delta = int(config.delta)
+        first = np.arange(0, n - delta, 1 if config.all_pairs else delta)
+        return first, first + delta
+    reached = poses.time if config.unit == "seconds" else path_length(poses.position)
+    if config.all_pairs:
+        return _all_pairs(reached, config.delta)
+    ends = [0]
+    while (end := int(np.searchsorted(reached, reached[ends[-1]] + config.delta))) < n:
+        ends.append(end)
+    return np.array(ends[:-1], np.int64), np.array(ends[1:], np.int64)
+
+
+def path_length(position: FloatArray) -> FloatArray:
+    """Metres (n,) along a path (n, d) from its first point."""
+    steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _all_pairs(reached: FloatArray, delta: float) -> tuple[IntArray, IntArray]:
+    """For every pose the later one nearest to `delta` away, if it is within the tolerance."""
+    n = len(reached)
+    first = np.arange(n - 1)
+    target = reached[first] + delta
+    after = np.searchsorted(reached, target).clip(first + 1, n - 1)
+    before = np.maximum(after - 1, first + 1)
+    nearer = np.abs(reached[before] - target) <= np.abs(reached[after] - target)
+    second = np.where(nearer, before, after)
+    kept = np.abs(reached[second] - target) <= TOLERANCE * delta
+    return first[kept], second[kept]
+
+
+def _absolute(estimate: Poses, truth: Poses) -> Errors:
+    turn = truth.rotation.transpose(0, 2, 1) @ estimate.rotation
+    distance = np.linalg.norm(estimate.position - truth.position, axis=1)
+    return Errors(distance, np.degrees(rotation_angle(turn)))
+
+
+def _relative(estimate: Poses, truth: Poses, first: IntArray, second: IntArray) -> Errors:
+    turn, shift = _motion(estimate, first, second)
+    true_turn, true_shift = _motion(truth, first, second)
+    rotation = true_turn.transpose(0, 2, 1) @ turn
+    return Errors(np.linalg.norm(shift - true_shift, axis=1), np.degrees(rotation_angle(rotation)))
+
+
+def _motion(poses: Poses, first: IntArray, second: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations (m, 3, 3) and translations (m, 3) from poses to others, in the frames of these."""
+    back = poses.rotation[first].transpose(0, 2, 1)
+    shift = (back @ (poses.position[second] - poses.position[first])[:, :, None])[:, :, 0]
+    return back @ poses.rotation[second], shift
+
+
+def _segment_errors(estimate: Poses, truth: Poses) -> SegmentErrors:
+    reached = path_length(truth.position)
+    starts = np.arange(0, len(reached), 10)
+    first, second, length = [], [], []
+    for segment in SEGMENTS:
+        end = np.searchsorted(reached, reached[starts] + segment, side="right")
+        inside = end < len(reached)
+        first.append(starts[inside])
+        second.append(end[inside])
+        length.append(np.full(inside.sum(), segment))
+    meters = np.concatenate(length)
+    errors = _relative(estimate, truth, np.concatenate(first), np.concatenate(second))
+    return SegmentErrors(100 * errors.translation / meters, 100 * errors.rotation / meters)
+
+
+def rotation_angle(rotation: FloatArray) -> FloatArray:
+    """Angles (n,) of rotations (n, 3, 3), in radians from 0 to pi; accurate for small ones."""
+    skew = rotation - rotation.transpose(0, 2, 1)
+    sine = np.linalg.norm(skew[:, [2, 0, 1], [1, 2, 0]], axis=1) / 2
+    return np.asarray(np.arctan2(sine, (np.trace(rotation, axis1=1, axis2=2) - 1) / 2))
+
+
+def _select(poses: Poses, rows: FloatArray | IntArray) -> Poses:
+    return Poses(*(values[rows] for values in poses))

@@ -21,11 +21,18 @@ from saccade.attention.scanpath import scanpath
 from saccade.errors import ConfigError, ImageError, require
 from saccade.io.image import decode_image, size_in_header
 from saccade.scale.pyramid import FloatMap
-from saccade.serving import snippets
-from saccade.serving.controls import DETECTORS, MODELS
+from saccade.serving.controls import (
+    DETECTORS,
+    MODELS,
+    attention_command,
+    attention_python,
+    detection_command,
+    detection_python,
+    read_python,
+)
 from saccade.settings import settings_from
 from saccade.types import Float32Array, Image
-from saccade.viewing.embedding import heat, photograph, shrunk
+from saccade.viewing.page import heat, photograph, shrunk
 from saccade.viewing.report import maps_data, points_data, scanpath_data
 
 MAX_PHOTOS = 4
@@ -76,7 +83,7 @@ class PhotoAnalyzer:
             "name": name,
             "size": [pixels.shape[1], pixels.shape[0]],
             "image": photograph(pixels),
-            "python": snippets.read_python(name),
+            "python": read_python(name),
         }
 
     def analyze(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -107,8 +114,8 @@ class PhotoAnalyzer:
             "maps": maps,
             "scanpath": scanpath_data(path),
             "ms": 1000 * (perf_counter() - start),
-            "python": snippets.attention_python(*choices),
-            "command": snippets.attention_command(photo.name, *choices),
+            "python": attention_python(*choices),
+            "command": attention_command(photo.name, *choices),
         }
 
     def features(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -151,8 +158,8 @@ class PhotoAnalyzer:
             "points": points_data(points[:MAX_POINTS]),
             "count": len(points),
             "ms": 1000 * (perf_counter() - start),
-            "python": snippets.detection_python(name, settings),
-            "command": snippets.detection_command(photo.name, name, settings),
+            "python": detection_python(name, settings),
+            "command": detection_command(photo.name, name, settings),
         }
 
     def warm_up(self) -> None:

@@ -26,8 +26,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from saccade.errors import SaccadeError
 from saccade.serving.analysis import PhotoAnalyzer
 from saccade.serving.playground import Playground
-from saccade.viewing.embedding import as_json, json_element
-from saccade.viewing.page import html_document, security_policy, web_file
+from saccade.viewing.page import as_json, html_document, json_element, security_policy, web_file
 
 WARM_UP = "saccade-warm-up"
 """Name of the thread that compiles everything."""

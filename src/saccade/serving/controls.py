@@ -1,7 +1,8 @@
-"""Controls of the page of `saccade serve`, derived from the fields of the configurations."""
+"""Controls of the page of `saccade serve`, and its settings as Python and as a command."""
 
 import ast
 import inspect
+import shlex
 import textwrap
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
@@ -9,9 +10,12 @@ from itertools import pairwise
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+import tomli_w
+
+from saccade.attention.models import KINDS
 from saccade.errors import RANGE, Slider
-from saccade.serving.simulated_robot import PlaygroundNoise
-from saccade.settings import DEFAULT, FREE_VIEWING, load_settings, preset_names
+from saccade.serving.playground import PlaygroundNoise
+from saccade.settings import DEFAULT, FREE_VIEWING, NONE, load_settings, preset_names
 from saccade.slam.config import RETRACTIONS
 from saccade.slam.consistency import chi_square_band
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
@@ -168,3 +172,86 @@ def _control(hint: Any, limits: Slider | None) -> dict[str, Any]:
     if get_origin(hint) is Literal:
         return {"input": "choice", "choices": list(get_args(hint))}
     return {"input": {bool: "check", int: "number", float: "number"}.get(hint, "list")}
+
+
+FIXATIONS = 10
+"""Default length of a scanpath."""
+
+
+def read_python(name: str) -> str:
+    """The lines that read a photograph."""
+    return f"import saccade\n\nimage = saccade.read_image({name!r})"
+
+
+def attention_python(model: str, settings: Any, path: Any, fixations: int) -> str:
+    """The lines that compute saliency and scanpath."""
+    config = f", {_constructor(settings)}" if changes(settings) else ""
+    options = f", fixations={fixations}" if fixations != FIXATIONS else ""
+    if changes(path):
+        options += f", config={_constructor(path)}"
+    return (
+        f"maps = saccade.{KINDS[model]}_saliency(image{config})\n"
+        f"path = saccade.scanpath(maps.saliency, image.shape{options})"
+    )
+
+
+def detection_python(detector: str, settings: Any) -> str:
+    """The line that detects interest points."""
+    config = _constructor(settings) if changes(settings) else ""
+    return f"points = saccade.{DETECTORS[detector]}({config})(image)"
+
+
+def attention_command(name: str, model: str, settings: Any, path: Any, fixations: int) -> str:
+    """The command that computes saliency and scanpath."""
+    options = ["--model", model] if model != "attention" else []
+    options += ["--fixations", str(fixations)] if fixations != FIXATIONS else []
+    options += ["--scanpath", "winner-take-all"]
+    default = type(settings)()
+    if model == "attention" and settings == default:
+        options += ["--bare"]
+    elif model == "attention":
+        default = load_settings(model, FREE_VIEWING)
+    command = _command("look", name, options, KINDS[model], _toml_value(settings, default))
+    if changes(path):
+        command = f"# scanpath settings: in Python only\n{command}"
+    return command
+
+
+def detection_command(name: str, detector: str, settings: Any) -> str:
+    """The command that detects interest points."""
+    options = [] if detector == "sift" else ["--detector", detector]
+    return _command("detect", name, options, detector, _toml_value(settings, type(settings)()))
+
+
+def changes(settings: Any, default: Any = None) -> dict[str, Any]:
+    """The settings of a configuration that differ from another, by default from their defaults."""
+    default = type(settings)() if default is None else default
+    values = ((each.name, getattr(settings, each.name)) for each in fields(settings))
+    return {name: value for name, value in values if value != getattr(default, name)}
+
+
+def _constructor(settings: Any) -> str:
+    """A configuration as the Python expression that makes it."""
+    arguments = ", ".join(
+        f"{name}={_constructor(value) if is_dataclass(value) else repr(value)}"
+        for name, value in changes(settings).items()
+    )
+    return f"saccade.{type(settings).__name__}({arguments})"
+
+
+def _toml_value(value: Any, default: Any) -> Any:
+    if is_dataclass(value):
+        return {
+            name: _toml_value(each, getattr(default, name, None))
+            for name, each in changes(value, default).items()
+        }
+    return NONE if value is None else value
+
+
+def _command(command: str, name: str, options: list[str], kind: str, table: dict[str, Any]) -> str:
+    """A command, preceded by the file with the table of settings that it needs."""
+    photo = shlex.quote(f"./{name}" if name.startswith("-") else name)
+    line = " ".join(("saccade", command, photo, *options))
+    if not table:
+        return line
+    return f"cat > {kind}.toml <<'END'\n{tomli_w.dumps(table)}END\n{line} --config {kind}.toml"

@@ -1,8 +1,7 @@
 """Simulated worlds and camera drives with ground truth."""
 
-from saccade.simulation.drive import simulate_drive
+from saccade.simulation.drive import PanCamera, simulate_drive
 from saccade.simulation.drive_config import DriveConfig, LightConfig, OdometryConfig
-from saccade.simulation.pan_camera import PanCamera
 from saccade.simulation.world import WorldConfig, simulate_world
 
 __all__ = [

@@ -1,7 +1,8 @@
-"""The scene of a simulated drive: walls with posters, level ground, mipmaps in one atlas."""
+"""The scene of a simulated drive: floor plan, walls with posters, ground, mipmaps in one atlas."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib.resources import as_file, files
 from itertools import cycle
 from typing import NamedTuple
 
@@ -9,18 +10,245 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from saccade.io.image import read_image
 from saccade.simulation.drive_config import DriveConfig
-from saccade.simulation.floor_plans import OUTLINES
-from saccade.simulation.textures import (
-    Texture,
-    all_posters,
-    brick_wall,
-    gravel_floor,
-    mirror,
-    painted_surface,
-    plaster_wall,
-)
-from saccade.types import FloatArray, IntArray
+from saccade.slam.models import wrap
+from saccade.types import Float32Array, FloatArray, IntArray
+
+Texture = npt.NDArray[np.uint8]
+
+PHOTOGRAPHS = {
+    "astronaut": (2, 2),
+    "hubble": (3, 3),
+    "coffee": (2, 1),
+    "rocket": (3, 1),
+    "chelsea": (2, 1),
+    "retina": (2, 2),
+    "camera": (2, 1),
+    "hallway_1": (1, 1),
+    "horse": (1, 1),
+    "hallway_2": (1, 1),
+    "text": (1, 1),
+}
+"""Photographs of the package, and the columns and rows into which each is cut: posters are
+disjoint parts."""
+
+BRICK, MORTAR = (0.30, 0.09), 0.012
+"""Width and height of a brick with its mortar, and width of the mortar, in metres."""
+
+
+def all_posters() -> list[Texture]:
+    """All poster images, pairwise distinct."""
+    return [part for name, cuts in PHOTOGRAPHS.items() for part in _cut(_photograph(name), *cuts)]
+
+
+def mirror(image: Texture) -> Texture:
+    """The left half of an image, continued by its mirror image."""
+    left = image[:, : (image.shape[1] + 1) // 2]
+    return np.concatenate([left, left[:, ::-1][:, image.shape[1] % 2 :]], 1)
+
+
+def brick_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
+    """Bricks in running bond with random tone and grain; `texels` are per metre."""
+    height, width = shape
+    y = np.arange(height, dtype=np.float32) / np.float32(texels)
+    x = np.arange(width, dtype=np.float32) / np.float32(texels)
+    row = (y // BRICK[1]).astype(np.intp)  # (h,)
+    columns = [((x + shift) // BRICK[0]).astype(np.intp) for shift in (0, BRICK[0] / 2)]
+    drawn = (int(row[-1]) + 1, int(columns[1][-1]) + 1)
+    tone = rng.normal(1, 0.14, drawn).astype(np.float32)
+    colors = np.stack([rng.normal(0.53, 0.05, drawn) * tone, 0.37 * tone, 0.30 * tone], -1)
+    edges = [_to_edge(x + shift, BRICK[0]) for shift in (0, BRICK[0] / 2)]
+    upright, level = np.stack(edges)[row % 2], _to_edge(y, BRICK[1])[:, None]
+    edge = np.minimum(upright, level) + 0.004 * _noise(shape, (6, 12), rng)  # rough
+    inside = np.clip((edge - MORTAR / 2) / 0.006 + 0.5, 0, 1)
+    grain = 1 + 0.11 * _noise(shape, (1, 2, 4, 10), rng)
+    grain *= 1 + 0.10 * _noise(shape, (int(texels / 4), int(texels)), rng)
+    wall = np.empty((*shape, 3), np.uint8)
+    for channel, mortar in enumerate((0.62, 0.60, 0.56)):
+        bricks = colors[:, :, channel].astype(np.float32)
+        brick = np.stack([bricks[:, column] for column in columns])[row % 2, row]  # (h, w)
+        wall[:, :, channel] = _as_bytes((mortar + inside * (brick - np.float32(mortar))) * grain)
+    return wall
+
+
+def plaster_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
+    """Rough plaster with stains, and a painted band at the bottom; `texels` are per metre."""
+    shade = 1 + 0.05 * _noise(shape, (2, 5, 11), rng)
+    shade *= 1 + 0.09 * _noise(shape, tuple(int(texels * m) for m in (0.15, 0.4, 1.2)), rng)
+    shade[_noise(shape, (3, 6), rng) > 2.6] *= 0.75  # holes
+    painted = shape[0] - int(0.28 * texels)
+    wall = np.empty((*shape, 3), np.uint8)
+    for channel, (bare, paint) in enumerate(((0.78, 0.42), (0.74, 0.45), (0.64, 0.47))):
+        color = np.where(np.arange(shape[0]) < painted, bare, paint).astype(np.float32)
+        wall[:, :, channel] = _as_bytes(color[:, None] * shade)
+    return wall
+
+
+def painted_surface(
+    shape: tuple[int, int],
+    texels: float,
+    color: tuple[float, float, float],
+    rng: np.random.Generator,
+) -> Texture:
+    """Smooth paint or linoleum of a color in [0, 1]: only its shade varies, over half a meter."""
+    shade = 1 + 0.02 * _noise(shape, (int(texels / 2), int(2 * texels)), rng)
+    return np.stack([_as_bytes(shade * np.float32(level)) for level in color], -1)
+
+
+def gravel_floor(shape: tuple[int, int], rng: np.random.Generator) -> Texture:
+    """Gravel: overlapping patches of one photograph, randomly rotated and mirrored."""
+    stone = _photograph("gravel")[:, :, 0].astype(np.float32)
+    side = min(stone.shape) // 2
+    ramp = np.clip(np.sin(np.linspace(0, np.pi, side)) * 3, 0, 1).astype(np.float32)
+    mask = ramp * ramp[:, None]
+    step = side // 2
+    height, width = shape
+    floor = np.full((height + 2 * side, width + 2 * side), stone.mean(), np.float32)
+    for top in range(0, height + side, step):
+        for left in range(0, width + side, step):
+            y, x = (int(rng.integers(0, length - side + 1)) for length in stone.shape)
+            patch = np.rot90(stone[y : y + side, x : x + side], int(rng.integers(4)))
+            patch = patch[:, :: int(rng.choice([-1, 1]))]
+            target = floor[top : top + side, left : left + side]
+            target += mask * (patch - target)
+    floor = floor[side : side + height, side : side + width] / 255
+    floor *= 1 + 0.12 * _noise(shape, (60, 160), rng)
+    return np.stack([_as_bytes(floor * np.float32(tint)) for tint in (1.0, 0.97, 0.92)], -1)
+
+
+def _photograph(name: str) -> Texture:
+    with as_file(files("saccade") / "data" / f"{name}.jpg") as path:
+        return _as_bytes(read_image(path))
+
+
+def _cut(image: Texture, columns: int, rows: int) -> Iterator[Texture]:
+    height, width = (image.shape[0] // rows, image.shape[1] // columns)
+    for top in range(rows):
+        for left in range(columns):
+            yield image[top * height : (top + 1) * height, left * width : (left + 1) * width]
+
+
+def _to_edge(x: Float32Array, period: float) -> Float32Array:
+    """Distance to the nearest multiple of a period."""
+    return np.asarray(np.abs((x + period / 2) % period - period / 2), np.float32)
+
+
+def _noise(
+    shape: tuple[int, int], grains: tuple[int, ...], rng: np.random.Generator
+) -> Float32Array:
+    """(h, w) noise of zero mean and unit variance, equal parts of each grain size in texels."""
+    total = np.zeros(shape, np.float32)
+    for grain in grains:
+        size = [max(2, -(-side // max(grain, 1)) + 1) for side in shape]
+        noise = rng.standard_normal(size, np.float32)
+        total += cv2.resize(noise, shape[::-1], interpolation=cv2.INTER_CUBIC)
+    total -= total.mean()
+    total /= total.std()
+    return total
+
+
+def _as_bytes(image: npt.NDArray[np.floating]) -> Texture:
+    """Intensities in [0, 1] as bytes, rounded and saturated."""
+    return np.asarray(cv2.convertScaleAbs(np.maximum(image, 0), alpha=255), np.uint8)
+
+
+ARM, HALF_WIDTH, LANE = 3.2, 1.1, 0.5
+"""Of the crossing: metres from its middle to the end of each arm, half the width of a corridor, and
+from the middle of a corridor to the robot's lane on its right."""
+ROOM, GAP, DOOR = (3.9, 4.0), 0.1, 0.5
+"""Of the rooms: metres along and across each, half the thickness of the wall between them, and
+half the width of its door."""
+RADIUS = 0.45
+"""Of the turns, in metres."""
+
+
+def _crossing() -> FloatArray:
+    a, w = ARM, HALF_WIDTH
+    quarter = np.array([[-w, a], [w, a], [w, w]])
+    turns = [np.array([[0, 1], [-1, 0]])] * 3
+    corners = [quarter]
+    for turn in turns:
+        corners.append(corners[-1] @ turn.T)
+    return np.concatenate([*corners, quarter[:1]])
+
+
+def _rooms() -> FloatArray:
+    (along, across), x, d = ROOM, GAP, DOOR
+    left, right, y = -x - along, x + along, across / 2
+    upper = [[left, y], [-x, y], [-x, d], [x, d], [x, y], [right, y]]
+    lower = [[right, -y], [x, -y], [x, -d], [-x, -d], [-x, -y], [left, -y]]
+    return np.array([*upper, *lower, [left, y]])
+
+
+OUTLINES: dict[str, list[FloatArray]] = {"crossing": [_crossing()], "rooms": [_rooms()]}
+"""Closed polylines (k, 2) of the walls in metres, visible from their right."""
+
+
+def _lanes() -> FloatArray:
+    o, end = LANE, ARM - 0.7
+    west, north = [[-end, o], [-end, -o], [o, -o]], [[o, end], [-o, end]]
+    south, east = [[-o, -end], [o, -end], [o, -o]], [[end, -o], [end, o]]
+    return np.array([[0.0, o], *west, *north, *south, *east, [0.0, o]])
+
+
+def _tour() -> FloatArray:
+    near, far, y = 1.0, 3.1, 1.1
+    a = [[-far, 0.0], [-far, -y], [-near, -y], [-near, 0], [near, 0], [near, -y], [far, -y]]
+    return np.array([*a, [far, y], [near, y], [near, 0], [-near, 0], [-near, y], [-far, y], a[0]])
+
+
+COURSES = {"crossing": _lanes(), "rooms": _tour()}
+"""Closed polylines (k, 2) that the robot follows, with rounded corners. It drives into each arm of
+the crossing and back; or around one room, through the door, around the other, and back."""
+
+
+class Piece(NamedTuple):
+    """A straight piece or an arc of a course."""
+
+    pose: FloatArray
+    """(3,) at its beginning."""
+    length: float
+    """Metres."""
+    curvature: float
+    """1 / metres, positive to the left."""
+
+
+def planned_course(world: str, frames: int, frames_per_lap: int) -> FloatArray:
+    """Poses (frames, 3) along the course of a world, at constant speed."""
+    pieces = rounded(COURSES[world], RADIUS)
+    end = np.cumsum([piece.length for piece in pieces])
+    poses = []
+    for s in np.arange(frames) * end[-1] / frames_per_lap % end[-1]:
+        i = int(np.searchsorted(end, s, side="right"))
+        piece = pieces[min(i, len(pieces) - 1)]
+        length = s - (end[i] - piece.length)
+        turn = piece.curvature * length
+        chord, heading = length * np.sinc(turn / (2 * np.pi)), piece.pose[2]
+        ahead = chord * np.array([np.cos(heading + turn / 2), np.sin(heading + turn / 2)])
+        poses.append([*(piece.pose[:2] + ahead), wrap(heading + turn)])
+    return np.array(poses)
+
+
+def rounded(corners: FloatArray, radius: float) -> list[Piece]:
+    """Pieces along a polyline (k, 2) whose inner corners are replaced by arcs."""
+    steps = np.diff(corners, axis=0)
+    length = np.hypot(*steps.T)
+    heading = np.arctan2(steps[:, 1], steps[:, 0])
+    turn = wrap(np.diff(heading))
+    cut = np.concatenate([[0.0], radius * np.tan(np.abs(turn) / 2), [0.0]])  # from each corner
+    pieces = []
+    for i, (start, direction) in enumerate(zip(corners, heading.tolist(), strict=False)):
+        axis = np.array([np.cos(direction), np.sin(direction)])
+        straight = float(length[i] - cut[i] - cut[i + 1])
+        pieces.append(Piece(np.array([*(start + cut[i] * axis), direction]), straight, 0.0))
+        if i < len(turn):
+            begin = np.array([*(start + (length[i] - cut[i + 1]) * axis), direction])
+            arc = float(abs(turn[i]))
+            if arc > 0:
+                pieces.append(Piece(begin, radius * arc, float(np.sign(turn[i])) / radius))
+    return pieces
+
 
 PAINT, LINOLEUM = (0.72, 0.70, 0.64), (0.34, 0.36, 0.38)
 """Colors of indoor walls and floors."""

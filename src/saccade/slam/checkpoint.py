@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ConfigError, LogError
-from saccade.io.files import atomic_write, written_at_once
-from saccade.io.formats import FORMATS
+from saccade.io.files import FORMATS, atomic_write, written_at_once
 from saccade.io.npz import read_arrays, save_arrays
 
 FORMAT = FORMATS["checkpoint"]

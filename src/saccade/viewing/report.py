@@ -10,8 +10,16 @@ import numpy as np
 
 from saccade.io.files import atomic_write
 from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Scanpath, ScanpathSamples
-from saccade.viewing.embedding import heat, json_element, photograph
-from saccade.viewing.page import Picture, Section, section_html, standalone_page, web_file
+from saccade.viewing.page import (
+    Picture,
+    Section,
+    heat,
+    json_element,
+    photograph,
+    section_html,
+    standalone_page,
+    web_file,
+)
 
 SCRIPTS: dict[str, tuple[str, ...]] = {
     "map": ("charts.js", "ground.js", "map.js"),

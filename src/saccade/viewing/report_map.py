@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from saccade.types import FloatArray, Image, IntArray, LandmarkMap, MapSnapshot, Trajectory
-from saccade.viewing.embedding import camera_image
-from saccade.viewing.page import Section
+from saccade.viewing.page import Section, camera_image
 from saccade.viewing.report import MAX_PART_LENGTH, Part, stride, with_notes
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE, running_mean
 from saccade.viewing.style import SIGMAS

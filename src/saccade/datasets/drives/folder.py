@@ -1,6 +1,6 @@
 """Drives from a folder of images, or from a video, with a calibration beside it.
 
-    camera.toml              see `calibration`; without it the camera is guessed, see `bare`
+    camera.toml              see `calibration`; without it the camera is guessed
     the images               in the folder or its subfolder images/: sorted by the numbers in
                              their names, or by name; or the video, in the folder of the rest
     right/, depth/           optional, with the names of the images; not with a video
@@ -8,15 +8,21 @@
                              the frame rate of the video
 
 and odometry and ground truth as in `sidecar_files`.
+
+Without a calibration the focal length is that of EXIF, where the images have it, else 1.2 times the
+width; the principal point is the center. The images of a pair of cameras are in two subfolders, see
+`PAIR_NAMES`; a calib.txt may have the projections or the intrinsics, with or without row names.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from PIL import Image as Pillow
 
-from saccade.datasets.drives.bare import BareCamera, CameraOptions, bare_camera, image_folders
-from saccade.datasets.drives.calibration import CAMERA_FILE, read_calibration
+from saccade.datasets.drives.calibration import CAMERA_FILE, Calibration, read_calibration
 from saccade.datasets.drives.frames import (
     FrameTimes,
     SourceImage,
@@ -28,11 +34,174 @@ from saccade.datasets.drives.frames import (
 )
 from saccade.datasets.drives.odometry import OdometryIncrements
 from saccade.datasets.drives.sidecar_files import assemble_drive
-from saccade.datasets.tables import read_table
-from saccade.errors import DriveError
-from saccade.frames import Drive
+from saccade.datasets.tables import read_rows, read_table
+from saccade.errors import ConfigError, DriveError
+from saccade.frames import Camera, Drive
+from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.video import VideoFrames
 from saccade.types import FloatArray
+
+PAIR_NAMES = (
+    *(("image_0", "image_1"), ("image_2", "image_3"), ("image_00", "image_01")),
+    *(("image_02", "image_03"), ("image_l", "image_r"), ("image_left", "image_right")),
+    *(("img_l", "img_r"), ("images_left", "images_right"), ("left", "right"), ("cam0", "cam1")),
+    *(("l", "r"), ("left_images", "right_images"), ("camera_left", "camera_right")),
+)
+"""Names of the folders of the left and right images."""
+FOCAL_FACTOR = 1.2
+"""Guessed focal length over the width of the image: a field of view of 45 degrees."""
+GUESSED_RATE = 10.0
+"""Frames per second, without times."""
+FILM_WIDTH = 36.0
+"""Millimetres to which EXIF's FocalLengthIn35mmFilm refers."""
+EXIF_FOLDER, FOCAL_LENGTH, FOCAL_LENGTH_35MM = 0x8769, 0x920A, 0xA405
+"""Numbers of EXIF tags."""
+FOCAL_PLANE_WIDTH, FOCAL_PLANE_UNIT = 0xA20E, 0xA210
+"""EXIF's pixels per unit of the sensor, and the unit: 2 inches, 3 centimetres, 4 millimetres."""
+UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
+
+
+class CameraOptions(NamedTuple):
+    """What the user knows of the camera."""
+
+    intrinsics: tuple[float, float, float, float] | None = None
+    """fx, fy, cx, cy in pixels."""
+    baseline: float | None = None
+    """Metres between the cameras of a pair."""
+
+
+def parse_intrinsics(text: str | None) -> tuple[float, float, float, float] | None:
+    """The four numbers of `--intrinsics`.
+
+    Raises:
+        ConfigError: the text is no such numbers.
+    """
+    if text is None:
+        return None
+    try:
+        fx, fy, cx, cy = (float(value) for value in text.split(","))
+    except ValueError as error:
+        raise ConfigError(
+            f"--intrinsics: expected four numbers fx,fy,cx,cy in pixels, found {text!r}"
+        ) from error
+    return fx, fy, cx, cy
+
+
+class BareCamera(NamedTuple):
+    """A calibration without a camera.toml, and what of it was guessed."""
+
+    calibration: Calibration
+    remark: str = ""
+    is_guess: bool = False
+    """Whether nothing is known of the focal length."""
+
+
+def image_folders(path: Path) -> tuple[Path, Path | None]:
+    """The folders of the left and the right images, None without the latter."""
+    for left, right in PAIR_NAMES:
+        folder = _with_images(path / left)
+        if folder is not None:
+            return folder, _with_images(path / right)
+    folder = path / "images" if (path / "images").is_dir() else path
+    return folder, _with_images(path / "right")
+
+
+def has_images(path: Path) -> bool:
+    """Whether a folder has images, in itself or by one of the known names."""
+    folder, _ = image_folders(path)
+    return _with_images(folder) is not None
+
+
+def _with_images(folder: Path) -> Path | None:
+    """The folder or its subfolder data/, whichever has images."""
+    for each in (folder, folder / "data"):
+        with suppress(OSError):
+            if any(file.suffix.lower() in IMAGE_SUFFIXES for file in each.iterdir()):
+                return each
+    return None
+
+
+def bare_camera(
+    folder: Path, size: tuple[int, int], image: Path | None, options: CameraOptions
+) -> BareCamera:
+    """The camera of images of a width and height: given, of a calib.txt, of EXIF, or guessed."""
+    width, height = size
+    baseline, is_guess, remark = options.baseline or 0.0, False, ""
+    if options.intrinsics is not None:
+        values = options.intrinsics
+    elif (folder / "calib.txt").exists():
+        values, found = read_intrinsics(folder / "calib.txt")
+        baseline = options.baseline or found
+    else:
+        focal = None if image is None else exif_focal_length(image, width)
+        is_guess = focal is None
+        source = "from EXIF" if focal else f"{FOCAL_FACTOR} times the width"
+        focal = focal or FOCAL_FACTOR * width
+        values = focal, focal, (width - 1) / 2, (height - 1) / 2
+        remark = (
+            f"no {CAMERA_FILE}: guessed a focal length of {focal:.0f} px ({source}) and the "
+            "principal point at the center; --intrinsics fx,fy,cx,cy gives the true ones"
+        )
+    camera = Camera(width, height, *values, baseline=baseline)
+    if not (0 < camera.cx < width and 0 < camera.cy < height):
+        raise DriveError(
+            f"{folder}: expected a principal point inside the images of {width} x {height} px, "
+            f"found {camera.cx:.1f}, {camera.cy:.1f}"
+        )
+    return BareCamera(Calibration(camera, rate=GUESSED_RATE), remark, is_guess)
+
+
+def exif_focal_length(image: Path, width: int) -> float | None:
+    """Focal length in pixels by the EXIF tags of an image; None where they do not tell it."""
+    try:
+        with Pillow.open(image) as opened:
+            tags = opened.getexif().get_ifd(EXIF_FOLDER)
+        film = float(tags.get(FOCAL_LENGTH_35MM, 0) or 0)
+        focal = film * width / FILM_WIDTH
+        if not film:
+            unit = UNIT_MM.get(int(tags.get(FOCAL_PLANE_UNIT, 2)), 25.4)
+            density = float(tags.get(FOCAL_PLANE_WIDTH, 0) or 0)
+            focal = float(tags.get(FOCAL_LENGTH, 0) or 0) * density / unit
+    except (OSError, ValueError, TypeError, ZeroDivisionError, SyntaxError):
+        return None
+    return focal if 0.2 * width < focal < 20 * width else None
+
+
+def read_intrinsics(path: Path) -> tuple[tuple[float, float, float, float], float]:
+    """Intrinsics fx, fy, cx, cy and baseline (0 if unknown) of a calib.txt.
+
+    Its numbers are one or more (3, 4) projections, a (3, 3) matrix, or fx, fy, cx, cy and perhaps
+    a baseline, in any number of rows that may begin with a name.
+    """
+    values = list[float]()
+    for row in read_rows(path):
+        named = not _is_number(row.cells[0])
+        values += row.numbers(slice(1, None)) if named else row.numbers()
+    if len(values) in (4, 5):
+        fx, fy, cx, cy = values[:4]
+        return (fx, fy, cx, cy), values[4] if len(values) == 5 else 0.0
+    rows = 4 if len(values) > 0 and len(values) % 12 == 0 else 3
+    if len(values) != 9 and rows == 3:
+        raise DriveError(
+            f"{path}: expected (3, 4) projections, a (3, 3) matrix or fx, fy, cx, cy; found "
+            f"{len(values)} numbers"
+        )
+    matrices: FloatArray = np.array(values).reshape(-1, 3, rows)
+    K = matrices[0]
+    baseline = 0.0
+    if len(matrices) > 1:
+        right = matrices[1]
+        baseline = float(K[0, 3] / max(K[0, 0], 1e-9) - right[0, 3] / max(right[0, 0], 1e-9))
+    return (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])), max(baseline, 0.0)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
 
 ASSUMED_SPEED = 1.0
 """Units per second of a single camera without odometry."""

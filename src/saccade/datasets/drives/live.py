@@ -5,16 +5,21 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.drives.bare import CameraOptions, has_images
 from saccade.datasets.drives.calibration import CAMERA_FILE, write_calibration
-from saccade.datasets.drives.folder import assume_speed, assumed_increments, calibration_beside
+from saccade.datasets.drives.folder import (
+    CameraOptions,
+    assume_speed,
+    assumed_increments,
+    calibration_beside,
+    has_images,
+)
 from saccade.datasets.drives.frames import FrameTimes, SourceImage, frame_loader
 from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.drives.writing import write_png
 from saccade.errors import DriveError, OutputError
 from saccade.frames import EndOfDrive, Frame
 from saccade.io.files import reason_of, written_at_once
-from saccade.io.live_video import LiveVideo
+from saccade.io.video import LiveVideo
 
 
 class LiveDrive:

@@ -11,10 +11,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from saccade.viewing.embedding import data_uri
-from saccade.viewing.page import Picture, escape, picture_html, standalone_page, web_file
-from saccade.viewing.textbook.equation_code import Code
-from saccade.viewing.textbook.walkthrough import Implementation, Walkthrough
+from saccade.viewing.page import Picture, data_uri, escape, picture_html, standalone_page, web_file
+from saccade.viewing.textbook.walkthrough import Code, Implementation, Walkthrough
 
 TITLES = {
     "A": "A. The contrast-saliency model",

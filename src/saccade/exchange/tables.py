@@ -1,7 +1,13 @@
-"""Parquet, many images to a table: a row for every point."""
+"""Tables of keypoints: CSV and NumPy's .npz of one image, Parquet of many.
 
+CSV has all fields but the descriptors; .npz has the fields of `Keypoints` by their names; Parquet
+has a row for every point.
+"""
+
+import csv
 import json
 from collections.abc import Mapping
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +21,100 @@ from saccade.exchange.fields import (
     check_name,
     checked,
     columns_of,
+    keypoints_from,
     keypoints_from_columns,
     reading,
 )
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write, check_file
-from saccade.io.formats import FORMATS, check_format
-from saccade.io.npz import check_unpacked
+from saccade.io.files import FORMATS, atomic_write, check_file, check_format, read_text
+from saccade.io.npz import check_unpacked, read_arrays, save_arrays
 from saccade.types import Keypoints
+
+
+def write_csv(path: str | Path, keypoints: Keypoints) -> None:
+    """Write the points of an image: x, y, size, angle, response, octave.
+
+    Numbers are as short as they can be and still be read back as the same float32.
+
+    Args:
+        path: written whole or not at all; an old file is replaced.
+        keypoints: their descriptors are left out.
+
+    Raises:
+        KeypointsError: shapes that do not fit together, or NaN.
+        OutputError: the file cannot be written.
+    """
+    columns = columns_of(checked(str(path), keypoints))
+    with (
+        atomic_write(path) as temporary,
+        temporary.open("w", encoding="utf-8", newline="") as file,
+    ):
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(values.astype(str) for values in columns.values()), strict=True))
+
+
+def read_csv(path: str | Path) -> Keypoints:
+    """Read what `write_csv` writes; columns may be in any order, and others are left alone.
+
+    Raises:
+        KeypointsError: the file is missing, lacks a column, or a cell is no number.
+    """
+    path = Path(path)
+    with (
+        reading(path, "CSV text", UnicodeDecodeError, csv.Error),
+        StringIO(read_text(path), newline="") as file,
+    ):
+        reader = csv.DictReader(file)
+        missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
+        if missing:
+            raise KeypointsError(f"{path}: expected a column {missing[0]}, found none")
+        lines = [(reader.line_num, row) for row in reader]
+    columns = {name: np.empty(len(lines)) for name in COLUMNS}
+    for number, (line, row) in enumerate(lines):
+        for name, values in columns.items():
+            try:
+                values[number] = float(row[name])
+            except (TypeError, ValueError) as error:
+                message = f"{path}, line {line}: {name}: expected a number, found {row[name]!r}"
+                raise KeypointsError(message) from error
+    return keypoints_from_columns(str(path), columns)
+
+
+def write_npz(path: str | Path, keypoints: Keypoints) -> None:
+    """Write the points of an image, compressed and without pickle.
+
+    Args:
+        path: written whole or not at all; an old file is replaced.
+        keypoints: without descriptors there is no array of that name.
+
+    Raises:
+        KeypointsError: shapes that do not fit together, or NaN.
+        OutputError: the file cannot be written.
+    """
+    fields = vars(checked(str(path), keypoints))
+    arrays = {name: values for name, values in fields.items() if values is not None}
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        save_arrays(file, {"format": FORMATS["points"], **arrays})
+
+
+def read_npz(path: str | Path) -> Keypoints:
+    """Read what `write_npz` writes; other arrays in the file are left alone.
+
+    Raises:
+        KeypointsError: the file is missing, is something else, or holds no points.
+    """
+    path = Path(path)
+    with reading(path, "a NumPy .npz file", ValueError):
+        arrays = read_arrays(path)
+    if "format" in arrays:
+        check_format("points", arrays["format"].tolist(), path, KeypointsError)
+    if "xy" not in arrays:
+        found = ", ".join(arrays) or "nothing"
+        raise KeypointsError(f"{path}: expected an array xy, found {found}")
+    fields = {name: arrays.get(name) for name in FIELDS}
+    return keypoints_from(str(path), arrays["xy"], arrays.get("descriptors"), **fields)
+
 
 DESCRIPTOR_SIZE = 128
 ROW_SIZE = DESCRIPTOR_SIZE + 64
