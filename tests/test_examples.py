@@ -27,7 +27,7 @@ def landmark_slam(said):
 
 def drive(said):
     by_camera, odometry, again = (numbers(line)[0] for line in said.splitlines()[-3:])
-    return by_camera < 0.4 < 1 < odometry and again > 50
+    return by_camera < 0.2 < 1 < odometry and again > 50
 
 
 FOUND = {

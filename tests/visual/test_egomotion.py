@@ -20,7 +20,7 @@ from saccade.visual.egomotion import (
     robot_motion_jacobian,
 )
 from saccade.visual.ground_scale import GroundTracker
-from saccade.visual.motion_prior import MotionPrior, OdometryScale, TurnRateBias, fuse
+from saccade.visual.motion_prior import MotionPrior, fuse
 from saccade.visual.tables import TrackedPoints
 from support.winding_drive import winding
 
@@ -196,14 +196,6 @@ def test_the_last_motion_predicts_the_next():
     assert_allclose(control, (1.0, 0, 0.1), atol=1e-3)
 
 
-def test_a_turn_rate_bias_is_learned_and_a_lift_is_not():
-    drift = TurnRateBias()
-    for _ in range(200):
-        drift.update(0.01 * 0.1, 0.1, 0.001**2)
-    drift.update(2.0, 0.1, 0.001**2)
-    assert drift.rate == pytest.approx(0.01, rel=0.02)
-
-
 def test_rays_intersect_at_the_point():
     rng = np.random.default_rng(6)
     xy, _, now, deep, R, t = scene(rng)
@@ -215,16 +207,6 @@ def test_rays_intersect_at_the_point():
     sure = sigma < 0.1 * deep
     assert sure.sum() > 20
     assert_allclose(found[sure], deep[sure], rtol=2e-3)
-
-
-def test_a_scale_error_is_divided_by_variance():
-    scale, true = OdometryScale(0.03, 0.02), 0.96  # by the ground odometry is 4 per cent too long
-    for _ in range(3000):
-        scale.update(true / scale.factor)
-    share = 0.03**2 / (0.03**2 + 0.02**2)
-    assert scale.factor == pytest.approx(1 - 0.04 * share, abs=2e-3)
-    assert scale.sigma == pytest.approx(0.02 * np.sqrt(share), rel=0.05)
-    assert OdometryScale(0.03, 0.02).sigma == pytest.approx(0.03)
 
 
 def test_the_ground_plane_determines_the_distance():

@@ -2,10 +2,23 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from saccade.visual.motion_prior import SideSlip
+from saccade.visual.odometry_model import OdometryErrors
 
 SECONDS, SPEED = 0.1, 10.0
+TURN_SIGMA = 0.02
+
+
+def odometry_errors(scale=0.03, camera=0.02):
+    return OdometryErrors(scale, camera, TURN_SIGMA)
+
+
+def measure(errors, control, motion, sigma):
+    """Update by a motion (3,) of the camera and a control (3,) of odometry."""
+    expected = errors.corrected(control, SECONDS)
+    J = errors.jacobian(expected, SECONDS)
+    errors.update_by(J, motion - expected, sigma**2 * np.eye(3))
 
 
 def slipping(turn_rate, angle, per_acceleration):
@@ -14,30 +27,67 @@ def slipping(turn_rate, angle, per_acceleration):
     return control, SPEED * SECONDS * (angle + per_acceleration * SPEED * turn_rate)
 
 
+def test_the_derivatives_are_finite_differences():
+    errors, control = odometry_errors(), np.array([1.2, 0.1, 0.05])
+    numeric = np.empty((3, 5))
+    for i in range(5):
+        ends = []
+        for change in (-1e-6, 1e-6):
+            moved = odometry_errors()
+            moved.error[i] = change
+            camera = np.array([moved.camera_factor, moved.camera_factor, 1.0])
+            ends.append(camera * moved.corrected(control, SECONDS))
+        numeric[:, i] = (ends[1] - ends[0]) / 2e-6
+    assert_allclose(errors.jacobian(control, SECONDS), numeric, atol=1e-6)
+
+
 @pytest.mark.parametrize(("angle", "per_acceleration"), [(0.008, 0.0), (0.0, -0.012), (0.0, 0.0)])
 def test_side_slip_is_learnt_on_the_drive(angle, per_acceleration):
-    rng, slip = np.random.default_rng(1), SideSlip()
+    rng, errors = np.random.default_rng(1), odometry_errors()
     control, _ = slipping(0.3, angle, per_acceleration)
-    before = slip.variance(control, SECONDS)
+    before = errors.step_covariance(control, SECONDS)[1, 1]
     for i in range(400):
         control, left = slipping(0.4 * np.sin(i / 20), angle, per_acceleration)
-        difference = left - slip.corrected(control, SECONDS)[1] + rng.normal(0, 0.01)
-        slip.update(difference, control, SECONDS, 0.01**2)
+        motion = control + np.array([0.0, left, 0.0]) + rng.normal(0, 0.01, 3)
+        measure(errors, control, motion, 0.01)
     control, left = slipping(0.3, angle, per_acceleration)
-    assert slip.corrected(control, SECONDS)[1] == pytest.approx(left, abs=0.003)
-    assert slip.variance(control, SECONDS) < 0.05 * before
+    assert errors.corrected(control, SECONDS)[1] == pytest.approx(left, abs=0.003)
+    assert errors.step_covariance(control, SECONDS)[1, 1] < 0.05 * before
+
+
+def test_a_turn_rate_bias_is_learnt_and_a_lift_is_not():
+    errors = odometry_errors()
+    for _ in range(200):
+        measure(errors, np.array([0.0, 0.0, 0.01 * SECONDS]), np.zeros(3), 0.001)
+    learnt = errors.error.copy()
+    measure(errors, np.array([0.0, 0.0, 2.0]), np.zeros(3), 0.001)
+    assert (errors.error == learnt).all()
+    assert errors.error[2] == pytest.approx(0.01, rel=0.02)
 
 
 def test_a_sideways_jump_is_no_side_slip():
-    slip = SideSlip()
+    errors = odometry_errors()
     control, _ = slipping(0.0, 0.0, 0.0)
-    slip.update(0.5, control, SECONDS, 0.01**2)
-    assert (slip.corrected(control, SECONDS) == control).all()
+    measure(errors, control, control + np.array([0.0, 0.5, 0.0]), 0.01)
+    assert (errors.corrected(control, SECONDS) == control).all()
 
 
-def test_a_robot_that_stands_tells_nothing_of_side_slip():
-    slip = SideSlip()
-    slip.update(0.001, np.zeros(3), SECONDS, 0.01**2)
-    control, _ = slipping(0.0, 0.0, 0.0)
-    assert (slip.corrected(control, SECONDS) == control).all()
-    assert slip.variance(control, SECONDS) == pytest.approx(0.01**2)
+def test_a_robot_that_stands_tells_of_its_turn_alone():
+    errors = odometry_errors()
+    before = errors.covariance
+    measure(errors, np.zeros(3), np.full(3, 0.001), 0.01)
+    assert (np.delete(errors.error, 2) == 0).all()
+    assert_allclose(np.delete(errors.covariance, 2, 0), np.delete(before, 2, 0), atol=1e-15)
+
+
+def test_a_scale_error_is_divided_by_variance():
+    errors, true = (
+        odometry_errors(0.03, 0.02),
+        0.96,
+    )  # by the ground odometry is 4 per cent too long
+    for _ in range(3000):
+        errors.update_scale(true / errors.factor)
+    share = 0.03**2 / (0.03**2 + 0.02**2)
+    assert errors.factor == pytest.approx(1 - 0.04 * share, abs=2e-3)
+    assert errors.scale_sigma == pytest.approx(0.02 * np.sqrt(share), rel=0.05)
+    assert odometry_errors(0.03, 0.02).scale_sigma == pytest.approx(0.03)

@@ -9,6 +9,7 @@ from saccade.frames import AHEAD, Camera
 from saccade.visual import VisualConfig
 from saccade.visual.camera import to_pixels
 from saccade.visual.egomotion import camera_motion
+from saccade.visual.odometry_model import OdometryErrors
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow
 
@@ -46,7 +47,8 @@ def drive(steps, seed=0, gaps=(), acceleration=0.0, camera=CAMERA, config=None, 
     """Controls (steps, 3) and covariances of a window on a curve; and the window."""
     rng = np.random.default_rng(seed)
     world = rng.uniform([-60, -60, -1], [60, 60, 5], (1500, 3))
-    window = SlidingWindow(camera, config or VisualConfig())
+    odometry_errors = OdometryErrors(scale_sigma=0.05, camera_sigma=0.01, turn_sigma=0.2)
+    window = SlidingWindow(camera, config or VisualConfig(), odometry_errors)
     pose, ids = np.zeros(3), np.arange(len(world))
     last, controls, covariances = observed(camera, pose, world, ids, rng, **errors), [], []
     for i in range(steps):

@@ -166,13 +166,15 @@ def robot_motion(
         before: the camera as it was turned before the motion; None if as after it.
     """
     before = before or camera
-    rotation = camera.rotation @ R @ before.rotation.T
-    translation = camera.rotation @ t + camera.position - rotation @ before.position
-    inverse, axes = -rotation.T @ translation, rotation.T
-    control = np.array([inverse[0], inverse[1], np.arctan2(axes[1, 0], axes[0, 0])])
-    roll = np.arctan2(axes[2, 1], axes[2, 2])
-    pitch = np.arctan2(-axes[2, 0], np.hypot(axes[0, 0], axes[1, 0]))
-    return control, np.array([inverse[2], roll, pitch])
+    rotation = camera.rotation @ R @ np.swapaxes(before.rotation, -1, -2)
+    translation = times(camera.rotation, t) + camera.position
+    translation = translation - times(rotation, before.position)
+    axes = np.swapaxes(rotation, -1, -2)
+    x, y, z = np.moveaxis(-times(axes, translation), -1, 0)
+    control = np.stack([x, y, np.arctan2(axes[..., 1, 0], axes[..., 0, 0])], -1)
+    roll = np.arctan2(axes[..., 2, 1], axes[..., 2, 2])
+    pitch = np.arctan2(-axes[..., 2, 0], np.hypot(axes[..., 0, 0], axes[..., 1, 0]))
+    return control, np.stack([z, roll, pitch], -1)
 
 
 def camera_motion(camera: Camera, control: FloatArray, before: Camera | None = None) -> CameraPose:
@@ -192,14 +194,29 @@ def robot_motion_jacobian(
 
     To first order in roll and pitch.
     """
-    rotation = camera.rotation @ R @ (before or camera).rotation.T
-    J = np.zeros((6, 6))
-    x, y, z = camera.rotation @ t + camera.position
+    rotation = camera.rotation @ R @ np.swapaxes((before or camera).rotation, -1, -2)
+    inverse = np.swapaxes(rotation, -1, -2)
+    J = np.zeros((*np.shape(R)[:-2], 6, 6))
+    moved = times(camera.rotation, t) + camera.position
     position, angles = [0, 1, 3], [2, 4, 5]
-    J[position, :3] = rotation.T @ np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]]) @ camera.rotation
-    J[angles, :3] = -(rotation.T @ camera.rotation)[[2, 0, 1]]
-    J[position, 3:] = -rotation.T @ camera.rotation
+    J[..., position, :3] = inverse @ cross_product(moved) @ camera.rotation
+    J[..., angles, :3] = -(inverse @ camera.rotation)[..., [2, 0, 1], :]
+    J[..., position, 3:] = -inverse @ camera.rotation
     return J
+
+
+def times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """(..., m) products of matrices (..., m, n) and vectors (..., n)."""
+    return np.asarray((matrix @ vector[..., None])[..., 0])
+
+
+def cross_product(v: FloatArray) -> FloatArray:
+    """(..., 3, 3) matrices of the cross products w x v, for vectors v (..., 3)."""
+    x, y, z = np.moveaxis(v, -1, 0)
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 0, 1], matrix[..., 1, 2], matrix[..., 2, 0] = z, x, y
+    matrix[..., 1, 0], matrix[..., 2, 1], matrix[..., 0, 2] = -z, -x, -y
+    return matrix
 
 
 def _prior_information(

@@ -1,4 +1,4 @@
-"""Motion prior, systematic errors of odometry and camera, and departures from the ground plane."""
+"""Motion prior, systematic errors of the camera, and departures from the ground plane."""
 
 from dataclasses import dataclass, field
 
@@ -8,20 +8,12 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate
-from saccade.visual.ground_scale import DISTANCE_NOISE
+from saccade.visual.odometry_model import CONSTANT_DISTANCE
 
 FUSION_GATE = 0.9999
 """Probability of the gate within which two estimates of a control are fused."""
-CONSTANT_TURN, CONSTANT_DISTANCE = np.pi / 2, 10.0
-"""Radians and metres over which a calibration error of turn and distance is constant."""
-MAX_OUTAGE = 5.0
-"""Seconds without camera for which the covariance of odometry allows for its systematic errors."""
-MAX_NIS = 9.0
-"""Normalized innovation squared (one dimension, 3 sigma) beyond which a measurement is ignored."""
-SLIP_ANGLE, SLIP_PER_ACCELERATION, SLIP_SECONDS = 0.01, 0.006, 1.0
-"""Side-slip before the first frame: standard deviations of its angle in radians, on a straight road
-and per m/s^2 of lateral acceleration; and the seconds over which what remains of it is constant. By
-the true poses of KITTI's drives 00 to 09 angles are .003 to .015, and .003 to .008 per m/s^2."""
+CONSTANT_TURN = np.pi / 2
+"""Radians over which a calibration error of turns is constant."""
 INTEGRATION_TIME, AVERAGING_TIME = 2.0, 10.0
 """Seconds over which tilt and height are integrated, before their drift dominates; and over which
 their variances are averaged."""
@@ -73,116 +65,6 @@ class MotionPrior:
 
 
 @dataclass
-class OdometryScale:
-    """Scale error of odometry, estimated together with that of the camera (Kalman filter).
-
-    Both are constant: odometry has the wrong wheel radius, the camera the wrong height.
-    """
-
-    odometry_sigma: float
-    """Standard deviation of the fraction by which true distances exceed those of odometry."""
-    camera_sigma: float
-    """Standard deviation of the fraction by which distances by the camera are too long."""
-
-    def __post_init__(self) -> None:
-        self._error = np.zeros(2)  # of odometry, of the camera
-        self._covariance = np.diag(np.square([self.odometry_sigma, self.camera_sigma]))
-
-    @property
-    def factor(self) -> float:
-        """True distance over that of odometry."""
-        return 1.0 + float(self._error[0])
-
-    @property
-    def sigma(self) -> float:
-        """Standard deviation of the factor."""
-        return float(np.sqrt(self._covariance[0, 0]))
-
-    @property
-    def camera_factor(self) -> float:
-        """Distance by the camera over the true one."""
-        return 1.0 + float(self._error[1])
-
-    def update(self, ratio: float) -> None:
-        """Update by the ratio of the camera's distance to that of odometry times `factor`."""
-        innovation = ratio - 1.0 - self._error[1]
-        S = self._covariance.sum() + DISTANCE_NOISE**2
-        if innovation**2 < MAX_NIS * S:
-            gain = self._covariance.sum(1) / S
-            self._error = self._error + gain * innovation
-            self._covariance = self._covariance - np.outer(gain, gain) * S
-
-
-@dataclass
-class TurnRateBias:
-    """Bias of odometry's turn rate, positive to the left (Kalman filter)."""
-
-    rate: float = 0.0
-    """Radians per second."""
-    variance: float = 0.02**2
-    """Variance of the rate."""
-
-    def corrected(self, control: FloatArray, seconds: float) -> FloatArray:
-        """A control (3,) of odometry without the bias; half of its turn rotates the translation."""
-        turn = self.rate * seconds
-        c, s = np.cos(turn / 2), np.sin(turn / 2)
-        ahead, left, turned = control
-        return np.array([c * ahead + s * left, c * left - s * ahead, turned - turn])
-
-    def update(self, difference: float, seconds: float, variance: float) -> None:
-        """Update by the turn of odometry less that of the camera in radians, and its variance.
-
-        Outliers are ignored: the robot may have been lifted, or its wheels may slip.
-        """
-        S = variance + self.variance * seconds**2
-        innovation = difference - self.rate * seconds
-        if 0 < innovation**2 < MAX_NIS * S:
-            gain = self.variance * seconds / S
-            self.rate += gain * innovation
-            self.variance -= gain * seconds * self.variance
-
-
-@dataclass
-class SideSlip:
-    """Side-slip of which odometry does not know, positive to the left (Kalman filter).
-
-    Its angle is a constant plus one in proportion to the lateral acceleration.
-    """
-
-    def __post_init__(self) -> None:
-        self._error = np.zeros(2)  # radians; radians per m/s^2
-        self._covariance = np.diag(np.square([SLIP_ANGLE, SLIP_PER_ACCELERATION]))
-
-    def corrected(self, control: FloatArray, seconds: float) -> FloatArray:
-        """A control (3,) of odometry with the estimated side-slip."""
-        slip = float(slip_lever(control, seconds) @ self._error)
-        return np.asarray(control + np.array([0.0, slip, 0.0]))
-
-    def variance(self, control: FloatArray, seconds: float) -> float:
-        """Variance of the side-slip of a control in square metres."""
-        lever = slip_lever(control, seconds)
-        return float(lever @ self._covariance @ lever)
-
-    def update(
-        self, difference: float, control: FloatArray, seconds: float, variance: float
-    ) -> None:
-        """Update by what the camera moved to the left beyond a corrected control, in metres."""
-        lever = slip_lever(control, seconds)
-        gain = self._covariance @ lever
-        S = variance + float(lever @ gain)
-        if 0 < difference**2 < MAX_NIS * S:
-            self._error = self._error + gain * (difference / S)
-            self._covariance = self._covariance - np.outer(gain, gain) / S
-
-
-def slip_lever(control: FloatArray, seconds: float) -> FloatArray:
-    """(2,) derivative of the side-slip of a control in metres by the errors of `SideSlip`."""
-    length = float(np.hypot(*control[:2]))
-    acceleration = length * float(control[2]) / max(seconds, 1e-3) ** 2
-    return np.array([length, length * acceleration])
-
-
-@dataclass
 class Planarity:
     """Standard deviations of roll, pitch and height, from the motion of the camera."""
 
@@ -225,25 +107,6 @@ class Planarity:
             f"the robot {' and '.join(parts)} as its camera measures it, but its map is flat: the "
             "standard deviations of observations and motion are enlarged accordingly",
         )
-
-
-def odometry_error_covariance(
-    control: FloatArray, seconds: float, scale_sigma: float, bias: TurnRateBias, slip: SideSlip
-) -> FloatArray:
-    """(3, 3) covariance of a control (3,) by the systematic errors that remain.
-
-    Taken as independent from step to step, they accumulate to those of constant errors over
-    `CONSTANT_DISTANCE`, `MAX_OUTAGE` and `SLIP_SECONDS`.
-    """
-    x, y, _ = control
-    length = max(float(np.hypot(x, y)), 1e-9)
-    by_scale, by_turn = np.array([x, y, 0.0]), np.array([-y / 2, x / 2, 1.0])
-    by_slip = slip.variance(control, seconds) * max(SLIP_SECONDS / max(seconds, 1e-3), 1.0)
-    return np.asarray(
-        scale_sigma**2 * max(CONSTANT_DISTANCE / length, 1.0) * np.outer(by_scale, by_scale)
-        + bias.variance * seconds * max(MAX_OUTAGE, seconds) * np.outer(by_turn, by_turn)
-        + np.diag([0.0, by_slip, 0.0])
-    )
 
 
 def correlation_factor(seconds: float, config: VisualConfig) -> float:

@@ -157,7 +157,7 @@ class Pipeline:
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
         adjusts = has_depth and config.window > 2 and not self._by_odometry
-        self._window = SlidingWindow(drive.camera, config) if adjusts else None
+        self._window = SlidingWindow(drive.camera, config, self.map.errors) if adjusts else None
         cache = cache if gaze is None else None  # what a frame shows depends on the gaze
         self._extract = FeatureExtractor(drive, config, cache, first, gaze is not None)
         ahead = config.detect_interval if gaze is None else 0
@@ -308,7 +308,7 @@ class Pipeline:
         current = self.tracked if motion is not None else TrackedPoints()
         with self.log.timed("adjust"):
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            points, odometry = (before.for_motion, current.for_motion), self.map.odometry
+            points, odometry = (before.for_motion, current.for_motion), self.map.declared_odometry
             return self._window.add(*points, pose, odometry, seconds, self._cameras)
 
     def _predict(

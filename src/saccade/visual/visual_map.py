@@ -18,15 +18,12 @@ from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_prior import (
     MotionPrior,
-    OdometryScale,
     Planarity,
-    SideSlip,
-    TurnRateBias,
     camera_error_covariance,
     correlation_factor,
     fuse,
-    odometry_error_covariance,
 )
+from saccade.visual.odometry_model import OdometryErrors
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
@@ -34,8 +31,6 @@ MIN_RESCALE = 1e-3
 """Relative change of scale from which the map is rescaled: a tenth of the scale's uncertainty."""
 MIN_TURN_BIAS_SIGMA = 0.02
 """Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
-MIN_STEP = 0.05
-"""Length in metres from which a step is used to estimate the scale of odometry."""
 
 
 class VisualMap:
@@ -53,8 +48,6 @@ class VisualMap:
         self._turn_sigma = 0.0
         scale_sigma, turn_per_metre, _ = drive.odometry_bias
         relative_sigma = config.relative_motion_sigma[0], config.relative_height_sigma
-        self.scale = OdometryScale(scale_sigma, relative_sigma[0 if has_depth else 1])
-        self._map_scale = self.scale.factor
         settings = EkfConfig(
             filter="invariant",
             association="known",
@@ -73,10 +66,9 @@ class VisualMap:
         seconds = float(drive.time[-1] - drive.time[0])
         distance = float(np.hypot(*drive.control[:, :2].T).sum())
         mean_speed = distance / seconds if seconds > 0 else 0.0
-        self._turn_bias = TurnRateBias(
-            variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * mean_speed) ** 2
-        )
-        self._slip = SideSlip()
+        turn_sigma = float(np.hypot(MIN_TURN_BIAS_SIGMA, turn_per_metre * mean_speed))
+        self.errors = OdometryErrors(scale_sigma, relative_sigma[0 if has_depth else 1], turn_sigma)
+        self._map_scale = self.errors.factor
         self._odometry: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         self.control = self._odometry
         """The control that led to the present frame, and its covariance."""
@@ -102,9 +94,7 @@ class VisualMap:
         return {
             "tilt": self.planarity,
             "prior": self._motion_prior,
-            "odometry_scale": self.scale,
-            "turn_rate_bias": self._turn_bias,
-            "side_slip": self._slip,
+            "odometry_errors": self.errors,
         }
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
@@ -129,8 +119,7 @@ class VisualMap:
         in: their errors would accumulate, and an accelerating robot would be lagged behind.
         """
         drive, seconds = self._drive, self._seconds(number)
-        control = drive.control[number - 1] * (self.scale.factor, self.scale.factor, 1.0)
-        control = self._slip.corrected(self._turn_bias.corrected(control, seconds), seconds)
+        control = self.errors.corrected(drive.control[number - 1], seconds)
         self._step_seconds = seconds
         covariance = drive.control_covariance[number - 1]
         if self._turn_sigma:  # of both frames: the camera's turn is compared with odometry's
@@ -141,6 +130,11 @@ class VisualMap:
         return self._motion_prior.predict(*self._odometry, seconds)
 
     @property
+    def declared_odometry(self) -> MotionEstimate:
+        """The last step by odometry without its errors, and its declared covariance."""
+        return self._odometry
+
+    @property
     def odometry(self) -> MotionEstimate:
         """The last step by odometry; its covariance includes the systematic errors that remain."""
         control, covariance = self._odometry
@@ -148,10 +142,7 @@ class VisualMap:
 
     def _systematic(self, control: FloatArray) -> FloatArray:
         """(3, 3) covariance of a control by the systematic errors of odometry that remain."""
-        scale_sigma = self.scale.sigma if self.has_depth else 0.0
-        return odometry_error_covariance(
-            control, self._step_seconds, scale_sigma, self._turn_bias, self._slip
-        )
+        return self.errors.step_covariance(control, self._step_seconds, self.has_depth)
 
     def predict(
         self,
@@ -173,14 +164,13 @@ class VisualMap:
         control = expected[0], expected[1] + systematic
         if motion is not None:
             self.planarity.update(motion.off_plane, seconds)
-            measured = motion.control, self.camera_covariance(motion, seconds)
-            self._learn_odometry(number, measured, seconds)
-            control = measured
             if adjusted is not None:
                 motion = motion._replace(control=adjusted[0], covariance=adjusted[1])
-                control = motion.control, self.camera_covariance(motion, seconds)
-            elif self.has_depth:
-                control = fuse(measured, (self._odometry[0], self._odometry[1] + systematic))
+            control = motion.control, self.camera_covariance(motion, seconds)
+            if adjusted is None:
+                self._learn_odometry(control, seconds)
+                if self.has_depth:
+                    control = fuse(control, self.odometry)
         elif adjusted is not None:
             control = adjusted[0], adjusted[1] + systematic
         self._move(number, control)
@@ -189,19 +179,16 @@ class VisualMap:
         """(3, 3) covariance of an egomotion, with calibration errors and tilt."""
         return camera_error_covariance(motion, seconds, self._config, self.planarity.tilt)
 
-    def _learn_odometry(self, number: int, measured: MotionEstimate, seconds: float) -> None:
-        """Update the errors of odometry by a motion that does not include it."""
+    def _learn_odometry(self, measured: MotionEstimate, seconds: float) -> None:
+        """Update the errors of odometry by a motion that does not include it.
+
+        The motion of a single camera includes the length of odometry: its turn alone is used.
+        """
         control, covariance = self._odometry
-        variance = np.diag(covariance + measured[1])
-        difference = float(self._drive.control[number - 1, 2] - measured[0][2])
-        self._turn_bias.update(difference, seconds, float(variance[2]))
-        if not self.has_depth:
-            return
-        left = float(measured[0][1] - control[1])
-        self._slip.update(left, control, seconds, float(variance[1]))
-        distance = float(np.hypot(*control[:2]))
-        if distance > MIN_STEP:
-            self.scale.update(float(np.hypot(*measured[0][:2])) / distance)
+        rows = slice(None) if self.has_depth else slice(2, 3)
+        J = self.errors.jacobian(control, seconds)[rows]
+        innovation, R = (measured[0] - control)[rows], (measured[1] + covariance)[rows, rows]
+        self.errors.update_by(J, innovation, R)
 
     def predict_by_odometry(self, number: int) -> None:
         """Predict the pose of a frame after the first by odometry; its biases are estimated."""
@@ -218,19 +205,19 @@ class VisualMap:
 
         Rescales the map, and returns the motion with a length from odometry and the ground.
         """
-        factor = self.scale.factor
+        factor = self.errors.factor
         ratio = distance / float(np.linalg.norm(motion.translation))
-        self.scale.update(ratio)
-        change = self.scale.factor / factor
-        rescaling = self.scale.factor / self._map_scale
+        self.errors.update_scale(ratio)
+        change = self.errors.factor / factor
+        rescaling = self.errors.factor / self._map_scale
         if abs(rescaling - 1) > MIN_RESCALE:
             self.ekf.rescale(rescaling, self._drive.start[:2])
-            self._map_scale = self.scale.factor
+            self._map_scale = self.errors.factor
         length = float(np.hypot(*motion.control[:2]))
         direction = np.append(motion.control[:2] / length, 0.0)
         cross_covariance = motion.covariance @ direction
         variance = float(direction @ cross_covariance) + (DISTANCE_NOISE * length) ** 2
-        innovation = (ratio / self.scale.camera_factor - change) * length
+        innovation = (ratio / self.errors.camera_factor - change) * length
         control = motion.control + cross_covariance * innovation / variance
         covariance = motion.covariance - np.outer(cross_covariance, cross_covariance) / variance
         return motion._replace(
@@ -256,7 +243,7 @@ class VisualMap:
         if self.has_depth:
             return self.ekf.pose_covariance
         offset = np.append(self.ekf.pose[:2] - self._drive.start[:2], 0.0)
-        return self.ekf.pose_covariance + self.scale.sigma**2 * np.outer(offset, offset)
+        return self.ekf.pose_covariance + self.errors.scale_sigma**2 * np.outer(offset, offset)
 
     @property
     def landmark_covariances(self) -> FloatArray:
@@ -264,7 +251,7 @@ class VisualMap:
         if self.has_depth:
             return self.ekf.landmark_covariances
         offset = self.ekf.landmarks - self._drive.start[:2]
-        by_scale = self.scale.sigma**2 * offset[:, :, None] * offset[:, None]
+        by_scale = self.errors.scale_sigma**2 * offset[:, :, None] * offset[:, None]
         return self.ekf.landmark_covariances + by_scale
 
     def observe(

@@ -27,9 +27,12 @@ from saccade.visual.egomotion import (
     CameraPose,
     MotionEstimate,
     Mounting,
+    cross_product,
     robot_motion,
     robot_motion_jacobian,
+    times,
 )
+from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
 from saccade.visual.self_calibration import SIGMA, SelfCalibration
 from saccade.visual.tables import TrackedPoints
 
@@ -54,10 +57,11 @@ class SlidingWindow:
     Args:
         camera: the calibration.
         config: length of the window and standard deviations.
+        odometry: its errors, which the window estimates.
     """
 
-    def __init__(self, camera: Camera, config: VisualConfig) -> None:
-        self._camera, self._config = camera, config
+    def __init__(self, camera: Camera, config: VisualConfig, odometry: OdometryErrors) -> None:
+        self._camera, self._config, self._errors = camera, config, odometry
         speed, turn_rate = config.acceleration_sigma
         self._acceleration = np.array([speed, speed / 4, turn_rate, *OFF_PLANE_ACCELERATION_SIGMA])
         self.calibration = SelfCalibration(camera, config.window)
@@ -71,6 +75,7 @@ class SlidingWindow:
         self._point = np.zeros((0, 4))  # homogeneous, in the frame of the poses
         self._observed, self._sigma = np.zeros((0, 1, 3)), np.zeros((0, 1, 3))
         self._odometry, self._seconds = np.zeros((0, 3)), np.zeros(0)
+        self._by_errors = np.zeros((0, 3, ODOMETRY_ERRORS))
         self._information = np.zeros((0, 6, 6))
 
     def add(
@@ -101,10 +106,10 @@ class SlidingWindow:
         self._mount[-1] = cameras[0].rotation
         self._append(motion, odometry, seconds, cameras[1].rotation)
         self._observe(current)
-        information = self._adjust()
+        covariance = self._adjust()
         R, t = relative_pose(last, (self._rotation[-1], self._translation[-1]))
         control, _ = robot_motion(self._mounting(-1), R, t, self._mounting(-2))
-        return control, self._step_covariance(information)
+        return control, covariance
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
@@ -138,8 +143,8 @@ class SlidingWindow:
         self._observed = np.concatenate([self._observed, blank])[order]
         self._sigma = np.concatenate([self._sigma, blank])[order]
 
-    def _mounting(self, j: int) -> Mounting:
-        """The camera on the robot in frame j."""
+    def _mounting(self, j: int | slice) -> Mounting:
+        """The camera on the robot in frame j, or in some frames."""
         return Mounting(self._mount[j], self._camera.position)
 
     def _append(
@@ -158,6 +163,8 @@ class SlidingWindow:
         self._odometry = np.concatenate([self._odometry[first:], odometry[0][None]])
         self._information = np.concatenate([self._information[first:], information[None]])
         self._seconds = np.append(self._seconds[first:], seconds)
+        by_errors = self._errors.jacobian(odometry[0], seconds)[None]
+        self._by_errors = np.concatenate([self._by_errors[first:], by_errors])
         seen = np.isfinite(self._observed[:, first:, 0]).any(1)
         blank = np.full((int(seen.sum()), 1, 3), np.nan)
         self._observed = np.concatenate([self._observed[seen, first:], blank], 1)
@@ -165,7 +172,7 @@ class SlidingWindow:
         self._id, self._point = self._id[seen], self._point[seen]
 
     def _adjust(self) -> FloatArray:
-        """Robust Gauss-Newton; returns the (6 n - 6, 6 n - 6) information of all but the first."""
+        """Robust Gauss-Newton; returns the (3, 3) covariance of the control of the last step."""
         camera, n = self._camera, len(self._rotation)
         seen = np.isfinite(self._observed[:, :, 0])
         rows = np.flatnonzero(seen.sum(1) > 1)
@@ -175,32 +182,55 @@ class SlidingWindow:
         place, inverse_depth = self._point[rows, :3], self._point[rows, 3:]
         local = (R0[reference] @ place[:, :, None])[:, :, 0] + inverse_depth * t0[reference]
         points = np.c_[local[:, :2], inverse_depth] / local[:, 2:]
-        size = 6 * n + len(SIGMA)
-        gain, offset = np.empty((len(rows), 3, size)), np.empty((len(rows), 3))
+        visual, m = 6 * n + len(SIGMA), ODOMETRY_ERRORS
+        gain, offset = np.empty((len(rows), 3, visual)), np.empty((len(rows), 3))
         squared = np.empty((len(rows), n))
         disparity_scale = 1 / (camera.fx * camera.baseline) if camera.baseline > 0 else 0.0
-        free, errors = slice(6, 6 * n), slice(6 * n, size)
+        poses, calibration = slice(6, 6 * n), slice(6 * n, visual)
+        free = np.r_[6 : 6 * n, visual : visual + m]
+        prior, error = np.linalg.inv(self._errors.covariance + 1e-14 * np.eye(m)), np.zeros(m)
         for _ in range(ITERATIONS):
-            information, gradient = np.zeros((size, size)), np.zeros(size)
+            information, gradient = np.zeros((visual + m,) * 2), np.zeros(visual + m)
+            points_information, points_gradient = np.zeros((visual, visual)), np.zeros(visual)
             eliminate_points(
                 *(corrected, sigma, reference, Intrinsics.of(camera)),
                 *((self._rotation, self._translation), (R0, t0), disparity_scale, KERNEL_WIDTH),
-                *(points, information, gradient, gain, offset, squared),
+                *(points, points_information, points_gradient, gain, offset, squared),
             )
-            self._add_factors(information, gradient)
-            change = np.zeros(size)
-            change[free] = np.linalg.solve(information[free, free], gradient[free])
+            information[:visual, :visual] += points_information
+            gradient[:visual] += points_gradient
+            step = self._add_factors(information, gradient, error)
+            total = information[np.ix_(free, free)]
+            total[-m:, -m:] += prior
+            right = gradient[free]
+            right[-m:] -= prior @ error
+            solution = np.linalg.solve(total, right)
+            change, before = np.zeros(visual), error
+            change[poses], error = solution[:-m], error + solution[-m:]
             points += offset - gain @ change
             points[:, 2] = points[:, 2].clip(0.0, MAX_INVERSE_DEPTH)
             self._move(change)
         ray = np.c_[points[:, :2], np.ones(len(rows))]
         place = ((ray - points[:, 2:] * t0[reference])[:, None] @ R0[reference])[:, 0]
         self._point[rows] = np.c_[place, points[:, 2]]
-        cross = np.linalg.solve(information[free, free], information[free, errors])  # Schur
-        total = information[errors, errors] - information[errors, free] @ cross
+        gradient += information[:, visual:] @ before  # about the present errors of odometry
+        self._learn(information, gradient, poses, calibration)
+        right = np.concatenate([step[:, poses], np.zeros((3, m))], 1).T
+        root = solve_triangular(np.linalg.cholesky(total), right, lower=True)
+        return np.asarray(root.T @ root)
+
+    def _learn(
+        self, information: FloatArray, gradient: FloatArray, poses: slice, calibration: slice
+    ) -> None:
+        """Update the errors of calibration and odometry, with the poses eliminated (Schur)."""
         share = 1 / self._config.window  # an observation is in so many windows
-        self.calibration.update(share * total, share * (gradient[errors] - gradient[free] @ cross))
-        return information[free, free]
+        cross = np.linalg.solve(information[poses, poses], information[poses])
+        total = share * (information - information[:, poses] @ cross)
+        vector = share * (gradient - gradient[poses] @ cross)
+        self.calibration.update(total[calibration, calibration], vector[calibration])
+        errors = slice(calibration.stop, None)
+        change = self._errors.update(total[errors, errors], vector[errors])
+        self._odometry = self._odometry + self._by_errors @ change
 
     def _move(self, change: FloatArray) -> None:
         """Change the poses by rotation vectors and translations."""
@@ -209,62 +239,65 @@ class SlidingWindow:
             self._rotation[j] = cv2.Rodrigues(p[:3])[0] @ self._rotation[j]
             self._translation[j] += p[3:]
 
-    def _add_factors(self, information: FloatArray, gradient: FloatArray) -> None:
-        """Add odometry, and that motion changes little from step to step."""
-        rates: list[tuple[FloatArray, FloatArray]] = []
-        for j, seconds in enumerate(self._seconds):
-            value, J = self._step(j)
-            residual = np.append(self._odometry[j], np.zeros(3)) - value
-            blocks = slice(6 * j, 6 * j + 12)
-            add_factor(information, gradient, blocks, J, residual, self._information[j])
-            rates.append((value / seconds, J / seconds))
-            if j > 0:
-                change = np.zeros((6, 18))
-                change[:, 6:] += rates[j][1]
-                change[:, :12] -= rates[j - 1][1]
-                sigma = self._acceleration * (seconds + self._seconds[j - 1]) / 2
-                blocks = slice(6 * j - 6, 6 * j + 12)
-                residual = rates[j - 1][0] - rates[j][0]
-                add_factor(information, gradient, blocks, change, residual, np.diag(1 / sigma**2))
+    def _add_factors(
+        self, information: FloatArray, gradient: FloatArray, error: FloatArray
+    ) -> FloatArray:
+        """Add odometry, and that motion changes little from step to step.
 
-    def _step(self, j: int) -> tuple[FloatArray, FloatArray]:
-        """Motion (6,) from frame j to the next, and its Jacobian (6, 12) by their poses."""
-        first = self._rotation[j], self._translation[j]
-        R, t = relative_pose(first, (self._rotation[j + 1], self._translation[j + 1]))
-        x, y, z = R @ first[1]
-        second = np.eye(6)
-        second[3:, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-        mounts = self._mounting(j + 1), self._mounting(j)
-        by_second = robot_motion_jacobian(mounts[0], R, t, mounts[1]) @ second
-        by_first = -np.concatenate([by_second[:, :3] @ R, by_second[:, 3:] @ R], 1)
-        value = np.concatenate(robot_motion(mounts[0], R, t, mounts[1]))
-        return value, np.concatenate([by_first, by_second], 1)
+        Returns:
+            (3, 6 n) derivative of the control of the last step by the poses.
+        """
+        value, J = self._steps()
+        n, size, seconds = len(value), len(gradient), self._seconds
+        odometry = self._odometry + self._by_errors @ error
+        by_all = np.zeros((n, 6, size))
+        by_all[:, :, : J.shape[2]] = J
+        rate, by_poses = value / seconds[:, None], by_all / seconds[:, None, None]
+        by_all[:, :3, -ODOMETRY_ERRORS:] = -self._by_errors
+        residual = np.pad(odometry, ((0, 0), (0, 3))) - value
+        add_factors(information, gradient, by_all, residual, self._information)
+        if n > 1:
+            sigma = self._acceleration * (seconds[1:] + seconds[:-1])[:, None] / 2
+            W = np.eye(6) / np.square(sigma)[:, None]
+            change = by_poses[1:] - by_poses[:-1]
+            add_factors(information, gradient, change, rate[:-1] - rate[1:], W)
+        return J[-1, :3]
 
-    def _step_covariance(self, information: FloatArray) -> FloatArray:
-        """(3, 3) of the control of the last step."""
-        J = self._step(len(self._seconds) - 1)[1][:3, -min(len(information), 12) :]
-        right = np.zeros((len(information), 3))
-        right[-J.shape[1] :] = J.T
-        root = solve_triangular(np.linalg.cholesky(information), right, lower=True)
-        return np.asarray(root.T @ root)
+    def _steps(self) -> tuple[FloatArray, FloatArray]:
+        """Motions (n - 1, 6) from frame to frame, and their Jacobians (n - 1, 6, 6 n) by poses."""
+        n = len(self._rotation)
+        t = self._translation[:-1]
+        R, moved = relative_pose(
+            (self._rotation[:-1], t), (self._rotation[1:], self._translation[1:])
+        )
+        after, before = self._mounting(slice(1, None)), self._mounting(slice(-1))
+        value = np.concatenate(robot_motion(after, R, moved, before), -1)
+        second = np.zeros((n - 1, 6, 6)) + np.eye(6)
+        second[:, 3:, :3] = -cross_product(times(R, t))
+        by_second = robot_motion_jacobian(after, R, moved, before) @ second
+        J = np.zeros((n - 1, 6, n, 6))
+        row = np.arange(n - 1)
+        J[row, :, row, :3], J[row, :, row, 3:] = -by_second[..., :3] @ R, -by_second[..., 3:] @ R
+        J[row, :, row + 1] = by_second
+        return value, J.reshape(n - 1, 6, 6 * n)
 
 
 def relative_pose(first: CameraPose, second: CameraPose) -> CameraPose:
-    """The motion from one pose to another."""
-    R = second[0] @ first[0].T
-    return R, second[1] - R @ first[1]
+    """The motions from some poses to others."""
+    R = second[0] @ np.swapaxes(first[0], -1, -2)
+    return R, second[1] - times(R, first[1])
 
 
-def add_factor(
+def add_factors(
     information: FloatArray,
     gradient: FloatArray,
-    blocks: slice,
     J: FloatArray,
     residual: FloatArray,
     W: FloatArray,
 ) -> None:
-    """Add a residual with information W to the normal equations (Cauchy's kernel)."""
-    weighted = W @ residual
-    robust = 1 / (1 + float(residual @ weighted) / FACTOR_WIDTH**2)
-    information[blocks, blocks] += robust * J.T @ W @ J
-    gradient[blocks] += robust * J.T @ weighted
+    """Add residuals (k, 6) with informations (k, 6, 6) to normal equations (Cauchy's kernel)."""
+    weighted = times(W, residual)
+    robust = 1 / (1 + (residual * weighted).sum(1) / FACTOR_WIDTH**2)
+    flat = J.reshape(-1, len(gradient))
+    information += flat.T @ (robust[:, None, None] * (W @ J)).reshape(flat.shape)
+    gradient += flat.T @ (robust[:, None] * weighted).ravel()
