@@ -24,7 +24,7 @@ CASCADE = "haarcascade_frontalface_alt.xml"
 LONGER_SIDE = 800
 """Pixels to which the longer side of a larger image is reduced."""
 MIN_SCORE = 0.7
-"""Of a face that YuNet finds, of at most 1."""
+"""Smallest score, of at most 1, of a face that YuNet finds."""
 MIN_NEIGHBORS = 4
 """Overlapping detections that make a face of a cascade."""
 MIN_FACE = 24

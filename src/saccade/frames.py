@@ -165,7 +165,7 @@ class Frame:
     tracks: Tracks | None = None
     """Tracked points, instead of an image or with it."""
     turn: CameraTurn | None = None
-    """Of a camera that turns, at this time; None where it is as mounted."""
+    """Turn of a camera that turns, at this time; None where it is as mounted."""
 
     @property
     def gaze(self) -> Gaze:
@@ -216,12 +216,12 @@ class Drive:
     """(t, 3) ground truth off the plane, if known: height in meters, pitch (nose up) and roll in
     radians, at the poses of `truth`."""
     scale: Literal["metric", "held", "assumed"] = "metric"
-    """Of a single camera without odometry lengths are in arbitrary units: "held" from step to step
+    """Unit of lengths, arbitrary for a single camera without odometry: "held" from step to step
     by triangulated points, or "assumed" as those of a constant speed."""
     remarks: tuple[str, ...] = ()
     """Repairs made when its files were read, one line each."""
     assumptions: tuple[str, ...] = ()
-    """What was assumed of its camera and its motion, which the files do not tell, one line each."""
+    """Assumptions on camera and motion, which the files do not tell, one line each."""
 
     def __post_init__(self) -> None:
         n = len(self.time)

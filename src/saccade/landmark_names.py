@@ -16,9 +16,9 @@ from saccade.errors import LogError
 FIRST_TEXT = 10**18
 """Number of the first name that is text; integers are below."""
 UNKNOWN = ("", "-1")
-"""How a landmark without a name is written."""
+"""Text of a landmark without a name."""
 EXPECTED = "names of landmarks (text, or integers from 0 on; empty or -1 where unknown)"
-"""What `number_names` takes."""
+"""Input of `number_names`, for messages."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)|nan", re.ASCII | re.IGNORECASE)
 
 

@@ -100,39 +100,6 @@ def test_g_undoes_h_and_jacobians_are_slopes(x, u, z):
     close(grad_g_z(x, z), slopes(lambda at: g(x, at), z), atol=1e-7)
 
 
-def test_a_new_filter_knows_its_pose_and_nothing_else():
-    ekf = EkfSlam()
-    np.testing.assert_array_equal(ekf.s, np.zeros(3))
-    np.testing.assert_array_equal(ekf.P, np.zeros((3, 3)))
-    assert (ekf.N, ekf.m.shape, ekf.Pxm.shape, ekf.Pmm.shape) == (0, (0, 2), (3, 0), (0, 0))
-
-
-def test_prediction_then_augmentation_then_update_by_hand():
-    ekf = EkfSlam(x0=np.zeros(3), P0=np.diag([0.1, 0.2, 0.3]))
-    predicted = ekf.predict(np.array([1.0, 0.0]), np.diag([0.01, 0.04]))
-    close(predicted.Q, [[0.01, 0, 0], [0, 0.04, 0.04], [0, 0.04, 0.04]])
-    close(predicted.s, [1, 0, 0])
-    close(predicted.P, [[0.11, 0, 0], [0, 0.54, 0.34], [0, 0.34, 0.34]])
-
-    R = np.diag([0.01, 0.04])
-    grown = ekf.augment(np.array([1.0, 0.0]), R)
-    close(grown.landmark, [2, 0])
-    close(grown.Pmx, [[0.11, 0, 0], [0, 0.88, 0.68]])
-    close(grown.Pmm_new, [[0.12, 0], [0, 1.6]])
-    close(grown.s, [1, 0, 0, 2, 0])
-    close(ekf.Pxx, predicted.P)
-    close(ekf.Pxm, [[0.11, 0], [0, 0.88], [0, 0.68]])
-    close(ekf.Pmm, [[0.12, 0], [0, 1.6]])
-
-    seen = ekf.update(0, np.array([1.2, 0.1]), R)
-    close(seen.innovation, [0.2, 0.1])
-    close(seen.H, [[-1, 0, 0, 1, 0], [0, -1, -1, 0, 1]])
-    close(seen.S, [[0.02, 0], [0, 0.08]], atol=1e-15)
-    close(seen.W, [[0, 0], [0, 0], [0, 0], [0.5, 0], [0, 0.5]], atol=1e-14)
-    close(seen.s, [1, 0, 0, 2.1, 0.05], atol=1e-14)
-    close(ekf.Pmm, [[0.115, 0], [0, 1.58]], atol=1e-14)
-
-
 @pytest.mark.parametrize("landmarks", [0, 3])
 def test_prediction_is_that_of_the_whole_state(rng, landmarks):
     ekf, s, P = anywhere(rng, landmarks)
@@ -198,24 +165,6 @@ def test_the_heading_stays_wrapped():
     assert ekf.x[2] == pytest.approx(3.2 - 2 * PI, abs=1e-6)
     ekf.predict(np.array([0.0, -0.2]), np.zeros((2, 2)))
     assert ekf.x[2] == pytest.approx(3.0, abs=1e-6)
-
-
-def test_a_drive_stays_sound_and_finds_the_landmarks(rng):
-    places = np.array([[3.0, 0.0], [0.0, 5.0], [-4.0, 2.0]])
-    truth, U, R = np.zeros(3), np.diag([0.05, 0.02]) ** 2, np.diag([0.1, 0.02]) ** 2
-    ekf, control = EkfSlam(), np.array([0.5, 0.2])
-    for _ in range(60):
-        truth = f(truth, control + rng.multivariate_normal([0, 0], U))
-        ekf.predict(control, U)
-        for index, place in enumerate(places):
-            z = h(truth, place) + rng.multivariate_normal([0, 0], R)
-            state = ekf.augment(z, R) if index >= ekf.N else ekf.update(index, z, R)
-            close(state.P, state.P.T, atol=1e-12)
-            assert np.linalg.eigvalsh(state.P).min() > -1e-12
-    error = np.concatenate([ekf.x - truth, (ekf.m - places).ravel()])
-    error[2] = wrap(error[2])
-    assert error @ np.linalg.solve(ekf.P + 1e-12 * np.eye(9), error) < 27.9  # chi2(9), 99.9 %
-    assert np.linalg.norm(error[3:].reshape(3, 2), axis=1).max() < 0.5
 
 
 def test_results_and_arguments_are_left_alone_by_later_steps():

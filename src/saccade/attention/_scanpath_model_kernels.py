@@ -33,9 +33,9 @@ class Grid(NamedTuple):
     """Centers in fractions of the longer side of the image."""
     y: FloatArray
     mass: FloatArray
-    """What the weights of the dynamics are multiplied by; it sums to 1."""
+    """Factor of the weights of the dynamics at each cell; it sums to 1."""
     width: float
-    """Of a cell, in the same unit."""
+    """Width of a cell, in the same unit."""
     height: float
 
 

@@ -27,9 +27,9 @@ class Network(NamedTuple):
     map_rate: float
     """Time step over the time constant of the map layer."""
     winner_rate: float
-    """The same for the winner layer."""
+    """Time step over the time constant of the winner layer."""
     decay_rate: float
-    """The same for the inhibition of return."""
+    """Time step over the time constant of the inhibition of return."""
     gain: float
     threshold: float
     reset: float
@@ -38,7 +38,7 @@ class Network(NamedTuple):
     surround: float
     """Fraction of it that excites the surround."""
     sigma: float
-    """Of the inhibited disc, in cells."""
+    """Standard deviation of the inhibited disc, in cells."""
     last_step: int
 
 
@@ -71,9 +71,9 @@ class Stride(NamedTuple):
     steps: int
     midpoint: float
     decay_to_midpoint: float
-    """Of the conductance, until the middle of the stride."""
+    """Decay of the conductance until the middle of the stride."""
     decay: float
-    """The same until its end."""
+    """Decay of the conductance until the end of the stride."""
     b: float
     b_n: float
     """b to the power of the number of steps."""

@@ -24,7 +24,7 @@ OPPONENT = np.array([[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]])
 
 
 LEAST_VARIANCE = 1.0
-"""Of a whitened channel: a standard deviation of one unit of L*a*b* is barely visible."""
+"""Smallest variance of a whitened channel: one unit of L*a*b* is barely visible."""
 
 
 class Channel(NamedTuple):

@@ -28,7 +28,7 @@ from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image
 
 FaceDetector: TypeAlias = Callable[[Image], FloatArray]
-"""From an image to (n, 4) boxes of faces: left, top, width and height in pixels. Those of
+"""Function from an image to (n, 4) boxes of faces: left, top, width, height in pixels. Those of
 `saccade.face_detection`, or any other."""
 
 FACE_SPREAD = 0.35
@@ -59,7 +59,7 @@ class AttentionConfig:
     """Standard deviation, as a fraction of each side, of a central Gaussian by which the saliency
     is multiplied; None for no prior."""
     center_height: float = setting(0.0, -0.5, 0.5, slider=0.05)
-    """How far the center of that Gaussian lies above the middle, as a fraction of the height."""
+    """Height of the center of that Gaussian above the middle, as a fraction of the height."""
     border_prior: float | None = setting(None, above=0, slider=(0, 0.5, 0.01))
     """Distance from the border, as a fraction of each side, within which the saliency falls to 0:
     it is multiplied by `1 - exp(-distance / border_prior)`; None for no such factor."""
@@ -100,7 +100,7 @@ class AttentionMaps(SaliencyMaps):
     """Saliency, in [0, 1] and of the size of the contrast map, and the maps of the models."""
 
     bare: FloatMap
-    """The same without the prior of the position: equal unless the settings have one."""
+    """Saliency without the prior of the position: equal unless the settings have one."""
     contrast: ContrastMaps
     """Contrast saliency and its conspicuity maps."""
     symmetry: SymmetryMaps

@@ -72,7 +72,7 @@ class ContrastMaps(SaliencyMaps):
     """
 
     bare: FloatMap
-    """The same without the center prior: equal unless the settings have one."""
+    """Saliency without the center prior: equal unless the settings have one."""
     intensity: FloatMap
     """(h, w) conspicuity (A.11), from 0 to the number of scales: 6 with `kootstra2010`."""
     color: FloatMap

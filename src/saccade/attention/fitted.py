@@ -47,7 +47,7 @@ class FittedModel:
     weights: tuple[float, ...] = (1.0,)
     """Weight of each."""
     fitted_to: str = ""
-    """What it was fitted to, for the reader."""
+    """Data that it was fitted to, for the reader."""
     attention: AttentionConfig = field(default_factory=AttentionConfig)
     """Settings of the maps."""
     scanpath_weights: tuple[float, ...] = ()

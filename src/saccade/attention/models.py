@@ -80,7 +80,7 @@ class AttentionModel:
     model: str
     """One of `KINDS`, or `FITTED`."""
     settings: Any
-    """Of the kind that `KINDS` names, or a FittedModel."""
+    """Settings of the kind that `KINDS` names, or a FittedModel."""
     keep_features: bool = False
     """Whether the maps of contrast hold their feature maps."""
     faces: "FaceDetector | None" = None

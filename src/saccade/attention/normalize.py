@@ -21,7 +21,7 @@ EXCITATION = (0.5, 0.02)
 """Strength, and standard deviation as a fraction of the longer side of the map (Itti & Koch
 2000)."""
 INHIBITION = (1.5, 0.25)
-"""The same for the inhibition of the surround."""
+"""Strength and standard deviation of the inhibition of the surround, likewise."""
 GLOBAL_INHIBITION = 0.02
 """Subtracted in each iteration, as a fraction of the maximum of the map."""
 MIN_SIGMA = 0.5

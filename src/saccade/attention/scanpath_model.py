@@ -135,7 +135,7 @@ class ScanpathModelConfig:
 
     @property
     def dynamics(self) -> Dynamics:
-        """What the kernels take of it."""
+        """Parameters as the kernels take them."""
         return Dynamics(*(getattr(self, name) for name in Dynamics._fields))
 
 

@@ -105,7 +105,7 @@ class SymmetryConfig:
     """Gain of the strength log(1 + gain m) of a gradient, with the magnitude m of Sobel's filters,
     which is 4 for an edge between black and white."""
     border: Border = "average"
-    """What counts for pairs that reach beyond the image: the average of the level, or, with
+    """Value of pairs that reach beyond the image: the average of the level, or, with
     "missing", nothing, so that the map has a center bias."""
     map_level: int = setting(4, 0, MAX_LEVEL, slider=(1, 7, 1))
     """Pyramid level whose size the saliency has."""
@@ -118,7 +118,7 @@ class SymmetryConfig:
     size every level is one coarser, in one of half that size one finer; None takes the levels as
     they are."""
     arithmetic: Arithmetic = "mirrored"
-    """How levels are computed: "mirrored" reflects the image at its borders;
+    """Computation of the levels: "mirrored" reflects the image at its borders;
     `saccade.attention.symmetry` describes "kootstra2010"."""
 
     def __post_init__(self) -> None:

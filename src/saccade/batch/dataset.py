@@ -25,7 +25,7 @@ MANIFEST = "manifest.json"
 RECORDS = "images"
 """Folder of the records, a row for every image."""
 IMAGE_COLUMNS = ("image", "rows", "width", "height", "error")
-"""Of a record, what readers of points need."""
+"""Columns of a record that readers of points need."""
 PREFIX, SUFFIX = "part-", ".parquet"
 
 
@@ -198,7 +198,7 @@ class FileFormat(NamedTuple):
     """A format with one file for all images."""
 
     default_name: str
-    """Of the file."""
+    """Name of the file."""
     write: WriteAll
 
 
@@ -206,7 +206,7 @@ class FolderFormat(NamedTuple):
     """A format with a file for each image, in a folder."""
 
     default_name: str
-    """Of the folder."""
+    """Name of the folder."""
     suffix: str
     write: WriteImage
 

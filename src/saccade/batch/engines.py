@@ -41,15 +41,15 @@ class Named(Protocol):
 
     @property
     def name(self) -> str:
-        """For reports."""
+        """Name in reports."""
 
 
 class Batch(Protocol):
-    """What a worker does at a time: a shard of images, or of pairs."""
+    """Work of one worker at a time: a shard of images, or of pairs."""
 
     @property
     def items(self) -> Sequence[Named]:
-        """What is in it."""
+        """Images or pairs in it."""
 
 
 Shard = TypeVar("Shard", bound=Batch)
@@ -123,7 +123,7 @@ class DaskEngine:
             yield future.result() if failure is None else _lost_shard(shard, str(failure))
 
     def _count_threads(self) -> int:
-        """Of all workers; they may come and go."""
+        """Number of threads of all workers, which may come and go."""
         return sum(self._client.nthreads().values())
 
 

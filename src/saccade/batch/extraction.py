@@ -42,7 +42,7 @@ MIN_SHARDS = 32
 
 @dataclass(frozen=True)
 class Totals:
-    """What a data set holds."""
+    """Counts of a data set."""
 
     images: int = 0
     """Images in the table, including those without a row."""
@@ -67,7 +67,7 @@ class Extraction:
     failed: int
     """Images that failed, now or before."""
     totals: Totals
-    """Of the data set."""
+    """Totals of the data set."""
     complete: bool
     """Whether all images of the source were processed; false if the run was stopped."""
     error: str | None = None

@@ -303,7 +303,7 @@ def _descriptors(shard: list[ImageKeypoints]) -> npt.NDArray[np.uint8]:
 
 
 def _state(manifest: dict[str, Any]) -> dict[str, Any]:
-    """What an index and its data set must agree in."""
+    """Part of a manifest in which an index and its data set must agree."""
     return {name: manifest.get(name) for name in ("fingerprint", "images", "rows")}
 
 

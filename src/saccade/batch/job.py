@@ -31,7 +31,7 @@ out of the description of a job, so that data sets of that release keep their fi
 
 @dataclass(frozen=True)
 class Job:
-    """What is extracted from every image."""
+    """Features to extract from every image, and their settings."""
 
     what: What
     """Detector or model; also the folder of its table."""
@@ -47,7 +47,7 @@ class Job:
     maps: MapFormat = "zarr"
     """File format of maps."""
     version: str = saccade.__version__
-    """Of this package."""
+    """Version of this package."""
 
     def __post_init__(self) -> None:
         kinds = get_args(What)

@@ -55,7 +55,7 @@ Pair: TypeAlias = tuple[str, str]
 """The names of two images."""
 Format: TypeAlias = Literal["hdf5", "colmap"]
 Key: TypeAlias = tuple[str, ...]
-"""Of a row: names and contents of the images, and the fingerprint of the configuration."""
+"""Key of a row: names and contents of the images, and the fingerprint of the configuration."""
 FOLDER = "matches"
 _KEYS = ("first", "second", "first_content", "second_content", "configuration")
 SCHEMA = pa.schema(
@@ -77,7 +77,7 @@ MAX_PAIRS = 256
 
 @dataclass(frozen=True)
 class MatchConfig:
-    """How the keypoints of two images are matched, and the matches verified."""
+    """Settings of the matching of two images and of the verification of the matches."""
 
     ratio: float | None = 0.8
     """See `saccade.match`."""
@@ -109,7 +109,7 @@ class PairItem(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the pair, for reports."""
+        """Name of the pair in reports."""
         return " ".join(self.pair)
 
 
@@ -144,7 +144,7 @@ class MatchRun:
     """Results of a run."""
 
     extraction: Extraction
-    """Of the features."""
+    """Results of the extraction of the features."""
     pairs: int
     """Pairs that were asked for."""
     done: int

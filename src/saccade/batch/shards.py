@@ -153,10 +153,10 @@ class Shard(NamedTuple):
 
 
 class ImageResult(NamedTuple):
-    """What was extracted from an image."""
+    """Features of an image."""
 
     rows: pa.RecordBatch
-    """Of the table."""
+    """Rows of the table."""
     map: Float32Array | None = None
     """(h, w) in [0, 1], if the job is for maps."""
 
@@ -173,7 +173,7 @@ class ShardReport(NamedTuple):
     failed: int = 0
     """Images with an error in the record, of those processed and those kept."""
     failed_now: int = 0
-    """Of these, those processed."""
+    """Failed images among those processed."""
     lost: Sequence[tuple[str, str]] = ()
     """Images whose results could not be written, and why."""
 

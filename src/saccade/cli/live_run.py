@@ -30,11 +30,11 @@ from saccade.viewing.style import ORANGE, rgb_levels
 from saccade.visual import VisualConfig
 
 NAME = "camera"
-"""Of the files of a camera."""
+"""Name of the files of a camera."""
 KEPT_IMAGES = 8
-"""For the viewer: some frames are read ahead of the map."""
+"""Images kept for the viewer: some frames are read ahead of the map."""
 COLOR, RICH = rgb_levels(ORANGE), cv2.DRAW_MATCHES_FLAGS_DRAW_RICH_KEYPOINTS
-"""Of keypoints in a film, which are drawn with their sizes and angles."""
+"""Color and style of keypoints in a film: with their sizes and angles."""
 
 
 @contextmanager

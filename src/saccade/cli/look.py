@@ -73,7 +73,7 @@ class MapFormat(StrEnum):
 
 
 class PathModel(StrEnum):
-    """How the scanpath is found."""
+    """Models of the scanpath."""
 
     most_probable = "most-probable"
     winner_take_all = "winner-take-all"
@@ -257,7 +257,7 @@ class LookFiles:
     tables: Sequence[str] = ()
     """csv or mat."""
     maps: Sequence[str] = ()
-    """Of `saccade.exchange.maps.MAP_FORMATS`."""
+    """Formats of maps, of `saccade.exchange.maps.MAP_FORMATS`."""
     paths: dict[Path, tuple[Scanpath, ScanpathSamples]] = field(default_factory=dict)
 
     def write_maps(self, out: Path, name: str, layers: Mapping[str, Float32Array]) -> list[str]:

@@ -301,7 +301,7 @@ def views_of(detector: Any, image: Float32Array, keypoints: Keypoints) -> list[K
 
 
 def outcome(row: int, pairs: IntArray, inliers: BoolArray | None) -> Outcome:
-    """What became of a keypoint of the first image."""
+    """Outcome of a keypoint of the first image."""
     matched = pairs[:, 0] == row
     if not matched.any():
         return "rejected"

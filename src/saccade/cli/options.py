@@ -20,7 +20,7 @@ FILE_SUFFIXES = (
     *(".bmp", ".csv", ".db", ".eps", ".gif", ".h5", ".html", ".jpeg", ".jpg", ".json", ".mp4"),
     *(".npz", ".parquet", ".pdf", ".png", ".svg", ".tif", ".tiff", ".toml", ".txt", ".webp"),
 )
-"""Of an output that was meant as a file where a folder is written."""
+"""Suffixes of an output that was meant as a file where a folder is written."""
 
 
 class FigureFormat(StrEnum):

@@ -165,7 +165,7 @@ class Session:
     slam: Slam | None = None
     """With the map that was loaded; None to begin one."""
     file: Path | None = None
-    """From which it was loaded."""
+    """File from which it was loaded."""
     mode: str = "continue"
     start: str = "log"
     save: Path | None = None

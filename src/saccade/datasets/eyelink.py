@@ -27,7 +27,7 @@ class _Shown:
 
 @dataclass
 class _Trial:
-    """What a file has from a message TRIALID to the next."""
+    """Content of a file from a message TRIALID to the next."""
 
     label: str = ""
     shown: list[_Shown] = field(default_factory=list)

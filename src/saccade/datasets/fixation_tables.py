@@ -20,7 +20,7 @@ class Box(NamedTuple):
     """Where an image was on the screen, in the units of the fixations."""
 
     x: float
-    """Of the upper left corner, or of the center."""
+    """Position of the upper left corner, or of the center."""
     y: float
     width: float = np.nan
     """NaN for the width of the image in pixels."""
@@ -50,7 +50,7 @@ class FixationList(NamedTuple):
 
     fixations: list[RawFixation]
     order: str
-    """What `RawFixation.order` is: index, time or row."""
+    """Meaning of `RawFixation.order`: index, time or row."""
     left_out: Mapping[str, int] = MappingProxyType({})
     """Number of fixations by the reason that they are not among these."""
 

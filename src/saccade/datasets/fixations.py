@@ -34,7 +34,7 @@ OUTSIDE = 0.2
 """Fraction of the fixations outside their images from which coordinates are refused; 0 to .01 is
 usual."""
 SHIFTED = 0.03
-"""The same, where a shift brings three quarters of them inside; below it, that is a warning."""
+"""Fraction outside where a shift brings three quarters inside; below it, a warning."""
 FEWEST = 5
 """Fixations outside from which they are judged."""
 MIDDLE = 50
@@ -45,7 +45,7 @@ PIXELS = "--xy pixels takes them as they are"
 
 
 def list_folder(folder: Path) -> list[Path]:
-    """What is in a folder, by name; nothing where there is none.
+    """Content of a folder, by name; nothing where there is none.
 
     Raises:
         LogError: it cannot be read.
@@ -180,7 +180,7 @@ _Cells = npt.NDArray[np.object_]
 
 @dataclass(frozen=True)
 class FixationFormat:
-    """How fixations are to be read, where a file does not say it by itself."""
+    """Format of fixations, where a file does not say it by itself."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
     """Columns by what they hold: image, viewer, index, time, x, y, duration."""

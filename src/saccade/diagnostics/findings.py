@@ -21,7 +21,7 @@ class Finding:
     what: str
     """The defect in one sentence, with its value."""
     advice: str
-    """What to do."""
+    """Advice to the user."""
     value: float
     """Size of the defect."""
     unit: str

@@ -227,7 +227,7 @@ def check_planarity(drive: Drive, survey: Survey) -> Iterator[Finding]:
 
 
 def _by_truth(off_plane: FloatArray, pose: FloatArray) -> Iterator[Finding]:
-    """From height, pitch and roll (t, 3) of the poses (t, 3)."""
+    """Findings by height, pitch and roll (t, 3) of the poses (t, 3)."""
     if len(off_plane) == 0:
         return
     tilt = np.abs(off_plane[:, 1:] - np.median(off_plane[:, 1:], 0)).max(1)
@@ -242,7 +242,7 @@ def _by_truth(off_plane: FloatArray, pose: FloatArray) -> Iterator[Finding]:
 
 
 def _by_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
-    """From roll and pitch integrated over short stretches, before their drift dominates."""
+    """Findings by roll and pitch integrated over short stretches, before their drift dominates."""
     period = float(np.median(np.diff(drive.time))) if len(drive) > 1 else 0.0
     if period <= 0:
         return

@@ -52,7 +52,7 @@ def check_run(
 
 
 def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
-    """What is wrong with a run, without its cause."""
+    """Defects of a run, without their cause."""
     advice = "See the page 'My map is wrong' of the documentation"
     observations, used = len(result.association), int((result.association >= 0).sum())
     if result.warning:

@@ -111,7 +111,7 @@ class FixationRow(NamedTuple):
     auc: float
     """Fraction of the pixels that are less salient, ties counting half."""
     shuffled_auc: float
-    """The same of the other images' fixations."""
+    """Shuffled AUC: AUC against the other images' fixations."""
     nss: float
     """Saliency in standard deviations above the mean of the map."""
     information_gain: float

@@ -32,12 +32,12 @@ the static density is the model without its kernel and inhibition."""
 UNIFORM = 0.01
 """Fraction of a uniform distribution in the densities of fixations, so that none is 0."""
 Density = Callable[[int, int], FloatArray]
-"""From a viewer and the number of a fixation to the (h, w) prediction of it."""
+"""Function from a viewer and the number of a fixation to the (h, w) prediction of it."""
 
 
 @dataclass(frozen=True)
 class FixationPrediction:
-    """How one fixation was predicted."""
+    """Scores of the prediction of one fixation."""
 
     nss: float
     """The prediction at the fixation, in standard deviations above its mean."""
@@ -158,7 +158,7 @@ def _cells(xy: FloatArray, shape: tuple[int, int], cells: tuple[int, ...]) -> Fl
 
 
 SEED = 20102
-"""Of the bootstrap: equal scores always have equal intervals."""
+"""Seed of the bootstrap: equal scores always have equal intervals."""
 
 
 class MeanScore(NamedTuple):

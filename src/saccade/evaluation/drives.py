@@ -24,7 +24,7 @@ class DriveScore:
     ate_m: float
     """Absolute trajectory error: RMSE of the position after alignment without scale (evo's APE)."""
     ate_unaligned_m: float
-    """The same without alignment, with the start given."""
+    """ATE without alignment, with the start given."""
     rpe_m: float
     """Relative pose error: RMSE of the translation between frames (evo's RPE)."""
     end_m: float

@@ -25,7 +25,7 @@ from saccade.types import Float32Array, FloatArray, Image, IntArray
 
 @dataclass(frozen=True)
 class FittingConfig:
-    """How a model is fitted and cross-validated."""
+    """Settings of the fit of a model and of its cross-validation."""
 
     folds: int = setting(5, 2, 100)
     """Parts of the images, or viewers, each left out once."""

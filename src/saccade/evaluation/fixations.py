@@ -33,7 +33,7 @@ class FixationScores:
     auc: float
     """Area under the ROC curve, fixations against all pixels (AUC-Judd); chance 0.5."""
     shuffled_auc: float
-    """The same against fixations of other images: a center bias gains nothing; chance 0.5."""
+    """AUC against fixations of other images: a center bias gains nothing; chance 0.5."""
     nss: float
     """Normalized scanpath saliency: mean of the standardized map at the fixations; chance 0."""
     cc: float

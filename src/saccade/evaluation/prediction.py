@@ -34,13 +34,13 @@ ARRAYS: dict[str, Callable[[Path], npt.NDArray[Any]]] = {
     ".mat": read_matrix,
     ".tiff": _read_tiff,
 }
-"""How maps of numbers are read, by suffix."""
+"""Readers of maps of numbers, by suffix."""
 MAX_SALIENCY = 1e15
 """Largest magnitude in a map from a file: squares of float32 can be summed up to it."""
 
 
 Model = Callable[[str], Float32Array]
-"""From the name of an image to its (H, W) saliency."""
+"""Function from the name of an image to its (H, W) saliency."""
 
 
 class PredictionScores(ScoreSet[str, FixationScores]):

@@ -40,13 +40,13 @@ class PathScores:
     shape: float
     """MultiMatch similarity of the saccades as vectors, 0 to 1; NaN under three fixations."""
     direction: float
-    """The same of their directions."""
+    """MultiMatch of the directions of the saccades."""
     length: float
-    """The same of their amplitudes."""
+    """MultiMatch of the amplitudes of the saccades."""
     position: float
-    """The same of the fixations' positions."""
+    """MultiMatch of the positions of the fixations."""
     duration: float
-    """The same of the fixations' durations; NaN where these are unknown."""
+    """MultiMatch of the durations of the fixations; NaN where these are unknown."""
     amplitude: float
     """Mean amplitude of the path's own saccades, in pixels; NaN without any."""
     horizontal: float
@@ -64,13 +64,13 @@ class PathRow(NamedTuple):
     source: str
     """One of `SOURCES`."""
     number: int
-    """Of the path among those of its source on this image; of people the viewer."""
+    """Number of the path among those of its source on this image; of people the viewer."""
     path: GazePath
     scores: PathScores
 
 
 class Viewing(NamedTuple):
-    """What people fixated of an image."""
+    """Fixations of people on an image."""
 
     shape: tuple[int, int]
     """(H, W) of the image."""
@@ -112,17 +112,17 @@ def viewings(
 
 @dataclass(frozen=True)
 class PathSettings:
-    """What is compared, and how."""
+    """Settings of the comparison of paths."""
 
     fixations: int
-    """Of each path of a model, and the most of a person's that are compared."""
+    """Fixations of each path of a model, and the most of a person's that are compared."""
     samples: int = 15
     """Paths that are drawn from the model for each image."""
     model: ScanpathModelConfig = field(default_factory=ScanpathModelConfig)
     network: ScanpathConfig = field(default_factory=ScanpathConfig)
     similarity: ScanMatchConfig = field(default_factory=ScanMatchConfig)
     seed: int = 0
-    """Of the samples."""
+    """Seed of the samples."""
 
 
 def score_paths(

@@ -27,7 +27,7 @@ VIEW_SIDE = 640
 NEAREST = 1.4
 """Largest magnification of a photograph in a view."""
 MIDDLE_GRAY = 0.5
-"""Of the wall around a photograph."""
+"""Gray level of the wall around a photograph."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class SyntheticPairsConfig:
     """Numbers of views, and the ranges from which each draws its pose and its degradation."""
 
     min_pairs: int = setting(200, 1, 100_000)
-    """Of each photograph there are as many first views as give this number of pairs."""
+    """Number of pairs at least; each photograph has as many first views as that takes."""
     views: int = setting(5, 1, 1000)
     """Second views for each first one."""
     seed: int = 20261126

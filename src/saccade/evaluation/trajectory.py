@@ -140,7 +140,7 @@ SEGMENTS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 
 @dataclass(frozen=True)
 class PoseErrorConfig:
-    """How estimated poses are associated with true ones, aligned and paired."""
+    """Association of estimated with true poses, alignment and pairs."""
 
     max_difference: float = 0.01
     """Seconds between a pose and the true one with which it is compared."""
@@ -205,11 +205,11 @@ class PoseScores(NamedTuple):
     first_aligned: Errors
     """After alignment of the first pose with the first true one."""
     unaligned: Errors
-    """As they are, for an estimate in the frame of the truth."""
+    """Errors without alignment, for an estimate in the frame of the truth."""
     scale: float
-    """Of the alignment; 1 where it is not estimated."""
+    """Scale of the alignment; 1 where it is not estimated."""
     relative: RelativeErrors
-    """From pose to pose (RPE)."""
+    """Errors from pose to pose (RPE)."""
     segments: SegmentErrors
     """KITTI's; empty for paths under 100 m."""
 
@@ -332,7 +332,7 @@ def path_length(position: FloatArray) -> FloatArray:
 
 
 def _all_pairs(reached: FloatArray, delta: float) -> tuple[IntArray, IntArray]:
-    """For every pose the later one nearest to `delta` away, if it is within the tolerance."""
+    """Pairs of each pose and the later one nearest to `delta` away, within the tolerance."""
     n = len(reached)
     first = np.arange(n - 1)
     target = reached[first] + delta

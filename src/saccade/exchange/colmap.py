@@ -22,7 +22,7 @@ from saccade.io.files import atomic_write
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 PIXEL_CENTER = np.float32(0.5)
-"""Of the first pixel."""
+"""Position of the center of the first pixel."""
 TABLES = ("images", "cameras", "keypoints", "descriptors", "matches")
 MAX_IMAGES = 2147483647
 """With which COLMAP combines the ids of two images into the id of a pair."""

@@ -19,7 +19,7 @@ class Field(NamedTuple):
 
     dtype: type[np.float32] | type[np.int32]
     default: float
-    """Of points that come without it."""
+    """Value of points that come without it."""
 
 
 FIELDS = {

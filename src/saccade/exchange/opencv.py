@@ -13,7 +13,7 @@ from saccade.exchange.fields import checked, keypoints_from
 from saccade.types import Float32Array, Image, Keypoints
 
 INTERVALS, BASE_SIGMA = 3, 1.6
-"""Of `cv2.SIFT_create()`; they relate the size of a point to the layer of its octave."""
+"""Settings of `cv2.SIFT_create()` that relate the size of a point to the layer of its octave."""
 
 
 def to_opencv(keypoints: Keypoints) -> tuple[list[cv2.KeyPoint], Float32Array | None]:

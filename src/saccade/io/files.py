@@ -22,7 +22,7 @@ LARGEST_TEXT = 1 << 28
 """Bytes of a text file; parsed into lines and numbers it takes twenty times as much."""
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 UNREAD_SUFFIXES = (".avif", ".gif", ".heic", ".heif")
-"""Of pictures that are not read; folders are said to hold them."""
+"""Suffixes of pictures that are not read; folders are said to hold them."""
 PARTIAL, LOCK = ".partial", "lock"
 """Folder of results that are being written, and the file in it that excludes other runs."""
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")

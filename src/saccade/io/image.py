@@ -36,7 +36,7 @@ counterclockwise afterwards."""
 
 
 class Transparency(NamedTuple):
-    """How OpenCV decodes a file with transparency."""
+    """Decoding of a file with transparency by OpenCV."""
 
     orientation: int
     """The EXIF orientation that is still to be applied."""
@@ -70,7 +70,7 @@ def composite(
 
 
 def transparency_of(data: bytes) -> Transparency | None:
-    """How OpenCV decodes the bytes of a file; None of one without transparency."""
+    """Decoding of the bytes of a file by OpenCV; None of one without transparency."""
     if data.startswith(b"\xff\xd8"):  # JPEG has none
         return None
     try:
@@ -232,7 +232,7 @@ def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
 
 
 def _hint(data: bytes) -> str:
-    """What to do about a picture in a format that is not read."""
+    """Advice for a picture in a format that is not read."""
     if data[4:8] == b"ftyp" and data[8:12] in HEIF_BRANDS:
         return " (HEIC or AVIF); convert it to JPEG or PNG"
     return ""

@@ -82,7 +82,7 @@ def isotropic_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array
 
 
 def radial_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
-    """The same, with each pair weighted by the angle of its axis from that of the strongest.
+    """`isotropic_sums` with each pair weighted by its axis's angle from the strongest one's.
 
     The axis of a pair is phi = (theta_i + theta_j) / 2, its weight sin^2(phi - phi_max): a pixel
     with a single axis of symmetry has none.

@@ -38,7 +38,7 @@ from saccade.viewing.report import maps_data, points_data, scanpath_data
 MAX_PHOTOS = 4
 """Photographs kept in memory: the most recently used."""
 MAX_PIXELS, MAX_NAME = 40_000_000, 200
-"""Of a photograph, and characters of its name that are kept."""
+"""Pixels of a photograph, and characters of its name that are kept."""
 MAX_FIXATIONS, MAX_POINTS = 100, 2000
 """Length of a scanpath, and interest points that are drawn."""
 LEVEL_SIDE = 200

@@ -31,13 +31,13 @@ from saccade.viewing.page import as_json, html_document, json_element, security_
 WARM_UP = "saccade-warm-up"
 """Name of the thread that compiles everything."""
 MAX_REQUEST_BYTES = 100_000
-"""Of a request other than a photograph."""
+"""Size of a request other than a photograph."""
 MAX_WAITING = 16
 """Requests that wait while one is processed; more are rejected."""
 CLIENT_CLOSED_REQUEST = 499
 """Status of a response whose client has disconnected."""
 HOST_NAMES = ("127.0.0.1", "localhost", "[::1]")
-"""Of this machine, as a browser on it writes them."""
+"""Names of this machine, as a browser on it writes them."""
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",

@@ -173,7 +173,7 @@ class Session:
         }
 
     def summary(self, name: str) -> dict[str, Any]:
-        """How far one filter is from the truth, and how far it says."""
+        """Errors of one filter, and their covariance as it states it."""
         slam, landmarks = self.filters[name], self.world.landmarks
         known = [i for i, each in enumerate(slam.identities.tolist()) if each in landmarks]
         truth = np.array([landmarks[slam.identities[i]] for i in known]).reshape(-1, 2)

@@ -173,7 +173,7 @@ class Illumination:
     falloff: Float32Array
     """(H, W) squared distance from the image center, 1 in the corners."""
     seed: int
-    """Of the noise."""
+    """Seed of the noise."""
 
     @classmethod
     def sample(

@@ -154,13 +154,13 @@ def _as_bytes(image: npt.NDArray[np.floating]) -> Texture:
 
 
 ARM, HALF_WIDTH, LANE = 3.2, 1.1, 0.5
-"""Of the crossing: metres from its middle to the end of each arm, half the width of a corridor, and
+"""Crossing: metres from its middle to the end of each arm, half the width of a corridor, and
 from the middle of a corridor to the robot's lane on its right."""
 ROOM, GAP, DOOR = (3.9, 4.0), 0.1, 0.5
-"""Of the rooms: metres along and across each, half the thickness of the wall between them, and
+"""Rooms: metres along and across each, half the thickness of the wall between them, and
 half the width of its door."""
 RADIUS = 0.45
-"""Of the turns, in metres."""
+"""Radius of the turns, in metres."""
 
 
 def _crossing() -> FloatArray:
@@ -320,11 +320,11 @@ class Scene:
     wall_texels: float
     """Per metre of wall."""
     wall_levels: tuple[MipmapLevels, ...]
-    """Of each band of walls; the row above each level is sky."""
+    """Mipmaps of each band of walls; the row above each level is sky."""
     ground: Ground
     """The ground."""
     ground_levels: MipmapLevels
-    """Of the ground; only isotropic levels are filled."""
+    """Mipmaps of the ground; only isotropic levels are filled."""
     atlas: npt.NDArray[np.uint8]
     """(H, W) gray or (H, W, 3) RGB: all textures at all levels."""
 

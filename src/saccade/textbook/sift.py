@@ -357,5 +357,5 @@ def unit(vector: FloatArray) -> FloatArray:
 
 
 def wrap(angle: FloatArray) -> FloatArray:
-    """The same angle in (-pi, pi]."""
+    """Angle wrapped to (-pi, pi]."""
     return np.pi - (np.pi - angle) % (2 * np.pi)

@@ -36,7 +36,7 @@ MIN_WIDTH, MAX_WIDTH = 0.5, 1.6
 
 
 class LayeredMaps(Protocol):
-    """What an attention model returns."""
+    """Maps of an attention model."""
 
     @property
     def layers(self) -> Mapping[str, Float32Array]:

@@ -16,11 +16,11 @@ COLUMN_WIDTH = 3.5
 LONGEST = 24
 """Characters of a model's name for which there is room; of a longer one the end is kept."""
 GROUP_COLORS = ("black", GRAY, BLUE, GREEN, ORANGE, RED)
-"""Of the groups of scanpaths, in their order."""
+"""Colors of the groups of scanpaths, in their order."""
 DIRECTIONS = 16
 """Bins of directions."""
 ESTIMATE_COLORS = (BLUE, ORANGE, RED, GRAY)
-"""Of estimated trajectories, in turn."""
+"""Colors of estimated trajectories, in turn."""
 
 
 class Bar(NamedTuple):
@@ -134,7 +134,7 @@ class ComparedTrajectory:
     """An estimate of n positions beside the truth."""
 
     name: str
-    """For the legend."""
+    """Name in the legend."""
     time: FloatArray
     """(n,) seconds."""
     position: FloatArray

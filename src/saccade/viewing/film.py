@@ -41,9 +41,9 @@ from saccade.viewing.style import (
 )
 
 FOVEA_SIGMA = 0.08
-"""Of the bright region around a fixation, as a fraction of the longer side of the image."""
+"""Standard deviation of the bright region around a fixation, of the longer side of the image."""
 SLOWDOWN, LAST_SECONDS = 4.0, 1.5
-"""Of the film of a scanpath, and the duration of its last frame before it starts again."""
+"""Slow motion of the film of a scanpath, and duration of its last frame."""
 WIDTH, HEIGHT, CAMERA_WIDTH = 1280, 720, 640
 """Pixels of a frame of the map, and of the camera image on its left."""
 ROBOT = np.array([[14.0, 0.0], [-9.0, 8.0], [-5.0, 0.0], [-9.0, -8.0]])

@@ -137,7 +137,7 @@ def match_figure(
 
 
 Outcome: TypeAlias = Literal["inlier", "outlier", "matched", "rejected"]
-"""What became of a keypoint of the first view: its match agrees with the geometry of the two
+"""Outcome of a keypoint of the first view: its match agrees with the geometry of the two
 views, disagrees, or was not verified; or the nearest descriptor of the second view failed the ratio
 or the mutual test."""
 

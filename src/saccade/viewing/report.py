@@ -46,7 +46,7 @@ class Part:
     section: Section
     """Its heading, text, facts and links."""
     kind: Literal["map", "image", "match", "table"]
-    """Which script shows it."""
+    """Script that shows it."""
     data: Mapping[str, Any]
     """The input of that script: JSON, and arrays of numbers."""
 

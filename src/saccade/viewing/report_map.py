@@ -30,7 +30,7 @@ BUDGETS = (1.0, 0.7, 0.4, 0.2)
 
 @dataclass(frozen=True)
 class ObservedLandmarks:
-    """Which landmarks were observed when."""
+    """Landmarks with the poses from which they were observed."""
 
     step: IntArray
     """(k,) index of the pose, ascending."""

@@ -14,7 +14,7 @@ from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, SIGMAS, grid_a
 ELLIPSE_SCALE, ELLIPSE_LABEL = sqrt(THREE_SIGMA_2D), "3 sigma (99.7 %)"
 """Semi-axes of an ellipse that holds 99.73 %, in standard deviations, and its name in legends."""
 CORNERS = 48
-"""Of the polygon that approximates an ellipse."""
+"""Corners of the polygon that approximates an ellipse."""
 LONG_SIDE, MIN_SHORT_SIDE = 8.8, 4.2
 """Inches: the longer side of the map, and the least of its shorter side."""
 ELLIPSE: dict[str, Any] = {

@@ -51,7 +51,7 @@ class Calibration:
     depth_unit: float = 0.001
     """Metres per step of a depth image."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """As that of `Drive`."""
+    """Standard deviations of systematic odometry errors, as in `Drive`."""
     start: tuple[float, float, float] | None = None
     """Pose at the first frame; None where it is not known."""
 

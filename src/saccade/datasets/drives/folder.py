@@ -62,7 +62,7 @@ UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
 
 
 class CameraOptions(NamedTuple):
-    """What the user knows of the camera."""
+    """Camera as far as the user knows it."""
 
     intrinsics: tuple[float, float, float, float] | None = None
     """fx, fy, cx, cy in pixels."""
@@ -323,6 +323,6 @@ def _frame_times(folder: Path, count: int, rate: float) -> FrameTimes:
 
 
 def _same_names(folder: Path | None, images: list[Path]) -> list[Path | None]:
-    """For each image the one of a folder with the same name; None where there is none."""
+    """Images of a folder with the names of others; None where there is none."""
     others = {path.stem: path for path in list_images(folder)} if folder and folder.is_dir() else {}
     return [others.get(image.stem) for image in images]

@@ -25,7 +25,7 @@ class FrameTimes:
     index: IntArray
     """(n,) indices of the frames of the drive among them, in the order of their times."""
     remarks: tuple[str, ...] = ()
-    """What was wrong with the times, one line each."""
+    """Repairs of the times, one line each."""
 
     @property
     def time(self) -> FloatArray:
@@ -79,7 +79,7 @@ def associate(time: FloatArray, others: FloatArray, tolerance: float) -> IntArra
 
 
 def _nearest(time: FloatArray, others: FloatArray) -> tuple[IntArray, FloatArray]:
-    """For each time (n,) the index of the nearest of the others (m,), and its distance."""
+    """Index of the other time (m,) nearest to each time (n,), and its distance."""
     order = np.argsort(others, kind="stable")
     after = np.searchsorted(others[order], time)
     neighbors = order[np.stack([after - 1, after]).clip(0, len(others) - 1)]  # (2, n)
@@ -93,7 +93,7 @@ class SourceImage(NamedTuple):
 
     pixels: Image
     name: str
-    """For error messages."""
+    """Name of the file, for error messages."""
     unit: float = 1.0
     """Metres per step, of a depth image."""
 

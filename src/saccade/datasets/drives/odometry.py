@@ -58,7 +58,7 @@ class SpeedNoise:
     ahead: float
     """Metres per root second: standard deviation of the distance after one second."""
     left: float
-    """The same to the side."""
+    """Standard deviation to the side, likewise."""
     turn: float
     """Radians per root second."""
     turn_bias: float = 0.0
@@ -69,7 +69,7 @@ class SpeedNoise:
 WHEELS = SpeedNoise(ahead=0.05, left=0.02, turn=0.02, turn_bias=0.002)
 """Default for wheel encoders and a gyroscope on a small robot."""
 OXTS = SpeedNoise(ahead=0.17, left=0.05, turn=0.018, turn_bias=0.005)
-"""From the ground truth of KITTI 07: 0.52 m/s and 0.05 rad/s, independent in samples at 10 Hz."""
+"""Noise on KITTI 07 by its truth: 0.52 m/s and 0.05 rad/s, independent in samples at 10 Hz."""
 
 
 def increments_from_speeds(

@@ -100,9 +100,9 @@ class Mounting:
     rotation: FloatArray
     """(3, 3) from the frame of the camera into that of the robot."""
     turns: tuple[CameraTurn, ...] | None = None
-    """Of each frame of the drive; None of a camera that does not turn."""
+    """Turn of the camera in each frame; None where it does not turn."""
     assumptions: tuple[str, ...] = ()
-    """What does not hold exactly, one line each."""
+    """Assumptions that do not hold exactly, one line each."""
 
     def mount(self, camera: Camera) -> Camera:
         """The camera in this place."""
@@ -196,7 +196,7 @@ def _calibration(bag: Bag, left: str, right: str | None) -> Calibration:
 
 
 def _mounting(bag: Bag, image: str, time: FloatArray) -> Mounting | None:
-    """How the camera of a topic is mounted, by the transforms of the bag, if it has them."""
+    """Mounting of the camera of a topic, by the transforms of the bag, if it has them."""
     odometry = odometry_topic(bag)
     if odometry is None or (bag.path.parent / CAMERA_FILE).exists():
         return None

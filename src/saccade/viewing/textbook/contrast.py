@@ -16,7 +16,7 @@ CHANNELS = {
 }
 """Title and range of each channel."""
 PERCENTILE = 99.0
-"""Of the magnitudes of oriented responses: drawn as black and white."""
+"""Percentile of the magnitudes of oriented responses that is drawn as black and white."""
 
 
 def contrast_figures(image: Image, result: Any) -> dict[str, Figure]:

@@ -256,7 +256,7 @@ def _covariances(state: State) -> FloatArray:
 
 
 def _magnification(transition: Transition) -> int:
-    """How many times larger the ellipses are drawn, so that the largest is legible."""
+    """Magnification of the ellipses that makes the largest legible."""
     before, after, observed = transition
     points = [_positions(before), _positions(after)]
     points += [] if observed is None else [observed[None]]

@@ -28,7 +28,7 @@ class Equation:
     """A formula, and how to look up its code."""
 
     number: str
-    """As in the source; empty where it has none."""
+    """Number in the source; empty where it has none."""
     tex: str
     function: str | None = None
     """The function that computes it, where no comment cites its number."""
@@ -51,7 +51,7 @@ class Step:
     """Its figure in words."""
     caption: str
     default: str = ""
-    """How the default of `saccade` differs from the source, and why."""
+    """Difference of the default of `saccade` from the source, and its reason."""
 
 
 def load_steps(appendix: str) -> list[Step]:

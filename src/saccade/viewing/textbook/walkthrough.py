@@ -187,9 +187,9 @@ class Walkthrough:
 
     implementation: Implementation
     text: str
-    """Which file computed it."""
+    """File that computed it."""
     diff: str
-    """How that file differs from the textbook's; empty for the textbook's own."""
+    """Difference of that file from the textbook's; empty for the textbook's own."""
     figures: Figures
     results: Results
 
