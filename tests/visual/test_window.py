@@ -81,6 +81,14 @@ def test_a_step_without_points_is_mended_by_those_around_it():
     assert abs(error[12] - error[8]) < 0.5 * abs(error[9] - error[8])
 
 
+def test_the_motion_before_a_gap_longer_than_the_window_is_not_forgotten():
+    controls, _, _ = drive(24, gaps=range(10, 22))
+    odometry = 12 * (CONTROL * (1.05, 1, 0.5) - CONTROL)
+    error = (controls[10:22] - CONTROL).sum(0)
+    assert abs(error[0]) < 0.3 * abs(odometry[0])
+    assert abs(error[2]) < 0.3 * abs(odometry[2])
+
+
 def test_a_window_has_less_error_than_pairs_of_frames():
     def error(window):
         config = VisualConfig(window=window)

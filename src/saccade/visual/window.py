@@ -76,6 +76,8 @@ class SlidingWindow:
         self._observed, self._sigma = np.zeros((0, 1, 3)), np.zeros((0, 1, 3))
         self._odometry, self._seconds = np.zeros((0, 3)), np.zeros(0)
         self._by_errors = np.zeros((0, 3, ODOMETRY_ERRORS))
+        self._rate, self._rate_covariance = np.zeros((0, 6)), np.zeros((0, 6, 6))
+        self._first_rate, self._first_information = np.zeros(6), np.zeros((6, 6))
         self._information = np.zeros((0, 6, 6))
 
     def add(
@@ -150,12 +152,21 @@ class SlidingWindow:
     def _append(
         self, motion: CameraPose, odometry: MotionEstimate, seconds: float, mount: FloatArray
     ) -> None:
-        """Append a frame, and drop the first one of a full window."""
+        """Append a frame, and drop the first one of a full window.
+
+        The motion of the step that is dropped, as it was estimated when it was the newest, remains
+        as that before the first step.
+        """
         R, t = motion
         covariance = np.diag(np.square([0.0, 0.0, 0.0, *OFF_PLANE_SIGMA]))
         covariance[:3, :3] = odometry[1] + 1e-10 * np.eye(3)
         information = np.linalg.inv(covariance)
         first = int(len(self._rotation) == self._config.window)
+        if first:
+            sigma = self._acceleration * self._seconds[:2].mean()
+            self._first_rate = self._rate[0]
+            self._first_information = np.linalg.inv(self._rate_covariance[0] + np.diag(sigma**2))
+        self._rate, self._rate_covariance = self._rate[first:], self._rate_covariance[first:]
         rotation, translation = R @ self._rotation[-1], R @ self._translation[-1] + t
         self._rotation = np.concatenate([self._rotation[first:], rotation[None]])
         self._translation = np.concatenate([self._translation[first:], translation[None]])
@@ -215,9 +226,14 @@ class SlidingWindow:
         self._point[rows] = np.c_[place, points[:, 2]]
         gradient += information[:, visual:] @ before  # about the present errors of odometry
         self._learn(information, gradient, poses, calibration)
-        right = np.concatenate([step[:, poses], np.zeros((3, m))], 1).T
+        right = np.concatenate([step[:, poses], np.zeros((6, m))], 1).T
         root = solve_triangular(np.linalg.cholesky(total), right, lower=True)
-        return np.asarray(root.T @ root)
+        covariance, value = root.T @ root, self._steps()[0][-1]
+        seconds = self._seconds[-1]
+        self._rate = np.concatenate([self._rate, value[None] / seconds])
+        by_time = covariance[None] / seconds**2
+        self._rate_covariance = np.concatenate([self._rate_covariance, by_time])
+        return np.asarray(covariance[:3, :3])
 
     def _learn(
         self, information: FloatArray, gradient: FloatArray, poses: slice, calibration: slice
@@ -245,7 +261,7 @@ class SlidingWindow:
         """Add odometry, and that motion changes little from step to step.
 
         Returns:
-            (3, 6 n) derivative of the control of the last step by the poses.
+            (6, 6 n) derivative of the motion of the last step by the poses.
         """
         value, J = self._steps()
         n, size, seconds = len(value), len(gradient), self._seconds
@@ -256,12 +272,14 @@ class SlidingWindow:
         by_all[:, :3, -ODOMETRY_ERRORS:] = -self._by_errors
         residual = np.pad(odometry, ((0, 0), (0, 3))) - value
         add_factors(information, gradient, by_all, residual, self._information)
+        before, rate_before = self._first_information[None], self._first_rate
+        add_factors(information, gradient, by_poses[:1], (rate_before - rate[0])[None], before)
         if n > 1:
             sigma = self._acceleration * (seconds[1:] + seconds[:-1])[:, None] / 2
             W = np.eye(6) / np.square(sigma)[:, None]
             change = by_poses[1:] - by_poses[:-1]
             add_factors(information, gradient, change, rate[:-1] - rate[1:], W)
-        return J[-1, :3]
+        return np.asarray(J[-1])
 
     def _steps(self) -> tuple[FloatArray, FloatArray]:
         """Motions (n - 1, 6) from frame to frame, and their Jacobians (n - 1, 6, 6 n) by poses."""
