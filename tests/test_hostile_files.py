@@ -218,35 +218,6 @@ def test_any_name_will_do(run, tmp_path, photo, name):
     assert "missing.png" in err
 
 
-COMMANDS = (
-    ["look", "loop"],
-    ["detect", "loop"],
-    ["match", "loop", "a.png"],
-    ["slam", "loop"],
-    ["convert", "loop", "x.g2o"],
-    ["check", "loop"],
-    ["drive", "loop"],
-    ["extract", "loop", "--what", "sift", "--out", "x"],
-    ["export", "loop", "--format", "csv", "--out", "x"],
-    ["index", "loop"],
-    ["find", "a.png", "--in", "loop"],
-    ["look", "a.png", "--config", "loop"],
-    ["evaluate", "features", "--pairs", "loop"],
-    ["evaluate", "fixations", "loop", "--images", "loop"],
-    ["evaluate", "trajectory", "loop", "--truth", "loop"],
-)
-
-
-@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_a_link_to_itself_is_refused(run, tmp_path, photo, words):
-    (tmp_path / "loop").symlink_to("loop")
-    cv2.imwrite(str(tmp_path / "a.png"), photo)
-    code, _, err = run(*words)
-    assert code == 2
-    assert len(err.splitlines()) == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "loop"]
-
-
 SLAM = ["slam", "log.csv", "-o", "out"]
 EXTRACT = ["extract", "photos", "--what", "sift", "--out", "out", "--workers", "1"]
 

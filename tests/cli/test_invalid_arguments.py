@@ -51,7 +51,7 @@ READS = {
     "simulate drive --config {}": ("toml",),
 }
 """Commands, each with how the names end of what it takes."""
-KINDS = ("endless", "nothing", "pipe", "folder", "empty", "holes")
+KINDS = ("endless", "nothing", "pipe", "folder", "empty", "holes", "loop")
 WRITES = (
     *("detect a.png -o", "match a.png a.png -o", "slam log.csv -o", "convert log.csv", "demo -o"),
     *("simulate world -o", "simulate drive --frames 2 -o"),
@@ -74,6 +74,7 @@ def here(tmp_path_factory):
         (folder / f"empty.{ending}").touch()
         (folder / f"holes.{ending}").touch()
         os.truncate(folder / f"holes.{ending}", 1 << 42)
+        (folder / f"loop.{ending}").symlink_to(f"loop.{ending}")
     return folder
 
 

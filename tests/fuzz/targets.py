@@ -80,12 +80,20 @@ def points(count=5) -> Keypoints:
     return replace(found, descriptors=rng.integers(0, 255, (count, 128)).astype(np.uint8))
 
 
+def run_finite(log: LandmarkLog) -> slam.SlamResult:
+    """The result of the filter, which holds finite numbers."""
+    result = slam.run(log)
+    for values in (result.trajectory.pose, result.trajectory.covariance, result.map.xy):
+        assert np.isfinite(values).all()
+    return result
+
+
 def _log(name: str, motion: str = "compose") -> Target:
     kind = "gtsam" if name == "log.txt" else "auto"
     return Target(
         lambda folder: save(folder / name, a_log(motion), kind),
         name,
-        lambda folder: slam.run(load("auto", folder / name)),
+        lambda folder: run_finite(load("auto", folder / name)),
     )
 
 
@@ -94,7 +102,7 @@ def _mrclam(file: str) -> Target:
     return Target(
         lambda folder: save(folder / "robot", timed, "mrclam"),
         f"robot/{file}",
-        lambda folder: slam.run(load("auto", folder / "robot")),
+        lambda folder: run_finite(load("auto", folder / "robot")),
     )
 
 
@@ -428,7 +436,7 @@ def _landmark_bag(version: int, kind: str, file: str) -> Target:
 
     def read(folder: Path) -> object:
         with catch_warnings(action="ignore", category=LogWarning):
-            return slam.run(load("auto", folder / file.partition("/")[0]))
+            return run_finite(load("auto", folder / file.partition("/")[0]))
 
     return Target(make, file, read)
 
@@ -543,7 +551,7 @@ TARGETS = {
     "gtsam": _log("log.txt"),
     "mrclam-odometry": _mrclam("Robot1_Odometry.dat"),
     "mrclam-measurement": _mrclam("Robot1_Measurement.dat"),
-    "mrclam-npz": Target(_mrclam_npz, "log.npz", lambda f: slam.run(load("auto", f / "log.npz"))),
+    "mrclam-npz": Target(_mrclam_npz, "log.npz", lambda f: run_finite(load("auto", f / "log.npz"))),
     "matlab": Target(_park, "log.mat", lambda f: load("auto", f / "log.mat")),
     "matlab-gps": Target(_park, "aa3_gpsx.mat", lambda f: load("auto", f / "log.mat")),
     "checkpoint": Target(_checkpoint, "run.npz", _resume),
