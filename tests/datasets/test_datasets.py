@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from saccade.datasets import OdometryNoise, load, write_landmarks, write_tum
 from saccade.datasets.logs.conversions import integrate
-from saccade.datasets.logs.dlr import read_dlr
+from saccade.datasets.logs.loading import read_dlr
 from saccade.datasets.logs.pose_graph import read_pose_graph
 from saccade.errors import ConfigError, LogError, OutputError
 from saccade.slam import compose

@@ -25,7 +25,7 @@ from saccade.batch.dataset import (
     record_files,
 )
 from saccade.batch.job import POINTS
-from saccade.batch.store import LocalStore
+from saccade.batch.store import Store
 from saccade.batch.tables import DESCRIPTOR_SIZE
 from saccade.errors import ConfigError, KeypointsError, OutputError, require
 from saccade.extras import import_optional
@@ -215,7 +215,7 @@ def build_index(folder: str | Path, max_points: int = 1000) -> dict[str, int]:
     """
     faiss = import_optional("faiss", "find")
     require(max_points >= 1, "points", "1 or more", max_points)
-    store = LocalStore(str(folder))
+    store = Store(str(folder))
     manifest = read_point_manifest(store)
     what, path = manifest["what"], Path(folder) / FOLDER
     vectors = _trained_index(faiss, store, what, max_points)
@@ -274,7 +274,7 @@ def train_cells(faiss: Any, cells: int, sample: Float32Array) -> Any:
     return index
 
 
-def _trained_index(faiss: Any, store: LocalStore, what: str, max_points: int) -> Any:
+def _trained_index(faiss: Any, store: Store, what: str, max_points: int) -> Any:
     """An empty index for the points of a data set, trained on a sample of them."""
     records = (read_record(store, file, ["rows"])["rows"] for file in record_files(store))
     count = sum(min(rows, max_points) for record in records for rows in record.to_pylist())
@@ -288,9 +288,7 @@ def _trained_index(faiss: Any, store: LocalStore, what: str, max_points: int) ->
     return train_cells(faiss, cells, np.concatenate(sample).astype(np.float32))
 
 
-def _strongest_points(
-    store: LocalStore, what: str, max_points: int
-) -> Iterator[list[ImageKeypoints]]:
+def _strongest_points(store: Store, what: str, max_points: int) -> Iterator[list[ImageKeypoints]]:
     """Shard by shard, the strongest points of every image that has any."""
     for shard in point_shards(store, what):
         yield [image._replace(points=image.points[:max_points]) for image in shard if image.points]
@@ -311,7 +309,7 @@ def _check_data_set(folder: str | Path, header: dict[str, Any]) -> None:
     """Refuse an index of a data set that has changed since; a folder may hold the index alone."""
     if "data_set" not in header or not (Path(folder) / MANIFEST).exists():
         return
-    indexed, present = header["data_set"], _state(read_point_manifest(LocalStore(str(folder))))
+    indexed, present = header["data_set"], _state(read_point_manifest(Store(str(folder))))
     if indexed != present:
         raise ConfigError(
             f"{folder}: expected an index of its {present['images']} images, found one of another "

@@ -4,20 +4,29 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from saccade.batch.sources import is_url, remote_filesystem
 from saccade.errors import OutputError
 from saccade.io.files import PARTIAL, atomic_write, open_file, results_in
 
 
-class Store(Protocol):
-    """Named files; a name may have folders in it."""
+def open_store(location: str) -> "Store":
+    """The store at a path, or at a URL that fsspec understands."""
+    return RemoteStore(location) if is_url(location) else Store(location)
 
-    location: str
+
+class Store:
+    """Named files in a folder of a file system; a name may have folders in it."""
+
+    def __init__(self, location: str) -> None:
+        self.location = location
 
     def list_files(self, folder: str) -> list[str]:
         """Names of the files in a folder, sorted; empty if the folder does not exist."""
+        with suppress(FileNotFoundError, NotADirectoryError):
+            return sorted(path.name for path in Path(self.location, folder).iterdir())
+        return []
 
     def open(self, name: str) -> Any:
         """A file, open for reading and seeking.
@@ -25,6 +34,7 @@ class Store(Protocol):
         Raises:
             FileNotFoundError: there is none of this name.
         """
+        return open_file(self._path(name))
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
@@ -33,9 +43,12 @@ class Store(Protocol):
         Raises:
             OutputError: it cannot be written.
         """
+        with atomic_write(self._path(name), Path(self.location, PARTIAL)) as temporary:
+            yield temporary
 
     def remove(self, name: str) -> None:
         """Delete a file, if it exists."""
+        self._path(name).unlink(missing_ok=True)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -44,59 +57,22 @@ class Store(Protocol):
         Raises:
             ConfigError: another run holds the lock.
         """
-
-
-def open_store(location: str) -> Store:
-    """The store at a path, or at a URL that fsspec understands."""
-    return RemoteStore(location) if is_url(location) else LocalStore(location)
-
-
-class LocalStore:
-    """A store in a folder of a file system."""
-
-    def __init__(self, location: str) -> None:
-        self.location = location
-        self._root = Path(location)
-
-    def list_files(self, folder: str) -> list[str]:
-        """See `Store`."""
-        with suppress(FileNotFoundError, NotADirectoryError):
-            return sorted(path.name for path in (self._root / folder).iterdir())
-        return []
-
-    def open(self, name: str) -> Any:
-        """See `Store`."""
-        return open_file(self._path(name))
-
-    @contextmanager
-    def writing(self, name: str) -> Iterator[Path]:
-        """See `Store`."""
-        with atomic_write(self._path(name), self._root / PARTIAL) as temporary:
-            yield temporary
-
-    def remove(self, name: str) -> None:
-        """See `Store`."""
-        self._path(name).unlink(missing_ok=True)
+        with results_in(Path(self.location)):
+            yield
 
     def _path(self, name: str) -> Path:
         """Refuses paths out of the folder: a broken table may hold any name."""
         path = Path(name)
         if path.is_absolute() or ".." in path.parts or "\0" in name:
             raise OutputError(f"{self.location}: expected a file in it, found {name!r}")
-        return self._root / path
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """See `Store`, and `results_in`."""
-        with results_in(self._root):
-            yield
+        return self.location / path
 
 
-class RemoteStore:
-    """A store in a bucket, where an upload appears at once and whole."""
+class RemoteStore(Store):
+    """Named files in a bucket, where an upload appears at once and whole."""
 
     def __init__(self, location: str) -> None:
-        self.location = location.rstrip("/")
+        super().__init__(location.rstrip("/"))
         self._system, self._root = remote_filesystem(self.location)
 
     def list_files(self, folder: str) -> list[str]:

@@ -10,12 +10,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from typer import Option
 
 from saccade import datasets
-from saccade.cli.attention_models import DEFAULT_MODEL, attention_model
 from saccade.cli.drive import write_results
 from saccade.cli.look import analyze_image
 from saccade.cli.mapping import RunOutput
 from saccade.cli.match import match_images
-from saccade.cli.options import Json
+from saccade.cli.options import DEFAULT_MODEL, Json, attention_model
 from saccade.cli.output import print_json, print_message, print_table, write_text
 from saccade.cli.precompile import filter_compiled_ahead
 from saccade.cli.slam import map_log

@@ -11,8 +11,8 @@ from typer import Option
 
 from saccade.attention.models import KINDS
 from saccade.cli import options
-from saccade.cli.attention_models import DEFAULT_MODEL, Faces, attention_model
 from saccade.cli.fixation_tables import FixationOptions
+from saccade.cli.options import DEFAULT_MODEL, Faces, attention_model
 from saccade.cli.output import emit, tracked, with_interval
 from saccade.errors import ConfigError, require
 from saccade.evaluation.comparison import (

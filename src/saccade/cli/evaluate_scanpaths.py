@@ -11,13 +11,13 @@ from typer import Option
 
 from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.cli import options
-from saccade.cli.attention_models import (
+from saccade.cli.fixation_tables import FixationOptions
+from saccade.cli.options import (
     DEFAULT_MODEL,
     ModelChoice,
     attention_model,
     scanpath_network,
 )
-from saccade.cli.fixation_tables import FixationOptions
 from saccade.cli.output import emit, tracked, write_text
 from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary, tidy
 from saccade.evaluation.scanpath_similarity import ScanMatchConfig

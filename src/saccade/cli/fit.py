@@ -9,8 +9,8 @@ from typer import Option
 
 from saccade.attention.combined import AttentionConfig
 from saccade.cli import options
-from saccade.cli.attention_models import Faces, face_detector
 from saccade.cli.fixation_tables import FixationOptions
+from saccade.cli.options import Faces, face_detector
 from saccade.cli.output import emit, print_message, progress_bar, tracked, with_interval, write_text
 from saccade.evaluation.fit_study import FITTED, ORDERED, STATIC, FitStudy, differences, study
 from saccade.evaluation.fitting import FittingConfig

@@ -19,7 +19,7 @@ from saccade.cli.mapping import RunOutput
 from saccade.cli.options import CameraOptions, SequenceOptions
 from saccade.cli.output import Progress, print_message, progress_bar
 from saccade.datasets import load_drive, write_table
-from saccade.datasets.drives.live import LiveDrive
+from saccade.datasets.drives.writing import LiveDrive
 from saccade.exchange import to_opencv
 from saccade.frames import Frame
 from saccade.io.video import LiveVideo, video_writer

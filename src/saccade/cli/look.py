@@ -17,7 +17,7 @@ from saccade.attention.scanpath import ScanpathConfig, proto_object, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
 from saccade.cli import options
-from saccade.cli.attention_models import (
+from saccade.cli.options import (
     DEFAULT_MODEL,
     PUBLISHED,
     Faces,
