@@ -67,6 +67,10 @@ def test_systematic_errors_of_the_wheels_are_those_that_the_log_tells():
     assert np.abs(length / moved - 1) == pytest.approx(0.04)
     turned = log.control[:, 2] - true[:, 2]
     assert np.abs(turned / moved) == pytest.approx(np.deg2rad(2.0))
+    scale, drift = length[0] / moved[0] - 1, -turned[0] / moved[0]
+    corrected = log.control * (1 + scale, 1 + scale, 1)
+    corrected[:, 2] += drift * log.control[:, 0]
+    np.testing.assert_allclose(corrected, true, atol=1e-4)
 
 
 def test_landmarks_in_groups_are_near_each_other():

@@ -192,10 +192,12 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
     bias = config.scale_percent / 100, float(np.deg2rad(config.heading_drift))
     scale, drift = bias * np.random.default_rng((seed, 1)).choice([-1.0, 1.0], 2)
     distance, turn = commands.T
-    if config.vehicle == "robot":  # what its wheels tell, without noise
+    is_robot = config.vehicle == "robot"
+    if is_robot:  # what its wheels tell, without noise
         distance = distance / (1 + scale)
-        turn = turn - drift * distance
     control, U = _odometry(config, np.stack([distance, turn], 1), rng)
+    if is_robot:
+        control[:, 2] -= drift * distance
     pose, landmark, z = _observations(config, truth, landmarks)
     sigma = np.empty(z.shape)
     sigma[:, 0] = config.range_percent / 100 * z[:, 0] + config.range_sigma
