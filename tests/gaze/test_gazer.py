@@ -40,7 +40,7 @@ def look_around(made):
 
 
 @pytest.mark.parametrize("pan_sigma", [0.0, 0.02])
-def test_the_information_is_the_entropy_that_an_update_takes_from_the_pose(pan_sigma):
+def test_the_information_is_the_entropy_that_an_update_takes_from_the_state(pan_sigma):
     landmarks = np.array([[2.0, 0.1], [3.0, -0.4], [4.0, 0.5]])
     slam = robot(landmarks, motion_sigma=0.3)
     made = gazer(slam, pan_sigma=pan_sigma)
@@ -48,12 +48,12 @@ def test_the_information_is_the_entropy_that_an_update_takes_from_the_pose(pan_s
     ahead = int(np.argmin(np.abs(made.candidates)))
     assert view.seen[ahead].tolist() == [1, 1, 1]
     information = made._information(view)[ahead]
-    before = np.linalg.slogdet(slam.ekf.pose_covariance)[1]
+    before = np.linalg.slogdet(slam.ekf.covariance)[1]
     r = np.hypot(*landmarks.T)
     R = np.stack([(RANGE_SIGMA * r) ** 2, np.full(3, BEARING_SIGMA**2)], 1)[:, None] * np.eye(2)
     R[:, 1, 1] += 3 * pan_sigma**2
     slam.step(2.0, z=observe(np.zeros(3), landmarks)[0], R=R, names=np.arange(3))
-    after = np.linalg.slogdet(slam.ekf.pose_covariance)[1]
+    after = np.linalg.slogdet(slam.ekf.covariance)[1]
     assert_allclose(information, (before - after) / 2, rtol=1e-3)
 
 
@@ -68,13 +68,17 @@ def test_the_bearings_of_a_scan_tell_the_heading_no_better_than_the_pan_is_measu
     assert_allclose(np.sqrt(one[0, 1, 1]), 0.05)
 
 
-def test_a_landmark_that_is_as_uncertain_as_the_pose_tells_nothing_of_it():
+@pytest.mark.parametrize("sigma", [0.01, 1.0])
+def test_a_landmark_that_was_seen_from_here_tells_nothing_of_an_uncertain_pose(sigma):
+    """It tells its own range and bearing, how certain the pose may be."""
     slam = Slam(CONFIG, motion=compose)
-    slam.step(1.0, np.zeros(3), np.diag([1.0, 1.0, 0.1]))
-    R = np.diag([1e-4, 1e-5])[None]
-    slam.step(2.0, z=np.array([[3.0, 0.0]]), R=R, names=np.array([0]))
+    slam.step(1.0, np.zeros(3), sigma**2 * np.diag([1.0, 1.0, 0.1]))
+    R = np.array([0.05, 0.02]) ** 2
+    slam.step(2.0, z=np.array([[3.0, 0.0]]), R=np.diag(R)[None], names=np.array([0]))
     made = gazer(slam)
-    assert abs(made._information(made._roll_out())).max() < 0.01
+    again = np.square([3.0 * RANGE_SIGMA, BEARING_SIGMA])
+    expected = np.log1p(R / again).sum() / 2
+    assert made._information(made._roll_out()).max() == pytest.approx(expected, rel=1e-3)
 
 
 def test_an_uncertain_robot_looks_at_known_landmarks_and_a_certain_one_at_what_is_new():

@@ -30,7 +30,7 @@ RANGE_SIGMA, BEARING_SIGMA = 0.03, 0.01
 as a fraction of it, and of the bearing in radians."""
 MARGIN = 0.05
 """Fraction of the field of view at each side in which nothing counts as seen."""
-AREA, MEMORY = 3.0, 0.2
+AREA, MEMORY = 1.0, 0.2
 """Weights in nats: of a view whose whole area is new, and of a landmark of salience 1 that was
 never looked at."""
 INHIBITION = 10.0
@@ -195,7 +195,7 @@ class Gazer:
         return self._best({"salient landmarks": self._remembered_salience(self._roll_out())})
 
     def _active(self, _: "Gazer") -> float:
-        """The pan with the most information about the pose, new area and remembered salience."""
+        """The pan with the most information, new area and remembered salience."""
         view = self._roll_out()
         terms = {
             "informative landmarks": self._information(view),
@@ -251,35 +251,31 @@ class Gazer:
         return np.asarray(inside & near[:, None])
 
     def _information(self, view: "View") -> FloatArray:
-        """(c,) mutual information of the pose and the expected observations, in nats.
+        """(c,) mutual information of the state and the expected observations, in nats.
 
-        By the joint covariance of pose and landmarks, so that a landmark whose error is that of
-        the pose is worth nothing.
+        Of the whole state, since the landmarks that are measured now are what the pose is measured
+        by later. By the joint covariance of pose and landmarks, so that what both have in common
+        is worth nothing.
         """
         ekf, landmarks, seen = self.slam.ekf, view.landmarks, view.seen
         robot, k = ekf.robot_state, len(view.landmarks)
-        r = len(robot)
-        C = ekf.marginal(landmarks)
-        C[:r] = view.F @ C[:r]
-        C[:, :r] = C[:, :r] @ view.F.T
-        P = C[:3, :3] + np.diag([1e-8, 1e-8, 1e-10])  # the start may be exact
-        before = P + view.Q[:3, :3]
         if k == 0:
             return np.zeros(len(seen))
+        r = len(robot)
+        P = ekf.marginal(landmarks)
+        P[:r] = view.F @ P[:r]
+        P[:, :r] = P[:, :r] @ view.F.T
+        P[:r, :r] += view.Q
         robot[:3] = view.pose
         z, H = ekf.sensor.observe(robot, ekf.landmarks[landmarks])
         by_landmark = np.zeros((k, 2, k, 2))
         by_landmark[np.arange(k), :, np.arange(k)] = H[..., r:]
         J = np.hstack([H[..., :r].reshape(2 * k, r), by_landmark.reshape(2 * k, 2 * k)])
-        JQ = J[:, :r] @ view.Q
-        S, X = J @ C @ J.T + JQ @ J[:, :r].T, J @ C[:, :3] + JQ[:, :3]
         bearing = np.hypot(BEARING_SIGMA, np.sqrt(seen.sum(1)) * self._pan_sigma)[:, None]
         sigma = np.stack(np.broadcast_arrays(RANGE_SIGMA * z[:, 0], bearing), -1)  # (c, k, 2)
         B = (np.sqrt(seen)[..., None] / sigma).reshape(len(seen), 2 * k)  # root of R's inverse
-        BX = B[..., None] * X
-        M = np.eye(2 * k) + B[..., None] * S * B[:, None]
-        after = before - BX.swapaxes(1, 2) @ np.linalg.solve(M, BX)
-        return np.asarray((np.linalg.slogdet(before)[1] - np.linalg.slogdet(after)[1]) / 2)
+        S = np.eye(2 * k) + B[..., None] * (J @ P @ J.T) * B[:, None]
+        return np.asarray(np.linalg.slogdet(S)[1] / 2)
 
     def _new_area(self, view: "View") -> FloatArray:
         """(c,) fraction of the area of each view that was never seen."""
