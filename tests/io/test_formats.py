@@ -16,7 +16,7 @@ from fuzz.targets import a_log, points
 from saccade import SiftConfig, exchange, slam
 from saccade.batch.dataset import read_manifest
 from saccade.batch.index import Index
-from saccade.batch.store import LocalStore
+from saccade.batch.store import Store
 from saccade.datasets import load
 from saccade.datasets.drives.calibration import read_calibration
 from saccade.errors import ConfigError, KeypointsError
@@ -115,7 +115,7 @@ def test_a_folder_of_a_later_release_is_refused(tmp_path, name):
     path.write_text(json.dumps({**json.loads(path.read_text()), "format": 99}))
     with refuses(ConfigError, name, "found 99: a later version of saccade has written it"):
         if name == "manifest.json":
-            read_manifest(LocalStore(str(tmp_path / "extracted")))
+            read_manifest(Store(str(tmp_path / "extracted")))
         else:
             Index(tmp_path / "extracted")
 
