@@ -1,6 +1,9 @@
 """What is too slow for every change, each by one command: `uvx nox -s NAME`."""
 
+import shutil
+import sys
 import tarfile
+import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -64,6 +67,7 @@ def mutation(session: nox.Session) -> None:
 
 
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
+PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 CORE_TESTS = (
     *("image", "pyramid", "contrast", "scanpath", "symmetry", "saliencytoolbox2", "edges"),
     *("sift", "descriptor", "must", "symroid", "matching", "exchange", "cli_points"),
@@ -126,6 +130,43 @@ WITHOUT_EXTRAS = (
 """The tests of what works with nothing but the core dependencies."""
 
 
+PACKAGE = Path("src/saccade").resolve()
+COMPILED = PACKAGE / "_compiled"
+PHOTO = str(PACKAGE / "data" / "coffee.jpg")
+COMPILING = (
+    ("demo", "--out"),
+    *(("detect", "--detector", name, PHOTO, "--out") for name in ("must", "symroid")),
+    ("look", "--preset", "kootstra2010", PHOTO, "--out"),
+)
+"""Commands that compile most kernels; an output folder follows."""
+
+
+@nox.session(venv_backend="none")
+def kernels(session: nox.Session) -> None:
+    """Compile what wheels carry (see `saccade._jit`), for every Python or those of `-- 3.12`."""
+    shutil.rmtree(COMPILED, ignore_errors=True)
+    for python in session.posargs or PYTHONS:
+        compile_kernels(session, python)
+
+
+def compile_kernels(session: nox.Session, python: str) -> None:
+    """Compile kernels with the locked libraries, for processors that most have."""
+    saccade = ("uv", "run", "--isolated", "--no-dev", "--frozen", "--python", python, "saccade")
+    with TemporaryDirectory(prefix="saccade-kernels-") as folder:
+        cache = Path(folder, "cache")
+        env = {
+            "NUMBA_CACHE_DIR": str(cache),
+            "NUMBA_CPU_NAME": "x86-64-v3",
+            "NUMBA_CPU_FEATURES": "",
+        }
+        for words in COMPILING:
+            session.run(*saccade, *words, f"{folder}/out", env=env, silent=True)
+        for file in cache.glob("*/*.nb[ci]"):
+            package = COMPILED / file.parent.name.rpartition("_")[0]  # without Numba's hash
+            package.mkdir(parents=True, exist_ok=True)
+            shutil.copy(file, package)
+
+
 @nox.session(venv_backend="none")
 def wheel(session: nox.Session) -> None:
     """Wheel and sdist, each alone in a clean environment: `-- dist` takes those of that folder."""
@@ -133,7 +174,9 @@ def wheel(session: nox.Session) -> None:
         work = Path(folder)
         dist = Path(*session.posargs).resolve() if session.posargs else work / "dist"
         if not session.posargs:
-            session.run("uv", "build", "--quiet", "--out-dir", str(dist))
+            shutil.rmtree(COMPILED, ignore_errors=True)
+            compile_kernels(session, PYTHON)
+            session.run("uv", "build", "--quiet", "--sdist", "--wheel", "--out-dir", str(dist))
         (built,), (sdist,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
         session.run("uvx", "twine", "check", "--strict", str(built), str(sdist))
         with tarfile.open(sdist) as archive:
@@ -149,7 +192,7 @@ def use_alone(session: nox.Session, package: Path, source: Path, home: Path) -> 
     scripts = home / "env" / "bin"
     saccade = str(scripts / "saccade")
     install = ("uv", "pip", "install", "--quiet", "--python", str(scripts / "python"))
-    session.run("uv", "venv", "--quiet", str(home / "env"))
+    session.run("uv", "venv", "--quiet", "--python", PYTHON, str(home / "env"))
     session.run(*install, str(package))
     (data,) = (home / "env").glob("lib/*/site-packages/saccade/data")
     drive = str(data / "victoria_park.txt")
@@ -158,8 +201,12 @@ def use_alone(session: nox.Session, package: Path, source: Path, home: Path) -> 
         if version.split()[1] != source.name.rpartition("-")[2]:
             session.error(f"{package.name} prints the version {version}")
         session.run(saccade, "--help", silent=True)
-        session.run(saccade, "look", str(data / "coffee.jpg"))
-        session.run(saccade, "slam", drive, "--no-film")
+        for words in (("look", str(data / "coffee.jpg")), ("slam", drive)):
+            start = time.perf_counter()
+            output = session.run(saccade, *words, silent=True)
+            session.log(f"the first saccade {words[0]} took {time.perf_counter() - start:.1f} s")
+            if package.suffix == ".whl" and "compiling for this machine" in output:
+                session.error(f"{package.name} does not carry the kernels of {words[0]}")
         refused = session.run(saccade, "slam", drive, "--live", success_codes=[2], silent=True)
         if "pip install 'rerun-sdk>=" not in refused:
             session.error(f"without the extra `live` it says {refused}")

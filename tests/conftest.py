@@ -10,7 +10,7 @@ import pytest
 from hypothesis.internal.conjecture import providers
 
 from saccade.cli import TRACEBACK, main
-from saccade.cli.precompile import filter_compiled_ahead
+from saccade.cli.precompile import TASKS, compiled_ahead
 from support.encodable_reports import pytest_report_to_serializable  # noqa: F401
 from support.filmed_wall import filmed
 from support.limits import TIMEOUT
@@ -49,8 +49,9 @@ def pytest_configure(config):
     if config.args_source is pytest.Config.ArgsSource.TESTPATHS and not hasattr(
         config, "workerinput"
     ):
-        with filter_compiled_ahead("points") as finish:
-            finish()
+        with compiled_ahead("association"):
+            for task in TASKS.values():
+                task()
 
 
 def pytest_collection_modifyitems(items):

@@ -43,10 +43,11 @@ SCRIPT = """
 from saccade._jit import needs_compiling
 from saccade.probe._kernels import Pair, difference
 print(needs_compiling(difference), difference(Pair(first=3.0, second=1.0)))
+print(*difference.stats.cache_misses.values())
 """
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def probe(tmp_path_factory):
     """A copy of what kernels need, with a package of two kernel files and another file."""
     home = tmp_path_factory.mktemp("copied")
@@ -61,24 +62,35 @@ def probe(tmp_path_factory):
     return package / "probe"
 
 
-def run(probe):
+def run(probe, **variables):
     """Whether the kernel was to be compiled, and its value."""
+    (found,) = run_at_once(1, probe, **variables)
+    return found[0] == "True", float(found[1])
+
+
+def run_at_once(count, probe, **variables):
+    """What the script prints in so many processes."""
     environment = {
         **{name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")},
-        "PYTHONPATH": str(probe.parents[1]),
+        **{"PYTHONPATH": str(probe.parents[1]), **variables},
     }
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT],
-        env=environment,
-        cwd=probe,
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    compiled, value = done.stdout.split()
-    return compiled == "True", float(value)
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", SCRIPT],
+            env=environment,
+            cwd=probe,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(count)
+    ]
+    found = []
+    for process in processes:
+        out, err = process.communicate(timeout=TIMEOUT)
+        assert process.returncode == 0, err
+        found.append(out.split())
+    return found
 
 
 def test_only_a_changed_kernel_file_makes_the_cache_stale(probe):
@@ -99,6 +111,26 @@ def test_a_kernel_at_the_top_level_makes_the_cache_stale(probe):
     assert run(probe)[0] is False  # an empty file has nothing to hash
     (probe.parent / "_shared_kernels.py").write_text("FACTOR = 2\n")
     assert run(probe)[0] is True
+
+
+def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(probe, tmp_path):
+    found = run_at_once(3, probe, NUMBA_CACHE_DIR=str(tmp_path))
+    assert [values[1] for values in found] == ["4.0"] * 3
+    assert sum(len(values[2:]) for values in found) == 1
+    assert not list(tmp_path.rglob("*.lock"))
+
+
+@pytest.mark.skipif(not _jit._runs_shipped(), reason="a wheel's kernels are for other processors")
+def test_a_kernel_that_is_shipped_is_not_compiled(probe, tmp_path):
+    source = probe / "_kernels.py"
+    cpu = {"NUMBA_CPU_NAME": _jit.SHIPPED_CPU, "NUMBA_CPU_FEATURES": ""}
+    assert run(probe, NUMBA_CACHE_DIR=str(tmp_path / "built"), **cpu)[0] is True
+    (built,) = (tmp_path / "built").iterdir()
+    shutil.copytree(built, probe.parent / "_compiled" / "probe")
+    assert run(probe, NUMBA_CACHE_DIR=str(tmp_path / "used")) == (False, 4.0)
+    assert not list((tmp_path / "used").rglob("*.nbc"))
+    source.write_text(KERNELS.replace("first - pair.second", "first + pair.second"))
+    assert run(probe, NUMBA_CACHE_DIR=str(tmp_path / "used")) == (True, 8.0)
 
 
 def test_fields_in_another_order_are_another_stamp():

@@ -12,8 +12,10 @@ import inspect
 import logging
 import os
 import sys
+import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -27,6 +29,7 @@ try:
     with warnings.catch_warnings():  # Numba would go on, with its own traceback in a warning
         warnings.filterwarnings("error", "Environment variable", RuntimeWarning)
         import numba
+    from llvmlite.binding import get_host_cpu_features
     from numba.core import event, types
     from numba.experimental import structref
     from numba.extending import get_cython_function_address
@@ -90,6 +93,8 @@ def kernel(fastmath: Iterable[str] = (), *, inline: bool = False) -> Callable[[F
             )
             if cache:
                 _stamp_cache(dispatcher, kernel_stamp(function))
+                _add_shipped(dispatcher, Path(inspect.getfile(function)))
+                _compile_once(dispatcher)
             return cast("F", dispatcher)
 
         try:
@@ -215,10 +220,92 @@ def _stamp_cache(dispatcher: object, stamp: str) -> None:
         file._source_stamp = (file._source_stamp, stamp)
 
 
+WAIT = 60.0
+"""Seconds for which a process waits for a kernel that another one compiles."""
+
+
+def _compile_once(dispatcher: object) -> None:
+    """Of several processes that need a kernel, let one compile it and the others wait for it."""
+    file, cache = _cache_file(dispatcher), cast("Any", dispatcher)._cache
+    if file is None:
+        return
+    load, save, lock = cache.load_overload, cache.save_overload, ExitStack()
+
+    def load_overload(*key: Any) -> Any:
+        found = load(*key)
+        if found is None:
+            lock.enter_context(_locked(f"{file._index_path}.lock"))
+            found = load(*key)  # another process has compiled it meanwhile
+        if found is not None:
+            lock.close()
+        return found
+
+    def save_overload(*compiled: Any) -> None:
+        with lock:
+            save(*compiled)
+
+    cache.load_overload, cache.save_overload = load_overload, save_overload
+
+
+@contextmanager
+def _locked(name: str) -> Iterator[None]:
+    """Hold a lock among processes, where the system has such locks and the folder is writable."""
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):
+            from fcntl import LOCK_EX, LOCK_NB, flock
+
+            file, end = stack.enter_context(Path(name).open("w")), time.monotonic() + WAIT
+            stack.callback(Path(name).unlink, missing_ok=True)
+            while time.monotonic() < end:
+                try:
+                    flock(file, LOCK_EX | LOCK_NB)
+                    break
+                except BlockingIOError:
+                    time.sleep(0.02)
+        yield
+
+
+SHIPPED = Path(__file__).parent / "_compiled"
+"""Kernels that a wheel carries: a cache of Numba's, with a folder for each package."""
+SHIPPED_CPU = "x86-64-v3"
+SHIPPED_FEATURES = {"avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"}
+"""For which processors they were compiled, and by which features these are known."""
+
+
+def _add_shipped(dispatcher: object, source: Path) -> None:
+    """Take a kernel that is not in the cache from those shipped, if it fits.
+
+    It fits a processor that has the features, and the same source, bytecode and Numba.
+    """
+    file = _cache_file(dispatcher)
+    if file is None or not SHIPPED.is_dir() or not _runs_shipped():
+        return
+    name = Path(file._index_path).stem
+    shipped = type(file)(str(SHIPPED / source.parent.name), name, file._source_stamp)
+    cached = file.load
+
+    def load(key: Any) -> Any:
+        signature, (platform, *_), code = key
+        return cached(key) or shipped.load((signature, (platform, SHIPPED_CPU, ""), code))
+
+    file.load, file.shipped = load, shipped
+
+
+@cache
+def _runs_shipped() -> bool:
+    """Whether this processor runs them."""
+    try:
+        features = get_host_cpu_features()
+    except RuntimeError:  # of one that is unknown to LLVM
+        return False
+    return all(features.get(name) for name in SHIPPED_FEATURES)
+
+
 def needs_compiling(function: Callable[..., Any]) -> bool:
     """Whether a kernel is still to be compiled, and will be cached then; False if unknown."""
     file = _cache_file(function)
-    return file is not None and not file._load_index()
+    files = () if file is None else filter(None, (file, getattr(file, "shipped", None)))
+    return file is not None and not any(each._load_index() for each in files)
 
 
 def compile_for(function: Callable[..., Any], *arguments: Any) -> None:

@@ -3,6 +3,7 @@
 import importlib.util
 import subprocess
 import sys
+from functools import partial
 
 import numba
 import numpy as np
@@ -38,7 +39,7 @@ def test_a_kernel_is_to_compile_until_it_was_called(tmp_path):
 
 @pytest.mark.parametrize("cold", [True, False])
 def test_another_process_is_started_only_where_there_is_something_to_compile(cold, monkeypatch):
-    started, halves = [], []
+    started, ran = [], []
 
     class Process:
         def __init__(self, words, **_):
@@ -50,30 +51,24 @@ def test_another_process_is_started_only_where_there_is_something_to_compile(col
         def __exit__(self, *_):
             pass
 
-        def wait(self, seconds):
-            raise subprocess.TimeoutExpired("it", seconds)
-
         def kill(self):
             started.append("killed")
 
     monkeypatch.setattr(subprocess, "Popen", Process)
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     monkeypatch.setattr("saccade._jit.needs_compiling", lambda _: cold)
-    monkeypatch.setattr(precompile, "_compile_updates", lambda: halves.append(0))
-    monkeypatch.setitem(precompile.TASKS, "filter", lambda: halves.append(1))
-    with precompile.filter_compiled_ahead(also="points") as finish:
-        finish()
-    assert len(started) == (3 if cold else 0)
-    assert halves == ([0] if cold else [])
-    with precompile.points_compiled_ahead():
-        pass
-    assert len(started) == (5 if cold else 0)
-    if cold:
-        code, *tasks = started[0][2:]
-        assert tasks == ["points", "filter"]
-        monkeypatch.setattr(sys, "argv", ["-c", *tasks])
-        exec(compile(code, "words", "exec"), {})
-        assert halves == [0, 1]
+    for name in precompile.TASKS:
+        monkeypatch.setitem(precompile.TASKS, name, partial(ran.append, name))
+    for tasks in (["points", "association"], ["points"]):
+        with precompile.compiled_ahead(*tasks):
+            assert len(started) == cold
+        if cold:
+            (_, _, code, *words), killed = started
+            assert killed == "killed"
+            monkeypatch.setattr(sys, "argv", ["-c", *words])
+            exec(compile(code, "words", "exec"), {})
+            assert ran == tasks
+        started.clear(), ran.clear()
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
@@ -82,7 +77,7 @@ def test_kernels_are_compiled_for_the_types_with_which_the_step_calls_them(monke
     slam.step(0.0, z=np.ones((1, 2)), R=np.eye(2)[None], names=np.zeros(1, np.int64))
     parts = []
     monkeypatch.setattr(_jit, "compile_for", lambda *part: parts.append(part))
-    precompile.compile_filter()
+    precompile.compile_association()
     for part, *arguments in parts:
         cached = {key[0] for key in _jit._cache_file(part)._load_index()}
         assert tuple(map(numba.typeof, arguments)) in cached, part

@@ -16,7 +16,7 @@ from saccade.cli.mapping import RunOutput
 from saccade.cli.match import match_images
 from saccade.cli.options import DEFAULT_MODEL, Json, attention_model
 from saccade.cli.output import print_json, print_message, print_table, write_text
-from saccade.cli.precompile import filter_compiled_ahead
+from saccade.cli.precompile import compile_updates, compiled_ahead
 from saccade.cli.slam import map_log
 from saccade.evaluation.gaze_runs import SETTINGS, gaze_drive
 from saccade.io.files import results_in
@@ -78,7 +78,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
     victoria_park = data / "victoria_park.txt"
     results: dict[str, dict[str, Any]] = {}
     with (
-        filter_compiled_ahead(also="points") as finish,
+        compiled_ahead("points", "association", "drive"),
         Progress(*columns, console=Console(stderr=True)) as bar,
     ):
         task = bar.add_task("attention: saliency and scanpath", total=1)
@@ -100,7 +100,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
 
         task = bar.add_task("EKF-SLAM: a car in Victoria Park", total=None)
         log = datasets.load("victoria-park", victoria_park)
-        finish()
+        compile_updates()
         output = RunOutput(out, report=builder)
         results["slam"] = map_log(log, load_settings("slam"), output, progress)
 

@@ -34,7 +34,7 @@ from saccade.cli.output import (
     relative_names,
     write_arrays,
 )
-from saccade.cli.precompile import points_compiled_ahead
+from saccade.cli.precompile import compiled_ahead
 from saccade.errors import ConfigError, ImageError
 from saccade.io.files import FORMATS, results_in
 from saccade.io.image import find_images, read_image
@@ -202,7 +202,7 @@ def look(
         )
 
     paths = [path for source in sources for path in find_images(source)]
-    with results_in(out), points_compiled_ahead():
+    with results_in(out), compiled_ahead("points"):
         rows, code = for_each_image(paths, out, process)
         report = builder.write(out / "report.html") if len(builder) else None
         written = files.write_tables(out)

@@ -1,73 +1,45 @@
-"""Compiles in another process meanwhile: Numba compiles one function at a time in each."""
+"""Compiles in another process meanwhile: Numba compiles one function at a time in each.
+
+A kernel that both processes need is compiled by the one that comes first (see `saccade._jit`), so
+each begins with what the other needs last.
+"""
 
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
-
-TIMEOUT = 180
-"""Seconds after which the other process is ended; the rest is compiled when it is called."""
 
 
 @contextmanager
-def filter_compiled_ahead(also: str = "") -> Iterator[Callable[[], None]]:
-    """Compile half of the filter in another process, if it is not in the cache.
-
-    Args:
-        also: what that process compiles before, see `TASKS`.
-
-    Yields:
-        A function that compiles the other half and waits for the process.
-    """
-    from saccade.slam._recovery_kernels import contradicts
-
-    with _compiled_ahead(contradicts, *also.split(), "filter") as wait:
-
-        def finish() -> None:
-            if wait is not None:
-                _compile_updates()
-                wait()
-
-        yield finish
-
-
-@contextmanager
-def points_compiled_ahead() -> Iterator[None]:
-    """Compile SIFT in another process, if it is not in the cache."""
-    from saccade.keypoints._refinement_kernels import fit_extrema
-
-    with _compiled_ahead(fit_extrema, "points"):
-        yield
-
-
-@contextmanager
-def _compiled_ahead(kernel: Callable[..., Any], *tasks: str) -> Iterator[Callable[[], None] | None]:
-    """Run tasks in another process if a kernel is to be compiled; yields what waits for it."""
-    from saccade._jit import needs_compiling
-
+def compiled_ahead(*tasks: str) -> Iterator[None]:
+    """Run tasks of `TASKS` in another process, if the last one's kernels are not in the cache."""
     command = [sys.executable, "-c", f"import {__name__} as a; a.run_tasks()", *tasks]
-    if (os.cpu_count() or 1) < 2 or not sys.executable or not needs_compiling(kernel):
-        yield None
+    if (os.cpu_count() or 1) < 2 or not sys.executable or not _needs_compiling(tasks[-1]):
+        yield
         return
     quiet = subprocess.DEVNULL
     with subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet) as process:
-
-        def wait() -> None:
-            try:
-                process.wait(TIMEOUT)
-            except subprocess.TimeoutExpired:
-                process.kill()
-
         try:
-            yield wait
+            yield
         finally:
             process.kill()
 
 
-def compile_filter() -> None:
-    """Compile what a step calls beside the filter: association and recovery."""
+def _needs_compiling(task: str) -> bool:
+    from saccade._jit import needs_compiling
+
+    if task == "points":
+        from saccade.keypoints._gradient_kernels import fill_descriptors
+
+        return needs_compiling(fill_descriptors)
+    from saccade.slam.filter._range_bearing_kernels import predict_by_control
+
+    return needs_compiling(predict_by_control)
+
+
+def compile_association() -> None:
+    """Compile what a step of the filter calls last: recovery, association and prediction."""
     import numpy as np
 
     from saccade._jit import compile_for
@@ -82,17 +54,17 @@ def compile_filter() -> None:
     compile_for(contradicts, f, *evidence, z, R, confirmed, names, 0)
     compile_for(associate_nearest, f, z, R, gates, names, confirmed, names)
     compile_for(compare_identities, f, z, R, names, z[:, 0].copy(), z[:, 1].copy())
+    slam.ekf.predict(np.zeros(2), np.eye(2))
 
 
-def _compile_updates() -> None:
-    """Compile the filter: predict, augment and update."""
+def compile_updates() -> None:
+    """Compile what takes the longest of a step: augmentation and update."""
     import numpy as np
 
     from saccade.slam import EkfSlam
 
     ekf, z, R = EkfSlam(np.zeros(3), np.eye(3)), np.array([1.0, 0.1]), np.eye(2)
     ekf.augment(z, R)
-    ekf.predict(np.zeros(2), np.eye(2))
     ekf.update(z, R, 0)
 
 
@@ -107,8 +79,20 @@ def compile_points() -> None:
     )
 
 
-TASKS = {"filter": compile_filter, "points": compile_points}
-"""What another process can compile."""
+def compile_drive() -> None:
+    """Compile what a camera drive calls besides, of which most is the adjustment of its window."""
+    from saccade.evaluation.gaze_runs import gaze_drive
+    from saccade.simulation import DriveConfig
+
+    gaze_drive(DriveConfig(frames=3, image_size=(64, 48), color=True), "active", seed=0)
+
+
+TASKS = {
+    "points": compile_points,
+    "updates": compile_updates,
+    "association": compile_association,
+    "drive": compile_drive,
+}
 
 
 def run_tasks() -> None:

@@ -14,7 +14,7 @@ from saccade import datasets
 from saccade.cli import options
 from saccade.cli.mapping import RunOutput, averaging_window, facts, slam_part, write_film, write_run
 from saccade.cli.output import Progress, emit_facts, print_message, progress_bar, resumable
-from saccade.cli.precompile import filter_compiled_ahead
+from saccade.cli.precompile import compile_updates, compiled_ahead
 from saccade.datasets import symmetric_columns, write_landmarks, write_table, write_tum
 from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
@@ -126,14 +126,14 @@ def slam(
         return
     if log is None:
         raise ConfigError("LOG: expected a log, or --merge with maps, found neither")
-    with filter_compiled_ahead() as finish:
+    with compiled_ahead("association"):
         settings = load_settings("slam", preset, config)
         if association is not None:
             settings = replace(settings, association=association)
         recorded = datasets.load(
             cast("datasets.Kind", kind or "auto"), log, robot=robot, topic=topic
         )
-        finish()
+        compile_updates()
         output = written.into(out)
         smoothing = smooth_config(settings, smooth, lag)
         session = Session(save=save_map)
