@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from saccade.frames import AHEAD, Camera
+from saccade.slam.models import compose, heading_rotation
 from saccade.visual import VisualConfig
 from saccade.visual.camera import to_pixels
 from saccade.visual.egomotion import camera_motion
@@ -113,6 +114,31 @@ def test_the_distortion_of_the_lens_is_found(distortion):
     _, _, window = drive(40, pixel=0.3, disparity=0.2, distortion=distortion)
     assert window.calibration.error[0] == pytest.approx(-distortion, abs=6e-3)
     assert abs(window.calibration.error[1]) < 0.2
+
+
+def test_what_an_offset_of_the_disparities_does_to_the_pose_is_known():
+    ends, window = [], None
+    for offset in (-0.05, 0.05):  # too little to be corrected
+        controls, _, window = drive(20, pixel=0.1, offset=offset)
+        pose = np.zeros(3)
+        for control in controls:
+            pose = compose(pose, control)[0]
+        ends.append(pose)
+        assert window.calibration.error[2] == 0
+    back = heading_rotation(ends[1][2]).T
+    change = back @ (ends[1] - ends[0]) / 0.1
+    np.testing.assert_allclose(window.drift.by_errors[:2, 2], change[:2], rtol=0.1, atol=0.02)
+    longer = window.report().scale_by_offset
+    assert longer == pytest.approx(abs(change[0]) / (20 * CONTROL[0]), rel=0.15)
+
+
+def test_an_offset_that_is_not_corrected_widens_the_covariance_of_the_pose():
+    _, _, window = drive(20, pixel=0.1, offset=0.05)
+    by_offset = window.drift.by_errors[:, 2]
+    spread = window.covariance_by_calibration(0.0)
+    assert spread[0, 0] > (0.04 * by_offset[0]) ** 2
+    turned = window.covariance_by_calibration(np.pi / 2)
+    assert turned[1, 1] == pytest.approx(spread[0, 0])
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.8])

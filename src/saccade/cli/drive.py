@@ -81,10 +81,11 @@ def drive(
     """Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
-    covariances), the map (landmarks.csv; map.npz with descriptors), every
-    observation of a landmark (observations.csv), a figure (map.png), an
-    interactive report (report.html), and settings and scores (run.json); with
-    --film a film (drive.mp4) and a frame of it (drive.png) too.
+    covariances; visual_odometry.csv, by the camera alone), the map
+    (landmarks.csv; map.npz with descriptors), every observation of a landmark
+    (observations.csv), a figure (map.png), an interactive report (report.html),
+    and settings and scores (run.json); with --film a film (drive.mp4) and a
+    frame of it (drive.png) too.
 
     An interrupted run resumes from its last checkpoint.
 
@@ -130,11 +131,26 @@ def print_drive(row: dict[str, Any], as_json: bool, title: str, said: int = 0) -
         "ms per frame": f"{row['ms_per_frame']:.1f}",
         **{f"  {step}": f"{value:.1f}" for step, value in row["ms"].items()},
     }
+    if row["self_calibration"] is not None:
+        facts |= calibration_facts(row["self_calibration"])
     if row["lost"]:
         facts["lost"] = lost_text(row["lost"])
     if row["association_precision"] is not None:
         facts["association precision"] = f"{row['association_precision']:.1%}"
     emit(row, as_json, *tables, Table("" if tables else title, ["", ""], [*facts.items()]))
+
+
+def calibration_facts(report: dict[str, Any]) -> dict[str, str]:
+    """What was corrected of the calibration, and what no image tells, with their labels."""
+    units = {"distortion": "", "disparity_slope": " px", "disparity_offset": " px"}
+    facts = {
+        name.replace("_", " "): f"{report[name]:.3f}{unit} (sigma {sigma:.3f})"
+        for (name, unit), sigma in zip(units.items(), report["sigma"], strict=True)
+    }
+    if report["scale_by_offset"] > 0:
+        by_tenth = 10 * report["scale_by_offset"]
+        facts["scale"] = f"hangs on the baseline; {by_tenth:.1f} % a tenth of a pixel of disparity"
+    return facts
 
 
 def _error_table(row: dict[str, Any], title: str) -> Table:
@@ -231,12 +247,14 @@ def write_tables(out: Path, result: VisualResult) -> dict[str, Path]:
     files = {
         "trajectory": out / "trajectory.tum",
         "poses": out / "poses.csv",
+        "visual_odometry": out / "visual_odometry.csv",
         "landmarks": out / "landmarks.csv",
         "map": out / "map.npz",
         "observations": out / "observations.csv",
     }
     write_tum(files["trajectory"], result.trajectory)
     write_table(files["poses"], pose_table(result.trajectory))
+    write_table(files["visual_odometry"], pose_table(result.visual_odometry))
     write_landmarks(files["landmarks"], result.map)
     write_arrays(
         files["map"],
@@ -267,8 +285,9 @@ def write_tables(out: Path, result: VisualResult) -> dict[str, Path]:
 
 def write_figure(output: RunOutput, drive: Drive, result: VisualResult) -> dict[str, Path]:
     """Write a figure of the map; returns the file of the first format."""
+    odometry = result.odometry if drive.has_odometry else None
     figure = map_figure(
-        result.trajectory, result.map, result.odometry, truth=drive.truth, lost=result.lost
+        result.trajectory, result.map, odometry, truth=drive.truth, lost=result.lost
     )
     if drive.scale != "metric":
         axes = figure.axes[0]

@@ -115,6 +115,7 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
         "odometry": _errors(result.odometry, drive.truth if drive.has_odometry else None),
         "visual_odometry": _errors(result.visual_odometry, drive.truth),
         "association_precision": precision,
+        "self_calibration": None if result.calibration is None else asdict(result.calibration),
         "landmarks": len(result.map),
         "landmarks_observed": len(np.unique(observed.landmark)),
         "observations": len(observed),

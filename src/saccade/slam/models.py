@@ -95,8 +95,14 @@ def compose(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArr
     dx, dy = c * forward - s * left, s * forward + c * left
     moved = np.array([x + dx, y + dy, wrapped(theta + turn)])
     Fx = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])  # (3, 3)
-    Fu = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # (3, 3)
+    Fu = heading_rotation(theta)  # (3, 3)
     return moved, Fx, Fu
+
+
+def heading_rotation(heading: float) -> FloatArray:
+    """(3, 3) rotation of a pose or control by a heading in radians."""
+    c, s = cos(heading), sin(heading)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -96,7 +96,7 @@ class VisualConfig:
     the range and in degrees of bearing: pitch, roll, calibration and clock."""
     correlation_time: float = 0.4
     """Seconds in which the correlation of motion errors falls to 1 / e."""
-    relative_motion_sigma: tuple[float, float] = (0.01, 0.015)
+    relative_motion_sigma: tuple[float, float] = (0.007, 0.015)
     """Standard deviations of calibration errors of distance and turn, as fractions of them,
     constant over 10 m and 90 degrees."""
     tilt_sigma: float = 0.5

@@ -181,7 +181,7 @@ class Pipeline:
         self._cameras = self._cameras[1], self.map.camera
         if number > 0:
             expected, before = self.map.predict_motion(number), self.tracked
-            motion = self._track(frame, expected)
+            motion = self._track(number, frame, expected)
             adjusted = self._adjust(number, before, expected, motion)
             self._predict(number, expected, motion, adjusted)
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
@@ -219,12 +219,15 @@ class Pipeline:
 
     @property
     def pose_covariance(self) -> FloatArray:
-        """(3, 3) of the pose, with the doubt whether the robot is lost."""
-        return self.map.pose_covariance + self.recovery.doubt
+        """(3, 3) of the pose, with errors of the calibration and the doubt whether it is lost."""
+        covariance = self.map.pose_covariance + self.recovery.doubt
+        if self._window is None:
+            return covariance
+        return covariance + self._window.covariance_by_calibration(float(self.map.ekf.pose[2]))
 
     def result(self) -> VisualResult:
         """The result of the frames so far."""
-        return self.log.result(self.map)
+        return self.log.result(self.map, self._window.report() if self._window else None)
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
@@ -273,7 +276,9 @@ class Pipeline:
         with self.log.timed("detect"):
             return self._extract.detect(features, number)
 
-    def _track(self, frame: PreparedFrame, expected: MotionEstimate) -> Egomotion | None:
+    def _track(
+        self, number: int, frame: PreparedFrame, expected: MotionEstimate
+    ) -> Egomotion | None:
         """Track points into the frame, and estimate the egomotion."""
         camera, config, before = self.drive.camera, self.config, self.tracked
         with self.log.timed("track"):
@@ -283,7 +288,8 @@ class Pipeline:
         if motion is not None and self.drive.scale == "held":
             earlier, now = self._cameras
             motion = keep_scale(now, before.for_motion, self.tracked, motion, earlier)
-        self.log.add_motion(expected[0], motion)
+        seconds = float(self.drive.time[number] - self.drive.time[number - 1])
+        self.log.add_motion(self.map.measured(expected, motion, seconds), motion)
         turned = frame.frame.turn, self._previous.frame.turn
         if motion is None or self.map.has_depth or turned != (None, None):
             return motion

@@ -13,9 +13,10 @@ from saccade.notebook import NotebookTable
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
-from saccade.visual.egomotion import Egomotion
+from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.optical_flow import ByteArray
+from saccade.visual.self_calibration import CalibrationReport
 from saccade.visual.tables import RangeBearings, Table, TrackedPoints, column
 from saccade.visual.visual_map import VisualMap
 
@@ -68,7 +69,7 @@ class VisualResult(NotebookTable):
     odometry: Trajectory
     """(n,) poses by odometry alone."""
     visual_odometry: Trajectory
-    """(n,) poses by visual odometry alone; by odometry in steps where it failed."""
+    """(n,) poses with covariances by visual odometry; by odometry in steps where it failed."""
     map: LandmarkMap
     """m landmarks at the end."""
     descriptors: ByteArray
@@ -88,6 +89,8 @@ class VisualResult(NotebookTable):
     """(n,) computation time of each frame."""
     lost: BoolArray
     """(n,) whether the robot knew that it was lost, after each frame."""
+    calibration: CalibrationReport | None
+    """What was learnt of the calibration; None where no window of frames is adjusted."""
     remarks: tuple[str, ...]
     """Warnings, one sentence each."""
 
@@ -123,6 +126,7 @@ class RunLog:
 
     def __post_init__(self) -> None:
         self._visual_pose = [compose(self.drive.start, np.zeros(3))[0]]
+        self._visual_covariance = [np.zeros((3, 3))]
         self._off_plane = [np.full(3, np.nan)]
 
     @contextmanager
@@ -165,10 +169,12 @@ class RunLog:
         if len(self._observations) == MAX_TABLES:
             self._observations = [LandmarkObservations.concatenate(self._observations)]
 
-    def add_motion(self, expected: FloatArray, motion: Egomotion | None) -> None:
-        """Log the motion from the last frame; the expected control (3,) where there is none."""
-        control = expected if motion is None else motion.control
-        self._visual_pose.append(compose(self._visual_pose[-1], control)[0])
+    def add_motion(self, step: MotionEstimate, motion: Egomotion | None) -> None:
+        """Log the step from the last frame by the camera; by odometry where there is no motion."""
+        pose, Fx, Fu = compose(self._visual_pose[-1], step[0])
+        self._visual_pose.append(pose)
+        covariance = Fx @ self._visual_covariance[-1] @ Fx.T + Fu @ step[1] @ Fu.T
+        self._visual_covariance.append(covariance)
         self._off_plane.append(np.full(3, np.nan) if motion is None else motion.off_plane)
 
     def add_pose(
@@ -180,7 +186,9 @@ class RunLog:
         self._pose.append(pose)
         self._covariance.append(covariance)
 
-    def result(self, visual_map: VisualMap) -> VisualResult:
+    def result(
+        self, visual_map: VisualMap, calibration: CalibrationReport | None = None
+    ) -> VisualResult:
         """The result of the frames so far."""
         time = self.drive.time[: len(self._pose)]
         odometry = [self.drive.start]
@@ -193,7 +201,9 @@ class RunLog:
         return VisualResult(
             trajectory=Trajectory(time, np.array(self._pose), np.array(self._covariance)),
             odometry=Trajectory(time, np.array(odometry)),
-            visual_odometry=Trajectory(time, np.array(self._visual_pose)),
+            visual_odometry=Trajectory(
+                time, np.array(self._visual_pose), np.array(self._visual_covariance)
+            ),
             map=LandmarkMap(landmarks.id, ekf.landmarks, covariances, landmarks.observations),
             descriptors=landmarks.descriptor,
             height=landmarks.height,
@@ -203,6 +213,7 @@ class RunLog:
             seconds=dict(self.seconds),
             frame_seconds=np.array(self._frame_seconds),
             lost=np.array(self._lost, np.bool_),
+            calibration=calibration,
             remarks=(*self.remarks[:MAX_REMARKS], *others, *visual_map.planarity.remarks()),
         )
 

@@ -10,9 +10,12 @@ residuals of the other half: it is corrected only if that makes the residuals of
 did not estimate it, and only as far.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from saccade.frames import Camera
+from saccade.slam.models import compose, heading_rotation
 from saccade.types import FloatArray
 
 SIGMA = (0.02, 0.3, 0.5)
@@ -42,7 +45,9 @@ class SelfCalibration:
         self.error = np.zeros(len(SIGMA))
         """(3,) errors that are corrected."""
         self.covariance = np.diag(np.square(SIGMA))
-        """(3, 3) of what remains of the errors."""
+        """(3, 3) of the estimates."""
+        self.estimate = np.zeros(len(SIGMA))
+        """(3,) estimated errors, whether corrected or not."""
 
     def correct(self, observed: FloatArray) -> FloatArray:
         """Observations (..., 3) of pixels and inverse depths, without the estimated errors."""
@@ -76,8 +81,9 @@ class SelfCalibration:
         prior = np.diag(1 / np.square(SIGMA))
         total, vector = self._information.sum(0) + prior, self._vector.sum(0)
         self.covariance = np.linalg.inv(total)
+        self.estimate = self.covariance @ vector
         self.error = np.zeros(len(SIGMA))
-        self.error[OFFSET] = self._confirmed() * float(self.covariance[OFFSET] @ vector)
+        self.error[OFFSET] = self._confirmed() * float(self.estimate[OFFSET])
         rest = vector[:OFFSET] - total[:OFFSET, OFFSET] * self.error[OFFSET]
         self.error[:OFFSET] = np.linalg.solve(total[:OFFSET, :OFFSET], rest)
 
@@ -96,3 +102,64 @@ class SelfCalibration:
         fraction = min(max(slope / max(curvature, 1e-12), 0.0), 1.0)
         gain = fraction * slope - fraction**2 * curvature / 2
         return fraction if gain > MIN_GAIN else 0.0
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """What a drive has told of its calibration."""
+
+    distortion: float
+    """Radial distortion that was corrected, at the radius of a focal length, as a fraction."""
+    disparity_slope: float
+    """Pixels of disparity that were corrected at that radius."""
+    disparity_offset: float
+    """Pixels by which all disparities were corrected."""
+    sigma: tuple[float, float, float]
+    """Standard deviations of the three."""
+    scale_by_offset: float
+    """Fraction by which a disparity offset of one pixel changes all distances."""
+
+
+class CalibrationDrift:
+    """What errors of the calibration have done to the pose since the start.
+
+    Errors that are estimated late, or remain, displace the whole trajectory: they widen the
+    covariance of the pose as one error, not as one of each step.
+    """
+
+    def __init__(self) -> None:
+        self.by_errors = np.zeros((3, len(SIGMA)))
+        """(3, 3) derivative of the pose, in its own frame, by the errors."""
+        self._corrected = np.zeros(3)  # the part of it that was corrected
+        self._distance = self._by_offset = 0.0
+
+    def add(self, control: FloatArray, by_errors: FloatArray, corrected: FloatArray) -> None:
+        """Add a step.
+
+        Args:
+            control: (3,) of it.
+            by_errors: (3, 3) derivative of the control by the errors.
+            corrected: (3,) errors that were corrected.
+        """
+        _, Fx, Fu = compose(np.zeros(3), control)
+        back = heading_rotation(float(control[2])).T
+        self.by_errors = back @ (Fx @ self.by_errors + Fu @ by_errors)
+        self._corrected = back @ (Fx @ self._corrected + Fu @ by_errors @ corrected)
+        length = float(np.hypot(*control[:2]))
+        self._distance += length
+        self._by_offset += float(control[:2] @ by_errors[:2, OFFSET]) / max(length, 1e-9)
+
+    def covariance(self, heading: float, calibration: SelfCalibration) -> FloatArray:
+        """(3, 3) covariance of a pose with a heading by what is not corrected of the errors."""
+        S = self.by_errors
+        remaining = S @ calibration.estimate - self._corrected
+        R = heading_rotation(heading)
+        total = S @ calibration.covariance @ S.T + np.outer(remaining, remaining)
+        return np.asarray(R @ total @ R.T)
+
+    def report(self, calibration: SelfCalibration) -> CalibrationReport:
+        """What was corrected, and on what the scale hangs."""
+        distortion, slope, offset = calibration.error.tolist()
+        sigma = np.sqrt(np.diag(calibration.covariance))
+        by_offset = abs(self._by_offset) / max(self._distance, 1e-9)
+        return CalibrationReport(distortion, slope, offset, (*sigma.tolist(),), by_offset)

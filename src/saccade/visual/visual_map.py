@@ -160,24 +160,28 @@ class VisualMap:
             adjusted: control and covariance by the sliding window, which includes odometry.
         """
         seconds = self._seconds(number)
-        systematic = self._systematic(expected[0])
-        control = expected[0], expected[1] + systematic
         if motion is not None:
             self.planarity.update(motion.off_plane, seconds)
             if adjusted is not None:
                 motion = motion._replace(control=adjusted[0], covariance=adjusted[1])
-            control = motion.control, self.camera_covariance(motion, seconds)
-            if adjusted is None:
-                self._learn_odometry(control, seconds)
-                if self.has_depth:
-                    control = fuse(control, self.odometry)
-        elif adjusted is not None:
-            control = adjusted[0], adjusted[1] + systematic
+        control = self.measured(adjusted or expected, motion, seconds)
+        if motion is not None and adjusted is None:
+            self._learn_odometry(control, seconds)
+            if self.has_depth:
+                control = fuse(control, self.odometry)
         self._move(number, control)
 
-    def camera_covariance(self, motion: Egomotion, seconds: float) -> FloatArray:
-        """(3, 3) covariance of an egomotion, with calibration errors and tilt."""
-        return camera_error_covariance(motion, seconds, self._config, self.planarity.tilt)
+    def measured(
+        self, expected: MotionEstimate, motion: Egomotion | None, seconds: float
+    ) -> MotionEstimate:
+        """The last step by the camera, as expected where it failed.
+
+        Its covariance includes errors of the calibration and tilt, or those of odometry.
+        """
+        if motion is None:
+            return expected[0], expected[1] + self._systematic(expected[0])
+        tilt = self.planarity.tilt
+        return motion.control, camera_error_covariance(motion, seconds, self._config, tilt)
 
     def _learn_odometry(self, measured: MotionEstimate, seconds: float) -> None:
         """Update the errors of odometry by a motion that does not include it.

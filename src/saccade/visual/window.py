@@ -33,7 +33,12 @@ from saccade.visual.egomotion import (
     times,
 )
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
-from saccade.visual.self_calibration import SIGMA, SelfCalibration
+from saccade.visual.self_calibration import (
+    SIGMA,
+    CalibrationDrift,
+    CalibrationReport,
+    SelfCalibration,
+)
 from saccade.visual.tables import TrackedPoints
 
 KERNEL_WIDTH = 2.0
@@ -64,7 +69,7 @@ class SlidingWindow:
         self._camera, self._config, self._errors = camera, config, odometry
         speed, turn_rate = config.acceleration_sigma
         self._acceleration = np.array([speed, speed / 4, turn_rate, *OFF_PLANE_ACCELERATION_SIGMA])
-        self.calibration = SelfCalibration(camera, config.window)
+        self.calibration, self.drift = SelfCalibration(camera, config.window), CalibrationDrift()
         self.restart()
 
     def restart(self) -> None:
@@ -108,19 +113,35 @@ class SlidingWindow:
         self._mount[-1] = cameras[0].rotation
         self._append(motion, odometry, seconds, cameras[1].rotation)
         self._observe(current)
-        covariance = self._adjust()
+        corrected = self.calibration.error
+        covariance, by_calibration = self._adjust()
         R, t = relative_pose(last, (self._rotation[-1], self._translation[-1]))
         control, _ = robot_motion(self._mounting(-1), R, t, self._mounting(-2))
+        self.drift.add(control, by_calibration, corrected)
         return control, covariance
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
-        return attribute_arrays(self) | merge({"calibration": attribute_arrays(self.calibration)})
+        return attribute_arrays(self) | merge(
+            {
+                "calibration": attribute_arrays(self.calibration),
+                "drift": attribute_arrays(self.drift),
+            }
+        )
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
         restore_attributes(self, arrays)
         restore_attributes(self.calibration, select(arrays, "calibration"))
+        restore_attributes(self.drift, select(arrays, "drift"))
+
+    def report(self) -> CalibrationReport:
+        """What the frames have told of the calibration."""
+        return self.drift.report(self.calibration)
+
+    def covariance_by_calibration(self, heading: float) -> FloatArray:
+        """(3, 3) covariance of the pose with a heading by errors of the calibration."""
+        return self.drift.covariance(heading, self.calibration)
 
     def _observe(self, points: TrackedPoints) -> None:
         """Record the points of the newest frame."""
@@ -182,8 +203,13 @@ class SlidingWindow:
         self._sigma = np.concatenate([self._sigma[seen, first:], blank], 1)
         self._id, self._point = self._id[seen], self._point[seen]
 
-    def _adjust(self) -> FloatArray:
-        """Robust Gauss-Newton; returns the (3, 3) covariance of the control of the last step."""
+    def _adjust(self) -> tuple[FloatArray, FloatArray]:
+        """Robust Gauss-Newton.
+
+        Returns:
+            The (3, 3) covariance of the control of the last step, and its (3, 3) derivative by the
+            errors of the calibration.
+        """
         camera, n = self._camera, len(self._rotation)
         seen = np.isfinite(self._observed[:, :, 0])
         rows = np.flatnonzero(seen.sum(1) > 1)
@@ -233,7 +259,8 @@ class SlidingWindow:
         self._rate = np.concatenate([self._rate, value[None] / seconds])
         by_time = covariance[None] / seconds**2
         self._rate_covariance = np.concatenate([self._rate_covariance, by_time])
-        return np.asarray(covariance[:3, :3])
+        by_calibration = -np.linalg.solve(total, information[free][:, calibration])
+        return np.asarray(covariance[:3, :3]), right.T[:3] @ by_calibration
 
     def _learn(
         self, information: FloatArray, gradient: FloatArray, poses: slice, calibration: slice
