@@ -91,14 +91,12 @@ def test_a_state_that_cannot_be_saved_is_named(rng, tmp_path):
 
 
 class _Bare:
-    """A rule that is a function with a state, and says nothing of it."""
+    """A rule that is a function, and says nothing of its state or of identities."""
 
     def __call__(self, ekf, z, R, identity):
         return np.full(len(z), -2)
 
 
-def test_a_rule_without_a_state_to_save_is_named(rng, tmp_path):
-    log, _, _ = simulate(rng, steps=10)
-    checkpoint = Checkpoint(tmp_path / "run.npz", None)
-    with pytest.raises(ConfigError, match=r"checkpoint: expected associate to have to_arrays"):
-        slam.run(log, associate=_Bare(), checkpoint=checkpoint)
+def test_a_rule_that_is_no_association_is_named():
+    with pytest.raises(ConfigError, match=r"association: expected an Association.*_Bare"):
+        slam.Slam(association=_Bare())

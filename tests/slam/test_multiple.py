@@ -42,7 +42,7 @@ def test_names_end_the_hypotheses():
     late = np.where(log.observation_pose > 150, log.landmark, -1)
     live = slam.slam_for(log)
     slam.run(dataclasses.replace(log, landmark=late), initial=live)
-    assert live.several.alive == []
+    assert live.hypotheses.branching is False
     assert set(log.landmark[log.observation_pose > 150]) <= set(live.identities)
 
 
@@ -66,14 +66,14 @@ def test_a_log_is_resumed_and_taken_apart_with_the_same_bits():
         moved = [log.control[i - 1], log.control_covariance[i - 1]] if i > 0 else [None, None]
         scan = log.observation[k], log.observation_covariance[k]
         poses.append(live.step(log.time[i], *moved, *scan).pose)
-        several = max(several, len(live.several.alive))
+        several = max(several, len(live.hypotheses.alive))
         if i % 60 == 40:
             arrays = {name: np.array(array) for name, array in live.to_arrays().items()}
             live = slam.slam_for(log, config)
             live.from_arrays(arrays)
     assert np.array(poses).tobytes() == whole.trajectory.pose.tobytes()
     assert 1 < several <= 6
-    assert live.several.alive[0].weight == 0.0
+    assert live.hypotheses.alive[0].weight == 0.0
 
 
 def test_a_map_is_saved_and_gone_on_with(tmp_path):
@@ -118,12 +118,35 @@ def test_alternatives_are_those_of_all_joint_associations(seed):
         costs[which] = cost
     least = min(costs.values())
     expected = {key: cost for key, cost in costs.items() if cost < least + config.window - 1e-9}
-    got = {tuple(np.where(a == NEW, -1, a).tolist()): cost for cost, a in found}
+    got = {
+        tuple(np.where(each.association == NEW, -1, each.association).tolist()): each.cost
+        for each in found
+    }
     assert next(iter(got)) == min(costs, key=costs.get)
     for key, cost in got.items():
         assert cost == pytest.approx(costs[key])
     assert len(got) >= min(2, len(expected))
     assert set(got) <= set(expected)
+
+
+@pytest.mark.parametrize(("sigmas", "is_alternative"), [(1.0, True), (6.0, True), (9.0, False)])
+def test_after_a_slip_a_landmark_far_outside_of_its_gate_costs_the_loss_of_huber(
+    sigmas, is_alternative
+):
+    """Huber (1964): e^2 up to k, then 2 k e - k^2. Beyond the gate of slips it is another one."""
+    ekf, huber = EkfSlam(np.zeros(3), np.zeros((3, 3))), 1.345
+    R = np.diag([0.05, 0.02])[None] ** 2
+    ekf.augment(np.array([4.0, 0.0]), R[0])
+    ekf.predict(np.zeros(2), np.diag([1.0, 0.0]) ** 2)  # along the line of sight
+    variance = 1.0 + 2 * 0.05**2
+    z = np.array([[4.0 - sigmas * np.sqrt(variance), 0.0]])
+    config = Alternatives(huber=huber, window=np.inf)
+    found = {int(each.association[0]): each.cost for each in config(ekf, z, R, new_cost=12.0)}
+    assert (0 in found) == is_alternative
+    if is_alternative:
+        loss = sigmas**2 if sigmas < huber else 2 * huber * sigmas - huber**2
+        determinant = variance / 0.05**2 * 2  # the landmark has the variance of its bearing
+        assert found[0] == pytest.approx(loss + np.log(determinant), rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", list(Retraction))

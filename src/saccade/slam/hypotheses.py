@@ -6,7 +6,7 @@ probable ones are kept. The alternatives are joint associations of the scan (Nei
 """
 
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -57,7 +57,11 @@ than a step, and a robot that has come so far is seldom in doubt about a few."""
 
 @dataclass
 class Hypothesis:
-    """One association of all observations, and the filter that follows from it."""
+    """One association of all observations, and the filter that follows from it.
+
+    A robot that follows no alternatives has one hypothesis, of which nothing but the filter and
+    the counts of its landmarks is kept.
+    """
 
     ekf: EkfSlam
     culling: Culling
@@ -69,6 +73,8 @@ class Hypothesis:
     """(k,) landmark of each observation of the log so far, -1 if it is not used."""
     innovations: Innovations = field(default_factory=lambda: new_innovations(0))
     """Those of the present scan, see `Innovation`."""
+    wrong: float = 0.0
+    """Expected number of wrong associations if the map is right."""
     culled: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(g,) landmarks that were removed after the present scan."""
     refused: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -76,16 +82,51 @@ class Hypothesis:
 
     def copy(self) -> "Hypothesis":
         """An independent one that is equal."""
-        ekf, culling = copy.copy(self.ekf), copy.copy(self.culling)
-        for part in (ekf, culling):
-            part.from_arrays({name: array.copy() for name, array in part.to_arrays().items()})
-        own = self.co_observations.copy(), self.association.copy(), self.innovations, self.culled
-        return Hypothesis(ekf, culling, self.weight, *own, self.refused.copy())
+        other = replace(self, ekf=copy.copy(self.ekf), culling=copy.copy(self.culling))
+        other.from_arrays({name: array.copy() for name, array in self.to_arrays().items()})
+        return other
+
+    def predict(self, scan: Scan) -> None:
+        """Move the robot (C.5-C.9)."""
+        if scan.control is not None:
+            self.ekf.models.predict(self.ekf.view, *scan.control)
 
     def observe(
+        self,
+        z: FloatArray,
+        R: FloatArray,
+        association: IntArray,
+        *,
+        may_cull: bool = True,
+        looseness: float = 1.0,
+    ) -> IntArray:
+        """Process a scan: update (C.10-C.14), augment (C.15-C.18), count what was missed.
+
+        Args:
+            z: (k, 2) observations.
+            R: (k, 2, 2) their covariances.
+            association: (k,) numbers of landmarks, `NEW` and `DROPPED`; those of new landmarks are
+                filled in.
+            may_cull: whether there may be a landmark to cull.
+            looseness: see `EkfSlam.update_in_parts`.
+
+        Returns:
+            (g,) landmarks that are to be culled.
+        """
+        ekf, mapped = self.ekf, len(self.ekf)
+        check = self.culling.predict_visible(ekf, z, may_cull=may_cull)
+        local = ekf.to_view(association)
+        ekf.mark_observed(local)
+        self.innovations = ekf.update_in_parts(z, R, local, looseness)
+        for k in np.flatnonzero(association == NEW).tolist():  # candidates
+            association[k] = len(ekf)
+            ekf.models.augment(ekf.view, z[k], R[k])
+        return self.culling.count_scan(ekf, check, mapped, association)
+
+    def split(
         self, z: FloatArray, R: FloatArray, association: IntArray, size: float, new_cost: float
     ) -> list["Hypothesis"]:
-        """Update by a scan (C.10-C.18), and cull landmarks.
+        """Process a scan, and cull landmarks.
 
         Args:
             z: (m, 2) observations.
@@ -97,24 +138,18 @@ class Hypothesis:
         Returns:
             This hypothesis, and others in which two of its landmarks are one.
         """
-        ekf, culling, mapped = self.ekf, self.culling, len(self.ekf)
-        ekf.reserve(len(z))
-        culling.reserve(mapped + len(z))
-        check = culling.predict_visible(ekf, z, may_cull=True)
-        new = association == NEW
-        association = np.where(new, mapped + np.cumsum(new) - 1, association)
-        self.innovations = ekf.update_scan(z, R, association)
-        added = len(ekf) - len(self.refused)
+        association, before = association.copy(), self.culling.log_likelihood
+        self.ekf.reserve(len(z))
+        self.observe(z, R, association)
+        added = len(self.ekf) - len(self.refused)
         if added > 0:
             self.co_observations = np.pad(self.co_observations, (0, added))
             self.refused = np.pad(self.refused, (0, added))
         used = association[association >= 0]
         self.co_observations[np.ix_(used, used)] += 1
-        before = culling.log_likelihood
-        culling.count_scan(ekf, check, mapped, association)
-        self.weight += TEMPER * (culling.log_likelihood - before)
+        self.weight += TEMPER * (self.culling.log_likelihood - before)
         self.association = np.append(self.association, np.maximum(association, -1))
-        ids, found = ekf.ids, [self]
+        ids, found = self.ekf.ids, [self]
         for each in found:  # those that are found on the way are looked at, too
             while (pair := each._duplicate(len(z), size, new_cost)) is not None:
                 gain, i, j = pair
@@ -217,85 +252,113 @@ class Hypothesis:
             "association": self.association,
             "refused": self.refused,
         }
-        return {**merge(parts), **arrays, "weight": np.array(self.weight)}
+        return {**merge(parts), **arrays, "numbers": np.array([self.weight, self.wrong])}
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         self.ekf.from_arrays(select(arrays, "ekf"))
         self.culling.from_arrays(select(arrays, "culling"))
         self.co_observations, self.association = arrays["co_observations"], arrays["association"]
-        self.refused, self.weight = arrays["refused"], float(arrays["weight"])
+        self.refused, (self.weight, self.wrong) = arrays["refused"], arrays["numbers"].tolist()
 
 
 class Hypotheses:
-    """The hypotheses that are followed; none where there is one filter only.
+    """The hypotheses that are followed, the most probable one first; never none.
 
     Args:
+        first: the one that is followed at first.
         gate: probability with which an observation of a landmark is inside its gate.
         new_gate: probability with which one that is not of a new landmark is inside this one.
+        huber: see `EkfConfig`.
         most: hypotheses that are kept.
     """
 
-    def __init__(self, gate: float, new_gate: float, most: int) -> None:
-        self.alternatives = Alternatives(gate, new_gate)
+    def __init__(
+        self, first: Hypothesis, gate: float, new_gate: float, huber: float, most: int
+    ) -> None:
+        self.alternatives = Alternatives(gate, new_gate, huber)
         self.most = most
-        self.alive: list[Hypothesis] = []
+        self.alive = [first]
         """The most probable one first."""
+        self.branching = False
+        """Whether alternatives are followed."""
+        self.settled = 1.0, 0.0
+        """`probability` and `wrong` when the most probable one became the only one."""
+
+    @property
+    def best(self) -> Hypothesis:
+        """The most probable one."""
+        return self.alive[0]
 
     @property
     def probability(self) -> float:
-        """Of the most probable hypothesis among those that are followed."""
-        return float(1 / np.exp([each.weight for each in self.alive]).sum()) if self.alive else 1.0
+        """Of the most probable hypothesis among those that are, or were, followed."""
+        alive = float(1 / np.exp([each.weight for each in self.alive]).sum())
+        return alive if self.branching else self.settled[0]
 
-    def begin(self, ekf: EkfSlam, culling: Culling) -> None:
-        """Follow hypotheses, of which the first has this filter."""
-        self.alive = [Hypothesis(ekf, culling)]
+    @property
+    def wrong(self) -> float:
+        """Expected fraction of wrong associations of the most probable hypothesis.
+
+        Those of landmarks that are next to one another, and those that are other ones in the
+        hypotheses that are, or were, followed beside it.
+        """
+        if not self.branching:
+            return self.settled[1]
+        used = self.best.association >= 0
+        landmark, share = self.best.association[used], 0.0
+        if len(landmark) == 0:
+            return 0.0
+        for each in self.alive[1:]:
+            counts = np.zeros((len(self.best.ekf), len(each.ekf) + 1))
+            np.add.at(counts, (landmark, each.association[used]), 1)
+            share += float(np.exp(each.weight)) * (1 - counts.max(1).sum() / len(landmark))
+        return share * self.probability + self.best.wrong / len(landmark)
 
     def settle(self) -> None:
-        """Follow none any more."""
-        self.alive = []
+        """Follow the most probable one alone from now on."""
+        if self.branching:
+            self.settled = self.probability, self.wrong
+        self.alive, self.branching = [Hypothesis(self.best.ekf, self.best.culling)], False
 
     @property
     def is_large(self) -> bool:
         """Whether the map of the most probable one is so large that it is to be the only one."""
-        return len(self.alive[0].ekf) > MAX_LANDMARKS and len(self.alive[0].points) > MAX_LANDMARKS
+        return len(self.best.ekf) > MAX_LANDMARKS and len(self.best.points) > MAX_LANDMARKS
 
     def predict(self, scan: Scan) -> None:
-        """Move the robots of all but the first, which has been moved (C.5-C.9)."""
+        """Move the robots (C.5-C.9); for the first there is room already."""
+        self.best.predict(scan)
         for each in self.alive[1:]:
-            if scan.control is not None:
-                each.ekf.inflate_heading_covariance()
-                each.ekf.reserve()
-                each.ekf.models.predict(each.ekf.view, *scan.control)
+            each.ekf.inflate_heading_covariance()
+            each.ekf.reserve()
+            each.predict(scan)
 
     def leave_out(self, count: int) -> None:
         """Use none of the observations of a scan of so many."""
-        for each in self.alive:
+        for each in self.alive if self.branching else []:
             each.association = np.append(each.association, np.full(count, -1))
 
-    def observe(self, z: FloatArray, R: FloatArray) -> Hypothesis:
-        """Split the hypotheses by the alternatives of a scan, and keep the most probable ones.
-
-        Returns:
-            The most probable one.
-        """
+    def branch(self, z: FloatArray, R: FloatArray) -> None:
+        """Split the hypotheses by the alternatives of a scan, and keep the most probable ones."""
         size = float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))
         new_cost = self.alternatives.new_cost(size)
         options = [
-            (hypothesis.weight - TEMPER * cost / 2, i, association)
+            (hypothesis.weight - TEMPER * alternative.cost / 2, i, alternative)
             for i, hypothesis in enumerate(self.alive)
-            for cost, association in self.alternatives(hypothesis.ekf, z, R, new_cost)
+            for alternative in self.alternatives(hypothesis.ekf, z, R, new_cost)
         ]
         options.sort(key=lambda option: -option[0])
         # twice as many as are kept: some become equal, and they would displace what differs
         options = [each for each in options if each[0] > options[0][0] - PRUNED][: 2 * self.most]
         left = [i for _, i, _ in options]
         found: list[Hypothesis] = []
-        for weight, i, association in options:
+        for weight, i, alternative in options:
             left.remove(i)
             hypothesis = self.alive[i].copy() if i in left else self.alive[i]
             hypothesis.weight = weight
-            found += hypothesis.observe(z, R, association, size, new_cost)
+            hypothesis.wrong += alternative.wrong
+            found += hypothesis.split(z, R, alternative.association, size, new_cost)
         found.sort(key=lambda each: -each.weight)
         kept: list[Hypothesis] = []
         for each in found:
@@ -306,16 +369,16 @@ class Hypotheses:
         for each in reversed(kept):
             each.weight -= kept[0].weight
         self.alive = kept
-        return kept[0]
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
         parts = {str(i): each.to_arrays() for i, each in enumerate(self.alive)}
-        return {**merge(parts), "count": np.array(len(parts))}
+        return {**merge(parts), "numbers": np.array([len(parts), self.branching, *self.settled])}
 
-    def from_arrays(self, arrays: Arrays, ekf: EkfSlam, culling: Culling) -> None:
-        """Restore what `to_arrays` gave; the first has this filter, restored as well."""
-        first = Hypothesis(ekf, culling)
-        self.alive = [first if i == 0 else first.copy() for i in range(arrays["count"])]
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        count, branching, *settled = arrays["numbers"].tolist()
+        self.alive = [self.best if i == 0 else self.best.copy() for i in range(int(count))]
+        self.branching, self.settled = bool(branching), (settled[0], settled[1])
         for i, hypothesis in enumerate(self.alive):
             hypothesis.from_arrays(select(arrays, str(i)))

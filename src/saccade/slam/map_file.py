@@ -1,7 +1,7 @@
 """Map files: the whole state of a `Slam` in one .npz, for another day or another robot.
 
-Plain arrays, named after the part of the `Slam` and the array in it: `ekf.state`,
-`culling.observed`. Nothing in the file is executed when it is read.
+Plain arrays, named after the part of the `Slam` and the array in it: `associate.identity`,
+`hypotheses.0.ekf.state`. Nothing in the file is executed when it is read.
 """
 
 import json

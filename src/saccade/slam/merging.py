@@ -16,8 +16,6 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from saccade.errors import LogError, require
-from saccade.slam.association.identities import GatedIdentity
-from saccade.slam.association.rule import KnownIdentity
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
@@ -345,9 +343,7 @@ def _as_slam(first: Slam, maps: _Maps, fused: _Fused) -> Slam:
     named = [(n + k, name) for k, name in enumerate(maps.names[1][new].tolist())]
     named += [(i, int(maps.names[1][j])) for i, j in fused.pairs.tolist() if maps.names[0][i] < 0]
     for number, name in named:
-        if name >= 0 and isinstance(merged.associate, KnownIdentity):
-            merged.associate.number.setdefault(name, number)
-        elif name >= 0 and isinstance(merged.associate, GatedIdentity):
+        if name >= 0:
             merged.associate.bind(name, number)
     return merged
 

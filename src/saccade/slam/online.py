@@ -17,8 +17,8 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.slam.culling import Culling, numbers_of_kept
 from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import new_innovations, update_in_parts
-from saccade.slam.hypotheses import Hypotheses
+from saccade.slam.filter.models import new_innovations
+from saccade.slam.hypotheses import Hypotheses, Hypothesis
 from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
 from saccade.slam.models import (
     RANGE_BEARING,
@@ -59,6 +59,7 @@ class Slam:
 
     Raises:
         LogError: here and in `step`, an argument that is no number, not finite or of another shape.
+        ConfigError: a mode that there is not, or a rule that is no `Association`.
 
     Examples:
         >>> import numpy as np
@@ -86,6 +87,8 @@ class Slam:
         mode: Literal["continue", "localize"] = "continue",
     ) -> None:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
+        is_rule = association is None or isinstance(association, Association)
+        require(is_rule, "association", "an Association", type(association).__name__)
         built_in = motion in (turn_then_translate, compose) and sensor is RANGE_BEARING
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
@@ -94,7 +97,7 @@ class Slam:
             association, (KnownIdentity, GatedIdentity)
         )
         whole = config.submaps == "never" or not (built_in and built_in_rule)
-        self.ekf: EkfSlam = (EkfSlam if whole else LargeMapSlam)(
+        ekf = (EkfSlam if whole else LargeMapSlam)(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
             motion=motion,
@@ -107,7 +110,7 @@ class Slam:
         self.mode = mode
         adds = mode == "continue"
         doubted = adds and not isinstance(self.associate, KnownIdentity)
-        self.culling = Culling(
+        culling = Culling(
             doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
         )
         ranges = type(sensor) is RangeBearing
@@ -117,8 +120,11 @@ class Slam:
         )
         self._choice = LocalMapChoice(config.submaps == "always", gate)
         several = association is None and config.association in ("auto", "multiple")
-        self._may_follow_several = several and built_in and adds and config.max_hypotheses > 1
-        self.several = Hypotheses(config.gate, config.new_gate, config.max_hypotheses)
+        self._may_branch = several and built_in and adds and config.max_hypotheses > 1
+        self.hypotheses = Hypotheses(
+            *(Hypothesis(ekf, culling), config.gate, config.new_gate, config.huber),
+            most=config.max_hypotheses,
+        )
         """The association hypotheses, of which `ekf` and `culling` are the most probable one's."""
         self.num_steps = 0
         """Steps that were taken."""
@@ -135,6 +141,16 @@ class Slam:
         self._control_size = (
             2 if motion is turn_then_translate else 3 if motion is compose else None
         )
+
+    @property
+    def ekf(self) -> EkfSlam:
+        """The filter."""
+        return self.hypotheses.best.ekf
+
+    @property
+    def culling(self) -> Culling:
+        """The counts of its landmarks."""
+        return self.hypotheses.best.culling
 
     def step(
         self,
@@ -182,61 +198,54 @@ class Slam:
         Raises:
             LogError: the estimate diverged; names the step.
         """
-        named = self.known_landmarks(scan.names)
+        named, ekf, k = self.known_landmarks(scan.names), self.ekf, len(scan.z)
+        rule, may_cull = self.associate, self.culling.enabled and self.associate.has_unnamed
         self._choose_hypotheses(scan)
-        expects = self.recovery.rule.enabled or (self.culling.enabled and self._may_cull)
+        expects = self.recovery.rule.enabled or may_cull
         reach = max(self.culling.reach, 0.0) if expects else 0.0
-        self._choice.choose_view(self.ekf, scan, named, reach)
-        self._predict(scan)  # C.5-C.9
+        self._choice.choose_view(ekf, scan, named, reach)
+        self.hypotheses.predict(scan)  # C.5-C.9
         if self.recovery.lost:
-            return self._result(scan, self.recovery.follow(self.ekf, self.culling, scan, named))
-        if len(scan.z) == 0:
+            return self._result(scan, self.recovery.follow(ekf, self.culling, scan, named))
+        if k == 0:
             return self._result(scan, NONE)
-        if self.recovery.contradicts(self.ekf, self.culling, scan, named):
-            self.several.leave_out(len(scan.z))
-            if self.recovery.begin_if_lost(self.ekf, self.confirmed, scan, named):
-                self.several.settle()
-            return self._result(scan, np.full(len(scan.z), -1))
-        if self.several.alive:
-            return self._observe_several(scan)
+        if self.recovery.contradicts(ekf, self.culling, scan, named):
+            self.hypotheses.leave_out(k)
+            if self.recovery.begin_if_lost(ekf, self.confirmed, scan, named):
+                self.hypotheses.settle()
+            return self._result(scan, np.full(k, -1))
+        if self.hypotheses.branching:
+            self.hypotheses.branch(scan.z, scan.R)
+            best = self.hypotheses.best
+            return self._result(scan, best.association[-k:].copy(), best.innovations, best.culled)
         association = self._associate(scan)
-        check = self.culling.predict_visible(self.ekf, scan.z, may_cull=self._may_cull)
-        innovations = self._update(scan, association)  # C.10-C.14
-        mapped = len(self.ekf)
-        self._augment(scan, association)  # C.15-C.18
-        culled = self._cull(check, mapped, association)
-        return self._result(scan, association, innovations, culled)
+        new = np.flatnonzero(association == NEW)
+        best = self.hypotheses.best
+        missed = best.observe(  # C.10-C.18
+            *(scan.z, scan.R, association), may_cull=rule.has_unnamed, looseness=rule.looseness
+        )
+        for i in new.tolist():
+            rule.added(int(association[i]), int(scan.names[i]))
+        culled = self._cull(missed, association)
+        return self._result(scan, association, best.innovations, culled)
 
     def _choose_hypotheses(self, scan: Scan) -> None:
-        """Follow several hypotheses from the first scan on, while the map is small.
+        """Follow alternatives from the first scan on, while the map is small.
 
         With "auto", while no observation has an identity.
         """
-        if len(scan.z) == 0 or not self._may_follow_several:
+        if len(scan.z) == 0 or not self._may_branch:
             return
+        hypotheses = self.hypotheses
         begins = len(self.ekf) == 0 and self.culling.scans == 0
-        if not (self.several.alive or begins):
+        if not (hypotheses.branching or begins):
             return
         identified = self.config.association == "auto" and bool(scan.names.max() >= 0)
-        if self.several.alive and (identified or self.several.is_large):
-            self.several.settle()
-            if isinstance(self.associate, GatedIdentity):
-                self.associate.has_unnamed = True
+        if hypotheses.branching and (identified or hypotheses.is_large):
+            hypotheses.settle()
+            self.associate.has_unnamed = True
         elif begins and not identified:
-            self.several.begin(self.ekf, self.culling)
-
-    def _observe_several(self, scan: Scan) -> StepResult:
-        """Update all hypotheses by a scan (C.10-C.18); the filter is then that of the best one."""
-        best = self.several.observe(scan.z, scan.R)
-        self.ekf, self.culling = best.ekf, best.culling
-        association = best.association[-len(scan.z) :].copy()
-        return self._result(scan, association, best.innovations, best.culled)
-
-    def _predict(self, scan: Scan) -> None:
-        """Move the robot (C.5-C.9)."""
-        if scan.control is not None:
-            self.ekf.models.predict(self.ekf.view, *scan.control)
-        self.several.predict(scan)
+            hypotheses.branching = True
 
     def _associate(self, scan: Scan) -> IntArray:
         """(k,) landmark of each observation, `NEW` or `DROPPED`."""
@@ -245,38 +254,15 @@ class Slam:
         association = np.array(self.associate(self.ekf, scan.z, scan.R, scan.names), np.int64)
         if self.mode == "localize":
             association[(association == NEW) | (association >= len(self.ekf))] = DROPPED
-            if isinstance(self.associate, (KnownIdentity, GatedIdentity)):
-                self.associate.forget_from(len(self.ekf))
+            self.associate.forget_from(len(self.ekf))
         return association
 
-    def _update(self, scan: Scan, association: IntArray) -> Innovations:
-        """Update by the scan (C.10-C.14), and augment by identified landmarks at their turn."""
-        ekf, local = self.ekf, self.ekf.to_view(association)
-        ekf.mark_observed(local)
-        loose = self.associate.looseness if isinstance(self.associate, GatedIdentity) else 1.0
-
-        def update(R: FloatArray, landmark: IntArray) -> Innovations:
-            if loose > 1:
-                ekf.reserve(len(scan.z))  # of each part
-            return ekf.models.update(ekf.view, scan.z, R, landmark)
-
-        return update_in_parts(update, scan.R, local, ekf.view.now.landmarks, loose)
-
-    def _augment(self, scan: Scan, association: IntArray) -> None:
-        """Add the new landmarks as candidates (C.15-C.18); fills their numbers."""
-        for k, number in enumerate(association.tolist()):
-            if number == NEW:
-                association[k] = len(self.ekf)
-                self.ekf.models.augment(self.ekf.view, scan.z[k], scan.R[k])
-                self.associate.added(int(association[k]), int(scan.names[k]))
-
-    def _cull(self, check: bool, mapped: int, association: IntArray) -> IntArray:
-        """Count what was observed and missed, and remove (g,) landmarks that are missed often."""
-        marked = self.culling.count_scan(self.ekf, check, mapped, association)
-        stale = self.associate.stale if isinstance(self.associate, GatedIdentity) else []
-        if len(marked) == 0 and len(stale) == 0:
+    def _cull(self, missed: IntArray, association: IntArray) -> IntArray:
+        """Remove (g,) landmarks that are missed often, or whose identity has left them."""
+        stale = self.associate.stale
+        if len(missed) == 0 and len(stale) == 0:
             return NONE
-        self.culling.keep(marked[self.identities[marked] >= 0])
+        self.culling.keep(missed[self.identities[missed] >= 0])
         culled = self.culling.remove_culled(np.array(stale, np.int64))
         if len(culled) > 0:
             self.remove(culled, association)
@@ -294,12 +280,12 @@ class Slam:
         write_pose(self.ekf.robot, pose, covariance)
         check_diverged(pose, self.num_steps)
         self.num_steps += 1
-        several, found = len(self.several.alive) or 1, self.recovery.hypotheses
+        alive, found = len(self.hypotheses.alive), self.recovery.hypotheses
         if len(scan.z) == 0:
-            return StepResult(pose, covariance, *NOTHING_OBSERVED, lost, found, several)
-        refused, used = np.zeros(len(scan.z), np.bool_), innovations is not None
-        if used and isinstance(self.associate, GatedIdentity) and not self.several.alive:
-            refused = self.associate.refused
+            return StepResult(pose, covariance, *NOTHING_OBSERVED, lost, found, alive)
+        refused = self.associate.refused
+        if self.hypotheses.branching or innovations is None or len(refused) == 0:
+            refused = np.zeros(len(scan.z), np.bool_)
         return StepResult(
             pose,
             covariance,
@@ -309,7 +295,7 @@ class Slam:
             culled,
             lost,
             found,
-            several,
+            alive,
         )
 
     def remove(self, landmarks: IntArray, association: IntArray = NONE) -> None:
@@ -320,8 +306,7 @@ class Slam:
         used = association >= 0
         association[used] = number[association[used]]
         self.ekf.remove(landmarks)
-        if isinstance(self.associate, (KnownIdentity, GatedIdentity)):
-            self.associate.removed(number)
+        self.associate.removed(number)
         if self.descriptors is not None:
             self.descriptors = self.descriptors[kept[: len(self.descriptors)]]
 
@@ -330,8 +315,8 @@ class Slam:
 
         Of several hypotheses, they become those of the one that is now the most probable.
         """
-        if self.several.alive:
-            m, found = len(result.association), self.several.alive[0].association
+        if self.hypotheses.branching:
+            m, found = len(result.association), self.hypotheses.best.association
             association[:] = found[len(found) - m - len(association) : len(found) - m]
             return
         if len(result.culled) > 0:
@@ -343,17 +328,7 @@ class Slam:
         """(k,) landmark of the map that each observation names, -1 for none."""
         if len(identity) == 0:
             return NONE
-        if not isinstance(self.associate, (KnownIdentity, GatedIdentity)):
-            return np.full(len(identity), -1)
         return np.array(self.associate.landmarks(identity.tolist()), np.int64)
-
-    @property
-    def _may_cull(self) -> bool:
-        """Whether there may be a landmark without an identity; the others are not culled.
-
-        It is an identity that tells a landmark that is gone from one that is not detected.
-        """
-        return not isinstance(self.associate, GatedIdentity) or self.associate.has_unnamed
 
     def relocalize(
         self, z: FloatArray, R: FloatArray, names: npt.ArrayLike | None = None
@@ -436,9 +411,7 @@ class Slam:
     @property
     def identities(self) -> IntArray:
         """(N,) name of each landmark of the map as a number, -1 for those without."""
-        if isinstance(self.associate, (KnownIdentity, GatedIdentity)):
-            return self.associate.identities(len(self.ekf))
-        return np.full(len(self.ekf), -1)
+        return self.associate.identities(len(self.ekf))
 
     @property
     def landmark_names(self) -> npt.NDArray[Any]:
@@ -463,7 +436,6 @@ class Slam:
         parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
         parts["recovery"] = self.recovery.to_arrays()
         texts = {"text_names": np.array(self.text_names)} if self.text_names else {}
-        parts["several"] = self.several.to_arrays()
         return {**merge(parts), **texts, "num_steps": np.array(self.num_steps)}
 
     def from_arrays(self, arrays: Arrays) -> None:
@@ -471,12 +443,11 @@ class Slam:
         for name, part in self._parts().items():
             part.from_arrays(select(arrays, name))
         self.recovery.from_arrays(select(arrays, "recovery"), self.ekf)
-        self.several.from_arrays(select(arrays, "several"), self.ekf, self.culling)
         self.num_steps = int(arrays["num_steps"])
         self.text_names = stored_texts(arrays)
 
     def _parts(self) -> dict[str, Stateful]:
-        return {"ekf": self.ekf, "associate": self.associate, "culling": self.culling}
+        return {"hypotheses": self.hypotheses, "associate": self.associate}
 
     def __repr__(self) -> str:
         return f"Slam({self.num_steps} steps, {self.ekf!r})"

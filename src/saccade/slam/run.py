@@ -21,9 +21,9 @@ from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
-SURE, MOST_UNUSED = 0.9, 0.25
-"""A map without names is in doubt if its hypothesis has a smaller probability, or more of the
-observations are not used."""
+SURE, MOST_UNUSED, MOST_WRONG = 0.9, 0.1, 0.15
+"""A map without names is in doubt if its hypothesis has a smaller probability, or if more of the
+observations are not used or, as far as is known, of other landmarks."""
 MAX_NONLINEARITY = 0.12
 """Of `SlamResult.nonlinearity`: above it the filter is overconfident in simulated worlds."""
 
@@ -197,16 +197,18 @@ def _steps(
 
 
 def _doubt(association: IntArray, slam: Slam) -> str:
-    """Why the map is in doubt, if it is: how much was not used, and what else it may be."""
-    unused = float((association < 0).mean()) if len(association) else 0.0
-    probability, alive = slam.several.probability, len(slam.several.alive)
-    in_doubt = alive > 1 and probability < SURE
-    if (slam.identities >= 0).any() or not (in_doubt or unused > MOST_UNUSED):
+    """Why a map without names is in doubt, if it is."""
+    if (slam.identities >= 0).any():
         return ""
-    also = f"; {alive} hypotheses remain, the best with a probability of {probability:.2f}"
+    unused = float((association < 0).mean()) if len(association) else 0.0
+    followed = slam.hypotheses
+    sure = followed.probability > SURE and followed.wrong < MOST_WRONG
+    if sure and unused < MOST_UNUSED:
+        return ""
     return (
-        f"the map is in doubt: no observation names a landmark, and {unused:.0%} of them are not "
-        f"used{also * in_doubt}"
+        f"the map is in doubt: no observation names a landmark; {unused:.0%} of them are not used, "
+        f"up to {followed.wrong:.0%} of the associations may be wrong, and the probability of the "
+        f"map among the hypotheses that were followed is {followed.probability:.2f}"
     )
 
 

@@ -23,6 +23,8 @@ AnySlam = TypeVar("AnySlam", bound=Slam)
 START_SIGMA = (0.5, 0.5, 0.1)
 """Metres and radians: standard deviation of a start in a map, if neither it nor the settings say
 one."""
+FILTER, COUNTS = "hypotheses.0.ekf", "hypotheses.0.culling"
+"""Parts of a map file: the filter, and the counts of its landmarks."""
 FOUND = 0.99
 """Probability from which a hypothesis of the pose is right."""
 MIN_MATCHED = 3
@@ -35,8 +37,9 @@ def save(slam: Slam, path: str | Path) -> None:
     """See `Slam.save`."""
     if slam.mode == "localize":
         raise ConfigError("mode: expected continue for a map to be saved, found localize")
-    ekf = merge({"ekf": slam.ekf.to_arrays(spare=False)})  # first: it changes the filter's arrays
-    arrays = {name: each for name, each in slam.to_arrays().items() if not name.startswith("ekf.")}
+    ekf = merge({FILTER: slam.ekf.to_arrays(spare=False)})  # first: it changes the filter's arrays
+    arrays = slam.to_arrays()
+    arrays = {name: each for name, each in arrays.items() if not name.startswith(f"{FILTER}.")}
     arrays |= ekf
     arrays["robot_size"] = np.array(len(slam.ekf.robot_state))
     arrays["sessions"] = np.array(slam.sessions)
@@ -88,7 +91,7 @@ def load(
     else:
         _place(slam, arrays, covariance)
         slam.associate.from_arrays(select(arrays, "associate"))
-        slam.culling.from_arrays(select(arrays, "culling"))
+        slam.culling.from_arrays(select(arrays, COUNTS))
     if start is not None or mode == "localize":
         drop_candidates(slam)
     slam.text_names = stored_texts(arrays)
@@ -106,7 +109,7 @@ def _place(slam: Slam, arrays: Arrays, covariance: FloatArray | None) -> None:
         P[:3, :3] = check_covariance("covariance of the start", covariance, 3)
     r = int(arrays["robot_size"])
     other = EkfSlam(np.zeros(r), np.zeros((r, r)), retraction=RETRACTIONS[slam.config.filter])
-    other.from_arrays(select(arrays, "ekf"))
+    other.from_arrays(select(arrays, FILTER))
     mean = np.concatenate([slam.ekf.robot_state, other.state[r:]])
     slam.ekf.set_gaussian(mean, block_diag(P, other.covariance[r:, r:]), other.ids)
 

@@ -13,6 +13,7 @@ def best_assignments(
     v: FloatArray,
     S: FloatArray,
     noise: FloatArray,
+    huber: float,
     new_cost: float,
     window: float,
     max_nodes: int,
@@ -23,7 +24,8 @@ def best_assignments(
 
     An assignment costs the joint squared Mahalanobis distance of its pairs, plus the logarithm of
     the determinant of their covariance over that of the noise, plus `new_cost` for each row without
-    a pair: minus twice the logarithm of its likelihood, up to a constant.
+    a pair: minus twice the logarithm of its likelihood, up to a constant. The distance of a pair
+    given those before it has Huber's loss, as in the filter.
 
     Args:
         first: (m + 1,) row i may have the pairs first[i] to first[i + 1].
@@ -31,6 +33,7 @@ def best_assignments(
         v: (p, 2) innovations.
         S: (2p, 2p) their joint covariance.
         noise: (p,) log determinant of the covariance of the observation.
+        huber: root of the squared distance of a pair beyond which it costs Huber's loss.
         new_cost: of a row without a pair.
         window: assignments that cost so much more than the best one are left out.
         max_nodes: pairs that are tried.
@@ -71,7 +74,8 @@ def best_assignments(
             if used[landmark[p]]:
                 continue
             tried += 1
-            total[i + 1] = total[i] + _pair_cost(L, white, 2 * pairs[i], i, p, chosen, v, S, noise)
+            pair_cost = _pair_cost(L, white, 2 * pairs[i], i, p, chosen, v, S, noise, huber)
+            total[i + 1] = total[i] + pair_cost
             if not total[i + 1] <= cost[0] + window:
                 continue
             chosen[i], used[landmark[p]], pairs[i + 1] = p, True, pairs[i] + 1
@@ -107,6 +111,7 @@ def _pair_cost(
     v: FloatArray,
     S: FloatArray,
     noise: FloatArray,
+    huber: float,
 ) -> float:
     """Append pair p of row i to the Cholesky root L of the chosen pairs, at k; returns its cost."""
     log_determinant = -noise[p]
@@ -133,4 +138,6 @@ def _pair_cost(
             rest -= L[row, q] * white[q]
         white[row] = rest / L[row, row]
     square = white[k] * white[k] + white[k + 1] * white[k + 1]
+    if square > huber * huber:
+        square = 2 * huber * np.sqrt(square) - huber * huber
     return float(square + max(log_determinant, 0.0))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import log, pi
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,12 +16,21 @@ from saccade.types import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Alternatives:
-    """How alternatives are found. Costs are minus twice the logarithm of a likelihood."""
+    """How alternatives are found. Costs are minus twice the logarithm of a likelihood.
+
+    The wheels of a robot slip at times by more than their noise says. A landmark at an uncertain
+    place is an alternative far beyond the gate, then, at the cost of Huber's loss.
+    """
 
     gate: float = 0.99
     """Probability with which an observation of a landmark is inside its gate."""
     new_gate: float = 0.9999
     """Probability with which an observation that is not of a new landmark is inside this one."""
+    huber: float = np.inf
+    """See `EkfConfig`."""
+    slip_gate: float = 60.0
+    """Normalized innovation squared up to which an observation may be of a landmark that is not at
+    a known place."""
     density: float = 0.1
     """Landmarks that are not in the map, per square metre of what is observed, at most."""
     least_new_cost: float = 10.0
@@ -45,8 +55,8 @@ class Alternatives:
 
     def __call__(
         self, ekf: EkfSlam, z: FloatArray, R: FloatArray, new_cost: float
-    ) -> list[tuple[float, IntArray]]:
-        """Cost and association (m,) of each alternative, the best one first.
+    ) -> list["Alternative"]:
+        """The alternatives, the best one first.
 
         An association has numbers of landmarks, `NEW`, and `DROPPED` for an observation that is
         between the two gates of the nearest landmark. Which of several landmarks at known
@@ -61,19 +71,20 @@ class Alternatives:
             new_cost: of an observation of a new landmark, see the method.
         """
         gate, new_gate = chi_square_gate(2, self.gate), chi_square_gate(2, self.new_gate)
-        distance = mahalanobis_squared(ekf, z, R, new_gate)  # (m, N)
+        slip_gate = max(self.slip_gate, new_gate)
+        distance = mahalanobis_squared(ekf, z, R, slip_gate)  # (m, N)
         nearest = distance.min(1, initial=np.inf)
         unpaired = np.where((nearest > gate) & (nearest <= new_gate), DROPPED, NEW)
-        distance[distance > gate] = np.inf
         columns = np.flatnonzero(np.isfinite(distance).any(0))
-        if len(columns) == 0:
-            return [(len(z) * new_cost, unpaired)]
         predicted, joint = ekf.predict_jointly(columns)  # (c, 2), (2c, 2c)
         noise = log_determinant(R)  # (m,)
         c = np.arange(len(columns))
         blocks = joint.reshape(len(c), 2, len(c), 2)[c, :, c]  # (c, 2, 2)
         looseness = log_determinant(blocks + R[:, None]) - noise[:, None]  # (m, c)
-        alone = distance[:, columns] + looseness
+        known, square = looseness <= self.known, distance[:, columns]
+        alone = np.where(square <= np.where(known, gate, slip_gate), square + looseness, np.inf)
+        if not np.isfinite(alone).any():
+            return [Alternative(len(z) * new_cost, unpaired, 0.0)]
         rows = np.argsort(alone.min(1), kind="stable")
         order = np.argsort(alone[rows], axis=1, kind="stable")
         inside = np.isfinite(np.take_along_axis(alone[rows], order, 1))
@@ -90,14 +101,17 @@ class Alternatives:
             ekf.sensor.difference(z[row], predicted[pair]),
             S,
             noise[row],
+            self.huber,
             new_cost,
             self.window,
             self.max_nodes,
             cost,
             assigned,
         )
-        found: dict[tuple[int, ...], tuple[float, IntArray]] = {}
-        by_known = np.isfinite(alone) & (looseness <= self.known)
+        found: dict[tuple[int, ...], Alternative] = {}
+        by_known = np.isfinite(alone) & known
+        likelihood = np.exp(-alone / 2)
+        likelihood /= likelihood.sum(1, keepdims=True) + np.exp(-new_cost / 2)
         for total, pairs in zip(cost.tolist(), assigned, strict=True):
             if total > cost[0] + self.window:
                 break
@@ -106,8 +120,21 @@ class Alternatives:
             settled = np.where(column < 0, by_known.any(1), by_known[np.arange(len(z)), column])
             which = tuple(np.where(settled, -2, column).tolist())
             association = np.where(column >= 0, columns[column], unpaired)
-            found.setdefault(which, (total, association))
+            paired = np.flatnonzero(column >= 0)
+            wrong = len(paired) - float(likelihood[paired, column[paired]].sum())
+            found.setdefault(which, Alternative(total, association, wrong))
         return list(found.values())
+
+
+class Alternative(NamedTuple):
+    """What the observations of a scan may be of."""
+
+    cost: float
+    """Minus twice the logarithm of its likelihood, up to a constant."""
+    association: IntArray
+    """(m,) numbers of landmarks, `NEW` and `DROPPED`."""
+    wrong: float
+    """Expected number of its observations that are of other landmarks, each taken by itself."""
 
 
 def log_determinant(C: FloatArray) -> FloatArray:

@@ -99,14 +99,11 @@ class GatedIdentity(Association):
         self.known: dict[int, Identity] = {}
         """What is known of each identity."""
         self.stale: list[int] = []
-        """Landmarks that are to be removed, which have lost their identity."""
+        """Those that have lost their identity."""
         self.has_unnamed = False
-        """Whether there was an observation or a landmark without an identity."""
         self.refused = np.zeros(0, np.bool_)
-        """(m,) whether the identity of each observation of the last scan was refused."""
         self.looseness = 1.0
-        """Predicted variance of the last scan over that of its observations, where an identity
-        contradicts an uncertain prediction; else 1."""
+        """Over 1 where an identity contradicts an uncertain prediction."""
         self._clock = self._streak = 0  # identified observations; refused since the last accepted
         self._believed_until = -1
         self._gate = chi_square_gate(2, self.gate)
@@ -218,24 +215,24 @@ class GatedIdentity(Association):
                 association[i] = j
 
     def landmarks(self, names: list[int]) -> list[int]:
-        """Landmark of the map of each identity, -1 for none."""
+        """See `Association`."""
         known = self.known
         return [known[name].landmark if name in known else -1 for name in names]
 
     def bind(self, identity: int, landmark: int) -> None:
-        """Give an identity that has no landmark the one of another map."""
+        """See `Association`."""
         name = self.known.setdefault(identity, Identity())
         if name.landmark < 0:
             name.landmark, name.accepted = landmark, ESTABLISHED
 
     def forget_from(self, landmarks: int) -> None:
-        """Take back identities of landmarks from a number on, which are not added."""
+        """See `Association`."""
         for name in self.known.values():
             if name.landmark >= landmarks:
                 name.landmark = -1
 
     def removed(self, number: IntArray) -> None:
-        """Called when landmarks were removed: `number` (n,) is that of each now, -1 for none."""
+        """See `Association`."""
         for name in self.known.values():
             if name.landmark >= 0:
                 name.landmark = int(number[name.landmark])
@@ -246,7 +243,7 @@ class GatedIdentity(Association):
         self.stale = []
 
     def identities(self, landmarks: int) -> IntArray:
-        """(n,) identity of each landmark of a map of n, -1 where it has none."""
+        """See `Association`."""
         found = np.full(landmarks, -1)
         for identity, name in self.known.items():
             if name.landmark >= 0:

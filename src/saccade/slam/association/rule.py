@@ -1,5 +1,6 @@
 """The interface of data association, and known data association."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -7,14 +8,26 @@ import numpy as np
 from saccade.slam.association._kernels import DROPPED
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 
 class Association:
     """A data-association rule.
 
-    One that learns from scan to scan has its own `to_arrays` and `from_arrays`, for checkpoints.
+    One that learns from scan to scan has its own `to_arrays` and `from_arrays`, for checkpoints;
+    one that uses identities, the methods that are about them.
     """
+
+    looseness: float = 1.0
+    """Of the last scan, see `EkfSlam.update_in_parts`."""
+    has_unnamed: bool = True
+    """Whether there may be a landmark without an identity. The others are not culled: it is an
+    identity that tells a landmark that is gone from one that is not detected."""
+    stale: Sequence[int] = ()
+    """Landmarks that are to be removed."""
+    refused: BoolArray = np.zeros(0, np.bool_)
+    """(m,) whether the identity of each observation of the last scan was refused; empty for a rule
+    that refuses none."""
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
         """Associate a scan.
@@ -33,6 +46,26 @@ class Association:
 
     def added(self, landmark: int, identity: int) -> None:
         """Called when an observation of `identity` was added to the map as number `landmark`."""
+        return
+
+    def landmarks(self, names: list[int]) -> list[int]:
+        """Landmark of the map of each identity, -1 for none."""
+        return [-1] * len(names)
+
+    def identities(self, landmarks: int) -> IntArray:
+        """(n,) identity of each landmark of a map of n, -1 where it has none."""
+        return np.full(landmarks, -1)
+
+    def bind(self, identity: int, landmark: int) -> None:
+        """Give an identity that has no landmark the one of another map."""
+        return
+
+    def removed(self, number: IntArray) -> None:
+        """Called when landmarks were removed: `number` (n,) is that of each now, -1 for none."""
+        return
+
+    def forget_from(self, landmarks: int) -> None:
+        """Take back identities of landmarks from a number on, which are not added."""
         return
 
     def to_arrays(self) -> Arrays:
@@ -70,22 +103,26 @@ class KnownIdentity(Association):
         return np.array(association, np.int64)
 
     def landmarks(self, names: list[int]) -> list[int]:
-        """Landmark of the map of each identity, -1 for none."""
+        """See `Association`."""
         return [self.number.get(name, -1) for name in names]
 
+    def bind(self, identity: int, landmark: int) -> None:
+        """See `Association`."""
+        self.number.setdefault(identity, landmark)
+
     def removed(self, number: IntArray) -> None:
-        """Called when landmarks were removed: `number` (n,) is that of each now, -1 for none."""
+        """See `Association`."""
         now = {name: int(number[landmark]) for name, landmark in self.number.items()}
         self.number = {name: landmark for name, landmark in now.items() if landmark >= 0}
 
     def identities(self, landmarks: int) -> IntArray:
-        """(n,) identity of each landmark of a map of n, -1 where it has none."""
+        """See `Association`."""
         found = np.full(landmarks, -1)
         found[list(self.number.values())] = list(self.number)
         return found
 
     def forget_from(self, landmarks: int) -> None:
-        """Take back identities of landmarks from a number on, which are not added."""
+        """See `Association`."""
         self.number = {name: n for name, n in self.number.items() if n < landmarks}
 
     def to_arrays(self) -> Arrays:
