@@ -113,11 +113,12 @@ class Hypothesis:
         Returns:
             (g,) landmarks that are to be culled.
         """
-        ekf, mapped = self.ekf, len(self.ekf)
+        ekf = self.ekf
         check = self.culling.predict_visible(ekf, z, may_cull=may_cull)
         local = ekf.to_view(association)
         ekf.mark_observed(local)
         self.innovations = ekf.update_in_parts(z, R, local, looseness)
+        mapped = len(ekf)
         for k in np.flatnonzero(association == NEW).tolist():  # candidates
             association[k] = len(ekf)
             ekf.models.augment(ekf.view, z[k], R[k])
