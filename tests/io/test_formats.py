@@ -70,8 +70,9 @@ def test_an_extraction_and_an_index_of_the_first_release(run, tmp_path):
     words = ("extract", FIRST / "photos", "--what", "sift", "--out", "extracted", "--workers", "1")
     code, _, err = run(*words)
     assert code == 2
-    assert "settings.ranking" in err  # its points are in another order
-    (tmp_path / "first.toml").write_text('ranking = "response"\n')
+    assert "settings.contrast_threshold = 0.016, now None" in err
+    first = 'contrast_threshold = 0.016\nranking = "response"\n'
+    (tmp_path / "first.toml").write_text(first)
     code, out, err = run(*words, "--config", "first.toml", "--json")
     assert code == 0, err
     assert json.loads(out)["already_done"] == 1

@@ -209,8 +209,8 @@ def _check_manifest(store: Store, job: Job) -> None:
     for name in dict.fromkeys([*recorded, *requested]):
         if requested.get(name) != recorded.get(name):
             raise ConfigError(
-                f"{store.location}: made with {name} {recorded.get(name)!r}, found "
-                f"{requested.get(name)!r} asked for; take another --out, or --redo to do all anew"
+                f"{store.location}: made with {name} = {recorded.get(name)!r}, now "
+                f"{requested.get(name)!r}; take another --out, or --redo to do all anew"
             )
 
 
