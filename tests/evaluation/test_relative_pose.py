@@ -26,9 +26,10 @@ def motion(rng):
 
 def test_the_pose_of_a_simulated_motion_is_found(motion):
     poses, first, second = motion
-    angles = pose_errors(first, second, MATRIX, relative_pose(poses, 0, 1))
+    sigma = np.ones((200, 2))
+    angles = pose_errors(np.hstack([first, second]), sigma, MATRIX, relative_pose(poses, 0, 1))
     assert max(angles) < 0.05
-    swapped = pose_errors(second, first, MATRIX, relative_pose(poses, 0, 1))
+    swapped = pose_errors(np.hstack([second, first]), sigma, MATRIX, relative_pose(poses, 0, 1))
     assert swapped[0] > 5
     assert swapped[1] > 90
 
@@ -36,4 +37,5 @@ def test_the_pose_of_a_simulated_motion_is_found(motion):
 def test_without_enough_matches_there_is_no_pose(motion):
     poses, first, second = motion
     truth = relative_pose(poses, 0, 1)
-    assert pose_errors(first[:4], second[:4], MATRIX, truth) == (FAILED, FAILED)
+    matched = np.hstack([first, second])[:4]
+    assert pose_errors(matched, np.ones((4, 2)), MATRIX, truth) == (FAILED, FAILED)

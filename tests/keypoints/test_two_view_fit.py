@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from saccade import Keypoints, verify
-from saccade.errors import KeypointsError
+from saccade.errors import ConfigError, KeypointsError
 from saccade.keypoints.two_view_fit import (
     derivative,
     local_affinities,
@@ -13,7 +13,7 @@ from saccade.keypoints.two_view_fit import (
     refine,
     sampson_distances,
 )
-from saccade.keypoints.verification import position_sigma
+from saccade.keypoints.verification import position_sigma, verify_positions
 
 HOMOGRAPHY = np.array([[0.9, -0.3, 80], [0.25, 0.95, -40], [2e-4, -1e-4, 1]])
 CORNERS = np.array([[0, 0], [639, 0], [0, 479], [639, 479]], float)
@@ -157,3 +157,65 @@ def test_a_verified_homography_projects_with_its_covariance(rng):
     assert (np.abs(gap) < 5 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))).all()
     with pytest.raises(KeypointsError, match="expected a homography"):
         verify(first, second, pairs, "fundamental").projection_covariance(CORNERS)
+
+
+def covariance_of_pose(rng, wrong, depths):
+    """Normalized squared errors of poses (5 in the mean), and their errors in degrees."""
+    squared, angles = [], []
+    for _ in range(80):
+        R, t = cv2.Rodrigues(rng.normal(0, 0.1, 3))[0], rng.normal(0, 0.4, 3)
+        first = rng.uniform([0, 0], [640, 480], (200, 2))
+        rays = np.c_[first, np.ones(200)] @ np.linalg.inv(CAMERA).T
+        seen = (rays * rng.uniform(*depths, (200, 1)) @ R.T + t) @ CAMERA.T
+        sigma = rng.uniform(0.1, 1, (200, 2))
+        matched = np.hstack([first, seen[:, :2] / seen[:, 2:]])
+        matched += rng.normal(size=matched.shape) * np.repeat(sigma, 2, axis=1)
+        count = round(wrong * 200)
+        matched[:count, 2:] = rng.uniform([0, 0], [640, 480], (count, 2))
+        pose = verify_positions(matched, sigma, "essential", 2.0, 15, CAMERA).pose
+        turn = cv2.Rodrigues(R @ pose.rotation.T)[0].ravel()
+        error = np.concatenate([turn, t / np.linalg.norm(t) - pose.translation])
+        values, vectors = np.linalg.eigh(pose.covariance)
+        assert abs(values[0]) < 1e-9 * values[-1]  # the length of the translation is not free
+        squared.append(((vectors[:, 1:].T @ error) ** 2 / values[1:]).sum())
+        angles.append(np.degrees(np.linalg.norm(error[3:])))
+    return np.array(squared), np.array(angles)
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.1])
+def test_the_covariance_of_a_pose_is_that_of_its_errors(rng, wrong):
+    squared, angles = covariance_of_pose(rng, wrong, (3, 12))
+    inside = np.mean(squared < 11.07)
+    print(f"\nwrong {wrong:.0%}: normalized squared error {squared.mean():.1f} (5), inside 95 %: "
+          f"{inside:.2f}, direction {np.median(angles):.2f} degrees")  # fmt: skip
+    assert 3.5 < squared.mean() < 7.5
+    assert inside > 0.85
+
+
+def test_points_of_a_plane_give_the_pose_of_its_homography(rng):
+    """Samples of five points on a plane have several solutions: the decomposition has two."""
+    R, t = cv2.Rodrigues(np.array([0.02, 0.05, 0.01]))[0], np.array([0.3, 0, 0.1])
+    normal = np.array([0.3, 0.1, -1.0])
+    first = rng.uniform([0, 0], [640, 480], (300, 2))
+    rays = np.c_[first, np.ones(300)] @ np.linalg.inv(CAMERA).T
+    depth = -5 / (rays @ normal)
+    depth[:40] = rng.uniform(2, 4, 40)  # these decide between the two
+    seen = (rays * depth[:, None] @ R.T + t) @ CAMERA.T
+    matched = np.hstack([first, seen[:, :2] / seen[:, 2:]]) + rng.normal(0, 0.2, (300, 4))
+    pose = verify_positions(matched, np.ones((300, 2)), "essential", 2.0, 15, CAMERA).pose
+    assert np.degrees(np.arccos(pose.translation @ t / np.linalg.norm(t))) < 2
+    assert pose.direction_sigma < 2
+    assert pose.rotation_sigma < 0.5
+
+
+def test_an_essential_matrix_needs_a_camera(rng):
+    matched, F = space(rng, 60)
+    first, second = Keypoints.at(matched[:, :2], 5), Keypoints.at(matched[:, 2:], 5)
+    pairs = np.stack([np.arange(60)] * 2, axis=1)
+    found = verify(first, second, pairs, "essential", intrinsics=CAMERA)
+    assert found.inliers.all()
+    pixels = np.linalg.inv(CAMERA).T @ found.matrix @ np.linalg.inv(CAMERA)
+    cosine = (pixels * F).sum() / np.linalg.norm(pixels) / np.linalg.norm(F)
+    assert abs(cosine) > 1 - 1e-6
+    with pytest.raises(ConfigError, match="intrinsics"):
+        verify(first, second, pairs, "essential")

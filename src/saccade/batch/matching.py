@@ -48,7 +48,7 @@ from saccade.io.files import atomic_write, is_file, read_text, reason_of
 from saccade.keypoints.matching import match
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.two_view_fit import Geometry
-from saccade.keypoints.verification import SAMPLE_SIZE, Verification, verify
+from saccade.keypoints.verification import Verification, verify
 from saccade.types import Float32Array, IntArray, Keypoints
 
 Pair: TypeAlias = tuple[str, str]
@@ -91,7 +91,7 @@ class MatchConfig:
     def __post_init__(self) -> None:
         ratio = self.ratio is None or 0 < self.ratio <= 1
         require(ratio, "ratio", "over 0 and at most 1, or None", self.ratio)
-        known = self.geometry is None or self.geometry in SAMPLE_SIZE
+        known = self.geometry in (None, "fundamental", "homography")
         require(known, "geometry", "fundamental, homography or None", self.geometry)
         require(0 < self.tolerance < np.inf, "tolerance", "pixels over 0", self.tolerance)
 

@@ -3,23 +3,22 @@
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass
 
-import cv2
 import numpy as np
 
 from saccade.datasets.drives.calibration import camera_matrix
 from saccade.datasets.poses import Poses
 from saccade.errors import DriveError
 from saccade.evaluation.detectors import Detector
-from saccade.evaluation.homography import RUNS
 from saccade.evaluation.intervals import ScoreSet, mean_interval
 from saccade.evaluation.repeatability import Features, mean_precision
 from saccade.frames import Drive
 from saccade.io.image import as_gray
 from saccade.keypoints.matching import nearest_neighbors
+from saccade.keypoints.verification import verify_positions
 from saccade.types import FloatArray
 
 THRESHOLD_PX = 1.0
-"""Inlier threshold of MAGSAC in pixels."""
+"""Inlier tolerance of `verify` in pixels."""
 FAILED = 180.0
 """Error in degrees where no pose can be estimated."""
 
@@ -58,31 +57,25 @@ def pose_difference(
 
 
 def pose_errors(
-    first: FloatArray, second: FloatArray, matrix: FloatArray, truth: FloatArray
+    matched: FloatArray, sigma: FloatArray, matrix: FloatArray, truth: FloatArray
 ) -> tuple[float, float]:
-    """Angles in degrees of rotation and of direction of an estimated relative pose.
+    """Angles in degrees of rotation and of direction of the relative pose by `saccade.verify`.
 
     Args:
-        first: (m, 2) matched points of the first frame in pixels.
-        second: (m, 2) their matches in the second frame.
+        matched: (m, 4) rows x1, y1, x2, y2 in pixels.
+        sigma: (m, 2) standard deviations of both positions.
         matrix: (3, 3) intrinsics of the camera.
         truth: (4, 4) from the first camera's frame to the second's.
 
     Returns:
-        The two angles; `FAILED` where no essential matrix can be estimated. The estimator is
-        OpenCV's USAC with MAGSAC.
+        The two angles; `FAILED` where no essential matrix can be estimated.
     """
-    if len(first) < 5:
+    pose = verify_positions(matched, sigma, "essential", THRESHOLD_PX, 5, matrix).pose
+    if pose is None:
         return FAILED, FAILED
-    essential, _ = cv2.findEssentialMat(
-        first, second, matrix, method=cv2.USAC_MAGSAC, prob=0.999, threshold=THRESHOLD_PX
-    )
-    if essential is None or essential.shape != (3, 3):
-        return FAILED, FAILED
-    _, rotation, translation, _ = cv2.recoverPose(essential, first, second, matrix)
-    cosine = (np.trace(rotation.T @ truth[:3, :3]) - 1) / 2
+    cosine = (np.trace(pose.rotation.T @ truth[:3, :3]) - 1) / 2
     along = truth[:3, 3] / np.linalg.norm(truth[:3, 3])
-    angles = np.degrees(np.arccos(np.clip([cosine, along @ translation.ravel()], -1, 1)))
+    angles = np.degrees(np.arccos(np.clip([cosine, along @ pose.translation], -1, 1)))
     return float(angles[0]), float(angles[1])
 
 
@@ -163,12 +156,10 @@ def _score(
         mutual = back[nearest] == np.arange(len(nearest))
         index = np.flatnonzero(mutual & (distance < ratio**2 * runner_up))
         pairs = np.stack([index, nearest[index]], axis=1)
-    orders = [pairs[np.random.default_rng(seed).permutation(len(pairs))] for seed in range(RUNS)]
-    angles = np.array(
-        [pose_errors(first.xy[i[:, 0]], second.xy[i[:, 1]], matrix, truth) for i in orders]
-    )
-    worse = angles.max(axis=1)
-    means = angles.mean(axis=0).tolist()
-    return PoseScores(
-        float(len(pairs)), *means, *(mean_precision(worse, limit) for limit in (1, 3, 5, 10))
-    )
+    i, j = pairs.T
+    matched = np.hstack([first.xy[i], second.xy[j]])
+    sigma = np.stack([first.position_sigma[i], second.position_sigma[j]], axis=1)
+    rotation, direction = pose_errors(matched, sigma, matrix, truth)
+    worse = np.array([max(rotation, direction)])
+    areas = (mean_precision(worse, limit) for limit in (1, 3, 5, 10))
+    return PoseScores(float(len(pairs)), rotation, direction, *areas)

@@ -8,9 +8,9 @@ import numpy as np
 
 from saccade.types import FloatArray
 
-Geometry: TypeAlias = Literal["fundamental", "homography"]
+Geometry: TypeAlias = Literal["fundamental", "homography", "essential"]
 Parametrization: TypeAlias = Callable[[FloatArray], FloatArray]
-"""From (k,) parameters, 0 at the initial model, to a (3, 3) matrix in pixels."""
+"""From (k,) parameters, 0 at the initial model, to a (3, 3) matrix."""
 
 CAUCHY_WIDTH = 1.0
 """Residual at which the Cauchy loss begins to level off, in robust standard deviations: chosen
@@ -19,6 +19,8 @@ NORMAL_MAD = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 MAX_CONDITION = 1e14
 """Of the information, beyond which the matches do not determine the model."""
+MIN_FREEDOM = 0.05
+"""One minus the largest leverage: a residual of a higher one says nothing of its error."""
 DERIVATIVE_STEP = 1e-6
 """Of central differences; the parameters are of unit scale."""
 
@@ -30,6 +32,8 @@ class Fit(NamedTuple):
     """(3, 3), of the norm of the initial one."""
     covariance: FloatArray
     """(9, 9) of its entries, row by row."""
+    scale: float
+    """Robust standard deviation of the residuals, which are in units of `sigma`."""
 
 
 def refine(
@@ -38,13 +42,14 @@ def refine(
     """Maximum-likelihood model of matches whose errors are Gaussian, but for some wrong ones.
 
     The loss is Cauchy's. Its width follows the residuals, so that only the proportions of `sigma`
-    matter. The covariance follows the residuals as they are found, with wrong matches among them.
+    matter. The covariance follows the residuals as they are found, each with its leverage: a wrong
+    match that lies near its epipolar line often seems near to the camera, and turns the model.
 
     Args:
         matrix: (3, 3) initial model.
         geometry: its kind.
         matched: (m, 4) rows x1, y1, x2, y2, more than the model has parameters.
-        sigma: (m, 2) standard deviations in pixels, along each axis, of both positions.
+        sigma: (m, 2) standard deviations along each axis of both positions.
 
     Returns:
         The model, or None where the matches do not determine it.
@@ -55,19 +60,21 @@ def refine(
 
     parametrize = _PARAMETRIZATIONS[geometry]
     model, size = parametrize(matrix, normalization(matched[:, :2]), normalization(matched[:, 2:]))
-    residuals = _residuals(geometry, matrix, matched, sigma)
+    residuals = residuals_of(geometry, matrix, matched, sigma)
 
     def whitened(parameters: FloatArray) -> FloatArray:
         values: FloatArray = residuals(model(parameters)).ravel()
         return values
 
     start, norm = np.zeros(size), float(np.linalg.norm(matrix))
-    width = CAUCHY_WIDTH * NORMAL_MAD * float(np.median(np.abs(whitened(start))))
-    if not width > 0:
-        return Fit(matrix, np.zeros((9, 9)))  # exact matches
+    scale = NORMAL_MAD * float(np.median(np.abs(whitened(start))))
+    if not scale > 0:
+        return Fit(matrix, np.zeros((9, 9)), 0.0)  # exact matches
+    width = CAUCHY_WIDTH * scale
     found = least_squares(whitened, start, loss="cauchy", f_scale=width, max_nfev=50)
-    z = whitened(found.x)
-    covariance = _m_estimate_covariance(derivative(whitened, found.x), z, width)
+    z = residuals(model(found.x))
+    derivatives = derivative(whitened, found.x).reshape(*z.shape, size)
+    covariance = _m_estimate_covariance(derivatives, z, width)
     if covariance is None or not np.isfinite(found.x).all():
         return None
 
@@ -76,28 +83,31 @@ def refine(
         values: FloatArray = estimate.ravel() / np.linalg.norm(estimate)
         return values * norm
 
-    J = derivative(entries, found.x)
-    return Fit(entries(found.x).reshape(3, 3), J @ covariance @ J.T)
+    J, scale = derivative(entries, found.x), NORMAL_MAD * float(np.median(np.abs(z)))
+    return Fit(entries(found.x).reshape(3, 3), J @ covariance @ J.T, scale)
 
 
 def _m_estimate_covariance(J: FloatArray, z: FloatArray, width: float) -> FloatArray | None:
     """(k, k) covariance of an estimate by Cauchy's loss; None where it is singular.
 
     Args:
-        J: (n, k) derivatives of the residuals.
-        z: (n,) residuals, of one distribution.
+        J: (m, c, k) derivatives of the residuals.
+        z: (m, c) residuals of the matches.
         width: of the loss.
 
-    Source: Huber & Ronchetti (2009), equation 7.81.
+    Source: White's sandwich with the residuals of a jackknife, HC3 of MacKinnon & White (1985), of
+    the scores of an M-estimate; Huber & Ronchetti (2009), section 7.6.
     """
-    (n, k), loss = J.shape, 1 + (z / width) ** 2
-    influence, slope = z / loss, (2 - loss) / loss**2
-    information = J.T @ J
-    if n <= k or slope.mean() <= 0 or np.linalg.cond(information) > MAX_CONDITION:
+    k, loss = J.shape[-1], 1 + (z / width) ** 2
+    slope = float(((2 - loss) / loss**2).mean())
+    information = np.einsum("mci,mcj->ij", J, J)
+    if z.size <= k or slope <= 0 or np.linalg.cond(information) > MAX_CONDITION:
         return None
-    correction = 1 + k / n * slope.var() / slope.mean() ** 2
-    variance = correction**2 * (influence @ influence) / (n - k) / slope.mean() ** 2
-    covariance: FloatArray = variance * np.linalg.inv(information)
+    inverse = np.linalg.inv(information)
+    leverage = np.einsum("mci,ij,mcj->mc", J, inverse, J)
+    influence = z / loss / np.maximum(1 - leverage, MIN_FREEDOM)
+    scores = np.einsum("mc,mcj->mj", influence, J)
+    covariance: FloatArray = inverse @ scores.T @ scores @ inverse / slope**2
     return covariance
 
 
@@ -108,10 +118,10 @@ def derivative(function: Parametrization, parameters: FloatArray) -> FloatArray:
     return np.stack(columns, axis=1) / (2 * DERIVATIVE_STEP)
 
 
-def _residuals(
+def residuals_of(
     geometry: Geometry, matrix: FloatArray, matched: FloatArray, sigma: FloatArray
 ) -> Callable[[FloatArray], FloatArray]:
-    """Residuals (m, c) of a model in standard deviations: c = 2 of a homography, else 1."""
+    """Residuals (m, c) of models near one in standard deviations; c = 2 of homographies, else 1."""
     if geometry != "homography":
         return lambda model: sampson_distances(model, matched, sigma)[:, None]
     # The errors of both positions, in the second image.
@@ -201,4 +211,23 @@ def _fundamentals(
     return model, 7
 
 
-_PARAMETRIZATIONS = {"homography": _homographies, "fundamental": _fundamentals}
+def _essentials(matrix: FloatArray, T1: FloatArray, T2: FloatArray) -> tuple[Parametrization, int]:
+    """Essential matrices about one: rotations of its singular vectors.
+
+    The third rotation on the right is the third on the left.
+    """
+    U, _, Vt = np.linalg.svd(matrix)
+
+    def model(p: FloatArray) -> FloatArray:
+        left, right = cv2.Rodrigues(p[:3])[0], cv2.Rodrigues(np.append(p[3:], 0))[0]
+        essential: FloatArray = U @ left @ np.diag([1.0, 1, 0]) @ right.T @ Vt
+        return essential
+
+    return model, 5
+
+
+_PARAMETRIZATIONS = {
+    "homography": _homographies,
+    "fundamental": _fundamentals,
+    "essential": _essentials,
+}

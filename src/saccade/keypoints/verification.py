@@ -1,4 +1,4 @@
-"""Geometric verification of matches by a fundamental matrix or a homography."""
+"""Geometric verification of matches by a fundamental or essential matrix, or a homography."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,21 +8,34 @@ import numpy as np
 
 from saccade.errors import KeypointsError, require
 from saccade.io.image import quiet_opencv
+from saccade.keypoints.relative_pose import (
+    RelativePose,
+    essentials_of_plane,
+    in_front,
+    pose_of,
+)
 from saccade.keypoints.two_view_fit import (
+    Fit,
     Geometry,
     project,
     refine,
+    residuals_of,
     sampson_distances,
 )
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
-SAMPLE_SIZE = {"fundamental": 7, "homography": 4}
+SAMPLE_SIZE = {"fundamental": 7, "homography": 4, "essential": 5}
 """Correspondences that determine each geometry."""
 CONFIDENCE = 0.9999
 MAX_ITERATIONS = 10_000
 REFINED_TOLERANCES = 2.0
 """Tolerances within which matches take part in the refinement: the Cauchy loss discounts those
 that are wrong, while inliers that the first estimate misses are to be recovered."""
+REFINEMENTS = {"fundamental": 2, "homography": 1, "essential": 2}
+"""Rounds of it, the second with the matches within `REFINED_SIGMAS`: wrong matches near an epipolar
+line pull, and make the covariance too small; homographies have few such, and become worse."""
+REFINED_SIGMAS = 3.5
+"""Robust standard deviations."""
 MIN_SIGMA = 0.02
 """Smallest error of a position, in pixels."""
 SCALE_ERROR = 0.064
@@ -39,12 +52,15 @@ class Verification:
     """Kind of `matrix`."""
     matrix: FloatArray | None
     """(3, 3). A homography maps homogeneous (x, y, 1) of the first image to the second; a
-    fundamental matrix F holds x2' F x1 = 0. None where there are too few inliers."""
+    fundamental matrix F holds x2' F x1 = 0, an essential matrix the same of points in the planes
+    z = 1 of the cameras. None where there are too few inliers."""
     inliers: BoolArray
     """(m,) which matches are consistent with it; all false where it is None."""
     covariance: FloatArray | None = None
     """(9, 9) of the entries of `matrix`, row by row, at its norm; None where the matches do not
     determine it, and in stored runs."""
+    pose: RelativePose | None = None
+    """Of an essential matrix."""
 
     def projection_covariance(self, xy: FloatArray) -> FloatArray:
         """(n, 2, 2) covariance in the second image of (n, 2) points that the homography projects.
@@ -75,6 +91,7 @@ def verify(
     geometry: Geometry = "fundamental",
     tolerance: float = 2.0,
     min_inliers: int = 15,
+    intrinsics: FloatArray | None = None,
 ) -> Verification:
     """Estimate the geometry of two views from matches, with its covariance and inliers.
 
@@ -82,35 +99,38 @@ def verify(
     the positions of its keypoints are exact (see `position_sigma`).
 
     A fundamental matrix holds for any rigid scene, but only constrains a keypoint to a line. A
-    homography constrains it to a point; it holds for a plane, or for a camera that only rotates.
+    homography constrains it to a point; it holds for a plane, or for a camera that only rotates. An
+    essential matrix is the fundamental matrix of a calibrated camera, and gives its relative pose.
 
     Args:
         first: keypoints of the first image.
         second: of the second.
         pairs: (m, 2) indices into both, as `match` returns them.
-        geometry: "fundamental" or "homography".
+        geometry: "fundamental", "homography" or "essential".
         tolerance: inlier threshold in pixels, over 0.
         min_inliers: distinct correspondences that must be inliers, since those of a minimal sample
             always are. COLMAP asks for as many.
+        intrinsics: (3, 3) camera matrix of both images without distortion, for "essential".
 
     Returns:
         The same for the same matches in any order. Keypoints that share a position and differ in
         their angle count once.
 
     Raises:
-        ConfigError: another geometry, or a tolerance that is not over 0.
+        ConfigError: another geometry, a tolerance that is not over 0, or an essential matrix
+            without intrinsics.
         KeypointsError: pairs that are not indices, or positions that are not finite.
 
     Source: OpenCV's USAC with the score of MAGSAC++; Barath et al. (2020).
     """
-    require(geometry in SAMPLE_SIZE, "geometry", "fundamental or homography", geometry)
+    require(geometry in SAMPLE_SIZE, "geometry", " or ".join(SAMPLE_SIZE), geometry)
     require(0 < tolerance < np.inf, "tolerance", "pixels over 0", tolerance)
     check_pairs(pairs, (len(first), len(second)), "pairs")
     matched = np.hstack([first.xy[pairs[:, 0]], second.xy[pairs[:, 1]]]).astype(np.float64)
     if not np.isfinite(matched).all():
         raise KeypointsError("keypoints: expected finite positions, found NaN or infinity")
     sigma = np.stack([position_sigma(first)[pairs[:, 0]], position_sigma(second)[pairs[:, 1]]], 1)
-    return verify_positions(matched, sigma, geometry, tolerance, min_inliers)
+    return verify_positions(matched, sigma, geometry, tolerance, min_inliers, intrinsics)
 
 
 def verify_positions(
@@ -119,8 +139,15 @@ def verify_positions(
     geometry: Geometry,
     tolerance: float,
     min_inliers: int,
+    intrinsics: FloatArray | None = None,
 ) -> Verification:
     """`verify` of (m, 4) rows x1, y1, x2, y2 and (m, 2) standard deviations of both positions."""
+    if geometry == "essential":
+        K = np.zeros(0) if intrinsics is None else np.asarray(intrinsics, np.float64)
+        require(K.shape == (3, 3), "intrinsics", "a (3, 3) camera matrix", intrinsics)
+        focal, inverse = np.sqrt(K[0, 0] * K[1, 1]), np.asarray(np.linalg.inv(K), np.float64)
+        matched = np.hstack([project(inverse, matched[:, :2]), project(inverse, matched[:, 2:])])
+        sigma, tolerance = sigma / focal, tolerance / focal
     unique, row = np.unique(matched, axis=0, return_inverse=True)
     smallest = np.full((len(unique), 2), np.inf)
     np.minimum.at(smallest, row.ravel(), sigma)
@@ -152,35 +179,83 @@ def estimate(
     """The geometry of distinct matches.
 
     Args:
-        matched: (m, 4) rows x1, y1, x2, y2.
-        sigma: (m, 2) standard deviations of both positions along each axis.
-        geometry: "fundamental" or "homography".
-        tolerance: inlier threshold in pixels.
+        matched: (m, 4) rows x1, y1, x2, y2, in pixels; for an essential matrix in planes z = 1.
+        sigma: (m, 2) standard deviations of both positions along each axis, likewise.
+        geometry: its kind.
+        tolerance: inlier threshold, likewise.
         min_inliers: inliers of a geometry that is accepted.
     """
     none = Verification(geometry, None, np.zeros(len(matched), np.bool_))
     matrix, inliers = sample_consensus(matched, geometry, tolerance)
     if matrix is None or inliers.sum() < min_inliers:
         return none
-    near = match_errors(matrix, geometry, matched) < REFINED_TOLERANCES * tolerance
-    if near.sum() <= SAMPLE_SIZE[geometry]:
-        return Verification(geometry, matrix, inliers)
-    fit = refine(matrix, geometry, matched[near], sigma[near])
-    if fit is None:
-        return Verification(geometry, matrix, inliers)
-    inliers = match_errors(fit.matrix, geometry, matched) < tolerance
+    starts = [matrix]
+    if geometry == "essential":  # where most points are on one plane, samples rarely determine it
+        plane, on_plane = sample_consensus(matched, "homography", tolerance)
+        if plane is not None and 2 * on_plane.sum() > inliers.sum():
+            starts += essentials_of_plane(plane)
+    refined = [refine_repeatedly(start, geometry, matched, sigma, tolerance) for start in starts]
+    fits = [fit for fit in refined if fit is not None]
+    covariance = None
+    if fits:
+        scale = max(min(fit.scale for fit in fits), MIN_SIGMA * float(sigma.min()))
+
+        def cost(fit: Fit) -> float:
+            """Truncated Cauchy loss of all matches."""
+            z = match_sigmas(fit.matrix, geometry, matched, sigma) / scale
+            return float(np.log1p(np.minimum(z, REFINED_SIGMAS) ** 2).sum())
+
+        matrix, covariance, _ = min(fits, key=cost)
+        inliers = match_errors(matrix, geometry, matched) < tolerance
     if inliers.sum() < min_inliers:
         return none
-    return Verification(geometry, fit.matrix, inliers, fit.covariance)
+    pose = pose_of(matrix, matched[inliers], covariance) if geometry == "essential" else None
+    return Verification(geometry, matrix, inliers, covariance, pose)
+
+
+def refine_repeatedly(
+    matrix: FloatArray,
+    geometry: Geometry,
+    matched: FloatArray,
+    sigma: FloatArray,
+    tolerance: float,
+) -> Fit | None:
+    """The model refined by the matches near it, and again by those near the refined one."""
+    near = match_errors(matrix, geometry, matched) < REFINED_TOLERANCES * tolerance
+    fit: Fit | None = None
+    for _ in range(REFINEMENTS[geometry]):
+        if near.sum() <= SAMPLE_SIZE[geometry]:
+            break
+        better = refine(matrix, geometry, matched[near], sigma[near])
+        if better is None:
+            break
+        fit, matrix = better, better.matrix
+        near = match_errors(matrix, geometry, matched) < REFINED_TOLERANCES * tolerance
+        near &= match_sigmas(matrix, geometry, matched, sigma) <= REFINED_SIGMAS * fit.scale
+    return fit
+
+
+def match_sigmas(
+    matrix: FloatArray, geometry: Geometry, matched: FloatArray, sigma: FloatArray
+) -> FloatArray:
+    """(m,) errors of matches in standard deviations, infinite as `match_errors` has it."""
+    z = np.linalg.norm(residuals_of(geometry, matrix, matched, sigma)(matrix), axis=1)
+    return np.where(np.isfinite(match_errors(matrix, geometry, matched)), z, np.inf)
 
 
 def match_errors(matrix: FloatArray, geometry: Geometry, matched: FloatArray) -> FloatArray:
-    """(m,) errors of matches: in the second image of a homography, else from epipolar lines."""
+    """(m,) errors of matches: in the second image of a homography, else from epipolar lines.
+
+    They are infinite where rays of calibrated cameras do not meet in front of both.
+    """
     if geometry == "homography":
         gap = project(matrix, matched[:, :2]) - matched[:, 2:]
         errors: FloatArray = np.nan_to_num(np.hypot(*gap.T), nan=np.inf)
         return errors
     distances: FloatArray = np.abs(sampson_distances(matrix, matched))
+    if geometry == "essential":
+        pose = pose_of(matrix, matched)
+        distances[~in_front(pose.rotation, pose.translation, matched)] = np.inf
     return distances
 
 
@@ -192,13 +267,17 @@ def sample_consensus(
     if len(matched) < SAMPLE_SIZE[geometry]:
         return None, none
     first, second = np.ascontiguousarray(matched[:, :2]), np.ascontiguousarray(matched[:, 2:])
-    estimator: Any = cv2.findHomography if geometry == "homography" else cv2.findFundamentalMat
-    settings: dict[str, Any] = {"confidence": CONFIDENCE, "maxIters": MAX_ITERATIONS}
+    names: dict[str, Any] = {"method": cv2.USAC_MAGSAC, "maxIters": MAX_ITERATIONS}
     try:
         with quiet_opencv():
-            matrix, mask = estimator(
-                first, second, method=cv2.USAC_MAGSAC, ransacReprojThreshold=tolerance, **settings
-            )
+            if geometry == "essential":
+                names |= {"prob": CONFIDENCE, "threshold": tolerance}
+                matrix, mask = cv2.findEssentialMat(first, second, np.eye(3), **names)
+            else:
+                names |= {"confidence": CONFIDENCE, "ransacReprojThreshold": tolerance}
+                find: Any = cv2.findHomography
+                find = cv2.findFundamentalMat if geometry == "fundamental" else find
+                matrix, mask = find(first, second, **names)
     except cv2.error:  # an assertion fails in some versions where no sample gives a model
         return None, none
     if np.shape(matrix) != (3, 3):  # None where every sample is degenerate
