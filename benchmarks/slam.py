@@ -97,7 +97,8 @@ def stepped(ekf: EkfSlam, seen: np.ndarray) -> float:
     """Seconds that a step of such a drive takes."""
     control, z, landmark = stretch(ekf.pose, seen)
     live = slam.Slam(slam.EkfConfig(association="known", submaps="never", recover=False))
-    live.ekf, live.associate.number = ekf, {number: number for number in range(len(ekf))}
+    live.hypotheses.best.ekf = ekf
+    live.associate.number = {number: number for number in range(len(ekf))}
     start = time.perf_counter()
     for i in range(STEPS):
         live.step(float(i), control[i], U, z[i : i + 1], NOISE[None], landmark[i : i + 1])
