@@ -1,1 +1,1 @@
-"""Images, films, cameras and files: what is read and written."""
+"""Images, films, cameras, files and checkpoints: what is read and written."""

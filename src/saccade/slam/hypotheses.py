@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from saccade.io.checkpoint import Arrays, arrays_of, merge, select
 from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives, log_determinant
-from saccade.slam.checkpoint import Arrays, arrays_of, merge, select
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.culling import Culling, numbers_of_kept
 from saccade.slam.filter._range_bearing_kernels import Innovations

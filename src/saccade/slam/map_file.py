@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import LogError
+from saccade.io.checkpoint import Arrays, checksum
 from saccade.io.files import FORMATS, atomic_write, check_format, one_line
 from saccade.io.npz import read_arrays, save_arrays
-from saccade.slam.checkpoint import Arrays, checksum
 from saccade.slam.config import EkfConfig
 
 KIND = "landmark map of saccade slam"

@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import require
+from saccade.io.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.landmark_names import name_texts, renumber, stored_texts
 from saccade.slam.association._kernels import DROPPED, NEW
 from saccade.slam.association.identities import GatedIdentity, association_rule
 from saccade.slam.association.rule import Association, KnownIdentity
-from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.culling import Culling, numbers_of_kept

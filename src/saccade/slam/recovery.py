@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from saccade._jit import share
+from saccade.io.checkpoint import Arrays, merge, select
 from saccade.slam._recovery_kernels import (
     BEARINGS,
     POINTS,
@@ -20,7 +21,6 @@ from saccade.slam._recovery_kernels import (
     bind_evidence,
     contradicts,
 )
-from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.culling import Culling
 from saccade.slam.filter.ekf import EkfSlam

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from saccade.errors import require
+from saccade.io.checkpoint import Arrays
 from saccade.slam._relocalization_kernels import Grid, add_support, select_distinct
-from saccade.slam.checkpoint import Arrays
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
 from saccade.slam.models import RANGE_BEARING, MotionModel, compose, wrap

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saccade.errors import LogError
+from saccade.io.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.landmark_names import FIRST_TEXT
 from saccade.notebook import NotebookTable
 from saccade.slam.association.rule import Association, KnownIdentity
-from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.culling import numbers_of_kept

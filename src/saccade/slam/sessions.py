@@ -7,9 +7,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from saccade.errors import ConfigError, LogError, require
+from saccade.io.checkpoint import Arrays, merge, select
 from saccade.landmark_names import stored_texts
 from saccade.slam.association.rule import Association, KnownIdentity
-from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.validation import check_covariance

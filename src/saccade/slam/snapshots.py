@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import require
-from saccade.slam.checkpoint import Arrays, merge, select
+from saccade.io.checkpoint import Arrays, merge, select
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.results import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray, MapSnapshot

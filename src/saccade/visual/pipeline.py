@@ -9,7 +9,7 @@ import numpy as np
 
 from saccade.errors import require
 from saccade.frames import CameraTurn, Drive, EndOfDrive, Frame
-from saccade.slam.checkpoint import (
+from saccade.io.checkpoint import (
     Arrays,
     Checkpoint,
     Stateful,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from saccade.frames import steps_between
-from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
 from saccade.slam.recovery import PoseSearch
 from saccade.slam.results import PoseHypotheses

@@ -9,8 +9,8 @@ from time import perf_counter
 import numpy as np
 
 from saccade.frames import Drive
+from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.notebook import NotebookTable
-from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
 from saccade.visual.egomotion import Egomotion, MotionEstimate

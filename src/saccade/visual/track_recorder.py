@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from saccade.frames import CameraTurn, Drive, Frame, Tracks
-from saccade.slam.checkpoint import Arrays
+from saccade.io.checkpoint import Arrays
 from saccade.types import FloatArray, IntArray
 from saccade.visual.depth import first_frame
 from saccade.visual.optical_flow import ByteArray

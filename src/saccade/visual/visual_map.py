@@ -4,7 +4,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from saccade.frames import CameraTurn, Drive, steps_between
-from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import PredictedObservations

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from saccade.frames import Camera
-from saccade.slam.checkpoint import (
+from saccade.io.checkpoint import (
     Arrays,
     attribute_arrays,
     merge,

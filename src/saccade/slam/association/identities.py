@@ -9,11 +9,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from saccade.io.checkpoint import Arrays
 from saccade.slam.association._kernels import DROPPED, NEW, compare_identities
 from saccade.slam.association.consistent_names import consistent_names
 from saccade.slam.association.nearest_neighbor import NearestNeighbor, squared_distances
 from saccade.slam.association.rule import Association, KnownIdentity
-from saccade.slam.checkpoint import Arrays
 from saccade.slam.config import ASSOCIATION_RULES, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from saccade.io.checkpoint import Arrays
 from saccade.slam.association._kernels import DROPPED
-from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import BoolArray, FloatArray, IntArray
 

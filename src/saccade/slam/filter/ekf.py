@@ -5,7 +5,7 @@ from math import ceil, inf, log2
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam.checkpoint import Arrays
+from saccade.io.checkpoint import Arrays
 from saccade.slam.filter._kernels import retract, whiten
 from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState

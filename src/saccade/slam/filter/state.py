@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from saccade._jit import blas, share
-from saccade.slam.checkpoint import Arrays
+from saccade.io.checkpoint import Arrays
 from saccade.slam.filter._state_kernels import (
     INVARIANT,
     MAX_HEADING_GROWTH,
