@@ -37,6 +37,29 @@ def test_a_clustered_world_without_names_is_mapped_almost_as_with_them(seed):
     assert _wrong(log, result.association) < 0.1 < _wrong(log, single.association)
 
 
+def test_the_pose_has_the_mean_and_the_covariance_of_the_mixture():
+    rng = np.random.default_rng(3)
+    means = np.array([[0.0, 1.0, 3.1], [0.6, 0.2, -3.0], [0.1, 0.9, 3.0]])
+    covariances = [np.diag([0.1, 0.2, 0.05]) ** 2, np.diag([0.2, 0.1, 0.1]) ** 2, 0.01 * np.eye(3)]
+    weights = np.array([0.5, 0.3, 0.2])
+    hypotheses = Slam().hypotheses
+    first = hypotheses.best
+    hypotheses.alive = [first, first.copy(), first.copy()]
+    for each, mean, C, weight in zip(hypotheses.alive, means, covariances, weights, strict=True):
+        each.ekf, each.weight = EkfSlam(mean, C), np.log(weight / weights[0])
+    which = rng.choice(3, 400_000, p=weights)
+    drawn = (
+        means[which]
+        + np.array([rng.multivariate_normal(np.zeros(3), C, len(which)) for C in covariances])[
+            which, np.arange(len(which))
+        ]
+    )
+    drawn[:, 2] %= 2 * np.pi  # headings around half a turn
+    pose, covariance = hypotheses.pose
+    assert [*pose[:2], pose[2] % (2 * np.pi)] == pytest.approx(drawn.mean(0), abs=0.003)
+    assert covariance == pytest.approx(np.cov(drawn.T), abs=0.002)
+
+
 def test_names_end_the_hypotheses():
     log = clustered_world(1, steps=300)
     late = np.where(log.observation_pose > 150, log.landmark, -1)

@@ -15,7 +15,7 @@ from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives, log_determinant
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.culling import Culling, numbers_of_kept
-from saccade.slam.filter._range_bearing_kernels import Innovations
+from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter.ekf import EkfSlam, join_landmarks
 from saccade.slam.filter.models import new_innovations
 from saccade.slam.models import wrap
@@ -290,6 +290,23 @@ class Hypotheses:
     def best(self) -> Hypothesis:
         """The most probable one."""
         return self.alive[0]
+
+    @property
+    def pose(self) -> tuple[FloatArray, FloatArray]:
+        """Mean (3,) and covariance (3, 3) of the pose over all hypotheses."""
+        pose, C = np.empty(3), np.empty((3, 3))
+        write_pose(self.best.ekf.robot, pose, C)
+        if len(self.alive) > 1:
+            weight = np.exp([each.weight for each in self.alive])
+            weight /= weight.sum()
+            difference = np.array([each.ekf.pose for each in self.alive]) - pose  # (h, 3)
+            difference[:, 2] = wrap(difference[:, 2])
+            mean = weight @ difference
+            pose += mean
+            pose[2], difference = wrap(pose[2]), difference - mean
+            C = np.tensordot(weight, [each.ekf.pose_covariance for each in self.alive], 1)
+            C += (weight * difference.T) @ difference
+        return pose, C
 
     @property
     def probability(self) -> float:

@@ -15,7 +15,7 @@ from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.culling import Culling, numbers_of_kept
-from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
+from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import new_innovations
 from saccade.slam.hypotheses import Hypotheses, Hypothesis
@@ -276,8 +276,7 @@ class Slam:
         culled: IntArray = NONE,
     ) -> StepResult:
         """The result of a step; counts it."""
-        pose, covariance, lost = np.empty(3), np.empty((3, 3)), self.recovery.lost
-        write_pose(self.ekf.robot, pose, covariance)
+        lost, (pose, covariance) = self.recovery.lost, self.hypotheses.pose
         check_diverged(pose, self.num_steps)
         self.num_steps += 1
         alive, found = len(self.hypotheses.alive), self.recovery.hypotheses

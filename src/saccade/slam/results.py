@@ -80,9 +80,9 @@ class StepResult:
     """Pose, association and innovations of one step; depends on nothing that comes later."""
 
     pose: FloatArray
-    """(3,) x, y in metres, heading in radians."""
+    """(3,) x, y in metres, heading in radians: the mean over the association hypotheses."""
     covariance: FloatArray
-    """(3, 3) of the pose."""
+    """(3, 3) of the pose, with the differences between the hypotheses."""
     association: IntArray
     """(k,) number of the landmark in the filter for each observation, -1 if it was not used; it
     may be a candidate (see `Slam.confirmed`)."""
