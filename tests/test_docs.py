@@ -36,7 +36,6 @@ OF_KEYPOINTS = {
 }
 """What holds when the code of a section has run."""
 OF_PAGES = {
-    "lost.md": lambda names: names["result"].lost.any() and names["error"] < 0.5,
     "boolean-maps.md": lambda names: (
         names["maps"].saliency.max() == names["source"].saliency.max() == 1
     ),
@@ -75,9 +74,7 @@ OF_PAGES = {
         len(names["result"].trajectory) == 12 and names["control"].decisions[-1].pan != 0
     ),
     "live.md": lambda names: (
-        12 < len(names["live"].ekf) <= 20
-        and (names["step"].association >= 0).all()
-        and len(load("auto", "drive.csv").observation) == len(names["log"].observation)
+        12 < len(names["live"].ekf) <= 20 and (names["step"].association >= 0).all()
     ),
     "coming-from/opencv.md": lambda names: (
         len(names["points"]) == len(names["keypoints"]) == 200
@@ -87,9 +84,8 @@ OF_PAGES = {
         and len(names["matched"]) > 200
     ),
     "coming-from/hloc.md": lambda names: (
-        len(names["run"].matched[0].indices) == len(names["found"]) > 50
-        and exchange.read_hloc_matches(names["matches"]).keys()
-        == exchange.read_hloc_matches("matches.h5").keys()
+        len(names["run"].matched[0].indices) > 50
+        and exchange.read_hloc_matches(names["matches"]).keys() == {"left.jpg/right.jpg"}
         and names["pairs"].read_text() == "left.jpg right.jpg\n"
     ),
     "coming-from/colmap.md": lambda names: (
@@ -216,7 +212,7 @@ def test_the_code_of_the_page_on_many_images_runs(tmp_path, monkeypatch):
     assert names["strongest"][0][1:] == (len(most), most.response.max())
     assert names["failed"].fetchall() == []
     assert len(names["large"]) == sum((each["size"] > 8).sum() for each in rows.values())
-    assert names["descriptors"].shape == (len(names["photo"]), 128)
     every = np.concatenate([each.descriptors for each in names["keypoints"].values()])
     for form in ("of_all", "as_array"):
         np.testing.assert_array_equal(sorted(names[form].tolist()), sorted(every.tolist()))
+    assert names["descriptors"].shape == (len(names["photo"]), 128)
