@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from saccade import exchange
-from saccade.datasets import load, save_drive
+from saccade.datasets import save_drive
 from saccade.datasets.drives.calibration import read_calibration
 from support.documentation import PAGES, code_of, prose_of
 from support.extraction import check_whole, extract_here, photographs
