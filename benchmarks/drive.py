@@ -23,7 +23,7 @@ import numpy as np
 
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
-from saccade.datasets.drives.kitti import read_kitti_drive
+from saccade.datasets.drives.published import read_kitti_drive
 from saccade.datasets.drives.tracks import read_tracks_drive
 from saccade.evaluation.drives import score_drive
 from saccade.frames import Drive

@@ -31,7 +31,7 @@ from saccade.datasets import load_drive
 from saccade.evaluation.drives import score_drive
 from saccade.frames import Drive, Frame
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.simulation.rendering import Illumination, render
+from saccade.simulation.drive import Illumination, render
 from saccade.simulation.scene import ring_scene
 from saccade.slam.consistency import normalized_squared
 from saccade.types import THREE_SIGMA_2D, FloatArray, Trajectory

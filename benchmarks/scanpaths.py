@@ -25,11 +25,13 @@ from saccade.attention import sample_scanpaths, scanpath, scanpath_log_likelihoo
 from saccade.datasets.fixations import read_fixations
 from saccade.evaluation.conditional import score_fixations, summary
 from saccade.evaluation.prediction import fixations_by_image
-from saccade.evaluation.scanpath_similarity import GazePath, ScanMatchConfig, scanmatch
 from saccade.evaluation.scanpaths import (
+    GazePath,
     PathSettings,
+    ScanMatchConfig,
     Viewing,
     mean_fixations,
+    scanmatch,
     score_paths,
     viewings,
 )

@@ -7,7 +7,7 @@ import PIL.Image
 
 from saccade import visual
 from saccade.cli.drive import film_frames
-from saccade.evaluation.gaze_runs import SETTINGS, gaze_drive
+from saccade.evaluation.gaze import SETTINGS, gaze_drive
 from saccade.simulation import DriveConfig
 from saccade.slam import Recorder
 

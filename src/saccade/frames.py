@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import DriveError, require, require_ranges
-from saccade.types import BoolArray, FloatArray, Image, IntArray, Trajectory
-from saccade.validation import check_arrays
+from saccade.types import BoolArray, FloatArray, Image, IntArray, Trajectory, check_arrays
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) rotation of a camera that faces straight ahead, from its frame into the robot's."""

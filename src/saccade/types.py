@@ -5,16 +5,77 @@ Image points are (x, y) with the center of the top-left pixel at (0, 0); arrays 
 from the x axis.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from html import escape
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import KeypointsError, LogError
+from saccade.errors import DriveError, KeypointsError, LogError
 from saccade.landmark_names import name_texts, number_names
-from saccade.notebook import NotebookTable
-from saccade.validation import check_arrays
+
+
+def check_arrays(
+    record: Any,
+    shapes: Mapping[str, tuple[int, ...]],
+    ascending: Sequence[str],
+    error: type[LogError | DriveError],
+) -> None:
+    """Raise `error` unless the arrays of a named record have these shapes and are finite.
+
+    Args:
+        record: has a `name`, for the message.
+        shapes: by name of the array.
+        ascending: names of those that must not decrease.
+        error: to raise.
+    """
+    for name, shape in shapes.items():
+        array = getattr(record, name)
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in "iuf":
+            found = " ".join(repr(array).split())[:60]
+            raise error(f"{record.name}: {name}: expected an array of numbers, found {found}")
+        if array.shape != shape:
+            raise error(f"{record.name}: {name}: expected shape {shape}, found {array.shape}")
+        if not np.isfinite(array).all():
+            raise error(f"{record.name}: {name}: expected finite numbers, found NaN")
+    for name in ascending:
+        decreases = np.diff(getattr(record, name)) < 0
+        if decreases.any():
+            entry = int(np.argmax(decreases)) + 1
+            raise error(f"{record.name}: {name}: goes back at entry {entry}; sort by {name}")
+
+
+def invalid_range_bearing(z: npt.NDArray[np.float64]) -> tuple[int, str, str] | None:
+    """The first of observations (k, 2) that is no range and bearing, with what was expected.
+
+    Returns:
+        Its number, what was expected and what was found; None if all are valid.
+    """
+    for k, (distance, bearing) in enumerate(z.tolist()):
+        if distance < 0:
+            return k, "a range of 0 m or more", f"{distance:g}"
+        if abs(bearing) > 2 * np.pi:
+            hint = "degrees? Multiply bearings, turns and headings by pi / 180"
+            return k, "a bearing in radians, within 2 pi", f"{bearing:g}: {hint}"
+    return None
+
+
+class NotebookTable:
+    """Base of results that notebooks show as a table of their sizes and key numbers."""
+
+    def summary(self) -> Mapping[str, str]:
+        """Sizes and key numbers, by name."""
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{escape(name)}</th><td>{escape(value)}</td></tr>"
+            for name, value in self.summary().items()
+        )
+        return f"<table><caption>{type(self).__name__}</caption>{rows}</table>"
+
 
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""

@@ -5,7 +5,7 @@ import pytest
 
 import saccade
 from saccade.attention import AttentionConfig, FittedModel, attention_saliency
-from saccade.attention.features import FLOOR, feature_maps, feature_names
+from saccade.attention.fitted import FLOOR, feature_maps, feature_names
 from saccade.errors import ConfigError
 from saccade.settings import as_toml
 

@@ -12,9 +12,16 @@ from saccade import Must, MustConfig, Sift, SiftConfig
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ConfigError, ImageError
 from saccade.evaluation.detectors import find_detector
-from saccade.evaluation.features import FeatureScores, feature_difference, score_detector
-from saccade.evaluation.homography import corner_errors, inside
-from saccade.evaluation.repeatability import Features, PairScores, score_pair
+from saccade.evaluation.features import (
+    Features,
+    FeatureScores,
+    PairScores,
+    corner_errors,
+    feature_difference,
+    inside,
+    score_detector,
+    score_pair,
+)
 from saccade.exchange.colmap import import_pycolmap
 from saccade.io.image import as_gray
 from saccade.keypoints.two_view_fit import project

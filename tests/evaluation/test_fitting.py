@@ -7,8 +7,14 @@ import pytest
 from scipy.optimize import approx_fprime
 
 from saccade.attention import AttentionConfig
-from saccade.attention.features import GEOMETRY, feature_maps
-from saccade.attention.fitted import FUNCTIONS, LAGS, path_terms, saccade_tables
+from saccade.attention.fitted import (
+    FUNCTIONS,
+    GEOMETRY,
+    LAGS,
+    feature_maps,
+    path_terms,
+    saccade_tables,
+)
 from saccade.evaluation._fitting_kernels import add_likelihood
 from saccade.evaluation.comparison import (
     center_model,

@@ -7,9 +7,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from saccade.errors import ConfigError
-from saccade.evaluation.gaze import compare
-from saccade.evaluation.gaze_landmarks import drive_by_landmarks, landmark_world
-from saccade.evaluation.gaze_runs import GazeRun, closes_loop, result_of
+from saccade.evaluation.gaze import (
+    GazeRun,
+    closes_loop,
+    compare,
+    drive_by_landmarks,
+    landmark_world,
+    result_of,
+)
 from saccade.visual import LandmarkObservations
 from saccade.visual.config import EGOMOTIONS
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saccade.errors import ConfigError, ImageError
-from saccade.evaluation.scanpath_similarity import (
+from saccade.evaluation.scanpaths import (
     GazePath,
     ScanMatchConfig,
     multimatch,

@@ -390,13 +390,13 @@ def _own_map(folder: Path) -> object:
 
 
 def _gaze_run() -> Any:
-    from saccade.evaluation.gaze_runs import GazeRun
+    from saccade.evaluation.gaze import GazeRun
 
     return GazeRun("rooms", "fixed", 0, "images", egomotion="camera", frames=8)
 
 
 def _gaze(folder: Path) -> None:
-    from saccade.evaluation.gaze_runs import SCORES
+    from saccade.evaluation.gaze import SCORES
 
     run = _gaze_run()
     path = run.path(folder)
@@ -407,7 +407,7 @@ def _gaze(folder: Path) -> None:
 
 
 def _gazes(folder: Path) -> object:
-    from saccade.evaluation.gaze_runs import result_of
+    from saccade.evaluation.gaze import result_of
 
     return result_of(_gaze_run(), folder)
 

@@ -6,7 +6,7 @@ from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
 from saccade.attention.channels import quotient_opponency
-from saccade.attention.gabor import gabor_energies, gabor_pair
+from saccade.attention.contrast_steps import gabor_energies, gabor_pair
 from saccade.io.image import read_image
 from saccade.scale.pyramid import (
     cell_centers,

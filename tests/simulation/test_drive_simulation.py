@@ -13,7 +13,7 @@ from saccade.errors import ConfigError
 from saccade.evaluation.trajectory import position_rmse
 from saccade.settings import as_toml
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
-from saccade.simulation.rendering import Illumination, render
+from saccade.simulation.drive import Illumination, render
 from saccade.simulation.scene import Ground, Walls, all_posters, build_scene, poster_images
 from saccade.slam import compose
 from saccade.slam.filter.models import unbiased

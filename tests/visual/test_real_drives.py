@@ -11,7 +11,7 @@ import pytest
 
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
-from saccade.datasets.drives.kitti import read_kitti_drive
+from saccade.datasets.drives.published import read_kitti_drive
 from saccade.datasets.drives.tracks import read_tracks_drive
 from saccade.evaluation.trajectory import position_rmse
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from saccade.notebook import NotebookTable
+from saccade.types import NotebookTable
 
 if TYPE_CHECKING:
     import numpy.typing as npt

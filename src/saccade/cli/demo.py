@@ -18,7 +18,7 @@ from saccade.cli.options import DEFAULT_MODEL, Json, attention_model
 from saccade.cli.output import print_json, print_message, print_table, write_text
 from saccade.cli.precompile import compile_updates, compiled_ahead
 from saccade.cli.slam import map_log
-from saccade.evaluation.gaze_runs import SETTINGS, gaze_drive
+from saccade.evaluation.gaze import SETTINGS, gaze_drive
 from saccade.io.files import results_in
 from saccade.io.image import read_image
 from saccade.keypoints.sift import Sift

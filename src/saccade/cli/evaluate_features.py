@@ -18,19 +18,19 @@ from saccade.errors import ConfigError, require
 from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.detectors import CONFIGURATIONS, OURS, find_detector
 from saccade.evaluation.features import (
+    ESTIMATORS,
     FeatureDifference,
     FeatureScores,
+    PairScores,
     feature_difference,
     score_detector,
 )
-from saccade.evaluation.homography import ESTIMATORS
 from saccade.evaluation.relative_pose import (
     PoseScores,
     RelativePoseScores,
     pose_difference,
     score_relative_poses,
 )
-from saccade.evaluation.repeatability import PairScores
 from saccade.evaluation.synthetic_pairs import write_synthetic_pairs
 from saccade.settings import load_settings
 from saccade.viewing.report import Table

@@ -20,11 +20,11 @@ from saccade.cli.options import (
 )
 from saccade.cli.output import emit, tracked, write_text
 from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary, tidy
-from saccade.evaluation.scanpath_similarity import ScanMatchConfig
 from saccade.evaluation.scanpaths import (
     OTHERS,
     PathRow,
     PathSettings,
+    ScanMatchConfig,
     mean_fixations,
     score_paths,
     viewings,

@@ -81,7 +81,7 @@ def compile_points() -> None:
 
 def compile_drive() -> None:
     """Compile what a camera drive calls besides, of which most is the adjustment of its window."""
-    from saccade.evaluation.gaze_runs import gaze_drive
+    from saccade.evaluation.gaze import gaze_drive
     from saccade.simulation import DriveConfig
 
     gaze_drive(DriveConfig(frames=3, image_size=(64, 48), color=True), "active", seed=0)

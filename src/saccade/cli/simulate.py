@@ -11,7 +11,7 @@ from saccade import datasets
 from saccade.cli.options import Config, EgomotionName, Json, Seed, folder_name
 from saccade.cli.output import emit_facts, progress_bar
 from saccade.errors import ConfigError, require
-from saccade.evaluation.gaze_runs import gaze_drive
+from saccade.evaluation.gaze import gaze_drive
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
 from saccade.settings import load_settings

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from saccade.datasets.eyelink import read_eyelink
 from saccade.datasets.fixation_tables import (
     ROLES,
     Box,
     FixationList,
     RawFixation,
+    read_eyelink,
     read_fixation_table,
 )
 from saccade.datasets.matlab import read_matlab

@@ -1,18 +1,12 @@
 """Runs all checks of a drive."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from saccade.diagnostics.calibration import (
-    check_extrinsics,
-    check_intrinsics,
-    check_rectification,
-    check_rotation,
-)
-from saccade.diagnostics.findings import CheckReport, Finding
+from saccade.diagnostics.findings import CheckReport, Finding, Severity
 from saccade.diagnostics.odometry import (
     check_direction,
     check_jumps,
@@ -37,7 +31,118 @@ from saccade.diagnostics.survey import (
     survey_drive,
 )
 from saccade.errors import DriveError, require
-from saccade.frames import Drive
+from saccade.frames import Camera, Drive
+
+MIN_DISPARITIES = 200
+"""Disparities from which the rectification is judged."""
+MAX_NEGATIVE = 0.05
+"""Fraction of negative disparities that is explained by wrong matches."""
+MAX_ROW_OFFSET = 1.0
+"""Pixels between the rows of a point in both images."""
+MAX_ANGLE, GROSS_ANGLE = np.deg2rad(3.0), np.deg2rad(30.0)
+"""Radians of error allowed in yaw and pitch, and from which axes must have been exchanged."""
+MAX_OFFSET, MAX_RELATIVE_OFFSET = 0.15, 0.6
+"""Error allowed in the position, in metres and relative: a robot's center of rotation varies."""
+
+
+def check_intrinsics(camera: Camera) -> Iterator[Finding]:
+    """Implausible intrinsics."""
+    offset = 100 * max(
+        abs(camera.cx - (camera.width - 1) / 2) / camera.width,
+        abs(camera.cy - (camera.height - 1) / 2) / camera.height,
+    )
+    field_of_view = float(2 * np.rad2deg(np.arctan(camera.width / 2 / camera.fx)))
+    if offset > 15:
+        what = f"the principal point is {offset:.0f} % of the image away from its center"
+        advice = "Check whether the calibration is for images of another size or crop"
+        yield Finding("warning", "principal point", what, advice, offset, "%")
+    if not 20 < field_of_view < 140:
+        what = f"the focal length gives a field of view of {field_of_view:.0f} deg"
+        advice = "Check whether the calibration is for images of another size"
+        yield Finding("warning", "field of view", what, advice, field_of_view, "deg")
+    if abs(camera.fx / camera.fy - 1) > 0.1:
+        what = f"the focal lengths in x and y differ: {camera.fx:.0f} and {camera.fy:.0f} px"
+        advice = "Check whether the images were resized in one direction"
+        yield Finding("warning", "focal lengths", what, advice, camera.fx / camera.fy, "ratio")
+
+
+def check_rectification(survey: Survey) -> Iterator[Finding]:
+    """Whether the left and right images are swapped, and their rows aligned."""
+    if len(survey.disparity) < MIN_DISPARITIES:
+        return
+    negative = float(np.mean(survey.disparity < -1.0))
+    if negative > MAX_NEGATIVE:
+        swapped = negative > 0.5
+        severity: Severity = "error" if swapped else "warning"
+        what = (
+            f"{100 * negative:.0f} % of the points have a negative disparity: they are further "
+            "right in the right image"
+        )
+        advice = (
+            "Swap the left and the right images"
+            if swapped
+            else "Check the rectification, and whether both images are of the same time"
+        )
+        yield Finding(severity, "disparity sign", what, advice, 100 * negative, "%")
+    rows = survey.row_offset[np.isfinite(survey.row_offset)]
+    offset = float(np.median(np.abs(rows))) if len(rows) >= MIN_DISPARITIES else 0.0
+    if offset > MAX_ROW_OFFSET:
+        what = f"the same points are {offset:.1f} px higher or lower in the right image (median)"
+        advice = "Rectify the images, or calibrate again"
+        yield Finding("warning", "rows", what, advice, offset, "px")
+
+
+def check_rotation(moving: MotionSeries) -> Iterator[Finding]:
+    """Gross errors of the camera's rotation: axes exchanged or reversed."""
+    moving = moving[np.linalg.norm(moving.translation, axis=1) > 0]
+    if len(moving) < MIN_STEPS:
+        return
+    length = np.linalg.norm(moving.translation, axis=1)[:, None]
+    sign = np.sign(moving.odometry[:, :1])
+    direction = np.median(sign * moving.translation / length, 0)
+    direction /= max(float(np.linalg.norm(direction)), 1e-12)
+    angle = float(np.arccos(np.clip(direction[0], -1, 1)))
+    if GROSS_ANGLE < angle < np.pi - GROSS_ANGLE:  # backward is `check_direction`'s
+        vector = ", ".join(f"{each:.2f}" for each in direction)
+        what = (
+            f"when the robot moves ahead, the camera moves {np.rad2deg(angle):.0f} deg away from "
+            f"it: along ({vector}) ahead, left, up"
+        )
+        advice = (
+            "Check camera.rotation: it rotates vectors of the camera (x right, y down, z along "
+            "the optical axis) into the robot's frame (x ahead, y left, z up)"
+        )
+        yield Finding("error", "camera rotation", what, advice, float(np.rad2deg(angle)), "deg")
+
+
+def check_extrinsics(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
+    """Small errors of yaw and pitch, and of the position ahead of the center of rotation."""
+    ahead, left, up = moving.translation.T
+    left, turn = left - moving.odometry[:, 1], moving.rotation[:, 2]
+    for check, A, offset, sides in (
+        ("camera yaw", np.stack([ahead, turn], 1), left, ("left", "right")),
+        ("camera pitch", ahead[:, None], up, ("up", "down")),
+    ):
+        fitted = fit(A, offset)
+        if fitted is not None and fitted.differs(0, 0.0, float(np.tan(MAX_ANGLE))):
+            angle = float(np.rad2deg(np.arctan(fitted.value[0])))
+            side = sides[1] if angle > 0 else sides[0]
+            what = f"the camera is turned {abs(angle):.1f} deg further {side} than camera.rotation"
+            advice = f"Turn camera.rotation {side} by this angle"
+            yield Finding("warning", check, what, advice, angle, "deg")
+    fitted, position = fit(np.stack([turn, ahead], 1), left), float(camera.position[0])
+    tolerance = max(MAX_OFFSET, MAX_RELATIVE_OFFSET * abs(position))
+    if fitted is not None and fitted.differs(0, position, tolerance):
+        what = (
+            f"in turns the camera moves as if it were {fitted.value[0]:.2f} m ahead of the robot's "
+            f"origin (within {2 * fitted.error[0]:.2f}), camera.position is {position:.2f} m"
+        )
+        advice = (
+            "Check camera.position: it is the position of the camera in the robot's frame, not of "
+            "the robot in the camera's"
+        )
+        yield Finding("warning", "camera position", what, advice, float(fitted.value[0]), "m")
+
 
 ORDER = ("error", "warning", "note")
 

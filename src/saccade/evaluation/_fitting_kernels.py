@@ -5,7 +5,7 @@ from math import exp, log
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.attention._saccade_basis_kernels import EARLY, fill_logits
+from saccade.attention._scanpath_model_kernels import EARLY, fill_logits
 from saccade.types import FloatArray, IntArray
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from saccade.attention._saccade_basis_kernels import fill_logits
+from saccade.attention._scanpath_model_kernels import fill_logits
 from saccade.attention.combined import AttentionConfig, FaceDetector, attention_saliency
 from saccade.attention.fitted import FittedModel
 from saccade.errors import LogError

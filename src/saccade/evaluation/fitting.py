@@ -16,8 +16,14 @@ import numpy as np
 from scipy.optimize import minimize
 
 from saccade.attention.combined import AttentionConfig, FaceDetector
-from saccade.attention.features import EARLY, feature_maps, feature_names
-from saccade.attention.fitted import FittedModel, path_terms, saccade_tables
+from saccade.attention.fitted import (
+    EARLY,
+    FittedModel,
+    feature_maps,
+    feature_names,
+    path_terms,
+    saccade_tables,
+)
 from saccade.errors import LogError, require_valid, setting
 from saccade.evaluation._fitting_kernels import add_likelihood
 from saccade.types import Float32Array, FloatArray, Image, IntArray

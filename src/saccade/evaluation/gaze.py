@@ -1,13 +1,272 @@
-"""Gaze policies compared over worlds and seeds."""
+"""Gaze policies: drives with each, scored, stored to be resumed, and compared."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import tau
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
-from saccade.evaluation.gaze_runs import SCORES
+import saccade
+from saccade import visual
+from saccade.errors import require
+from saccade.evaluation.drives import score_drive, summarize_drive
 from saccade.evaluation.intervals import mean_interval
+from saccade.evaluation.stored_runs import read_run, write_run
 from saccade.evaluation.trajectory import none_if_nan
+from saccade.frames import Drive, steps_between
+from saccade.gaze import POLICIES, Gazer, Policy
+from saccade.simulation import DriveConfig, PanCamera, WorldConfig, simulate_drive, simulate_world
+from saccade.simulation.drive import ENCODER_SIGMA
+from saccade.slam import EkfConfig, Recorder, Slam
+from saccade.slam.models import compose, observe, wrap
+from saccade.types import LandmarkLog, Trajectory
+from saccade.visual import LandmarkObservations, ObservationKind, VisualConfig, VisualResult
+from saccade.visual.config import EGOMOTIONS, EgomotionSource
+from saccade.visual.gaze_control import GazeControl
+from saccade.visual.second_camera import measure_odometry
+
+FIELD_OF_VIEW, REACH, RATE, PERIOD = float(np.radians(50)), 8.0, float(np.radians(120)), 0.2
+"""Of the camera in radians, metres and radians per second; and seconds from scan to scan."""
+SPEED, COURSE_LAPS = 1.0, 2
+"""Of the robot in metres per second."""
+KNOWN_SIGMA = 0.02
+"""Standard deviation of the landmarks of a map that is known, in metres."""
+COURSES = {  # metres, curvature, seed of the landmarks
+    "pond": (62.0, 0.0, 1),
+    "clover": (80.0, 0.9, 2),
+    "island": (96.0, 1.4, 3),
+    "park": (114.0, 1.0, 4),
+    "yard": (70.0, 0.5, 5),
+    "campus": (105.0, 1.2, 6),
+}
+
+
+def landmark_world(name: str) -> WorldConfig:
+    """An uneven world of `COURSES`: landmarks stand in groups, and wheels err systematically."""
+    length, curvature, layout = COURSES[name]
+    return WorldConfig(
+        course_length=length,
+        curvature_amplitude=curvature,
+        steps=round(COURSE_LAPS * length / SPEED / PERIOD),
+        step_length=SPEED * PERIOD,
+        step_time=PERIOD,
+        landmarks=40,
+        group_size=4,
+        layout=layout,
+        landmark_spread=6.0,
+        range_limits=(0.3, REACH),
+        range_percent=0.0,
+        range_sigma=0.1,
+        bearing_sigma=1.0,
+        odometry_percent=1.0,
+        scale_percent=3.0,
+        heading_drift=1.5,
+    )
+
+
+def drive_by_landmarks(
+    world: WorldConfig,
+    policy: str | Policy,
+    seed: int,
+    known: bool = False,
+    fov: float = FIELD_OF_VIEW,
+) -> dict[str, float]:
+    """Drive through a world; the camera sees what lies in the view that a policy chooses.
+
+    Args:
+        world: its scans see in all directions.
+        policy: see `Gazer`.
+        seed: of all noise, which is equal for all policies, and of what the policy draws.
+        known: whether the map is known, else it is made.
+        fov: of the camera in radians.
+
+    Returns:
+        Root mean squared error of the position in metres, fraction of the positions inside their
+        99.7 % ellipse, and whether landmarks of the first lap were seen again in the second.
+    """
+    log = simulate_world(world, seed)
+    assert log.truth is not None
+    slam = _robot(log, known)
+    gazer = Gazer(
+        slam,
+        fov,
+        REACH,
+        rate=RATE,
+        period=PERIOD,
+        policy=policy,
+        seed=seed,
+        pan_sigma=ENCODER_SIGMA,
+    )
+    encoder = ENCODER_SIGMA * np.random.default_rng([seed, 1]).standard_normal(len(log.time))
+    steps = steps_between(log.truth.pose)  # a robot that follows a path knows those to come
+    results = []
+    pan, closed, first = 0.0, False, dict[int, int]()
+    scans = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
+    for i, time in enumerate(log.time.tolist()):
+        rows = np.arange(scans[i], scans[i + 1])
+        rows = rows[np.abs(wrap(log.observation[rows, 1] - pan)) <= fov / 2]
+        names = log.landmark[rows]
+        moved = (log.control[i - 1], log.control_covariance[i - 1]) if i else (None, None)
+        z = log.observation[rows] + np.array([0.0, encoder[i]])
+        scan = z, gazer.add_pan_error(log.observation_covariance[rows]), names
+        results.append(slam.step(time, *moved, *(scan if len(rows) else ())))
+        gazer.observed(pan + encoder[i], names)
+        for name in names.tolist():
+            closed |= i - first.setdefault(name, i) > len(log.time) / COURSE_LAPS / 2
+        pan = gazer.next(steps[i:] if i < len(steps) else None).pan
+    poses, covariances = zip(*((each.pose, each.covariance) for each in results), strict=True)
+    estimate = Trajectory(log.time, np.array(poses), np.array(covariances))
+    error = score_drive(estimate, log.truth)
+    inside = error.inside_3sigma
+    return {"ate_m": error.ate_unaligned_m, "closed": closed, "inside_3sigma": inside}
+
+
+def _robot(log: LandmarkLog, known: bool) -> Slam:
+    """At the start of a log, with all landmarks in its map if it is known."""
+    config = EkfConfig(association="known", recover=False)
+    slam = Slam(config, start=log.start, motion=compose, odometry_bias=log.odometry_bias)
+    if known:
+        assert log.landmark_truth is not None
+        z = observe(log.start, log.landmark_truth.xy)[0]
+        R = KNOWN_SIGMA**2 * np.stack([np.ones(len(z)), z[:, 0] ** -2.0], 1)[:, None] * np.eye(2)
+        slam.step(float(log.time[0]), z=z, R=R, names=log.landmark_truth.id)
+        slam.mode = "localize"
+    return slam
+
+
+PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
+"""A stereo camera that pans; the ring is smaller than by default."""
+SETTINGS = VisualConfig(recover=False)
+"""Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
+SECOND_FIELD_OF_VIEW = 70.0
+"""Degrees of the second, fixed camera."""
+LAPS = {"ring": 2, "crossing": 1, "rooms": 1}
+"""Of each drive with images; after each the robot is where it began."""
+Level = Literal["landmarks", "images"]
+LEVELS: dict[str, tuple[str, ...]] = {"landmarks": tuple(COURSES), "images": tuple(LAPS)}
+"""Worlds of each level."""
+SCORES = "ate_m", "closed", "inside_3sigma"
+"""Scores that are stored of each run."""
+ALL_AROUND = "360"
+"""A view in all directions at once: the bound, at the level of landmarks."""
+LOOP_LANDMARKS = 3
+"""Landmarks that close a loop where they are re-identified."""
+
+
+@dataclass(frozen=True)
+class GazeRun:
+    """One drive with one policy and one seed.
+
+    Raises:
+        ConfigError: a name that is none, or what a level has not.
+    """
+
+    world: str
+    policy: str
+    """A name of `POLICIES`, degrees to the left of a constant pan, or `ALL_AROUND`."""
+    seed: int
+    """Of the world's noise, and of what the policy draws."""
+    level: Level = "landmarks"
+    map: Literal["new", "known"] = "new"
+    """Whether the map is made, or known before."""
+    egomotion: EgomotionSource = "wheels"
+    """What measures the motion."""
+    frames: int = 200
+    """Of a drive with images."""
+
+    def __post_init__(self) -> None:
+        require(self.level in LEVELS, "level", f"one of {', '.join(LEVELS)}", self.level)
+        require(self.map in ("new", "known"), "map", "new or known", self.map)
+        ego, worlds = self.egomotion, LEVELS[self.level]
+        require(ego in EGOMOTIONS, "egomotion", f"one of {', '.join(EGOMOTIONS)}", ego)
+        require(self.world in worlds, "world", f"one of {', '.join(worlds)}", self.world)
+        by_images = self.level == "images"
+        require(by_images or ego == "wheels", "egomotion", "wheels without images", ego)
+        require(not by_images or self.map == "new", "map", "new with images", self.map)
+        policies = (*POLICIES, "a pan in degrees") + (() if by_images else (ALL_AROUND,))
+        known = self.policy in policies or self.policy.lstrip("-").isdecimal()
+        known &= not (by_images and self.policy == ALL_AROUND)
+        require(known, "policy", f"one of {', '.join(policies)}", self.policy)
+
+    def path(self, out: Path) -> Path:
+        """The file of the run; each version of the package has its own."""
+        name = "-".join(str(value) for value in asdict(self).values())
+        return out / "runs" / saccade.__version__ / f"{name}.json"
+
+
+def result_of(run: GazeRun, out: Path) -> dict[str, Any]:
+    """The scores of a run, read from its file or computed."""
+    path, names = run.path(out), {"world": run.world, "policy": run.policy, "seed": run.seed}
+    if path.exists():
+        return read_run(path, names, SCORES)
+    row = names | score(run)
+    write_run(path, row)
+    return row
+
+
+def score(run: GazeRun) -> dict[str, Any]:
+    """The scores of a drive."""
+    policy: Any = run.policy
+    if policy not in POLICIES:
+        pan = float(np.radians(float(policy)))
+
+        def policy(_: Gazer) -> float:
+            return pan
+
+    if run.level == "landmarks":
+        fov = tau if run.policy == ALL_AROUND else FIELD_OF_VIEW
+        policy = "fixed" if run.policy == ALL_AROUND else policy
+        world = landmark_world(run.world)
+        return drive_by_landmarks(world, policy, run.seed, run.map == "known", fov)
+    name: Any = run.world
+    lap = max(2, run.frames // LAPS[name])
+    config = replace(PAN_DRIVE, world=name, frames=run.frames, frames_per_lap=lap)
+    drive, result = gaze_drive(config, policy, run.seed, egomotion=run.egomotion)
+    scores = summarize_drive(drive, result)
+    scores["closed"] = closes_loop(result.observations, run.frames)
+    return {name: scores[name] for name in SCORES}
+
+
+def gaze_drive(
+    config: DriveConfig,
+    policy: str | Policy,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+    recorder: Recorder | None = None,
+    egomotion: EgomotionSource = "camera",
+) -> tuple[Drive, VisualResult]:
+    """Map a simulated drive whose camera is turned by a policy.
+
+    Args:
+        config: of the drive.
+        policy: see `saccade.gaze.Gazer`.
+        seed: of the world, of all noise, and of what the policy draws.
+        progress: called with the number of frames done and of all frames.
+        recorder: takes snapshots of the map while it grows.
+        egomotion: what measures the motion.
+
+    Returns:
+        The drive, whose frames can now be loaded in any order, and its result.
+    """
+    pan = PanCamera(seed=seed)
+    drive = simulate_drive(config, seed, pan)
+    if egomotion == "second-camera":
+        second = simulate_drive(replace(config, field_of_view=SECOND_FIELD_OF_VIEW), seed)
+        drive = measure_odometry(drive, second, SETTINGS)
+    control = GazeControl(policy, drive.camera, pan.limits, pan.turn_to, seed)
+    settings = replace(SETTINGS, egomotion=egomotion)
+    return drive, visual.run(drive, settings, progress, recorder=recorder, gaze=control)
+
+
+def closes_loop(observed: LandmarkObservations, frames: int) -> bool:
+    """Whether `LOOP_LANDMARKS` are re-identified at least half a drive after they were new."""
+    _, first, index = np.unique(observed.landmark, return_index=True, return_inverse=True)
+    age = observed.frame - observed.frame[first][index]
+    again = (observed.kind == ObservationKind.REIDENTIFIED) & (age >= frames / 2)
+    return len(np.unique(observed.landmark[again])) >= LOOP_LANDMARKS
+
 
 CONFIDENCE = 0.95
 

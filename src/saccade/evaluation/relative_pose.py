@@ -9,8 +9,8 @@ from saccade.datasets.drives.calibration import camera_matrix
 from saccade.datasets.poses import Poses
 from saccade.errors import DriveError
 from saccade.evaluation.detectors import Detector
+from saccade.evaluation.features import Features, mean_precision
 from saccade.evaluation.intervals import ScoreSet, mean_interval
-from saccade.evaluation.repeatability import Features, mean_precision
 from saccade.frames import Drive
 from saccade.io.image import as_gray
 from saccade.keypoints.matching import nearest_neighbors

@@ -8,7 +8,6 @@ import numpy as np
 from saccade.errors import LogError
 from saccade.io.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.landmark_names import FIRST_TEXT
-from saccade.notebook import NotebookTable
 from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
@@ -19,7 +18,15 @@ from saccade.slam.online import Slam
 from saccade.slam.results import StepResult
 from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
-from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
+from saccade.types import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    LandmarkLog,
+    LandmarkMap,
+    NotebookTable,
+    Trajectory,
+)
 
 SURE, MOST_UNUSED, MOST_WRONG = 0.9, 0.1, 0.15
 """A map without names is in doubt if its hypothesis has a smaller probability, or if more of the

@@ -10,9 +10,8 @@ import numpy as np
 
 from saccade.frames import Drive
 from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
-from saccade.notebook import NotebookTable
 from saccade.slam.models import compose
-from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, NotebookTable, Trajectory
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.optical_flow import ByteArray

@@ -5,16 +5,19 @@ from pathlib import Path
 from typing import Literal, TypeAlias, cast, get_args
 
 from saccade.datasets.drives.calibration import CAMERA_FILE
-from saccade.datasets.drives.euroc import read_euroc_drive
 from saccade.datasets.drives.folder import (
     CameraOptions,
     has_images,
     read_folder_drive,
     read_video_drive,
 )
-from saccade.datasets.drives.kitti import PAIRS, read_kitti_drive
+from saccade.datasets.drives.published import (
+    PAIRS,
+    read_euroc_drive,
+    read_kitti_drive,
+    read_tum_drive,
+)
 from saccade.datasets.drives.tracks import TRACK_FILES, read_tracks_drive
-from saccade.datasets.drives.tum_rgbd import read_tum_drive
 from saccade.datasets.ros.drives import read_rosbag_drive
 from saccade.datasets.tables import read_rows
 from saccade.errors import DriveError, ImageError, LogError, require

@@ -28,7 +28,7 @@ from saccade.datasets.drives.calibration import (
     read_calibration,
 )
 from saccade.datasets.drives.frames import FrameTimes, image_size, list_images
-from saccade.datasets.drives.kitti import read_extrinsics
+from saccade.datasets.drives.published import read_extrinsics
 from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import DriveError

@@ -15,8 +15,7 @@ from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
 from saccade.datasets.ros.logs import read_rosbag_log
 from saccade.datasets.tables import Archive, from_upper_triangle
 from saccade.errors import ConfigError, LogError, require
-from saccade.types import LandmarkLog
-from saccade.validation import invalid_range_bearing
+from saccade.types import LandmarkLog, invalid_range_bearing
 
 
 def read_dlr(path: str | Path) -> LandmarkLog:

@@ -41,8 +41,7 @@ from saccade.datasets.tables import (
 )
 from saccade.errors import LogError, LogWarning
 from saccade.landmark_names import parse_name
-from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
-from saccade.validation import invalid_range_bearing
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, invalid_range_bearing
 
 ROUNDING = 1e-9
 """Eigenvalue of a covariance, as a fraction of the largest, that rounding may make negative."""

@@ -8,8 +8,7 @@ import numpy.typing as npt
 
 from saccade.errors import LogError
 from saccade.slam.filter._validation_kernels import LARGEST, first_invalid, prepare_noise
-from saccade.types import FloatArray
-from saccade.validation import invalid_range_bearing
+from saccade.types import FloatArray, invalid_range_bearing
 
 MIN_SIGMA = 1e-4
 """Metres and radians: standard deviation added to observations with a singular covariance. Exact

@@ -1,0 +1,371 @@
+"""Drives in the layouts of published recordings: KITTI, EuRoC and TUM RGB-D.
+
+KITTI:
+
+    calib.txt                P0 and, for stereo, P1: (3, 4) projections of the rectified cameras
+    times.txt                seconds, one line a frame
+    image_0/, image_1/       left and right, gray, named by the number of the frame; image_2/ and
+                             image_3/ (with P2, P3) are read where there is no image_0
+    depth/                   optional: 16-bit images of the left camera's depth
+    camera.toml              optional, see `calibration`: instead of calib.txt
+    calib.npz                optional: `cam_T_imu`, see `read_extrinsics`
+
+and odometry and ground truth as in `sidecar_files`. There may be fewer images than times.
+
+EuRoC's micro aerial vehicles (ASL):
+
+    mav0/cam0/               data.csv: `timestamp [ns],filename`; data/; sensor.yaml
+    mav0/cam1/               optional, the right camera
+    mav0/imu0/               optional: data.csv with rad/s and m/s^2, sensor.yaml
+    mav0/state_groundtruth_estimate0/data.csv
+                             optional: position and quaternion (w first) of the body
+    odometry.csv             optional, beside mav0; see `odometry`
+
+The robot's frame is that of a robot on which the left camera looks straight ahead; times count
+from the first image. Both cameras are undistorted and rectified. Without odometry.csv the turn is
+the gyroscope's, with its noise and bias, and the translation is unknown (see
+`unknown_increments`).
+
+TUM RGB-D, of a hand-held camera, where without odometry.csv the motion is unknown:
+
+    rgb.txt                  lines of `time file`, the color images
+    depth.txt                the same for the depth images, 16 bit, 5000 steps per metre
+    groundtruth.txt          optional: `time x y z qx qy qz qw` of the color camera
+    camera.toml              optional, see `calibration`; not required where the folder's name
+                             contains freiburg1, 2 or 3
+    odometry.csv             optional, see `odometry`
+"""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from saccade.datasets.drives.calibration import (
+    CAMERA_FILE,
+    Calibration,
+    Lens,
+    pinhole,
+    read_calibration,
+    rectify_stereo,
+)
+from saccade.datasets.drives.frames import (
+    FrameTimes,
+    are_numbered,
+    associate,
+    frame_loader,
+    image_files,
+    image_size,
+    list_images,
+)
+from saccade.datasets.drives.odometry import (
+    OdometryIncrements,
+    SpeedNoise,
+    increments_from_speeds,
+    unknown_increments,
+)
+from saccade.datasets.drives.sidecar_files import (
+    Truth,
+    assemble_drive,
+    camera_truth,
+    read_increments,
+    read_tum_poses,
+)
+from saccade.datasets.poses import Poses, rotation_matrices
+from saccade.datasets.tables import Archive, Row, read_rows, read_table
+from saccade.errors import DriveError
+from saccade.frames import AHEAD, Camera, Drive
+from saccade.types import FloatArray, IntArray
+
+KITTI_HEIGHT = 1.65
+"""Metres of KITTI's cameras above the road."""
+PAIRS = {("image_0", "image_1"): ("P0", "P1"), ("image_2", "image_3"): ("P2", "P3")}
+"""Folders and projections of the left and right gray cameras, and of the color cameras."""
+
+
+def read_kitti_drive(path: Path) -> Drive:
+    """A drive from a folder."""
+    pair = next((pair for pair in PAIRS if (path / pair[0]).is_dir()), ("image_0", "image_1"))
+    recorded = read_table(path / "times.txt", ("seconds",))[:, 0]
+    left = _images_by_frame(path / pair[0], len(recorded))
+    right, depth = (
+        _images_by_frame(folder, len(recorded)) if folder.is_dir() else {}
+        for folder in (path / pair[1], path / "depth")
+    )
+    available = np.array(sorted(left), np.int64)
+    frames = FrameTimes.sort(recorded, str(path / "times.txt"), available)
+    remarks = frames.remarks + _missing_images(available, path / pair[0])
+    frames = replace(frames, remarks=remarks)
+    numbers = frames.index.tolist()
+    size = image_size(left[numbers[0]])
+    calibration = _kitti_calibration(path, PAIRS[pair], size, stereo=bool(right))
+    load = frame_loader(
+        calibration,
+        frames.time,
+        left=image_files([left[i] for i in numbers]),
+        right=image_files([right.get(i) for i in numbers]),
+        depth=image_files([depth.get(i) for i in numbers], calibration.depth_unit),
+    )
+    return assemble_drive(path.resolve().name, path, calibration, frames, load)
+
+
+def _images_by_frame(folder: Path, count: int) -> dict[int, Path]:
+    """Images by the number in their names, or by their position in the sorted list."""
+    paths = list_images(folder)
+    numbers = [int(path.stem) for path in paths] if are_numbered(paths) else range(len(paths))
+    frames = dict(zip(numbers, paths, strict=True))
+    last = max(frames)
+    if last >= count:
+        raise DriveError(
+            f"{frames[last]}: expected one of {count} frames as there are times, "
+            f"found number {last}"
+        )
+    return frames
+
+
+def _read_projections(path: Path) -> dict[str, FloatArray]:
+    """The (3, 4) matrices of a calib.txt by their names."""
+    matrices = {}
+    for row in read_rows(path):
+        name = row.cells[0]
+        if name.startswith("P") and name.endswith(":"):
+            values = row.numbers(slice(1, None))
+            if len(values) != 12:
+                raise row.error("12 numbers", str(len(values)))
+            matrices[name[:-1]] = np.array(values).reshape(3, 4)
+    return matrices
+
+
+def read_extrinsics(archive: Archive) -> dict[str, FloatArray]:
+    """Position (3,) and rotation (3, 3) of the camera on the robot from a `calib.npz`.
+
+    Its `cam_T_imu` has the rotation from the frame of the inertial unit to that of the camera, but
+    its translation is the position of the camera in the frame of the unit. The height is KITTI's.
+    """
+    matrix = archive.array("cam_T_imu", (4, 4)).astype(np.float64)
+    position = np.array([matrix[0, 3], matrix[1, 3], KITTI_HEIGHT])
+    return {"position": position, "rotation": np.ascontiguousarray(matrix[:3, :3].T)}
+
+
+def _kitti_calibration(
+    path: Path, names: tuple[str, str], size: tuple[int, int], stereo: bool
+) -> Calibration:
+    """The calibration in camera.toml, or by the projections of two names in calib.txt."""
+    if (path / CAMERA_FILE).exists():
+        return read_calibration(path / CAMERA_FILE)
+    calib = path / "calib.txt"
+    projections = _read_projections(calib)
+    P = projections.get(names[0])
+    if P is None:
+        found = ", ".join(projections) or "none"
+        raise DriveError(f"{calib}: expected {names[0]}, found {found}")
+    width, height = size
+    if not (0 < P[0, 2] < width and 0 < P[1, 2] < height):
+        raise DriveError(
+            f"{calib}: expected a principal point inside the images of {width} x {height} px, "
+            f"found {P[0, 2]:.1f}, {P[1, 2]:.1f}"
+        )
+    extrinsics = {"position": np.array([0.0, 0.0, KITTI_HEIGHT]), "rotation": AHEAD.copy()}
+    if (path / "calib.npz").exists():
+        extrinsics = read_extrinsics(Archive(path / "calib.npz"))
+    baseline, right = 0.0, projections.get(names[1])
+    if stereo and right is not None:
+        baseline = float(P[0, 3] / P[0, 0] - right[0, 3] / right[0, 0])
+    return Calibration(pinhole(P, size, baseline=baseline, **extrinsics))
+
+
+def _missing_images(available: IntArray, folder: Path) -> tuple[str, ...]:
+    """A remark where numbers are missing between the first and the last image."""
+    gaps = np.flatnonzero(np.diff(available) > 1)
+    if len(gaps) == 0:
+        return ()
+    count = int((np.diff(available) - 1).sum())
+    images = "image is" if count == 1 else "images are"
+    return (f"{folder}: {count} {images} missing, first number {available[gaps[0]] + 1}",)
+
+
+GYRO = SpeedNoise(ahead=0.0, left=0.0, turn=0.002, turn_bias=0.08)
+"""Ten times the noise density of the ADIS16448 on these vehicles, since they rotate about all three
+axes; and its uncalibrated bias."""
+
+
+def read_euroc_drive(path: Path) -> Drive:
+    """A drive from the folder that holds mav0, or from mav0."""
+    top = path / "mav0" if (path / "mav0").is_dir() else path
+    stamps, files = _images(top / "cam0")
+    zero = int(stamps.min())
+    frames = FrameTimes.sort(_seconds(stamps, zero), str(top / "cam0" / "data.csv"))
+    body_from_sensor, lens = _read_camera(top / "cam0" / "sensor.yaml")
+    camera, right_lens, right = lens.camera, None, None
+    if (top / "cam1").is_dir():
+        body_from_right, right_lens = _read_camera(top / "cam1" / "sensor.yaml")
+        right_from_left = np.linalg.inv(body_from_right) @ body_from_sensor
+        camera, lens, right_lens = rectify_stereo(
+            lens, right_lens, right_from_left[:3, :3], right_from_left[:3, 3]
+        )
+        right_stamps, right_files = _images(top / "cam1")
+        file_at = dict(zip(right_stamps.tolist(), right_files, strict=True))
+        right = image_files([file_at.get(stamp) for stamp in stamps[frames.index].tolist()])
+    # the robot's frame is chosen so that the rectified camera looks straight ahead
+    body_from_camera = body_from_sensor[:3, :3] @ lens.rotation.T
+    calibration = Calibration(replace(camera, rotation=AHEAD.copy()))
+    folder = top.parent if top.name == "mav0" else top
+    increments = read_increments(folder, frames) or _gyroscope_increments(
+        top / "imu0", frames.time, zero, body_from_camera
+    )
+    states = top / "state_groundtruth_estimate0" / "data.csv"
+    poses = _camera_poses(states, zero, body_from_sensor[:3, 3], body_from_camera)
+    truth = Truth() if poses is None else camera_truth(poses, calibration.camera, start_time=0.0)
+    left = image_files([files[i] for i in frames.index.tolist()])
+    load = frame_loader(calibration, frames.time, left, right, lenses=(lens, right_lens))
+    name = folder.resolve().name
+    return assemble_drive(name, folder, calibration, frames, load, increments, truth)
+
+
+def _read_sensor(path: Path) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Pose (4, 4) of a sensor in the body's frame, and all lists of numbers of a sensor.yaml."""
+    rows = list(read_rows(path))
+    text = "\n".join(" ".join(row.cells).split("#")[0] for row in rows)
+    last = rows[-1].line if rows else 0
+    values = {}
+    for name, inside in re.findall(r"(\w+):\s*\[([^\]]*)\]", text):
+        values[name] = np.array(Row(path, last, inside.replace(",", " ").split()).numbers())
+    pose = values.get("data", np.eye(4))
+    if pose.size != 16:
+        raise DriveError(f"{path}: expected T_BS of 16 numbers, found {pose.size}")
+    return pose.reshape(4, 4), values
+
+
+def _read_camera(path: Path) -> tuple[FloatArray, Lens]:
+    """Pose (4, 4) of a camera in the body's frame, and its intrinsics and distortion."""
+    pose, values = _read_sensor(path)
+    sizes = {"resolution": 2, "intrinsics": 4, "distortion_coefficients": 4}
+    for name, size in sizes.items():
+        found = values.get(name, np.zeros(0)).size
+        if found != size:
+            raise DriveError(f"{path}: expected {size} numbers as {name}, found {found}")
+    (width, height), (fx, fy, cx, cy), distortion = (values[name].tolist() for name in sizes)
+    matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    return pose, Lens(matrix, tuple(distortion), pinhole(matrix, (width, height)), np.eye(3))
+
+
+def _read_stamped(path: Path, columns: int) -> tuple[IntArray, FloatArray]:
+    """Nanoseconds (n,) and numbers (n, columns) of an ASL data.csv; further columns are ignored."""
+    stamps, table = [], []
+    for row in read_rows(path, delimiter=","):
+        if len(row.cells) < columns + 1:
+            raise row.error(f"{columns + 1} cells", str(row.cells))
+        stamps.append(row.integer(0, "nanoseconds", below=2**63))
+        table.append(row.numbers(slice(1, columns + 1)))
+    return np.array(stamps, np.int64), np.array(table, np.float64).reshape(-1, columns)
+
+
+def _seconds(stamps: IntArray, zero: int) -> FloatArray:
+    """Seconds from nanoseconds (n,) since another stamp, subtracted exactly."""
+    return np.asarray((stamps - zero) * 1e-9, np.float64)
+
+
+def _images(folder: Path) -> tuple[IntArray, list[Path]]:
+    """Nanoseconds (n,) and files of a camera."""
+    path = folder / "data.csv"
+    rows = list(read_rows(path, delimiter=","))
+    if not rows:
+        raise DriveError(f"{path}: expected times and files, found none")
+    stamps = [row.integer(0, "nanoseconds", below=2**63) for row in rows]
+    return np.array(stamps), [folder / "data" / row.cells[-1] for row in rows]
+
+
+def _gyroscope_increments(
+    folder: Path, frame_time: FloatArray, zero: int, body_from_camera: FloatArray
+) -> OdometryIncrements:
+    """Turns by the gyroscope with unknown translation; unknown motion where there is none."""
+    increments = unknown_increments(frame_time)
+    if not (folder / "data.csv").exists():
+        return increments
+    stamps, rates = _read_stamped(folder / "data.csv", 3)
+    if len(stamps) < 2:
+        return increments
+    yaml = folder / "sensor.yaml"
+    body = _read_sensor(yaml)[0][:3, :3] if yaml.exists() else np.eye(3)
+    rates = rates @ body.T @ body_from_camera @ AHEAD.T  # (k, 3) rad/s about ahead, left and up
+    time = _seconds(stamps, zero)
+    order = np.argsort(time, kind="stable")
+    turns = increments_from_speeds(
+        time[order], np.zeros(len(time)), rates[order, 2], frame_time, GYRO
+    )
+    increments.control[:, 2] = turns.control[:, 2]
+    increments.covariance[:, 2, 2] = turns.covariance[:, 2, 2]
+    return increments
+
+
+def _camera_poses(
+    path: Path, zero: int, position: FloatArray, body_from_camera: FloatArray
+) -> Poses | None:
+    """Ground truth of a camera at a position (3,) in the body's frame; None where it is missing."""
+    if not path.exists():
+        return None
+    stamps, states = _read_stamped(path, 7)
+    if len(stamps) == 0:
+        return None
+    body = rotation_matrices(states[:, [4, 5, 6, 3]], str(path))  # (n, 3, 3), w first in the file
+    return Poses(_seconds(stamps, zero), body @ body_from_camera, states[:, :3] + body @ position)
+
+
+DEPTH_UNIT = 1 / 5000
+"""Metres per step of a depth image."""
+MAX_TIME_DIFFERENCE = 0.02
+"""Seconds between a color image and its depth image."""
+CAMERAS = {
+    1: ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
+    2: ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
+    3: ((535.4, 539.2, 320.1, 247.6), ()),
+}
+"""fx, fy, cx, cy and the distortion of the benchmark's three cameras, from its page on file
+formats; images of the third are undistorted."""
+
+
+def read_tum_drive(path: Path) -> Drive:
+    """A drive from a folder."""
+    recorded, files = _read_list(path / "rgb.txt")
+    frames = FrameTimes.sort(recorded, str(path / "rgb.txt"))
+    calibration = _tum_calibration(path)
+    depth: list[Path | None] = [None] * len(frames.index)
+    if (path / "depth.txt").exists():
+        depth_time, depth_files = _read_list(path / "depth.txt")
+        nearest = associate(frames.time, depth_time, MAX_TIME_DIFFERENCE)
+        depth = [path / depth_files[i] if i >= 0 else None for i in nearest.tolist()]
+    truth = Truth()
+    if (path / "groundtruth.txt").exists():
+        poses = read_tum_poses(path / "groundtruth.txt")
+        truth = camera_truth(poses, calibration.camera, float(frames.time[0]))
+    load = frame_loader(
+        calibration,
+        frames.time,
+        left=image_files([path / files[i] for i in frames.index.tolist()]),
+        depth=image_files(depth, calibration.depth_unit),
+    )
+    return assemble_drive(path.resolve().name, path, calibration, frames, load, truth=truth)
+
+
+def _read_list(path: Path) -> tuple[FloatArray, list[str]]:
+    """Times (n,) and files of a list of images."""
+    rows = [row.require_cells(2, "cells (time, file)") for row in read_rows(path)]
+    if not rows:
+        raise DriveError(f"{path}: expected times and files, found none")
+    time = [row.numbers(slice(1))[0] for row in rows]
+    return np.array(time), [row.cells[1] for row in rows]
+
+
+def _tum_calibration(path: Path) -> Calibration:
+    if (path / CAMERA_FILE).exists():
+        return read_calibration(path / CAMERA_FILE)
+    number = re.search(r"(?:freiburg|fr)([123])", path.resolve().name)
+    if number is None:
+        raise DriveError(
+            f"{path}: expected {CAMERA_FILE}, or freiburg1, 2 or 3 in the folder's name, "
+            "found neither"
+        )
+    (fx, fy, cx, cy), distortion = CAMERAS[int(number[1])]
+    camera = Camera(width=640, height=480, fx=fx, fy=fy, cx=cx, cy=cy)
+    return Calibration(camera, distortion, depth_unit=DEPTH_UNIT)
