@@ -6,9 +6,11 @@ arithmetic; adding each by itself would be limited by memory bandwidth.
 """
 
 from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int64, c_void_p
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from saccade._jit import blas, share
 from saccade.io.checkpoint import Arrays
@@ -250,24 +252,32 @@ def flush(f: FilterState) -> None:
     """Add `updates` to P and subtract `downdates`."""
     r, n, now = f.robot_size, state_size(f), f.now
     n = len(f.state) if f.auxiliary > 0 else n
-    for sign, rows, used in ((-1.0, f.downdates, now.downdates), (1.0, f.updates, now.updates)):
-        if used > 0:
-            size = byref(c_int(len(f.state)))
-            _dsyrk(
-                b"L",  # Fortran's lower triangle is our upper one
-                b"N",
-                byref(c_int(n - r)),
-                byref(c_int(used)),
-                byref(c_double(sign)),
-                rows[:, r:].ctypes.data,
-                size,
-                byref(c_double(1.0)),
-                f.P[r:, r:].ctypes.data,
-                size,
-            )
+    parts = ((-1.0, f.downdates, now.downdates), (1.0, f.updates, now.updates))
+    with _blas().limit(limits=1):  # threads wait for each other longer than one works
+        for sign, rows, used in parts:
+            if used > 0:
+                size = byref(c_int(len(f.state)))
+                _dsyrk(
+                    b"L",  # Fortran's lower triangle is our upper one
+                    b"N",
+                    byref(c_int(n - r)),
+                    byref(c_int(used)),
+                    byref(c_double(sign)),
+                    rows[:, r:].ctypes.data,
+                    size,
+                    byref(c_double(1.0)),
+                    f.P[r:, r:].ctypes.data,
+                    size,
+                )
     f.cached_pair[:] = -1
     now.downdates = now.updates = now.cached = 0
     now.mergeable_variance = 0.0
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """The threads of the BLAS that are loaded."""
+    return ThreadpoolController()
 
 
 def inflate_heading_covariance(f: FilterState) -> None:
