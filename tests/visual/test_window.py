@@ -128,16 +128,16 @@ def test_what_an_offset_of_the_disparities_does_to_the_pose_is_known():
     back = heading_rotation(ends[1][2]).T
     change = back @ (ends[1] - ends[0]) / 0.1
     np.testing.assert_allclose(window.drift.by_errors[:2, 2], change[:2], rtol=0.1, atol=0.02)
-    longer = window.report().scale_by_offset
+    longer = window.drift.report().scale_by_offset
     assert longer == pytest.approx(abs(change[0]) / (20 * CONTROL[0]), rel=0.15)
 
 
 def test_an_offset_that_is_not_corrected_widens_the_covariance_of_the_pose():
     _, _, window = drive(20, pixel=0.1, offset=0.05)
     by_offset = window.drift.by_errors[:, 2]
-    spread = window.covariance_by_calibration(0.0)
+    spread = window.drift.covariance(0.0)
     assert spread[0, 0] > (0.04 * by_offset[0]) ** 2
-    turned = window.covariance_by_calibration(np.pi / 2)
+    turned = window.drift.covariance(np.pi / 2)
     assert turned[1, 1] == pytest.approx(spread[0, 0])
 
 

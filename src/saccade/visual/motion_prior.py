@@ -8,12 +8,11 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate
-from saccade.visual.odometry_model import CONSTANT_DISTANCE
 
 FUSION_GATE = 0.9999
 """Probability of the gate within which two estimates of a control are fused."""
-CONSTANT_TURN = np.pi / 2
-"""Radians over which a calibration error of turns is constant."""
+CONSTANT_TURN, CONSTANT_DISTANCE = np.pi / 2, 10.0
+"""Radians and metres over which a calibration error of turn and distance is constant."""
 INTEGRATION_TIME, AVERAGING_TIME = 2.0, 10.0
 """Seconds over which tilt and height are integrated, before their drift dominates; and over which
 their variances are averaged."""

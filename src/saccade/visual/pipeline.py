@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from saccade.errors import require
-from saccade.frames import CameraTurn, Drive, EndOfDrive, Frame
+from saccade.frames import CameraTurn, Drive, EndOfDrive, Frame, steps_between
 from saccade.io.checkpoint import (
     Arrays,
     Checkpoint,
@@ -157,7 +157,8 @@ class Pipeline:
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
         adjusts = has_depth and config.window > 2 and not self._by_odometry
-        self._window = SlidingWindow(drive.camera, config, self.map.errors) if adjusts else None
+        errors = self.map.odometry.errors
+        self._window = SlidingWindow(drive.camera, config, errors) if adjusts else None
         cache = cache if gaze is None else None  # what a frame shows depends on the gaze
         self._extract = FeatureExtractor(drive, config, cache, first, gaze is not None)
         ahead = config.detect_interval if gaze is None else 0
@@ -180,7 +181,7 @@ class Pipeline:
         self.map.turn_camera(self.turn)
         self._cameras = self._cameras[1], self.map.camera
         if number > 0:
-            expected, before = self.map.predict_motion(number), self.tracked
+            expected, before = self.map.odometry.predict(number), self.tracked
             motion = self._track(number, frame, expected)
             adjusted = self._adjust(number, before, expected, motion)
             self._predict(number, expected, motion, adjusted)
@@ -208,7 +209,8 @@ class Pipeline:
         if self._window is not None and self.recovery.lost != was_lost:
             self._window.restart()
         if not found:
-            self.map.update_motion_prior(number, previous_pose, len(self.tracked.for_motion))
+            step = steps_between(np.stack([previous_pose, self.map.ekf.pose]))[0]
+            self.map.odometry.update_motion_prior(number, step, len(self.tracked.for_motion))
         seconds = perf_counter() - start
         self.log.add_pose(self.map.ekf.pose, self.pose_covariance, seconds, self.recovery.lost)
         if not frame.is_blank:
@@ -223,11 +225,11 @@ class Pipeline:
         covariance = self.map.pose_covariance + self.recovery.doubt
         if self._window is None:
             return covariance
-        return covariance + self._window.covariance_by_calibration(float(self.map.ekf.pose[2]))
+        return covariance + self._window.drift.covariance(float(self.map.ekf.pose[2]))
 
     def result(self) -> VisualResult:
         """The result of the frames so far."""
-        return self.log.result(self.map, self._window.report() if self._window else None)
+        return self.log.result(self.map, self._window.drift.report() if self._window else None)
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
@@ -314,7 +316,7 @@ class Pipeline:
         current = self.tracked if motion is not None else TrackedPoints()
         with self.log.timed("adjust"):
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            points, odometry = (before.for_motion, current.for_motion), self.map.declared_odometry
+            points, odometry = (before.for_motion, current.for_motion), self.map.odometry.declared
             return self._window.add(*points, pose, odometry, seconds, self._cameras)
 
     def _predict(

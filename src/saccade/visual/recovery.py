@@ -89,7 +89,7 @@ class Recovery:
             previous: (3,) pose at the last frame.
         """
         test, measured = self.test, self._measured(motion, seconds)
-        odometry = self._map.odometry
+        odometry = self._map.odometry.last
         if test.evidence == 0.0:
             self._first_doubtful = self._map.next_id
         blind = frame.is_blank and test.is_standing(odometry[0])

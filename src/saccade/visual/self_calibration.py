@@ -127,7 +127,8 @@ class CalibrationDrift:
     covariance of the pose as one error, not as one of each step.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, calibration: SelfCalibration) -> None:
+        self._calibration = calibration
         self.by_errors = np.zeros((3, len(SIGMA)))
         """(3, 3) derivative of the pose, in its own frame, by the errors."""
         self._corrected = np.zeros(3)  # the part of it that was corrected
@@ -149,17 +150,17 @@ class CalibrationDrift:
         self._distance += length
         self._by_offset += float(control[:2] @ by_errors[:2, OFFSET]) / max(length, 1e-9)
 
-    def covariance(self, heading: float, calibration: SelfCalibration) -> FloatArray:
+    def covariance(self, heading: float) -> FloatArray:
         """(3, 3) covariance of a pose with a heading by what is not corrected of the errors."""
-        S = self.by_errors
+        S, calibration = self.by_errors, self._calibration
         remaining = S @ calibration.estimate - self._corrected
         R = heading_rotation(heading)
         total = S @ calibration.covariance @ S.T + np.outer(remaining, remaining)
         return np.asarray(R @ total @ R.T)
 
-    def report(self, calibration: SelfCalibration) -> CalibrationReport:
+    def report(self) -> CalibrationReport:
         """What was corrected, and on what the scale hangs."""
-        distortion, slope, offset = calibration.error.tolist()
-        sigma = np.sqrt(np.diag(calibration.covariance))
+        distortion, slope, offset = self._calibration.error.tolist()
+        sigma = np.sqrt(np.diag(self._calibration.covariance))
         by_offset = abs(self._by_offset) / max(self._distance, 1e-9)
         return CalibrationReport(distortion, slope, offset, (*sigma.tolist(),), by_offset)

@@ -1,9 +1,9 @@
-"""The map of a drive: the filter, its landmarks, and the estimated errors of odometry."""
+"""The map of a drive: the filter and its landmarks."""
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from saccade.frames import CameraTurn, Drive, steps_between
+from saccade.frames import CameraTurn, Drive
 from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
@@ -17,20 +17,17 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_prior import (
-    MotionPrior,
     Planarity,
     camera_error_covariance,
     correlation_factor,
     fuse,
 )
-from saccade.visual.odometry_model import OdometryErrors
+from saccade.visual.odometry_model import OdometryModel
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
 MIN_RESCALE = 1e-3
 """Relative change of scale from which the map is rescaled: a tenth of the scale's uncertainty."""
-MIN_TURN_BIAS_SIGMA = 0.02
-"""Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
 
 
 class VisualMap:
@@ -46,8 +43,11 @@ class VisualMap:
         self._drive, self._config, self.has_depth = drive, config, has_depth
         self.camera = drive.camera
         self._turn_sigma = 0.0
-        scale_sigma, turn_per_metre, _ = drive.odometry_bias
         relative_sigma = config.relative_motion_sigma[0], config.relative_height_sigma
+        self.odometry = OdometryModel(
+            drive, has_depth, relative_sigma[0 if has_depth else 1], config.acceleration_sigma
+        )
+        self._map_scale = self.odometry.errors.factor
         settings = EkfConfig(
             filter="invariant",
             association="known",
@@ -63,18 +63,8 @@ class VisualMap:
         self.landmarks = Landmarks()
         self._next_id = 0
         self.planarity = Planarity(float(np.radians(config.tilt_sigma)))
-        seconds = float(drive.time[-1] - drive.time[0])
-        distance = float(np.hypot(*drive.control[:, :2].T).sum())
-        mean_speed = distance / seconds if seconds > 0 else 0.0
-        turn_sigma = float(np.hypot(MIN_TURN_BIAS_SIGMA, turn_per_metre * mean_speed))
-        self.errors = OdometryErrors(scale_sigma, relative_sigma[0 if has_depth else 1], turn_sigma)
-        self._map_scale = self.errors.factor
-        self._odometry: MotionEstimate = np.zeros(3), np.zeros((3, 3))
-        self.control = self._odometry
+        self.control: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         """The control that led to the present frame, and its covariance."""
-        self._step_seconds = 0.0
-        speed_sigma, turn_rate_sigma = config.acceleration_sigma
-        self._motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
@@ -93,14 +83,15 @@ class VisualMap:
     def _parts(self) -> dict[str, object]:
         return {
             "tilt": self.planarity,
-            "prior": self._motion_prior,
-            "odometry_errors": self.errors,
+            "odometry": self.odometry,
+            "motion_prior": self.odometry.motion_prior,
+            "odometry_errors": self.odometry.errors,
         }
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
         """Set how the camera is turned in the frames from now on."""
         self.camera = self._drive.camera.turned(turn)
-        self._turn_sigma = 0.0 if turn is None else turn.sigma
+        self._turn_sigma = self.odometry.turn_sigma = 0.0 if turn is None else turn.sigma
 
     @property
     def ekf(self) -> EkfSlam:
@@ -111,38 +102,6 @@ class VisualMap:
     def next_id(self) -> int:
         """Id of the next landmark."""
         return self._next_id
-
-    def predict_motion(self, number: int) -> MotionEstimate:
-        """The control expected to lead to a frame after the first.
-
-        It gives the steps of a single camera their length, so there the last steps are not fused
-        in: their errors would accumulate, and an accelerating robot would be lagged behind.
-        """
-        drive, seconds = self._drive, self._seconds(number)
-        control = self.errors.corrected(drive.control[number - 1], seconds)
-        self._step_seconds = seconds
-        covariance = drive.control_covariance[number - 1]
-        if self._turn_sigma:  # of both frames: the camera's turn is compared with odometry's
-            covariance = covariance + np.diag([0.0, 0.0, 2 * self._turn_sigma**2])
-        self._odometry = control, covariance
-        if not self.has_depth:
-            return self._odometry
-        return self._motion_prior.predict(*self._odometry, seconds)
-
-    @property
-    def declared_odometry(self) -> MotionEstimate:
-        """The last step by odometry without its errors, and its declared covariance."""
-        return self._odometry
-
-    @property
-    def odometry(self) -> MotionEstimate:
-        """The last step by odometry; its covariance includes the systematic errors that remain."""
-        control, covariance = self._odometry
-        return control, covariance + self._systematic(control)
-
-    def _systematic(self, control: FloatArray) -> FloatArray:
-        """(3, 3) covariance of a control by the systematic errors of odometry that remain."""
-        return self.errors.step_covariance(control, self._step_seconds, self.has_depth)
 
     def predict(
         self,
@@ -155,7 +114,7 @@ class VisualMap:
 
         Args:
             number: of the frame.
-            expected: result of `predict_motion`, used where there is nothing else.
+            expected: result of `OdometryModel.predict`, used where there is nothing else.
             motion: egomotion by the camera, if any.
             adjusted: control and covariance by the sliding window, which includes odometry.
         """
@@ -166,9 +125,9 @@ class VisualMap:
                 motion = motion._replace(control=adjusted[0], covariance=adjusted[1])
         control = self.measured(adjusted or expected, motion, seconds)
         if motion is not None and adjusted is None:
-            self._learn_odometry(control, seconds)
+            self.odometry.learn(control)
             if self.has_depth:
-                control = fuse(control, self.odometry)
+                control = fuse(control, self.odometry.last)
         self._move(number, control)
 
     def measured(
@@ -179,20 +138,9 @@ class VisualMap:
         Its covariance includes errors of the calibration and tilt, or those of odometry.
         """
         if motion is None:
-            return expected[0], expected[1] + self._systematic(expected[0])
+            return self.odometry.with_systematic_errors(expected)
         tilt = self.planarity.tilt
         return motion.control, camera_error_covariance(motion, seconds, self._config, tilt)
-
-    def _learn_odometry(self, measured: MotionEstimate, seconds: float) -> None:
-        """Update the errors of odometry by a motion that does not include it.
-
-        The motion of a single camera includes the length of odometry: its turn alone is used.
-        """
-        control, covariance = self._odometry
-        rows = slice(None) if self.has_depth else slice(2, 3)
-        J = self.errors.jacobian(control, seconds)[rows]
-        innovation, R = (measured[0] - control)[rows], (measured[1] + covariance)[rows, rows]
-        self.errors.update_by(J, innovation, R)
 
     def predict_by_odometry(self, number: int) -> None:
         """Predict the pose of a frame after the first by odometry; its biases are estimated."""
@@ -209,19 +157,19 @@ class VisualMap:
 
         Rescales the map, and returns the motion with a length from odometry and the ground.
         """
-        factor = self.errors.factor
+        factor = self.odometry.errors.factor
         ratio = distance / float(np.linalg.norm(motion.translation))
-        self.errors.update_scale(ratio)
-        change = self.errors.factor / factor
-        rescaling = self.errors.factor / self._map_scale
+        self.odometry.errors.update_scale(ratio)
+        change = self.odometry.errors.factor / factor
+        rescaling = self.odometry.errors.factor / self._map_scale
         if abs(rescaling - 1) > MIN_RESCALE:
             self.ekf.rescale(rescaling, self._drive.start[:2])
-            self._map_scale = self.errors.factor
+            self._map_scale = self.odometry.errors.factor
         length = float(np.hypot(*motion.control[:2]))
         direction = np.append(motion.control[:2] / length, 0.0)
         cross_covariance = motion.covariance @ direction
         variance = float(direction @ cross_covariance) + (DISTANCE_NOISE * length) ** 2
-        innovation = (ratio / self.errors.camera_factor - change) * length
+        innovation = (ratio / self.odometry.errors.camera_factor - change) * length
         control = motion.control + cross_covariance * innovation / variance
         covariance = motion.covariance - np.outer(cross_covariance, cross_covariance) / variance
         return motion._replace(
@@ -233,21 +181,14 @@ class VisualMap:
     def _seconds(self, number: int) -> float:
         return float(self._drive.time[number] - self._drive.time[number - 1])
 
-    def update_motion_prior(self, number: int, previous: FloatArray, observations: int) -> None:
-        """Update the motion prior by the step from the previous pose (3,), after all updates."""
-        if number == 0 or not self.has_depth:
-            return
-        step = steps_between(np.stack([previous, self.ekf.pose]))[0]
-        covariance = self._drive.control_covariance[number - 1] / (1 + observations) ** 2
-        self._motion_prior.update(step, covariance, self._seconds(number))
-
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3) of the pose, with the uncertainty of a single camera's scale."""
         if self.has_depth:
             return self.ekf.pose_covariance
-        offset = np.append(self.ekf.pose[:2] - self._drive.start[:2], 0.0)
-        return self.ekf.pose_covariance + self.errors.scale_sigma**2 * np.outer(offset, offset)
+        sigma = self.odometry.errors.scale_sigma
+        by_scale = sigma * np.append(self.ekf.pose[:2] - self._drive.start[:2], 0.0)
+        return self.ekf.pose_covariance + np.outer(by_scale, by_scale)
 
     @property
     def landmark_covariances(self) -> FloatArray:
@@ -255,7 +196,7 @@ class VisualMap:
         if self.has_depth:
             return self.ekf.landmark_covariances
         offset = self.ekf.landmarks - self._drive.start[:2]
-        by_scale = self.errors.scale_sigma**2 * offset[:, :, None] * offset[:, None]
+        by_scale = self.odometry.errors.scale_sigma**2 * offset[:, :, None] * offset[:, None]
         return self.ekf.landmark_covariances + by_scale
 
     def observe(

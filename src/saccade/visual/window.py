@@ -33,12 +33,7 @@ from saccade.visual.egomotion import (
     times,
 )
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
-from saccade.visual.self_calibration import (
-    SIGMA,
-    CalibrationDrift,
-    CalibrationReport,
-    SelfCalibration,
-)
+from saccade.visual.self_calibration import SIGMA, CalibrationDrift, SelfCalibration
 from saccade.visual.tables import TrackedPoints
 
 KERNEL_WIDTH = 2.0
@@ -69,7 +64,8 @@ class SlidingWindow:
         self._camera, self._config, self._errors = camera, config, odometry
         speed, turn_rate = config.acceleration_sigma
         self._acceleration = np.array([speed, speed / 4, turn_rate, *OFF_PLANE_ACCELERATION_SIGMA])
-        self.calibration, self.drift = SelfCalibration(camera, config.window), CalibrationDrift()
+        self.calibration = SelfCalibration(camera, config.window)
+        self.drift = CalibrationDrift(self.calibration)
         self.restart()
 
     def restart(self) -> None:
@@ -134,14 +130,6 @@ class SlidingWindow:
         restore_attributes(self, arrays)
         restore_attributes(self.calibration, select(arrays, "calibration"))
         restore_attributes(self.drift, select(arrays, "drift"))
-
-    def report(self) -> CalibrationReport:
-        """What the frames have told of the calibration."""
-        return self.drift.report(self.calibration)
-
-    def covariance_by_calibration(self, heading: float) -> FloatArray:
-        """(3, 3) covariance of the pose with a heading by errors of the calibration."""
-        return self.drift.covariance(heading, self.calibration)
 
     def _observe(self, points: TrackedPoints) -> None:
         """Record the points of the newest frame."""
