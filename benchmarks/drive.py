@@ -25,7 +25,7 @@ from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
 from saccade.datasets.drives.published import read_kitti_drive
 from saccade.datasets.drives.tracks import read_tracks_drive
-from saccade.evaluation.drives import score_drive
+from saccade.evaluation.runs import score_drive
 from saccade.frames import Drive
 from saccade.visual.optical_flow import gray_bytes
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from saccade import datasets, visual
 from saccade.datasets.drives.sidecar_files import camera_truth, read_kitti_poses
-from saccade.evaluation.drives import score_drive
+from saccade.evaluation.runs import score_drive
 from saccade.evaluation.trajectory import path_length
 from saccade.frames import Drive, relative_poses
 from saccade.slam.consistency import chi_square_band, normalized_squared

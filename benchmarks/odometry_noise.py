@@ -18,7 +18,7 @@ import numpy as np
 
 from saccade import slam
 from saccade.datasets.logs.conversions import OdometryNoise
-from saccade.datasets.logs.mrclam import MRCLAM_ODOMETRY, ROBOTS, read_mrclam
+from saccade.datasets.logs.published import MRCLAM_ODOMETRY, ROBOTS, read_mrclam
 from withheld import rmse
 
 HUBER = 1.345

@@ -24,9 +24,9 @@ from threadpoolctl import threadpool_limits
 import saccade
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import datasets, visual
-from saccade.evaluation.drives import summarize_drive
+from saccade.evaluation.gaze import map_in_processes, read_run, write_run
 from saccade.evaluation.intervals import mean_interval
-from saccade.evaluation.stored_runs import map_in_processes, read_run, write_run
+from saccade.evaluation.runs import summarize_drive
 from saccade.frames import Drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.types import FloatArray

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from saccade import datasets, slam
-from saccade.datasets.logs.mrclam import ROBOTS
+from saccade.datasets.logs.published import ROBOTS
 from saccade.errors import ConfigError
 from saccade.evaluation.trajectory import position_rmse
 from saccade.types import LandmarkLog

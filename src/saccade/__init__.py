@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from saccade.attention import scanpath_log_likelihood as scanpath_log_likelihood
     from saccade.attention import symmetry_saliency as symmetry_saliency
     from saccade.attention.scanpath import scanpath as scanpath
-    from saccade.attention.symmetric_pairs import symmetric_pairs as symmetric_pairs
+    from saccade.attention.symmetry import symmetric_pairs as symmetric_pairs
     from saccade.errors import ConfigError as ConfigError
     from saccade.errors import DriveError as DriveError
     from saccade.errors import ImageError as ImageError

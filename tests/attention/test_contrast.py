@@ -64,23 +64,6 @@ def test_a_large_image_has_42_feature_maps():
     assert len(maps.features) == 42
 
 
-def test_a_step_in_intensity_by_hand():
-    """Left half 0, right half 1: center minus surround at the borders of the image."""
-    step = np.zeros((128, 256))
-    step[:, 128:] = 1
-    config = dataclasses.replace(
-        SOURCE, scales=((1, 7),), scale_weights=(1.0,), orientation_scales=((1, 7),), color_weight=0
-    )
-    features = contrast_saliency(step, config, keep_features=True).features
-    level_7 = dyadic_pyramid(step, 7)[7][0]  # two cells
-    assert level_7[0] + level_7[1] == pytest.approx(1)
-    assert features[0].values[0, 0] == pytest.approx(level_7[0], abs=1e-6)
-    assert features[0].values[5, -1] == pytest.approx(1 - level_7[1], abs=1e-6)
-    horizontal = next(f for f in features if f.channel.angle == 0)
-    vertical = next(f for f in features if f.channel.angle == 90)
-    assert vertical.values.max() > 20 * horizontal.values.max()
-
-
 def test_saliency_is_the_weighted_mean_of_the_normalized_channels():
     image = noise(4, (96, 128))
     config = dataclasses.replace(SOURCE, color_weight=2, orientation_weight=0.5)

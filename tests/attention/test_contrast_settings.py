@@ -86,18 +86,6 @@ def test_conspicuity_is_summed_from_the_normalized_features(scene, preset):
     np.testing.assert_allclose(maps.orientation, orientation, atol=1e-6)  # A.13
 
 
-def test_a_lone_spot_keeps_all_its_weight():
-    """Every map has one maximum, so that N only scales (A.11): I is 1 per pair at the spot."""
-    y, x = np.mgrid[:256, :256]
-    spot = 0.8 * np.exp(-((y - 127.5) ** 2 + (x - 127.5) ** 2) / (2 * 6**2))
-    maps = contrast_saliency(spot, ContrastConfig.kootstra2010(), keep_features=True)
-    peaks = [f.normalized.max() for f in maps.features if f.channel.name == "intensity"]
-    assert peaks == pytest.approx(6 * [1])
-    assert not maps.color.any()
-    middle = maps.saliency[7:9, 7:9]
-    assert maps.saliency.max() == pytest.approx(middle.max())
-
-
 def test_smoothing_is_a_gaussian_of_its_cells():
     impulse = np.zeros((61, 65), np.float32)
     impulse[30, 32] = 1

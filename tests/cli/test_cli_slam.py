@@ -19,7 +19,7 @@ import saccade
 from saccade import slam
 from saccade.cli.mapping import LABELS, facts
 from saccade.datasets import load
-from saccade.evaluation.slam_runs import summarize_run
+from saccade.evaluation.runs import summarize_run
 from saccade.extras import install_command
 from saccade.io.video import read_video
 from saccade.types import Trajectory

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from saccade import slam
 from saccade.datasets import OdometryNoise, load, save
-from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
 from saccade.datasets.logs.pose_graph import write_pose_graph
+from saccade.datasets.logs.published import read_mrclam, write_mrclam
 from saccade.errors import ConfigError, LogError, LogWarning
 from saccade.slam import compose, turn_then_translate
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory

@@ -9,7 +9,7 @@ from scipy.io import savemat
 
 from saccade import slam
 from saccade.datasets import OdometryNoise, load
-from saccade.datasets.logs.victoria_park import center_motion
+from saccade.datasets.logs.published import center_motion
 from saccade.errors import LogError
 from saccade.slam import compose, inverse_observe
 from support.alignment import align

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from saccade.errors import ConfigError
-from saccade.evaluation.degradation import Degradation
+from saccade.evaluation.features import Degradation
 
 GRAY = np.full((120, 160, 3), 0.5, np.float32)
 

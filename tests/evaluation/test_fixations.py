@@ -211,7 +211,7 @@ np.trapz = getattr(np, "trapezoid", None) or np.trapz  # its old name
 import pysaliency
 from saccade import contrast_saliency
 from saccade.evaluation.fixations import auc, nss
-from saccade.evaluation.pysaliency import as_pysaliency
+from saccade.evaluation.prediction import as_pysaliency
 from saccade.scale.pyramid import resize
 
 rng = np.random.default_rng(0)

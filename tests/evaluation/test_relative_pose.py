@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade.datasets.poses import Poses
+from saccade.datasets.drives.sidecar_files import Poses
 from saccade.evaluation.relative_pose import FAILED, pose_errors, relative_pose
 
 MATRIX = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])

@@ -362,7 +362,7 @@ def _mapped(folder: Path, maps: str) -> None:
 def _read_map(folder: Path) -> object:
     from saccade.batch.dataset import read_table
     from saccade.batch.shards import read_map
-    from saccade.batch.store import Store
+    from saccade.batch.sources import Store
     from saccade.batch.tables import MAP_SCHEMA
 
     store = Store(str(folder / "out"))
@@ -489,7 +489,7 @@ def _written(name: str, text: str, kind: str) -> Target:
 
 def _again(folder: Path) -> object:
     from saccade.batch.dataset import read_manifest, read_records
-    from saccade.batch.store import Store
+    from saccade.batch.sources import Store
 
     store = Store(str(folder / "out"))
     return read_manifest(store), list(read_records(store))
@@ -525,7 +525,7 @@ def _matched(folder: Path) -> None:
 
 def _rematched(folder: Path) -> object:
     from saccade.batch.matching import read_keys, read_matches
-    from saccade.batch.store import Store
+    from saccade.batch.sources import Store
 
     store = Store(str(folder / "out"))
     return [list(read_matches(store, file)) for file, _ in read_keys(store)]

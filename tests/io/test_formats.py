@@ -16,7 +16,7 @@ from fuzz.targets import a_log, points
 from saccade import SiftConfig, exchange, slam
 from saccade.batch.dataset import read_manifest
 from saccade.batch.index import Index
-from saccade.batch.store import Store
+from saccade.batch.sources import Store
 from saccade.datasets import load
 from saccade.datasets.drives.calibration import read_calibration
 from saccade.errors import ConfigError, KeypointsError

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from saccade import Must, MustConfig, Sift
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ImageError
-from saccade.evaluation.degradation import Degradation
-from saccade.evaluation.features import score_detector
+from saccade.evaluation.features import Degradation, score_detector
 from saccade.keypoints import SiftConfig
 from saccade.keypoints.must import octave_symmetry
 from saccade.scale.scale_space import ScaleSpace, gaussian_scale_space

@@ -218,20 +218,6 @@ def test_a_flat_picture_has_no_saliency(color):
         np.testing.assert_array_equal(each, np.zeros_like(each))
 
 
-def test_saliency_turns_and_flips_with_the_picture():
-    """At a side at which every second sample from the first is also one from the last."""
-    image = np.random.default_rng(6).random((257, 257, 3))
-    image[150:190, 40:60] = (0.9, 0.1, 0.1)
-    upright, transposed = contrast_saliency(image), contrast_saliency(image.transpose(1, 0, 2))
-    flipped = contrast_saliency(image[:, ::-1])
-    for name in ("intensity", "color", "orientation", "saliency"):
-        close(getattr(transposed, name).T, getattr(upright, name), atol=1e-6)
-        close(getattr(flipped, name)[:, ::-1], getattr(upright, name), atol=1e-6)
-    for name, turned in zip(ORIENTATIONS, (90, 45, 0, 135), strict=True):
-        other = transposed.sums[f"orientation_{turned}"].map.T
-        close(other, upright.sums[name].map, atol=1e-6)
-
-
 REFUSED = [
     (0, 5, 3, 0.0),
     (64, 64, 3, np.nan),

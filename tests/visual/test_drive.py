@@ -11,7 +11,7 @@ from saccade import Sift, SiftConfig, datasets, read_image, visual
 from saccade.cli.drive import print_drive
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.evaluation.drives import correct_associations, score_drive, summarize_drive
+from saccade.evaluation.runs import correct_associations, score_drive, summarize_drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint, Recorder
 from saccade.slam.consistency import chi_square_gate, normalized_squared

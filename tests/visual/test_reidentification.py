@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saccade.evaluation.drives import correct_associations
+from saccade.evaluation.runs import correct_associations
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.consistency import chi_square_gate
 from saccade.visual.config import VisualConfig

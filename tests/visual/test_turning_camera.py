@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from saccade import visual
 from saccade.datasets import load_drive, save_drive
 from saccade.errors import ConfigError, DriveError
-from saccade.evaluation.drives import summarize_drive
+from saccade.evaluation.runs import summarize_drive
 from saccade.frames import AHEAD, Camera, CameraTurn, Gaze, GazeLimits, steps_between
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.visual.camera import directions, from_pixels, move_pixels, to_pixels

@@ -21,9 +21,9 @@ from saccade.attention.scanpath_model import most_probable_scanpath as most_prob
 from saccade.attention.scanpath_model import next_fixation_density as next_fixation_density
 from saccade.attention.scanpath_model import sample_scanpaths as sample_scanpaths
 from saccade.attention.scanpath_model import scanpath_log_likelihood as scanpath_log_likelihood
-from saccade.attention.symmetric_pairs import symmetric_pairs as symmetric_pairs
 from saccade.attention.symmetry import SymmetryConfig as SymmetryConfig
 from saccade.attention.symmetry import SymmetryMaps as SymmetryMaps
+from saccade.attention.symmetry import symmetric_pairs as symmetric_pairs
 from saccade.attention.symmetry import symmetry_saliency as symmetry_saliency
 from saccade.attention.video import VideoConfig as VideoConfig
 from saccade.attention.video import VideoMaps as VideoMaps

@@ -105,7 +105,7 @@ class AttentionModel:
 
     def pairs(self, image: "Float32Array", xy: "npt.NDArray[Any]") -> "list[SymmetricPairs]":
         """The strongest symmetric pairs at each of (n, 2) positions; none without symmetry."""
-        from saccade.attention.symmetric_pairs import symmetric_pairs_at
+        from saccade.attention.symmetry import symmetric_pairs_at
 
         if self.model in ("contrast", "boolean"):
             return []

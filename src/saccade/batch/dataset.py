@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from saccade.batch.job import POINTS
-from saccade.batch.store import Store, open_store
+from saccade.batch.sources import Store, open_store
 from saccade.batch.tables import DESCRIPTOR_SIZE, RECORD_SCHEMA, check_columns, point_schema
 from saccade.errors import ConfigError, KeypointsError, OutputError
 from saccade.exchange import to_opencv, write_colmap, write_csv, write_hdf5

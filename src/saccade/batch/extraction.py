@@ -25,8 +25,7 @@ from saccade.batch.dataset import (
 from saccade.batch.engines import Engine
 from saccade.batch.job import MAPS, Job
 from saccade.batch.shards import Shard, ShardReport, extract_shard
-from saccade.batch.sources import Item, Source
-from saccade.batch.store import Store, open_store
+from saccade.batch.sources import Item, Source, Store, open_store
 from saccade.batch.tables import ERROR_SCHEMA, MAP_SCHEMA, parquet_options, record_batch
 from saccade.errors import ConfigError, OutputError
 from saccade.io.files import FORMATS

@@ -25,7 +25,7 @@ from saccade.batch.dataset import (
     record_files,
 )
 from saccade.batch.job import POINTS
-from saccade.batch.store import Store
+from saccade.batch.sources import Store
 from saccade.batch.tables import DESCRIPTOR_SIZE
 from saccade.errors import ConfigError, KeypointsError, OutputError, require
 from saccade.extras import import_optional

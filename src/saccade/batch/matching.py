@@ -36,8 +36,7 @@ from saccade.batch.engines import Engine, InProcess
 from saccade.batch.extraction import Extraction, extract
 from saccade.batch.job import POINTS, Job
 from saccade.batch.shards import ShardReport
-from saccade.batch.sources import Source, image_files, open_source
-from saccade.batch.store import Store, open_store
+from saccade.batch.sources import Source, Store, image_files, open_source, open_store
 from saccade.batch.tables import parquet_options, record_batch
 from saccade.errors import ConfigError, KeypointsError, OutputError, require
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches

@@ -25,8 +25,7 @@ from saccade import keypoints
 from saccade.batch import tables
 from saccade.batch.dataset import RECORDS, read_record, read_table, shard_file
 from saccade.batch.job import MAPS, POINTS, Job
-from saccade.batch.sources import Item, content_hash, decode, read_content
-from saccade.batch.store import Store, open_store
+from saccade.batch.sources import Item, Store, content_hash, decode, open_store, read_content
 from saccade.batch.tables import RECORD_SCHEMA, parquet_options, record_batch, text_array
 from saccade.errors import KeypointsError, OutputError, SaccadeError
 from saccade.extras import import_optional

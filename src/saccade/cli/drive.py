@@ -33,7 +33,7 @@ from saccade.cli.slam import pose_table
 from saccade.datasets import save_drive, write_landmarks, write_table, write_tum
 from saccade.datasets.drives.writing import require_writable
 from saccade.diagnostics import drop_repeated
-from saccade.evaluation.drives import summarize_drive
+from saccade.evaluation.runs import summarize_drive
 from saccade.frames import Drive
 from saccade.io.files import FORMATS, results_in
 from saccade.settings import load_settings

@@ -15,10 +15,10 @@ from saccade.datasets.drives.loading import load_drive
 from saccade.datasets.drives.sidecar_files import read_kitti_poses
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ConfigError, require
-from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.detectors import CONFIGURATIONS, OURS, find_detector
 from saccade.evaluation.features import (
     ESTIMATORS,
+    Degradation,
     FeatureDifference,
     FeatureScores,
     PairScores,

@@ -9,8 +9,7 @@ from typer import Option
 from saccade.cli.options import EgomotionName, ReportOptions
 from saccade.cli.output import emit, progress_bar
 from saccade.errors import require
-from saccade.evaluation.gaze import LEVELS, GazeRun, compare, result_of
-from saccade.evaluation.stored_runs import map_in_processes
+from saccade.evaluation.gaze import LEVELS, GazeRun, compare, map_in_processes, result_of
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
 from saccade.viewing.report import Table

@@ -12,7 +12,7 @@ import PIL.Image
 import saccade
 from saccade.cli.output import Progress, write_text
 from saccade.errors import ImageError
-from saccade.evaluation.slam_runs import has_headings, lost_times
+from saccade.evaluation.runs import has_headings, lost_times
 from saccade.frames import Drive
 from saccade.io.files import FORMATS, atomic_write
 from saccade.io.video import video_writer

@@ -19,7 +19,7 @@ from saccade.datasets import symmetric_columns, write_landmarks, write_table, wr
 from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
 from saccade.errors import ConfigError, LogError
-from saccade.evaluation.slam_runs import has_headings, summarize_run
+from saccade.evaluation.runs import has_headings, summarize_run
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.landmark_names import name_texts

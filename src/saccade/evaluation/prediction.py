@@ -20,7 +20,7 @@ from saccade.evaluation.intervals import ScoreSet
 from saccade.io.image import as_gray, read_image, read_stored
 from saccade.io.npz import map_array
 from saccade.scale.pyramid import resize
-from saccade.types import FixationTable, Float32Array, FloatArray
+from saccade.types import FixationTable, Float32Array, FloatArray, Image
 
 
 def _read_tiff(path: Path) -> npt.NDArray[Any]:
@@ -185,3 +185,27 @@ def read_saliency_array(path: Path) -> Float32Array:
             f"{path}: expected finite numbers under {MAX_SALIENCY:g}, found NaN or others"
         )
     return array.astype(np.float32)
+
+
+def as_pysaliency(predict: Callable[[Image], Float32Array]) -> Any:
+    """A saliency model as pysaliency's `SaliencyMapModel`.
+
+    Args:
+        predict: from an (H, W, 3) uint8 image to its (H, W) saliency map, such as
+            `lambda image: resize(contrast_saliency(image).saliency, image.shape[:2])`
+            with `saccade.scale.pyramid.resize`.
+
+    Returns:
+        An object with pysaliency's methods: `saliency_map`, `AUC`, `NSS`, `CC` and so on.
+
+    Raises:
+        ImportError: pysaliency is not installed.
+    """
+    from pysaliency.saliency_map_models import SaliencyMapModel
+
+    class Model(SaliencyMapModel):  # type: ignore[misc]
+        def _saliency_map(self, stimulus: Image) -> Float32Array:
+            image = stimulus if stimulus.ndim == 2 else stimulus[:, :, :3]
+            return np.asarray(predict(np.asarray(image)))
+
+    return Model()

@@ -6,7 +6,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from saccade.datasets.drives.calibration import camera_matrix
-from saccade.datasets.poses import Poses
+from saccade.datasets.drives.sidecar_files import Poses
 from saccade.errors import DriveError
 from saccade.evaluation.detectors import Detector
 from saccade.evaluation.features import Features, mean_precision

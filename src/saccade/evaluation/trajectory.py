@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from saccade.datasets.poses import Poses, interpolate_poses
+from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses
 from saccade.errors import LogError, require
 from saccade.landmark_names import renumber
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory

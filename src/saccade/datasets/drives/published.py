@@ -66,13 +66,14 @@ from saccade.datasets.drives.odometry import (
     unknown_increments,
 )
 from saccade.datasets.drives.sidecar_files import (
+    Poses,
     Truth,
     assemble_drive,
     camera_truth,
     read_increments,
     read_tum_poses,
+    rotation_matrices,
 )
-from saccade.datasets.poses import Poses, rotation_matrices
 from saccade.datasets.tables import Archive, Row, read_rows, read_table
 from saccade.errors import DriveError
 from saccade.frames import AHEAD, Camera, Drive

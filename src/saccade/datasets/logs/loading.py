@@ -9,9 +9,8 @@ import numpy as np
 
 from saccade.datasets.logs.conversions import OdometryNoise, to_range_bearing
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
-from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
-from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
+from saccade.datasets.logs.published import Reference, read_mrclam, read_victoria_park, write_mrclam
 from saccade.datasets.ros.logs import read_rosbag_log
 from saccade.datasets.tables import Archive, from_upper_triangle
 from saccade.errors import ConfigError, LogError, require

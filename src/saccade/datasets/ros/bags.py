@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from saccade.datasets.poses import Poses, interpolate_poses, rotation_matrices
+from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses, rotation_matrices
 from saccade.datasets.tables import LARGEST
 from saccade.errors import ImageError, LogError, SaccadeError
 from saccade.extras import import_optional

@@ -46,8 +46,13 @@ from saccade.datasets.drives.odometry import (
     increments_from_poses,
     unknown_increments,
 )
-from saccade.datasets.drives.sidecar_files import Truth, assemble_drive, robot_truth
-from saccade.datasets.poses import Poses, project_to_plane
+from saccade.datasets.drives.sidecar_files import (
+    Poses,
+    Truth,
+    assemble_drive,
+    project_to_plane,
+    robot_truth,
+)
 from saccade.datasets.ros.bags import (
     Bag,
     Transforms,

@@ -37,6 +37,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
+from saccade.datasets.drives.sidecar_files import Poses, project_to_plane, rotation_matrices
 from saccade.datasets.logs.conversions import (
     ASSUMED_ODOMETRY,
     ASSUMED_SENSOR,
@@ -44,7 +45,6 @@ from saccade.datasets.logs.conversions import (
     sensor_variances,
     to_range_bearing,
 )
-from saccade.datasets.poses import Poses, project_to_plane, rotation_matrices
 from saccade.datasets.ros.bags import (
     Bag,
     Transforms,

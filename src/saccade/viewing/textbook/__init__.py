@@ -1,12 +1,15 @@
 """Walkthrough of the textbook: each equation beside its code, with figures of one's own data."""
 
 from saccade.viewing.textbook.ekf import simulated_log
-from saccade.viewing.textbook.page import equations_html, load_steps, save_webp, walkthrough_page
 from saccade.viewing.textbook.walkthrough import (
     Implementation,
+    equations_html,
     load_implementations,
+    load_steps,
     run_appendix,
+    save_webp,
     walk_through,
+    walkthrough_page,
 )
 
 __all__ = [

@@ -5,12 +5,109 @@ from typing import Any
 
 import numpy as np
 
-from saccade.evaluation.slam_runs import lost_times
-from saccade.evaluation.trajectory import none_if_nan, position_rmse
+from saccade.evaluation.trajectory import landmark_rmse, none_if_nan, position_rmse
 from saccade.frames import Drive, steps_between
+from saccade.slam import SlamResult, SmoothResult
 from saccade.slam.consistency import normalized_squared
-from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, IntArray, Trajectory
+from saccade.slam.run import MAX_NONLINEARITY
+from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, IntArray, LandmarkLog, Trajectory
 from saccade.visual import ObservationKind, VisualResult
+
+GPS_INLIERS = 0.9
+"""Fraction of the GPS positions that count; the others may be multipath reflections."""
+
+
+def summarize_run(
+    log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None = None
+) -> dict[str, Any]:
+    """The figures of a run, as in run.json; errors where the log has the truth.
+
+    They are those after alignment, and the unaligned ones where the truth is in the frame of the
+    log: it has headings.
+    """
+    bias = None
+    if result.odometry_bias is not None:
+        names = ("distance_scale", "turn_rad_per_m", "distance_m_per_rad")
+        bias = dict(zip(names, result.odometry_bias.tolist(), strict=True))
+    row: dict[str, Any] = {
+        "log": log.name,
+        "poses": len(result.trajectory),
+        "observations": len(log.observation),
+        "observations_used": int((result.association >= 0).sum()),
+        "names_refused": int(result.refused.sum()),
+        "landmarks": len(result.map),
+        "landmarks_culled": result.removed,
+        **_odometry_end(log, result),
+        "lost": lost_times(result.trajectory, result.lost),
+        "odometry_bias": bias,
+        "nis_mean": none_if_nan(result.consistency.mean),
+        "nis_band": list(result.consistency.band),
+        "nonlinearity": result.nonlinearity,
+        "warning": _doubt(result),
+        "remark": result.consistency.remark,
+    }
+    trajectories = {"odometry": result.dead_reckoning, "position": result.trajectory}
+    maps = {"landmark": result.map}
+    if smoothed is not None:
+        row["smoothing_iterations"] = smoothed.iterations
+        trajectories["smoothed_position"] = smoothed.trajectory
+        maps["smoothed_landmark"] = smoothed.map
+    if log.truth is not None:
+        exact = has_headings(log.truth)
+        for name, trajectory in trajectories.items():
+            rmse = position_rmse(trajectory, log.truth, keep=1.0 if exact else GPS_INLIERS)
+            row[f"{name}_{'rmse_m' if exact else 'gps_rmse_m'}"] = none_if_nan(rmse)
+            if exact:
+                rmse = position_rmse(trajectory, log.truth, aligned=False)
+                row[f"{name}_unaligned_rmse_m"] = none_if_nan(rmse)
+    if log.landmark_truth is not None:
+        for name, landmarks in maps.items():
+            for kind, aligned in (("rmse_m", True), ("unaligned_rmse_m", False)):
+                rmse = landmark_rmse(landmarks, log.landmark_truth, aligned)
+                row[f"{name}_{kind}"] = none_if_nan(rmse)
+    return row
+
+
+def _doubt(result: SlamResult) -> str:
+    """That the covariances are doubtful, in words; empty where they are not."""
+    if result.nonlinearity <= MAX_NONLINEARITY:
+        return ""
+    return (
+        f"the covariances are too small: the uncertainty is large against the distances "
+        f"(nonlinearity {result.nonlinearity:.2f}, over {MAX_NONLINEARITY:g}); --smooth linearizes "
+        "all of the log again"
+    )
+
+
+def lost_times(trajectory: Trajectory, lost: BoolArray | None) -> list[list[float | None]]:
+    """Seconds since the first pose at which a robot was lost and found again; None if it was not.
+
+    Args:
+        trajectory: (t) poses.
+        lost: (t,) whether it was lost there; None where that was not tested.
+    """
+    if lost is None or len(trajectory) == 0:
+        return []
+    change = np.diff(np.concatenate([[False], lost, [False]]).astype(np.int64))
+    times = [*(trajectory.time - trajectory.time[0]).tolist(), None]
+    starts, ends = np.flatnonzero(change > 0).tolist(), np.flatnonzero(change < 0).tolist()
+    return [[times[a], times[b]] for a, b in zip(starts, ends, strict=True)]
+
+
+def has_headings(truth: Trajectory) -> bool:
+    """Whether a truth has headings; one without, such as GPS, is not in the frame of the log."""
+    return bool(np.isfinite(truth.pose[:, 2]).all())
+
+
+def _odometry_end(log: LandmarkLog, result: SlamResult) -> dict[str, float]:
+    """Error of dead reckoning at the end, against the truth or else the filter's estimate."""
+    odometry, reference = result.dead_reckoning, result.trajectory
+    name = "odometry_end_from_estimate_m"
+    if log.truth is not None and has_headings(log.truth):
+        reference, name = log.truth, "odometry_end_error_m"
+    end = np.array([min(odometry.time[-1], reference.time[-1])])
+    return {name: float(np.hypot(*(odometry.at(end) - reference.at(end))[0, :2]))}
+
 
 POSITION_TOLERANCE = 0.1
 """Metres, plus a tenth of it for each metre of range, by which two observations of one landmark
