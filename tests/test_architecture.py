@@ -3,14 +3,12 @@
 import ast
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import saccade
-from support.limits import TIMEOUT
+from support.processes import run_python
 
 SOURCE = Path(saccade.__file__).parent
 FOUNDATION = {
@@ -192,9 +190,7 @@ import atexit, sys
 atexit.register(lambda: print([m for m in {HEAVY!r} if m in sys.modules], file=sys.stderr))
 {statement}
 """
-    done = subprocess.run(
-        [sys.executable, "-c", report], capture_output=True, text=True, check=True, timeout=TIMEOUT
-    )
+    done = run_python("-c", report, check=True)
     assert done.stderr.strip() == "[]"
 
 
@@ -233,15 +229,7 @@ image = np.zeros((48, 48), np.float32)
 image[16:24, 16:24] = 1
 print(saccade.__file__, len(saccade.Sift()(image)) > 0)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
+    done = run_python("-c", script, cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [str(installed / "__init__.py"), "True"]
 

@@ -5,8 +5,6 @@ tests/test_fuzz.py` looks longer, and at others. `tests/fuzz/run.py` lets what t
 a file guide how it is broken.
 """
 
-import subprocess
-import sys
 from pathlib import Path
 from random import Random
 
@@ -18,6 +16,7 @@ from fuzz.mutations import broken
 from fuzz.targets import TARGETS
 from support.error_checks import result_or_refusal
 from support.limits import EXAMPLES, TIMEOUT, limited
+from support.processes import run_python
 
 RUN = Path(__file__).parent / "fuzz" / "run.py"
 COMMANDS = {
@@ -97,13 +96,7 @@ def test_a_command_ends_well_or_in_one_line(run, seeds, name, chance):
 def test_files_broken_as_coverage_guides():
     pytest.importorskip("atheris")
     words = ["--seconds", TIMEOUT, "--runs", 240, "--seed", 1]
-    done = subprocess.run(
-        [sys.executable, RUN, "npz", "camera-toml", *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=2 * TIMEOUT,
-    )
+    done = run_python(RUN, "npz", "camera-toml", *words, timeout=2 * TIMEOUT)
     assert done.returncode == 0, done.stdout
     assert done.stdout.count(": Done ") == 2
 

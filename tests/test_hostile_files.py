@@ -26,6 +26,7 @@ from saccade.io.video import video_writer
 from support.error_checks import refuses
 from support.limits import TIMEOUT, limited
 from support.privileges import without_privileges
+from support.processes import run_python
 
 NAMES = ("no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
 HUGE = 65_000
@@ -98,15 +99,14 @@ def test_the_workers_for_images_that_say_they_are_huge(tmp_path, monkeypatch):
 def test_an_image_that_is_huge_is_not_unpacked(tmp_path):
     """289 million pixels in 1.3 MB: OpenCV alone would unpack them to find out."""
     (tmp_path / "bomb.png").write_bytes(png(17_000, 17_000))
-    done = subprocess.run(
-        [sys.executable, "-c", "from saccade.cli import main; main()", "look", "bomb.png"],
+    done = run_python(
+        "-c",
+        "from saccade.cli import main; main()",
+        "look",
+        "bomb.png",
         cwd=tmp_path,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (1 << 29, 1 << 29)),
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=TIMEOUT,
+        prepare=lambda: resource.setrlimit(resource.RLIMIT_DATA, (1 << 29, 1 << 29)),
     )
     assert done.returncode == 2
     assert "bomb.png: expected at most 268,435,456 pixels" in done.stderr

@@ -19,6 +19,7 @@ from packaging.requirements import Requirement
 import saccade
 from support.limits import TIMEOUT
 from support.paths import ROOT
+from support.processes import run_python
 
 SOURCE = ROOT / "src" / "saccade"
 PERMISSIVE = {
@@ -113,14 +114,10 @@ print(saccade.__file__, file=sys.stderr)
 from saccade.cli import main
 main()
 """
-    done = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", script, "look", "photo.png", "--json"],
+    done = run_python(
+        *("-I", "-S", "-c", script, "look", "photo.png", "--json"),
         cwd=tmp_path,
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=TIMEOUT,
     )
     assert done.returncode == 0, done.stderr
     assert str(tmp_path / "site") in done.stderr

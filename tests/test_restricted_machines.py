@@ -7,7 +7,6 @@ Where the compiler is off, see `test_packaging` and `test_architecture`; where i
 import json
 import os
 import re
-import subprocess
 import sys
 from itertools import product
 from pathlib import Path
@@ -21,6 +20,7 @@ from support import hostile_environments
 from support.hostile_environments import COMMANDS, ENVIRONMENTS, EXITS, all_commands
 from support.limits import EXAMPLES, TIMEOUT
 from support.privileges import without_privileges
+from support.processes import run_python
 
 OFFLINE = """
 import sys
@@ -46,15 +46,11 @@ def look(run, tmp_path):
 
     def call(before="", prepare=None, **environment):
         settings = {**os.environ, **environment}
-        done = subprocess.run(
-            [sys.executable, "-c", f"{before}\n{MAIN}", *words],
+        done = run_python(
+            *("-c", f"{before}\n{MAIN}", *words),
             cwd=tmp_path,
             env={name: value for name, value in settings.items() if value is not None},
-            preexec_fn=prepare,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=TIMEOUT,
+            prepare=prepare,
         )
         assert done.returncode == 0, done.stderr
         assert not [line for line in done.stderr.splitlines() if "compiling" not in line]
@@ -104,17 +100,14 @@ def cases():
 def hostile(tmp_path_factory):
     """A folder with inputs, and by environment and command: exit code, stdout and stderr."""
     folder = tmp_path_factory.mktemp("hostile")
-    done = subprocess.run(
-        [sys.executable, "-m", hostile_environments.__name__, folder],
-        input=json.dumps(cases()),
+    done = run_python(
+        *("-m", hostile_environments.__name__, folder),
         env={
             **os.environ,
             "PYTHONPATH": str(TESTS),
             "OMP_NUM_THREADS": "1",
         },  # forks have one thread
-        capture_output=True,
-        text=True,
-        check=False,
+        stdin=json.dumps(cases()),
         timeout=TIMEOUT * max(1, EXAMPLES // 20),
     )
     assert done.returncode == 0, done.stderr
@@ -170,14 +163,11 @@ STARTS = (
 def test_no_variable_ends_in_a_traceback(hostile, tmp_path, words, variables, expected, told):
     environment = {**os.environ, **variables}
     del environment[TRACEBACK]
-    done = subprocess.run(
-        [sys.executable, "-m", "saccade", *words.format(**{"in": hostile[0] / "in"}).split()],
+    done = run_python(
+        *("-m", "saccade"),
+        *words.format(**{"in": hostile[0] / "in"}).split(),
         cwd=tmp_path,
         env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=TIMEOUT,
     )
     assert done.returncode == expected, done.stderr
     assert told in done.stderr

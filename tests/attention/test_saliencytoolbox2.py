@@ -197,9 +197,3 @@ def test_maxima_by_hand():
     np.testing.assert_allclose(promote_by_maxima(values, 10, 1), values * (10 - 7) ** 2)
     np.testing.assert_allclose(promote_by_maxima(values, 10, 5), values * 100)
     np.testing.assert_allclose(promote_by_maxima(values, 10, 11), values * 100)
-
-
-def test_a_map_is_stretched_over_its_range_and_a_flat_one_lies_in_the_middle():
-    values = np.array([[-3.0, 0.0], [1.0, 4.0]])
-    np.testing.assert_array_equal(rescale(values, 9.0), [[0, 0], [2.25, 9]])
-    np.testing.assert_array_equal(rescale(np.full((2, 3), 7.0), 9.0), np.full((2, 3), 4.5))

@@ -1,8 +1,6 @@
 """The scanpath model against its formula, its own samples, and closed forms."""
 
 import os
-import subprocess
-import sys
 from itertools import product
 
 import numpy as np
@@ -15,7 +13,7 @@ from saccade.attention import scanpath_model
 from saccade.attention._scanpath_model_kernels import alias_table, draw_cell
 from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.errors import ConfigError, ImageError
-from support.limits import TIMEOUT
+from support.processes import run_python
 
 SHAPE = (60, 80)
 CONFIG = ScanpathModelConfig(
@@ -178,13 +176,11 @@ def test_equal_seeds_give_equal_paths_whatever_the_count_and_the_threads(salienc
         "print(saccade.sample_scanpaths(saliency, (60, 80), 5, 4, seed=3).xy.tobytes().hex())"
     )
     found = {
-        subprocess.run(
-            [sys.executable, "-c", script],
+        run_python(
+            "-c",
+            script,
             env={**os.environ, "NUMBA_NUM_THREADS": threads, "OMP_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
             check=True,
-            timeout=TIMEOUT,
         ).stdout
         for threads in ("1", "2")
     }

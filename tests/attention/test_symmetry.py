@@ -22,6 +22,7 @@ from saccade.scale.pair_sums import (
 from support import oracles_attention
 from support import oracles_symmetry as oracles
 from support.reference_images import REFERENCE_IMAGES
+from support.saliency_images import noise
 
 SOURCE = SymmetryConfig.kootstra2010()
 FINE = dataclasses.replace(SOURCE, levels=(0, 1, 2), map_level=0)
@@ -35,13 +36,6 @@ SUMS = {"isotropic": isotropic_sums, "radial": radial_sums, "color": color_sums}
 REFLECT = {"reflect": cv2.BORDER_REFLECT, "mirror": cv2.BORDER_REFLECT_101}
 
 seeds = st.integers(0, 2**32 - 1)
-
-
-def noise(seed, shape, dtype=np.uint8):
-    """Patches of color with noise: structure on more than one scale."""
-    rng = np.random.default_rng(seed)
-    patches = cv2.resize(rng.random((4, 5, 3)), shape[::-1], interpolation=cv2.INTER_NEAREST)
-    return ((0.7 * patches + 0.3 * rng.random((*shape, 3))) * np.iinfo(dtype).max).astype(dtype)
 
 
 def octaves(rng, shape):

@@ -26,6 +26,7 @@ from saccade.types import Trajectory
 from support import interrupted_run
 from support.circular_log import simulate
 from support.limits import TIMEOUT
+from support.processes import run_python
 
 PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
 
@@ -42,12 +43,8 @@ def short(tmp_path_factory):
 def made(short, tmp_path_factory):
     """What one run with everything printed and wrote."""
     folder = tmp_path_factory.mktemp("made")
-    done = subprocess.run(
-        [sys.executable, "-m", "saccade", "slam", short, "--film", "--out", folder, "--json"],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=TIMEOUT,
+    done = run_python(
+        "-m", "saccade", "slam", short, "--film", "--out", folder, "--json", check=True
     )
     return json.loads(done.stdout), folder
 

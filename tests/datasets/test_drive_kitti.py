@@ -9,6 +9,7 @@ from saccade.evaluation.trajectory import position_rmse
 from saccade.slam.models import compose
 from saccade.types import Trajectory
 from support.error_checks import refuses
+from support.odometry_alone import followed
 from support.small_drive import small_drive
 
 
@@ -18,13 +19,6 @@ def folder(tmp_path):
     return tmp_path / "07"
 
 
-def followed(drive):
-    poses = [drive.start]
-    for control in drive.control:
-        poses.append(compose(poses[-1], control)[0])
-    return np.array(poses)
-
-
 def test_steps_across_a_missing_image_are_joined(folder):
     whole = load_drive("auto", folder)
     (folder / "image_0" / "000003.png").unlink()
@@ -32,7 +26,9 @@ def test_steps_across_a_missing_image_are_joined(folder):
     (folder / "image_1" / "000006.png").unlink()
     drive = load_drive("auto", folder)
     kept = [0, 1, 2, 5, 6, 7]
-    np.testing.assert_allclose(followed(drive), followed(whole)[kept], atol=1e-12)
+    np.testing.assert_allclose(
+        followed(drive.start, drive.control), followed(whole.start, whole.control)[kept], atol=1e-12
+    )
     assert "2 images are missing, first number 3" in drive.remarks[0]
     assert drive.load(4).right is None
     np.testing.assert_array_equal(drive.load(3).image, whole.load(5).image)
@@ -116,7 +112,7 @@ def test_tracks_of_kitti_and_their_odometry(shared):
     assert len(drive) == 1101
     assert drive.camera.baseline == pytest.approx(0.537, abs=1e-3)
     np.testing.assert_allclose(drive.camera.position[:2], [1.144, -0.313], atol=1e-3)
-    alone = Trajectory(drive.time, followed(drive))
+    alone = Trajectory(drive.time, followed(drive.start, drive.control))
     assert position_rmse(alone, drive.truth) == pytest.approx(14.4, abs=0.1)
     first, second = drive.load(0).tracks, drive.load(1).tracks
     common, a, b = np.intersect1d(first.id, second.id, return_indices=True)

@@ -2,8 +2,6 @@
 
 import importlib.metadata
 import importlib.util
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from scipy.stats import mannwhitneyu, pearsonr
 from saccade.datasets.fixations import read_fixations
 from saccade.errors import ImageError, LogError
 from saccade.evaluation import fixations as metrics
-from support.limits import TIMEOUT
+from support.processes import run_python
 
 MAPS = arrays(np.float64, (12, 16), elements=st.floats(0, 1, width=16))
 PLACES = arrays(np.float64, (7, 2), elements=st.floats(0, 11))
@@ -231,10 +229,7 @@ for metric in (auc, nss):
 """
     if importlib.util.find_spec("pysaliency") is None:
         pytest.skip("pysaliency, the peer, is not installed")
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", script],
-        capture_output=True, text=True, check=False, timeout=TIMEOUT,
-    )  # fmt: skip
+    done = run_python("-W", "ignore", "-c", script)
     assert done.returncode == 0, done.stderr
     theirs, ours = (np.array(line.split(), float) for line in done.stdout.splitlines())
     np.testing.assert_allclose(ours, theirs, atol=1e-6)

@@ -7,18 +7,12 @@ from out_and_back import OutAndBackConfig, out_and_back
 from saccade.datasets import load_drive
 from saccade.errors import ConfigError, DriveError
 from saccade.frames import Camera, Drive, Frame, steps_between
-from saccade.slam.models import compose
 from saccade.types import Trajectory
 
 EXACT = OutAndBackConfig(20, 0, 0, 0, 0)
 
 
-def followed(drive):
-    """Where odometry alone puts the robot."""
-    poses = [drive.start]
-    for control in drive.control:
-        poses.append(compose(poses[-1], control)[0])
-    return np.array(poses)
+from support.odometry_alone import followed
 
 
 def winding(n=20):
@@ -37,7 +31,7 @@ def winding(n=20):
 
 def test_without_errors_odometry_is_the_truth():
     there = out_and_back(winding(), EXACT)
-    np.testing.assert_allclose(followed(there), there.truth.pose, atol=1e-12)
+    np.testing.assert_allclose(followed(there.start, there.control), there.truth.pose, atol=1e-12)
     assert not there.control_covariance.any()
 
 
@@ -90,7 +84,10 @@ def test_on_kitti_odometry_alone_is_as_poor_as_it_should_be(shared):
     errors = []
     for seed in range(4):
         there = out_and_back(drive, seed=seed)
-        ours, true = (_for_evo(there.time, pose) for pose in (followed(there), there.truth.pose))
+        ours, true = (
+            _for_evo(there.time, pose)
+            for pose in (followed(there.start, there.control), there.truth.pose)
+        )
         ours.align(true)
         ape = metrics.APE(metrics.PoseRelation.translation_part)
         ape.process_data((true, ours))

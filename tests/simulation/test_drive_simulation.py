@@ -15,7 +15,6 @@ from saccade.settings import as_toml
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
 from saccade.simulation.drive import Illumination, render
 from saccade.simulation.scene import Ground, Walls, all_posters, build_scene, poster_images
-from saccade.slam import compose
 from saccade.slam.filter.models import unbiased
 from saccade.types import Trajectory
 
@@ -33,6 +32,7 @@ SMALL = DriveConfig(
     frames_per_lap=90,
     image_size=(64, 48),
 )
+from support.odometry_alone import followed
 
 
 @pytest.fixture(scope="module")
@@ -129,17 +129,10 @@ def test_two_views_agree_where_depth_and_poses_say():
         assert np.abs(shift_between(warped, first.image.astype(float), both)).max() < 0.03
 
 
-def integrated(drive):
-    poses = [drive.start]
-    for control in drive.control:
-        poses.append(compose(poses[-1], control)[0])
-    return np.array(poses)
-
-
 def test_odometry_without_errors_is_the_truth():
     exact = OdometryConfig(scale_percent=0, heading_drift=0, distance_percent=0, heading_sigma=0)
     drive = simulate_drive(replace(SMALL, frames=200, odometry=exact))
-    np.testing.assert_allclose(integrated(drive), drive.truth.pose, atol=1e-9)
+    np.testing.assert_allclose(followed(drive.start, drive.control), drive.truth.pose, atol=1e-9)
     np.testing.assert_array_equal(drive.truth.pose[0], 0)
     steps = np.hypot(*np.diff(drive.truth.pose[:, :2], axis=0).T)
     assert steps.max() < 1.15 * steps.min()
@@ -183,7 +176,7 @@ def test_odometry_alone_goes_astray_as_far_as_the_page_says():
     found = []
     for seed in range(5):
         drive = simulate_drive(seed=seed)
-        alone = Trajectory(drive.time, integrated(drive))
+        alone = Trajectory(drive.time, followed(drive.start, drive.control))
         end = np.hypot(*(alone.pose[-1] - drive.truth.pose[-1])[:2])
         found.append((position_rmse(alone, drive.truth), end))
     assert np.mean(found, 0) == pytest.approx([1.5, 3.7], abs=0.2)

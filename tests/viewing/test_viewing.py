@@ -2,7 +2,6 @@
 
 import os
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -45,7 +44,7 @@ from saccade.viewing import (
 from saccade.viewing.attention import weighted_by
 from saccade.viewing.live import LiveMap, save_rrd
 from saccade.viewing.style import BLUE, ORANGE, RED
-from support.limits import TIMEOUT
+from support.processes import run_python
 
 IMAGE = np.random.default_rng(1).random((60, 90, 3), np.float32)
 SCANPATH = Scanpath(np.array([[10.0, 20.0], [70.0, 40.0]]), np.array([0.1, 0.2]), np.ones(2))
@@ -260,13 +259,7 @@ def test_the_rerun_file_has_every_entity(tmp_path):
 
 
 def _entities(path):
-    done = subprocess.run(
-        [sys.executable, "-m", "rerun", "rrd", "print", str(path)],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=TIMEOUT,
-    )
+    done = run_python("-m", "rerun", "rrd", "print", path, check=True)
     return done.stdout
 
 
