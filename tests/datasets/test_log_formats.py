@@ -13,7 +13,7 @@ from saccade.datasets import OdometryNoise, load, save
 from saccade.datasets.logs.pose_graph import write_pose_graph
 from saccade.datasets.logs.published import read_mrclam, write_mrclam
 from saccade.errors import ConfigError, LogError, LogWarning
-from saccade.slam import compose, turn_then_translate
+from saccade.slam import turn_then_translate
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
 
 SUFFIX = {"g2o": "g2o", "isam": "isam", "toro": "graph", "gtsam": "txt", "csv": "csv"}
@@ -135,10 +135,7 @@ def test_gtsam_reads_what_we_write(tmp_path):
         np.testing.assert_allclose(measured.range(), z[0])
         np.testing.assert_allclose(measured.bearing().theta(), z[1], atol=1e-12)
         np.testing.assert_allclose(factor.noiseModel().sigmas(), np.sqrt(np.diag(R))[::-1])
-    poses = [np.array([*log.start])]
-    for u in log.control:
-        poses.append(compose(poses[-1], u)[0])
-    for number, pose in enumerate(poses):
+    for number, pose in enumerate(followed(log.start, log.control)):
         found = values.atPose2(number)
         np.testing.assert_allclose([found.x(), found.y()], pose[:2], atol=1e-9)
     names = {int(gtsam.symbol("l", len(log.time) + name)) for name in log.landmark.tolist()}

@@ -8,11 +8,9 @@ from saccade.datasets import load_drive
 from saccade.errors import ConfigError, DriveError
 from saccade.frames import Camera, Drive, Frame, steps_between
 from saccade.types import Trajectory
+from support.odometry_alone import followed
 
 EXACT = OutAndBackConfig(20, 0, 0, 0, 0)
-
-
-from support.odometry_alone import followed
 
 
 def winding(n=20):

@@ -17,6 +17,7 @@ from saccade.simulation.drive import Illumination, render
 from saccade.simulation.scene import Ground, Walls, all_posters, build_scene, poster_images
 from saccade.slam.filter.models import unbiased
 from saccade.types import Trajectory
+from support.odometry_alone import followed
 
 TEXELS = 180.0
 CELL = 36
@@ -32,7 +33,6 @@ SMALL = DriveConfig(
     frames_per_lap=90,
     image_size=(64, 48),
 )
-from support.odometry_alone import followed
 
 
 @pytest.fixture(scope="module")
