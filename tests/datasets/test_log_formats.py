@@ -15,6 +15,7 @@ from saccade.datasets.logs.published import read_mrclam, write_mrclam
 from saccade.errors import ConfigError, LogError, LogWarning
 from saccade.slam import turn_then_translate
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
+from support.odometry_alone import followed
 
 SUFFIX = {"g2o": "g2o", "isam": "isam", "toro": "graph", "gtsam": "txt", "csv": "csv"}
 
