@@ -119,6 +119,15 @@ def test_every_dtype_means_the_same_picture(pixels):
     np.testing.assert_array_equal(as_rgb(pixels[:, ::-1])[:, ::-1], expected)
 
 
+def test_transparency_lies_on_white_and_a_trace_over_one_is_cut_off(rng):
+    pixels = rng.integers(0, 256, (5, 6, 3)).astype(np.uint8)
+    alpha = rng.choice(np.array([0, 255], np.uint8), (5, 6))
+    expected = np.where(alpha[:, :, None] == 0, 255, pixels) / 255
+    np.testing.assert_allclose(as_rgb(np.dstack([pixels, alpha])), expected, atol=1e-7)
+    np.testing.assert_array_equal(as_rgb(alpha > 0)[:, :, 1], alpha > 0)
+    np.testing.assert_array_equal(as_rgb(np.array([[1.0005, -0.0005]]))[0, :, 0], [1, 0])
+
+
 @given(arrays(np.uint8, (5, 4, 3)))
 def test_gray_is_that_of_opencv(pixels):
     expected = cv2.cvtColor((pixels / 255).astype(np.float32), cv2.COLOR_RGB2GRAY)
