@@ -7,7 +7,6 @@ import struct
 import subprocess
 import sys
 import zipfile
-import zlib
 from importlib.resources import files
 from io import BytesIO
 
@@ -25,29 +24,12 @@ from saccade.errors import ImageError, KeypointsError, LogError, OutputError
 from saccade.io.video import video_writer
 from support.error_checks import refuses
 from support.limits import TIMEOUT, limited
+from support.pictures import png
 from support.privileges import without_privileges
 from support.processes import run_python
 
 NAMES = ("no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
 HUGE = 65_000
-
-
-def chunk(name, content):
-    """Of a PNG."""
-    return (
-        struct.pack(">I", len(content))
-        + name
-        + content
-        + struct.pack(">I", zlib.crc32(name + content))
-    )
-
-
-def png(side, rows):
-    """A square one that says how large it is, and has so many rows."""
-    pixels = zlib.compress((b"\0" * (side + 1)) * rows, 1)
-    header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
-    start = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header)
-    return start + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
 
 
 def jpeg(side):

@@ -6,12 +6,10 @@ import os
 import re
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import threading
 import tomllib
-import zlib
 from dataclasses import dataclass, fields, is_dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -32,6 +30,7 @@ from saccade.serving.controls import (
 )
 from saccade.settings import NONE, load_settings, preset_names, settings_from
 from support.limits import TIMEOUT
+from support.pictures import png
 
 pytest.importorskip("starlette", reason="the extra serve is not installed")
 from starlette.testclient import TestClient
@@ -243,30 +242,13 @@ def test_the_number_of_waiting_requests_is_limited(client, analyzer):
     assert sorted(statuses) == [200] * 16 + [503] * 4
 
 
-def _png(width, height):
-    """A PNG whose header says this, and that holds nothing."""
-
-    def chunk(kind, data):
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(b""))
-        + chunk(b"IEND", b"")
-    )
-
-
 @pytest.mark.parametrize("side", [7000, 12_000, 65_000])
 def test_an_enormous_picture_is_refused_before_it_is_decoded(side, monkeypatch):
     monkeypatch.setattr("cv2.imdecode", lambda *_: pytest.fail("it was decoded"))
     with pytest.raises(
         ImageError, match=r"^bomb.png: (expected at most 40 million pixels|the image is far too)"
     ):
-        PhotoAnalyzer().open(_png(side, side), "bomb.png")
+        PhotoAnalyzer().open(png(side, 0), "bomb.png")
 
 
 @pytest.mark.parametrize(
