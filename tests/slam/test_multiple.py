@@ -37,6 +37,17 @@ def test_a_clustered_world_without_names_is_mapped_almost_as_with_them(seed):
     assert _wrong(log, result.association) < 0.1 < _wrong(log, single.association)
 
 
+def test_a_map_from_wrong_odometry_is_in_doubt(rng):
+    log = without_names(clustered_world(1, steps=600))
+    assert slam.run(log).warning == ""
+    turned = log.control.copy()
+    turned[200:, 2] += 0.3 * rng.normal(size=len(turned) - 200)
+    result = slam.run(dataclasses.replace(log, control=turned))
+    unused = (result.association < 0).mean()
+    assert "the map is in doubt" in result.warning
+    assert f"{unused:.0%} of them are not used" in result.warning
+
+
 def test_the_pose_has_the_mean_and_the_covariance_of_the_mixture():
     rng = np.random.default_rng(3)
     means = np.array([[0.0, 1.0, 3.1], [0.6, 0.2, -3.0], [0.1, 0.9, 3.0]])

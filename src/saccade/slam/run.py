@@ -28,9 +28,9 @@ from saccade.types import (
     Trajectory,
 )
 
-SURE, MOST_UNUSED, MOST_WRONG = 0.9, 0.1, 0.15
+SURE, MOST_AMBIGUOUS, MOST_WRONG = 0.8, 0.28, 0.2
 """A map without names is in doubt if its hypothesis has a smaller probability, or if more of the
-observations are not used or, as far as is known, of other landmarks."""
+observations may be of several landmarks or, as far as is known, are of other ones."""
 MAX_NONLINEARITY = 0.12
 """Of `SlamResult.nonlinearity`: above it the filter is overconfident in simulated worlds."""
 
@@ -207,10 +207,10 @@ def _doubt(association: IntArray, slam: Slam) -> str:
     """Why a map without names is in doubt, if it is."""
     if (slam.identities >= 0).any():
         return ""
-    unused = float((association < 0).mean()) if len(association) else 0.0
-    followed = slam.hypotheses
+    count, followed = max(len(association), 1), slam.hypotheses
+    unused, ambiguous = (association < 0).sum() / count, slam.culling.ambiguous / count
     sure = followed.probability > SURE and followed.wrong < MOST_WRONG
-    if sure and unused < MOST_UNUSED:
+    if sure and ambiguous < MOST_AMBIGUOUS:
         return ""
     return (
         f"the map is in doubt: no observation names a landmark; {unused:.0%} of them are not used, "
