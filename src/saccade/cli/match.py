@@ -1,18 +1,28 @@
 """`saccade match`: keypoint matches of two images, or of many."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import numpy as np
+import typer
 from matplotlib.figure import Figure
 from typer import Argument, Option
 
 from saccade.cli import options
-from saccade.cli.batch_run import Workers, preload
+from saccade.cli.batch_run import (
+    INTERRUPTED,
+    Workers,
+    batch_progress,
+    local_engine,
+    preload,
+    stop_on_interrupt,
+)
 from saccade.cli.detect import DetectorOptions, contributing_pairs
-from saccade.cli.output import Table, emit, write_text
+from saccade.cli.output import Table, emit, print_message, write_text
 from saccade.errors import require
 from saccade.extras import import_optional
 from saccade.io.files import results_in
@@ -25,6 +35,12 @@ from saccade.viewing import Picture, Section, keypoint_frame_figure, match_figur
 from saccade.viewing.keypoints import KeypointView, Outcome
 from saccade.viewing.page import figure_uri
 from saccade.viewing.report import ReportBuilder, match_part
+
+if TYPE_CHECKING:
+    from saccade.batch.job import Job
+    from saccade.batch.matching import Format as ManyFormat
+    from saccade.batch.matching import MatchConfig, MatchRun
+    from saccade.batch.shards import ShardReport
 
 
 class GeometryChoice(StrEnum):
@@ -120,7 +136,6 @@ def match(
         preload(first, workers)
         import_optional("pyarrow", "parquet")
         from saccade.batch import Job, MatchConfig
-        from saccade.cli.match_many import match_many
 
         match_many(
             *(first, pairs, out, Job(detector.detector.value, find.config, exact=True)),
@@ -308,3 +323,90 @@ def outcome(row: int, pairs: IntArray, inliers: BoolArray | None) -> Outcome:
     if inliers is None:
         return "matched"
     return "inlier" if inliers[matched].any() else "outlier"
+
+
+def match_many(
+    source: str,
+    pairs: Path | None,
+    out: Path,
+    job: "Job",
+    config: "MatchConfig",
+    formats: Sequence[str],
+    *,
+    workers: int | None,
+    redo: bool,
+    as_json: bool,
+) -> None:
+    """Match many images and print the counts.
+
+    Raises:
+        Exit: an image failed, or the run was stopped.
+    """
+    from saccade.batch.matching import FEATURES, match_images
+
+    with ExitStack() as stack:
+        stopped = stack.enter_context(stop_on_interrupt())
+        watch = _Watch(stack)
+        run = match_images(
+            source,
+            out,
+            pairs=pairs,
+            job=job,
+            config=config,
+            formats=cast("Sequence[ManyFormat]", formats),
+            engine=partial(local_engine, workers=workers),
+            redo=redo,
+            should_stop=stopped,
+            on_report=watch,
+        )
+    row = _as_row(run)
+    names = {"done": "pairs matched now", "already_done": "pairs matched before"}
+    facts = [(names.get(name, name.replace("_", " ")), value) for name, value in row.items()]
+    shown = [(name, str(value)) for name, value in facts if not isinstance(value, bool | dict)]
+    emit(row, as_json, Table(f"{source} -> {out}", ["", ""], [*shown, *row["files"].items()]))
+    if not run.complete:
+        total = run.done + run.unchanged
+        print_message(f"stopped after {total} of {run.pairs} pairs; run it again to resume")
+        raise SystemExit(INTERRUPTED)
+    if run.extraction.failed:
+        print_message(
+            f"{run.extraction.failed} images failed, and {run.pairs - len(run.matched)} pairs are "
+            f"left out; see {out / FEATURES}/errors.parquet"
+        )
+        raise typer.Exit(1)
+
+
+class _Watch:
+    """A progress bar for the images, then one for the pairs."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        self._stack = stack
+        self._bars: dict[str, Any] = {}
+
+    def __call__(self, stage: str, total: int, report: "ShardReport") -> None:
+        """Advance the bar of a stage."""
+        if stage not in self._bars:
+            self._bars[stage] = self._stack.enter_context(batch_progress(stage, total))
+        self._bars[stage](report)
+
+
+def _as_row(run: "MatchRun") -> dict[str, Any]:
+    counts = [
+        len(each.indices) if each.verification is None else int(each.verification.inliers.sum())
+        for each in run.matched
+    ]
+    verified = any(each.verification is not None for each in run.matched)
+    row: dict[str, Any] = {
+        "images": run.extraction.done + run.extraction.unchanged,
+        "pairs": run.pairs,
+        "done": run.done,
+        "already_done": run.unchanged,
+        "matches": sum(len(each.indices) for each in run.matched),
+    }
+    if verified:
+        row |= {"verified_pairs": int(np.count_nonzero(counts)), "inliers": sum(counts)}
+    return {
+        **row,
+        "complete": run.complete,
+        "files": {name: str(path) for name, path in run.files.items()},
+    }
