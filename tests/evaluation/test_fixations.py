@@ -202,15 +202,16 @@ def test_a_model_of_ours_runs_inside_pysaliency():
     script = """
 import importlib.machinery, sys, unittest.mock
 import numpy as np
+from saccade import contrast_saliency
+from saccade.evaluation.fixations import auc, nss
+from saccade.evaluation.prediction import as_pysaliency
+from saccade.scale.pyramid import resize
+
 sys.modules["torch"] = unittest.mock.MagicMock(
     __spec__=importlib.machinery.ModuleSpec("torch", None)
 )
 np.trapz = getattr(np, "trapezoid", None) or np.trapz  # its old name
 import pysaliency
-from saccade import contrast_saliency
-from saccade.evaluation.fixations import auc, nss
-from saccade.evaluation.prediction import as_pysaliency
-from saccade.scale.pyramid import resize
 
 rng = np.random.default_rng(0)
 images = [rng.integers(0, 255, (90, 120, 3), np.uint8) for _ in range(2)]
