@@ -162,8 +162,7 @@ def _error_table(row: dict[str, Any], title: str) -> Table:
         "end_m": "at the end (m)",
         "inside_3sigma": "in 99.7 % ellipse",
     }
-    trajectories = {"SLAM": row, "odometry": row["odometry"]}
-    trajectories["visual odometry"] = row["visual_odometry"]
+    trajectories = {"SLAM": row, "odometry": row["odometry"], "egomotion": row["visual_odometry"]}
     cells = [
         [name, *("" if (v := errors.get(c)) is None else f"{v:.3f}" for c in columns)]
         for name, errors in trajectories.items()
@@ -313,7 +312,8 @@ def film_frames(
 
     observed = result.observations
     observations = ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind)
+    odometry = result.odometry if drive.has_odometry else None
     return drive_frames(
-        *(snapshots, drive.time, result.odometry, image_loader(drive), saliency, observations),
+        *(snapshots, drive.time, odometry, image_loader(drive), saliency, observations),
         eye_at=eye_loader(drive),
     )

@@ -195,7 +195,7 @@ def check_timestamps(drive: Drive) -> Iterator[Finding]:
         advice = "It was repaired on reading; check the recording for other errors"
         yield Finding("warning", "files", remark, advice, 1.0, "remark")
     for assumption in drive.assumptions:
-        advice = "Give the calibration, or odometry, if it is known"
+        advice = "Give what is assumed, if it is known"
         yield Finding("note", "assumptions", assumption, advice, 1.0, "remark")
     period = np.diff(drive.time)
     if len(period) < 5:

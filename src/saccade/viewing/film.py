@@ -159,7 +159,7 @@ def map_frames(
     """
     if not snapshots:
         return
-    canvas = _MapCanvas(_extent(snapshots))
+    canvas = _MapCanvas(_extent(snapshots), has_odometry=dead_reckoning is not None)
     odometry = np.empty((0, 2)) if dead_reckoning is None else dead_reckoning.pose[:, :2]
     begin = 0
     for snapshot in snapshots:
@@ -176,7 +176,7 @@ def map_frames(
 def drive_frames(
     snapshots: Sequence[MapSnapshot],
     time: FloatArray,
-    odometry: Trajectory,
+    odometry: Trajectory | None,
     image_at: Callable[[int], Image | None],
     attention: Callable[[Image], Float32Array] | None,
     observed: ObservedLandmarks,
@@ -187,7 +187,7 @@ def drive_frames(
     Args:
         snapshots: of the map, in order.
         time: (n,) of each frame of the drive.
-        odometry: dead reckoning.
+        odometry: dead reckoning; None without any.
         image_at: gives the image of a frame, or None.
         attention: gives the saliency map of an image; None draws none.
         observed: landmarks with pixels and kinds.
@@ -207,7 +207,7 @@ def drive_frames(
 class _MapCanvas:
     """Axes drawn once, with the trajectories so far; each frame is drawn on a copy."""
 
-    def __init__(self, box: FloatArray) -> None:
+    def __init__(self, box: FloatArray, *, has_odometry: bool) -> None:
         figure = Figure(figsize=(WIDTH / 100, HEIGHT / 100), dpi=100)
         axes = figure.add_axes((0.06, 0.08, 0.92, 0.84))
         width, height = (box[1] - box[0]).tolist()
@@ -216,7 +216,7 @@ class _MapCanvas:
         map_axes(axes, box.mean(0) + np.array([-half, half]))
         handles = [
             Line2D([], [], color=BLUE, linewidth=2, label="estimate"),
-            Line2D([], [], color=GRAY, linewidth=1, label="odometry alone"),
+            *([Line2D([], [], color=GRAY, linewidth=1, label="odometry alone")] * has_odometry),
             Patch(**ELLIPSE, label=f"landmarks, {ELLIPSE_LABEL}"),
             Line2D([], [], color=GREEN, linewidth=1, label="observed"),
         ]
