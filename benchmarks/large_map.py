@@ -76,6 +76,7 @@ def world(steps: int, trees: int, seed: int) -> LandmarkLog:
         seen.append(z[visible])
     z = np.concatenate(seen)
     z = z + rng.normal(size=z.shape) * LASER
+    z[:, 0] = np.abs(z[:, 0])  # a tree beside the laser has no negative range
     time_ = np.arange(steps + 1.0)
     return LandmarkLog(
         name="sweep",
