@@ -8,8 +8,10 @@ import numpy as np
 
 from saccade.diagnostics.findings import CheckReport, Finding, Severity
 from saccade.diagnostics.odometry import (
+    TURNING,
     check_direction,
     check_jumps,
+    check_side_slip,
     check_translations,
     check_truth,
     check_turns,
@@ -22,6 +24,7 @@ from saccade.diagnostics.recording import (
 )
 from saccade.diagnostics.survey import (
     MIN_STEPS,
+    SIGNIFICANT_SIGMAS,
     Lag,
     MotionSeries,
     Survey,
@@ -32,6 +35,7 @@ from saccade.diagnostics.survey import (
 )
 from saccade.errors import DriveError, require
 from saccade.frames import Camera, Drive
+from saccade.visual.odometry_model import SLIP_PER_ACCELERATION
 
 MIN_DISPARITIES = 200
 """Disparities from which the rectification is judged."""
@@ -39,10 +43,17 @@ MAX_NEGATIVE = 0.05
 """Fraction of negative disparities that is explained by wrong matches."""
 MAX_ROW_OFFSET = 1.0
 """Pixels between the rows of a point in both images."""
+OFFSET_STRETCHES, MAX_OFFSET_SCALE = 12, 0.05
+"""Stretches of a drive whose scatter gives the error of a disparity offset, and the fraction of the
+distance from which the offset is reported."""
+MIN_SPREAD = 4.0
+"""Pixels between the quartiles of the disparities from which an offset is estimated: ten times
+their noise, which looks like an offset where all points are equally far."""
 MAX_ANGLE, GROSS_ANGLE = np.deg2rad(3.0), np.deg2rad(30.0)
 """Radians of error allowed in yaw and pitch, and from which axes must have been exchanged."""
-MAX_OFFSET, MAX_RELATIVE_OFFSET = 0.15, 0.6
-"""Error allowed in the position, in metres and relative: a robot's center of rotation varies."""
+MAX_OFFSET, MAX_RELATIVE_OFFSET, SLIP_SIGMAS = 0.15, 0.6, 3.0
+"""Error allowed in the position, in metres and relative: a robot's center of rotation varies; and
+standard deviations of side-slip in turns, which moves the camera like another position."""
 
 
 def check_intrinsics(camera: Camera) -> Iterator[Finding]:
@@ -92,6 +103,41 @@ def check_rectification(survey: Survey) -> Iterator[Finding]:
         yield Finding("warning", "rows", what, advice, offset, "px")
 
 
+def check_disparity_offset(survey: Survey, series: MotionSeries) -> Iterator[Finding]:
+    """An offset of all disparities, which changes near distances less than far ones.
+
+    Its standard error is by the scatter of stretches of the drive. Where odometry measures the
+    distance, the offset must bring the images closer to it.
+    """
+    length = np.linalg.norm(survey.translation, axis=1)
+    known = np.isfinite(length) & (survey.offset[:, 0] > 0)
+    spread = np.ptp(np.quantile(survey.disparity, [0.25, 0.75])) if len(survey.disparity) else 0.0
+    if known.sum() < MIN_STEPS or spread < MIN_SPREAD:
+        return
+    information, gradient, shorter = survey.offset[known].T
+    offset = float(gradient.sum() / information.sum())
+    parts = np.array_split(gradient - information * offset, OFFSET_STRETCHES)
+    scatter = np.array([part.sum() for part in parts])
+    degrees_of_freedom = (len(parts) - 1) / len(parts)
+    error = float(np.sqrt(np.square(scatter).sum() / degrees_of_freedom) / information.sum())
+    scale = 1 - offset * float(shorter.sum() / length[known].sum())
+    if abs(scale - 1) < MAX_OFFSET_SCALE or abs(offset) < SIGNIFICANT_SIGMAS * error:
+        return
+    moving = series.moving
+    by_odometry = fit(moving.odometry[:, :1], moving.translation[:, 0])
+    if by_odometry is not None:
+        ratio = float(by_odometry.value[0])
+        if abs(ratio / scale - 1) > abs(ratio - 1):
+            return
+    larger = "large" if offset > 0 else "small"
+    what = (
+        f"all disparities are {abs(offset):.2f} px (within {2 * error:.2f}) too {larger}: the "
+        f"images move {scale:.2f} times as far as they should, by how near and far points disagree"
+    )
+    advice = "Check the columns of the principal points of both cameras, or calibrate again"
+    yield Finding("warning", "disparity offset", what, advice, offset, "px")
+
+
 def check_rotation(moving: MotionSeries) -> Iterator[Finding]:
     """Gross errors of the camera's rotation: axes exchanged or reversed."""
     moving = moving[np.linalg.norm(moving.translation, axis=1) > 0]
@@ -130,8 +176,15 @@ def check_extrinsics(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
             what = f"the camera is turned {abs(angle):.1f} deg further {side} than camera.rotation"
             advice = f"Turn camera.rotation {side} by this angle"
             yield Finding("warning", check, what, advice, angle, "deg")
+    speed = moving.odometry[:, 0] / moving.duration
+    turning = (
+        np.abs(turn) > TURNING * moving.duration
+    )  # straight ahead, errors of turn and of lateral motion are correlated
+    if turning.sum() < MIN_STEPS:
+        return
     fitted, position = fit(np.stack([turn, ahead], 1), left), float(camera.position[0])
-    tolerance = max(MAX_OFFSET, MAX_RELATIVE_OFFSET * abs(position))
+    slip = SLIP_SIGMAS * SLIP_PER_ACCELERATION * float(np.median(np.square(speed[turning])))
+    tolerance = max(MAX_OFFSET, MAX_RELATIVE_OFFSET * abs(position), slip)
     if fitted is not None and fitted.differs(0, position, tolerance):
         what = (
             f"in turns the camera moves as if it were {fitted.value[0]:.2f} m ahead of the robot's "
@@ -181,6 +234,7 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
         *check_intrinsics(drive.camera),
         *check_timestamps(drive),
         *check_rectification(survey),
+        *check_disparity_offset(survey, series),
     ]
     odometry, extrinsics = _motion_findings(drive, series, lag)
     findings += odometry + extrinsics
@@ -211,7 +265,13 @@ def _motion_findings(
         return odometry, rotation
     if direction := [*check_direction(moving)]:
         return odometry + direction, []
-    return [*odometry, *check_translations(series)], [*check_extrinsics(moving, drive.camera)]
+    odometry, extrinsics = (
+        [*odometry, *check_translations(series)],
+        [*check_extrinsics(moving, drive.camera)],
+    )
+    if not extrinsics:  # another position moves sideways in turns, too
+        odometry += check_side_slip(moving, drive.camera)
+    return odometry, extrinsics
 
 
 def _figures(survey: Survey, series: MotionSeries, lag: Lag | None) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from saccade.diagnostics.survey import (
     lag_of,
     series_of,
 )
-from saccade.frames import Drive, steps_between
+from saccade.frames import Camera, Drive, steps_between
 from saccade.types import FloatArray
 
 MIN_TURN_RATE = 0.01
@@ -32,6 +32,13 @@ STANDSTILL, MAX_SLIP = 0.1, 0.25
 fraction of the steps in which it may."""
 MAX_NOISE_RATIO = 2.0
 """Standard deviation of the errors of odometry over that of its covariance."""
+TURNING, STRAIGHT = 0.1, 0.2
+"""Turn rate in rad/s from which a step is one of a turn; fraction of the steps, those with the
+least turn rates, that are taken as straight."""
+MIN_RATE_RATIO = 3.0
+"""Turn rate of a turn over the greatest of the straight steps."""
+MAX_SLIP_RATIO = 1.8
+"""Lateral error of odometry in turns, over the standard deviation that it declares."""
 JUMP_RATIO = 10.0
 """Change of speed, over its standard deviation, that is a jump."""
 
@@ -142,6 +149,36 @@ def check_translations(series: MotionSeries) -> Iterator[Finding]:
         yield _scale_finding("translation", "moves", fitted, advice)
 
 
+def check_side_slip(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
+    """Lateral errors of odometry in turns, in excess over those of straight steps.
+
+    Noise of the images is in both; the yaw of the camera, which is as well, is estimated.
+    """
+    ahead, left, _ = moving.translation.T
+    turn = moving.rotation[:, 2]
+    rate = np.abs(turn) / moving.duration
+    least = float(np.quantile(rate, STRAIGHT))
+    turning, straight = rate > max(TURNING, MIN_RATE_RATIO * least), rate <= least
+    error = left - moving.odometry[:, 1] - camera.position[0] * turn
+    yaw = fit(np.stack([ahead, turn], 1), error)
+    if yaw is None or min(turning.sum(), straight.sum()) < MIN_STEPS:
+        return
+    error = np.abs(error - yaw.value[0] * ahead)
+    squares = [np.square(1.4826 * np.median(error[each])) for each in (turning, straight)]
+    slip = float(np.sqrt(max(squares[0] - squares[1], 0.0)))
+    sigma = float(np.sqrt(np.median(moving.covariance[turning, 1, 1])))
+    if slip > MAX_SLIP_RATIO * sigma:
+        what = (
+            f"in turns odometry is wrong by {slip:.2g} m to the side in a step, beyond its error "
+            f"straight ahead; by its covariance by {sigma:.2g} m (one standard deviation)"
+        )
+        advice = (
+            "The robot slips sideways, or its origin is not where odometry has it: make the "
+            f"lateral standard deviations {slip / max(sigma, 1e-12):.1f} times as large"
+        )
+        yield Finding("warning", "side-slip", what, advice, slip, "m")
+
+
 def check_jumps(drive: Drive) -> Iterator[Finding]:
     """Steps in which odometry is much faster than right before and after."""
     duration = np.diff(drive.time)
@@ -241,7 +278,7 @@ def _check_images(
 
 _PER_FRAME = (
     *("frame", "brightness", "contrast", "sharpness", "points", "copied"),
-    *("rotation", "translation", "metric"),
+    *("rotation", "translation", "metric", "offset"),
 )
 """Columns of a survey with a row for each frame."""
 

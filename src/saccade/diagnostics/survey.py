@@ -13,7 +13,13 @@ from saccade.frames import Camera, Drive, Frame, Tracks
 from saccade.types import BoolArray, FloatArray, Image, IntArray
 from saccade.visual.camera import Intrinsics, directions, reduced_camera
 from saccade.visual.depth import depth_of
-from saccade.visual.egomotion import MAX_REPROJECTION_ERROR, CameraPose, perspective_n_point
+from saccade.visual.egomotion import (
+    MAX_REPROJECTION_ERROR,
+    CameraPose,
+    cross_product,
+    perspective_n_point,
+    times,
+)
 from saccade.visual.optical_flow import (
     ByteArray,
     PreparedFrame,
@@ -55,6 +61,8 @@ class Survey:
     """(m, 3) ahead, left and up; NaN where unknown."""
     metric: BoolArray
     """(m,) whether the translation is in metres; else it has length 1, or 0 at a standstill."""
+    offset: FloatArray
+    """(m, 3) what the frame says of an offset of all disparities, see `offset_equation`."""
     unreadable: dict[int, str]
     """Error messages by number of the frame."""
     disparity: FloatArray
@@ -84,6 +92,7 @@ def survey_drive(
     m, unreadable = len(numbers), dict[int, str]()
     brightness, contrast, sharpness = np.full((3, m), np.nan)
     rotation, translation = np.full((2, m, 3), np.nan)
+    offset = np.zeros((m, 3))
     counts, copied, metric = np.zeros(m, np.int64), np.zeros(m, np.bool_), np.zeros(m, np.bool_)
     all_points = [FramePoints()]
     previous: PreparedFrame | None = None
@@ -106,7 +115,7 @@ def survey_drive(
                 pairs = match_points(all_points[-1], (previous, current), points)
                 motion = motion_between(*pairs, camera)
                 if motion is not None:
-                    rotation[i], translation[i], metric[i] = motion
+                    rotation[i], translation[i], metric[i], offset[i] = motion
             all_points.append(points)
             previous = current
         if progress is not None:
@@ -115,7 +124,7 @@ def survey_drive(
     every = every[np.isfinite(every.disparity)]
     return Survey(
         *(np.array(numbers), brightness, contrast, sharpness, counts, copied),
-        *(rotation, translation, metric, unreadable),
+        *(rotation, translation, metric, offset / (factor**2, factor, factor), unreadable),
         *(every.disparity * factor, every.row_offset * factor),
     )
 
@@ -176,6 +185,8 @@ MAX_CORNERS, CORNER_QUALITY, MIN_SPACING = 300, 0.003, 9
 """Corners in an image, their response as a fraction of the strongest, and pixels between them."""
 MIN_DISPARITY = 2.0
 """Pixels from which a disparity gives a depth."""
+PIXEL_SIGMA, DISPARITY_SIGMA = 0.5, 0.4
+"""Standard deviations in pixels by which points are weighted where an offset is estimated."""
 MIN_POINTS = 12
 """Points from which a motion is estimated."""
 STANDSTILL = 0.2
@@ -249,7 +260,7 @@ def match_points(
 
 def motion_between(
     first: FloatArray, second: FloatArray, depth: FloatArray, camera: Camera
-) -> tuple[FloatArray, FloatArray, bool] | None:
+) -> tuple[FloatArray, FloatArray, bool, FloatArray] | None:
     """Estimate the motion of a camera from k correspondences.
 
     Args:
@@ -260,10 +271,11 @@ def motion_between(
 
     Returns:
         Along the robot's axes (ahead, left, up) at the first frame: rotation vector (3,) in
-        radians, translation (3,), and whether it is in metres. Without depths it has length 1,
-        or 0 at a standstill. None where too few points, or less than a third, agree.
+        radians, translation (3,), whether it is in metres, and its `offset_equation`. Without
+        depths it has length 1, or 0 at a standstill. None where too few points, or less than a
+        third, agree.
     """
-    known = np.isfinite(depth)
+    known, offset = np.isfinite(depth), np.zeros(3)
     metric = bool(known.sum() >= MIN_POINTS)
     pose: CameraPose | None = None
     if metric:
@@ -273,6 +285,8 @@ def motion_between(
         )
         if solution is not None and _most_agree(solution[2], len(points)):
             pose = solution[:2]
+            if camera.baseline > 0:
+                offset = offset_equation(camera, points, second[known], pose)
     else:
         pose = _from_directions(first, second, camera)
     if pose is None:
@@ -280,7 +294,48 @@ def motion_between(
     R, t = pose
     C = camera.rotation
     rotation = np.asarray(cv2.Rodrigues(C @ R.T @ C.T)[0], np.float64).ravel()
-    return rotation, -(C @ R.T @ t), metric
+    return rotation, -(C @ R.T @ t), metric, offset
+
+
+def offset_equation(
+    camera: Camera, points: FloatArray, pixels: FloatArray, pose: CameraPose
+) -> FloatArray:
+    """Normal equation of an offset by which all disparities of a step are too large.
+
+    An offset changes near depths less than far ones, and so leaves residuals that no motion
+    explains. The motion is eliminated (Schur).
+
+    Args:
+        camera: the stereo rig.
+        points: (k, 3) in the first camera frame, by their disparities.
+        pixels: (k, 2) in the second frame.
+        pose: the motion that fits them best.
+
+    Returns:
+        (3,) information in 1 / px^2, gradient in 1 / px, and the metres by which an offset of one
+        pixel shortens the motion.
+    """
+    R, t = pose
+    rotated = points @ R.T
+    moved = rotated + t
+    ray, ahead = moved[:, :2] / moved[:, 2:], moved[:, 2] > 0
+    focal = np.array([camera.fx, camera.fy])
+    residual = pixels - focal * ray - (camera.cx, camera.cy)
+    inlier = ahead & (np.hypot(*residual.T) < MAX_REPROJECTION_ERROR)
+    projection = np.zeros((len(ray), 2, 3))
+    projection[:, [0, 1], [0, 1]], projection[:, :, 2] = 1.0, -ray
+    projection *= focal[:, None] / moved[:, 2, None, None]
+    disparity = camera.fx * camera.baseline / points[:, 2]
+    by_offset = times(projection, rotated) / disparity[:, None]
+    by_pose = np.concatenate([-projection @ cross_product(rotated), projection], 2)
+    variance = PIXEL_SIGMA**2 + DISPARITY_SIGMA**2 * np.square(by_offset).sum(1)
+    weight = np.repeat(np.sqrt(inlier / variance), 2)
+    A = weight[:, None] * by_pose.reshape(-1, 6)
+    b = weight[:, None] * np.stack([by_offset, residual], 2).reshape(-1, 2)
+    motion = np.linalg.lstsq(A, b, rcond=None)[0]
+    offset, rest = (b - A @ motion).T
+    shorter = -float(motion[3:, 0] @ t) / max(float(np.linalg.norm(t)), 1e-9)
+    return np.array([offset @ offset, offset @ rest, shorter])
 
 
 def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> CameraPose | None:
