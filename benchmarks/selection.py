@@ -31,22 +31,8 @@ from saccade.frames import Drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.types import FloatArray
 from saccade.visual import FeatureCache, VisualConfig
-from saccade.visual.config import SELECTIONS
+from saccade.visual.config import SELECTIONS, Selection
 
-CRITERIA: dict[str, dict[str, Any]] = {name: {"selection": name} for name in SELECTIONS} | {
-    detector if name == "strength" else f"{detector}-{name}": {
-        "detector": detector,
-        "selection": name,
-    }
-    for detector in ("must", "symroid")
-    for name in SELECTIONS
-}
-"""Settings of each criterion: a ranking of SIFT keypoints, or of another detector's; a detector
-alone ranks by its response."""
-COMPARED = [
-    *("rematch-rate-range", "rematch-rate", "strength", "symmetry"),
-    *("must", "must-rematch-rate", "symroid", "symroid-rematch-rate"),
-]
 WORLDS = {
     "ring": DriveConfig(size=(7.0, 5.5), frames_per_lap=120),
     "room": DriveConfig(
@@ -80,7 +66,7 @@ class RunSeries:
     frames: int
     budgets: list[int]
     """Landmarks tracked at a time."""
-    criteria: list[str]
+    criteria: list[Selection]
 
     def load(self) -> Drive:
         """The drive, with each frame loaded once."""
@@ -104,10 +90,13 @@ def run_series(series: RunSeries, out: Path) -> list[dict[str, Any]]:
         if not path.exists():
             drive = series.load() if drive is None else drive
             config = VisualConfig(
-                new_per_frame=budget, max_tracked=budget, shared_points=False, seed=series.seed
+                selection=criterion,
+                new_per_frame=budget,
+                max_tracked=budget,
+                seed=series.seed,
             )
             with threadpool_limits(1, user_api="blas"):
-                result = visual.run(drive, replace(config, **CRITERIA[criterion]), cache=features)
+                result = visual.run(drive, config, cache=features)
             found = summarize_drive(drive, result)
             attempts = found["reidentified"] + found["missed"]
             found["reidentification_rate"] = found["reidentified"] / attempts if attempts else None
@@ -190,8 +179,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("saccade-selection"))
     parser.add_argument("--no-simulator", action="store_true")
     parser.add_argument("--budgets", nargs="+", type=int, default=[5, 10, 20, 50])
-    parser.add_argument("--criteria", nargs="+", choices=CRITERIA, default=COMPARED)
-    parser.add_argument("--reference", choices=CRITERIA, default="rematch-rate")
+    parser.add_argument("--criteria", nargs="+", choices=SELECTIONS, default=SELECTIONS)
+    parser.add_argument("--reference", choices=SELECTIONS, default="rematch-rate")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--frames", type=int, default=160)

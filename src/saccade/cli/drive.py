@@ -51,9 +51,6 @@ def drive(
     frames: Annotated[
         int | None, Option(min=1, metavar="N", help="Process only the first N frames.")
     ] = None,
-    detector: Annotated[
-        str | None, Option(help="Keypoint detector of the landmarks: sift, must or symroid.")
-    ] = None,
     selection: Annotated[
         str | None,
         Option(
@@ -93,7 +90,7 @@ def drive(
     whose camera.toml is its calibration; Ctrl-C ends the drive.
     """
     settings = load_settings("visual", preset, config)
-    given = {"detector": detector, "selection": selection, "max_landmarks": max_landmarks}
+    given = {"selection": selection, "max_landmarks": max_landmarks}
     settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
     output = run.into(out)
     if camera is not None:

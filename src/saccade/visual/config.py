@@ -20,8 +20,6 @@ SELECTIONS = get_args(Selection)
 EgomotionSource: TypeAlias = Literal["camera", "second-camera", "wheels"]
 """What measures the motion of the robot."""
 EGOMOTIONS = get_args(EgomotionSource)
-DetectorName: TypeAlias = Literal["sift", "must", "symroid"]
-"""Interest point detectors."""
 
 _RANGES: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("max_landmarks", "detect_interval", "max_points"), (1, 1e5)),
@@ -46,12 +44,6 @@ class VisualConfig:
         ConfigError: a setting outside its range.
     """
 
-    detector: DetectorName = "sift"
-    """Interest point detector of the landmarks. The egomotion is estimated from points of SIFT."""
-    shared_points: bool = True
-    """Whether SIFT landmarks are among the points of the egomotion. Landmarks that are not, and
-    those of other detectors, are tracked beside them, and the motion is the same whatever they
-    are."""
     selection: Selection = "rematch-rate-range"
     """Which points become landmarks: those with the strongest response, any ("random"), those with
     the most certain range, the most salient by contrast or by symmetry, or those with the highest
@@ -68,8 +60,7 @@ class VisualConfig:
     max_points: int = 400
     """Maximum number of points detected in a frame."""
     max_tracks: int = 200
-    """Maximum number of points tracked at a time: landmarks, and others for the egomotion; of each
-    where they are not shared."""
+    """Maximum number of points tracked at a time: landmarks, and others for the egomotion."""
     egomotion: EgomotionSource = "camera"
     """What measures the motion: the camera, with odometry ("camera"), so that only re-identified
     landmarks correct the pose, since the pixels of the others have been used; or odometry alone,
@@ -128,11 +119,6 @@ class VisualConfig:
         near, far = self.range_limits
         require(0 <= near < far, "range_limits", "two ascending numbers from 0", self.range_limits)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
-
-    @property
-    def separate_landmarks(self) -> bool:
-        """Whether landmarks are tracked apart from the points of the egomotion."""
-        return self.detector != "sift" or not self.shared_points
 
     @property
     def counts_rematches(self) -> bool:

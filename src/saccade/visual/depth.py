@@ -60,8 +60,6 @@ def measure_depth(
     xy: Float32Array,
     config: VisualConfig,
     previous: FloatArray | None = None,
-    *,
-    from_neighbors: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Depths at pixels (k, 2), in metres along the optical axis, and their standard deviations.
 
@@ -74,8 +72,6 @@ def measure_depth(
         config: the range limits, which bound the disparity.
         previous: (k,) depths in the frame before, which initialize the disparities; None
             initializes them by block matching.
-        from_neighbors: initialize a disparity that block matching does not find by that of the
-            nearest point; by default such a point has no depth.
     """
     if prepared.frame.depth is not None:
         values = _sample(prepared.frame.depth, xy)
@@ -89,8 +85,6 @@ def measure_depth(
     else:
         max_disparity = camera.fx * camera.baseline / max(config.range_limits[0], 1e-3)
         initial = _block_disparities(prepared.left, prepared.right, xy, max_disparity)
-        if from_neighbors:
-            initial = _filled(initial, xy)
     disparity = track_disparities(prepared.left, prepared.right, xy, initial)
     if previous is None:
         disparity = np.where(initial > 0, disparity, np.nan)
@@ -119,16 +113,6 @@ def _block_disparities(
     matcher = cv2.StereoBM.create(numDisparities=count, blockSize=BLOCK_SIZE)
     disparity = _sample(matcher.compute(left, right), xy) / 16
     return np.where(disparity > 0, disparity, np.nan)
-
-
-def _filled(values: FloatArray, xy: Float32Array) -> FloatArray:
-    """(k,) values at pixels (k, 2), where one is NaN that of the nearest pixel with another."""
-    known = np.isfinite(values)
-    if not known.any():
-        return values
-    from scipy.spatial import cKDTree  # half a second that few drives need
-
-    return np.asarray(values[known][cKDTree(xy[known]).query(xy)[1]])
 
 
 def _sample(image: npt.NDArray[Any], xy: Float32Array) -> npt.NDArray[Any]:

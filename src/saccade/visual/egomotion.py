@@ -140,20 +140,6 @@ def estimate_motion(
     return Egomotion(control, off_plane, covariance, inliers, R, t, prior is not None)
 
 
-def agree_with_motion(
-    camera: Camera, points: Correspondences, pixel_sigma: float | FloatArray, motion: Egomotion
-) -> BoolArray:
-    """(k,) whether correspondences from which a motion was not estimated are inliers of it."""
-    inverse_depth, squared = points.inverse_depth.copy(), np.empty(len(points.previous))
-    sigmas = np.full(len(squared), pixel_sigma, np.float64)
-    for width in KERNEL_WIDTHS:
-        accumulate_normal_equations(
-            *(points, Intrinsics.of(camera), motion.rotation, motion.translation, sigmas),
-            *(width, inverse_depth, np.zeros((6, 6)), np.zeros(6), squared),
-        )
-    return np.asarray(squared < INLIER_SIGMAS**2)
-
-
 def robot_motion(
     camera: Camera | Mounting, R: FloatArray, t: FloatArray, before: Camera | Mounting | None = None
 ) -> tuple[FloatArray, FloatArray]:

@@ -14,20 +14,15 @@ from threadpoolctl import threadpool_limits
 from saccade.attention.contrast import contrast_saliency
 from saccade.errors import ImageError
 from saccade.frames import Camera, Drive, Frame
-from saccade.keypoints.must import Must
-from saccade.keypoints.must_config import MustConfig
 from saccade.keypoints.sift import Sift
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.keypoints.symroid import SymRoid
-from saccade.keypoints.symroid_config import SymRoidConfig
-from saccade.types import Float32Array, Image, Keypoints
+from saccade.types import Float32Array, Keypoints
 from saccade.visual.camera import is_inside, move_pixels
-from saccade.visual.config import DetectorName, VisualConfig
+from saccade.visual.config import VisualConfig
 from saccade.visual.depth import depth_of, depth_sigma, measure_depth, measures_depth
 from saccade.visual.egomotion import (
     Egomotion,
     MotionEstimate,
-    agree_with_motion,
     camera_motion,
     correspondences_of,
     estimate_motion,
@@ -59,10 +54,8 @@ class FrameFeatures:
 
     frame: PreparedFrame
     detected: TrackedPoints | None
-    """Points of SIFT, for the egomotion; None in the frames between those in which points are
-    detected, and in blank ones."""
-    candidates: TrackedPoints | None
-    """Points of `VisualConfig.detector`, for landmarks; the same points if that is SIFT."""
+    """Points of SIFT; None in the frames between those in which they are detected, and in blank
+    ones."""
     saliency: Float32Array | None
     """(h, w) contrast of the whole image, where points were detected and a gaze is decided."""
     remarks: list[str]
@@ -71,11 +64,10 @@ class FrameFeatures:
     """Computation time by step."""
 
 
-class FeatureCache(dict[tuple[DetectorName | None, int, int, int], FrameFeatures]):
+class FeatureCache(dict[tuple[int, int, int], FrameFeatures]):
     """Features of the frames of a drive, shared by runs with different settings.
 
-    Keys are the detector of separate landmarks, number of points, detection interval, and frame;
-    nothing is ever evicted.
+    Keys are the number of points, detection interval, and frame; nothing is ever evicted.
     """
 
 
@@ -100,44 +92,23 @@ class FeatureExtractor:
     ) -> None:
         self._drive, self._config, self._cache, self._attends = drive, config, cache, attends
         self._read = dict(read or {})
-        self._detect_points = _detector("sift", config, drive.camera, separate=False)
-        self._detect_landmarks = _detector(config.detector, config, drive.camera, separate=True)
+        self._sift = _detector(config, drive.camera)
 
     def __call__(self, number: int) -> FrameFeatures:
         """A frame and its points; an empty frame where it cannot be read."""
-        return self._features(self._config.separate_landmarks, number)
-
-    def _features(self, separate: bool, number: int) -> FrameFeatures:
-        """A frame with separate candidates, or with the points for the egomotion in their place."""
-        config = self._config
-        detector = config.detector if separate else None
-        key = detector, config.max_points, config.detect_interval, number
-        features = None if self._cache is None else self._cache.get(key)
-        if features is None and not separate:
-            features = self._extract(number)
-        elif features is None:
-            features = self._features(False, number)
-            if features.detected is not None and features.frame.frame.tracks is None:
-                start = perf_counter()
-                candidates = self._detect(features.frame, number, separate=True)
-                seconds = features.seconds["detect"] + perf_counter() - start
-                timed = features.seconds | {"detect": seconds}
-                features = replace(features, candidates=candidates, seconds=timed)
-        if self._cache is not None:
-            self._cache[key] = features
-        return features
+        if self._cache is None:
+            return self._extract(number)
+        key = self._config.max_points, self._config.detect_interval, number
+        if key not in self._cache:
+            self._cache[key] = self._extract(number)
+        return self._cache[key]
 
     def detect(self, features: FrameFeatures, number: int) -> FrameFeatures:
         """The same frame with points detected in it, though its number does not ask for them."""
-        points = self._detect(features.frame, number, separate=False)
-        candidates = points
-        if self._config.separate_landmarks:
-            candidates = self._detect(features.frame, number, separate=True)
-        saliency = self._saliency(features.frame, points)
-        return replace(features, detected=points, candidates=candidates, saliency=saliency)
+        points = self._detect(features.frame, number)
+        return replace(features, detected=points, saliency=self._saliency(features.frame, points))
 
     def _extract(self, number: int) -> FrameFeatures:
-        """A frame with the points for the egomotion, which are its candidates too."""
         start, remarks = perf_counter(), list[str]()
         try:
             frame = self._read.pop(number, None) or self._drive.load(number)
@@ -146,10 +117,10 @@ class FeatureExtractor:
         prepared, detected = prepare_frame(frame, self._drive.camera), None
         read = perf_counter()
         if frame.tracks is not None or number % self._config.detect_interval == 0:
-            detected = self._detect(prepared, number, separate=False)
+            detected = self._detect(prepared, number)
         saliency = self._saliency(prepared, detected)
         seconds = {"read": read - start, "detect": perf_counter() - read}
-        return FrameFeatures(prepared, detected, detected, saliency, remarks, seconds)
+        return FrameFeatures(prepared, detected, saliency, remarks, seconds)
 
     def _saliency(
         self, prepared: PreparedFrame, detected: TrackedPoints | None
@@ -160,9 +131,7 @@ class FeatureExtractor:
             return None
         return contrast_saliency(image).saliency
 
-    def _detect(
-        self, prepared: PreparedFrame, number: int, *, separate: bool
-    ) -> TrackedPoints | None:
+    def _detect(self, prepared: PreparedFrame, number: int) -> TrackedPoints | None:
         """The points of a frame, none of them a landmark yet; None where it is blank."""
         tracks, camera = prepared.frame.tracks, self._drive.camera
         if tracks is not None:
@@ -173,15 +142,12 @@ class FeatureExtractor:
             depth = depth_of(camera, tracks.disparity)
             sigma = depth_sigma(camera, depth, self._config)
         elif prepared.left is not None:
-            detect = self._detect_landmarks if separate else self._detect_points
-            points = _keypoints(prepared.left, detect)
+            points = _keypoints(prepared.left, self._sift)
             descriptors, track = cast("ByteArray", points.descriptors), np.full(len(points), -1)
-            depth, sigma = measure_depth(
-                camera, prepared, points.xy, self._config, from_neighbors=separate
-            )
+            depth, sigma = measure_depth(camera, prepared, points.xy, self._config)
         else:
             return None
-        found = TrackedPoints.zeros(
+        return TrackedPoints.zeros(
             len(points),
             xy=points.xy,
             depth=depth,
@@ -195,32 +161,18 @@ class FeatureExtractor:
             response=points.response,
             descriptor=descriptors,
         )
-        return found.for_landmarks_only() if separate else found
 
 
-def _keypoints(image: ByteArray, detect: Callable[[Image], Keypoints]) -> Keypoints:
+def _keypoints(image: ByteArray, sift: Sift) -> Keypoints:
     """Keypoints of an image, one for each position."""
-    points = detect(image)
+    points = sift(image)
     _, first = np.unique(points.xy, axis=0, return_index=True)
     return points[np.sort(first)]  # of points with several orientations
 
 
-def _detector(
-    name: DetectorName, config: VisualConfig, camera: Camera, *, separate: bool
-) -> Callable[[Image], Keypoints]:
-    """A detector by its name.
-
-    Separate landmarks are of all scales and described upright: a symmetric structure has two
-    opposite orientations that are alike, and the camera of a robot does not roll.
-    """
-    if name == "must":
-        return Must(
-            MustConfig(max_keypoints=config.max_points, contrast_threshold=0.05, upright=separate)
-        )
-    if name == "symroid":
-        symroid = SymRoid(SymRoidConfig(max_keypoints=config.max_points, upright=separate))
-        return lambda image: symroid(image).keypoints
-    upsampled = separate or camera.width * camera.height <= MAX_UPSAMPLED
+def _detector(config: VisualConfig, camera: Camera) -> Sift:
+    """The detector of a drive."""
+    upsampled = camera.width * camera.height <= MAX_UPSAMPLED
     return Sift(
         SiftConfig(
             max_keypoints=config.max_points,
@@ -228,7 +180,6 @@ def _detector(
             ranking="response",  # the ranking with which drives were measured
             spread=True,
             first_octave=-1 if upsampled else 0,
-            upright=separate,
         )
     )
 
@@ -295,8 +246,8 @@ def track(
 
     Returns:
         The points in `current` that agree with the motion, with their depths where it measures
-        them, and the motion, which is estimated from those `for_motion`. Where none is found: no
-        points, since nothing verifies them, and None.
+        them, and the motion. Where none is found: no points, since nothing verifies them, and
+        None.
     """
     before, camera = (camera.turned(each.frame.turn) for each in (previous, current))
     if current.frame.tracks is not None:
@@ -320,16 +271,13 @@ def track(
     has_depth = measures_depth(camera, current.frame)
     previous_depth = tracked.depth if has_depth else np.full(len(tracked), np.nan)
     points = correspondences_of(tracked.xy, xy, previous_depth, tracked.depth_sigma, depth, sigma)
-    agrees, others = ~tracked.landmark_only, tracked.landmark_only
     expected = None if has_depth and current.frame.turn is None else prior
-    motion = estimate_motion(camera, points.take(agrees), pixel_sigma[agrees], expected, before)
+    motion = estimate_motion(camera, points, pixel_sigma, expected, before)
     if motion is None:
         return TrackedPoints(), None
     motion = motion._replace(includes_prior=not has_depth)
-    agrees[agrees] = motion.inliers
-    agrees[others] = agree_with_motion(camera, points.take(others), pixel_sigma[others], motion)
     tracked = replace(tracked, xy=xy, depth=depth, depth_sigma=sigma)
-    return tracked[agrees], motion
+    return tracked[motion.inliers], motion
 
 
 def extend(

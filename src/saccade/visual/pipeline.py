@@ -137,8 +137,6 @@ class Pipeline:
         gaze: GazeControl | None = None,
     ) -> None:
         first = first_frame(drive)
-        if any(frame.tracks is not None for frame in first.values()):  # tracks are what they are
-            config = replace(config, detector="sift", shared_points=True)
         self.drive, self.config = drive, config
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
         self.map = VisualMap(drive, config, has_depth)
@@ -186,11 +184,11 @@ class Pipeline:
             adjusted = self._adjust(number, before, expected, motion)
             self._predict(number, expected, motion, adjusted)
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            points = len(before.for_motion)
+            points = len(before)
             if self.recovery.add_motion(frame, motion, seconds, points, previous_pose):
                 self.tracked = self.tracked.without_landmarks()
             features = self._detect_if_few(number, features)
-        detected = self.detected = features.candidates
+        detected = self.detected = features.detected
         self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
         scheduled = number % self.config.detect_interval == 0
         if detected is not None:
@@ -202,7 +200,7 @@ class Pipeline:
             elif len(described):
                 reidentified = self._associate(described)
                 self._update(number, ObservationKind.REIDENTIFIED, reidentified)
-            self._extend_tracks(features.detected, detected, reidentified)
+            self.tracked = extend(self.tracked, detected, reidentified, self.config)
         if scheduled and not self.recovery.lost:
             chosen = self._attend(number, frame)
             self._initialize(number, chosen)
@@ -210,7 +208,7 @@ class Pipeline:
             self._window.restart()
         if not found:
             step = steps_between(np.stack([previous_pose, self.map.ekf.pose]))[0]
-            self.map.odometry.update_motion_prior(number, step, len(self.tracked.for_motion))
+            self.map.odometry.update_motion_prior(number, step, len(self.tracked))
         seconds = perf_counter() - start
         self.log.add_pose(self.map.ekf.pose, self.pose_covariance, seconds, self.recovery.lost)
         if not frame.is_blank:
@@ -271,7 +269,7 @@ class Pipeline:
             return features
         before, now = (camera.rotation[:, 2] for camera in self._cameras)
         turned = np.linalg.norm(now - before) > MIN_TURN
-        many = len(self.tracked.for_motion) > MIN_POINTS * self.config.max_tracks
+        many = len(self.tracked) > MIN_POINTS * self.config.max_tracks
         leaves = self._gaze is not None and self._gaze.is_leaving
         if many and not turned and not leaves:
             return features
@@ -289,7 +287,7 @@ class Pipeline:
             )
         if motion is not None and self.drive.scale == "held":
             earlier, now = self._cameras
-            motion = keep_scale(now, before.for_motion, self.tracked, motion, earlier)
+            motion = keep_scale(now, before, self.tracked, motion, earlier)
         seconds = float(self.drive.time[number] - self.drive.time[number - 1])
         self.log.add_motion(self.map.measured(expected, motion, seconds), motion)
         turned = frame.frame.turn, self._previous.frame.turn
@@ -316,8 +314,8 @@ class Pipeline:
         current = self.tracked if motion is not None else TrackedPoints()
         with self.log.timed("adjust"):
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            points, odometry = (before.for_motion, current.for_motion), self.map.odometry.declared
-            return self._window.add(*points, pose, odometry, seconds, self._cameras)
+            odometry = self.map.odometry.declared
+            return self._window.add(before, current, pose, odometry, seconds, self._cameras)
 
     def _predict(
         self,
@@ -358,9 +356,7 @@ class Pipeline:
         config, landmarks = self.config, self.map.landmarks
         with self.log.timed("associate"):
             if config.counts_rematches:
-                others, candidates = self._split_tracked()
-                candidates = count_rematches(candidates, detected, config.ratio)
-                self.tracked = TrackedPoints.concatenate([others, candidates])
+                self.tracked = count_rematches(self.tracked, detected, config.ratio)
             detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
             found = reidentify(detected, self.map, self.tracked, self.map.camera, config)
             count = len(found.rows)
@@ -377,23 +373,7 @@ class Pipeline:
     def _relocalize(self, detected: TrackedPoints) -> bool:
         """Search a lost robot by the points whose depth is known; whether it was found."""
         with self.log.timed("relocalize"):
-            _, candidates = self._split_tracked()
-            return self.recovery.search(detected if self.map.has_depth else candidates)
-
-    def _split_tracked(self) -> tuple[TrackedPoints, TrackedPoints]:
-        """Tracked points that cannot become landmarks, and those that can."""
-        candidate = self.tracked.landmark_only == self.config.separate_landmarks
-        return self.tracked[~candidate], self.tracked[candidate]
-
-    def _extend_tracks(
-        self, for_motion: TrackedPoints | None, detected: TrackedPoints, reidentified: TrackedPoints
-    ) -> None:
-        """Start tracks of re-identified landmarks and of the strongest new detections."""
-        others, candidates = self._split_tracked()
-        if self.config.separate_landmarks and for_motion is not None:
-            others = extend(others, for_motion, TrackedPoints(), self.config)
-        candidates = extend(candidates, detected, reidentified, self.config)
-        self.tracked = TrackedPoints.concatenate([others, candidates])
+            return self.recovery.search(detected if self.map.has_depth else self.tracked)
 
     def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
         """(m,) indices of the tracked points that become landmarks."""
@@ -401,7 +381,6 @@ class Pipeline:
             tracked, config = self.tracked, self.config
             saliency = saliency_at(frame.frame.image, tracked, config)
             observations, usable = self.map.observe(tracked)
-            usable &= tracked.landmark_only == config.separate_landmarks
             return select_landmarks(tracked, observations, usable, saliency, config, number)
 
     def _initialize(self, number: int, chosen: IntArray) -> None:

@@ -13,10 +13,6 @@ from saccade.visual.optical_flow import ByteArray
 AGE_WEIGHT = 1e-3
 """Weight of a landmark's relative age beside its miss rate: it decides between equal rates."""
 
-LANDMARK_ONLY_ID = 2**19
-"""Added to the ids of points that are tracked for landmarks alone: more than the points of a
-frame."""
-
 
 class Table:
     """Base of dataclasses of columns: arrays (n, ...), each declared by `column`."""
@@ -83,23 +79,11 @@ class TrackedPoints(Table):
     """(k,) later frames in which points were detected while it was tracked."""
     rematches: IntArray = column(dtype=np.int64)
     """(k,) those of them in which its descriptor was matched at its tracked position."""
-    landmark_only: BoolArray = column(dtype=np.bool_)
-    """(k,) whether it is tracked for landmarks alone, apart from the points of the egomotion."""
-
-    def for_landmarks_only(self) -> "TrackedPoints":
-        """The same points, tracked apart from those of the egomotion; their ids are others."""
-        alone = np.ones(len(self), np.bool_)
-        return replace(self, id=self.id + LANDMARK_ONLY_ID, landmark_only=alone)
 
     @property
     def pixel_size(self) -> Float32Array:
         """(k,) ones: all are seen in the pixels of the image."""
         return np.ones(len(self), np.float32)
-
-    @property
-    def for_motion(self) -> "TrackedPoints":
-        """Those from which the egomotion is estimated."""
-        return self[~self.landmark_only]
 
     @property
     def is_landmark(self) -> BoolArray:
