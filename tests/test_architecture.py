@@ -3,6 +3,7 @@
 import ast
 import os
 import shutil
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -52,19 +53,27 @@ ALLOWED = {
 HEAVY = ("numba", "cv2", "scipy", "matplotlib")
 
 
-def packages_imported(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        modules = []
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def modules_imported(path):
+    found = []
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: import by the full name"
-            modules = [node.module]
-            if node.module == "saccade":
-                modules = [f"saccade.{name.name}" for name in node.names]
+            names = [f"saccade.{name.name}" for name in node.names]
+            found += names if node.module == "saccade" else [node.module]
         elif isinstance(node, ast.Import):
-            modules = [name.name for name in node.names]
-        for module in modules:
-            if module.startswith("saccade."):
-                yield module.split(".")[1]
+            found += [name.name for name in node.names]
+    return found
+
+
+def packages_imported(path):
+    names = (module.split(".") for module in modules_imported(path))
+    return {parts[1] for parts in names if parts[0] == "saccade" and len(parts) > 1}
 
 
 def package_of(path):
@@ -76,7 +85,7 @@ def test_a_package_imports_only_what_it_may(package):
     files = [path for path in SOURCE.rglob("*.py") if package_of(path) == package]
     assert files
     for path in files:
-        strangers = set(packages_imported(path)) - ALLOWED[package] - {package}
+        strangers = packages_imported(path) - ALLOWED[package] - {package}
         assert not strangers, f"{path.relative_to(SOURCE)} imports {strangers}"
 
 
@@ -94,11 +103,13 @@ def is_kernel(node):
 
 def names_in_code(tree):
     """Names that are used other than as the type of an argument, a field or a result."""
-    for node in ast.walk(tree):
-        for key in ("annotation", "returns"):
-            if hasattr(node, key):
-                setattr(node, key, None)
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    types = [
+        getattr(node, key, None) for node in ast.walk(tree) for key in ("annotation", "returns")
+    ]
+    typed = {id(each) for node in types if node is not None for each in ast.walk(node)}
+    return {
+        node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in typed
+    }
 
 
 def private_kernels(tree):
@@ -113,13 +124,16 @@ def private_kernels(tree):
             yield from (name for name in names if name.startswith("_"))
 
 
-@pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.stem)
-def test_kernels_stand_in_files_of_their_own(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    if not is_kernel_file(path.stem):
-        assert not [node.name for node in tree.body if is_kernel(node)], path
-        assert not list(private_kernels(tree)), f"{path}: no Python can call them"
-        return
+def test_kernels_stand_in_files_of_their_own():
+    for path in SOURCE.rglob("*.py"):
+        if is_kernel_file(path.stem):
+            holds_kernels_alone(path, tree_of(path))
+        else:
+            assert not [node.name for node in tree_of(path).body if is_kernel(node)], path
+            assert not list(private_kernels(tree_of(path))), f"{path}: no Python can call them"
+
+
+def holds_kernels_alone(path, tree):
     others = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
     assert [node.name for node in tree.body if is_kernel(node)] == others, f"{path}: no kernel"
     imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
@@ -157,7 +171,7 @@ def test_a_slice_assignment_is_recognized(statement):
 def test_kernels_assign_no_slices():
     """They are broadcast: Numba compiles its formatting of strings for the error, for a second."""
     for path in SOURCE.rglob("_*kernels.py"):
-        assert not list(slice_assignments(ast.parse(path.read_text(encoding="utf-8")))), path
+        assert not list(slice_assignments(tree_of(path))), path
 
 
 def test_every_package_has_its_rule():
@@ -167,13 +181,11 @@ def test_every_package_has_its_rule():
 
 @pytest.mark.parametrize(("module", "owner"), [("numba", "_jit.py"), ("typer", "cli")])
 def test_some_libraries_have_one_door(module, owner):
-    users = set()
-    for path in SOURCE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            names += [name.name for name in node.names] if isinstance(node, ast.Import) else []
-            if any(name.split(".")[0] == module for name in names):
-                users.add(path.relative_to(SOURCE).parts[0])
+    users = {
+        path.relative_to(SOURCE).parts[0]
+        for path in SOURCE.rglob("*.py")
+        if any(name.split(".")[0] == module for name in modules_imported(path))
+    }
     assert users == {owner}
 
 
@@ -249,12 +261,9 @@ def test_files_are_opened_in_one_place():
 def test_tests_share_code_through_support_only():
     """No test file imports another, nor a `conftest`."""
     for path in Path(__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            modules += [name.name for name in node.names] if isinstance(node, ast.Import) else []
-            for module in modules:
-                last = module.rpartition(".")[2]
-                assert not last.startswith(("test_", "conftest")), f"{path}: {module}"
+        for module in modules_imported(path):
+            last = module.rpartition(".")[2]
+            assert not last.startswith(("test_", "conftest")), f"{path}: {module}"
 
 
 def test_every_package_is_tested_in_a_folder_of_its_name():
