@@ -13,7 +13,7 @@ from saccade.cli import TRACEBACK, main
 from saccade.cli.precompile import TASKS, compiled_ahead
 from support.encodable_reports import pytest_report_to_serializable  # noqa: F401
 from support.filmed_wall import filmed
-from support.limits import TIMEOUT
+from support.limits import PAGE_TIMEOUT
 from support.paths import SHARED
 
 os.environ[TRACEBACK] = "1"  # or an error that nobody foresaw would look like one that is told
@@ -83,9 +83,9 @@ def browser():
     flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
     with api.sync_playwright() as playwright:
         chromium = playwright.chromium.launch(
-            executable_path=str(CHROMIUM), args=flags, timeout=1000 * TIMEOUT
+            executable_path=str(CHROMIUM), args=flags, timeout=1000 * PAGE_TIMEOUT
         )
-        api.expect.set_options(timeout=1000 * TIMEOUT)
+        api.expect.set_options(timeout=1000 * PAGE_TIMEOUT)
         yield chromium
         chromium.close()
 

@@ -12,10 +12,10 @@ from urllib.request import urlopen
 import pytest
 
 from saccade.serving.analysis import PhotoAnalyzer
-from saccade.serving.controls import MODELS, controls
+from saccade.serving.controls import controls
 from saccade.serving.playground import Playground
 from support.accessibility import assert_accessible
-from support.limits import TIMEOUT
+from support.limits import PAGE_TIMEOUT
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 uvicorn = pytest.importorskip("uvicorn", reason="the extra serve is not installed")
@@ -46,7 +46,7 @@ class _Counting(PhotoAnalyzer):
 
     def analyze(self, request):
         self.looks += 1
-        self._may_continue.wait(TIMEOUT)
+        self._may_continue.wait(PAGE_TIMEOUT)
         return super().analyze(request)
 
     @contextmanager
@@ -57,7 +57,7 @@ class _Counting(PhotoAnalyzer):
         try:
             yield
             for _ in range(3):  # all that is there, what of it was closed, and once more
-                urlopen(f"{address}state", timeout=TIMEOUT).close()
+                urlopen(f"{address}state", timeout=PAGE_TIMEOUT).close()
         finally:
             self._may_continue.set()
 
@@ -78,7 +78,7 @@ def served():
         thread.start()
         yield analyzer, f"http://127.0.0.1:{port}/", robots
         server.should_exit = True
-        thread.join(TIMEOUT)
+        thread.join(PAGE_TIMEOUT)
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def opened(browser, served):
     def open_page(**how):
         page = browser.new_page(**how)
         pages.append(page)
-        page.set_default_timeout(1000 * TIMEOUT)
+        page.set_default_timeout(1000 * PAGE_TIMEOUT)
         expected = "status of 4"  # what the server refuses is told on the page
         page.on("console", lambda said: expected in said.text or problems.append(said.text))
         page.on("pageerror", lambda error: problems.append(str(error)))
@@ -208,15 +208,6 @@ def test_errors_are_shown_and_the_page_goes_on(opened, served):
     _slide(page, "edge_ratio", 5)
     expect(page.locator("pre").first).to_contain_text("edge_ratio=5")
     assert alarm.is_hidden()
-
-
-def test_the_settings_of_the_chosen_model_are_shown(opened):
-    page = opened()
-    for model, kinds in MODELS.items():
-        page.locator(f".segments input[value={model}]").check(force=True)
-        for kind in {each for known in MODELS.values() for each in known}:
-            expect(page.locator(f"[data-kind={kind}]")).to_be_visible(visible=kind in kinds)
-    _settle(page)
 
 
 def _steps(page):

@@ -12,6 +12,8 @@ SECONDS = 60
 """Of a processor: the first file of a kind compiles what goes on with it."""
 TIMEOUT = 600
 """Of the clock, in all tests: what takes longer hangs, however busy the machine is."""
+PAGE_TIMEOUT = 40
+"""Of the clock, for what a page in the browser is waited for."""
 MEMORY = 1 << 30
 """Bytes that reading a small file may take at most."""
 

@@ -13,7 +13,7 @@ from saccade.viewing.report_map import (
     uncertainty_charts,
 )
 from support.accessibility import assert_accessible
-from support.limits import TIMEOUT
+from support.limits import PAGE_TIMEOUT
 
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 LANDMARKS = np.array([[0.0, 0.0], [8.0, 4.0], [4.0, 4.0]])
@@ -33,7 +33,7 @@ def opened(browser, tmp_path):
         file.write_text(text, encoding="utf-8")
         page = browser.new_page(**how)
         pages.append(page)
-        page.set_default_timeout(1000 * TIMEOUT)
+        page.set_default_timeout(1000 * PAGE_TIMEOUT)
         page.on("console", lambda message: problems.append(message.text))
         page.on("pageerror", lambda error: problems.append(str(error)))
         page.on("dialog", lambda dialog: problems.append(dialog.message))
