@@ -28,7 +28,7 @@ from support.pictures import png
 from support.privileges import without_privileges
 from support.processes import run_python
 
-NAMES = ("no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
+NAME = "no\udcff text \"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>"
 HUGE = 65_000
 
 
@@ -177,11 +177,10 @@ def photo():
     return cv2.resize(hallway, (160, 120))
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_any_name_will_do(run, tmp_path, photo, name):
-    folder = tmp_path / name
+def test_any_name_will_do(run, tmp_path, photo):
+    folder = tmp_path / NAME
     folder.mkdir()
-    image, log = folder / f"{name}.png", folder / f"{name}.csv"
+    image, log = folder / f"{NAME}.png", folder / f"{NAME}.csv"
     cv2.imencode(".png", photo)[1].tofile(image)
     TARGETS["log-csv"].make(folder)
     (folder / "log.csv").rename(log)
@@ -190,11 +189,11 @@ def test_any_name_will_do(run, tmp_path, photo, name):
         ["detect", image, "-o", folder / "out", "-f", "npz", "-f", "hdf5", "-f", "parquet"],
         ["match", image, image, "-o", folder / "out"],
         ["slam", log, "-o", folder / "out"],
-        ["convert", log, folder / f"{name}.g2o"],
+        ["convert", log, folder / f"{NAME}.g2o"],
     ):
         code, _, err = run(*words)
         assert code == 0, err
-    assert len(exchange.read_npz(folder / "out" / f"{name}.keypoints.npz")) > 20
+    assert len(exchange.read_npz(folder / "out" / f"{NAME}.keypoints.npz")) > 20
     code, _, err = run("look", folder / "missing.png")
     assert code == 2
     assert "missing.png" in err

@@ -27,9 +27,10 @@ def _same(one, two):
         assert a.tobytes() == b.tobytes()
 
 
-@pytest.mark.parametrize("kind", ["standard", "invariant"])
-@pytest.mark.parametrize("association", ["known", "nearest"])
-@pytest.mark.parametrize("pose", [1, 7, 90])
+@pytest.mark.parametrize(
+    ("kind", "association", "pose"),
+    [("standard", "known", 7), ("invariant", "nearest", 90), ("invariant", "known", 1)],
+)
 def test_resumed_run_is_the_uninterrupted_one(rng, tmp_path, kind, association, pose):
     log, _, _ = simulate(rng, steps=100)
     config = EkfConfig(filter=kind, association=association)
