@@ -165,8 +165,8 @@ def column(path, name):
         return pq.read_table(file)[name].to_pylist()
 
 
-@pytest.mark.parametrize("source", ["photos", "photos/*", "photos\udcfe/*.png"])
-def test_a_name_that_is_no_text_ends_nothing(run, tmp_path, source):
+def test_a_name_that_is_no_text_ends_nothing(run, tmp_path):
+    source = "photos\udcfe/*.png"
     folder = tmp_path / source.partition("/")[0]
     photographs(tmp_path / "made", 3)
     (tmp_path / "made").rename(folder)

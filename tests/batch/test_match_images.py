@@ -284,17 +284,13 @@ def test_colmap_opens_matches_and_two_view_geometries(photos, tmp_path, geometry
     assert verified >= 2
 
 
-@pytest.mark.parametrize("what", ["must", "symroid"])
-def test_points_and_regions_of_symmetry_are_matched_too(run, photos, what):
-    words = ["match", f"{photos}/*.png", "--detector", what, "--max", 40, "--workers", 1]
+def test_regions_of_symmetry_are_matched_too(run, photos):
+    words = ["match", f"{photos}/*.png", "--detector", "symroid", "--max", 40, "--workers", 1]
     code, out, _ = run(*words, "--json")
     assert code == 0
     images = [saccade.read_image(photos / name) for name in ("one.png", "part.png")]
-    if what == "must":
-        first, second = map(saccade.Must(saccade.MustConfig(max_keypoints=40)), images)
-    else:
-        detect = saccade.SymRoid(saccade.SymRoidConfig(max_keypoints=40))
-        first, second = (detect(image).keypoints for image in images)
+    detect = saccade.SymRoid(saccade.SymRoidConfig(max_keypoints=40))
+    first, second = (detect(image).keypoints for image in images)
     pairs = saccade.match(first, second)
     row = json.loads(out)
     assert row["matches"] == len(pairs) > 10

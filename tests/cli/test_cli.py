@@ -156,31 +156,21 @@ def test_bad_settings_are_named(run, tmp_path, name):
 
 LOG = "ODOMETRY 0 1 1 0 0 0.01 0 0 0.01 0 0.01\nLANDMARK 1 2 3 0 0.1 0 0.1\n"
 BAD_INPUT = {
-    "missing": (["look", "missing.png"], None, ["missing.png", "No such file"]),
-    "not an image": (["look", "text.png"], b"hello", ["text.png", "expected an image"]),
-    "empty file": (["detect", "empty.png"], b"", ["empty.png", "empty"]),
-    "bad preset": (["look", ROCKET, "--preset", "best"], None, ["kootstra2010", "'best'"]),
-    "bad kind": (["config", "soup"], None, ["contrast", "'soup'"]),
-    "missing log": (["slam", "missing.txt"], None, ["missing.txt"]),
-    "empty log": (["slam", "empty.txt"], b"", ["empty.txt"]),
-    "broken line": (["slam", "broken.txt"], f"{LOG}LANDMARK 1 x\n".encode(), ["line 3"]),
-    "cut line": (["slam", "cut.txt"], f"{LOG}ODOMETRY 1 2 1 0".encode(), ["line 3"]),
-    "not finite": (["slam", "nan.txt"], LOG.replace("3 0", "nan 0").encode(), ["line 2"]),
-    "bad format": (["slam", DATA / "victoria_park.txt", "--format", "x"], None, ["mrclam"]),
+    "missing": (["look", "missing.png"], ["missing.png", "No such file"]),
+    "bad preset": (["look", ROCKET, "--preset", "best"], ["kootstra2010", "'best'"]),
+    "bad kind": (["config", "soup"], ["contrast", "'soup'"]),
+    "bad format": (["slam", DATA / "victoria_park.txt", "--format", "x"], ["mrclam"]),
     "bad association": (
         ["slam", DATA / "victoria_park.txt", "--association", "x"],
-        None,
         ["association", "'x'"],
     ),
-    "unwritable": (["look", ROCKET, "--out", ROCKET / "sub"], None, ["rocket.jpg"]),
+    "unwritable": (["look", ROCKET, "--out", ROCKET / "sub"], ["rocket.jpg"]),
 }
 
 
 @pytest.mark.parametrize("what", BAD_INPUT)
-def test_bad_input_gets_one_clear_line(run, tmp_path, what):
-    words, content, expected = BAD_INPUT[what]
-    if content is not None:
-        (tmp_path / words[1]).write_bytes(content)
+def test_bad_input_gets_one_clear_line(run, what):
+    words, expected = BAD_INPUT[what]
     code, out, err = run(*words)
     assert code == (1 if what == "unwritable" else 2)
     assert out == ""
@@ -500,23 +490,3 @@ def test_a_byte_order_mark_changes_nothing(run, tmp_path, mark):
     code, out, err = run("slam", "log.txt", "--config", "slam.toml", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["landmarks"] == 1
-
-
-@pytest.mark.parametrize(
-    ("array", "words"),
-    [
-        (np.zeros((4, 5, 3, 2)), "shape"),
-        (np.array([["a"]]), "numbers"),
-        (np.full((4, 5), np.nan), "NaN"),
-        (np.array([{}], dtype=object), "expected a map"),
-    ],
-)
-def test_maps_that_are_none_are_named(run, gazes, array, words):
-    np.save(gazes / "1.npy", array)
-    code, out, err = run(
-        "evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv", "--maps", gazes
-    )
-    assert (code, out) == (2, "")
-    assert "1.npy" in err
-    assert words in err
-    assert err.count("\n") == 1

@@ -155,9 +155,8 @@ def test_match_lists_inliers_of_the_epipolar_geometry(run):
     assert ((theirs.ravel() != 0) == inlier).mean() > 0.85
 
 
-@pytest.mark.parametrize("detector", ["sift", "must", "symroid"])
-def test_match_draws_the_strongest_keypoints_in_both_images(run, tmp_path, detector):
-    code, out, _ = run("match", *HALLWAY, "--detector", detector, "--max", 60, "--json")
+def test_match_draws_the_strongest_keypoints_in_both_images(run, tmp_path):
+    code, out, _ = run("match", *HALLWAY, "--detector", "symroid", "--max", 60, "--json")
     assert code == 0
     result = json.loads(out)
     assert looks_like_a_picture(result["frames"])

@@ -112,7 +112,7 @@ def test_broken_lines_are_named(tmp_path, text, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", ["auto", "isam", "mrclam", "victoria-park", "dlr"])
+@pytest.mark.parametrize("kind", ["auto", "mrclam"])
 def test_missing_and_foreign_files_are_one_clear_line(tmp_path, kind):
     with pytest.raises(LogError, match="no such file"):
         load(kind, tmp_path / "nothing")

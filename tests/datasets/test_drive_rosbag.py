@@ -1,20 +1,17 @@
 """Drives from bags of ROS 1 and 2."""
 
-import json
 from concurrent.futures import ThreadPoolExecutor
-from copy import deepcopy
 
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
 from saccade.datasets import load_drive
 from saccade.errors import DriveError, ImageError
 from saccade.frames import AHEAD
-from support.error_checks import refuses, result_or_refusal
+from support.error_checks import refuses
 from support.landmark_bags import START, TRANSFORMS, odometry, transforms
 from support.ros_bags import FRAMES, pictures, stereo, write_bag
 
@@ -158,37 +155,6 @@ def test_what_is_no_bag_is_refused(tmp_path):
     (tmp_path / "way.bag").write_bytes(b"no bag at all")
     with refuses(DriveError, "way.bag: expected a ROS bag"):
         load_drive("auto", tmp_path / "way.bag")
-
-
-def nodes(tree, *above):
-    """The way to every node of a tree of mappings and lists."""
-    yield above
-    children = dict(enumerate(tree)) if isinstance(tree, list) else tree
-    for key, child in children.items() if isinstance(children, dict) else ():
-        yield from nodes(child, *above, key)
-
-
-def with_node(tree, way, value):
-    """The tree with another value at a node that is not its root."""
-    tree = deepcopy(tree)
-    node = tree
-    for key in way[:-1]:
-        node = node[key]
-    node[way[-1]] = value
-    return tree
-
-
-def test_any_value_in_the_metadata_is_read_or_refused(tmp_path):
-    """JSON is YAML."""
-    path = write_bag(tmp_path, 2, stereo)
-    file = path / "metadata.yaml"
-    good = YAML(typ="safe").load(file)
-    topics = good["rosbag2_bagfile_information"]["topics_with_message_count"]
-    del topics[2:]
-    for way in list(nodes(good))[1:]:
-        for value in ("x", {}, -1.5):
-            file.write_text(json.dumps(with_node(good, way, value)))
-            result_or_refusal(lambda: load_drive("rosbag", path).load(0))
 
 
 @pytest.mark.parametrize("command", ["check", "drive"])
