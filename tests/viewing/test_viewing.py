@@ -4,7 +4,6 @@ import os
 import re
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -28,10 +27,7 @@ from saccade.types import (
     Trajectory,
 )
 from saccade.viewing import (
-    Picture,
-    Section,
     attention_figure,
-    html_page,
     innovation_figure,
     keypoint_figure,
     map_figure,
@@ -330,27 +326,3 @@ def test_a_figure_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="file"):
         save_figure(Figure(), tmp_path / "file" / "figure.png")
-
-
-class _Reader(HTMLParser):
-    def __init__(self):
-        super().__init__()
-        self.tags, self.words = [], []
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-
-    def handle_data(self, data):
-        self.words.append(data)
-
-
-def test_a_page_escapes_every_text():
-    nasty = '<script>"&'
-    section = Section(nasty, nasty, [Picture(nasty, nasty, nasty)], {nasty: nasty}, [nasty])
-    reader = _Reader()
-    reader.feed(html_page(nasty, nasty, [section], {nasty: nasty}))
-    tags = [tag for tag, _ in reader.tags]
-    assert "script" not in tags
-    assert ("img", {"src": nasty, "alt": nasty}) in reader.tags
-    assert ("a", {"href": nasty}) in reader.tags
-    assert reader.words.count(nasty) == 10
