@@ -113,6 +113,7 @@ def test_a_kernel_at_the_top_level_makes_the_cache_stale(probe):
     assert run(probe)[0] is True
 
 
+@pytest.mark.nightly
 def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(probe, tmp_path):
     found = run_at_once(3, probe, NUMBA_CACHE_DIR=str(tmp_path))
     assert [values[1] for values in found] == ["4.0"] * 3
