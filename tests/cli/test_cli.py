@@ -346,6 +346,7 @@ def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
     assert code == 0
     saliency = np.load("looked/rocket.look.npz")["saliency"]
     np.testing.assert_array_equal(saliency, model.maps(saccade.read_image(ROCKET)).saliency)
+    pytest.importorskip("pyarrow")
     words = ["extract", gazes, "--what", "saliency", "--maps", "png", "--workers", 1]
     assert run(*words, "--model", "m.toml", "--out", "maps")[0] == 0
     assert json.loads(Path("maps/manifest.json").read_text())["configuration"]["settings"][
