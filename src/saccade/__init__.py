@@ -49,11 +49,11 @@ if TYPE_CHECKING:
     from saccade.errors import OutputError as OutputError
     from saccade.errors import SaccadeError as SaccadeError
     from saccade.io.image import read_image as read_image
-    from saccade.keypoints.descriptor_config import DescriptorConfig as DescriptorConfig
     from saccade.keypoints.matching import match as match
     from saccade.keypoints.must import Must as Must
     from saccade.keypoints.must_config import MustConfig as MustConfig
     from saccade.keypoints.sift import Sift as Sift
+    from saccade.keypoints.sift_config import DescriptorConfig as DescriptorConfig
     from saccade.keypoints.sift_config import SiftConfig as SiftConfig
     from saccade.keypoints.symroid import SymRoid as SymRoid
     from saccade.keypoints.symroid_config import SymRoidConfig as SymRoidConfig
@@ -86,12 +86,11 @@ _MODULES = {
         *("LogError", "LogWarning", "OutputError", "SaccadeError"),
     ),
     "io.image": ("read_image",),
-    "keypoints.descriptor_config": ("DescriptorConfig",),
     "keypoints.matching": ("match",),
     "keypoints.must": ("Must",),
     "keypoints.must_config": ("MustConfig",),
     "keypoints.sift": ("Sift",),
-    "keypoints.sift_config": ("SiftConfig",),
+    "keypoints.sift_config": ("DescriptorConfig", "SiftConfig"),
     "keypoints.symroid": ("SymRoid",),
     "keypoints.symroid_config": ("SymRoidConfig",),
     "keypoints.verification": ("Verification", "verify"),

@@ -13,12 +13,13 @@ from saccade.keypoints._gradient_kernels import (
     normalize,
     weight_gradients,
 )
-from saccade.keypoints.descriptor import describe_points, quantized
-from saccade.keypoints.orientation import (
+from saccade.keypoints.descriptor import (
     assign_orientations,
+    describe_points,
     histogram_peaks,
     max_samples,
     orientation_histograms,
+    quantized,
 )
 from saccade.keypoints.scale_space_points import Points
 from support import oracles_keypoints as oracles

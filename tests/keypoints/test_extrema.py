@@ -8,7 +8,7 @@ from scipy.interpolate import lagrange
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from saccade.keypoints import SiftConfig, _extrema_kernels, _refinement_kernels, extrema
+from saccade.keypoints import SiftConfig, _extrema_kernels, extrema
 from saccade.scale.workspace import Threads
 from support import oracles_keypoints as oracles
 
@@ -96,7 +96,7 @@ def test_quadratic_meets_its_twin(seed):
     cube = np.random.default_rng(seed).standard_normal((3, 3, 3)).astype(np.float32)
     expected = oracles.quadratic(cube)
     assume(np.abs(expected[0]).max() < 20)
-    found = _refinement_kernels.fit_quadratic(cube, 1, 1, 1)
+    found = _extrema_kernels.fit_quadratic(cube, 1, 1, 1)
     np.testing.assert_allclose(np.hstack(found), np.hstack(expected), rtol=2e-3, atol=2e-4)
 
 
@@ -106,7 +106,7 @@ def test_quadratic_meets_its_twin(seed):
 def test_lagrange_weights_are_lagranges(t):
     nodes = np.arange(-4, 5)
     weights = np.zeros((3, 9))
-    _refinement_kernels.lagrange_weights(t, weights)
+    _extrema_kernels.lagrange_weights(t, weights)
     for i in range(9):
         polynomial = lagrange(nodes, nodes == nodes[i])
         expected = [polynomial(t), polynomial.deriv()(t), polynomial.deriv(2)(t)]
@@ -121,8 +121,8 @@ def test_the_top_of_a_quartic_is_found(x, y, s):
     dx, dy = c - x, r - y
     top = 1 - 0.1 * dx**2 + 0.004 * dx**4 - 0.12 * dy**2 + 0.005 * dy**4 + 0.003 * dx**2 * dy**2
     dog = (top - 0.08 * (p - s) ** 2 + 0.02 * dx * (p - s)).astype(np.float32)
-    start = _refinement_kernels.fit_quadratic(dog, 1, 4, 4)[0]
-    found = _refinement_kernels.refine_position(dog, 1, 4, 4, *start)
+    start = _extrema_kernels.fit_quadratic(dog, 1, 4, 4)[0]
+    found = _extrema_kernels.refine_position(dog, 1, 4, 4, *start)
     np.testing.assert_allclose(found, (x, y, s), atol=5e-4)
 
 
@@ -137,7 +137,7 @@ def test_without_all_samples_around_a_place_stays_as_it_is():
     ]:
         hill = 100 - (rows - row - top[1]) ** 2 - (columns - column - top[0]) ** 2
         dog = np.stack([hill - 1, hill, hill - 1]).astype(np.float32)
-        found = _refinement_kernels.refine_position(dog, 1, row, column, *start)
+        found = _extrema_kernels.refine_position(dog, 1, row, column, *start)
         assert found == (pytest.approx(top, abs=1e-3) if moves else start)
 
 
@@ -147,10 +147,8 @@ def test_a_step_that_leads_away_is_not_followed():
     strayed = 0
     for _ in range(20):
         dog = rng.standard_normal((3, 9, 9)).astype(np.float32)
-        found = _refinement_kernels.refine_position(dog, 1, 4, 4, 0.1, -0.2, 0.3)
-        assert (
-            np.abs(np.subtract(found, (0.1, -0.2, 0.3))).max() < _refinement_kernels.MAX_CORRECTION
-        )
+        found = _extrema_kernels.refine_position(dog, 1, 4, 4, 0.1, -0.2, 0.3)
+        assert np.abs(np.subtract(found, (0.1, -0.2, 0.3))).max() < _extrema_kernels.MAX_CORRECTION
         strayed += found == (0.1, -0.2, 0.3)
     assert strayed > 0
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from saccade import Sift, SiftConfig
-from saccade.keypoints.selection import nearest_before, spread_out
+from saccade.keypoints.detection import nearest_before, spread_out
 from support.sift_images import UNBIASED, assert_same
 
 ROCKET = str(files("saccade") / "data" / "rocket.jpg")

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from saccade.errors import ImageError
 from saccade.keypoints import Sift, SiftConfig, match
+from saccade.keypoints.descriptor import assign_orientations
 from saccade.keypoints.detection import by_strength, preferred
-from saccade.keypoints.orientation import assign_orientations
 from saccade.keypoints.scale_space_points import Points
 from saccade.scale.scale_space import gaussian_scale_space
 from saccade.scale.scale_space_config import ScaleSpaceConfig

@@ -8,8 +8,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import saccade
 from saccade.errors import require
-from saccade.keypoints.descriptor_config import DescriptorConfig
-from saccade.keypoints.sift_config import SiftConfig
+from saccade.keypoints.sift_config import DescriptorConfig, SiftConfig
 
 What: TypeAlias = Literal["saliency", "contrast", "symmetry", "scanpath", "sift", "must", "symroid"]
 MapFormat: TypeAlias = Literal["zarr", "png"]

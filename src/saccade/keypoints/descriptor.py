@@ -1,6 +1,7 @@
-"""The SIFT descriptor, used by all detectors (section B.2)."""
+"""Orientations and the SIFT descriptor, used by all detectors (B.11-B.12 and section B.2)."""
 
 from collections.abc import Sequence
+from math import pi
 from typing import TypeAlias
 
 import numpy as np
@@ -10,21 +11,132 @@ from saccade.keypoints._gradient_kernels import (
     CELL_SIZE,
     CELLS,
     DIRECTIONS,
+    ORIENTATION_BINS,
+    ORIENTATION_RADIUS,
     fill_descriptors,
+    fill_orientation_histograms,
     normalize,
+    smooth_histograms,
 )
-from saccade.keypoints.descriptor_config import DescriptorConfig
-from saccade.keypoints.orientation import max_samples
 from saccade.keypoints.scale_space_points import Points, run_by_octave
+from saccade.keypoints.sift_config import DescriptorConfig
 from saccade.scale.workspace import SERIAL, Threads
 from saccade.types import Float32Array, IntArray
 
-ByteArray: TypeAlias = npt.NDArray[np.uint8]
-Descriptors: TypeAlias = ByteArray | Float32Array
-
+PEAK_RATIO = 0.8
+"""Smallest height of an orientation's peak, as a fraction of the highest."""
 LENGTH = CELLS * CELLS * DIRECTIONS
 BYTE_SCALE = 512
 """Length of a unit descriptor in bytes."""
+
+
+def assign_orientations(
+    octaves: Sequence[Float32Array],
+    points: Points,
+    config: DescriptorConfig,
+    max_orientations: int | None = None,
+    threads: Threads = SERIAL,
+) -> tuple[IntArray, Float32Array]:
+    """The dominant orientations of the gradient around each point (B.11-B.12).
+
+    Args:
+        octaves: each (s + 3, h, w) Gaussian planes.
+        points: n points in them.
+        config: histogram and sampling.
+        max_orientations: strongest orientations to keep of a point; None for all.
+        threads: share the points.
+
+    Returns:
+        (m,) index of the point, ascending, and (m,) angle in radians from x towards y in
+        (-pi, pi]. A point without any gradient around it has none.
+
+    Source: Lowe (2004), section 5.
+    """
+    histograms = np.zeros((len(points.octave), ORIENTATION_BINS), np.float32)
+
+    def fill(octave: Float32Array, index: IntArray) -> None:
+        histograms[index] = orientation_histograms(octave, points.take(index), config)
+
+    run_by_octave(fill, octaves, points, threads)
+    index, angle, height = histogram_peaks(histograms, config.orientation_bins == "all")
+    if max_orientations is not None:
+        order = np.lexsort((-height, index))
+        rank = np.arange(len(index)) - np.searchsorted(index, index)
+        strongest = np.sort(order[rank < max_orientations])
+        index, angle = index[strongest], angle[strongest]
+    return index, angle
+
+
+def orientation_histograms(
+    octave: Float32Array, points: Points, config: DescriptorConfig
+) -> Float32Array:
+    """(n, 36) smoothed histograms of gradient directions around points of one octave."""
+    histograms = np.zeros((len(points.plane), ORIENTATION_BINS), np.float32)
+    spacing = config.orientation_spacing or 0.0
+    fill_orientation_histograms(
+        octave,
+        points.plane,
+        points.xy,
+        points.sigma,
+        spacing,
+        config.voting == "linear",
+        config.subpixel_patches,
+        min(max_samples(points.sigma, 2 * ORIENTATION_RADIUS, spacing), octave[0].size),
+        histograms,
+    )
+    smooth_histograms(histograms, config.smoothing)
+    return histograms
+
+
+def histogram_peaks(
+    histograms: Float32Array, every_bin: bool
+) -> tuple[IntArray, Float32Array, Float32Array]:
+    """Peaks of circular histograms, interpolated by a parabola.
+
+    Args:
+        histograms: (n, 36).
+        every_bin: take every bin over `PEAK_RATIO` of the highest, not only local peaks.
+
+    Returns:
+        (m,) index of the histogram, ascending; (m,) angle in radians; (m,) height of the peak as a
+        fraction of the highest.
+    """
+    before, after = np.roll(histograms, 1, axis=1), np.roll(histograms, -1, axis=1)
+    highest = histograms.max(axis=1, keepdims=True, initial=0)
+    # Of two equal neighbors the second is the peak: symmetrical patterns have such.
+    peaks = (histograms >= before) & (histograms > after) & (histograms >= PEAK_RATIO * highest)
+    if every_bin:
+        peaks = (histograms == highest) | (histograms > PEAK_RATIO * highest)
+        peaks &= highest > 0
+    index, bin_number = np.nonzero(peaks)
+    left, middle, right = before[peaks], histograms[peaks], after[peaks]
+    curvature = left - 2 * middle + right
+    offset = 0.5 * (left - right) / curvature
+    if every_bin:  # of a bin on a slope the highest point within it counts
+        offset = np.where(curvature < 0, offset.clip(-0.5, 0.5), 0.5 * np.sign(right - left))
+    position = bin_number + offset
+    angle = np.remainder(position * (2 * pi / ORIENTATION_BINS) + pi, 2 * pi) - pi
+    angle = angle.astype(np.float32)
+    angle[angle <= np.float32(-pi)] = pi
+    return index, angle, middle / highest[index, 0]
+
+
+def max_samples(sigma: Float32Array, side: float, spacing: float) -> int:
+    """Upper bound of the samples in a rotated square.
+
+    Args:
+        sigma: (n,) scales of the points.
+        side: of the square, in scales.
+        spacing: of the samples, in scales; 0 for all samples.
+    """
+    widest = float(sigma.max(initial=0))
+    # A stride is rounded: it may be down to two thirds of the spacing.
+    stride = max(spacing * widest / 1.5, 1.0)
+    return int((side * widest / stride + 4) ** 2)
+
+
+ByteArray: TypeAlias = npt.NDArray[np.uint8]
+Descriptors: TypeAlias = ByteArray | Float32Array
 
 
 def describe_points(

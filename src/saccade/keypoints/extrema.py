@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.keypoints._extrema_kernels import find_local_extrema, mark_duplicates
-from saccade.keypoints._refinement_kernels import fit_extrema
+from saccade.keypoints._extrema_kernels import find_local_extrema, fit_extrema, mark_duplicates
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.scale.workspace import SERIAL, Threads
 from saccade.types import Float32Array, FloatArray, IntArray

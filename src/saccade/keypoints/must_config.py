@@ -5,8 +5,7 @@ from math import inf
 from typing import Literal, Self
 
 from saccade.errors import require_valid, setting
-from saccade.keypoints.descriptor_config import DescriptorConfig
-from saccade.keypoints.sift_config import MIN_RESPONSE, SiftConfig
+from saccade.keypoints.sift_config import MIN_RESPONSE, DescriptorConfig, SiftConfig
 
 CONTRAST_THRESHOLD = 0.05
 """Smallest symmetry, where neither it nor the number of keypoints is given."""
@@ -76,24 +75,13 @@ class MustConfig:
 
     def sift(self) -> SiftConfig:
         """SIFT with the same scale space, fit, selection and descriptors."""
-        names = [setting.name for setting in fields(DescriptorConfig)]
+        names = {each.name for each in fields(SiftConfig)} & {each.name for each in fields(self)}
+        names -= {"contrast_threshold", "descriptor"}
         return SiftConfig(
-            **{name: getattr(self.descriptor, name) for name in names},
-            first_octave=self.first_octave,
-            octaves=self.octaves,
-            intervals=self.intervals,
+            **vars(self.descriptor),
+            **{name: getattr(self, name) for name in names},
             extra_intervals=0,
-            base_sigma=self.base_sigma,
             density=0.5,
-            camera_sigma=0.0,
-            kernel_radius=3.0,
             candidate_fraction=0.8,
-            neighbors=self.neighbors,
-            edge_ratio=self.edge_ratio,
-            border=self.border,
-            max_orientations=self.max_orientations,
-            upright=self.upright,
-            max_keypoints=self.max_keypoints,
             ranking="response",
-            spread=self.spread,
         )

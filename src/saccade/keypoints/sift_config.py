@@ -1,12 +1,67 @@
-"""The settings of SIFT, and their presets."""
+"""The settings of SIFT and of the descriptor of every detector, and their presets."""
 
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Literal, Self
 
-from saccade.errors import require, setting
-from saccade.keypoints.descriptor_config import DescriptorConfig
+from saccade.errors import require, require_valid, setting
 from saccade.scale.scale_space_config import ScaleSpaceConfig
+
+
+@dataclass(frozen=True)
+class DescriptorConfig:
+    """How orientations are assigned and keypoints described; the default is `Sift`'s."""
+
+    voting: Literal["linear", "nearest"] = "linear"
+    """Whether a gradient is interpolated between the two nearest of the 36 orientation bins, or
+    counts for one."""
+    smoothing: int = setting(6, 0, 100, slider=(0, 20, 1))
+    """Passes of [1 2 1] / 4 over the orientation histogram."""
+    orientation_bins: Literal["peaks", "all"] = "peaks"
+    """Whether of the bins over 80 % of the highest only local peaks count, or all."""
+    orientation_spacing: float | None = setting(1.0, above=0, maximum=3, slider=(0, 3, 0.1))
+    """Spacing of the samples of the orientation histogram, in scales; None for all samples."""
+    subpixel_patches: bool = True
+    """Center orientation and descriptor on the keypoint, not on the sample nearest to it."""
+    descriptor_spacing: float | None = setting(1.2, above=0, maximum=3, slider=(0, 3, 0.1))
+    """Spacing of the samples of the descriptor, in scales; None for all samples. Lowe's 4x4 samples
+    in each of 4x4 subregions are 0.75 apart."""
+    window_sigma: float = setting(0.7, 0.1, 10, slider=(0.1, 3, 0.1))
+    """Standard deviation of the Gaussian window of the descriptor, in sides of the descriptor."""
+    descriptor: Literal["sift", "root", "kootstra2010"] = "root"
+    """"root" L1-normalizes and takes the square root (RootSIFT). "kootstra2010" takes 4 x 4
+    samples in each of the 4 x 4 subregions, each weighted by its Euclidean distance, as section
+    B.2 has it; it takes a millisecond a keypoint and ignores the three settings above."""
+    descriptor_dtype: Literal["uint8", "float32"] = "uint8"
+    """Whether descriptors are bytes, 512 to the unit, or floats of unit length."""
+
+    def __post_init__(self) -> None:
+        require_valid(self)
+
+    @classmethod
+    def lowe2004(cls) -> Self:
+        """Lowe (2004), sections 5 and 6; all samples."""
+        return cls(
+            smoothing=0,
+            orientation_spacing=None,
+            descriptor_spacing=None,
+            window_sigma=0.5,
+            descriptor="sift",
+        )
+
+    @classmethod
+    def kootstra2010(cls) -> Self:
+        """Kootstra (2010), section B.2."""
+        return cls(
+            voting="nearest",
+            smoothing=0,
+            orientation_bins="all",
+            orientation_spacing=None,
+            descriptor_spacing=None,
+            window_sigma=1.5,
+            descriptor="kootstra2010",
+        )
+
 
 CONTRAST_THRESHOLD = 0.016
 """Smallest |D| of a keypoint, where neither it nor the number of keypoints is given."""

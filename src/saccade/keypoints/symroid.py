@@ -9,9 +9,9 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from saccade.io.image import as_gray
-from saccade.keypoints.descriptor import describe_points
-from saccade.keypoints.orientation import assign_orientations
-from saccade.keypoints.region_frames import RegionFrames, pair_boxes
+from saccade.keypoints.descriptor import assign_orientations, describe_points
+from saccade.keypoints.detection import by_strength
+from saccade.keypoints.must import Must
 from saccade.keypoints.scale_space_points import Points
 from saccade.keypoints.symroid_config import SymRoidConfig
 from saccade.scale._pair_sums_kernels import MARGIN, update_strongest_pairs
@@ -23,10 +23,13 @@ from saccade.scale.pair_sums import (
     pair_kernel,
 )
 from saccade.scale.pyramid import cell_centers, halve, resize
+from saccade.scale.scale_space import ScaleSpace
 from saccade.types import Float32Array, FloatArray, Image, IntArray, Keypoints, Regions
 
 Labels: TypeAlias = npt.NDArray[np.int32]
 
+SEPARATION = 2.0
+"""Smallest distance of two regions, in scales of the coarser."""
 PATCH_SIDE = 60
 """Pixels to a side of the square patch that a region is resampled to."""
 MAGNIFICATION = 1.25
@@ -83,6 +86,62 @@ class SymRoid:
             return boxed_regions(gray, self.config)
         keypoints, radius = self._frames(gray), self._frames.config.radius
         return Regions(keypoints, pair_boxes(keypoints, radius, (gray.shape[0], gray.shape[1])))
+
+
+class RegionFrames(Must):
+    """Finds the frames of regions as MUST finds keypoints, none within a stronger one.
+
+    Args:
+        config: of the regions.
+        threads: of a call; None for one per core. The regions do not depend on it.
+    """
+
+    def __init__(self, config: SymRoidConfig, threads: int | None = None) -> None:
+        super().__init__(config.must(), threads)
+        self._seed_threshold = config.seed_threshold
+
+    def _preferred(self, points: Points, space: ScaleSpace) -> IntArray:
+        order = by_strength(points, space, self._sift)
+        response = points.response[order]
+        order = order[response >= self._seed_threshold * response.max(initial=0)]
+        xy, sigma = points.take(order).image_coordinates(space)
+        kept: IntArray = order[separated(xy, sigma, self._sift.max_keypoints)]
+        return kept
+
+
+def separated(xy: FloatArray, sigma: FloatArray, count: int | None) -> IntArray:
+    """Indices of the first points that are apart from those kept before them.
+
+    Args:
+        xy: (n, 2) positions.
+        sigma: (n,) scales.
+        count: number of points to keep; None for all.
+    """
+    kept: list[int] = []
+    for i in range(len(xy)):
+        if len(kept) == count:
+            break
+        reach = SEPARATION * np.maximum(sigma[kept], sigma[i])
+        if (np.hypot(*(xy[kept] - xy[i]).T) >= reach).all():
+            kept.append(i)
+    return np.array(kept, np.int64)
+
+
+def pair_boxes(keypoints: Keypoints, radius: float, shape: tuple[int, int]) -> Float32Array:
+    """The boxes about the discs from which the symmetry of keypoints was summed.
+
+    Args:
+        keypoints: n keypoints.
+        radius: of the disc, in scales.
+        shape: (H, W) of the image.
+
+    Returns:
+        (n, 4) left, top, right and bottom in pixels, clipped to the image.
+    """
+    reach = radius * keypoints.size[:, None] / 2
+    low = (keypoints.xy - reach).clip(-0.5)
+    high = np.minimum(keypoints.xy + reach, np.array(shape[::-1]) - 0.5)
+    return np.hstack([low, high]).astype(np.float32)
 
 
 def boxed_regions(gray: Float32Array, config: SymRoidConfig) -> Regions:
@@ -164,49 +223,22 @@ def grow_regions(symmetry: Float32Array, config: SymRoidConfig) -> tuple[Labels,
 
     Returns:
         (h, w) label of the region of each cell, from 1, 0 for none; (n,) the maximum of each.
-        Regions do not touch, not even at corners, unless each grew from its own seed.
+        Regions do not touch, not even at corners.
     """
     maximum = float(symmetry.max(initial=0))
-    labels: Labels = np.zeros(symmetry.shape, np.int32)
     if maximum == 0:
-        return labels, np.zeros(0)
-    seeds = local_maxima(symmetry, config.seed_threshold * maximum)
-    if config.relative_to == "maximum":
-        high = (symmetry >= config.growth_threshold * maximum).astype(np.uint8)
-        parts = np.asarray(cv2.connectedComponents(high, connectivity=4)[1])
-        seeded = np.isin(parts, parts[tuple(seeds.T)]) & (parts > 0)
-        labels = np.asarray(cv2.connectedComponents(seeded.astype(np.uint8), connectivity=8)[1])
-        maxima = np.zeros(int(labels.max()) + 1)
-        np.maximum.at(maxima, labels, symmetry)
-        return labels, maxima[1:]
-    responses: list[float] = []
-    filled = np.zeros((symmetry.shape[0] + 2, symmetry.shape[1] + 2), np.uint8)
-    connectivity, fill_value = 4, 1 << 8
-    flags = connectivity | fill_value | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE
-    for row, column in seeds.tolist():
-        if labels[row, column] == 0:
-            response = symmetry[row, column]
-            # A difference from the seed; of values within a factor of two it is exact.
-            drop = float(response - np.float32(config.growth_threshold * float(response)))
-            *_, (left, top, width, height) = cv2.floodFill(
-                symmetry, filled, (column, row), 0, loDiff=drop, upDiff=maximum, flags=flags
-            )
-            window = slice(top, top + height), slice(left, left + width)
-            region = filled[1:-1, 1:-1][window]
-            if not labels[window][region > 0].any():
-                responses.append(float(response))
-                labels[window][region > 0] = len(responses)
-            region[:] = 0
-            if len(responses) == config.max_keypoints:
-                break
-    return labels, np.array(responses)
-
-
-def local_maxima(symmetry: Float32Array, threshold: float) -> IntArray:
-    """(n, 2) row and column of the maxima of 3x3 cells, the highest first."""
-    peaks = (symmetry == ndimage.maximum_filter(symmetry, 3)) & (symmetry >= threshold)
-    cells = np.argwhere(peaks)
-    return cells[np.argsort(-symmetry[peaks], kind="stable")]
+        return np.zeros(symmetry.shape, np.int32), np.zeros(0)
+    seeds = symmetry == ndimage.maximum_filter(symmetry, 3)
+    seeds &= symmetry >= config.seed_threshold * maximum
+    high = (symmetry >= config.growth_threshold * maximum).astype(np.uint8)
+    parts = np.asarray(cv2.connectedComponents(high, connectivity=4)[1])
+    seeded = np.isin(parts, parts[seeds]) & (parts > 0)
+    labels: Labels = np.asarray(
+        cv2.connectedComponents(seeded.astype(np.uint8), connectivity=8)[1], np.int32
+    )
+    maxima = np.zeros(int(labels.max()) + 1)
+    np.maximum.at(maxima, labels, symmetry)
+    return labels, maxima[1:]
 
 
 def bounding_boxes(

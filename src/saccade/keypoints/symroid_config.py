@@ -5,9 +5,8 @@ from itertools import pairwise
 from typing import Literal, Self
 
 from saccade.errors import require, require_valid, setting
-from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.must_config import MustConfig
-from saccade.keypoints.sift_config import MIN_RESPONSE
+from saccade.keypoints.sift_config import MIN_RESPONSE, DescriptorConfig
 from saccade.scale.pyramid import MAX_LEVEL
 
 
@@ -18,26 +17,23 @@ class SymRoidConfig:
     frame: Literal["scale-space", "box"] = "scale-space"
     """Frame in which a region is described. "scale-space": center, scale and orientations of a
     maximum of symmetry over position and scale, as MUST finds it. "box": the box about a region
-    grown in the map of symmetry, as the source has it; `levels`, `inner`, `outer`, `sigma`, `gain`,
-    `growth_threshold` and `relative_to` are settings of that map and of no effect otherwise."""
-    levels: tuple[int, ...] = (1, 2, 3)
+    grown in the map of symmetry, as the source has it; `levels`, `inner`, `outer`, `sigma`, `gain`
+    and `growth_threshold` are settings of that map and of no effect otherwise."""
+    levels: tuple[int, ...] = (3, 4, 5)
     """Pyramid levels whose symmetry is summed; the image is level 0, and the map has the size
     of the first."""
-    inner: int = setting(1, 1, slider=(1, 10, 1))
+    inner: int = setting(3, 1, slider=(1, 10, 1))
     """Smallest distance of a pair from its middle, along x or y, in pixels of its level."""
     outer: int = setting(7, 1, 100, slider=(1, 15, 1))
     """Largest distance of a pair from its middle, likewise."""
-    sigma: float = setting(8.0, 0.1, 1e6, slider=(0.5, 32, 0.5))
+    sigma: float = setting(16.0, 0.1, 1e6, slider=(0.5, 32, 0.5))
     """Standard deviation of the density that weights a pair by its distance, likewise."""
-    gain: float = setting(60.0, above=0, maximum=1e6, slider=(1, 200, 1))
+    gain: float = setting(1.0, above=0, maximum=1e6, slider=(1, 200, 1))
     """Gain of the strength of a gradient; see `SymmetryConfig`."""
     seed_threshold: float = setting(0.05, above=0, maximum=1, slider=(0.01, 1, 0.01))
     """Smallest symmetry of a region or a seed, as a fraction of the largest in the image."""
-    growth_threshold: float = setting(0.8, above=0, maximum=1, slider=(0.05, 1, 0.05))
-    """Smallest symmetry of a region, as a fraction of what `relative_to` names."""
-    relative_to: Literal["seed", "maximum"] = "seed"
-    """"maximum" of the map, as the source has it: regions are few, and merge where the threshold
-    is low. With "seed" every region is a peak."""
+    growth_threshold: float = setting(0.5, above=0, maximum=1, slider=(0.05, 1, 0.05))
+    """Smallest symmetry within a region, likewise."""
     upright: bool = False
     """Describe regions upright; otherwise along the dominant orientations of their gradients: a
     box along one, a frame in scale space along each, as a keypoint of MUST is."""
@@ -63,14 +59,7 @@ class SymRoidConfig:
         """
         return cls(
             frame="box",
-            levels=(3, 4, 5),
-            inner=3,
-            outer=7,
-            sigma=16.0,
-            gain=1.0,
             seed_threshold=0.5,
-            growth_threshold=0.5,
-            relative_to="maximum",
             upright=True,
             max_keypoints=None,
             descriptor=DescriptorConfig.kootstra2010(),
