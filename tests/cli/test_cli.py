@@ -242,12 +242,13 @@ def gazes(tmp_path, rng):
     rows = ["image,viewer,index,x,y"]
     for number, path in enumerate(HALLWAY):
         name = f"{number}.jpg"
-        (folder / name).write_bytes(path.read_bytes())
-        corner = 40 + 200 * number
-        rows += [f"{name},{v},0,250,190" for v in range(5)]
-        rows += [f"{name},{v},1,{corner + x},{30 + v}" for v, x in enumerate(rng.uniform(0, 9, 5))]
-        saliency = np.zeros((384, 512), np.float32)
-        saliency[:80, corner : corner + 60] = 1
+        small = cv2.resize(cv2.imread(str(path)), (256, 192), interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(folder / name), small)
+        corner = 20 + 100 * number
+        rows += [f"{name},{v},0,125,95" for v in range(5)]
+        rows += [f"{name},{v},1,{corner + x},{15 + v}" for v, x in enumerate(rng.uniform(0, 9, 5))]
+        saliency = np.zeros((192, 256), np.float32)
+        saliency[:40, corner : corner + 30] = 1
         np.save(folder / f"{number}.npy", saliency)
     (tmp_path / "gazes.csv").write_text("\n".join(rows) + "\n")
     return folder
@@ -368,7 +369,7 @@ def test_evaluate_fixations_leaves_out_who_looked_away(run, gazes, tmp_path):
     words = ["evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv"]
     before = json.loads(run(*words, "--json")[1])
     with (tmp_path / "gazes.csv").open("a") as table:
-        table.write("0.jpg,6,1,-30,10\n1.jpg,6,1,512,10\n")
+        table.write("0.jpg,6,1,-30,10\n1.jpg,6,1,256,10\n")
     code, out, err = run(*words, "--json")
     assert code == 0
     assert json.loads(out) == before

@@ -105,23 +105,6 @@ def test_maps_at_the_size_of_the_image_are_those_of_the_model(run, photos, tmp_p
         np.testing.assert_allclose(png / 65535, expected, atol=1e-5)
 
 
-def test_maps_of_look_are_scored_like_the_model(run, photos, tmp_path):
-    rows = [
-        f"{i}.png,{v},{k},{20 + 9 * v + k},{30 + 7 * i}"
-        for i in (0, 1)
-        for v in (0, 1)
-        for k in (0, 1)
-    ]
-    (tmp_path / "seen.csv").write_text("\n".join(["image,viewer,index,x,y", *rows]) + "\n")
-    run("look", photos, "--maps", "tiff", "--model", "contrast")
-    words = ["evaluate", "fixations", "--images", photos, "--fixations", "seen.csv", "--json"]
-    maps = "told=saccade-look/maps/saliency"
-    code, out, err = run(*words, "--model", "contrast", "--maps", maps)
-    assert code == 0, err
-    means = json.loads(out)["models"]
-    assert means["told"]["mean"] == pytest.approx(means["contrast"]["mean"])
-
-
 @pytest.fixture(scope="module")
 def looked(photos, tmp_path_factory):
     """The folder and the rows of `look` with both tables."""

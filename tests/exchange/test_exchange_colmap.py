@@ -1,7 +1,6 @@
 """COLMAP's database, written for pycolmap and read from what it writes."""
 
 import sqlite3
-import sys
 
 import cv2
 import numpy as np
@@ -190,9 +189,3 @@ def test_reading_changes_nothing(tmp_path):
     with pytest.raises(KeypointsError, match=r"x\.db: expected a COLMAP database: keypoints of 7"):
         exchange.read_colmap(path)
     database.close()
-
-
-def test_a_missing_library_is_named(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "pycolmap", None)
-    with pytest.raises(ConfigError, match=r"colmap: needs pycolmap.* uv sync --extra colmap"):
-        exchange.write_colmap(tmp_path / "x.db", {}, {})

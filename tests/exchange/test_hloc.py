@@ -6,7 +6,7 @@ import pytest
 
 import saccade
 from saccade import exchange
-from saccade.errors import ConfigError, KeypointsError
+from saccade.errors import KeypointsError
 from saccade.exchange.hdf5 import group_of
 from support.hloc import import_hloc
 from support.keypoint_files import HALLWAY, random_points
@@ -91,9 +91,3 @@ def test_a_file_that_is_none_is_named(tmp_path):
     exchange.write_hdf5(tmp_path / "y.h5", {"a.jpg": random_points(np.random.default_rng(1), 3)})
     with pytest.raises(KeypointsError, match=r"y\.h5: expected an HDF5 file of matches"):
         exchange.read_hloc_matches(tmp_path / "y.h5")
-
-
-def test_a_missing_library_is_named(monkeypatch, tmp_path):
-    monkeypatch.setitem(__import__("sys").modules, "h5py", None)
-    with pytest.raises(ConfigError, match="hdf5: needs h5py"):
-        exchange.write_hloc_matches(tmp_path / "x.h5", {}, {})

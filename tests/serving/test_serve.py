@@ -20,7 +20,6 @@ import pytest
 from PIL import Image as Pillow
 
 from saccade.errors import ConfigError, ImageError, setting
-from saccade.extras import install_command
 from saccade.serving import controls as snippets
 from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
 from saccade.serving.controls import (
@@ -470,15 +469,6 @@ def test_a_port_in_use_is_a_one_line_error(run):
     assert code == 2
     assert (
         message == f"saccade: port: {port} cannot be used: Address already in use; try --port 0\n"
-    )
-
-
-def test_without_its_libraries_the_extra_is_named(run, monkeypatch):
-    monkeypatch.setitem(sys.modules, "uvicorn", None)
-    code, _, message = run("serve", "--no-browser")
-    assert (code, message) == (
-        2,
-        "saccade: serve: needs uvicorn, which is not installed; " + install_command("serve") + "\n",
     )
 
 
