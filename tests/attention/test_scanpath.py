@@ -14,7 +14,6 @@ from saccade.attention._winner_take_all_kernels import (
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.errors import ConfigError, ImageError
 from support import oracles_attention as oracles
-from support.reference_images import REFERENCE_IMAGES
 
 STEP = 1e-4
 
@@ -25,30 +24,9 @@ def cells(path):
     return rows, columns, np.rint(path.time / STEP)
 
 
-@pytest.fixture(params=REFERENCE_IMAGES)
-def reference(request, shared):
-    """Saliency, the disc's sigma in cells, and rows, columns and times of ten fixations."""
-    data = np.load(shared / "reference" / "saliency" / f"{request.param}.iterative.npz")
-    rows, columns = data["fix_disk_mapRC"].T - 1
-    sigma = 0.3 * float(data["foaSize"].item()) / 32
-    return data["salmap"], sigma, rows, columns, data["fix_disk_time_s"].ravel()
-
-
 def as_published(saliency, sigma):
     """The reference's own map and disc."""
     return ScanpathConfig(peak=None, inhibition_sigma=sigma / max(saliency.shape))
-
-
-@pytest.mark.shared
-def test_fixations_of_the_reference(reference):
-    saliency, sigma, rows, columns, times = reference
-    shape = tuple(16 * side for side in saliency.shape)
-    path = scanpath(saliency, shape, 10, as_published(saliency, sigma))
-    our_rows, our_columns, our_steps = cells(path)
-    np.testing.assert_allclose(our_rows, rows, atol=1e-9)
-    np.testing.assert_allclose(our_columns, columns, atol=1e-9)
-    assert np.abs(our_steps - times / STEP).max() < 1.01
-    np.testing.assert_array_equal(path.saliency, saliency[rows.astype(int), columns.astype(int)])
 
 
 @pytest.mark.shared

