@@ -177,9 +177,7 @@ def check_extrinsics(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
             advice = f"Turn camera.rotation {side} by this angle"
             yield Finding("warning", check, what, advice, angle, "deg")
     speed = moving.odometry[:, 0] / moving.duration
-    turning = (
-        np.abs(turn) > TURNING * moving.duration
-    )  # straight ahead, errors of turn and of lateral motion are correlated
+    turning = np.abs(turn) > TURNING * moving.duration  # elsewhere their errors are correlated
     if turning.sum() < MIN_STEPS:
         return
     fitted, position = fit(np.stack([turn, ahead], 1), left), float(camera.position[0])
@@ -265,10 +263,8 @@ def _motion_findings(
         return odometry, rotation
     if direction := [*check_direction(moving)]:
         return odometry + direction, []
-    odometry, extrinsics = (
-        [*odometry, *check_translations(series)],
-        [*check_extrinsics(moving, drive.camera)],
-    )
+    odometry += check_translations(series)
+    extrinsics = [*check_extrinsics(moving, drive.camera)]
     if not extrinsics:  # another position moves sideways in turns, too
         odometry += check_side_slip(moving, drive.camera)
     return odometry, extrinsics
