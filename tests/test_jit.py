@@ -95,7 +95,6 @@ def run_at_once(count, probe, **variables):
 
 def test_only_a_changed_kernel_file_makes_the_cache_stale(probe):
     assert run(probe) == (True, 4.0)
-    assert run(probe) == (False, 4.0)
     (probe / "words.py").write_text("'''Other words.'''\n")
     (probe.parent / "errors.py").write_text((probe.parent / "errors.py").read_text() + "\n")
     assert run(probe) == (False, 4.0)
