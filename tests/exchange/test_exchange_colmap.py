@@ -1,6 +1,7 @@
 """COLMAP's database, written for pycolmap and read from what it writes."""
 
 import sqlite3
+from contextlib import closing
 
 import cv2
 import numpy as np
@@ -189,3 +190,14 @@ def test_reading_changes_nothing(tmp_path):
     with pytest.raises(KeypointsError, match=r"x\.db: expected a COLMAP database: keypoints of 7"):
         exchange.read_colmap(path)
     database.close()
+
+
+def test_a_message_of_sqlite_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "x.db"
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE images_of_a_camera (image_id INTEGER)")
+        database.commit()
+    broken = path.read_bytes().replace(b"images_of_a", b"images_of_\xfe")
+    path.write_bytes(broken.replace(b"CREATE TABLE", b"CREATE TABLX"))
+    with pytest.raises(KeypointsError, match=r"x\.db: expected a COLMAP database: .*utf-8"):
+        exchange.read_colmap(path)

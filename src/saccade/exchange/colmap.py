@@ -120,7 +120,7 @@ def read_colmap(path: str | Path) -> ColmapFeatures:
     path = Path(path)
     uri = f"{path.resolve().as_uri()}?mode=ro"
     with (
-        reading(path, "a COLMAP database", sqlite3.Error),
+        reading(path, "a COLMAP database", sqlite3.Error, UnicodeDecodeError),
         closing(sqlite3.connect(uri, uri=True)) as database,
     ):
         _check_tables(database)
