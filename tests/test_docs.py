@@ -23,7 +23,7 @@ SECTIONS = dict(zip(*[iter(re.split(r"^#+ (.+)$", PAGE, flags=re.MULTILINE)[1:])
 OF_KEYPOINTS = {
     "Interest points": lambda names: names["checked"].inliers.mean() > 0.6,
     "Coming from scikit-image": lambda names: (
-        len(names["pairs"]) > 50 and names["described"].descriptors.any(axis=1).all()
+        len(names["points"]) > 50 and names["described"].descriptors.any(axis=1).all()
     ),
     "External points": lambda names: (
         len(names["dense"]) == len(names["grid"]) < len(names["turned"])
