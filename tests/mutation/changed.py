@@ -34,7 +34,7 @@ def interpret(paths: Collection[Path]) -> None:
     compiled = _jit.kernel
     left: set[str] = set()
 
-    def kernel(fastmath: Any = ()) -> Callable[[Any], Any]:
+    def kernel(*options: Any, **named: Any) -> Callable[[Any], Any]:
         def decide(function: Any) -> Any:
             known = function.__globals__.values()
             homes = {
@@ -46,7 +46,7 @@ def interpret(paths: Collection[Path]) -> None:
             if its_own in paths or homes & left:
                 left.add(function.__module__)
                 return function
-            return compiled(fastmath)(function)
+            return compiled(*options, **named)(function)
 
         return decide
 
