@@ -14,7 +14,10 @@ Slider: TypeAlias = tuple[float, float, float]
 
 
 class SaccadeError(Exception):
-    """Invalid input or failed output; the message is one line."""
+    """Invalid input or failed output; the message is one line, whatever it quotes."""
+
+    def __str__(self) -> str:
+        return " ".join(super().__str__().splitlines())
 
 
 class ImageError(SaccadeError, ValueError):

@@ -104,6 +104,7 @@ def test_the_first_fixation_of_a_scanpath_is_number_0(tmp_path, text, index, rem
     ("name", "text", "words"),
     [
         ("a.csv", "subject,participant,image,x,y\n", "--columns viewer=subject"),
+        ("a.csv", 'who,"a\nb",image,x,y\n', "viewer is missing among who, a b, image, x, y; --"),
         ("a.csv", "who,image,x,y\n", "viewer is missing among who, image, x, y; --columns"),
         ("a.csv", "viewer;image;x;y\n1;a;512;9\n1;a;1,024;9\n", "line 3.*'1,024'"),
         ("a.tsv", "Participant name\tPresented Media name\tFixation point X\tFixation point Y\t"
