@@ -118,6 +118,7 @@ def row(drive: Drive, config: visual.VisualConfig) -> dict[str, Any]:
         "nees": end_nees(result.trajectory, truth[-1]),
         "ego nees": end_nees(result.visual_odometry, truth[-1]),
         "inside": scores[0].inside_3sigma,
+        "ego inside": scores[1].inside_3sigma,
     }
 
 
@@ -144,13 +145,17 @@ def report(rows: list[dict[str, Any]]) -> None:
     for name, column in zip(("translation", "rotation", "unaligned"), ratio.T, strict=True):
         quantiles = np.quantile(column, [0.5, 0.9, 1.0])
         print("{:12} median {:.2f}, 90 % {:.2f}, worst {:.2f}".format(name, *quantiles))
-    nees = np.array([each["nees"] for each in rows])
-    low, high = chi_square_band(3, len(nees))
-    print(
-        f"NEES mean {nees.mean():.2f}, median {np.median(nees):.2f} "
-        f"(band {low:.2f} to {high:.2f}); "
-        f"least inside {min(each['inside'] for each in rows):.2f}"
-    )
+    for name, nees, inside in (
+        ("joined", "nees", "inside"),
+        ("egomotion", "ego nees", "ego inside"),
+    ):
+        values = np.array([each[nees] for each in rows])
+        low, high = chi_square_band(3, len(values))
+        print(
+            f"{name:12} NEES mean {values.mean():.2f}, median {np.median(values):.2f}, worst "
+            f"{values.max():.1f} (band {low:.2f} to {high:.2f}); "
+            f"least inside {min(each[inside] for each in rows):.2f}"
+        )
 
 
 def main() -> None:

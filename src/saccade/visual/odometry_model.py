@@ -14,6 +14,8 @@ SLIP_ANGLE, SLIP_PER_ACCELERATION = 0.01, 0.006
 """Standard deviations of the side-slip before the first frame, in radians, on a straight road and
 per m/s^2 of lateral acceleration. By the true poses of KITTI's drives 00 to 09 angles are .003 to
 .015, and .003 to .008 per m/s^2."""
+MIN_SCALE_SIGMA = 0.02
+"""Least standard deviation of odometry's scale where the camera measures distances."""
 MIN_TURN_BIAS_SIGMA = 0.02
 """Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
 MAX_OUTAGE, SLIP_SECONDS = 5.0, 1.0
@@ -147,6 +149,8 @@ class OdometryModel:
     ) -> None:
         self._drive, self._has_depth = drive, has_depth
         scale_sigma, turn_per_metre, _ = drive.odometry_bias
+        if has_depth:
+            scale_sigma = float(np.hypot(scale_sigma, MIN_SCALE_SIGMA))
         seconds = float(drive.time[-1] - drive.time[0])
         distance = float(np.hypot(*drive.control[:, :2].T).sum())
         mean_speed = distance / seconds if seconds > 0 else 0.0

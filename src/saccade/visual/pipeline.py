@@ -314,8 +314,10 @@ class Pipeline:
         current = self.tracked if motion is not None else TrackedPoints()
         with self.log.timed("adjust"):
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            odometry = self.map.odometry.declared
-            return self._window.add(before, current, pose, odometry, seconds, self._cameras)
+            odometry, points = self.map.odometry.declared, (before, current)
+            adjusted = self._window.add(*points, pose, odometry, seconds, self._cameras)
+        self.log.add_drift(self._window.drift)
+        return adjusted
 
     def _predict(
         self,

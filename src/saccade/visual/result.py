@@ -15,7 +15,7 @@ from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Notebook
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.optical_flow import ByteArray
-from saccade.visual.self_calibration import CalibrationReport
+from saccade.visual.self_calibration import CalibrationDrift, CalibrationReport
 from saccade.visual.tables import RangeBearings, Table, TrackedPoints, column
 from saccade.visual.visual_map import VisualMap
 
@@ -126,6 +126,7 @@ class RunLog:
     def __post_init__(self) -> None:
         self._visual_pose = [compose(self.drive.start, np.zeros(3))[0]]
         self._visual_covariance = [np.zeros((3, 3))]
+        self._visual_drift = [np.zeros((3, 3))]
         self._off_plane = [np.full(3, np.nan)]
 
     @contextmanager
@@ -174,7 +175,13 @@ class RunLog:
         self._visual_pose.append(pose)
         covariance = Fx @ self._visual_covariance[-1] @ Fx.T + Fu @ step[1] @ Fu.T
         self._visual_covariance.append(covariance)
+        self._visual_drift.append(np.zeros((3, 3)))
         self._off_plane.append(np.full(3, np.nan) if motion is None else motion.off_plane)
+
+    def add_drift(self, drift: CalibrationDrift) -> None:
+        """Log what errors of the calibration add to the covariance of visual odometry."""
+        heading = float(self._visual_pose[-1][2])
+        self._visual_drift[-1] = drift.covariance(heading, is_corrected=False)
 
     def add_pose(
         self, pose: FloatArray, covariance: FloatArray, seconds: float, lost: bool
@@ -201,7 +208,9 @@ class RunLog:
             trajectory=Trajectory(time, np.array(self._pose), np.array(self._covariance)),
             odometry=Trajectory(time, np.array(odometry)),
             visual_odometry=Trajectory(
-                time, np.array(self._visual_pose), np.array(self._visual_covariance)
+                time,
+                np.array(self._visual_pose),
+                np.array(self._visual_covariance) + self._visual_drift,
             ),
             map=LandmarkMap(landmarks.id, ekf.landmarks, covariances, landmarks.observations),
             descriptors=landmarks.descriptor,

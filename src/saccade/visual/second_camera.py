@@ -6,6 +6,7 @@ import numpy as np
 
 from saccade.frames import Drive
 from saccade.visual.config import VisualConfig
+from saccade.visual.motion_prior import TOTAL_RELATIVE_SIGMA
 from saccade.visual.pipeline import Pipeline
 
 
@@ -21,6 +22,7 @@ def measure_odometry(drive: Drive, second: Drive, config: VisualConfig | None = 
         The drive, to be mapped with `VisualConfig(egomotion="second-camera")`.
     """
     settings = replace(config or VisualConfig(), egomotion="camera", new_per_frame=0)
+    settings = replace(settings, relative_motion_sigma=TOTAL_RELATIVE_SIGMA)
     steps = []
     with Pipeline(second, settings) as pipeline:
         for number in range(len(second)):

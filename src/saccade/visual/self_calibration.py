@@ -22,8 +22,13 @@ SIGMA = (0.02, 0.3, 0.5)
 """Standard deviations before the first frame: of the distortion at the radius of a focal length,
 as a fraction of that; of the disparity there, in pixels: by how much the focal lengths of the two
 cameras differ; and of all disparities, in pixels."""
+REMAINING_SIGMA = (0.0018, 0.0019)
+"""Standard deviations of constant errors that a drive does not reveal: of the focal length, as a
+fraction of it, and of the yaw of the camera on the robot, in radians."""
 OFFSET = 2
 """Row of the disparity offset."""
+TRACK_CORRELATION = 12.0
+"""Variance of the estimates over that of independent errors: those of a track are correlated."""
 MIN_GAIN = 12.0
 """Least gain of the log likelihood of held-out residuals by which the offset is corrected: as the
 errors of a track are correlated, they reach 8 by chance."""
@@ -79,9 +84,10 @@ class SelfCalibration:
     def _estimate(self) -> None:
         """Estimate the errors, the offset as far as the other half of the frames confirms it."""
         prior = np.diag(1 / np.square(SIGMA))
-        total, vector = self._information.sum(0) + prior, self._vector.sum(0)
-        self.covariance = np.linalg.inv(total)
-        self.estimate = self.covariance @ vector
+        information, vector = self._information.sum(0), self._vector.sum(0)
+        total = information + prior
+        self.covariance = np.linalg.inv(information / TRACK_CORRELATION + prior)
+        self.estimate = np.linalg.solve(total, vector)
         self.error = np.zeros(len(SIGMA))
         self.error[OFFSET] = self._confirmed() * float(self.estimate[OFFSET])
         rest = vector[:OFFSET] - total[:OFFSET, OFFSET] * self.error[OFFSET]
@@ -129,8 +135,8 @@ class CalibrationDrift:
 
     def __init__(self, calibration: SelfCalibration) -> None:
         self._calibration = calibration
-        self.by_errors = np.zeros((3, len(SIGMA)))
-        """(3, 3) derivative of the pose, in its own frame, by the errors."""
+        self.by_errors = np.zeros((3, len(SIGMA) + len(REMAINING_SIGMA)))
+        """(3, 5) derivative of the pose, in its own frame, by the errors and those that remain."""
         self._corrected = np.zeros(3)  # the part of it that was corrected
         self._distance = self._by_offset = 0.0
 
@@ -143,19 +149,22 @@ class CalibrationDrift:
             corrected: (3,) errors that were corrected.
         """
         _, Fx, Fu = compose(np.zeros(3), control)
-        back = heading_rotation(float(control[2])).T
-        self.by_errors = back @ (Fx @ self.by_errors + Fu @ by_errors)
+        back, (x, y, turn) = heading_rotation(float(control[2])).T, control
+        by_all = np.c_[by_errors, [x, y, -turn], [-y, x, 0.0]]
+        self.by_errors = back @ (Fx @ self.by_errors + Fu @ by_all)
         self._corrected = back @ (Fx @ self._corrected + Fu @ by_errors @ corrected)
         length = float(np.hypot(*control[:2]))
         self._distance += length
         self._by_offset += float(control[:2] @ by_errors[:2, OFFSET]) / max(length, 1e-9)
 
-    def covariance(self, heading: float) -> FloatArray:
+    def covariance(self, heading: float, is_corrected: bool = True) -> FloatArray:
         """(3, 3) covariance of a pose with a heading by what is not corrected of the errors."""
         S, calibration = self.by_errors, self._calibration
-        remaining = S @ calibration.estimate - self._corrected
+        n = len(SIGMA)
+        remaining = S[:, :n] @ calibration.estimate - is_corrected * self._corrected
         R = heading_rotation(heading)
-        total = S @ calibration.covariance @ S.T + np.outer(remaining, remaining)
+        total = S[:, :n] @ calibration.covariance @ S[:, :n].T + np.outer(remaining, remaining)
+        total += S[:, n:] @ np.diag(np.square(REMAINING_SIGMA)) @ S[:, n:].T
         return np.asarray(R @ total @ R.T)
 
     def report(self) -> CalibrationReport:

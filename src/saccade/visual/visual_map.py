@@ -123,7 +123,10 @@ class VisualMap:
             self.planarity.update(motion.off_plane, seconds)
             if adjusted is not None:
                 motion = motion._replace(control=adjusted[0], covariance=adjusted[1])
-        control = self.measured(adjusted or expected, motion, seconds)
+        if motion is None and adjusted is not None:
+            control = adjusted  # the window knows the errors of odometry
+        else:
+            control = self.measured(expected, motion, seconds)
         if motion is not None and adjusted is None:
             self.odometry.learn(control)
             if self.has_depth:
