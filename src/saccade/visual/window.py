@@ -133,22 +133,22 @@ class SlidingWindow:
 
     def _observe(self, points: TrackedPoints) -> None:
         """Record the points of the newest frame."""
-        points = points[np.argsort(points.id)]
-        self._add_points(points[~np.isin(points.id, self._id)])
+        new = ~np.isin(points.id, self._id)
+        self._add_points(points.id[new], points.xy[new].astype(np.float64), points.depth[new])
         rows = np.searchsorted(self._id, points.id)
         self._observed[rows, -1, :2] = points.xy
         self._observed[rows, -1, 2] = 1 / points.depth
         self._sigma[rows, -1, :2] = self._config.pixel_sigma * points.pixel_size[:, None]
         self._sigma[rows, -1, 2] = points.depth_sigma / points.depth**2
 
-    def _add_points(self, points: TrackedPoints) -> None:
-        """Add points of the newest frame that are not in the window."""
-        depth = np.where(np.isfinite(points.depth), points.depth, DEFAULT_DEPTH)
-        ray = directions(self._camera, points.xy.astype(np.float64))
+    def _add_points(self, new: IntArray, xy: FloatArray, depth: FloatArray) -> None:
+        """Add points of the newest frame: ids (k,), pixels (k, 2), depths (k,) or NaN."""
+        depth = np.where(np.isfinite(depth), depth, DEFAULT_DEPTH)
+        ray = directions(self._camera, xy)
         place = (ray - self._translation[-1] / depth[:, None]) @ self._rotation[-1]
-        ids = np.concatenate([self._id, points.id])
+        ids = np.concatenate([self._id, new])
         order = np.argsort(ids)
-        blank = np.full((len(points), len(self._rotation), 3), np.nan)
+        blank = np.full((len(new), len(self._rotation), 3), np.nan)
         self._id = ids[order]
         self._point = np.concatenate([self._point, np.c_[place, 1 / depth]])[order]
         self._observed = np.concatenate([self._observed, blank])[order]
@@ -242,8 +242,10 @@ class SlidingWindow:
         self._learn(information, gradient, poses, calibration)
         right = np.concatenate([step[:, poses], np.zeros((6, m))], 1).T
         root = solve_triangular(np.linalg.cholesky(total), right, lower=True)
-        covariance, value = root.T @ root, self._steps()[0][-1]
-        seconds = self._seconds[-1]
+        covariance, seconds = root.T @ root, self._seconds[-1]
+        last, newest = zip(self._rotation[-2:], self._translation[-2:], strict=True)
+        R, t = relative_pose(last, newest)
+        value = np.concatenate(robot_motion(self._mounting(-1), R, t, self._mounting(-2)))
         self._rate = np.concatenate([self._rate, value[None] / seconds])
         by_time = covariance[None] / seconds**2
         self._rate_covariance = np.concatenate([self._rate_covariance, by_time])
@@ -285,7 +287,8 @@ class SlidingWindow:
         by_all[:, :, : J.shape[2]] = J
         rate, by_poses = value / seconds[:, None], by_all / seconds[:, None, None]
         by_all[:, :3, -ODOMETRY_ERRORS:] = -self._by_errors
-        residual = np.pad(odometry, ((0, 0), (0, 3))) - value
+        residual = -value
+        residual[:, :3] += odometry
         add_factors(information, gradient, by_all, residual, self._information)
         before, rate_before = self._first_information[None], self._first_rate
         add_factors(information, gradient, by_poses[:1], (rate_before - rate[0])[None], before)
