@@ -69,14 +69,16 @@ def compile_updates() -> None:
 
 
 def compile_points() -> None:
-    """Compile SIFT: detect points of a small image."""
+    """Compile SIFT on a small image: first what it calls last, orientation and descriptor."""
     import numpy as np
 
     from saccade.keypoints import Sift, SiftConfig
+    from saccade.types import Keypoints
 
-    Sift(SiftConfig(max_keypoints=10, spread=True))(
-        np.random.default_rng(0).random((64, 64), np.float32)
-    )
+    image = np.random.default_rng(0).random((64, 64), np.float32)
+    sift = Sift(SiftConfig(max_keypoints=10, spread=True))
+    sift.describe(image, Keypoints.at([(32, 32)], 8), orient=True)
+    sift(image)
 
 
 def compile_drive() -> None:
