@@ -21,8 +21,12 @@ def measure_odometry(drive: Drive, second: Drive, config: VisualConfig | None = 
     Returns:
         The drive, to be mapped with `VisualConfig(egomotion="second-camera")`.
     """
-    settings = replace(config or VisualConfig(), egomotion="camera", new_per_frame=0)
-    settings = replace(settings, relative_motion_sigma=TOTAL_RELATIVE_SIGMA)
+    settings = replace(
+        config or VisualConfig(),
+        egomotion="camera",
+        new_per_frame=0,
+        relative_motion_sigma=TOTAL_RELATIVE_SIGMA,
+    )
     steps = []
     with Pipeline(second, settings) as pipeline:
         for number in range(len(second)):

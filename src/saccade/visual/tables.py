@@ -81,11 +81,6 @@ class TrackedPoints(Table):
     """(k,) those of them in which its descriptor was matched at its tracked position."""
 
     @property
-    def pixel_size(self) -> Float32Array:
-        """(k,) ones: all are seen in the pixels of the image."""
-        return np.ones(len(self), np.float32)
-
-    @property
     def is_landmark(self) -> BoolArray:
         """(k,) whether each is a landmark."""
         return self.landmark >= 0

@@ -138,7 +138,7 @@ class SlidingWindow:
         rows = np.searchsorted(self._id, points.id)
         self._observed[rows, -1, :2] = points.xy
         self._observed[rows, -1, 2] = 1 / points.depth
-        self._sigma[rows, -1, :2] = self._config.pixel_sigma * points.pixel_size[:, None]
+        self._sigma[rows, -1, :2] = self._config.pixel_sigma
         self._sigma[rows, -1, 2] = points.depth_sigma / points.depth**2
 
     def _add_points(self, new: IntArray, xy: FloatArray, depth: FloatArray) -> None:
