@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from saccade.errors import require_ranges
+from saccade.errors import Settings, setting
 from saccade.frames import Camera, Drive, Frame, Tracks, steps_between
 from saccade.types import FloatArray, IntArray, Trajectory
 
@@ -20,18 +20,18 @@ UNKNOWN_SIGMA = (2.0, 2.0, 1.0)
 
 
 @dataclass(frozen=True)
-class TrackConfig:
+class TrackConfig(Settings):
     """Tracks, odometry, and by how much the calibration is wrong.
 
     Raises:
         ConfigError: a setting outside its range.
     """
 
-    points: int = 75
+    points: int = setting(75, 6, 1e4)
     """Largest number of points tracked at a time."""
-    survival: float = 0.97
+    survival: float = setting(0.97, 0, 1)
     """Probability that a point is tracked into the next frame."""
-    refresh: int = 12
+    refresh: int = setting(12, 0, 1e6)
     """Mean number of frames after which all tracks end at once, so that none is common to two
     frames; 0 for tracks that are replaced one by one."""
     pixel_sigma: float = 0.25
@@ -66,9 +66,6 @@ class TrackConfig:
     declared: tuple[float, float, float] = (0.055, 0.0164, 0.0077)
     """Standard deviations of an increment that odometry declares: metres ahead and to the left,
     radians."""
-
-    def __post_init__(self) -> None:
-        require_ranges(self, points=(6, 1e4), survival=(0.0, 1.0), refresh=(0, 1e6))
 
 
 def simulate_tracks(

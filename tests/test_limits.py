@@ -26,7 +26,9 @@ from saccade.evaluation.fitting import FittingConfig
 from saccade.keypoints import MustConfig, SiftConfig, SymRoidConfig
 from saccade.simulation import DriveConfig, WorldConfig
 from saccade.simulation.drive_config import LightConfig, OdometryConfig
-from saccade.slam import EkfConfig, SmoothConfig
+from saccade.slam import EkfConfig, RelocalizationConfig, SmoothConfig
+from saccade.slam.merging import MergeConfig
+from saccade.visual import VisualConfig
 
 OWN_INF = float("1e999")
 """Infinite, but not the object `math.inf`."""
@@ -42,16 +44,12 @@ def under(value):
     return nextafter(float(value), -inf)
 
 
-def at_least(low):
-    return (low, low + 1), (low - 1,)
-
-
 NO_WEIGHT = {"intensity_weight": 0, "color_weight": 0, "orientation_weight": 0}
-POSITIVE = (ABOVE_0, 1e300), (0.0, -1.0, OWN_INF, nan)
 RANGED = (
     *(ContrastConfig, SymmetryConfig, ScanpathConfig, AttentionConfig, BooleanConfig),
     *(SiftConfig, MustConfig, SymRoidConfig, WorldConfig, DriveConfig, LightConfig),
-    *(OdometryConfig, VideoConfig, ScanpathModelConfig, FittingConfig),
+    *(OdometryConfig, VideoConfig, ScanpathModelConfig, FittingConfig, VisualConfig),
+    *(EkfConfig, SmoothConfig, RelocalizationConfig, MergeConfig),
 )
 ALONE = {
     (ContrastConfig, "gabor_size"): (3, 99),
@@ -65,36 +63,22 @@ ALONE = {
     **{(ScanpathConfig, f"{name}_time_constant"): (1e300,) for name in ("map", "winner")},
     (ScanpathConfig, "inhibition_time_constant"): (1e300,),
     (DriveConfig, "wall_height"): (4,),
+    (EkfConfig, "gate"): (ABOVE_0, 0.9999),
+    (EkfConfig, "new_gate"): (0.99, under(1)),
 }
 """What a number takes beside the default of the others, where these narrow its range."""
 NUMBERS = {
     SiftConfig: {"density": ((0.5, 1), (0.25, 0.75, 2)), "neighbors": ((10, 26), (9, 27))},
     ContrastConfig: {"gabor_size": ((3, 99), (1, 2, 98, 101))},
     EkfConfig: {
-        "gate": ((ABOVE_0, 0.9999), (0.0, 1.0, over(0.9999), nan)),
-        "new_gate": ((0.99, under(1)), (under(0.99), 1.0, nan)),
-        "confirm_after": at_least(1),
-        "candidate_scans": at_least(1),
-        "culling_ratio": ((None, ABOVE_0, under(1)), (BELOW_0, 0.0, 1.0, nan)),
-        "motion_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
-        "sensor_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
-        "huber": ((ABOVE_0, OWN_INF), (0.0, nan)),
+        "gate": ((0.9999,), (over(0.9999),)),
+        "culling_ratio": ((None,), ()),
         "start_sigma": (
             ((0.0, 0.0, 0.0), (under(1e6),) * 3),
             ((0.0, 0.0), (0.0,) * 4, (0.0, BELOW_0, 0.0), (0.0, 0.0, 1e6), (nan, 0.0, 0.0)),
         ),
     },
-    SmoothConfig: {
-        "lag": POSITIVE,
-        "huber": ((ABOVE_0, OWN_INF), (0.0, nan)),
-        "motion_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
-        "sensor_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
-        "start_sigma": (
-            ((0.0, 0.0, 0.0), (under(1e6),) * 3),
-            ((0.0, 0.0), (0.0,) * 4, (0.0, BELOW_0, 0.0), (0.0, 0.0, 1e6), (nan, 0.0, 0.0)),
-        ),
-        "iterations": at_least(1),
-    },
+    VisualConfig: {"range_limits": (((0.0, 1.0),), ((1.0, 1.0), (BELOW_0, 1.0), (0.0, inf)))},
 }
 
 
@@ -103,7 +87,7 @@ def test_a_setting_is_taken_at_the_ends_of_its_range_and_no_further(config):
     hints = get_type_hints(config)
     for field in dataclasses.fields(config):
         allowed = field.metadata.get(RANGE)
-        if allowed is None:
+        if allowed is None or get_origin(hints[field.name]) is tuple:
             continue
         name, count = field.name, int in (hints[field.name], *get_args(hints[field.name]))
         step = (lambda x, by: x + by) if count else (lambda x, by: nextafter(x, by * inf))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from math import inf
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, Literal, TypeAlias, get_args, get_origin
+from typing import Any, Literal, TypeAlias, cast, get_args, get_origin
 
 Slider: TypeAlias = tuple[float, float, float]
 """Minimum, maximum and step of the slider of a setting; a step of 0 makes it logarithmic."""
@@ -88,7 +88,7 @@ RANGE = "range"
 
 
 def setting(
-    default: float | None,
+    default: Any,
     minimum: float | None = None,
     maximum: float | None = None,
     *,
@@ -96,7 +96,7 @@ def setting(
     below: float = inf,
     slider: Slider | float | None = None,
 ) -> Any:
-    """A field of a dataclass for a number, or None, whose range `require_valid` checks.
+    """A field of `Settings` for a number, or None, or a tuple of numbers, in a range.
 
     Args:
         default: its value.
@@ -113,37 +113,41 @@ def setting(
     return field(default=default, metadata={RANGE: Range(low, high, closed, shown)})
 
 
-def require_valid(config: Any) -> None:
-    """Raise `ConfigError` unless the settings of a dataclass are of their types and ranges.
+class Settings:
+    """Base of dataclasses whose fields have the types and ranges that they declare.
 
     Whole numbers become of the declared type: a kernel would be compiled for either.
+
+    Raises:
+        ConfigError: a value of another type or outside its range.
     """
-    for each in fields(config):
-        value, options = getattr(config, each.name), get_args(each.type)
-        optional = NoneType in options
-        kind = options[0] if optional else each.type
-        if optional and value is None:
-            continue
-        if kind is int:
-            whole = isinstance(value, Real) and (
-                isinstance(value, Integral) or float(value).is_integer()
-            )
-            require(whole, each.name, "a whole number", value)
-            object.__setattr__(config, each.name, int(value))
-        elif kind is float:
-            require(isinstance(value, Real), each.name, "a number", value)
-            object.__setattr__(config, each.name, float(value))
-        elif get_origin(kind) is Literal:
-            choices = get_args(kind)
-            require(value in choices, each.name, " or ".join(map(repr, choices)), value)
-        allowed = each.metadata.get(RANGE)
-        if allowed is not None:
-            words = f"{allowed}, or none" if optional else str(allowed)
-            require(value in allowed, each.name, words, value)
 
-
-def require_ranges(config: Any, **ranges: tuple[float, float]) -> None:
-    """Raise `ConfigError` unless settings, by name, lie between a minimum and a maximum."""
-    for name, (low, high) in ranges.items():
-        value = getattr(config, name)
-        require(low <= value <= high, name, f"{low} to {high}", value)
+    def __post_init__(self) -> None:
+        """Check every field; a class adds what concerns several of them together."""
+        for each in fields(cast("Any", self)):
+            value, options = getattr(self, each.name), get_args(each.type)
+            optional = NoneType in options
+            kind = options[0] if optional else each.type
+            if optional and value is None:
+                continue
+            if kind is int:
+                whole = isinstance(value, Real) and (
+                    isinstance(value, Integral) or float(value).is_integer()
+                )
+                require(whole, each.name, "a whole number", value)
+                object.__setattr__(self, each.name, int(value))
+            elif kind is float:
+                require(isinstance(value, Real), each.name, "a number", value)
+                object.__setattr__(self, each.name, float(value))
+            elif get_origin(kind) is Literal:
+                choices = get_args(kind)
+                require(value in choices, each.name, " or ".join(map(repr, choices)), value)
+            allowed, words = each.metadata.get(RANGE), str(each.metadata.get(RANGE))
+            if allowed is None:
+                continue
+            if get_origin(kind) is tuple:
+                count = len(get_args(kind))
+                fits = len(value) == count and all(number in allowed for number in value)
+                require(fits, each.name, f"{count} numbers, {words}", value)
+            else:
+                require(value in allowed, each.name, f"{words}, or none" * optional or words, value)

@@ -5,13 +5,13 @@ motion odometry measures. The camera's has x to the right, y down and z along th
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import DriveError, require, require_ranges
+from saccade.errors import DriveError, Settings, require, setting
 from saccade.types import BoolArray, FloatArray, Image, IntArray, Trajectory, check_arrays
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -19,26 +19,26 @@ AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class Camera(Settings):
     """Calibration of a pinhole camera without distortion, or of a rectified stereo rig.
 
     Raises:
         ConfigError: a size, focal length or baseline out of range, or an invalid rotation.
     """
 
-    width: int
+    width: int = setting(MISSING, 1, 65536)
     """Width of the image in pixels."""
-    height: int
+    height: int = setting(MISSING, 1, 65536)
     """Height of the image in pixels."""
-    fx: float
+    fx: float = setting(MISSING, 1e-6, 1e6)
     """Horizontal focal length in pixels."""
-    fy: float
+    fy: float = setting(MISSING, 1e-6, 1e6)
     """Vertical focal length in pixels."""
-    cx: float
+    cx: float = setting(MISSING, -1e6, 1e6)
     """Column of the principal point in pixels."""
-    cy: float
+    cy: float = setting(MISSING, -1e6, 1e6)
     """Row of the principal point in pixels."""
-    baseline: float = 0.0
+    baseline: float = setting(0.0, 0, 1000)
     """Distance to the right camera in meters; 0 for a single camera."""
     position: FloatArray = field(default_factory=lambda: np.zeros(3))
     """(3,) of the camera in the robot's frame, in meters; the height is 0 if unknown."""
@@ -46,8 +46,7 @@ class Camera:
     """(3, 3) rotation from the camera's frame into the robot's."""
 
     def __post_init__(self) -> None:
-        require_ranges(self, width=(1, 65536), height=(1, 65536), baseline=(0, 1000))
-        require_ranges(self, fx=(1e-6, 1e6), fy=(1e-6, 1e6), cx=(-1e6, 1e6), cy=(-1e6, 1e6))
+        super().__post_init__()
         valid = self.position.shape == (3,) and bool(np.isfinite(self.position).all())
         require(valid, "position", "three numbers in metres", self.position.tolist())
         valid = self.rotation.shape == (3, 3) and bool(
@@ -98,31 +97,29 @@ class Gaze:
 
 
 @dataclass(frozen=True)
-class GazeLimits:
+class GazeLimits(Settings):
     """What a gaze can do.
 
     Raises:
         ConfigError: a limit outside its range.
     """
 
-    pan: tuple[float, float] = (-2.6, 2.6)
+    pan: tuple[float, float] = setting((-2.6, 2.6), -2 * np.pi, 2 * np.pi)
     """Least and greatest pan in radians."""
-    tilt: tuple[float, float] = (0.0, 0.0)
+    tilt: tuple[float, float] = setting((0.0, 0.0), -2 * np.pi, 2 * np.pi)
     """Least and greatest tilt in radians."""
-    rate: float = float(np.pi)
+    rate: float = setting(float(np.pi), 1e-3, 1e3)
     """Largest speed of pan and of tilt in radians per second."""
-    latency: float = 0.1
+    latency: float = setting(0.1, 0, 60)
     """Seconds from a decision to the start of the motion."""
-    max_range: float = 8.0
+    max_range: float = setting(8.0, 0.1, 1e4)
     """Meters within which landmarks and salient places count."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("pan", "tilt"):
             low, high = getattr(self, name)
-            ordered = -2 * np.pi <= low <= high <= 2 * np.pi
-            require(ordered, name, "two ascending angles within 2 pi", (low, high))
-        require_ranges(self, rate=(1e-3, 1e3), latency=(0, 60))
-        require_ranges(self, max_range=(0.1, 1e4))
+            require(low <= high, name, "two ascending angles", (low, high))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -269,7 +269,7 @@ def test_posters_repeat_and_mirror_on_demand(rng):
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ({"size": (40.0, 8.0)}, "size: expected two of"),
+        ({"size": (40.0, 8.0)}, "size: expected 2 numbers"),
         ({"corridor": 6.0}, "corridor: expected 1 to 4.05, found 6"),
         ({"turning_radius": 2.9}, "turning_radius: expected 0.5 to 2.5, found 2.9"),
         ({"sway": 1.0}, "sway: expected"),

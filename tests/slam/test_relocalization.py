@@ -139,7 +139,7 @@ def test_bad_input_is_refused():
     landmarks = random_map(1)
     with pytest.raises(ConfigError, match="covariance: expected"):
         slam.Relocalizer(landmarks, np.eye(3))
-    with pytest.raises(ConfigError, match="unmapped: expected between 0 and 1"):
+    with pytest.raises(ConfigError, match="unmapped: expected above 0 and below 1"):
         slam.RelocalizationConfig(unmapped=1.0)
     search = slam.Relocalizer(landmarks, exact(landmarks))
     with pytest.raises(LogError, match="observation"):

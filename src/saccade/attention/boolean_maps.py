@@ -16,14 +16,14 @@ import numpy.typing as npt
 from saccade.attention.channels import whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale
-from saccade.errors import require, require_valid, setting
+from saccade.errors import Settings, require, setting
 from saccade.io.image import check_image, in_unit_range
 from saccade.scale.pyramid import resize
 from saccade.types import Image
 
 
 @dataclass(frozen=True)
-class BooleanConfig:
+class BooleanConfig(Settings):
     """Size, thresholds and weights of the Boolean maps.
 
     The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
@@ -44,7 +44,7 @@ class BooleanConfig:
     """Standard deviation of the Gaussian that smooths the sum, as a fraction of the longer side."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
+        super().__post_init__()
         for name in ("opening", "dilation"):
             size = getattr(self, name)
             require(size % 2 == 1, name, "an odd size", size)

@@ -22,7 +22,7 @@ from saccade.attention.normalize import (
     sharpen,
 )
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_maps
-from saccade.errors import ImageError, require_valid, setting
+from saccade.errors import ImageError, Settings, setting
 from saccade.io.image import check_image
 from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image
@@ -36,7 +36,7 @@ FACE_SPREAD = 0.35
 
 
 @dataclass(frozen=True)
-class AttentionConfig:
+class AttentionConfig(Settings):
     """Weights of contrast, symmetry and Boolean maps, and the settings of each.
 
     The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
@@ -69,9 +69,6 @@ class AttentionConfig:
     """Settings of the symmetry model."""
     boolean: BooleanConfig = field(default_factory=BooleanConfig)
     """Settings of the Boolean map model."""
-
-    def __post_init__(self) -> None:
-        require_valid(self)
 
     @classmethod
     def free_viewing(cls) -> Self:

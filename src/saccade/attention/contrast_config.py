@@ -5,7 +5,7 @@ from typing import Literal, Self
 
 from saccade.attention.channels import Color
 from saccade.attention.normalize import Normalization
-from saccade.errors import require, require_valid, setting
+from saccade.errors import Settings, require, setting
 from saccade.scale.pyramid import MAX_LEVEL, coarser_levels
 
 Scales = tuple[tuple[int, int], ...]
@@ -21,7 +21,7 @@ MAX_WEIGHT = 1e6
 
 
 @dataclass(frozen=True)
-class ContrastConfig:
+class ContrastConfig(Settings):
     """Channels, scales and normalization of the contrast model.
 
     The default predicts human fixations best; docs/contrast-default.md says how it was chosen.
@@ -91,7 +91,7 @@ class ContrastConfig:
         return self.intensity_weight, self.color_weight, self.orientation_weight
 
     def __post_init__(self) -> None:
-        require_valid(self)
+        super().__post_init__()
         require(sum(self.weights) > 0, "weights", "at least one above 0", self.weights)
         for name in ("scales", "orientation_scales"):
             pairs = getattr(self, name)

@@ -27,7 +27,7 @@ from saccade.attention.combined import (
     attention_saliency,
 )
 from saccade.attention.models import SaliencyMaps
-from saccade.errors import require, require_valid
+from saccade.errors import Settings, require
 from saccade.io.image import check_image, in_unit_range
 from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image, IntArray
@@ -200,7 +200,7 @@ class FittedMaps(SaliencyMaps):
 
 
 @dataclass(frozen=True)
-class FittedModel:
+class FittedModel(Settings):
     """Weights of the features of an image: the logarithm of the density of fixations.
 
     The default is the attention map itself. `saccade.load_model` reads a file of `saccade fit`.
@@ -223,7 +223,7 @@ class FittedModel:
         return [i for i, name in enumerate(self.features) if name in EARLY]
 
     def __post_init__(self) -> None:
-        require_valid(self)
+        super().__post_init__()
         known = {*map_names(self.attention), *GEOMETRY, FACES}
         for name in self.features:
             base, around, cells = str(name).partition(AROUND)

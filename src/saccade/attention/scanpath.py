@@ -25,7 +25,7 @@ import numpy.typing as npt
 from saccade.attention._winner_take_all_kernels import Cells, Network, run_network
 from saccade.attention.channels import CONSPICUITY, Conspicuity
 from saccade.attention.contrast import ContrastMaps
-from saccade.errors import ImageError, require, require_valid, setting
+from saccade.errors import ImageError, Settings, require, setting
 from saccade.scale.pyramid import FloatMap, cell_centers, resize
 from saccade.types import FloatArray, IntArray, Scanpath
 
@@ -42,7 +42,7 @@ REGION_MARGIN = 2
 
 
 @dataclass(frozen=True)
-class ScanpathConfig:
+class ScanpathConfig(Settings):
     """The winner-take-all network; potentials in volts.
 
     The disc of the default was chosen by the similarity of its paths to those of people, see
@@ -82,7 +82,7 @@ class ScanpathConfig:
     """Time constant of the inhibition of return, in seconds."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
+        super().__post_init__()
         times = self.map_time_constant, self.winner_time_constant, self.inhibition_time_constant
         expected = f"at most a tenth of the shortest time constant, {min(times):g} s"
         require(self.time_step <= min(times) / 10, "time_step", expected, self.time_step)

@@ -36,7 +36,7 @@ from saccade.attention._scanpath_model_kernels import (
 )
 from saccade.attention.normalize import position_prior
 from saccade.attention.scanpath import checked_map
-from saccade.errors import ImageError, require, require_valid, setting
+from saccade.errors import ImageError, Settings, require, setting
 from saccade.scale.pyramid import FloatMap, cell_centers, resize
 from saccade.types import FloatArray, IntArray, Scanpath, ScanpathSamples
 
@@ -47,7 +47,7 @@ MAX_TRIALS = 400
 
 
 @dataclass(frozen=True)
-class ScanpathModelConfig:
+class ScanpathModelConfig(Settings):
     """Parameters of the scanpath model; lengths are fractions of the longer side of the image.
 
     The default was fitted by likelihood to the maps of `attention_saliency` and people who looked
@@ -85,9 +85,6 @@ class ScanpathModelConfig:
     """Mean duration of a fixation, in seconds."""
     duration_shape: float = setting(3.56, 1e-2, 1e4)
     """Shape of the gamma distribution of durations: squared mean over variance."""
-
-    def __post_init__(self) -> None:
-        require_valid(self)
 
     @classmethod
     def similar(cls) -> Self:

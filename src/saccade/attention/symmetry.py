@@ -37,7 +37,7 @@ import numpy.typing as npt
 from saccade.attention.channels import OPPONENT, whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale, sharpen, smooth
-from saccade.errors import ImageError, require, require_valid, setting
+from saccade.errors import ImageError, Settings, require, setting
 from saccade.io.image import check_image, in_unit_range
 from saccade.scale._pair_sums_kernels import MARGIN
 from saccade.scale.pair_sums import (
@@ -79,7 +79,7 @@ SWAPPED_LUMA = (0.114, 0.587, 0.299)
 
 
 @dataclass(frozen=True)
-class SymmetryConfig:
+class SymmetryConfig(Settings):
     """Kind, scales and kernel of the symmetry transform.
 
     The default predicts human fixations best; docs/symmetry.md says how it was chosen.
@@ -123,7 +123,7 @@ class SymmetryConfig:
     `saccade.attention.symmetry` describes "kootstra2010"."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
+        super().__post_init__()
         inside = all(0 <= level <= MAX_LEVEL for level in self.levels)
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
         expected = f"rising levels from 0 to {MAX_LEVEL}"

@@ -26,7 +26,7 @@ from saccade.attention.contrast_steps import MirroredArithmetic
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import smooth
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
-from saccade.errors import ImageError, require, require_valid, setting
+from saccade.errors import ImageError, Settings, require, setting
 from saccade.io.image import check_image, in_unit_range, repeat_gray
 from saccade.scale.pyramid import FloatMap, cell_centers, halve, resize
 from saccade.types import BoolArray, Float32Array, FloatArray, Image
@@ -116,7 +116,7 @@ MEMORY = 20
 
 
 @dataclass(frozen=True)
-class VideoConfig:
+class VideoConfig(Settings):
     """Flicker, motion and gaze; times are in seconds and hold at any frame rate."""
 
     flicker_weight: float = setting(1.0, 0, 2**31)
@@ -143,7 +143,7 @@ class VideoConfig:
     """Seed of the random numbers of the gaze."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
+        super().__post_init__()
         _ = self.contrast
 
     @property

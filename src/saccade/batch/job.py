@@ -4,10 +4,10 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias
 
 import saccade
-from saccade.errors import require
+from saccade.errors import Settings, require, setting
 from saccade.keypoints.sift_config import DescriptorConfig, SiftConfig
 
 What: TypeAlias = Literal["saliency", "contrast", "symmetry", "scanpath", "sift", "must", "symroid"]
@@ -29,7 +29,7 @@ out of the description of a job, so that data sets of that release keep their fi
 
 
 @dataclass(frozen=True)
-class Job:
+class Job(Settings):
     """Features to extract from every image, and their settings."""
 
     what: What
@@ -39,7 +39,7 @@ class Job:
     scanpath, ContrastConfig, SymmetryConfig, SiftConfig, MustConfig or SymRoidConfig."""
     network: Any = None
     """ScanpathConfig of a scanpath; None for the default."""
-    fixations: int = 10
+    fixations: int = setting(10, 1)
     """Length of a scanpath."""
     exact: bool = False
     """Keep all bits of points; see `saccade.batch.tables.point_table`."""
@@ -49,10 +49,7 @@ class Job:
     """Version of this package."""
 
     def __post_init__(self) -> None:
-        kinds = get_args(What)
-        require(self.what in kinds, "what", f"one of {', '.join(kinds)}", self.what)
-        require(self.maps in get_args(MapFormat), "maps", "zarr or png", self.maps)
-        require(self.fixations >= 1, "fixations", "1 or more", self.fixations)
+        super().__post_init__()
         for settings in (self.settings, getattr(self.settings, "descriptor", None)):
             dtype = getattr(settings, "descriptor_dtype", "uint8")
             require(dtype == "uint8", "descriptor_dtype", "uint8, as the table has it", dtype)

@@ -38,7 +38,7 @@ from saccade.batch.job import POINTS, Job
 from saccade.batch.shards import ShardReport
 from saccade.batch.sources import Source, Store, image_files, open_source, open_store
 from saccade.batch.tables import parquet_options, record_batch
-from saccade.errors import ConfigError, KeypointsError, OutputError, require
+from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
 from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.fields import check_name
@@ -75,24 +75,17 @@ MAX_PAIRS = 256
 
 
 @dataclass(frozen=True)
-class MatchConfig:
+class MatchConfig(Settings):
     """Settings of the matching of two images and of the verification of the matches."""
 
-    ratio: float | None = 0.8
+    ratio: float | None = setting(0.8, above=0, maximum=1)
     """See `saccade.match`."""
     mutual: bool = True
     """See `saccade.match`."""
     geometry: Geometry | None = "fundamental"
     """See `saccade.verify`; None for no verification."""
-    tolerance: float = 2.0
+    tolerance: float = setting(2.0, above=0)
     """Inlier threshold in pixels."""
-
-    def __post_init__(self) -> None:
-        ratio = self.ratio is None or 0 < self.ratio <= 1
-        require(ratio, "ratio", "over 0 and at most 1, or None", self.ratio)
-        known = self.geometry in (None, "fundamental", "homography")
-        require(known, "geometry", "fundamental, homography or None", self.geometry)
-        require(0 < self.tolerance < np.inf, "tolerance", "pixels over 0", self.tolerance)
 
     def fingerprint(self, job: Job) -> str:
         """Hash of these settings and those of the features, as 16 hexadecimal digits."""

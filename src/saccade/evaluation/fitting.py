@@ -24,13 +24,13 @@ from saccade.attention.fitted import (
     path_terms,
     saccade_tables,
 )
-from saccade.errors import LogError, require_valid, setting
+from saccade.errors import LogError, Settings, setting
 from saccade.evaluation._fitting_kernels import add_likelihood
 from saccade.types import Float32Array, FloatArray, Image, IntArray
 
 
 @dataclass(frozen=True)
-class FittingConfig:
+class FittingConfig(Settings):
     """Settings of the fit of a model and of its cross-validation."""
 
     folds: int = setting(5, 2, 100)
@@ -41,9 +41,6 @@ class FittingConfig:
     """Most iterations of the optimization."""
     seed: int = setting(2020, 0, 2**31)
     """Seed of the folds."""
-
-    def __post_init__(self) -> None:
-        require_valid(self)
 
 
 class Steps(NamedTuple):

@@ -17,7 +17,7 @@ import numpy as np
 
 import saccade
 from saccade import visual
-from saccade.errors import ConfigError, require
+from saccade.errors import ConfigError, Settings, require
 from saccade.evaluation.intervals import mean_interval
 from saccade.evaluation.runs import score_drive, summarize_drive
 from saccade.evaluation.trajectory import none_if_nan
@@ -30,7 +30,7 @@ from saccade.slam import EkfConfig, Recorder, Slam
 from saccade.slam.models import compose, observe, wrap
 from saccade.types import LandmarkLog, Trajectory
 from saccade.visual import LandmarkObservations, ObservationKind, VisualConfig, VisualResult
-from saccade.visual.config import EGOMOTIONS, EgomotionSource
+from saccade.visual.config import EgomotionSource
 from saccade.visual.gaze_control import GazeControl
 from saccade.visual.second_camera import measure_odometry
 
@@ -232,7 +232,7 @@ LOOP_LANDMARKS = 3
 
 
 @dataclass(frozen=True)
-class GazeRun:
+class GazeRun(Settings):
     """One drive with one policy and one seed.
 
     Raises:
@@ -253,10 +253,8 @@ class GazeRun:
     """Of a drive with images."""
 
     def __post_init__(self) -> None:
-        require(self.level in LEVELS, "level", f"one of {', '.join(LEVELS)}", self.level)
-        require(self.map in ("new", "known"), "map", "new or known", self.map)
+        super().__post_init__()
         ego, worlds = self.egomotion, LEVELS[self.level]
-        require(ego in EGOMOTIONS, "egomotion", f"one of {', '.join(EGOMOTIONS)}", ego)
         require(self.world in worlds, "world", f"one of {', '.join(worlds)}", self.world)
         by_images = self.level == "images"
         require(by_images or ego == "wheels", "egomotion", "wheels without images", ego)

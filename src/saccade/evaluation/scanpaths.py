@@ -12,7 +12,7 @@ from saccade.attention.scanpath_model import (
     most_probable_scanpath,
     sample_scanpaths,
 )
-from saccade.errors import ImageError, LogError, require_valid, setting
+from saccade.errors import ImageError, LogError, Settings, setting
 from saccade.evaluation.fixations import inside
 from saccade.types import BoolArray, FixationTable, Float32Array, FloatArray, IntArray, Scanpath
 
@@ -31,7 +31,7 @@ class GazePath:
 
 
 @dataclass(frozen=True)
-class ScanMatchConfig:
+class ScanMatchConfig(Settings):
     """Settings of ScanMatch; the defaults are those it was published with.
 
     Source: Cristino, Mathot, Theeuwes & Gilchrist, *ScanMatch: A novel method for comparing
@@ -49,9 +49,6 @@ class ScanMatchConfig:
     """Score of a gap in the alignment; not above 0."""
     time_bin: float | None = setting(None, above=0)
     """Seconds for which a fixation counts once; None counts each once, whatever its duration."""
-
-    def __post_init__(self) -> None:
-        require_valid(self)
 
 
 def scanmatch(

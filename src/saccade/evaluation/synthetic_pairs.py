@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from saccade.errors import ImageError, require_valid, setting
+from saccade.errors import ImageError, Settings, setting
 from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import as_gray, read_image
 from saccade.keypoints.two_view_fit import project
@@ -31,7 +31,7 @@ MIDDLE_GRAY = 0.5
 
 
 @dataclass(frozen=True)
-class SyntheticPairsConfig:
+class SyntheticPairsConfig(Settings):
     """Numbers of views, and the ranges from which each draws its pose and its degradation."""
 
     min_pairs: int = setting(200, 1, 100_000)
@@ -54,9 +54,6 @@ class SyntheticPairsConfig:
     """Largest exponent of the brightness, or one over it."""
     quality: int = setting(40, 1, 95)
     """Lowest quality of the JPEG compression; the highest is 95."""
-
-    def __post_init__(self) -> None:
-        require_valid(self)
 
 
 def write_synthetic_pairs(

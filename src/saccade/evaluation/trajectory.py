@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses
-from saccade.errors import LogError, require
+from saccade.errors import LogError, Settings, require, setting
 from saccade.landmark_names import renumber
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
 
@@ -139,16 +139,16 @@ SEGMENTS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 
 
 @dataclass(frozen=True)
-class PoseErrorConfig:
+class PoseErrorConfig(Settings):
     """Association of estimated with true poses, alignment and pairs."""
 
-    max_difference: float = 0.01
+    max_difference: float = setting(0.01, 0)
     """Seconds between a pose and the true one with which it is compared."""
     interpolate: bool = False
     """Whether the poses of the finer trajectory are interpolated at the times of the other."""
     scale: bool = False
     """Whether the alignment estimates the scale too, as for a single camera."""
-    delta: float = 1.0
+    delta: float = setting(1.0, above=0)
     """Distance between the two poses of a relative error."""
     unit: Unit = "frames"
     """Unit of `delta`; metres are counted along the estimate."""
@@ -156,10 +156,7 @@ class PoseErrorConfig:
     """Whether a pair begins at every pose; else each begins where the last one ends."""
 
     def __post_init__(self) -> None:
-        limits = 0 <= self.max_difference < np.inf
-        require(limits, "max_difference", "0 or more seconds", self.max_difference)
-        require(self.unit in UNITS, "unit", f"one of {UNITS}", self.unit)
-        require(0 < self.delta < np.inf, "delta", "over 0", self.delta)
+        super().__post_init__()
         whole = self.unit != "frames" or float(self.delta).is_integer()
         require(whole, "delta", "a whole number of frames", self.delta)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields
 from math import inf
 from typing import Literal, Self
 
-from saccade.errors import require_valid, setting
+from saccade.errors import Settings, setting
 from saccade.keypoints.sift_config import MIN_RESPONSE, DescriptorConfig, SiftConfig
 
 CONTRAST_THRESHOLD = 0.05
@@ -12,7 +12,7 @@ CONTRAST_THRESHOLD = 0.05
 
 
 @dataclass(frozen=True)
-class MustConfig:
+class MustConfig(Settings):
     """Settings of the detector; `saccade.keypoints.must` says why these are the defaults."""
 
     first_octave: int = setting(-1, -1, 0, slider=1)
@@ -55,7 +55,7 @@ class MustConfig:
     """How orientations are assigned and keypoints described."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
+        super().__post_init__()
         self.sift()  # checks combinations
 
     @property

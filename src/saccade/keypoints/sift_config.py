@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Literal, Self
 
-from saccade.errors import require, require_valid, setting
+from saccade.errors import Settings, require, setting
 from saccade.scale.scale_space_config import ScaleSpaceConfig
 
 
 @dataclass(frozen=True)
-class DescriptorConfig:
+class DescriptorConfig(Settings):
     """How orientations are assigned and keypoints described; the default is `Sift`'s."""
 
     voting: Literal["linear", "nearest"] = "linear"
@@ -34,9 +34,6 @@ class DescriptorConfig:
     B.2 has it; it takes a millisecond a keypoint and ignores the three settings above."""
     descriptor_dtype: Literal["uint8", "float32"] = "uint8"
     """Whether descriptors are bytes, 512 to the unit, or floats of unit length."""
-
-    def __post_init__(self) -> None:
-        require_valid(self)
 
     @classmethod
     def lowe2004(cls) -> Self:

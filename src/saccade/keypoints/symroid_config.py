@@ -4,14 +4,14 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, Self
 
-from saccade.errors import require, require_valid, setting
+from saccade.errors import Settings, require, setting
 from saccade.keypoints.must_config import MustConfig
 from saccade.keypoints.sift_config import MIN_RESPONSE, DescriptorConfig
 from saccade.scale.pyramid import MAX_LEVEL
 
 
 @dataclass(frozen=True)
-class SymRoidConfig:
+class SymRoidConfig(Settings):
     """Settings of the region detector; docs/symmetry.md says how the default was chosen."""
 
     frame: Literal["scale-space", "box"] = "scale-space"
@@ -44,7 +44,7 @@ class SymRoidConfig:
     """How orientations of a region are assigned and the region described."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
+        super().__post_init__()
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
         inside = all(0 <= level <= MAX_LEVEL for level in self.levels)
         expected = f"rising levels from 0 to {MAX_LEVEL}"

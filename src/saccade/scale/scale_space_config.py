@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
 
-from saccade.errors import require, require_valid, setting
+from saccade.errors import Settings, require, setting
 from saccade.types import FloatArray, IntArray
 
 Grid: TypeAlias = Literal["centered", "shifted", "printed"]
@@ -13,7 +13,7 @@ Level = TypeVar("Level", float, FloatArray)
 
 
 @dataclass(frozen=True)
-class ScaleSpaceConfig:
+class ScaleSpaceConfig(Settings):
     """Octaves, intervals and sampling of a Gaussian scale space; the default is `Sift`'s."""
 
     first_octave: int = setting(-1, -1, 0, slider=1)
@@ -46,7 +46,7 @@ class ScaleSpaceConfig:
     last sample of an odd side, which OpenCV drops."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
+        super().__post_init__()
         require(self.density in (0.5, 1), "density", "0.5 or 1", self.density)
         centered = self.grid == "centered" or self.density == 1
         require(centered, "grid", "'centered' where density is 0.5", self.grid)

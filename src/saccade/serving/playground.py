@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from saccade.errors import ConfigError, LogError, require, require_valid, setting
+from saccade.errors import ConfigError, LogError, Settings, require, setting
 from saccade.settings import settings_from
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.config import RETRACTIONS
@@ -27,7 +27,7 @@ RING = ((8.0, 7), (12.0, 9))
 
 
 @dataclass(frozen=True)
-class PlaygroundNoise:
+class PlaygroundNoise(Settings):
     """Noise of the odometry and the sensor of the simulated robot."""
 
     distance_percent: float = setting(10.0, 0, 20, slider=1)
@@ -42,9 +42,6 @@ class PlaygroundNoise:
     """Largest range of an observation, in metres."""
     assumed_factor: float = setting(1.0, 0.2, 5, slider=0)
     """Standard deviations that the filters assume, relative to the true ones above."""
-
-    def __post_init__(self) -> None:
-        require_valid(self)
 
 
 class Scan(NamedTuple):

@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from saccade.errors import require, require_ranges, require_valid, setting
+from saccade.errors import Settings, require, setting
 from saccade.frames import Camera
 
 WorldName: TypeAlias = Literal["ring", "crossing", "rooms"]
@@ -13,7 +13,7 @@ WorldName: TypeAlias = Literal["ring", "crossing", "rooms"]
 
 
 @dataclass(frozen=True)
-class LightConfig:
+class LightConfig(Settings):
     """Illumination and sensor: pixel = (gain vignetting image)^gamma + noise."""
 
     noise_sigma: float = setting(2.0, 0, 128)
@@ -29,12 +29,9 @@ class LightConfig:
     flicker_sigma: float = setting(0.0, 0, 2)
     """Standard deviation of the logarithm of a gain that is independent in every frame."""
 
-    def __post_init__(self) -> None:
-        require_valid(self)
-
 
 @dataclass(frozen=True)
-class OdometryConfig:
+class OdometryConfig(Settings):
     """Systematic and random errors of the odometry.
 
     Scale error and heading drift have these magnitudes in every drive; their signs are drawn.
@@ -49,18 +46,15 @@ class OdometryConfig:
     heading_sigma: float = setting(0.8, 0, 50)
     """Standard deviation of the heading after one metre, in degrees."""
 
-    def __post_init__(self) -> None:
-        require_valid(self)
-
 
 @dataclass(frozen=True)
-class DriveConfig:
+class DriveConfig(Settings):
     """Corridors or rooms with posters on their walls, and a robot with a camera that laps them."""
 
     world: WorldName = "ring"
     """A corridor around a central block; two corridors that cross; or two rooms joined by a door.
     Size, corridor, turning radius and sway are those of the ring."""
-    size: tuple[float, float] = (11.0, 8.5)
+    size: tuple[float, float] = setting((11.0, 8.5), 3, 20)
     """Metres between the outer walls, along the first side of the lap and across it."""
     corridor: float = 2.2
     """Metres between the outer walls and the central block."""
@@ -83,7 +77,7 @@ class DriveConfig:
     """Number of frames per lap; sets the speed."""
     frame_rate: float = setting(10.0, 1e-3, 1e4)
     """Frames per second."""
-    image_size: tuple[int, int] = (320, 240)
+    image_size: tuple[int, int] = setting((320, 240), 16, 4096)
     """Width and height in pixels."""
     field_of_view: float = setting(70.0, 20, 120)
     """Horizontal field of view in degrees."""
@@ -101,25 +95,21 @@ class DriveConfig:
     """Errors of the odometry."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
-        sides = len(self.size) == 2 and all(3 <= side <= 20 for side in self.size)
-        require(
-            sides and sum(self.size) <= 24, "size", "two of 3 to 20 m, 24 m together", self.size
-        )
-        pixels = len(self.image_size) == 2 and all(16 <= side <= 4096 for side in self.image_size)
-        require(pixels, "image_size", "two of 16 to 4096 px", self.image_size)
+        super().__post_init__()
+        require(sum(self.size) <= 24, "size", "two of 3 to 20 m, 24 m together", self.size)
         corridor, max_radius = self.corridor, round(min(self.size) / 2 - 0.2, 3)
-        require_ranges(self, corridor=(1, max_radius))
         clearance = 0.2 * corridor + self.sway  # between the course and the corners of the block
-        max_radius = min((np.sqrt(0.5) * corridor - clearance) / (np.sqrt(2) - 1), max_radius)
-        require_ranges(
-            self,
-            sway=(0, round(0.2 * corridor, 3)),
-            turning_radius=(0.5, round(float(max_radius), 3)),
-            camera_height=(0.05, round(self.wall_height - 1e-3, 3)),
-        )
-        if self.baseline is not None:
-            require_ranges(self, baseline=(1e-3, round(0.25 * corridor, 3)))
+        turning = min((np.sqrt(0.5) * corridor - clearance) / (np.sqrt(2) - 1), max_radius)
+        limits = {
+            "corridor": (1, max_radius),
+            "sway": (0, round(0.2 * corridor, 3)),
+            "turning_radius": (0.5, round(float(turning), 3)),
+            "camera_height": (0.05, round(self.wall_height - 1e-3, 3)),
+            "baseline": (1e-3, round(0.25 * corridor, 3)),
+        }
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            require(value is None or low <= value <= high, name, f"{low} to {high}", value)
 
     @property
     def camera(self) -> Camera:

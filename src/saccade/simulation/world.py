@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from saccade.errors import require, require_valid, setting
+from saccade.errors import Settings, require, setting
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
@@ -14,7 +14,7 @@ LAYOUT_SEED = 2010
 
 
 @dataclass(frozen=True)
-class WorldConfig:
+class WorldConfig(Settings):
     """A course, the landmarks along it, and the noise of the sensors."""
 
     vehicle: Literal["robot", "car"] = "robot"
@@ -40,7 +40,7 @@ class WorldConfig:
     """Seed of the positions of the landmarks."""
     scan_interval: int = setting(1, 1, 10**6)
     """Steps per scan."""
-    range_limits: tuple[float, float] = (0.5, 5.0)
+    range_limits: tuple[float, float] = setting((0.5, 5.0), 0, below=1e6)
     """Smallest and largest range of an observation, in metres."""
     field_of_view: float = setting(360.0, 0.1, 360)
     """Field of view about the heading, in degrees."""
@@ -67,10 +67,9 @@ class WorldConfig:
     """Metres between a car's axles."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
-        limits = self.range_limits
-        ascending = len(limits) == 2 and 0 <= limits[0] < limits[1] < 1e6
-        require(ascending, "range_limits", "two ascending numbers from 0", limits)
+        super().__post_init__()
+        near, far = self.range_limits
+        require(near < far, "range_limits", "two ascending numbers", self.range_limits)
 
     @classmethod
     def loop(cls) -> "WorldConfig":

@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from math import inf
 from typing import Literal, Self
 
 import numpy as np
 
-from saccade.errors import require, require_valid
+from saccade.errors import Settings, require, setting
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
 from saccade.slam.filter.error_state import INVARIANT, STANDARD, Retraction
@@ -25,7 +26,7 @@ ASSOCIATION_RULES: dict[str, Callable[[float, float], Association]] = {
 
 
 @dataclass(frozen=True)
-class EkfConfig:
+class EkfConfig(Settings):
     """Parameters of the filter, of data association and of map management."""
 
     filter: Literal["invariant", "standard"] = "invariant"
@@ -36,35 +37,35 @@ class EkfConfig:
     identity, which is never doubted. By geometry alone, to the nearest landmark, to the mutually
     nearest one, or by "multiple" hypotheses while the map is small, for landmarks that are closer
     together than the pose is certain."""
-    gate: float = 0.99
+    gate: float = setting(0.99, above=0, below=1)
     """Unknown association: probability with which an observation of a landmark is accepted."""
-    new_gate: float = 0.9999
+    new_gate: float = setting(0.9999, above=0, below=1)
     """Unknown association: an observation outside this probability of every landmark is new."""
-    confirm_after: int = 5
+    confirm_after: int = setting(5, 1)
     """Unknown association: a candidate becomes a landmark of the map at this observation; 1 for the
     first. It is in the filter from the first on."""
-    candidate_scans: int = 20
+    candidate_scans: int = setting(20, 1)
     """Unknown association: scans without a re-observation after which a candidate is dropped."""
-    culling_ratio: float | None = 0.4
+    culling_ratio: float | None = setting(0.4, above=0, below=1)
     """Unknown association: a landmark that is observed less often than this fraction of what is
     usual at the same ranges and bearings is removed; None keeps all."""
-    name_gate: float = 0.99999
+    name_gate: float = setting(0.99999, above=0, below=1)
     """"auto": probability with which an observation of the landmark that its identity says is
     inside its gate; outside, the identity is refused."""
-    max_hypotheses: int = 8
+    max_hypotheses: int = setting(8, 1)
     """"auto" and "multiple": association hypotheses that are kept at most; 1 for one filter."""
     recover: bool = True
     """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
     pose in it. Never with a custom sensor model."""
-    motion_noise_scale: float = 1.0
+    motion_noise_scale: float = setting(1.0, above=0, below=1e6)
     """Factor on the standard deviations of the controls."""
-    sensor_noise_scale: float = 1.0
+    sensor_noise_scale: float = setting(1.0, above=0, below=1e6)
     """Factor on the standard deviations of the observations."""
-    huber: float = 1.345
+    huber: float = setting(1.345, above=0, maximum=inf)
     """Root of the normalized innovation squared beyond which an observation has less weight, its
     covariance multiplied by their ratio. The usual value costs 5 % of efficiency where all noise is
     Gaussian; infinite for full weight always."""
-    start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start_sigma: tuple[float, float, float] = setting((0.0, 0.0, 0.0), 0, below=1e6)
     """Standard deviation of the first pose: metres, metres, radians."""
     estimate_odometry_bias: bool = True
     """Whether systematic odometry errors are states of the filter where the log gives their
@@ -76,26 +77,8 @@ class EkfConfig:
     association rules always work on the whole map."""
 
     def __post_init__(self) -> None:
-        require_valid(self)
-        require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
-        require(self.gate <= self.new_gate < 1, "new_gate", "from `gate` to under 1", self.new_gate)
-        require(0 < self.name_gate < 1, "name_gate", "a probability under 1", self.name_gate)
-        require(self.confirm_after >= 1, "confirm_after", "at least 1", self.confirm_after)
-        require(self.candidate_scans >= 1, "candidate_scans", "at least 1", self.candidate_scans)
-        ratio = self.culling_ratio
-        in_range = ratio is None or 0 < ratio < 1
-        require(in_range, "culling_ratio", "None, or over 0 and under 1", ratio)
-        for name in ("motion_noise_scale", "sensor_noise_scale"):
-            value = getattr(self, name)
-            require(0 < value < 1e6, name, "over 0 and under 1e6", value)
-        require(self.max_hypotheses >= 1, "max_hypotheses", "at least 1", self.max_hypotheses)
-        require(self.huber > 0, "huber", "over 0, infinite for never", self.huber)
-        require(
-            len(self.start_sigma) == 3 and all(0 <= s < 1e6 for s in self.start_sigma),
-            "start_sigma",
-            "three numbers from 0 to under 1e6",
-            self.start_sigma,
-        )
+        super().__post_init__()
+        require(self.gate <= self.new_gate, "new_gate", "at least `gate`", self.new_gate)
 
     @classmethod
     def kootstra2010(cls) -> Self:

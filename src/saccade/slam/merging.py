@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import logsumexp
 
-from saccade.errors import LogError, require
+from saccade.errors import LogError, Settings, setting
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
@@ -45,22 +45,15 @@ MAX_ITERATIONS = 50
 
 
 @dataclass(frozen=True)
-class MergeConfig:
+class MergeConfig(Settings):
     """When two maps are merged."""
 
-    min_common: int = 5
+    min_common: int = setting(5, 2)
     """Landmarks that must be common to both maps."""
-    min_probability: float = 0.99
+    min_probability: float = setting(0.99, above=0, below=1)
     """Probability that the correspondence must have, against others and against none."""
-    max_contradiction: float = 5.0
+    max_contradiction: float = setting(5.0, 1)
     """Largest NIS per degree of freedom of a correspondence that is not by names."""
-
-    def __post_init__(self) -> None:
-        require(self.min_common >= 2, "min_common", "at least 2", self.min_common)
-        probability = self.min_probability
-        require(0 < probability < 1, "min_probability", "between 0 and 1", probability)
-        limit = self.max_contradiction
-        require(limit >= 1, "max_contradiction", "at least 1", limit)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from saccade.errors import LogError, require
+from saccade.errors import LogError, Settings, setting
 from saccade.extras import import_optional
 from saccade.slam.filter.models import unbiased
 from saccade.slam.models import MotionModel, inverse_observe
@@ -29,41 +29,25 @@ MAX_NAMED = 5
 
 
 @dataclass(frozen=True)
-class SmoothConfig:
+class SmoothConfig(Settings):
     """Parameters of the smoother."""
 
     method: Literal["batch", "fixed-lag"] = "batch"
     """The whole log at once, or with a fixed lag."""
-    lag: float = 60.0
+    lag: float = setting(60.0, above=0)
     """Of "fixed-lag": units of the log's time for which a pose may still change. Loops longer than
     the lag are not closed."""
-    huber: float = 1.345
+    huber: float = setting(1.345, above=0, maximum=np.inf)
     """Normalized error beyond which an observation has less weight; the usual value keeps 95 % of
     the efficiency under Gaussian noise."""
-    motion_noise_scale: float = 1.0
+    motion_noise_scale: float = setting(1.0, above=0, below=1e6)
     """Factor on the standard deviations of the controls."""
-    sensor_noise_scale: float = 1.0
+    sensor_noise_scale: float = setting(1.0, above=0, below=1e6)
     """Factor on the standard deviations of the observations."""
-    start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start_sigma: tuple[float, float, float] = setting((0.0, 0.0, 0.0), 0, below=1e6)
     """Standard deviation of the first pose: metres, metres, radians."""
-    iterations: int = 100
+    iterations: int = setting(100, 1)
     """Largest number of Levenberg-Marquardt iterations; "batch" only."""
-
-    def __post_init__(self) -> None:
-        methods = ("batch", "fixed-lag")
-        require(self.method in methods, "method", f"one of {methods}", self.method)
-        require(0 < self.lag < np.inf, "lag", "over 0 and finite", self.lag)
-        require(self.huber > 0, "huber", "a number above 0", self.huber)
-        for name in ("motion_noise_scale", "sensor_noise_scale"):
-            value = getattr(self, name)
-            require(0 < value < 1e6, name, "over 0 and under 1e6", value)
-        require(
-            len(self.start_sigma) == 3 and all(0 <= s < 1e6 for s in self.start_sigma),
-            "start_sigma",
-            "three numbers from 0 to under 1e6",
-            self.start_sigma,
-        )
-        require(self.iterations >= 1, "iterations", "at least 1", self.iterations)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from saccade.errors import require_ranges
+from saccade.errors import Settings, setting
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify
 from saccade.types import Keypoints
@@ -19,19 +19,16 @@ class PlaceMatch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LoopDetectionConfig:
+class LoopDetectionConfig(Settings):
     """Thresholds of loop detection."""
 
-    ratio: float = 0.8
+    ratio: float = setting(0.8, above=0, maximum=1)
     """Ratio test: distance to the nearest descriptor over that to the second."""
-    min_inliers: int = 22
+    min_inliers: int = setting(22, 8)
     """Matches that must agree with one epipolar geometry. Different places of a hallway have up to
     18 by chance, of 500 points each."""
-    min_gap: int = 15
+    min_gap: int = setting(15, 1)
     """Least number of frames between two views of a place."""
-
-    def __post_init__(self) -> None:
-        require_ranges(self, ratio=(1e-9, 1), min_inliers=(8, 1e6), min_gap=(1, 1e6))
 
 
 class LoopDetector:

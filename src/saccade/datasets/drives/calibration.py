@@ -23,7 +23,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from saccade.errors import ConfigError, DriveError, require
+from saccade.errors import ConfigError, DriveError, Settings, require, setting
 from saccade.frames import Camera
 from saccade.io.files import atomic_write, read_text
 from saccade.types import Float32Array, FloatArray, Image
@@ -39,16 +39,16 @@ _SHAPES = {"place": (3,), "rotation": (3, 3), "odometry_bias": (3,), "start": (3
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(Settings):
     """A camera, and the other constants of its drive."""
 
     camera: Camera
     """Without the distortion."""
     distortion: tuple[float, ...] = ()
     """None, four or five coefficients: k1, k2, p1, p2, k3 of OpenCV."""
-    rate: float = 30.0
+    rate: float = setting(30.0, above=0, below=1e6)
     """Frames per second, where no file has their times."""
-    depth_unit: float = 0.001
+    depth_unit: float = setting(0.001, above=0, below=1e6)
     """Metres per step of a depth image."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviations of systematic odometry errors, as in `Drive`."""
@@ -56,10 +56,9 @@ class Calibration:
     """Pose at the first frame; None where it is not known."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         known = len(self.distortion) in (0, 4, 5)
         require(known, "distortion", "k1, k2, p1, p2 and perhaps k3", self.distortion)
-        for name in ("rate", "depth_unit"):
-            require(0 < getattr(self, name) < 1e6, name, "over 0, under 1e6", getattr(self, name))
 
 
 def read_calibration(path: Path) -> Calibration:

@@ -1,30 +1,27 @@
 """Conversions of odometry and observations with their covariances."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 
 import numpy as np
 
-from saccade.errors import LogError, require_ranges
+from saccade.errors import LogError, Settings, setting
 from saccade.types import FloatArray, LandmarkLog
 
 
 @dataclass(frozen=True)
-class OdometryNoise:
+class OdometryNoise(Settings):
     """Random odometry errors: variances grow with the path length, not with the samples.
 
     A robot at rest accumulates no error, and splitting a path into pieces changes nothing.
     """
 
-    distance: float
+    distance: float = setting(MISSING, 0, 1000)
     """Standard deviation of the distance after one metre, in metres."""
-    turn: float
+    turn: float = setting(MISSING, 0, 1000)
     """Standard deviation of the heading after turning by one radian, in radians."""
-    drift: float
+    drift: float = setting(MISSING, 0, 1000)
     """Standard deviation of the heading after one metre straight ahead, in radians."""
-
-    def __post_init__(self) -> None:
-        require_ranges(self, distance=(0, 1000), turn=(0, 1000), drift=(0, 1000))
 
     def variances(self, distance: FloatArray, turn: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Variances (n,) of distance and heading after steps (n,) in metres and radians."""
