@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fuzz.mutations import broken
+from fuzz.run import QUICK
 from fuzz.targets import TARGETS
 from support.error_checks import result_or_refusal
 from support.limits import EXAMPLES, TIMEOUT, limited
@@ -37,11 +38,6 @@ COMMANDS = {
     "scanpaths": ("fixations", "evaluate scanpaths --images {0} --fixations {0}/fixations.csv"),
     "features": ("homography", "evaluate features --pairs {0} --detector opencv"),
     "trajectory": ("tum-poses", "evaluate trajectory {0}/poses.txt --truth {0}/poses.txt"),
-    "gaze": (
-        "gaze-run",
-        "evaluate gaze -o {0} --level images --egomotion camera --world rooms --policy fixed "
-        "--seeds 1 --frames 8",
-    ),
     "world": ("world", "simulate world --config {0}/world.toml"),
     "simulate": ("drive-settings", "simulate drive --config {0}/drive.toml --frames 2"),
     "bag": ("rosbag1", "check {0}/way.bag"),
@@ -90,6 +86,10 @@ def test_a_command_ends_well_or_in_one_line(run, seeds, name, chance):
     assert code in (0, 1, 2), err
     assert code != 2 or "saccade: " in err
     assert "Traceback" not in err
+
+
+def test_the_targets_of_the_search_exist():
+    assert set(QUICK) <= set(TARGETS)
 
 
 @pytest.mark.nightly

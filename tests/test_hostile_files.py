@@ -4,8 +4,6 @@ import os
 import resource
 import signal
 import struct
-import subprocess
-import sys
 import zipfile
 from importlib.resources import files
 from io import BytesIO
@@ -17,19 +15,18 @@ import pytest
 
 from fuzz.targets import TARGETS, points
 from saccade import exchange, read_image
-from saccade.batch import open_source
-from saccade.batch.workers import count_workers
 from saccade.datasets import load
 from saccade.errors import ImageError, KeypointsError, LogError, OutputError
 from saccade.io.video import video_writer
 from support.error_checks import refuses
-from support.limits import TIMEOUT, limited
+from support.limits import limited
 from support.pictures import png
 from support.privileges import without_privileges
 from support.processes import run_python
 
 NAME = "no\udcff text \"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>"
 HUGE = 65_000
+MAIN = "from saccade.cli import main; main()"
 
 
 def jpeg(side):
@@ -70,22 +67,11 @@ def test_a_chunk_that_says_it_is_huge(tmp_path):
         read_image(tmp_path / "a.png")
 
 
-def test_the_workers_for_images_that_say_they_are_huge(tmp_path, monkeypatch):
-    """Its size is unknown, as that of a file that is no image; `extract` records it as an error."""
-    for name in ("a.png", "b.png"):
-        (tmp_path / name).write_bytes(png(HUGE, 3))
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    assert count_workers(open_source(str(tmp_path))) in (1, 2)
-
-
 def test_an_image_that_is_huge_is_not_unpacked(tmp_path):
     """289 million pixels in 1.3 MB: OpenCV alone would unpack them to find out."""
     (tmp_path / "bomb.png").write_bytes(png(17_000, 17_000))
     done = run_python(
-        "-c",
-        "from saccade.cli import main; main()",
-        "look",
-        "bomb.png",
+        *("-c", MAIN, "look", "bomb.png"),
         cwd=tmp_path,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         prepare=lambda: resource.setrlimit(resource.RLIMIT_DATA, (1 << 29, 1 << 29)),
@@ -210,8 +196,10 @@ def test_a_disk_that_takes_nothing(tmp_path, photo, what, words):
     TARGETS["log-csv"].make(tmp_path)
     out = tmp_path / "out"
     out.mkdir(mode=0o555 if what == "closed" else 0o755)
-    code, err = in_child(words, tmp_path, without_privileges if what == "closed" else full)
-    assert code == 1, err
+    prepare = without_privileges if what == "closed" else full
+    done = run_python("-c", MAIN, *words, cwd=tmp_path, prepare=prepare)
+    err = done.stderr
+    assert done.returncode == 1, err
     assert "out" in err.splitlines()[-1]
     assert "Traceback" not in err
     written = [path for path in out.rglob("*") if path.is_file() and path.stat().st_size > 0]
@@ -238,21 +226,6 @@ def test_a_video_on_a_full_disk(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not list(tmp_path.iterdir())
-
-
-def in_child(words, folder, prepare):
-    """The exit code of a command, and what it said."""
-    done = subprocess.run(
-        [sys.executable, "-c", "from saccade.cli import main; main()", *words],
-        cwd=folder,
-        preexec_fn=prepare,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-        timeout=TIMEOUT,
-    )
-    return done.returncode, done.stderr
 
 
 def test_a_result_may_take_the_place_of_what_it_is_made_of(run, tmp_path):

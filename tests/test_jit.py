@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections import namedtuple
 from pathlib import Path
 from typing import NamedTuple
 
@@ -131,19 +130,6 @@ def test_a_kernel_that_is_shipped_is_not_compiled(probe, tmp_path):
     assert not list((tmp_path / "used").rglob("*.nbc"))
     source.write_text(KERNELS.replace("first - pair.second", "first + pair.second"))
     assert run(probe, NUMBA_CACHE_DIR=str(tmp_path / "used")) == (True, 8.0)
-
-
-def test_fields_in_another_order_are_another_stamp():
-    def over(names):
-        pair = namedtuple("Pair", names)
-
-        def f(pair):
-            return pair
-
-        f.__annotations__ = {"pair": pair}
-        return _jit.kernel_stamp(f)
-
-    assert over("a b") == over("a b") != over("b a")
 
 
 class Nested(NamedTuple):

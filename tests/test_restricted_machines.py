@@ -4,24 +4,24 @@ Where the compiler is off, see `test_packaging` and `test_architecture`; where i
 `test_architecture`.
 """
 
-import json
 import os
 import re
+import resource
+import signal
+import socket
 import sys
-from itertools import product
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from saccade.cli import TRACEBACK
-from support import hostile_environments
-from support.hostile_environments import COMMANDS, ENVIRONMENTS, EXITS, all_commands
-from support.limits import EXAMPLES, TIMEOUT
+from support.commands import COMMANDS, EXITS, all_commands, make_inputs, words_of
+from support.limits import EXAMPLES
 from support.privileges import without_privileges
 from support.processes import run_python
 
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="machines as Linux has them")
+MAIN = "from saccade.cli import main; main()"
 OFFLINE = """
 import sys
 
@@ -31,148 +31,146 @@ def refuse(event, arguments):
 
 sys.addaudithook(refuse)
 """
-TESTS = Path(__file__).parent
-MAIN = "from saccade.cli import main; main()"
+OPTIONAL = (
+    *("pyarrow", "h5py", "gtsam", "rosbags", "faiss", "zarr", "fsspec", "starlette", "uvicorn"),
+    *("rerun", "distributed", "dask", "pycolmap"),
+)
 
 
-@pytest.fixture
-def look(run, tmp_path):
-    """`look` in a process of its own prints what it prints in this one, and no complaint."""
-    pixels = np.random.default_rng(7).integers(0, 256, (24, 32, 3)).astype(np.uint8)
-    cv2.imwrite(str(tmp_path / "photo.png"), pixels)
-    words = ["look", "photo.png", "--json"]
-    code, expected, _ = run(*words)
-    assert code == 0
-
-    def call(before="", prepare=None, **environment):
-        settings = {**os.environ, **environment}
-        done = run_python(
-            *("-c", f"{before}\n{MAIN}", *words),
-            cwd=tmp_path,
-            env={name: value for name, value in settings.items() if value is not None},
-            prepare=prepare,
-        )
-        assert done.returncode == 0, done.stderr
-        assert not [line for line in done.stderr.splitlines() if "compiling" not in line]
-        assert json.loads(done.stdout) == json.loads(expected)
-
-    return call
+def without(*libraries):
+    """Code that lets imports of libraries fail."""
+    return f"import sys; sys.modules.update(dict.fromkeys({libraries!r}))"
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="cores and permissions as Linux has them")
-def test_no_network_one_core_and_a_home_that_cannot_be_written(look, tmp_path):
-    (core, *_) = os.sched_getaffinity(0)
-    (tmp_path / "home").mkdir(mode=0o555)
-
-    def prepare():
-        os.sched_setaffinity(0, {core})
-        without_privileges()
-
-    odd = dict.fromkeys(("OPENBLAS_NUM_THREADS", "NUMBA_THREADING_LAYER", "TZ"), "nonsense")
-    files = dict.fromkeys(("NUMBA_CACHE_DIR", "MPLCONFIGDIR", "TMPDIR"), tmp_path / "photo.png")
-    nowhere = dict.fromkeys(("XDG_CACHE_HOME", "XDG_CONFIG_HOME"))
-    home = str(tmp_path / "home" / "missing")
-    look(OFFLINE, prepare, OMP_NUM_THREADS="0", HOME=home, **nowhere, **odd, **files)
+def with_one_core():
+    """On a processor of one core, for a user who may not write at home."""
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    without_privileges()
 
 
-LIBRARIES = {"no-h5py": ("convert --to",), "no-faiss": ("find",), "no-starlette": ("serve",)}
-"""Commands that go by an optional library, by the environment without it."""
-OFTEN = {
-    "bytes": ("find --in", "slam"),
-    "full-disk": ("convert --to", "find --in"),
-    "full": ("config", "look"),
+def with_closed_streams():
+    """As with <&- >&- 2>&- in a shell."""
+    for stream in (0, 1, 2):
+        os.close(stream)
+
+
+def with_full_stdout():
+    """Nothing can be printed."""
+    os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
+
+
+def with_full_disk():
+    """No file can grow over 500 bytes."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+
+
+def with_files_in_the_way():
+    """Where a folder or a file is to be made there is a file, or a folder."""
+    for name in ("out", "saccade-look", "saccade-world"):
+        Path(name).touch()
+    for name in ("out.h5", "log.g2o"):
+        Path(name).mkdir()
+
+
+ODD = "\udcff"
+"""A byte that is not UTF-8, in a name as Python has it."""
+FILE = "{in}/log.csv"
+"""In the place of a folder."""
+NOWHERE = {
+    **dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), FILE),
+    **dict.fromkeys(("NUMBA_CACHE_DIR", "MPLCONFIGDIR"), FILE),
+    **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), "{in}/nowhere"),
 }
-"""Commands that once did not withstand an environment."""
-USUAL = ("look", "slam")
-"""Commands of every other environment, in turn."""
+ASCII = {"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
+NONSENSE = dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "NUMBA_THREADING_LAYER", "TZ", "COLUMNS", "TERM", "MPLBACKEND"),
+    "nonsense",
+)
+ENVIRONMENTS = {
+    "bytes": ("", None, {}),
+    "offline": (OFFLINE, with_one_core, {"OMP_NUM_THREADS": "0", **NOWHERE}),
+    "ascii": ("", None, ASCII),
+    "narrow": ("", None, {"COLUMNS": "0", "LINES": "-1", "TERMINAL_WIDTH": "x", "TERM": "dumb"}),
+    "nonsense": ("", None, {**NONSENSE, "FORCE_COLOR": "1"}),
+    "pixels": ("", None, {"OPENCV_IO_MAX_IMAGE_PIXELS": "nonsense"}),
+    "threads": ("", None, {"NUMBA_NUM_THREADS": "0"}),
+    "closed": ("", lambda: os.close(1), {}),
+    "all-closed": ("", with_closed_streams, {}),
+    "full": ("", with_full_stdout, {}),
+    "full-disk": ("", with_full_disk, {}),
+    "gone-folder": ("", lambda: Path.cwd().rmdir(), {}),
+    "in-the-way": ("", with_files_in_the_way, {}),
+    "bare": (without(*OPTIONAL), None, {}),
+    **{f"no-{library}": (without(library), None, {}) for library in OPTIONAL},
+}
+"""By name: code before the command, what is done to its process, and variables."""
+HARMLESS = {"bytes", "offline", "ascii", "narrow", "nonsense", "closed"}
+"""Environments in which every command does its work."""
+MISSING = {
+    ("no-h5py", "convert --to"): "needs h5py",
+    ("no-faiss", "find"): "needs faiss",
+    ("no-starlette", "serve"): "needs starlette",
+    ("bare", "extract"): "parquet: needs pyarrow",
+    ("bare", "find"): "parquet: needs pyarrow",
+}
+"""What is told of a library that is missing."""
+ONCE = {("bytes", "find --in"), ("full-disk", "convert --to"), ("full", "config"), *MISSING}
+"""Commands that once did not withstand an environment, beside one or several of each."""
 
 
 def cases():
-    """Pairs of an environment and a command: a few of each, or all where many are asked for."""
-    if EXAMPLES > 12:
-        return list(product(ENVIRONMENTS, COMMANDS))
-    machines = [each for each in ENVIRONMENTS if each[:3] != "no-"]
-    usual = {each: USUAL[i % 2 :][:1] for i, each in enumerate(machines)}
-    found = usual | {"bare": ("extract", "find")} | OFTEN | LIBRARIES
-    return [(environment, name) for environment, names in found.items() for name in names]
+    """Pairs of an environment and a command: a few of each, more where many are asked for."""
+    for i, environment in enumerate(ENVIRONMENTS):
+        for j, name in enumerate(COMMANDS):
+            usual = name == ("look", "convert", "config")[i % 3] and environment[:3] != "no-"
+            if usual or (environment, name) in ONCE or (EXAMPLES > 12 and (i + j) % 6 == 0):
+                yield environment, name
 
 
 @pytest.fixture(scope="module")
-def hostile(tmp_path_factory):
-    """A folder with inputs, and by environment and command: exit code, stdout and stderr."""
+def inputs(tmp_path_factory):
+    """A folder with what commands read, a second name of it, and a port that is taken."""
     folder = tmp_path_factory.mktemp("hostile")
-    done = run_python(
-        *("-m", hostile_environments.__name__, folder),
-        env={
-            **os.environ,
-            "PYTHONPATH": str(TESTS),
-            "OMP_NUM_THREADS": "1",
-        },  # forks have one thread
-        stdin=json.dumps(cases()),
-        timeout=TIMEOUT * max(1, EXAMPLES // 20),
-    )
-    assert done.returncode == 0, done.stderr
-    results = json.loads((folder / "results.json").read_text())
-    return folder, dict(zip(cases(), results, strict=True))
+    (folder / "in").mkdir()
+    (folder / f"in{ODD}").symlink_to("in")
+    make_inputs(folder / "in")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        yield folder / "in", taken.getsockname()[1]
 
 
 def test_no_command_is_forgotten():
     assert set(all_commands()) == {command.split(" --")[0] for command in COMMANDS}
 
 
-@pytest.mark.parametrize("environment", dict(cases()))
-def test_no_environment_ends_in_a_traceback(hostile, environment):
-    for (where, command), (code, _, err) in hostile[1].items():
-        if where == environment:
-            assert code in (0, 1, 2), (command, code, err)
-            assert "Traceback" not in err, (command, err)
-            assert TRACEBACK not in err, (command, err)  # what nobody foresaw
-            assert "Warning" not in err, (command, err)
-            told = re.fullmatch(r"saccade: [^\n]+\n", err)
-            assert code != 2 or told or environment == "all-closed", (command, err)
-
-
-def test_a_library_that_is_missing_is_named_with_the_extra_that_brings_it(hostile):
-    for environment, commands in LIBRARIES.items():
-        for command in commands:
-            code, _, err = hostile[1][environment, command]
-            library = environment.removeprefix("no-")
-            assert code == 2, (environment, command, err)
-            assert f": needs {library}, which is not installed; " in err
-    for command in ("extract", "find"):
-        assert "parquet: needs pyarrow" in hostile[1]["bare", command][2]
-
-
-def test_what_cannot_be_printed_is_told(hostile):
-    full = {command: each for (where, command), each in hostile[1].items() if where == "full"}
-    for command, (code, _, err) in full.items():
-        if command not in EXITS:
-            assert code == 1, command
-            assert err.endswith("saccade: standard output: No space left on device\n")
-
-
-# What is read as the interpreter or a library starts.
-ASCII = {"PYTHONIOENCODING": "ascii", "LC_ALL": "C", "PYTHONUTF8": "0"}
-STARTS = (
-    ("look {in}/photos/a.png", {"NUMBA_NUM_THREADS": "0"}, 2, "NUMBA_NUM_THREADS: Numba cannot"),
-    ("match {in}/photos/a.png {in}/photos/b.png -o é", {"MPLBACKEND": "x", **ASCII}, 0, ""),
-)
-"""Words, variables, exit code, and what is told."""
-
-
-@pytest.mark.parametrize(("words", "variables", "expected", "told"), STARTS, ids=str)
-def test_no_variable_ends_in_a_traceback(hostile, tmp_path, words, variables, expected, told):
-    environment = {**os.environ, **variables}
-    del environment[TRACEBACK]
-    done = run_python(
-        *("-m", "saccade"),
-        *words.format(**{"in": hostile[0] / "in"}).split(),
-        cwd=tmp_path,
-        env=environment,
-    )
-    assert done.returncode == expected, done.stderr
-    assert told in done.stderr
-    assert len(done.stderr.splitlines()) == (expected > 0), done.stderr
+@pytest.mark.parametrize(("environment", "command"), [*cases()])
+def test_no_environment_ends_in_a_traceback(inputs, tmp_path, environment, command):
+    folder, port = inputs
+    before, prepare, variables = ENVIRONMENTS[environment]
+    words = words_of(command, folder, port)
+    if environment == "bytes":
+        words = [re.sub(r"(/in|^out|^log)\b", rf"\1{ODD}", word) for word in words]
+    settings = {name: each.format(**{"in": folder}) for name, each in variables.items()}
+    environ = {**os.environ, "OMP_NUM_THREADS": "1", **settings}
+    del environ[TRACEBACK]
+    done = run_python("-c", f"{before}\n{MAIN}", *words, cwd=tmp_path, env=environ, prepare=prepare)
+    code, err = done.returncode, done.stderr
+    assert code in (0, 1, 2), err
+    for word in ("Traceback", TRACEBACK, "Warning"):  # an error that nobody foresaw names TRACEBACK
+        assert word not in err, err
+    assert code != 2 or re.fullmatch(r"saccade: [^\n]+\n", err) or environment == "all-closed", err
+    if environment in HARMLESS:
+        assert code == EXITS.get(command, 0), err
+    if (environment, command) in MISSING:
+        assert code == 2, err
+        assert MISSING[environment, command] in err
+    if environment == "threads":
+        assert "NUMBA_NUM_THREADS: Numba cannot" in err or code == EXITS.get(command, 0), err
+    if environment == "full" and command not in EXITS:
+        assert code == 1, err
+        assert err.endswith("saccade: standard output: No space left on device\n")
 
 
 def test_an_error_that_nobody_foresaw_is_one_line(run, monkeypatch):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 QUICK = (
     *("log-csv", "g2o", "camera-toml", "euroc-sensor", "kitti-calib", "matlab", "npz", "csv"),
-    *("colmap", "settings", "fixations", "tum-poses", "index-images", "selection-run"),
+    *("colmap", "settings", "fixations", "tum-poses", "index-images"),
 )
 """Readers of our own, where Python's coverage is of use; libraries read the other formats."""
 FOUND = Path(__file__).parent / "found"

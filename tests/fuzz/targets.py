@@ -1,10 +1,8 @@
 """Every reader of a file format, with a small good file of its kind to begin from."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 from warnings import catch_warnings
 
 import cv2
@@ -15,7 +13,6 @@ from saccade.datasets import load, load_drive, save, save_drive
 from saccade.datasets.drives.sidecar_files import read_kitti_poses, read_tum_poses
 from saccade.datasets.fixations import read_fixations
 from saccade.datasets.homography_pairs import homography_pairs
-from saccade.errors import SaccadeError
 from saccade.evaluation.relative_pose import score_relative_poses
 from saccade.frames import Camera, Drive, Frame
 from saccade.io.image import read_image, read_stored
@@ -338,38 +335,6 @@ def _table(folder: Path) -> object:
     return list(read_points(str(folder / "out")))
 
 
-def _mapped(folder: Path, maps: str) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    from saccade import ContrastConfig
-    from saccade.batch import Job, extract, open_source
-    from saccade.batch.engines import InProcess
-
-    (folder / "photos").mkdir()
-    cv2.imwrite(str(folder / "photos" / "a.png"), cv2.resize(a_picture(), (64, 64)))
-    source = open_source(str(folder / "photos"))
-    extract(source, Job("contrast", ContrastConfig(), maps=maps), str(folder / "out"), InProcess())
-    (table,) = (folder / "out" / "contrast").iterdir()
-    (held,) = [path for path in (folder / "out" / "maps").rglob("*") if path.is_file()]
-    held.rename(folder / "out" / "maps" / "a")
-    place = folder / "out" / "contrast" / "part-0.parquet"
-    table.rename(place)
-    rows = pq.ParquetFile(place).read()
-    pq.write_table(rows.set_column(1, "file", pa.array(["maps/a"])), place)
-
-
-def _read_map(folder: Path) -> object:
-    from saccade.batch.dataset import read_table
-    from saccade.batch.shards import read_map
-    from saccade.batch.sources import Store
-    from saccade.batch.tables import MAP_SCHEMA
-
-    store = Store(str(folder / "out"))
-    rows = read_table(store, "contrast/part-0.parquet", MAP_SCHEMA)
-    return read_map(store, rows) if len(rows) else None
-
-
 def _list(folder: Path) -> None:
     cv2.imwrite(str(folder / "a.png"), a_picture())
     (folder / "photos.txt").write_text("# photographs\na.png\n./a.png\n")
@@ -387,29 +352,6 @@ def _own_map(folder: Path) -> object:
     from saccade.evaluation.prediction import read_saliency_array
 
     return read_saliency_array(folder / "a.npy")
-
-
-def _gaze_run() -> Any:
-    from saccade.evaluation.gaze import GazeRun
-
-    return GazeRun("rooms", "fixed", 0, "images", egomotion="camera", frames=8)
-
-
-def _gaze(folder: Path) -> None:
-    from saccade.evaluation.gaze import SCORES
-
-    run = _gaze_run()
-    path = run.path(folder)
-    path.parent.mkdir(parents=True)
-    names = {"world": run.world, "policy": run.policy, "seed": run.seed}
-    row = names | dict.fromkeys(SCORES, 0.5)
-    path.write_text(json.dumps(row))
-
-
-def _gazes(folder: Path) -> object:
-    from saccade.evaluation.gaze import result_of
-
-    return result_of(_gaze_run(), folder)
 
 
 def _turns(folder: Path) -> object:
@@ -439,42 +381,6 @@ def _landmark_bag(version: int, kind: str, file: str) -> Target:
             return run_finite(load("auto", folder / file.partition("/")[0]))
 
     return Target(make, file, read)
-
-
-def _served(folder: Path) -> object:
-    """What the server answers to a photograph."""
-    return _answer("/photo", (folder / "a.jpg").read_bytes())
-
-
-WISHES = {"photo": "", "model": "contrast", "fixations": 2, "contrast": {"map_level": 3}}
-START = {"seed": 1, "landmarks": [[1.0, 2.0]], "filter": "standard", "noise": {}}
-
-
-def _requested(address: str, content: dict[str, object]) -> Target:
-    """A request to the server, and what it answers."""
-    return Target(
-        lambda folder: (folder / "request.json").write_text(json.dumps(content)),
-        "request.json",
-        lambda folder: _answer(address, (folder / "request.json").read_bytes()),
-    )
-
-
-def _answer(address: str, body: bytes) -> object:
-    from starlette.testclient import TestClient
-
-    from saccade.serving.analysis import Photo, PhotoAnalyzer
-    from saccade.serving.app import application
-    from saccade.serving.playground import Playground
-
-    analyzer = PhotoAnalyzer()
-    analyzer._photos[""] = Photo("", a_picture((64, 64, 3)).astype(np.float32) / 255)
-    app = application(analyzer, Playground(), {}, 8014, 100_000, {})
-    client = TestClient(app, base_url="http://127.0.0.1:8014")
-    answer = client.post(address, content=body)
-    assert answer.status_code in (200, 400, 404, 413, 422), answer.text
-    if answer.status_code != 200:
-        raise SaccadeError(answer.text.removesuffix("\n"))
-    return answer.json()
 
 
 def _written(name: str, text: str, kind: str) -> Target:
@@ -544,7 +450,6 @@ def _exchanged(name: str, write, read) -> Target:
 _TUM = "\n".join(f"{i} {i} 0 0 0 0 0 1" for i in range(4))
 TARGETS = {
     "log-csv": _log("log.csv"),
-    "log-csv-drive": _log("log.csv", "turn_then_translate"),
     "g2o": _log("log.g2o"),
     "isam": _log("log.isam"),
     "toro": _log("log.graph"),
@@ -621,9 +526,6 @@ TARGETS = {
     "list": Target(_list, "photos.txt", _listed),
     "points-table": Target(_extracted, "out/sift/part-0.parquet", _table),
     "points-record": Target(_extracted, "out/images/part-0.parquet", _table),
-    "map-table": Target(lambda f: _mapped(f, "zarr"), "out/contrast/part-0.parquet", _read_map),
-    "map-zarr": Target(lambda f: _mapped(f, "zarr"), "out/maps/a", _read_map),
-    "map-png": Target(lambda f: _mapped(f, "png"), "out/maps/a", _read_map),
     "index-images": Target(_indexed, "out/index/images.json", _look_up),
     "index-places": Target(_indexed, "out/index/places.npy", _look_up),
     "index-vectors": Target(_indexed, "out/index/vectors.faiss", _look_up),
@@ -633,16 +535,11 @@ TARGETS = {
     "rosbag1-log": _landmark_bag(1, "ros1_tags", "way.bag"),
     "rosbag2-log": _landmark_bag(2, "markers", "way/way.db3"),
     "own-map": Target(lambda f: np.save(f / "a.npy", np.eye(9)), "a.npy", _own_map),
-    "gaze-run": Target(_gaze, str(_gaze_run().path(Path())), _gazes),
     "gaze": Target(
         lambda f: (f / "gaze.csv").write_text("pan_rad,tilt_rad,sigma_rad\n0.1,0,0.01\n"),
         "gaze.csv",
         _turns,
     ),
-    "served-photo": Target(_image("a.jpg", a_picture((64, 64, 3))).make, "a.jpg", _served),
-    "served-wishes": _requested("/look", WISHES),
-    "served-features": _requested("/features", {"photo": "", "contrast": {"map_level": 3}}),
-    "served-slam": _requested("/slam/start", START),
     "world": _written("world.toml", "steps = 20\nlandmarks = 5\n", "world"),
     "drive-settings": _written("drive.toml", "frames = 2\nimage_size = [64, 48]\n", "drive"),
 }

@@ -1,0 +1,88 @@
+"""Every command of `saccade`, with words that have it do some of its work soon."""
+
+import typer
+
+from fuzz.targets import TARGETS
+from saccade import slam
+from saccade.cli import app
+from saccade.simulation import WorldConfig, simulate_world
+
+COMMANDS = {
+    "look": "{in}/photos/a.png --fixations 2 -f csv -f mat -f svg --maps npy --maps tiff",
+    "detect": "{in}/photos/a.png --max 5 -f npz -f csv -f hdf5 -f parquet -o out",
+    "extract": "{in}/photos --workers 1 -o out",
+    "convert --to": "hdf5 {in}/points x.h5",
+    "find --in": "{in}/points",
+    "find": "{in}/photos/a.png --in {in}/points",
+    "match": "{in}/photos/a.png {in}/photos/b.png -o out",
+    "match --workers": "1 {in}/photos -o out",
+    "slam": "{in}/log.csv --no-film -o out",
+    "check": "{in}/drive",
+    "convert": "{in}/log.csv log.g2o",
+    "drive": "{in}/drive --no-film --frames 3 -o out --save-tracks tracks",
+    "serve": "--no-browser --port {port}",
+    "demo": "--out {in}/log.csv",
+    "evaluate fixations": "--images {in}/seen --fixations {in}/seen/fixations.csv",
+    "fit": "--images {in}/seen --fixations {in}/seen/fixations.csv --folds 2 --no-people",
+    "evaluate scanpaths": "--images {in}/seen --fixations {in}/seen/people.csv --samples 2 -o out",
+    "evaluate features": "--pairs {in}/pairs --points 20",
+    "evaluate features --drive": "{in}/kitti --points 20",
+    "evaluate gaze": "--world pond --policy sweep --seeds 1 -o out",
+    "evaluate trajectory": "{in}/a.tum --truth {in}/a.tum --csv out/a.csv --report out/a.html",
+    "slam --merge": "{in}/a.map.npz,{in}/a.map.npz --save-map merged.npz",
+    "simulate": "world --config {in}/world.toml -o out",
+    "simulate --frames": "2 drive --config {in}/drive.toml -o out",
+    "textbook": "{in}/log.csv -o out",
+    "config": "sift",
+}
+"""Every command, or one with an option that has it do other work; {in} is what `make_inputs` fills,
+{port} is taken."""
+EXITS = {"find": 1, "check": 1, "demo": 1, "serve": 2}
+"""Exit codes that are not 0 where nothing is amiss with the environment."""
+
+
+def all_commands(group=None, *names):
+    """Names of all commands that there are."""
+    for name, command in (group or typer.main.get_command(app)).commands.items():
+        if hasattr(command, "commands"):
+            yield from all_commands(command, *names, name)
+        else:
+            yield " ".join((*names, name))
+
+
+def words_of(name, folder, port):
+    """The words of a command whose inputs are in a folder."""
+    rest = COMMANDS[name].format(**{"in": folder, "port": port})
+    return [*name.split(), *rest.split()]
+
+
+def make_inputs(folder):
+    """Write what the words name."""
+    for name, target in (
+        ("seen", "fixations"),
+        ("pairs", "homography"),
+        ("drive", "folder-times"),
+        ("kitti", "kitti-poses"),
+        ("made", "index-images"),
+        (".", "log-csv"),
+        (".", "world"),
+        (".", "drive-settings"),
+    ):
+        (folder / name).mkdir(exist_ok=True)
+        TARGETS[target].make(folder / name)
+    (folder / "made" / "out").rename(folder / "points")
+    (folder / "photos").mkdir()
+    picture = (folder / "seen" / "a.png").read_bytes()
+    for place in ("photos/a", "photos/b", "seen/b", "seen/c", "seen/d"):
+        (folder / f"{place}.png").write_bytes(picture)
+    with (folder / "seen" / "fixations.csv").open("a") as fixations:
+        fixations.writelines(f"{name}.png,1,0,9,7\n{name}.png,1,1,2,8\n" for name in "bcd")
+    with (folder / "seen" / "people.csv").open("w") as people:
+        people.write("image,viewer,index,x,y\n")
+        for image, viewer in ("a1", "a2", "b1", "b2"):
+            people.writelines(f"{image}.png,{viewer},{k},{3 * k},{viewer}\n" for k in range(4))
+    (folder / "a.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n2 2 1 0 0 0 0 1\n")
+    log = simulate_world(WorldConfig(steps=300))
+    robot = slam.slam_for(log)
+    slam.run(log, initial=robot)
+    robot.save(folder / "a.map.npz")
