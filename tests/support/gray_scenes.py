@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 
-TURN = 2 * math.pi
-
 
 def blob(side, x, y, wide, high=None, background=0.0, amplitude=1.0):
     """A Gaussian of two standard deviations, along x and along y."""
@@ -14,10 +12,6 @@ def blob(side, x, y, wide, high=None, background=0.0, amplitude=1.0):
     return background + amplitude * np.exp(
         -((column - x) ** 2) / (2 * wide**2) - (row - y) ** 2 / (2 * high**2)
     )
-
-
-def angle_between(a, b):
-    return abs((a - b + math.pi) % TURN - math.pi)
 
 
 def ramp(a, b, side=41):

@@ -1,15 +1,14 @@
 """The presets of the source against the textbook, which is written from the print alone."""
 
 from dataclasses import fields, replace
+from importlib.resources import files
 
-import cv2
 import numpy as np
 import pytest
 
 from saccade import (
     ContrastConfig,
     DescriptorConfig,
-    Must,
     MustConfig,
     Sift,
     SiftConfig,
@@ -24,8 +23,8 @@ from saccade.textbook import EkfSlam
 from saccade.textbook import contrast_saliency as printed_saliency
 from saccade.textbook import sift as printed_sift
 from support.circular_log import simulate
-from support.reference_images import REFERENCE_IMAGES
 
+PRINTED = ContrastConfig.kootstra2010()
 MAPS = ("saliency", "intensity", "color", "orientation")
 
 
@@ -34,29 +33,18 @@ def correlation(a, b):
     return 1.0 if np.ptp(a) == np.ptp(b) == 0 else np.corrcoef(a.ravel(), b.ravel())[0, 1]
 
 
-@pytest.mark.shared
-@pytest.mark.parametrize("name", REFERENCE_IMAGES[::4])
-def test_contrast_maps(shared, name):
-    image = read_image(shared / "reference" / "saliency" / "images" / f"{name}.png")
-    found = contrast_saliency(image, ContrastConfig.kootstra2010())
-    printed = printed_saliency(image)
+@pytest.mark.parametrize("photo", ["coffee", "hallway_1", "horse"])
+def test_contrast_maps_and_sift_keypoints(photo):
+    image = read_image(str(files("saccade") / "data" / f"{photo}.jpg"))
+    saliency, printed_maps = contrast_saliency(image, PRINTED), printed_saliency(image)
     for each in MAPS:
-        agreement = correlation(getattr(found, each), getattr(printed, each))
-        assert agreement >= 0.999, each
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize("name", REFERENCE_IMAGES[1::4])
-def test_sift_keypoints(shared, name):
-    image = read_image(shared / "reference" / "saliency" / "images" / f"{name}.png")
+        assert correlation(getattr(saliency, each), getattr(printed_maps, each)) > 0.999, each
     config = replace(SiftConfig.kootstra2010(), descriptor_dtype="float32")
-    found, printed = Sift(config)(image), printed_sift(image).keypoints
-    here, there = near(printed, found), near(found, printed)
-    if len(printed):
-        assert here.mean() >= 0.97
-        assert there.mean() >= 0.97
-        assert np.median(cosines(printed, found)) > 0.99
-        assert (cosines(printed, found) > 0.99).mean() >= 0.97
+    found, printed = Sift(config)(image[:240]), printed_sift(image[:240]).keypoints
+    assert len(printed) > 20
+    assert near(printed, found).mean() >= 0.97
+    assert near(found, printed).mean() >= 0.97
+    assert (cosines(printed, found) > 0.99).mean() >= 0.97
 
 
 def near(of, among):
@@ -75,18 +63,10 @@ def cosines(printed, found):
     return best[same.any(axis=1)]
 
 
-def test_must_and_symroid_use_the_descriptor_of_section_b2(rng):
-    """What they describe, textbook or SIFT with the same descriptor describes alike."""
-    image = cv2.GaussianBlur(rng.random((120, 140), np.float32), (0, 0), 4)
-    image = (image - image.min()) / np.ptp(image)
-    config = MustConfig.kootstra2010()
-    points = Must(config)(image)
-    assert len(points) > 3
-    again = Sift(config.sift()).describe(image, points)
-    np.testing.assert_array_equal(again.descriptors, points.descriptors)
-    assert not np.array_equal(Must()(image).descriptors, points.descriptors)
+def test_must_and_symroid_use_the_descriptor_of_section_b2():
     descriptor, sift = DescriptorConfig.kootstra2010(), SiftConfig.kootstra2010()
-    assert config.descriptor == SymRoidConfig.kootstra2010().descriptor == descriptor
+    assert MustConfig.kootstra2010().descriptor == descriptor
+    assert SymRoidConfig.kootstra2010().descriptor == descriptor
     assert all(
         getattr(sift, each.name) == getattr(descriptor, each.name) for each in fields(descriptor)
     )

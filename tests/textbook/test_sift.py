@@ -1,4 +1,4 @@
-"""Appendix B, detector and results, against closed forms of blobs and known quadratics."""
+"""Appendix B against closed forms of blobs and ramps, known quadratics and single gradients."""
 
 import itertools
 import math
@@ -13,56 +13,20 @@ from saccade.textbook.sift import (
     BASE_SIGMA,
     OCTAVES,
     K,
-    S,
     build_scale_space,
     descriptor,
     dominant_orientations,
     find_extrema,
-    gaussian_kernel,
     gradient_and_hessian,
     gradients,
     orientation_histogram,
     refine,
     sift,
-    smooth,
     value_at,
 )
-from support.gray_scenes import TURN, angle_between, blob, lines
+from support.gray_scenes import blob, lines, ramp, scene
 
-NUMBERS = st.floats(-5, 5)
 close = np.testing.assert_allclose
-
-
-@pytest.mark.parametrize("sigma", [0.5, 1.0, 1.6, 3.7])
-def test_kernels_are_gaussians_cut_to_six_sigma_along_rows_and_columns(sigma):
-    kernel = gaussian_kernel(sigma)
-    reach = len(kernel) // 2
-    assert math.floor(3 * sigma) <= reach <= math.ceil(3 * sigma)
-    assert kernel.sum() == pytest.approx(1)
-    x = np.arange(-reach, reach + 1)
-    close(kernel / kernel[reach], np.exp(-(x**2) / (2 * sigma**2)))
-    point, expected = np.zeros((41, 37)), np.zeros((41, 37))
-    point[20, 18] = 1
-    expected[20 - reach : 21 + reach, 18 - reach : 19 + reach] = np.outer(kernel, kernel)
-    close(smooth(point, sigma), expected, atol=1e-15)
-    close(smooth(np.full((9, 12), 0.3), sigma), 0.3)
-
-
-def test_octaves_have_six_images_each_filtered_from_the_one_before():
-    image = np.random.default_rng(1).random((70, 91))
-    space = build_scale_space(image)
-    assert (S, OCTAVES) == (3, 3)
-    assert pytest.approx(1.25992105) == K
-    assert [len(octave) for octave in space] == [6, 6, 6]
-    for octave, size in zip(space, [(70, 91), (35, 46), (18, 23)], strict=True):
-        assert {level.shape for level in octave} == {size}
-    close(space[0][0], smooth(image, BASE_SIGMA))
-    for octave, following in itertools.pairwise(space):
-        np.testing.assert_array_equal(following[0], octave[3][::2, ::2])
-    for octave in space:
-        for i in range(1, 6):
-            before, after = BASE_SIGMA * 2 ** ((i - 1) / 3), BASE_SIGMA * 2 ** (i / 3)
-            close(octave[i], smooth(octave[i - 1], math.sqrt(after**2 - before**2)))
 
 
 def test_extrema_are_those_of_a_search():
@@ -120,9 +84,9 @@ def test_a_blob_is_found_at_its_place_and_scale(o, i, bright):
     assert result.keypoints.size[strongest] == pytest.approx(2 * sigma, rel=0.05)
 
 
-def test_fates_follow_from_the_differences(found):
+def test_fates_follow_from_the_differences():
     statuses, saddles = set(), 0
-    for result in (found, sift(lines())):
+    for result in (sift(scene()), sift(lines())):
         listed = sorted((each.octave, each.i, each.row, each.column) for each in result.candidates)
         every = enumerate(result.differences)
         assert listed == sorted((o, *place) for o, D in every for place in find_extrema(D))
@@ -151,41 +115,6 @@ def test_fates_follow_from_the_differences(found):
     assert saddles > 0
 
 
-def test_keypoints_and_descriptions_are_the_same_points(found):
-    points = found.keypoints
-    assert len(points) == len(found.descriptions) > 10
-    assert points.descriptors.shape == (len(points), 128)
-    assert points.descriptors.dtype == np.float32
-    kept = {index for index, each in enumerate(found.candidates) if each.status == "kept"}
-    assert {each.candidate for each in found.descriptions} == kept
-    for row, each in enumerate(found.descriptions):
-        origin = found.candidates[each.candidate]
-        octave = 2**origin.octave
-        assert points.octave[row] == origin.octave
-        assert points.response[row] == pytest.approx(abs(origin.value), rel=1e-5)
-        sigma = BASE_SIGMA * 2 ** ((origin.i + origin.offset[2]) / 3)
-        expected = origin.column + origin.offset[0], origin.row + origin.offset[1], sigma
-        assert (each.x, each.y, each.sigma) == pytest.approx(expected)
-        close(points.xy[row], (octave * each.x, octave * each.y), rtol=1e-5)
-        assert points.size[row] == pytest.approx(2 * octave * each.sigma, rel=1e-5)
-        assert angle_between(points.angle[row], each.angle) < 1e-5
-        turned = points.descriptors[row].reshape(16, 8)[:, -np.arange(8)]  # from y towards x
-        close(turned.ravel(), each.vector, atol=1e-6)
-
-
-def test_descriptions_are_those_of_the_closest_image(found):
-    sigmas = BASE_SIGMA * 2 ** (np.arange(6) / 3)
-    for each in found.descriptions[:6]:
-        origin = found.candidates[each.candidate]
-        L = found.scale_space[origin.octave][int(abs(np.log(sigmas / each.sigma)).argmin())]
-        histogram = orientation_histogram(*gradients(L), each.x, each.y, each.sigma)
-        close(each.histogram, histogram)
-        same = [other for other in found.descriptions if other.candidate == each.candidate]
-        angles = sorted(other.angle % TURN for other in same)
-        close(angles, sorted(angle % TURN for angle in dominant_orientations(histogram)))
-        close(each.vector, descriptor(L, each.x, each.y, each.sigma, each.angle).vector)
-
-
 def test_a_flat_picture_has_no_points_and_a_small_one_fewer_octaves():
     result = sift(np.full((64, 80), 0.3))
     assert result.keypoints.descriptors.shape == (0, 128)
@@ -195,3 +124,76 @@ def test_a_flat_picture_has_no_points_and_a_small_one_fewer_octaves():
     assert 1 <= len(space) < OCTAVES
     assert min(space[-1][0].shape) >= 3
     sift(small)
+
+
+@pytest.mark.parametrize(("a", "b"), [(3, 4), (-3, 4), (-3, -4), (3, -4)])
+def test_gradients_of_ramps_in_four_quadrants(a, b):
+    m, found = gradients(ramp(a, b, side=9))
+    assert m.shape == found.shape == (9, 9)
+    close(m[1:-1, 1:-1], 10)
+    close(found[1:-1, 1:-1], math.atan2(b, a), atol=1e-8)
+
+
+def histogram_of(theta, x, y, at=(20.0, 20.0), magnitude=1.0):
+    """The orientation histogram of one gradient, about a point of sigma 2."""
+    m, angles = np.zeros((41, 41)), np.zeros((41, 41))
+    m[y, x], angles[y, x] = magnitude, theta
+    return orientation_histogram(m, angles, *at, 2.0)
+
+
+@pytest.mark.parametrize("b", range(0, 36, 5))
+def test_a_gradient_votes_for_the_bin_that_it_lies_in(b):
+    for degrees in (10 * b - 4, 10 * b + 4):
+        theta = math.remainder(math.radians(degrees), math.tau)
+        histogram = histogram_of(theta, 20, 20)
+        assert histogram.shape == (36,)
+        assert np.flatnonzero(histogram).tolist() == [b]
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "at", "magnitude", "share"),
+    [
+        (20, 20, (20.0, 20.0), 7.0, 7.0),
+        (23, 20, (20.0, 20.0), 1.0, math.exp(-9 / 18)),
+        (20, 17, (20.0, 20.0), 1.0, math.exp(-9 / 18)),
+        (22, 22, (20.0, 20.0), 1.0, math.exp(-8 / 18)),
+        (22, 20, (20.5, 20.0), 1.0, math.exp(-2.25 / 18)),
+    ],
+)
+def test_votes_fade_with_the_distance(x, y, at, magnitude, share):
+    middle = histogram_of(0.1, 20, 20).sum()
+    assert histogram_of(0.1, x, y, at, magnitude).sum() / middle == pytest.approx(share)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({5: 10.0, 20: 8.1}, [50, 200]),
+        ({5: 10.0, 20: 8.0}, [50]),  # of eighty percent and no more
+        ({4: 4.0, 5: 10.0}, [48.75]),
+        ({4: 2.0, 5: 10.0, 6: 6.0}, [50 + 5 / 3]),
+        ({0: 6.0, 1: 10.0, 2: 6.0}, [10]),
+        ({34: 6.0, 35: 10.0, 0: 4.0}, [349]),
+    ],
+)
+def test_every_bin_over_eighty_percent_is_dominant_where_its_parabola_is_highest(values, expected):
+    histogram = np.zeros(36)
+    histogram[list(values)] = list(values.values())
+    found = sorted(math.degrees(angle) % 360 for angle in dominant_orientations(histogram))
+    assert found == pytest.approx(expected)
+
+
+def described(L, angle=0.0):
+    return descriptor(L, 20.0, 20.0, 1.2, angle)
+
+
+def test_a_quarter_turn_permutes_the_descriptor_and_light_does_not_change_it():
+    L = scene(41, seed=5)
+    upright = described(L)
+    # row, column -> 40 - column, row: counter-clockwise on the screen, from y towards x
+    turned = described(np.rot90(L)).subregions
+    atol = 1e-6 * upright.subregions.max()
+    close(turned, np.roll(np.rot90(upright.subregions), -2, axis=2), atol=atol)
+    with_it = described(np.rot90(L), angle=-math.pi / 2).subregions
+    close(with_it, upright.subregions, atol=atol)
+    close(described(0.4 * L + 0.3).vector, upright.vector, atol=1e-12)
