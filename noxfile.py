@@ -46,7 +46,7 @@ def fuzz(session: nox.Session) -> None:
 
 @nox.session
 def nightly(session: nox.Session) -> None:
-    """Tests that freeze a tuning (every rejected option is still worse), or run pytest."""
+    """Tests that take long."""
     session.install(".", "--group", "dev")
     session.run("pytest", "-q", "-m", "nightly", *session.posargs)
 
@@ -124,7 +124,7 @@ def opencv(session: nox.Session, opencv: str) -> None:
 
 
 WITHOUT_EXTRAS = (
-    *("packaging", "extras", "cli", "image", "contrast_settings", "symmetry", "scanpath"),
+    *("packaging", "extras", "cli", "image", "contrast", "symmetry", "scanpath"),
     *("sift", "descriptor", "matching", "ekf", "run", "drive_simulation", "files"),
 )
 """The tests of what works with nothing but the core dependencies."""

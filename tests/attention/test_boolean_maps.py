@@ -48,13 +48,3 @@ def test_a_disc_is_figure_and_a_half_plane_is_ground():
     saliency = boolean_saliency(image).saliency
     assert np.unravel_index(saliency.argmax(), saliency.shape) == pytest.approx((60, 110), abs=2)
     assert saliency[60, :60].max() < 0.05
-
-
-def test_the_map_of_a_large_image_is_of_the_reduced_size():
-    maps = boolean_saliency(noise(3, (300, 400)))
-    assert maps.saliency.shape == (150, 200)
-    assert repr(maps) == "BooleanMaps(200 x 150 cells of a 400 x 300 image)"
-
-
-def test_a_flat_image_has_no_figure():
-    assert not boolean_saliency(np.full((40, 50, 3), 0.3)).saliency.any()

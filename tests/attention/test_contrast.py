@@ -1,4 +1,4 @@
-import dataclasses
+from dataclasses import replace
 from typing import get_args
 
 import cv2
@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from saccade.attention import ContrastConfig, contrast_pyramids, contrast_saliency
 from saccade.attention.channels import Color
-from saccade.attention.normalize import Normalization, normalize
-from saccade.errors import ImageError
+from saccade.attention.contrast import sharpen, smooth
+from saccade.attention.models import bare_saliency
+from saccade.attention.normalize import Normalization, normalize, position_prior
 from saccade.io.image import read_image
 from saccade.scale.pyramid import resize
 from support import oracles_attention as oracles
@@ -18,16 +19,16 @@ from support.pyramids import dyadic_pyramid
 from support.saliency_images import noise, rank_of_the_odd_item
 
 MAPS = ("saliency", "intensity", "color", "orientation")
+DEFAULT = ContrastConfig()
 PRESETS = {
-    "default": ContrastConfig(),
+    "default": DEFAULT,
     "itti1998": ContrastConfig.itti1998(),
     "kootstra2010": ContrastConfig.kootstra2010(),
     "saliencytoolbox2": ContrastConfig.saliencytoolbox2(),
 }
 MIRRORED = ["default", "itti1998"]
-SOURCE = dataclasses.replace(ContrastConfig.itti1998(), normalization="local-maxima")
+SOURCE = replace(ContrastConfig.itti1998(), normalization="local-maxima")
 METHODS = get_args(Normalization)
-PHOTOS = ("astronaut", "chelsea", "coffee", "motorcycle", "rocket")
 
 seeds = st.integers(0, 2**32 - 1)
 shapes = st.tuples(st.integers(17, 70), st.integers(17, 70))
@@ -36,33 +37,15 @@ shapes = st.tuples(st.integers(17, 70), st.integers(17, 70))
 @pytest.mark.parametrize("method", ["local-maxima", "local-maxima-1998", "none"])
 def test_every_equation_in_a_plain_second_reading(method):
     image = noise(1, (64, 96)) / np.float32(255)
-    maps = contrast_saliency(image, dataclasses.replace(SOURCE, normalization=method))
+    maps = contrast_saliency(image, replace(SOURCE, normalization=method))
     for name, expected in zip(MAPS, oracles.contrast_saliency(image, method), strict=True):
         assert expected.max() > 0
         np.testing.assert_allclose(getattr(maps, name), expected, atol=2e-5, err_msg=name)
 
 
-def test_features_are_differences_between_levels():
-    image = noise(2, (80, 64))
-    maps = contrast_saliency(image, SOURCE, keep_features=True)
-    levels = dyadic_pyramid((image / np.float32(255)).mean(axis=2), 6)
-    channels = [(name, None) for name in ("intensity", "red-green", "blue-yellow")]
-    channels += [("orientation", angle) for angle in (0, 45, 90, 135)]
-    # The shorter side ends with level 6: of the six pairs three exist (A.7-A.10).
-    pairs = [(2, 5), (2, 6), (3, 6)]
-    assert [f[:3] for f in maps.features] == [(c, *pair) for c in channels for pair in pairs]
-    for _, center, surround, values, normalized in maps.features[:3]:
-        expected = abs(levels[center] - resize(levels[surround], levels[center].shape))
-        np.testing.assert_allclose(values, expected, atol=1e-6)
-        np.testing.assert_array_equal(
-            normalized, normalize(values, "local-maxima", radius=SOURCE.maxima_radius)
-        )
-    assert contrast_saliency(image, SOURCE).features == ()
-
-
 def test_saliency_is_the_weighted_mean_of_the_normalized_channels():
     image = noise(4, (96, 128))
-    config = dataclasses.replace(SOURCE, color_weight=2, orientation_weight=0.5)
+    config = replace(SOURCE, color_weight=2, orientation_weight=0.5)
     maps = contrast_saliency(image, config)
     parts = [normalize(getattr(maps, name), "local-maxima", radius=0.05) for name in MAPS[1:]]
     expected = (parts[0] + 2 * parts[1] + 0.5 * parts[2]) / 3.5
@@ -75,7 +58,7 @@ def test_saliency_is_the_weighted_mean_of_the_normalized_channels():
 def test_each_channel_alone_with_each_normalization(preset, channel, method, color):
     weights = {f"{name}_weight": float(name == channel) for name in MAPS[1:]}
     image = noise(5, (96, 130))
-    config = dataclasses.replace(PRESETS[preset], normalization=method, color=color, **weights)
+    config = replace(PRESETS[preset], normalization=method, color=color, **weights)
     maps = contrast_saliency(image, config)
     assert maps.saliency.any()
     for name in MAPS[1:]:
@@ -91,7 +74,7 @@ def test_a_mirrored_image_has_mirrored_maps(seed, shape, method, preset):
     """Of maps that are not smoothed N counts two neighbors as one maximum or two by rounding."""
     assume(preset == "default" or not method.startswith("local-maxima"))
     image = noise(seed, shape) / np.float32(255)
-    config = dataclasses.replace(PRESETS[preset], normalization=method)
+    config = replace(PRESETS[preset], normalization=method)
     maps = contrast_saliency(image, config)
     left_right = contrast_saliency(image[:, ::-1], config)
     upside_down = contrast_saliency(image[::-1], config)
@@ -123,88 +106,13 @@ def test_dtypes_agree_and_grey_has_no_color(seed, shape, preset):
         assert not gray.color.any()
 
 
-@pytest.mark.parametrize(
-    ("shape", "method"),
-    [*zip([(32, 32), (32, 900), (700, 33), (250, 61)], METHODS, strict=True)],
-)
-@pytest.mark.parametrize("preset", PRESETS)
-def test_any_size_gives_finite_maps_that_are_not_negative(shape, method, preset):
-    image = noise(6, shape)
-    config = dataclasses.replace(PRESETS[preset], normalization=method)
-    maps = contrast_saliency(image, config)
-    cell = 2 ** config.at_size(shape).map_level
-    down = preset == "saliencytoolbox2"
-    h, w = (side // cell if down else -(-side // cell) for side in shape)
-    for name in MAPS:
-        values = getattr(maps, name)
-        assert values.shape == (h, w)
-        assert values.dtype == (np.float32 if preset in MIRRORED else np.float64)
-        assert np.isfinite(values).all()
-        assert values.min() >= 0
-    assert maps.saliency.any() or (min(h, w) <= 4 and method == "iterative")
-    assert maps.image_shape == shape
-    assert repr(maps) == f"ContrastMaps({w} x {h} cells of a {shape[1]} x {shape[0]} image)"
-
-
-@pytest.mark.parametrize("value", [0, 77, 255])
-@pytest.mark.parametrize("method", METHODS)
-def test_a_flat_image_has_nothing_salient(value, method):
-    flat = np.full((40, 55, 3), value, np.uint8)
-    for preset in MIRRORED:
-        config = dataclasses.replace(PRESETS[preset], normalization=method)
-        maps = contrast_saliency(flat, config)
-        assert not any(getattr(maps, name).any() for name in MAPS)
-
-
-@pytest.mark.parametrize(
-    ("preset", "shape", "shorter", "longer"),
-    [
-        ("default", (8, 8), 2, 9),
-        ("default", (1, 500), 2, 9),
-        ("default", (500, 1, 3), 2, 9),
-        ("default", (2, 800), 3, 17),
-        ("kootstra2010", (16, 300), 17, 17),
-        ("kootstra2010", (16, 16, 3), 17, 17),
-        ("saliencytoolbox2", (31, 300), 32, 32),
-    ],
-)
-def test_too_small_an_image_is_refused_by_its_size(preset, shape, shorter, longer):
-    words = (
-        f"at least {shorter} px .* {longer} px on the longer .* found {shape[1]} x {shape[0]} px"
-    )
-    with pytest.raises(ImageError, match=words):
-        contrast_saliency(np.zeros(shape), PRESETS[preset])
-
-
-@pytest.mark.parametrize("enlarged", [2, 4])
-def test_the_size_at_which_an_image_was_saved_does_not_matter(enlarged):
-    image = cv2.GaussianBlur(noise(7, (300, 400)), (0, 0), 3)
-    large = cv2.resize(image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_CUBIC)
-    here, there = contrast_saliency(image).saliency, contrast_saliency(large).saliency
-    assert here.shape == there.shape
-    assert np.corrcoef(here.ravel(), there.ravel())[0, 1] > 0.99
-    fixed = contrast_saliency(large, ContrastConfig(viewing_size=None)).saliency
-    assert fixed.shape == (-(-300 * enlarged // 16), -(-400 * enlarged // 16))
-
-
-@pytest.mark.parametrize("shape", [(9, 9), (12, 16), (16, 16), (17, 31), (3, 200), (32, 32)])
-def test_a_spot_in_a_small_image_is_found(shape):
-    image = np.full((*shape, 3), 90, np.uint8)
-    y, x = shape[0] // 2, shape[1] // 4
-    image[max(0, y - 2) : y + 2, max(0, x - 2) : x + 2] = (250, 60, 40)
-    saliency = contrast_saliency(image).saliency
-    column = int(np.argmax(saliency.max(axis=0)))
-    assert saliency.max() == 1
-    assert column < saliency.shape[1] / 2
-
-
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("preset", "map_level"),
     [("default", 4), *(("itti1998", level) for level in (2, 3, 4))],
 )
 def test_pop_out(shared, preset, map_level):
-    config = dataclasses.replace(PRESETS[preset], map_level=map_level)
+    config = replace(PRESETS[preset], map_level=map_level)
     rank = {}
     for display in ("orientation", "intensity", "color", "color_gray", "conjunction"):
         file = shared / "reference" / "saliency" / "images" / f"popout_{display}.png"
@@ -215,25 +123,9 @@ def test_pop_out(shared, preset, map_level):
     assert set(rank.values()) == {1}, rank
 
 
-@pytest.mark.shared
-@pytest.mark.parametrize("photo", PHOTOS)
-def test_conspicuity_resembles_the_reference(shared, photo):
-    """Another brightness, pyramid shape and interpolation, but the same model."""
-    folder = shared / "reference" / "saliency"
-    reference = np.load(folder / f"photo_{photo}.none.npz")
-    maps = contrast_saliency(
-        read_image(folder / "images" / f"photo_{photo}.png"),
-        dataclasses.replace(SOURCE, normalization="none"),
-    )
-    for ours, theirs in ((maps.intensity, "Intensities"), (maps.color, "Color")):
-        expected = reference[f"CM_{theirs}"]
-        ours = resize(ours, expected.shape)[3:-3, 3:-3].ravel()
-        assert np.corrcoef(ours, expected[3:-3, 3:-3].ravel())[0, 1] > 0.7
-
-
 def test_pyramids_are_those_of_the_channels():
     rgb = noise(2, (80, 64)) / np.float32(255)
-    config = dataclasses.replace(SOURCE, color="linear")
+    config = replace(SOURCE, color="linear")
     pyramids = contrast_pyramids(rgb, config)
     features = contrast_saliency(rgb, config, keep_features=True).features
     assert list(pyramids) == list(dict.fromkeys(each.channel for each in features))
@@ -249,6 +141,99 @@ def test_pyramids_are_those_of_the_channels():
         for number, level in found.items():
             np.testing.assert_allclose(level, levels[number], atol=1e-6)
     assert "red-green" not in {
-        channel.name
-        for channel in contrast_pyramids(rgb, dataclasses.replace(config, color_weight=0))
+        channel.name for channel in contrast_pyramids(rgb, replace(config, color_weight=0))
     }
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """(150, 203, 3) uint8: color patches, a bright disc and some noise."""
+    rng = np.random.default_rng(3)
+    patches = cv2.resize(rng.random((5, 6, 3)), (203, 150), interpolation=cv2.INTER_NEAREST)
+    cv2.circle(patches, (60, 90), 14, (1.0, 0.9, 0.1), -1)
+    return (200 * patches + 55 * rng.random((150, 203, 3))).astype(np.uint8)
+
+
+@pytest.mark.parametrize("preset", ["default", "itti1998"])
+def test_conspicuity_is_summed_from_the_normalized_features(scene, preset):
+    config = replace(
+        PRESETS[preset],
+        scale_weights=(1.0, 0.5, 0.25, 2.0, 1.0, 1.0)[: len(PRESETS[preset].scales)],
+    )
+    maps = contrast_saliency(scene, config, keep_features=True)
+    scales = config.at_size(scene.shape[:2]).scales
+    weight = dict(zip(scales, config.scale_weights, strict=True))
+    sums = {}
+    for channel, center, surround, _, normalized in maps.features:
+        share = 1.0 if channel.name == "orientation" else weight[center, surround]
+        at_map = share * resize(normalized, maps.saliency.shape)
+        sums[channel] = sums.get(channel, 0) + at_map
+
+    def promoted(name, angle=None):
+        return normalize(sums[name, angle], config.normalization, radius=config.maxima_radius)
+
+    np.testing.assert_allclose(maps.intensity, sums["intensity", None], atol=1e-6)  # A.11
+    color = promoted("red-green") + promoted("blue-yellow")
+    np.testing.assert_allclose(maps.color, color, atol=1e-6)  # A.12
+    orientation = sum(promoted("orientation", angle) for angle in (0, 45, 90, 135))
+    np.testing.assert_allclose(maps.orientation, orientation, atol=1e-6)  # A.13
+
+
+def test_smoothing_is_a_gaussian_of_its_cells():
+    impulse = np.zeros((61, 65), np.float32)
+    impulse[30, 32] = 1
+    smoothed = smooth(impulse, 3.5)
+    y, x = np.mgrid[:61, :65]
+    assert smoothed.sum() == pytest.approx(1, abs=1e-5)
+    assert (smoothed * (y - 30) ** 2).sum() == pytest.approx(3.5**2, rel=0.02)
+    assert (smoothed * (x - 32) ** 2).sum() == pytest.approx(3.5**2, rel=0.02)
+    np.testing.assert_array_equal(smooth(impulse, 0), impulse)
+
+
+def test_a_small_map_is_smoothed_by_an_eighth_of_its_sides_at_most():
+    impulse = np.zeros((16, 80), np.float32)
+    impulse[8, 40] = 1
+    smoothed = smooth(impulse, 5.0)
+    y, x = np.mgrid[:16, :80]
+    assert (smoothed * (y - 8) ** 2).sum() == pytest.approx(2**2, rel=0.05)
+    assert (smoothed * (x - 40) ** 2).sum() == pytest.approx(5**2, rel=0.05)
+
+
+def test_sharpening_is_a_power_of_the_scaled_map(scene):
+    np.testing.assert_allclose(sharpen(np.array([[1.0, 3.0, 5.0]]), 2), [[0, 0.25, 1]])
+    plain = contrast_saliency(scene, replace(DEFAULT, sharpening=1.0)).saliency
+    sharp = contrast_saliency(scene).saliency
+    np.testing.assert_allclose(sharp, ((plain - plain.min()) / np.ptp(plain)) ** 1.5, atol=1e-5)
+
+
+def test_a_center_prior_is_a_fixed_gaussian_and_off_by_default(scene):
+    assert DEFAULT.center_prior is None
+    np.testing.assert_allclose(
+        position_prior((1, 4), 0.25)[0], np.exp([-1.125, -0.125, -0.125, -1.125])
+    )
+    free = contrast_saliency(scene)
+    held = contrast_saliency(scene, replace(DEFAULT, center_prior=0.3))
+    np.testing.assert_allclose(
+        held.saliency, free.saliency * position_prior(held.saliency.shape, 0.3), atol=1e-6
+    )
+    np.testing.assert_array_equal(held.bare, free.saliency)
+    assert bare_saliency(held) is held.bare
+
+
+@pytest.mark.parametrize(
+    ("preset", "method"), [*zip(PRESETS, get_args(Normalization), strict=True)]
+)
+def test_the_number_of_threads_changes_no_byte(preset, method):
+    rng = np.random.default_rng(5)
+    image = cv2.resize(rng.integers(0, 256, (60, 80, 3), np.uint8), (640, 480))
+    config = replace(PRESETS[preset], normalization=method)
+    threads = cv2.getNumThreads()
+    try:
+        results = []
+        for number in (1, 2, 4):
+            cv2.setNumThreads(number)
+            maps = contrast_saliency(image, config)
+            results.append(b"".join(getattr(maps, name).tobytes() for name in MAPS))
+    finally:
+        cv2.setNumThreads(threads)
+    assert results[0] == results[1] == results[2]

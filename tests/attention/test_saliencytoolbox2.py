@@ -22,7 +22,6 @@ from saccade.attention.saliencytoolbox2 import (
     rescale,
     whole_levels,
 )
-from saccade.io.image import read_image
 from support.reference_images import REFERENCE_IMAGES
 
 CONFIG = ContrastConfig.saliencytoolbox2()
@@ -81,17 +80,6 @@ def test_every_map_and_fixation_is_the_toolboxs(shared, name):
     np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_disk_mapRC"], atol=1e-9)
     steps_apart = np.abs(path.time - published["fix_disk_time_s"].ravel()) / STEP
     assert steps_apart.max() < 1.01
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize("name", REFERENCE_IMAGES[::4])
-def test_an_image_that_was_read_gives_the_same_numbers(shared, name):
-    folder = shared / "reference" / "saliency"
-    maps = contrast_saliency(read_image(folder / "images" / f"{name}.png"), CONFIG)
-    published = np.load(folder / f"{name}.iterative.npz")
-    np.testing.assert_allclose(maps.saliency, published["salmap"], rtol=0, atol=1e-9)
-    for field, key in CONSPICUITY.items():
-        np.testing.assert_allclose(getattr(maps, field), published[key], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("top", [255, 65535])

@@ -12,7 +12,6 @@ from scipy.stats import chisquare, kstest
 import saccade
 import saccade.scale.pyramid
 from saccade.attention import scanpath_model
-from saccade.attention._scanpath_model_kernels import alias_table, draw_cell
 from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.errors import ConfigError, ImageError
 from support.processes import run_python
@@ -137,22 +136,6 @@ def test_the_likelihood_is_the_product_of_the_densities(saliency):
     np.testing.assert_allclose(logs, -np.log(60 * 80))
 
 
-def test_steps_without_bounds_have_the_amplitudes_of_the_closed_form():
-    """In the open the kernel's amplitudes are distributed as 1 - (1 + d^2 / s^2)^(1 - nu)."""
-    config = ScanpathModelConfig(
-        exponent=0.0,
-        center_sigma=None,
-        amplitude_scale=0.02,
-        amplitude_exponent=3.0,
-        horizontal=0.0,
-        persistence=0.0,
-        inhibition=0.0,
-    )
-    paths = saccade.sample_scanpaths(np.ones((200, 200)), (200, 200), 1500, 1, config).xy
-    amplitude = np.hypot(*(paths[:, 0] - 99.5).T) / 200
-    assert kstest(amplitude, lambda d: 1 - (1 + (d / 0.02) ** 2) ** -2).statistic < 0.05
-
-
 def test_durations_are_gamma_distributed_and_times_their_sums(saliency):
     config = ScanpathModelConfig(duration_mean=0.3, duration_shape=4.0)
     drawn = saccade.sample_scanpaths(saliency, SHAPE, 2000, 5, config)
@@ -182,15 +165,6 @@ def test_equal_seeds_give_equal_paths_whatever_the_count_and_the_threads(salienc
     printed = run_python("-c", script, env=environment, check=True).stdout
     here = saccade.sample_scanpaths(saliency, SHAPE, 5, 4, seed=3).xy
     np.testing.assert_array_equal(json.loads(printed), here)
-
-
-@pytest.mark.kernel
-def test_an_alias_table_draws_what_it_was_made_of():
-    probability = np.array([0.1, 0.0, 0.45, 0.05, 0.4])
-    table = alias_table(probability.copy())
-    u = (np.arange(4000) + 0.5) / 4000
-    drawn = np.bincount([draw_cell(table, each) for each in u], minlength=5)
-    np.testing.assert_allclose(drawn / 4000, probability, atol=2e-3)
 
 
 def test_an_empty_map_and_no_paths():

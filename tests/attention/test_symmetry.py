@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from saccade.attention import SymmetryConfig, symmetry_saliency
 from saccade.attention.channels import whitened
-from saccade.attention.symmetry import SWAPPED_LUMA, complete
-from saccade.errors import ImageError
+from saccade.attention.symmetry import SWAPPED_LUMA
 from saccade.io.image import read_image
 from saccade.scale.pair_sums import (
     color_sums,
@@ -138,51 +137,6 @@ def test_a_mirrored_or_turned_image_has_mirrored_or_turned_maps(seed, shape, pre
         np.testing.assert_allclose(turned, turn(saliency), atol=2e-3)
 
 
-@pytest.mark.parametrize("preset", PRESETS)
-def test_the_middle_of_a_disc_is_most_symmetric(preset):
-    y, x = np.mgrid[:120, :160]
-    disc = (np.hypot(x - 100, y - 50) < 12).astype(np.float32)
-    levels, weights = (0, 1, 2), (1.0, 1.0, 1.0)
-    config = dataclasses.replace(
-        PRESETS[preset], levels=levels, level_weights=weights, map_level=0, viewing_size=None
-    )
-    image = cv2.merge([disc] * 3) if config.channels == "rgb" else disc
-    saliency = symmetry_saliency(image, config).levels[2]
-    row, column = np.unravel_index(int(np.argmax(saliency)), saliency.shape)
-    assert abs(4 * column + 1.5 - 100) <= 4
-    assert abs(4 * row + 1.5 - 50) <= 4
-
-
-def test_radial_symmetry_wants_more_than_one_axis():
-    """A bar has one axis along its middle, a disc has all of them."""
-    y, x = np.mgrid[:60, :160]
-    bar = ((abs(y - 30) < 4) & (x < 100)).astype(np.float32)
-    disc = (np.hypot(x - 130, y - 30) < 4.5).astype(np.float32)
-    found = {}
-    for kind in ("isotropic", "radial"):
-        config = SymmetryConfig(
-            kind=kind, levels=(0,), level_weights=(1.0,), inner=3, outer=7, sigma=16.0
-        )
-        level = symmetry_saliency(
-            bar + disc, dataclasses.replace(config, viewing_size=None)
-        ).levels[0]
-        found[kind] = level[30, 40] / level[30, 130]
-    assert found["isotropic"] > 0.4
-    assert found["radial"] < 0.02
-
-
-def test_color_symmetry_lets_light_face_dark():
-    """A ramp between two gradients of the same direction: symmetric for color alone."""
-    ramp = np.tile(np.clip((np.arange(40) - 12) // 8, 0, 2) / np.float32(2), (40, 1))
-    found = {}
-    for kind in ("isotropic", "color"):
-        config = SymmetryConfig(
-            kind=kind, levels=(0,), level_weights=(1.0,), inner=3, outer=7, viewing_size=None
-        )
-        found[kind] = symmetry_saliency(ramp, config).levels[0][20, 23]
-    assert found["color"] > 100 * found["isotropic"]
-
-
 def test_colors_that_are_equally_bright_are_symmetric_too():
     y, x = np.mgrid[:80, :80]
     disc = np.hypot(x - 40, y - 40) < 10
@@ -212,54 +166,3 @@ def test_the_border_is_no_less_symmetric_on_noise(kind):
     for level in (1, 2, 3):
         assert edge["missing", level] < 0.1
         assert 0.94 < edge["average", level] < 1.06
-
-
-def test_pairs_beyond_the_border_make_what_the_others_make():
-    share = np.array([[1, 0.5], [0.5, 0]], np.float32)
-    completed = complete(3 * share, share)
-    np.testing.assert_allclose(completed, 3)
-    assert not complete(0 * share, share).any()
-
-
-@pytest.mark.parametrize("shape", [(9, 9), (40, 900), (700, 33), (33, 47), (250, 61), (3, 64)])
-@pytest.mark.parametrize("preset", ["default", "isotropic", "color"])
-def test_any_size_gives_finite_maps_that_are_not_negative(shape, preset):
-    config = PRESETS[preset]
-    maps = symmetry_saliency(noise(6, shape), config)
-    cell = 2 ** config.at_size(shape).map_level
-    assert maps.saliency.shape == tuple(-(-side // cell) for side in shape)
-    for values in (maps.saliency, *maps.levels.values()):
-        assert values.dtype == np.float32
-        assert np.isfinite(values).all()
-        assert values.min() >= 0
-    assert maps.saliency.max() == 1
-    assert maps.image_shape == shape
-    h, w = maps.saliency.shape
-    assert repr(maps) == f"SymmetryMaps({w} x {h} cells of a {shape[1]} x {shape[0]} image)"
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-@pytest.mark.parametrize("value", [0, 1, 77, 255])
-@pytest.mark.parametrize("shape", [(160, 155), (160, 155, 3)])
-def test_a_flat_image_has_nothing_symmetric(preset, value, shape):
-    assert not symmetry_saliency(np.full(shape, value, np.uint8), PRESETS[preset]).saliency.any()
-
-
-@pytest.mark.parametrize("enlarged", [2, 4])
-def test_the_size_at_which_an_image_was_saved_does_not_matter(enlarged):
-    image = cv2.GaussianBlur(noise(7, (300, 400)), (0, 0), 3)
-    large = cv2.resize(image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_CUBIC)
-    here, there = symmetry_saliency(image).saliency, symmetry_saliency(large).saliency
-    assert here.shape == there.shape
-    assert np.corrcoef(here.ravel(), there.ravel())[0, 1] > 0.99
-
-
-@pytest.mark.parametrize(
-    ("preset", "shape", "least"),
-    [("default", (8, 8), 9), ("kootstra2010", (60, 70), 72), ("default", (4, 800), 17)],
-)
-def test_too_small_an_image_is_refused_by_its_size(preset, shape, least):
-    words = f"at least {least} x {least} px .* found {shape[1]} x {shape[0]} px"
-    with pytest.raises(ImageError, match=words):
-        symmetry_saliency(np.zeros(shape), PRESETS[preset])
-    assert symmetry_saliency(np.zeros((least, least)), PRESETS[preset])
