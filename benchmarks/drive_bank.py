@@ -26,7 +26,8 @@ from saccade import datasets, visual
 from saccade.datasets.drives.sidecar_files import camera_truth, read_kitti_poses
 from saccade.evaluation.runs import score_drive
 from saccade.evaluation.trajectory import path_length
-from saccade.frames import Drive, relative_poses
+from saccade.frames import Drive
+from saccade.plane import relative_poses
 from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, Trajectory

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saccade.errors import DriveError, require
-from saccade.frames import Drive, Frame, steps_between
+from saccade.frames import Drive, Frame
+from saccade.plane import steps_between
 from saccade.types import FloatArray, IntArray, Trajectory
 
 

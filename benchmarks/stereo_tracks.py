@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from saccade.errors import Settings, setting
-from saccade.frames import Camera, Drive, Frame, Tracks, steps_between
+from saccade.frames import Camera, Drive, Frame, Tracks
+from saccade.plane import steps_between
 from saccade.types import FloatArray, IntArray, Trajectory
 
 MIN_DISPARITY = 0.6

@@ -246,16 +246,3 @@ class Drive:
 
     def __repr__(self) -> str:
         return f"Drive({self.name}: {len(self)} frames)"
-
-
-def steps_between(pose: FloatArray) -> FloatArray:
-    """Each pose (n, 3) in the frame of the previous, (n - 1, 3): meters ahead and left, radians."""
-    return relative_poses(pose[:-1], pose[1:])
-
-
-def relative_poses(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Poses (n, 3) in the frames of others (n, 3): meters ahead and left, radians."""
-    east, north, turn = (second - first).T
-    c, s = np.cos(first[:, 2]), np.sin(first[:, 2])
-    turn = turn - 2 * np.pi * np.rint(turn / (2 * np.pi))
-    return np.stack([c * east + s * north, c * north - s * east, turn], 1)

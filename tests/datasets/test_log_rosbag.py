@@ -11,7 +11,7 @@ from saccade import LogWarning, slam
 from saccade.datasets import load
 from saccade.datasets.ros.logs import identities
 from saccade.errors import LogError
-from saccade.frames import steps_between
+from saccade.plane import steps_between
 from saccade.types import THREE_SIGMA_2D
 from support import landmark_bags as bags
 from support.error_checks import refuses

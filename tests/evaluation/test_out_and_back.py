@@ -6,7 +6,8 @@ from evo.core.trajectory import PoseTrajectory3D
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade.datasets import load_drive
 from saccade.errors import ConfigError, DriveError
-from saccade.frames import Camera, Drive, Frame, steps_between
+from saccade.frames import Camera, Drive, Frame
+from saccade.plane import steps_between
 from saccade.types import Trajectory
 from support.odometry_alone import followed
 

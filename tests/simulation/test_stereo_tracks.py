@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from saccade.errors import ConfigError
-from saccade.frames import Camera, steps_between
+from saccade.frames import Camera
+from saccade.plane import steps_between
 from saccade.types import Trajectory
 from stereo_tracks import TrackConfig, simulate_tracks
 

@@ -3,7 +3,8 @@
 import cv2
 import numpy as np
 
-from saccade.frames import Camera, Drive, Frame, Tracks, steps_between
+from saccade.frames import Camera, Drive, Frame, Tracks
+from saccade.plane import steps_between
 from saccade.types import Trajectory
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 320.0, 240.0, 0.3, np.array([0.5, 0.1, 1.0]))

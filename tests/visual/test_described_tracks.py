@@ -8,7 +8,8 @@ import pytest
 from saccade import visual
 from saccade.datasets.drives.tracks import read_tracks_drive
 from saccade.evaluation.trajectory import position_rmse
-from saccade.frames import AHEAD, Camera, Drive, Frame, Tracks, steps_between
+from saccade.frames import AHEAD, Camera, Drive, Frame, Tracks
+from saccade.plane import steps_between
 from saccade.types import Trajectory
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 320.0, 240.0, 0.3, np.array([0.0, 0.0, 1.0]))

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 
 from saccade import visual
 from saccade.errors import ConfigError
-from saccade.frames import Camera, CameraTurn, Gaze, GazeLimits, steps_between
+from saccade.frames import Camera, CameraTurn, Gaze, GazeLimits
+from saccade.plane import steps_between
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.slam import Checkpoint
 from saccade.visual.camera import to_pixels

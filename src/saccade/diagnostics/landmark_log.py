@@ -14,7 +14,14 @@ import numpy as np
 from saccade.diagnostics.findings import Finding, counted
 from saccade.errors import LogError
 from saccade.landmark_names import name_texts
-from saccade.slam.models import turn_then_translate
+from saccade.plane import (
+    path_of,
+    point_covariance,
+    rotated,
+    rotations,
+    to_points,
+    to_relative_poses,
+)
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
 MAX_BEARING = 2 * np.pi
@@ -78,7 +85,7 @@ class Readings:
 
     def driven(self, turns: float) -> "Readings":
         """Translations in a frame that is turned by a multiple of the turn of the step."""
-        xy = _rotated(self.control[:, :2], turns * self.control[:, 2])
+        xy = rotated(self.control[:, :2], turns * self.control[:, 2])
         return replace(self, control=np.column_stack([xy, self.control[:, 2]]))
 
 
@@ -165,7 +172,10 @@ def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Fin
     a, b = a[twice], b[twice]
     if len(a) == 0 or len(control) == 0:
         return
-    xy, C = _points(log.observation), _point_covariance(log.observation, log.observation_covariance)
+    xy, C = (
+        to_points(log.observation),
+        point_covariance(log.observation, log.observation_covariance),
+    )
     square, _ = _normalized(xy[b] - xy[a], C[a] + C[b])
     distance = np.hypot(*(xy[b] - xy[a]).T)
     step = np.hypot(*control[:, :2].T) + np.abs(control[:, 2]) * np.median(log.observation[:, 0])
@@ -261,7 +271,7 @@ def _rivals(readings: Readings) -> Iterator[Rival]:
         "bearings are relative to the map, not to the heading of the robot",
         "Subtract the heading of the robot",
         lambda log: log.with_bearing(
-            log.observation[:, 1] - np.interp(log.observed, log.time, _path(log.control)[:, 2])
+            log.observation[:, 1] - np.interp(log.observed, log.time, path_of(log.control)[:, 2])
         ),
         min_gain=1.0,
     )
@@ -308,12 +318,7 @@ def _filled(log: Readings) -> Readings:
 
 def _readings_of(log: LandmarkLog) -> Readings:
     """The numbers of a log, with controls as relative poses."""
-    control, covariance = log.control, log.control_covariance
-    if log.motion == "turn_then_translate":
-        steps = [turn_then_translate(np.zeros(3), u) for u in control]
-        control = np.array([moved for moved, _, _ in steps]).reshape(-1, 3)
-        B = np.array([Fu for _, _, Fu in steps]).reshape(-1, 3, 2)
-        covariance = B @ covariance @ B.transpose(0, 2, 1)
+    control, covariance = to_relative_poses(log)
     return Readings(
         control=control,
         control_covariance=covariance,
@@ -330,7 +335,7 @@ def _pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
     Lags double, from the shortest in which landmarks move noticeably; at most three are used.
     """
     none = np.empty(0, np.int64)
-    time, xy = log.time[log.observation_pose], _points(log.observation)
+    time, xy = log.time[log.observation_pose], to_points(log.observation)
     if len(time) == 0 or np.ptp(log.time) <= 0:
         return none, none
     track = _tracks(log, xy)
@@ -388,19 +393,19 @@ def _residuals(
     log: Readings, a: IntArray, b: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Later observations (m, 2) minus those predicted; covariances of sensor and odometry."""
-    U, path = log.control_covariance, _path(log.control)
-    along = _rotation(path[:-1, 2])
+    U, path = log.control_covariance, path_of(log.control)
+    along = rotations(path[:-1, 2])
     grown = np.zeros((len(log.time), 5))
     grown[1:, :4] = np.cumsum((along @ U[:, :2, :2] @ along.transpose(0, 2, 1)).reshape(-1, 4), 0)
     grown[1:, 4] = np.cumsum(U[:, 2, 2])
     knots = np.column_stack([path, grown])
     state = np.stack([np.interp(log.observed, log.time, column) for column in knots.T], 1)
-    x, y, xy = state[a], state[b], _points(log.observation)
+    x, y, xy = state[a], state[b], to_points(log.observation)
     turn = x[:, 2] - y[:, 2]
-    carried, moved = _rotated(xy[a], turn), _rotated(x[:, :2] - y[:, :2], -y[:, 2])
+    carried, moved = rotated(xy[a], turn), rotated(x[:, :2] - y[:, :2], -y[:, 2])
     residual = xy[b] - carried - moved
-    C = _point_covariance(log.observation, log.observation_covariance)
-    T, W = _rotation(turn), _rotation(-y[:, 2])
+    C = point_covariance(log.observation, log.observation_covariance)
+    T, W = rotations(turn), rotations(-y[:, 2])
     floor = SINGULAR * np.square(log.observation[b, :1]) + 1e-12
     sensor = C[b] + T @ C[a] @ T.transpose(0, 2, 1) + floor[:, :, None] * np.eye(2)
     change = y[:, 3:] - x[:, 3:]
@@ -446,37 +451,5 @@ def _over(nis: FloatArray, log_det: FloatArray, guess: float) -> FloatArray:
 
 def _guess(log: Readings) -> float:
     """Mean log-likelihood of the observations by their own mean and covariance."""
-    spread = np.linalg.det(np.cov(_points(log.observation).T))
+    spread = np.linalg.det(np.cov(to_points(log.observation).T))
     return float(-np.log(2 * np.pi * np.e) - np.log(max(spread, 1e-300)) / 2)
-
-
-def _path(control: FloatArray) -> FloatArray:
-    """(t + 1, 3) poses by controls from the origin; headings are not wrapped."""
-    heading = np.concatenate([[0.0], np.cumsum(control[:, 2])])
-    steps = _rotated(control[:, :2], heading[:-1])
-    return np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)]), heading])
-
-
-def _points(observation: FloatArray) -> FloatArray:
-    """(k, 2) forward and left of ranges and bearings."""
-    r, bearing = observation.T
-    return np.stack([r * np.cos(bearing), r * np.sin(bearing)], 1)
-
-
-def _point_covariance(observation: FloatArray, R: FloatArray) -> FloatArray:
-    """(k, 2, 2) covariances of the points, by those of ranges and bearings."""
-    r, bearing = observation.T
-    c, s = np.cos(bearing), np.sin(bearing)
-    J = np.stack([np.stack([c, -r * s], 1), np.stack([s, r * c], 1)], 1)
-    return np.asarray(J @ R @ J.transpose(0, 2, 1))
-
-
-def _rotation(angle: FloatArray) -> FloatArray:
-    """(m, 2, 2) rotations by angles (m,)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([np.stack([c, -s], 1), np.stack([s, c], 1)], 1)
-
-
-def _rotated(xy: FloatArray, angle: FloatArray) -> FloatArray:
-    """Vectors (m, 2) turned by angles (m,)."""
-    return np.asarray((_rotation(angle) @ xy[:, :, None])[:, :, 0])

@@ -16,7 +16,8 @@ from saccade.diagnostics.survey import (
     lag_of,
     series_of,
 )
-from saccade.frames import Camera, Drive, steps_between
+from saccade.frames import Camera, Drive
+from saccade.plane import path_of, steps_between
 from saccade.types import FloatArray
 
 MIN_TURN_RATE = 0.01
@@ -330,10 +331,7 @@ def _times(fitted: Fit) -> str:
 def _segments(drive: Drive) -> tuple[FloatArray, FloatArray]:
     """(m, 3) motions over segments of the drive, by odometry and by the truth."""
     assert drive.truth is not None
-    heading = np.append(0.0, np.cumsum(drive.control[:, 2]))
-    steps = np.exp(1j * heading[:-1]) * (drive.control[:, 0] + 1j * drive.control[:, 1])
-    position = np.append(0.0, np.cumsum(steps))
-    pose = np.stack([position.real, position.imag, heading], 1)
+    pose = path_of(drive.control)
     marks = np.arange(drive.time[0], drive.time[-1], SEGMENT_SECONDS)
     index = np.unique(np.searchsorted(drive.time, marks))
     truth = drive.truth.at(drive.time[index])

@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from saccade.diagnostics.findings import Finding
 from saccade.diagnostics.landmark_log import shared_name_finding
+from saccade.plane import rotated, to_points
 from saccade.slam import SlamResult
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
@@ -146,9 +147,7 @@ def _change(refused: BoolArray, names: IntArray) -> int | None:
 def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, float]]:
     """Names that stand for two places in turn: name, observations at the second, metres between."""
     pose = result.trajectory.pose[log.observation_pose]
-    bearing = pose[:, 2] + log.observation[:, 1]
-    direction = np.stack([np.cos(bearing), np.sin(bearing)], 1)
-    place = pose[:, :2] + log.observation[:, :1] * direction
+    place = pose[:, :2] + rotated(to_points(log.observation), pose[:, 2])
     variance = np.square(_spread(log.observation, log.observation_covariance))
     if result.trajectory.covariance is not None:
         C = result.trajectory.covariance[log.observation_pose]

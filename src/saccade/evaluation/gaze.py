@@ -21,9 +21,10 @@ from saccade.errors import ConfigError, Settings, require
 from saccade.evaluation.intervals import mean_interval
 from saccade.evaluation.runs import score_drive, summarize_drive
 from saccade.evaluation.trajectory import none_if_nan
-from saccade.frames import Drive, steps_between
+from saccade.frames import Drive
 from saccade.gaze import POLICIES, Gazer, Policy
 from saccade.io.files import atomic_write, read_text, reason_of, written_at_once
+from saccade.plane import steps_between
 from saccade.simulation import DriveConfig, PanCamera, WorldConfig, simulate_drive, simulate_world
 from saccade.simulation.drive import ENCODER_SIGMA
 from saccade.slam import EkfConfig, Recorder, Slam

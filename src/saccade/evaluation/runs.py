@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from saccade.evaluation.trajectory import landmark_rmse, none_if_nan, position_rmse
-from saccade.frames import Drive, steps_between
+from saccade.frames import Drive
+from saccade.plane import steps_between
 from saccade.slam import SlamResult, SmoothResult
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.run import MAX_NONLINEARITY

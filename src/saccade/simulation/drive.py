@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.frames import Camera, CameraTurn, Drive, Frame, Gaze, GazeLimits, steps_between
+from saccade.frames import Camera, CameraTurn, Drive, Frame, Gaze, GazeLimits
+from saccade.plane import steps_between
 from saccade.simulation.drive_config import DriveConfig, LightConfig, OdometryConfig
 from saccade.simulation.scene import ACROSS, DOWN, GROUND, Scene, floor_scene, planned_course
 from saccade.slam.models import wrap

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from saccade.errors import Settings, require, setting
+from saccade.plane import path_of
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
@@ -186,7 +187,7 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
     """
     rng = np.random.default_rng(seed)
     commands = _commands(config)
-    truth = _path(_increments(config, commands))  # (t + 1, 3)
+    truth = _poses(_increments(config, commands))  # (t + 1, 3)
     landmarks = _landmarks(config)  # (n, 2)
     bias = config.scale_percent / 100, float(np.deg2rad(config.heading_drift))
     scale, drift = bias * np.random.default_rng((seed, 1)).choice([-1.0, 1.0], 2)
@@ -271,13 +272,9 @@ def _odometry(
     return _increments(config, measured), B @ np.diag(sigma**2) @ B.transpose(0, 2, 1)
 
 
-def _path(steps: FloatArray) -> FloatArray:
+def _poses(steps: FloatArray) -> FloatArray:
     """Poses (t + 1, 3) from the origin by increments (t, 3)."""
-    pose = np.zeros((len(steps) + 1, 3))
-    np.cumsum(steps[:, 2], out=pose[1:, 2])
-    c, s = np.cos(pose[:-1, 2]), np.sin(pose[:-1, 2])
-    np.cumsum(c * steps[:, 0] - s * steps[:, 1], out=pose[1:, 0])
-    np.cumsum(s * steps[:, 0] + c * steps[:, 1], out=pose[1:, 1])
+    pose = path_of(steps)
     pose[:, 2] = wrap(pose[:, 2])
     return pose
 
@@ -287,7 +284,7 @@ def _landmarks(config: WorldConfig) -> FloatArray:
     rng = np.random.default_rng(config.layout)
     steps_per_lap = int(np.ceil(config.course_length / config.step_length))
     lap = replace(config, steps=steps_per_lap)
-    course = _path(_increments(lap, _commands(lap)))
+    course = _poses(_increments(lap, _commands(lap)))
     groups = -(-config.landmarks // config.group_size)
     pose = course[rng.integers(0, len(course), groups)]  # (g, 3)
     left = np.stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])], 1)

@@ -15,6 +15,7 @@ from scipy.special import logsumexp
 
 from saccade.errors import require
 from saccade.io.checkpoint import Arrays
+from saccade.plane import rotations
 from saccade.slam._relocalization_kernels import Grid, add_support, select_distinct
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
@@ -97,7 +98,7 @@ class Relocalizer:
         """
         moved, _, Fu = self._motion(np.zeros(3), u)
         Q = Fu @ U @ Fu.T  # (3, 3)
-        rotation = _rotations(moved[2:])[0].T
+        rotation = rotations(moved[2:])[0].T
         self._points = (self._points - moved[:2]) @ rotation.T
         J = _pose_jacobians(self._points)
         J[:, :, :2] = rotation
@@ -211,7 +212,7 @@ class Relocalizer:
             heading = np.arctan2(vector[:, 1], vector[:, 0])
             heading = wrap(heading - np.arctan2(along[m, 1], along[m, 0]))
             center = self._landmarks[ends].mean(1)
-            xy = center - _rotations(heading) @ ((p[i] + p[j]) / 2)
+            xy = center - rotations(heading) @ ((p[i] + p[j]) / 2)
             poses.append(np.column_stack([xy, heading]))
         proposals = np.concatenate(poses)
         support = self._support(proposals)
@@ -280,7 +281,7 @@ class Relocalizer:
 
     def _residuals(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Residuals of points and nearest landmarks, covariances, Jacobians, rows of landmarks."""
-        rotation = _rotations(poses[:, 2])[:, None]  # (h, 1, 2, 2)
+        rotation = rotations(poses[:, 2])[:, None]  # (h, 1, 2, 2)
         at = (rotation @ self._points[..., None])[..., 0]  # (h, k, 2)
         near = self._nearest(poses[:, None, :2] + at)
         v = self._landmarks[near] - poses[:, None, :2] - at
@@ -339,12 +340,6 @@ class _Mode(NamedTuple):
     pose: FloatArray
     covariance: FloatArray
     association: IntArray
-
-
-def _rotations(angle: FloatArray) -> FloatArray:
-    """(n, 2, 2) matrices that turn by angles (n,)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
 
 
 def _pose_jacobians(points: FloatArray) -> FloatArray:

@@ -5,8 +5,9 @@ from math import atan, pi, radians
 
 import numpy as np
 
-from saccade.frames import Camera, Gaze, GazeLimits, steps_between
+from saccade.frames import Camera, Gaze, GazeLimits
 from saccade.gaze import Gazer, Policy
+from saccade.plane import steps_between
 from saccade.types import FloatArray
 from saccade.visual.config import EgomotionSource
 from saccade.visual.frontend import FrameFeatures

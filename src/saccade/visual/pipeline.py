@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from saccade.errors import require
-from saccade.frames import CameraTurn, Drive, EndOfDrive, Frame, steps_between
+from saccade.frames import CameraTurn, Drive, EndOfDrive, Frame
 from saccade.io.checkpoint import (
     Arrays,
     Checkpoint,
@@ -18,6 +18,7 @@ from saccade.io.checkpoint import (
     restore_attributes,
     select,
 )
+from saccade.plane import steps_between
 from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from saccade.frames import steps_between
 from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.plane import steps_between
 from saccade.slam.models import compose
 from saccade.slam.recovery import PoseSearch
 from saccade.slam.results import PoseHypotheses

@@ -27,7 +27,7 @@ from saccade.datasets.tables import (
     write_table,
 )
 from saccade.errors import DriveError
-from saccade.frames import steps_between
+from saccade.plane import steps_between
 from saccade.types import FloatArray, IntArray, Trajectory
 
 _MOTION = ("ahead", "left", "turn")

@@ -6,6 +6,7 @@ from dataclasses import MISSING, dataclass
 import numpy as np
 
 from saccade.errors import LogError, Settings, setting
+from saccade.plane import rotated
 from saccade.types import FloatArray, LandmarkLog
 
 
@@ -83,13 +84,13 @@ def integrate(
     interval = np.searchsorted(edge[:-1], np.arange(len(d)), side="right") - 1  # (p,)
     start, end = edge[:-1], edge[1:]
     control = np.empty((len(start), 3))
-    control[:, :2] = _rotate_back(xy[end] - xy[start], theta[start])
+    control[:, :2] = rotated(xy[end] - xy[start], -theta[start])
     control[:, 2] = theta[end] - theta[start]
 
     distance_error = np.zeros((len(d), 3))
-    distance_error[:, :2] = _rotate_back(direction, theta[start][interval])
+    distance_error[:, :2] = rotated(direction, -theta[start][interval])
     turn_error = np.ones((len(d), 3))  # a heading error rotates the rest of the path
-    arm = _rotate_back(xy[end][interval] - xy[:-1] - chord / 2, theta[start][interval])
+    arm = rotated(xy[end][interval] - xy[:-1] - chord / 2, -theta[start][interval])
     turn_error[:, 0], turn_error[:, 1] = -arm[:, 1], arm[:, 0]
     distance_error *= noise.distance * np.sqrt(np.abs(d))[:, None]
     turn_error *= np.sqrt(noise.turn**2 * np.abs(phi) + noise.drift**2 * np.abs(d))[:, None]
@@ -97,12 +98,6 @@ def integrate(
     for error in (distance_error, turn_error):
         np.add.at(covariance, interval, error[:, :, None] * error[:, None, :])
     return control, covariance
-
-
-def _rotate_back(xy: FloatArray, theta: FloatArray) -> FloatArray:
-    """Vectors (n, 2) in frames with headings (n,)."""
-    c, s = np.cos(theta), np.sin(theta)
-    return np.stack([c * xy[:, 0] + s * xy[:, 1], -s * xy[:, 0] + c * xy[:, 1]], 1)
 
 
 def to_range_bearing(
@@ -129,15 +124,6 @@ def to_range_bearing(
     return np.stack([r, np.arctan2(y, x)], 1), (R + R.transpose(0, 2, 1)) / 2
 
 
-def to_cartesian(observation: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points (k, 2), forward and left, and their covariance: inverse of `to_range_bearing`."""
-    r, c, s = observation[:, 0], np.cos(observation[:, 1]), np.sin(observation[:, 1])
-    A = np.empty((len(observation), 2, 2))
-    A[:, 0, 0], A[:, 0, 1] = c, -r * s
-    A[:, 1, 0], A[:, 1, 1] = s, r * c
-    return np.stack([r * c, r * s], 1), A @ covariance @ A.transpose(0, 2, 1)
-
-
 def require_numbered(log: LandmarkLog, form: str) -> None:
     """Raise `LogError` if an observation has no name that is an integer, which `form` needs."""
     unknown = int((log.landmark < 0).sum())
@@ -147,30 +133,3 @@ def require_numbered(log: LandmarkLog, form: str) -> None:
             f"{log.name}: expected the identity of every landmark as a number, which {form} needs, "
             f"found {found}; write it as CSV"
         )
-
-
-def require_motion_model(log: LandmarkLog) -> None:
-    """Raise `LogError` if the controls are those of a custom motion model."""
-    if log.motion == "custom":
-        raise LogError(
-            f"{log.name}: expected controls of drive or compose, found those of a "
-            "custom motion model"
-        )
-
-
-def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
-    """The controls of a log as relative poses (t, 3), and their covariance (t, 3, 3).
-
-    Raises:
-        LogError: the controls are those of a custom motion model.
-    """
-    require_motion_model(log)
-    if log.motion == "compose":
-        return log.control, log.control_covariance
-    d, phi = log.control.T
-    c, s = np.cos(phi), np.sin(phi)
-    A = np.zeros((len(d), 3, 2))
-    A[:, 0, 0], A[:, 0, 1] = c, -d * s
-    A[:, 1, 0], A[:, 1, 1] = s, d * c
-    A[:, 2, 1] = 1.0
-    return np.stack([d * c, d * s, phi], 1), A @ log.control_covariance @ A.transpose(0, 2, 1)

@@ -27,7 +27,6 @@ import numpy.typing as npt
 from saccade.datasets.logs.conversions import (
     ASSUMED_ODOMETRY,
     ASSUMED_SENSOR,
-    require_motion_model,
     sensor_variances,
 )
 from saccade.datasets.tables import (
@@ -41,6 +40,7 @@ from saccade.datasets.tables import (
 )
 from saccade.errors import LogError, LogWarning
 from saccade.landmark_names import parse_name
+from saccade.plane import require_motion_model
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, invalid_range_bearing
 
 ROUNDING = 1e-9

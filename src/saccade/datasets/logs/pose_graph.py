@@ -21,15 +21,11 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from saccade.datasets.logs.conversions import (
-    require_numbered,
-    to_cartesian,
-    to_range_bearing,
-    to_relative_poses,
-)
+from saccade.datasets.logs.conversions import require_numbered, to_range_bearing
 from saccade.datasets.tables import Row, from_upper_triangle, read_rows, upper_triangle
 from saccade.errors import LogError, require
 from saccade.io.files import atomic_write
+from saccade.plane import path_of, point_covariance, rotated, to_points, to_relative_poses
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
 MatrixForm: TypeAlias = Literal["covariance", "information", "root", "toro"]
@@ -208,9 +204,7 @@ def _covariances(edges: list[_Edge], entries: FloatArray, form: MatrixForm) -> F
     return matrices if form == "covariance" else np.asarray(np.linalg.inv(matrices), np.float64)
 
 
-def write_pose_graph(
-    path: str | Path, log: LandmarkLog, dialect: Dialect, range_bearing: bool = False
-) -> None:
+def write_pose_graph(path: str | Path, log: LandmarkLog, dialect: Dialect) -> None:
     """Write a log as text, with every digit.
 
     The formats have no clock: poses are numbered from 0. In g2o poses and landmarks share one
@@ -221,7 +215,6 @@ def write_pose_graph(
         path: the file; replaced if it exists.
         log: with the number of every landmark.
         dialect: selects the tags and the matrix form.
-        range_bearing: write observations as ranges and bearings, as GTSAM reads them (`BR`).
 
     Raises:
         LogError: an observation has no landmark number, or no exact representation.
@@ -236,11 +229,10 @@ def write_pose_graph(
     steps = np.stack([poses[:-1], poses[1:]], 1)
     vertices = np.stack([log.observation_pose, landmark_offset + log.landmark], 1)
     control, control_covariance = to_relative_poses(log)
-    values = _range_bearing_values(log) if range_bearing else _cartesian_values(log, form)
     lines = [
         *([] if vertex is None else _vertex_lines(log, control, vertex, landmark_offset)),
         *_lines(edge, steps, np.hstack([control, _entries(control_covariance, form)])),
-        *_lines("BR" if range_bearing else observation, vertices, values),
+        *_lines(observation, vertices, _cartesian_values(log, form)),
         *(["FIX 0"] if dialect == "g2o" else []),  # at the end: GTSAM reads no farther
     ]
     with atomic_write(path) as temporary:
@@ -251,41 +243,26 @@ def _vertex_lines(
     log: LandmarkLog, control: FloatArray, tag: str, landmark_offset: int
 ) -> Iterator[str]:
     """Initial estimates: poses by dead reckoning, landmarks by their first observation."""
-    x, y, theta = log.start.tolist()
-    poses = [(x, y, theta)]
-    for forward, left, turn in control.tolist():
-        c, s = np.cos(theta), np.sin(theta)
-        x, y, theta = x + c * forward - s * left, y + s * forward + c * left, theta + turn
-        poses.append((float(x), float(y), float(np.arctan2(np.sin(theta), np.cos(theta)))))
-    yield from _lines(tag, np.arange(len(poses))[:, None], np.array(poses))
+    pose = path_of(control)
+    pose[:, :2] = log.start[:2] + rotated(pose[:, :2], log.start[2:])
+    pose[:, 2] = np.angle(np.exp(1j * (log.start[2] + pose[:, 2])))
+    yield from _lines(tag, np.arange(len(pose))[:, None], pose)
     if landmark_offset == 0:
         return
     landmarks, first = np.unique(log.landmark, return_index=True)
-    x, y, theta = np.array(poses)[log.observation_pose[first]].T
-    distance, bearing = log.observation[first].T
-    xy = x + distance * np.cos(theta + bearing), y + distance * np.sin(theta + bearing)
-    yield from _lines("VERTEX_XY", landmark_offset + landmarks[:, None], np.stack(xy, 1))
+    pose = pose[log.observation_pose[first]]
+    xy = pose[:, :2] + rotated(to_points(log.observation[first]), pose[:, 2])
+    yield from _lines("VERTEX_XY", landmark_offset + landmarks[:, None], xy)
 
 
 def _cartesian_values(log: LandmarkLog, form: MatrixForm) -> FloatArray:
-    xy, covariance = to_cartesian(log.observation, log.observation_covariance)
+    covariance = point_covariance(log.observation, log.observation_covariance)
     for k in np.flatnonzero(log.observation[:, 0] < 1e-9)[:1].tolist():
         raise LogError(
             f"{log.name}, observation {k}: expected a landmark away from the robot, found range "
             f"{log.observation[k, 0]:g}"
         )
-    return np.hstack([xy, _entries(covariance, form)])
-
-
-def _range_bearing_values(log: LandmarkLog) -> FloatArray:
-    covariance = log.observation_covariance
-    for k in np.flatnonzero(covariance[:, 0, 1])[:1].tolist():
-        raise LogError(
-            f"{log.name}, observation {k}: expected range and bearing without correlation, which "
-            f"BR lines cannot store, found {float(covariance[k, 0, 1]):g}"
-        )
-    range_sigma, bearing_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2)).T
-    return np.column_stack([log.observation[:, ::-1], bearing_sigma, range_sigma])
+    return np.hstack([to_points(log.observation), _entries(covariance, form)])
 
 
 def _entries(covariance: FloatArray, form: MatrixForm) -> FloatArray:

@@ -10,15 +10,14 @@ from saccade.datasets.logs.conversions import (
     OdometryNoise,
     integrate,
     require_numbered,
-    to_cartesian,
     to_range_bearing,
-    to_relative_poses,
 )
 from saccade.datasets.logs.pose_graph import read_pose_graph
 from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import LogError, require
 from saccade.io.files import atomic_write, results_in
+from saccade.plane import point_covariance, rotated, to_points, to_relative_poses
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 ROBOTS = 5
@@ -349,9 +348,10 @@ def read_victoria_park(
     if reference == "laser":
         control, control_covariance = _to_laser(control, control_covariance)
     else:
-        xy, covariance = to_cartesian(observation, covariance)
         observation, covariance = to_range_bearing(
-            xy + LASER, covariance, lambda k: f"{path}, scan {scan_of[k]}"
+            to_points(observation) + LASER,
+            point_covariance(observation, covariance),
+            lambda k: f"{path}, scan {scan_of[k]}",
         )
     return LandmarkLog(
         name="Victoria Park",
@@ -409,8 +409,7 @@ def _trees(path: Path, number: int, scan: object) -> FloatArray:
 
 def _to_laser(control: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Relative poses of the laser, from those of the rear axle."""
-    c, s = np.cos(control[:, 2]), np.sin(control[:, 2])
-    arm = np.stack([c * LASER[0] - s * LASER[1], s * LASER[0] + c * LASER[1]], 1)  # (t, 2)
+    arm = rotated(np.tile(LASER, (len(control), 1)), control[:, 2])  # (t, 2)
     laser = control.copy()
     laser[:, :2] += arm - LASER
     A = np.tile(np.eye(3), (len(control), 1, 1))

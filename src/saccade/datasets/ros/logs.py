@@ -59,7 +59,7 @@ from saccade.datasets.ros.bags import (
 )
 from saccade.datasets.tables import LARGEST
 from saccade.errors import LogError, LogWarning, require
-from saccade.frames import steps_between
+from saccade.plane import steps_between
 from saccade.types import BoolArray, FloatArray, LandmarkLog, Trajectory
 
 OTHER_TOPICS = ("map", "path", "particle", "cloud", "goal", "plan", "traj", "truth")

@@ -8,6 +8,7 @@ the heading, the position of a landmark relative to the robot is linear in Gauss
 
 import numpy as np
 
+from saccade.plane import rotations
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter._state_kernels import FilterState
 from saccade.slam.filter.ekf import EkfSlam
@@ -93,9 +94,7 @@ def _least_square(offset: FloatArray, covariance: FloatArray, prior: FloatArray)
     center = least = 0.0
     for _ in range(REFINEMENTS):
         e = center + np.linspace(-limit, limit, HEADINGS)
-        c, s = np.cos(e / 2), np.sin(e / 2)
-        inverse = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)  # (n, 2, 2)
-        inverse /= np.sinc(e / 2 / np.pi)[:, None, None]
+        inverse = rotations(e / 2) / np.sinc(e / 2 / np.pi)[:, None, None]  # (n, 2, 2)
         v = (offset @ inverse.transpose(0, 2, 1)).reshape(len(e), 2 * k) - e[:, None] * slope
         S = np.tile(given_heading, (len(e), 1, 1))
         for i in range(k):
