@@ -26,7 +26,7 @@ from saccade.evaluation.fitting import FittingConfig
 from saccade.keypoints import MustConfig, SiftConfig, SymRoidConfig
 from saccade.simulation import DriveConfig, WorldConfig
 from saccade.simulation.drive_config import LightConfig, OdometryConfig
-from saccade.slam import EkfConfig, RelocalizationConfig, SmoothConfig
+from saccade.slam import EkfConfig, RelocalizationConfig
 from saccade.slam.merging import MergeConfig
 from saccade.visual import VisualConfig
 
@@ -49,7 +49,7 @@ RANGED = (
     *(ContrastConfig, SymmetryConfig, ScanpathConfig, AttentionConfig, BooleanConfig),
     *(SiftConfig, MustConfig, SymRoidConfig, WorldConfig, DriveConfig, LightConfig),
     *(OdometryConfig, VideoConfig, ScanpathModelConfig, FittingConfig, VisualConfig),
-    *(EkfConfig, SmoothConfig, RelocalizationConfig, MergeConfig),
+    *(EkfConfig, RelocalizationConfig, MergeConfig),
 )
 ALONE = {
     (ContrastConfig, "gabor_size"): (3, 99),

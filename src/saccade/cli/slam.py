@@ -31,7 +31,6 @@ from saccade.slam import (
     Recorder,
     Slam,
     SlamResult,
-    SmoothConfig,
     SmoothResult,
     dead_reckon,
     run,
@@ -63,12 +62,8 @@ def slam(
         ),
     ] = None,
     smooth: Annotated[
-        bool, Option("--smooth", help="Batch-smooth the trajectory at the end (needs GTSAM).")
+        bool, Option("--smooth", help="Smooth the trajectory at the end (needs GTSAM).")
     ] = False,
-    lag: Annotated[
-        float | None,
-        Option(metavar="SECONDS", help="Smooth with this fixed lag instead of in one batch."),
-    ] = None,
     map_file: Annotated[
         Path | None, Option("--map", metavar="FILE", help="Begin with a map of an earlier run.")
     ] = None,
@@ -135,9 +130,8 @@ def slam(
         )
         compile_updates()
         output = written.into(out)
-        smoothing = smooth_config(settings, smooth, lag)
         session = Session(save=save_map)
-        if map_file is not None and smoothing is not None:
+        if map_file is not None and smooth:
             raise ConfigError("--smooth: expected a log that begins its map, found --map")
         if map_file is not None:
             changed = any(each is not None for each in (association, preset, config))
@@ -146,7 +140,7 @@ def slam(
             )
         with results_in(out), progress_bar(recorded.name) as progress:
             row = map_log(
-                recorded, settings, output, progress, smoothing, session, live=live, rrd=rrd
+                recorded, settings, output, progress, session, smoothing=smooth, live=live, rrd=rrd
             )
         if row["warning"]:
             print_message(f"warning: {row['warning']}")
@@ -194,9 +188,9 @@ def map_log(
     settings: EkfConfig,
     output: RunOutput,
     progress: Progress,
-    smoothing: SmoothConfig | None = None,
     session: Session | None = None,
     *,
+    smoothing: bool = False,
     live: bool = False,
     rrd: Path | None = None,
 ) -> dict[str, Any]:
@@ -205,7 +199,7 @@ def map_log(
     The log begins a map, or its session goes on with one, whose settings it then has.
     The rerun viewer shows the run if it is `live`, and its recording goes to the file `rrd`.
     """
-    if smoothing is not None:
+    if smoothing:
         import_optional("gtsam", "smooth")  # before the work, not after it
     if rrd is not None:
         import_optional("rerun", "live")
@@ -226,9 +220,9 @@ def map_log(
             result: SlamResult = run(
                 log, progress=report, recorder=recorder, checkpoint=checkpoint, initial=slam
             )
-        if smoothing is not None:
+        if smoothing:
             progress(0, 1, "smoothing")
-            smoothed = smooth(log, result, smoothing)
+            smoothed = smooth(log, result, settings)
     except (LogError, ArithmeticError, np.linalg.LinAlgError) as error:
         known = isinstance(error, LogError)
         if not causes and not known:
@@ -254,7 +248,7 @@ def map_log(
         **summary,
         "seed": None,  # nothing is random
         "settings": asdict(settings),
-        "smooth": None if smoothing is None else asdict(smoothing),
+        "smooth": smoothing or None,
     }
     row = write_run(
         output,
@@ -265,18 +259,6 @@ def map_log(
     )
     checkpoint.remove()
     return row
-
-
-def smooth_config(settings: EkfConfig, smooth: bool, lag: float | None) -> SmoothConfig | None:
-    """The smoother's configuration, with the noise of the filter; None for no smoothing."""
-    if not smooth and lag is None:
-        return None
-    config = SmoothConfig(
-        motion_noise_scale=settings.motion_noise_scale,
-        sensor_noise_scale=settings.sensor_noise_scale,
-        start_sigma=settings.start_sigma,
-    )
-    return config if lag is None else replace(config, method="fixed-lag", lag=lag)
 
 
 def write_tables(

@@ -26,7 +26,7 @@ from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import Innovation, PoseHypotheses, RelocalizationConfig, StepResult
 from saccade.slam.run import SlamResult, dead_reckon, run, slam_for
 from saccade.slam.sessions import find_start
-from saccade.slam.smoothing import SmoothConfig, SmoothResult, smooth
+from saccade.slam.smoothing import SmoothResult, smooth
 from saccade.slam.snapshots import Recorder
 
 __all__ = [
@@ -55,7 +55,6 @@ __all__ = [
     "Sensor",
     "Slam",
     "SlamResult",
-    "SmoothConfig",
     "SmoothResult",
     "StepResult",
     "compose",
