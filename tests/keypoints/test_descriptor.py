@@ -11,7 +11,6 @@ from saccade.keypoints._gradient_kernels import (
     fill_orientation_histograms,
     gather_gradients,
     normalize,
-    weight_gradients,
 )
 from saccade.keypoints.descriptor import (
     assign_orientations,
@@ -56,46 +55,6 @@ def ramp(angle, shape=(41, 41)):
 def away_from_ties(values, tie):
     """Rounding may put what lies on an edge on either side of it."""
     return np.abs(np.asarray(values) % 1 - tie).min() > 1e-3
-
-
-@pytest.mark.kernel
-@given(planes, places, scales, angles, st.integers(1, 3))
-@settings(max_examples=25)
-def test_samples_are_those_of_a_turned_square(octave, place, sigma, angle, stride):
-    (x, y), reach, plane = place, 4.0, octave[0].astype(float)
-    if not away_from_ties([x, y], 0.5):
-        return
-    out = np.zeros((4, 900), np.float32)
-    along, across = np.cos(angle) / sigma, np.sin(angle) / sigma
-    count = gather_gradients(octave[0], x, y, along, across, reach, stride, out)
-    row, column = np.indices(plane.shape)
-    u = along * (column - x) + across * (row - y)
-    v = along * (row - y) - across * (column - x)
-    if np.abs(np.abs(np.stack([u, v])) - reach).min() < 1e-4:
-        return
-    inside = (np.abs(u) < reach) & (np.abs(v) < reach)
-    inside[[0, -1]] = inside[:, [0, -1]] = False
-    inside &= (row - np.rint(y)) % stride == 0
-    inside &= (column - np.rint(x)) % stride == 0
-    dy, dx = (2 * each for each in np.gradient(plane))
-    expected = np.stack([each[inside] for each in (u, v, dx, dy)])
-    np.testing.assert_allclose(out[:, :count], expected, atol=1e-5)
-
-
-@pytest.mark.kernel
-@given(st.lists(st.tuples(*[st.floats(-2, 2, width=32)] * 4), min_size=1, max_size=40))
-@settings(max_examples=30)
-def test_gradients_are_weighed_as_numpy_does(rows):
-    samples = np.array(rows, np.float32).T.copy()
-    u, v, dx, dy = samples.astype(float)
-    weight_gradients(samples, len(rows), 1.5, -2.0, 9.0)
-    length = np.hypot(dx, dy)
-    weight = np.exp(-(u**2 + v**2) / (2 * 1.5**2)) * length
-    np.testing.assert_allclose(samples[3], weight, rtol=1e-4, atol=1e-7)
-    here = length > 1e-6
-    turn = np.exp(1j * (samples[2] - 9) / -2)
-    expected = (dx[here] + 1j * dy[here]) / length[here]
-    np.testing.assert_allclose(turn[here], expected, atol=1e-5)
 
 
 @pytest.mark.kernel
@@ -193,26 +152,6 @@ def test_a_roof_has_two_orientations():
     both, _ = assign_orientations([roof], point(30, 30, 2), dense(smoothing=2))
     one, _ = assign_orientations([roof], point(30, 30, 2), dense(smoothing=2), 1)
     assert (len(both), len(one)) == (2, 1)
-
-
-def test_a_flat_place_has_no_orientation():
-    index, angle, height = orientations(
-        np.full((1, 20, 20), 0.3, np.float32),
-        point(10, 10, 1),
-        smoothing=2,
-    )
-    assert len(index) == len(angle) == len(height) == 0
-
-
-def test_a_ramp_along_the_angle_fills_the_first_direction():
-    angle = np.radians(25)
-    found = describe_points(
-        [ramp(angle, (81, 81))],
-        point(40, 40, 2, angle=angle),
-        dense(window_sigma=0.5, descriptor="sift"),
-    ).reshape(4, 4, 8)
-    assert (found[:, :, 0] > 60).all()
-    assert found[:, :, 1:].max() <= 2
 
 
 def as_bytes(raw, *, root):

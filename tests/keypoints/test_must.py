@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from saccade import Must, MustConfig, Sift
 from saccade.datasets.homography_pairs import homography_pairs
-from saccade.errors import ImageError
 from saccade.evaluation.features import Degradation, score_detector
 from saccade.keypoints import SiftConfig
 from saccade.keypoints.must import octave_symmetry
@@ -91,55 +90,6 @@ def test_less_contrast_gives_the_same_points_in_the_same_order(seed, factor):
     same = (apart.min(1) < 0.05) & (np.abs(low.response[nearest] / high.response - 1) < 0.01)
     assert same.mean() > 0.97  # rounding decides at a threshold or between equals
     np.testing.assert_allclose(low.xy[:10], high.xy[:10], atol=0.05)
-
-
-def test_points_do_not_depend_on_threads():
-    image = texture(5)
-    one, three = Must(threads=1)(image), Must(threads=3)(image)
-    for name in ("xy", "size", "angle", "response", "octave", "descriptors"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
-
-
-def test_descriptors_are_those_of_sift():
-    image = texture(6)
-    points = Must()(image)
-    described = Sift(MustConfig().sift()).describe(image, points)
-    np.testing.assert_array_equal(described.descriptors, points.descriptors)
-    assert len(np.unique(points.angle)) > 10
-
-
-def test_strongest_first_and_no_more_than_asked_for():
-    image = texture(7)
-    points = Must(MustConfig(max_keypoints=15))(image)
-    assert len(points) == 15
-    assert (np.diff(points.response) <= 0).all()
-    spread = Must(MustConfig(max_keypoints=15, spread=True))(image)
-    assert len(spread) == 15
-    assert spread.xy.std() != points.xy.std()
-
-
-def test_a_mask_keeps_the_points_inside():
-    image = discs((50, 60, 8, 0.9), (150, 60, 8, 0.9))
-    mask = np.zeros(image.shape)
-    mask[:, :100] = 1
-    points = Must()(image, mask)
-    assert len(points)
-    assert (points.xy[:, 0] < 100).all()
-    with pytest.raises(ImageError, match="mask: expected the image's shape"):
-        Must()(image, mask[:50])
-
-
-@pytest.mark.parametrize("shape", [(60, 60), (1, 1), (3, 200)])
-def test_a_flat_or_tiny_image_has_none(shape):
-    assert len(Must()(np.full(shape, 0.4))) == 0
-    assert Must()(np.zeros(shape)).descriptors.shape == (0, 128)
-
-
-def test_the_image_is_left_alone():
-    image = texture(8)
-    before = image.copy()
-    Must()(image)
-    np.testing.assert_array_equal(image, before)
 
 
 @pytest.mark.shared

@@ -161,12 +161,3 @@ def test_a_box_is_brought_to_a_square():
     assert np.ptp(patch[:, 30]) < 1e-6
     corner = resampled(image, np.array([-0.5, -0.5, 4, 4], np.float32))
     assert np.isfinite(corner).all()
-
-
-@pytest.mark.parametrize("shape", [(80, 80), (1, 1), (5, 300)])
-@pytest.mark.parametrize("config", [SymRoidConfig(), SOURCE])
-def test_a_flat_or_tiny_image_has_none(shape, config):
-    regions = SymRoid(config)(np.full(shape, 0.3))
-    assert len(regions) == 0
-    assert regions.boxes.shape == (0, 4)
-    assert regions.descriptors.shape == (0, 128)
