@@ -225,7 +225,8 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
     """Check a drive that was surveyed."""
     if drive.scale != "metric":  # its controls are an assumption, no odometry
         drive = replace(drive, control=0 * drive.control)
-    series, lag = series_of(drive, survey), lag_of(drive, survey)
+    control = drive.control
+    series, lag = series_of(drive, survey, control), lag_of(drive, survey, control)
     findings = [
         *check_images(drive, survey),
         *check_egomotion(survey),

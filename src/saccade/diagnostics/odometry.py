@@ -1,7 +1,6 @@
 """Checks of odometry and of ground truth against the motion of the camera."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from saccade.diagnostics.survey import (
 )
 from saccade.frames import Camera, Drive
 from saccade.plane import path_of, steps_between
-from saccade.types import FloatArray
+from saccade.types import BoolArray, FloatArray
 
 MIN_TURN_RATE = 0.01
 """Standard deviation of the turn rate in rad/s from which turns are compared."""
@@ -46,40 +45,17 @@ JUMP_RATIO = 10.0
 
 def check_turns(series: MotionSeries, lag: Lag | None) -> Iterator[Finding]:
     """Sign, clock, scale, bias and noise of the turns; none that follows from an earlier one."""
-    if lag is None or len(series) < MIN_STEPS:
+    if lag is None or not _turns(series):
         return
-    if np.std(series.rotation[:, 2] / series.duration) < MIN_TURN_RATE:
-        return
-    if lag.correlation < MIN_CORRELATION:
-        check, relation = "turn", "unrelated"
-        advice = "Check camera.rotation, and whether both are of the same drive"
-        if lag.correlation < -MIN_CORRELATION:
-            check, relation = "turn sign", "opposite"
-            advice = (
-                "Turns are positive to the left; change the sign of the turn, or check whether "
-                "the images are mirrored"
-            )
-        what = f"the turns of odometry and of the images are {relation}: "
-        what += f"their correlation is {lag.correlation:.2f}"
-        yield Finding("error", check, what, advice, lag.correlation, "correlation")
-        return
-    if lag.frames != 0 and (1 - lag.correlation_without**2) > 1.2 * (1 - lag.correlation**2):
-        seconds = lag.frames * float(np.median(series.duration))
-        late, frames = seconds > 0, counted(abs(lag.frames), "frame", "frames")
-        what = (
-            f"odometry's clock is {abs(seconds):.2f} s ({frames}) {'late' if late else 'early'}: "
-            f"shifted, its turns correlate by {lag.correlation:.3f}, unshifted by "
-            f"{lag.correlation_without:.3f}"
-        )
-        advice = f"{'Subtract this from' if late else 'Add this to'} the times of odometry"
-        yield Finding("warning", "clock lag", what, advice, seconds, "s")
+    if wrong := [*_check_correlation(series, lag, "odometry", ("turn", "turn sign", "clock lag"))]:
+        yield from wrong
         return
     turns = fit(np.stack([series.rotation[:, 2], series.duration], 1), series.odometry[:, 2])
     if turns is not None and turns.differs(0, 1.0, MAX_SCALE_ERROR):
         advice = "Check the unit of the turn, the wheel base, and the focal length"
         if abs(np.log(abs(float(turns.value[0])) / np.rad2deg(1.0))) < 0.1:
             advice = "It is in degrees: turns are in radians"
-        yield _scale_finding("turn", "turns", turns, advice)
+        yield _scale_finding("turn scale", "odometry turns", turns, "images", advice)
         return
     if turns is not None and abs(turns.value[1]) >= 4 * turns.error[1]:
         bias = float(np.rad2deg(turns.value[1]))
@@ -91,10 +67,48 @@ def check_turns(series: MotionSeries, lag: Lag | None) -> Iterator[Finding]:
     yield from _check_noise(series, turns, 2, "turn", "rad")
 
 
-def _scale_finding(name: str, verb: str, fitted: Fit, advice: str) -> Finding:
+def _turns(series: MotionSeries) -> bool:
+    """Whether there are steps enough, and turns in them."""
+    return len(series) >= MIN_STEPS and bool(
+        np.std(series.rotation[:, 2] / series.duration) >= MIN_TURN_RATE
+    )
+
+
+def _check_correlation(
+    series: MotionSeries, lag: Lag, source: str, names: tuple[str, str, str]
+) -> Iterator[Finding]:
+    """Whether turns of odometry, or of the truth, are those of the images, at the same times.
+
+    `names` are those of the findings: unrelated turns, opposite ones, another clock.
+    """
+    if lag.correlation < MIN_CORRELATION:
+        name, relation = names[0], "unrelated"
+        advice = "Check camera.rotation, the axes, and whether both are of the same drive"
+        if lag.correlation < -MIN_CORRELATION:
+            name, relation = names[1], "opposite"
+            advice = (
+                "Turns are positive to the left; change the sign of the turn, or check whether "
+                "the images are mirrored"
+            )
+        what = f"the turns of {source} and of the images are {relation}: "
+        what += f"their correlation is {lag.correlation:.2f}"
+        yield Finding("error", name, what, advice, lag.correlation, "correlation")
+    elif lag.frames != 0 and (1 - lag.correlation_without**2) > 1.2 * (1 - lag.correlation**2):
+        seconds = lag.frames * float(np.median(series.duration))
+        late, frames = seconds > 0, counted(abs(lag.frames), "frame", "frames")
+        what = (
+            f"the clock of {source} is {abs(seconds):.2f} s ({frames}) "
+            f"{'late' if late else 'early'}: shifted, its turns correlate with those of the images "
+            f"by {lag.correlation:.3f}, unshifted by {lag.correlation_without:.3f}"
+        )
+        advice = f"{'Subtract this from' if late else 'Add this to'} the times of {source}"
+        yield Finding("warning", names[2], what, advice, seconds, "s")
+
+
+def _scale_finding(name: str, moves: str, fitted: Fit, other: str, advice: str) -> Finding:
     scale, error = float(fitted.value[0]), 2 * fitted.error[0]
-    what = f"odometry {verb} {scale:.2f} times as far as the images (within {error:.2f})"
-    return Finding("warning", f"{name} scale", what, advice, scale, "times")
+    what = f"{moves} {scale:.2f} times (within {error:.2f}) as far as the {other}"
+    return Finding("warning", name, what, advice, scale, "times")
 
 
 def _check_noise(
@@ -147,7 +161,7 @@ def check_translations(series: MotionSeries) -> Iterator[Finding]:
             "Check the baseline or the unit of depth, the focal length, and the diameter of the "
             "wheels"
         )
-        yield _scale_finding("translation", "moves", fitted, advice)
+        yield _scale_finding("translation scale", "odometry moves", fitted, "images", advice)
 
 
 def check_side_slip(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
@@ -218,50 +232,31 @@ def check_truth(drive: Drive, survey: Survey, agree: bool) -> Iterator[Finding]:
     Where images and odometry do not `agree`, only the lengths of the images, which tell whose
     fault it is: the rest would follow.
     """
-    known = _covered(drive)
-    if known is None:
-        return
-    yield from _check_images(*known, survey, agree)
-    if agree:
-        yield from _check_odometry(known[0])
-
-
-def _covered(drive: Drive) -> tuple[Drive, int] | None:
-    """The frames within the times of the truth, and the number of the first."""
     if drive.truth is None:
-        return None
+        return
     period = float(np.median(np.diff(drive.truth.time))) if len(drive.truth.time) > 1 else 0.0
     begin, end = drive.truth.time[0] - period, drive.truth.time[-1] + period
-    inside = np.flatnonzero((drive.time >= begin) & (drive.time <= end))
-    if len(inside) <= MIN_STEPS:
-        return None
-    first, last = int(inside[0]), int(inside[-1])
-    covered = replace(
-        drive,
-        time=drive.time[first : last + 1],
-        control=drive.control[first:last],
-        control_covariance=drive.control_covariance[first:last],
-    )
-    return covered, first
+    inside = (drive.time >= begin) & (drive.time <= end)
+    if inside.sum() <= MIN_STEPS:
+        return
+    yield from _check_images(drive, inside, survey, agree)
+    if agree and drive.control.any():
+        yield from _check_odometry(drive, inside)
 
 
 def _check_images(
-    drive: Drive, first: int, survey: Survey, compare_turns: bool
+    drive: Drive, inside: BoolArray, survey: Survey, compare_turns: bool
 ) -> Iterator[Finding]:
     """Turns, clock and lengths of the truth against the images."""
     assert drive.truth is not None
     steps = steps_between(drive.truth.at(drive.time))
-    inside = (survey.frame >= first) & (survey.frame < first + len(drive))
-    surveyed = replace(survey, **{n: getattr(survey, n)[inside] for n in _PER_FRAME})
-    surveyed = replace(surveyed, frame=surveyed.frame - first)
-    by_truth = replace(drive, control=steps)
-    series, lag = series_of(by_truth, surveyed), lag_of(by_truth, surveyed)
-    turning = np.std(series.rotation[:, 2] / series.duration) if len(series) else 0.0
+    steps[~(inside[1:] & inside[:-1])] = np.nan
+    series, lag = series_of(drive, survey, steps), lag_of(drive, survey, steps)
     if len(series) < MIN_STEPS:
         return
-    if compare_turns and lag is not None and turning >= MIN_TURN_RATE:
-        wrong = list(_check_turns(lag, float(np.median(series.duration))))
-        if wrong:
+    if compare_turns and lag is not None and _turns(series):
+        names = "truth turns", "truth turns", "truth clock"
+        if wrong := [*_check_correlation(series, lag, "the truth", names)]:
             yield from wrong
             return
     moving = series.moving
@@ -269,70 +264,33 @@ def _check_images(
         return
     fitted = fit(moving.odometry[:, :1], moving.translation[:, 0])  # sideways, turns move it
     if fitted is not None and fitted.differs(0, 1.0, MAX_LENGTH_ERROR):
-        what = f"the images move {_times(fitted)} as far as the truth"
         advice = (
             "Check the baseline or the unit of depth, the focal length, camera.rotation, and the "
             "scale of the truth"
         )
-        yield Finding("warning", "truth length", what, advice, float(fitted.value[0]), "times")
+        yield _scale_finding("truth length", "the images move", fitted, "truth", advice)
 
 
-_PER_FRAME = (
-    *("frame", "brightness", "contrast", "sharpness", "points", "copied"),
-    *("rotation", "translation", "metric", "offset"),
-)
-"""Columns of a survey with a row for each frame."""
-
-
-def _check_turns(lag: Lag, period: float) -> Iterator[Finding]:
-    if lag.correlation < MIN_CORRELATION:
-        what = f"the turns of the truth and of the images correlate by {lag.correlation:.2f}"
-        advice = "Check the axes of the truth, camera.rotation, and whether both are of one drive"
-        yield Finding("error", "truth turns", what, advice, lag.correlation, "correlation")
-    elif lag.frames != 0 and (1 - lag.correlation_without**2) > 1.2 * (1 - lag.correlation**2):
-        seconds = lag.frames * period
-        side, advice = ("late", "Subtract") if seconds > 0 else ("early", "Add")
-        what = (
-            f"the truth's clock is {abs(seconds):.2f} s {side}: shifted, its turns correlate with "
-            f"those of the images by {lag.correlation:.3f}, unshifted by "
-            f"{lag.correlation_without:.3f}"
-        )
-        advice += " this from" if seconds > 0 else " this to"
-        advice += " the times of the truth"
-        yield Finding("warning", "truth clock", what, advice, seconds, "s")
-
-
-def _check_odometry(drive: Drive) -> Iterator[Finding]:
+def _check_odometry(drive: Drive, inside: BoolArray) -> Iterator[Finding]:
     """Lengths and turns of odometry against those of the truth, over segments."""
-    if not drive.control.any():
-        return
-    odometry, truth = _segments(drive)
+    odometry, truth = _segments(drive, inside)
     moving = np.hypot(*truth[:, :2].T) > MIN_SEGMENT_LENGTH
     lengths = fit(np.hypot(*truth[moving, :2].T)[:, None], np.hypot(*odometry[moving, :2].T))
     if lengths is not None and lengths.differs(0, 1.0, MAX_SCALE_ERROR):
-        what = f"odometry moves {_times(lengths)} as far as the truth"
         advice = "Check the diameter of the wheels, and the unit and the scale of the truth"
-        value = float(lengths.value[0])
-        yield Finding("warning", "truth odometry length", what, advice, value, "times")
+        yield _scale_finding("truth odometry length", "odometry moves", lengths, "truth", advice)
     turns = fit(np.stack([truth[:, 2], np.ones(len(truth))], 1), odometry[:, 2])
-    if np.std(truth[:, 2]) / SEGMENT_SECONDS < MIN_TURN_RATE or turns is None:
-        return
-    if turns.differs(0, 1.0, MAX_SCALE_ERROR):
-        what = f"odometry turns {_times(turns)} as far as the truth"
+    turning = np.std(truth[:, 2]) / SEGMENT_SECONDS >= MIN_TURN_RATE
+    if turning and turns is not None and turns.differs(0, 1.0, MAX_SCALE_ERROR):
         advice = "Check the unit and the sign of the turn, the clocks, and the axes of the truth"
-        value = float(turns.value[0])
-        yield Finding("warning", "truth odometry turn", what, advice, value, "times")
+        yield _scale_finding("truth odometry turn", "odometry turns", turns, "truth", advice)
 
 
-def _times(fitted: Fit) -> str:
-    return f"{fitted.value[0]:.2f} times (within {2 * fitted.error[0]:.2f})"
-
-
-def _segments(drive: Drive) -> tuple[FloatArray, FloatArray]:
+def _segments(drive: Drive, inside: BoolArray) -> tuple[FloatArray, FloatArray]:
     """(m, 3) motions over segments of the drive, by odometry and by the truth."""
     assert drive.truth is not None
-    pose = path_of(drive.control)
-    marks = np.arange(drive.time[0], drive.time[-1], SEGMENT_SECONDS)
+    known = np.flatnonzero(inside)
+    marks = np.arange(drive.time[known[0]], drive.time[known[-1]], SEGMENT_SECONDS)
     index = np.unique(np.searchsorted(drive.time, marks))
     truth = drive.truth.at(drive.time[index])
-    return steps_between(pose[index]), steps_between(truth)
+    return steps_between(path_of(drive.control)[index]), steps_between(truth)

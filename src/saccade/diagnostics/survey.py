@@ -393,14 +393,14 @@ class MotionSeries(Table):
         return self[length > 0.3 * (np.quantile(length, 0.9) if len(length) else 0.0)]
 
 
-def series_of(drive: Drive, survey: Survey) -> MotionSeries:
-    """The surveyed steps of a drive; none where it has no odometry."""
-    known = survey.frame > 0
+def series_of(drive: Drive, survey: Survey, control: FloatArray) -> MotionSeries:
+    """The surveyed steps of a drive whose controls (n - 1, 3) are not NaN; none if all are zero."""
+    known = (survey.frame > 0) & np.isfinite(control[survey.frame - 1, 0])
     known &= np.isfinite(survey.rotation).all(1) & np.isfinite(survey.translation).all(1)
     metric = bool(survey.metric[known].mean() > 0.5) if known.any() else False
-    known &= (survey.metric == metric) & bool(drive.control.any())
+    known &= (survey.metric == metric) & bool(control.any())
     step = survey.frame[known] - 1
-    odometry, translation = drive.control[step], survey.translation[known]
+    odometry, translation = control[step], survey.translation[known]
     if not metric:
         translation = translation * np.hypot(odometry[:, 0], odometry[:, 1])[:, None]
     return MotionSeries(
@@ -420,8 +420,8 @@ class Lag(NamedTuple):
     """Correlation at lag 0."""
 
 
-def lag_of(drive: Drive, survey: Survey) -> Lag | None:
-    """The lag of the highest correlation between turns of odometry and images.
+def lag_of(drive: Drive, survey: Survey, control: FloatArray) -> Lag | None:
+    """The lag of the highest correlation between the turns of controls (n - 1, 3) and images.
 
     None where the robot does not turn.
     """
@@ -432,7 +432,7 @@ def lag_of(drive: Drive, survey: Survey) -> Lag | None:
     if period <= 0:
         return None
     duration = np.maximum(duration, period / 2)
-    rates = turn / duration, drive.control[:, 2] / duration
+    rates = turn / duration, control[:, 2] / duration
     longest = int(np.clip(round(MAX_LAG / period), 2, max(len(turn) // 5, 2)))
     lags = range(-longest, longest + 1)
     correlations = [_correlation(*rates, lag) for lag in lags]
@@ -446,7 +446,7 @@ def _correlation(turn: FloatArray, odometry: FloatArray, lag: int) -> float:
     """Correlation of turn rates with those of odometry `lag` steps later, without outliers."""
     n = len(turn)
     first, second = turn[max(0, -lag) : n - max(0, lag)], odometry[max(0, lag) : n + min(0, lag)]
-    known = np.isfinite(first)
+    known = np.isfinite(first) & np.isfinite(second)
     if known.sum() < MIN_STEPS:
         return float("nan")
     a, b = (np.clip(x, *np.quantile(x, [0.005, 0.995])) for x in (first[known], second[known]))
