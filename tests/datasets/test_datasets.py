@@ -132,7 +132,6 @@ def test_arguments_that_a_kind_does_not_have_are_refused(tmp_path):
         {"robot": 1},
         {"sensor_sigma": (1.0, 1.0)},
         {"odometry_noise": QUIET},
-        {"reference": "axle"},
         {"topic": ["/tags"]},
     ):
         with pytest.raises(ConfigError, match=f"{next(iter(argument))}.*isam"):

@@ -127,7 +127,15 @@ def test_the_default_filter_is_as_wrong_as_it_says():
 
 def test_curved_uncertainty_is_not_overconfident():
     """A range of 5 % and a bearing of 15 degrees at 40 m."""
-    trials = _trials(replace(WorldConfig.sonar(), steps=500), "invariant", 6)
+    world = WorldConfig(
+        course_length=200.0,
+        steps=500,
+        landmarks=30,
+        landmark_spread=30.0,
+        range_limits=(0.5, 40.0),
+        bearing_sigma=15.0,
+    )
+    trials = _trials(world, "invariant", 6)
     assert trials.anees < 6
     assert trials.landmark_anees < 4
 

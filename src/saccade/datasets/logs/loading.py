@@ -10,7 +10,7 @@ import numpy as np
 from saccade.datasets.logs.conversions import OdometryNoise, to_range_bearing
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
-from saccade.datasets.logs.published import Reference, read_mrclam, read_victoria_park, write_mrclam
+from saccade.datasets.logs.published import read_mrclam, read_victoria_park, write_mrclam
 from saccade.datasets.ros.logs import read_rosbag_log
 from saccade.datasets.tables import Archive, from_upper_triangle
 from saccade.errors import ConfigError, LogError, require
@@ -91,7 +91,7 @@ _OPTIONS = {
     "g2o": {"matrix_form"},
     "isam": {"matrix_form"},
     "mrclam": {"robot", "odometry_noise", "sensor_sigma"},
-    "victoria-park": {"odometry_noise", "sensor_sigma", "reference"},
+    "victoria-park": {"odometry_noise", "sensor_sigma"},
     "rosbag": {"topic", "odometry_noise", "sensor_sigma"},
 }
 """The options of each format; of Victoria Park they apply to the raw .mat alone."""
@@ -105,7 +105,6 @@ def load(
     matrix_form: MatrixForm | None = None,
     odometry_noise: OdometryNoise | None = None,
     sensor_sigma: tuple[float, float] | None = None,
-    reference: Reference | None = None,
     topic: Sequence[str] | None = None,
 ) -> LandmarkLog:
     """Read a landmark log. An option that is None has the default of its format.
@@ -121,8 +120,6 @@ def load(
             odometry without covariance.
         sensor_sigma: of the same: standard deviations of range (m) and bearing (rad); in a bag
             that of the range is a fraction of it.
-        reference: the raw Victoria Park log: whether poses are those of the "laser", beside
-            the GPS antenna (default), or of the rear "axle".
         topic: rosbag: topics of landmarks; by default one is chosen by its type.
 
     Raises:
@@ -140,7 +137,6 @@ def load(
         "matrix_form": matrix_form,
         "odometry_noise": odometry_noise,
         "sensor_sigma": sensor_sigma,
-        "reference": reference,
         "topic": topic,
     }
     options = {name: value for name, value in options.items() if value is not None}

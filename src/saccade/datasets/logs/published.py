@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -10,14 +9,13 @@ from saccade.datasets.logs.conversions import (
     OdometryNoise,
     integrate,
     require_numbered,
-    to_range_bearing,
 )
 from saccade.datasets.logs.pose_graph import read_pose_graph
 from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import LogError, require
 from saccade.io.files import atomic_write, results_in
-from saccade.plane import point_covariance, rotated, to_points, to_relative_poses
+from saccade.plane import rotated, to_relative_poses
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 ROBOTS = 5
@@ -275,8 +273,6 @@ def _number(value: float) -> str:
     return str(int(value)) if value == int(value) and abs(value) < 1e9 else repr(value)
 
 
-Reference: TypeAlias = Literal["laser", "axle"]
-"""Reference point of the vehicle's pose."""
 WHEEL_BASE, ENCODER_OFFSET = 2.83, 0.76
 """L, H: metres from the rear to the front axle, and from the middle of the rear axle to the left
 rear wheel, which has the encoder."""
@@ -297,20 +293,18 @@ def read_victoria_park(
     path: str | Path,
     odometry_noise: OdometryNoise = VICTORIA_PARK_ODOMETRY,
     sensor_sigma: tuple[float, float] = VICTORIA_PARK_SENSOR,
-    reference: Reference = "laser",
 ) -> LandmarkLog:
     """Read the Victoria Park log, raw or as GTSAM distributes it.
 
     The raw .mat has speed and steering angle at 40 Hz and the trees detected in each laser scan.
     There is a pose at the time of each scan; between scans the motion of the rear axle is
-    integrated by `integrate` and transformed to the reference point. Trees have no identity. The
-    log starts at the origin.
+    integrated by `integrate` and transformed to the laser, beside the GPS antenna. Trees have no
+    identity. The log starts at the origin.
 
     Args:
         path: the .mat, or the .txt with known identities, which includes its own noise.
         odometry_noise: see `load`; of the .mat.
         sensor_sigma: see `load`; of the .mat.
-        reference: see `load`; for the "axle" observations and covariances are transformed.
 
     Returns:
         The log; of the .mat with the GPS of `aa3_gpsx.mat` beside it, if it exists, as ground
@@ -318,9 +312,8 @@ def read_victoria_park(
 
     Raises:
         LogError: no such file, or not this log.
-        ConfigError: a standard deviation that is not positive, or an unknown reference point.
+        ConfigError: a standard deviation that is not positive.
     """
-    require(reference in get_args(Reference), "reference", "laser or axle", reference)
     require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
     path = Path(path)
     if path.suffix.lower() != ".mat":
@@ -345,14 +338,7 @@ def read_victoria_park(
     observation = np.concatenate(trees)  # (k, 2) range and bearing from the laser
     scan_of = np.repeat(np.arange(len(scan_time), dtype=np.int64), [len(t) for t in trees])
     covariance = np.tile(np.diag(np.square(sensor_sigma)), (len(observation), 1, 1))
-    if reference == "laser":
-        control, control_covariance = _to_laser(control, control_covariance)
-    else:
-        observation, covariance = to_range_bearing(
-            to_points(observation) + LASER,
-            point_covariance(observation, covariance),
-            lambda k: f"{path}, scan {scan_of[k]}",
-        )
+    control, control_covariance = _to_laser(control, control_covariance)
     return LandmarkLog(
         name="Victoria Park",
         start=np.zeros(3),
