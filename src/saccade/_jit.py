@@ -226,9 +226,10 @@ WAIT = 60.0
 
 def _compile_once(dispatcher: object) -> None:
     """Of several processes that need a kernel, let one compile it and the others wait for it."""
-    file, cache = _cache_file(dispatcher), cast("Any", dispatcher)._cache
+    file = _cache_file(dispatcher)
     if file is None:
         return
+    cache = cast("Any", dispatcher)._cache
     load, save, lock = cache.load_overload, cache.save_overload, ExitStack()
 
     def load_overload(*key: Any) -> Any:

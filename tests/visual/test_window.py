@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from saccade.frames import AHEAD, Camera
 from saccade.slam.models import compose, heading_rotation
 from saccade.visual import VisualConfig
+from saccade.visual._window_kernels import add_motion_factors
 from saccade.visual.camera import to_pixels
-from saccade.visual.egomotion import camera_motion
-from saccade.visual.odometry_model import OdometryErrors
+from saccade.visual.egomotion import camera_motion, times
+from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
 from saccade.visual.self_calibration import CalibrationDrift, SelfCalibration
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow
@@ -170,3 +172,67 @@ def test_focal_length_and_yaw_displace_a_pose_as_a_longer_and_a_turned_path_do(c
             ends[i] = compose(ends[i], np.array(wrong))[0]
     change = heading_rotation(ends[0][2]).T @ (ends[1] - ends[0]) / 2e-6
     np.testing.assert_allclose(drift.by_errors[:, column], change, rtol=1e-4, atol=1e-4)
+
+
+def robot_motions(rotation, translation, mount, position):
+    """(n - 1, 6) motions of the robot, by the transformations of points from frame to frame."""
+    motions = []
+    for k in range(len(rotation) - 1):
+        R = mount[k + 1] @ rotation[k + 1] @ (mount[k] @ rotation[k]).T
+        t = (
+            mount[k + 1] @ translation[k + 1]
+            + position
+            - R @ (mount[k] @ translation[k] + position)
+        )
+        x, y, z = -R.T @ t
+        turn, pitch, roll = Rotation.from_matrix(R.T).as_euler("ZYX")
+        motions.append([x, y, turn, z, roll, pitch])
+    return np.array(motions)
+
+
+@pytest.mark.kernel
+def test_factors_are_the_slope_of_a_robust_cost(rng):
+    n, m, width = 4, ODOMETRY_ERRORS, 3.0
+    seconds = rng.uniform(0.08, 0.12, n - 1)
+    mount = CAMERA.rotation @ Rotation.from_rotvec(rng.normal(0, 0.2, (n, 3))).as_matrix()
+    place = np.cumsum(rng.uniform(0.5, 1, (n, 3)) * (1, 0.1, 0), 0)
+    rotation = np.swapaxes(mount, 1, 2)  # the robot does not turn: the slopes are exact
+    translation = -times(rotation, place + CAMERA.position)
+    odometry = rng.normal((0.7, 0, 0), 0.02, (n - 1, 3))
+    by_errors = rng.normal(0, 1, (n - 1, 3, m))
+    weight = np.array([np.diag(rng.uniform(1, 9, 6)) + 0.5 for _ in range(n - 1)])
+    before, information = rng.normal(0, 1, 6), 0.1 * np.eye(6) + 0.05
+    acceleration = np.array([2.0, 0.5, 0.5, 0.5, 0.2, 0.2])
+
+    def cost(p):
+        by_pose = p[: 6 * n].reshape(n, 6)
+        R = Rotation.from_rotvec(by_pose[:, :3]).as_matrix() @ rotation
+        motion = robot_motions(R, translation + by_pose[:, 3:], mount, CAMERA.position)
+        residual = -motion
+        residual[:, :3] += odometry + by_errors @ p[6 * n :]
+        rate = motion / seconds[:, None]
+        squares = [r @ W @ r for r, W in zip(residual, weight, strict=True)]
+        squares.append((before - rate[0]) @ information @ (before - rate[0]))
+        sigma = acceleration * (seconds[1:] + seconds[:-1])[:, None] / 2
+        squares.extend(np.square((rate[1:] - rate[:-1]) / sigma).sum(1))
+        return width**2 / 2 * np.log(1 + np.array(squares) / width**2).sum()
+
+    size = 3 + 6 * n + m
+    H, g = np.zeros((size, size)), np.zeros(size)
+    motion, slope = np.empty((n - 1, 6)), np.empty((n - 1, 6, 12))
+    add_motion_factors(
+        (rotation.copy(), translation),
+        (mount, CAMERA.position),
+        (odometry, by_errors, weight),
+        seconds,
+        acceleration,
+        (before, information),
+        *(width, H, g, motion, slope),
+    )
+    steps = 1e-6 * np.eye(size - 3)
+    numeric = np.array([(cost(step) - cost(-step)) / 2e-6 for step in steps])
+    np.testing.assert_allclose(g[3:], -numeric, rtol=1e-5, atol=1e-5)
+    expected = robot_motions(rotation, translation, mount, CAMERA.position)
+    np.testing.assert_allclose(motion, expected, atol=1e-12)
+    assert (np.linalg.eigvalsh(H) > -1e-9).all()
+    np.testing.assert_allclose(H, H.T, atol=1e-9)

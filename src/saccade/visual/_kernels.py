@@ -185,3 +185,61 @@ def bilinear(image: ShortArray, x: float, y: float) -> float:
     upper: float = (1 - q) * image[i, j] + q * image[i, j + 1]
     lower: float = (1 - q) * image[i + 1, j] + q * image[i + 1, j + 1]
     return (1 - p) * upper + p * lower
+
+
+@kernel()
+def robot_motion_kernel(
+    R: FloatArray,
+    t: FloatArray,
+    after: FloatArray,
+    before: FloatArray,
+    position: FloatArray,
+    motion: FloatArray,
+    jacobian: FloatArray,
+) -> None:
+    """The robot's motion of a `CameraPose`; see `saccade.visual.egomotion.robot_motion`.
+
+    Args:
+        R: (3, 3) of the pose.
+        t: (3,) of it.
+        after: (3, 3) rotation from the camera's frame into the robot's after the motion.
+        before: (3, 3) before it.
+        position: (3,) of the camera in the robot's frame.
+        motion: (6,) overwritten by control and off-plane motion.
+        jacobian: (6, 6) overwritten by its derivative by rotation vector and translation.
+    """
+    turned, rotation = np.zeros((3, 3)), np.zeros((3, 3))
+    into, moved, back = np.zeros((3, 3)), np.empty(3), np.empty(3)
+    for r in range(3):
+        for c in range(3):
+            for k in range(3):
+                turned[r, c] += R[r, k] * before[c, k]
+    for r in range(3):
+        for c in range(3):
+            for k in range(3):
+                rotation[r, c] += after[r, k] * turned[k, c]
+    for r in range(3):
+        moved[r] = after[r, 0] * t[0] + after[r, 1] * t[1] + after[r, 2] * t[2] + position[r]
+        back[r] = moved[r]
+        for k in range(3):
+            back[r] -= rotation[r, k] * position[k]
+            for c in range(3):
+                into[r, c] += rotation[k, r] * after[k, c]
+    for r, place in enumerate((0, 1, 3)):
+        motion[place] = -(
+            rotation[0, r] * back[0] + rotation[1, r] * back[1] + rotation[2, r] * back[2]
+        )
+        for c in range(3):
+            x, y, z = after[0, c], after[1, c], after[2, c]
+            jacobian[place, 3 + c] = -into[r, c]
+            jacobian[place, c] = (
+                rotation[0, r] * (y * moved[2] - z * moved[1])
+                + rotation[1, r] * (z * moved[0] - x * moved[2])
+                + rotation[2, r] * (x * moved[1] - y * moved[0])
+            )
+    motion[2] = np.arctan2(rotation[0, 1], rotation[0, 0])
+    motion[4] = np.arctan2(rotation[1, 2], rotation[2, 2])
+    motion[5] = np.arctan2(-rotation[0, 2], np.hypot(rotation[0, 0], rotation[0, 1]))
+    for angle, axis in ((2, 2), (4, 0), (5, 1)):
+        for c in range(3):
+            jacobian[angle, c], jacobian[angle, 3 + c] = -into[axis, c], 0.0

@@ -1,9 +1,14 @@
-"""Compiled loops of the sliding window: normal equations of poses, with the points eliminated."""
+"""Compiled loops of the sliding window: normal equations of its poses.
+
+Their columns are those of the errors of the calibration, of each pose (rotation vector and
+translation), and of the errors of odometry.
+"""
 
 import numpy as np
 
 from saccade._jit import kernel
 from saccade.types import FloatArray, IntArray
+from saccade.visual._kernels import robot_motion_kernel
 from saccade.visual.camera import Intrinsics
 
 MIN_DEPTH_RATIO = 0.05
@@ -31,7 +36,6 @@ def eliminate_points(
     gradient: FloatArray,
     gain: FloatArray,
     offset: FloatArray,
-    squared_residual: FloatArray,
 ) -> None:
     """Add k points observed in n frames to the normal equations of the poses.
 
@@ -49,18 +53,17 @@ def eliminate_points(
         disparity_scale: inverse depth of a disparity of one pixel; 0 without a stereo rig.
         kernel_width: width of the robust kernel, in standard deviations.
         points: (k, 3).
-        information: (6 n + 3, 6 n + 3) by rotation vector and translation of each pose and by the
-            errors of the calibration (see `SelfCalibration`), added to.
-        gradient: (6 n + 3,), added to.
-        gain: (k, 3, 6 n + 3) overwritten: a change p of these changes the points by
+        information: (3 + 6 n + ..., the same) by the errors of the calibration (see
+            `SelfCalibration`) and by rotation vector and translation of each pose, added to.
+        gradient: (3 + 6 n + ...,), added to.
+        gain: (k, 3, 3 + 6 n) overwritten: a change p of these changes the points by
             `offset` - `gain` p.
         offset: (k, 3) overwritten.
-        squared_residual: (k, n) overwritten by the normalized squares, NaN where not observed.
     """
     fx, fy, cx, cy = intrinsics
     R, t = poses
     R0, t0 = references
-    k, n = squared_residual.shape
+    k, n = len(points), len(R)
     m = PARAMETERS
     A, P, inverse = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
     J, D = np.zeros((3, 6 + m)), np.empty((3, 3))
@@ -69,7 +72,7 @@ def eliminate_points(
     block = np.empty(6 + m, np.int64)
     H, g = np.empty((3, 3)), np.empty(3)
     for c in range(m):
-        columns[c] = block[6 + c] = 6 * n + c
+        columns[c] = block[6 + c] = c
     for i in range(k):
         a = reference[i]
         x, y, h = points[i, 0], points[i, 1], points[i, 2]
@@ -81,7 +84,6 @@ def eliminate_points(
                 cross[c, r] = 0.0
         count = m
         for j in range(n):
-            squared_residual[i, j] = np.nan
             if not np.isfinite(observed[i, j, 0]):
                 continue
             for r in range(3):
@@ -124,11 +126,10 @@ def eliminate_points(
             J[2, 6] = -w * (3 * u * u + v * v) / sigma[i, j, 2] if stereo else 0.0
             J[2, 7] = -u * disparity_scale / sigma[i, j, 2] if stereo else 0.0
             J[2, 8] = -disparity_scale / sigma[i, j, 2] if stereo else 0.0
-            squared_residual[i, j] = square
             root = 1 / (1 + square / (kernel_width * kernel_width))
             robust = root * root  # Geman & McClure (1987)
             for c in range(6):
-                columns[count + c] = block[c] = 6 * j + c
+                columns[count + c] = block[c] = m + 6 * j + c
                 for r in range(3):
                     cross[count + c, r] = 0.0
             for r in range(6 + m):
@@ -176,3 +177,148 @@ def invert3(H: FloatArray, inverse: FloatArray) -> None:
     inverse[0, 1] = inverse[1, 0] = q * scale
     inverse[0, 2] = inverse[2, 0] = r * scale
     inverse[1, 2] = inverse[2, 1] = (b * c - a * e) * scale
+
+
+@kernel()
+def add_motion_factors(
+    poses: tuple[FloatArray, FloatArray],
+    mounting: tuple[FloatArray, FloatArray],
+    odometry: tuple[FloatArray, FloatArray, FloatArray],
+    times: FloatArray,
+    acceleration: FloatArray,
+    first: tuple[FloatArray, FloatArray],
+    kernel_width: float,
+    information: FloatArray,
+    gradient: FloatArray,
+    motion: FloatArray,
+    jacobian: FloatArray,
+) -> None:
+    """Add odometry, and that motion changes little from step to step, to the normal equations.
+
+    Args:
+        poses: (n, 3, 3) and (n, 3) `CameraPose`s of the frames.
+        mounting: (n, 3, 3) rotations of the camera on the robot in each frame, and its position.
+        odometry: (n - 1, 3) controls, (n - 1, 3, m) their derivatives by its errors, and
+            (n - 1, 6, 6) information of control and off-plane motion.
+        times: (n - 1,) seconds of the steps.
+        acceleration: (6,) standard deviations of the change of the motion's rates in a second.
+        first: (6,) rates of the motion before the first step, and their (6, 6) information.
+        kernel_width: width of the robust kernel, in standard deviations.
+        information: (3 + 6 n + m, 3 + 6 n + m), added to.
+        gradient: (3 + 6 n + m,), added to.
+        motion: (n - 1, 6) overwritten by the motions of the steps.
+        jacobian: (n - 1, 6, 12) overwritten by their derivatives by the poses before and after.
+    """
+    R, t = poses
+    mount, position = mounting
+    control, by_errors, weight = odometry
+    n, m = len(motion), by_errors.shape[2]
+    residual, wide, change = np.empty(6), np.zeros((6, 12 + m)), np.empty((6, 18))
+    W = np.zeros((6, 6))
+    columns = np.empty(12 + m, np.int64)
+    for k in range(n):
+        step_motion(
+            *(R[k], t[k], R[k + 1], t[k + 1], mount[k + 1], mount[k]),
+            *(position, motion[k], jacobian[k]),
+        )
+        for c in range(12 + m):
+            columns[c] = PARAMETERS + 6 * (k if c < 12 else n - 1) + c
+        for r in range(6):
+            residual[r] = (control[k, r] if r < 3 else 0.0) - motion[k, r]
+            for c in range(12):
+                wide[r, c] = jacobian[k, r, c]
+            if r < 3:
+                for c in range(m):
+                    wide[r, 12 + c] = -by_errors[k, r, c]
+        add_factor(wide, columns, residual, weight[k], kernel_width, information, gradient)
+    columns = PARAMETERS + np.arange(18)
+    rates, before = first
+    for r in range(6):
+        residual[r] = rates[r] - motion[0, r] / times[0]
+    add_factor(
+        *(jacobian[0] / times[0], columns[:12], residual, before),
+        *(kernel_width, information, gradient),
+    )
+    for k in range(1, n):
+        seconds = (times[k] + times[k - 1]) / 2
+        for r in range(6):
+            W[r, r] = 1 / (acceleration[r] * seconds) ** 2
+            residual[r] = motion[k - 1, r] / times[k - 1] - motion[k, r] / times[k]
+            for c in range(18):
+                later = jacobian[k, r, c - 6] / times[k] if c >= 6 else 0.0
+                change[r, c] = later - (jacobian[k - 1, r, c] / times[k - 1] if c < 12 else 0.0)
+        add_factor(
+            *(change, columns + 6 * (k - 1), residual, W, kernel_width, information, gradient)
+        )
+
+
+@kernel()
+def step_motion(
+    R1: FloatArray,
+    t1: FloatArray,
+    R2: FloatArray,
+    t2: FloatArray,
+    after: FloatArray,
+    before: FloatArray,
+    position: FloatArray,
+    motion: FloatArray,
+    jacobian: FloatArray,
+) -> None:
+    """The robot's motion (6,) from one `CameraPose` to the next, as `robot_motion_kernel`.
+
+    Its derivative (6, 12) is by rotation vector and translation of both poses.
+    """
+    R, t, turned, by_motion = np.zeros((3, 3)), np.empty(3), np.zeros(3), np.empty((6, 6))
+    for r in range(3):
+        for c in range(3):
+            for k in range(3):
+                R[r, c] += R2[r, k] * R1[c, k]
+    for r in range(3):
+        for k in range(3):
+            turned[r] += R[r, k] * t1[k]
+        t[r] = t2[r] - turned[r]
+    robot_motion_kernel(R, t, after, before, position, motion, by_motion)
+    for r in range(6):
+        x, y, z = by_motion[r, 3], by_motion[r, 4], by_motion[r, 5]
+        jacobian[r, 6] = by_motion[r, 0] + y * turned[2] - z * turned[1]
+        jacobian[r, 7] = by_motion[r, 1] + z * turned[0] - x * turned[2]
+        jacobian[r, 8] = by_motion[r, 2] + x * turned[1] - y * turned[0]
+        jacobian[r, 9], jacobian[r, 10], jacobian[r, 11] = x, y, z
+        for c in range(6):
+            block = 6 + 3 * (c // 3)
+            jacobian[r, c] = -(
+                jacobian[r, block] * R[0, c % 3]
+                + jacobian[r, block + 1] * R[1, c % 3]
+                + jacobian[r, block + 2] * R[2, c % 3]
+            )
+
+
+@kernel()
+def add_factor(
+    J: FloatArray,
+    columns: IntArray,
+    residual: FloatArray,
+    W: FloatArray,
+    kernel_width: float,
+    information: FloatArray,
+    gradient: FloatArray,
+) -> None:
+    """Add a residual (6,) with information W (6, 6) to normal equations (Cauchy's kernel).
+
+    Its negated derivative J (6, k) is by k of their columns.
+    """
+    k = len(columns)
+    weighted, WJ, square = np.zeros(6), np.zeros((6, k)), 0.0
+    for r in range(6):
+        for c in range(6):
+            weighted[r] += W[r, c] * residual[c]
+            for i in range(k):
+                WJ[r, i] += W[r, c] * J[c, i]
+        square += residual[r] * weighted[r]
+    robust = 1 / (1 + square / (kernel_width * kernel_width))
+    for i in range(k):
+        for r in range(6):
+            scaled = robust * J[r, i]
+            gradient[columns[i]] += scaled * weighted[r]
+            for j in range(k):
+                information[columns[i], columns[j]] += scaled * WJ[r, j]

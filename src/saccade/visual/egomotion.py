@@ -7,7 +7,11 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import BoolArray, Float32Array, FloatArray
-from saccade.visual._kernels import Correspondences, accumulate_normal_equations
+from saccade.visual._kernels import (
+    Correspondences,
+    accumulate_normal_equations,
+    robot_motion_kernel,
+)
 from saccade.visual.camera import Intrinsics, directions
 
 MotionEstimate: TypeAlias = tuple[FloatArray, FloatArray]
@@ -35,13 +39,16 @@ MAX_ITERATIONS, CONVERGED = 12, 1e-6
 """Of Gauss-Newton; the largest change at which it stops."""
 
 
-class Mounting(NamedTuple):
-    """The pose of a camera on the robot."""
+class RobotMotion(NamedTuple):
+    """The motion of the robot of a `CameraPose`."""
 
-    rotation: FloatArray
-    """(3, 3) from the camera's frame into the robot's."""
-    position: FloatArray
-    """(3,) in the robot's frame, in metres."""
+    control: FloatArray
+    """(3,) metres ahead and to the left, radians turned, on the ground plane."""
+    off_plane: FloatArray
+    """(3,) change of height in metres, of roll (to the right) and pitch (down) in radians."""
+    jacobian: FloatArray
+    """(6, 6) of both by the camera's rotation vector and translation, to first order in roll and
+    pitch."""
 
 
 class Egomotion(NamedTuple):
@@ -133,34 +140,28 @@ def estimate_motion(
     inliers = squared < INLIER_SIGMAS**2
     if inliers.sum() < MIN_INLIERS:
         return None
-    control, off_plane = robot_motion(camera, R, t, before)
-    J = robot_motion_jacobian(camera, R, t, before)[:3]
+    control, off_plane, J = robot_motion(camera, R, t, before)
+    J = J[:3]
     covariance = J @ np.linalg.inv(information) @ J.T
     covariance = (covariance + covariance.T) / 2
     return Egomotion(control, off_plane, covariance, inliers, R, t, prior is not None)
 
 
 def robot_motion(
-    camera: Camera | Mounting, R: FloatArray, t: FloatArray, before: Camera | Mounting | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """The robot's control (3,) and off-plane motion (3,) of a `CameraPose`.
+    camera: Camera, R: FloatArray, t: FloatArray, before: Camera | None = None
+) -> RobotMotion:
+    """The robot's motion of a `CameraPose` of R (3, 3) and t (3,).
 
     Args:
         camera: as mounted, or as it is turned after the motion.
-        R: (3, 3) of the pose.
-        t: (3,) of it.
+        R: of the pose.
+        t: of it.
         before: the camera as it was turned before the motion; None if as after it.
     """
-    before = before or camera
-    rotation = camera.rotation @ R @ np.swapaxes(before.rotation, -1, -2)
-    translation = times(camera.rotation, t) + camera.position
-    translation = translation - times(rotation, before.position)
-    axes = np.swapaxes(rotation, -1, -2)
-    x, y, z = np.moveaxis(-times(axes, translation), -1, 0)
-    control = np.stack([x, y, np.arctan2(axes[..., 1, 0], axes[..., 0, 0])], -1)
-    roll = np.arctan2(axes[..., 2, 1], axes[..., 2, 2])
-    pitch = np.arctan2(-axes[..., 2, 0], np.hypot(axes[..., 0, 0], axes[..., 1, 0]))
-    return control, np.stack([z, roll, pitch], -1)
+    motion, J = np.empty(6), np.empty((6, 6))
+    rotation = (before or camera).rotation
+    robot_motion_kernel(R, t, camera.rotation, rotation, camera.position, motion, J)
+    return RobotMotion(motion[:3], motion[3:], J)
 
 
 def camera_motion(camera: Camera, control: FloatArray, before: Camera | None = None) -> CameraPose:
@@ -171,24 +172,6 @@ def camera_motion(camera: Camera, control: FloatArray, before: Camera | None = N
     translation = -rotation @ np.append(control[:2], 0.0)
     R = camera.rotation.T @ rotation @ before.rotation
     return R, camera.rotation.T @ (translation - camera.position + rotation @ before.position)
-
-
-def robot_motion_jacobian(
-    camera: Camera | Mounting, R: FloatArray, t: FloatArray, before: Camera | Mounting | None = None
-) -> FloatArray:
-    """(6, 6) Jacobian of `robot_motion` by the camera's rotation vector and translation.
-
-    To first order in roll and pitch.
-    """
-    rotation = camera.rotation @ R @ np.swapaxes((before or camera).rotation, -1, -2)
-    inverse = np.swapaxes(rotation, -1, -2)
-    J = np.zeros((*np.shape(R)[:-2], 6, 6))
-    moved = times(camera.rotation, t) + camera.position
-    position, angles = [0, 1, 3], [2, 4, 5]
-    J[..., position, :3] = inverse @ cross_product(moved) @ camera.rotation
-    J[..., angles, :3] = -(inverse @ camera.rotation)[..., [2, 0, 1], :]
-    J[..., position, 3:] = -inverse @ camera.rotation
-    return J
 
 
 def times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
@@ -211,7 +194,7 @@ def _prior_information(
     """(6, 6) information of the prior on rotation and translation of the camera."""
     total = np.diag(np.square([0.0, 0.0, 0.0, *OFF_PLANE_SIGMA]))
     total[:3, :3] = covariance + 1e-10 * np.eye(3)
-    J = robot_motion_jacobian(camera, R, np.zeros(3), before)
+    J = robot_motion(camera, R, np.zeros(3), before).jacobian
     return np.asarray(J.T @ np.linalg.solve(total, J))
 
 

@@ -95,13 +95,11 @@ class SelfCalibration:
 
     def _confirmed(self) -> float:
         """The fraction of the offset by which held-out residuals gain most; 0 if too little."""
-        information, vector = np.empty(2), np.empty(2)
-        for half in (0, 1):  # the offset alone: the others are eliminated
-            total = self._information[half].copy()
-            total[:OFFSET, :OFFSET] += np.diag(1 / np.square(SIGMA[:OFFSET]))
-            cross = np.linalg.solve(total[:OFFSET, :OFFSET], total[:OFFSET, OFFSET])
-            information[half] = total[OFFSET, OFFSET] - cross @ total[:OFFSET, OFFSET]
-            vector[half] = self._vector[half, OFFSET] - cross @ self._vector[half, :OFFSET]
+        total = self._information.copy()  # of the offset alone: the others are eliminated
+        total[:, :OFFSET, :OFFSET] += np.diag(1 / np.square(SIGMA[:OFFSET]))
+        cross = np.linalg.solve(total[:, :OFFSET, :OFFSET], total[:, :OFFSET, OFFSET:])[:, :, 0]
+        information = total[:, OFFSET, OFFSET] - (cross * total[:, OFFSET, :OFFSET]).sum(1)
+        vector = self._vector[:, OFFSET] - (cross * self._vector[:, :OFFSET]).sum(1)
         offset = vector / (information + 1 / SIGMA[OFFSET] ** 2)
         slope = float(vector[::-1] @ offset)  # of the log likelihood of the other half
         curvature = float(information[::-1] @ offset**2)

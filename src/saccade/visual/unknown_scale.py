@@ -44,5 +44,5 @@ def keep_scale(
     if median <= 0:
         return motion
     translation = motion.translation * np.clip(median, *LIMITS)
-    control, off_plane = robot_motion(camera, motion.rotation, translation, camera_before)
+    control, off_plane, _ = robot_motion(camera, motion.rotation, translation, camera_before)
     return motion._replace(control=control, off_plane=off_plane, translation=translation)

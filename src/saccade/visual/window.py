@@ -7,7 +7,6 @@ and after it. The first pose of the window is fixed.
 
 import cv2
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from saccade.frames import Camera
 from saccade.io.checkpoint import (
@@ -18,7 +17,7 @@ from saccade.io.checkpoint import (
     select,
 )
 from saccade.types import FloatArray, IntArray
-from saccade.visual._window_kernels import eliminate_points
+from saccade.visual._window_kernels import add_motion_factors, eliminate_points, step_motion
 from saccade.visual.camera import Intrinsics, directions
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import (
@@ -26,11 +25,6 @@ from saccade.visual.egomotion import (
     OFF_PLANE_SIGMA,
     CameraPose,
     MotionEstimate,
-    Mounting,
-    cross_product,
-    robot_motion,
-    robot_motion_jacobian,
-    times,
 )
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
 from saccade.visual.self_calibration import SIGMA, CalibrationDrift, SelfCalibration
@@ -111,8 +105,7 @@ class SlidingWindow:
         self._observe(current)
         corrected = self.calibration.error
         covariance, by_calibration = self._adjust()
-        R, t = relative_pose(last, (self._rotation[-1], self._translation[-1]))
-        control, _ = robot_motion(self._mounting(-1), R, t, self._mounting(-2))
+        control = self._last_step(last)[:3]
         self.drift.add(control, by_calibration, corrected)
         return control, covariance
 
@@ -153,10 +146,6 @@ class SlidingWindow:
         self._point = np.concatenate([self._point, np.c_[place, 1 / depth]])[order]
         self._observed = np.concatenate([self._observed, blank])[order]
         self._sigma = np.concatenate([self._sigma, blank])[order]
-
-    def _mounting(self, j: int | slice) -> Mounting:
-        """The camera on the robot in frame j, or in some frames."""
-        return Mounting(self._mount[j], self._camera.position)
 
     def _append(
         self, motion: CameraPose, odometry: MotionEstimate, seconds: float, mount: FloatArray
@@ -206,134 +195,83 @@ class SlidingWindow:
         R0, t0 = self._rotation.copy(), self._translation.copy()
         place, inverse_depth = self._point[rows, :3], self._point[rows, 3:]
         local = (R0[reference] @ place[:, :, None])[:, :, 0] + inverse_depth * t0[reference]
-        points = np.c_[local[:, :2], inverse_depth] / local[:, 2:]
-        visual, m = 6 * n + len(SIGMA), ODOMETRY_ERRORS
+        points = np.concatenate([local[:, :2], inverse_depth], 1) / local[:, 2:]
+        visual, m = len(SIGMA) + 6 * n, ODOMETRY_ERRORS
+        poses, errors = slice(len(SIGMA) + 6, visual), slice(visual, visual + m)
+        free = slice(poses.start, errors.stop)  # the first pose is fixed
         gain, offset = np.empty((len(rows), 3, visual)), np.empty((len(rows), 3))
-        squared = np.empty((len(rows), n))
+        motion, by_poses = np.empty((n - 1, 6)), np.empty((n - 1, 6, 12))
         disparity_scale = 1 / (camera.fx * camera.baseline) if camera.baseline > 0 else 0.0
-        poses, calibration = slice(6, 6 * n), slice(6 * n, visual)
-        free = np.r_[6 : 6 * n, visual : visual + m]
         prior, error = np.linalg.inv(self._errors.covariance + 1e-14 * np.eye(m)), np.zeros(m)
         for _ in range(ITERATIONS):
-            information, gradient = np.zeros((visual + m,) * 2), np.zeros(visual + m)
-            points_information, points_gradient = np.zeros((visual, visual)), np.zeros(visual)
+            information, gradient = np.zeros((errors.stop,) * 2), np.zeros(errors.stop)
             eliminate_points(
                 *(corrected, sigma, reference, Intrinsics.of(camera)),
                 *((self._rotation, self._translation), (R0, t0), disparity_scale, KERNEL_WIDTH),
-                *(points, points_information, points_gradient, gain, offset, squared),
+                *(points, information, gradient, gain, offset),
             )
-            information[:visual, :visual] += points_information
-            gradient[:visual] += points_gradient
-            step = self._add_factors(information, gradient, error)
-            total = information[np.ix_(free, free)]
+            odometry = self._odometry + self._by_errors @ error
+            add_motion_factors(
+                (self._rotation, self._translation),
+                (self._mount, camera.position),
+                (odometry, self._by_errors, self._information),
+                self._seconds,
+                self._acceleration,
+                (self._first_rate, self._first_information),
+                *(FACTOR_WIDTH, information, gradient, motion, by_poses),
+            )
+            total, right = information[free, free].copy(), gradient[free].copy()
             total[-m:, -m:] += prior
-            right = gradient[free]
             right[-m:] -= prior @ error
-            solution = np.linalg.solve(total, right)
-            change, before = np.zeros(visual), error
-            change[poses], error = solution[:-m], error + solution[-m:]
-            points += offset - gain @ change
+            change, before = np.asarray(np.linalg.solve(total, right), np.float64), error
+            error = error + change[-m:]
+            points += offset - gain[:, :, poses] @ change[:-m]
             points[:, 2] = points[:, 2].clip(0.0, MAX_INVERSE_DEPTH)
-            self._move(change)
-        ray = np.c_[points[:, :2], np.ones(len(rows))]
+            self._move(change[:-m])
+        ray = points.copy()
+        ray[:, 2] = 1.0
         place = ((ray - points[:, 2:] * t0[reference])[:, None] @ R0[reference])[:, 0]
-        self._point[rows] = np.c_[place, points[:, 2]]
-        gradient += information[:, visual:] @ before  # about the present errors of odometry
-        self._learn(information, gradient, poses, calibration)
-        right = np.concatenate([step[:, poses], np.zeros((6, m))], 1).T
-        root = solve_triangular(np.linalg.cholesky(total), right, lower=True)
-        covariance, seconds = root.T @ root, self._seconds[-1]
-        last, newest = zip(self._rotation[-2:], self._translation[-2:], strict=True)
-        R, t = relative_pose(last, newest)
-        value = np.concatenate(robot_motion(self._mounting(-1), R, t, self._mounting(-2)))
-        self._rate = np.concatenate([self._rate, value[None] / seconds])
-        by_time = covariance[None] / seconds**2
+        self._point[rows] = np.concatenate([place, points[:, 2:]], 1)
+        gradient += information[:, errors] @ before  # about the present errors of odometry
+        self._learn(information, gradient, poses)
+        by_last = np.zeros((errors.stop, 6))
+        by_last[visual - 12 : visual] = by_poses[-1].T
+        by_last, by_calibration = by_last[free], information[free, : len(SIGMA)]
+        solved = np.linalg.solve(total, np.concatenate([by_last, by_calibration], 1))
+        covariance, seconds = by_last.T @ solved[:, :6], self._seconds[-1]
+        rate = self._last_step((self._rotation[-2], self._translation[-2])) / seconds
+        self._rate = np.concatenate([self._rate, rate[None]])
+        by_time = (covariance + covariance.T)[None] / 2 / seconds**2
         self._rate_covariance = np.concatenate([self._rate_covariance, by_time])
-        by_calibration = -np.linalg.solve(total, information[free][:, calibration])
-        return np.asarray(covariance[:3, :3]), right.T[:3] @ by_calibration
+        return seconds**2 * by_time[0, :3, :3], -by_last[:, :3].T @ solved[:, 6:]
 
-    def _learn(
-        self, information: FloatArray, gradient: FloatArray, poses: slice, calibration: slice
-    ) -> None:
+    def _learn(self, information: FloatArray, gradient: FloatArray, poses: slice) -> None:
         """Update the errors of calibration and odometry, with the poses eliminated (Schur)."""
         share = 1 / self._config.window  # an observation is in so many windows
-        cross = np.linalg.solve(information[poses, poses], information[poses])
-        total = share * (information - information[:, poses] @ cross)
-        vector = share * (gradient - gradient[poses] @ cross)
-        self.calibration.update(total[calibration, calibration], vector[calibration])
-        errors = slice(calibration.stop, None)
-        change = self._errors.update(total[errors, errors], vector[errors])
+        m = len(SIGMA)
+        kept = np.concatenate([np.arange(m), np.arange(poses.stop, len(gradient))])
+        rows = np.concatenate([information[:, kept], gradient[:, None]], 1)
+        cross = rows[poses, :-1].T @ np.linalg.solve(information[poses, poses], rows[poses])
+        reduced = share * (rows[kept] - cross)
+        total, vector = reduced[:, :-1], reduced[:, -1]
+        self.calibration.update(total[:m, :m], vector[:m])
+        change = self._errors.update(total[m:, m:], vector[m:])
         self._odometry = self._odometry + self._by_errors @ change
 
+    def _last_step(self, before: CameraPose) -> FloatArray:
+        """(6,) motion of the robot to the last frame, if the pose of the one before was so."""
+        motion = np.empty(6)
+        step_motion(
+            *(*before, self._rotation[-1], self._translation[-1]),
+            self._mount[-1],
+            self._mount[-2],
+            self._camera.position,
+            *(motion, np.empty((6, 12))),
+        )
+        return motion
+
     def _move(self, change: FloatArray) -> None:
-        """Change the poses by rotation vectors and translations."""
-        for j in range(1, len(self._rotation)):
-            p = change[6 * j : 6 * j + 6]
+        """Change the poses but the first by rotation vectors and translations (6 (n - 1),)."""
+        for j, p in enumerate(change.reshape(-1, 6), 1):
             self._rotation[j] = cv2.Rodrigues(p[:3])[0] @ self._rotation[j]
             self._translation[j] += p[3:]
-
-    def _add_factors(
-        self, information: FloatArray, gradient: FloatArray, error: FloatArray
-    ) -> FloatArray:
-        """Add odometry, and that motion changes little from step to step.
-
-        Returns:
-            (6, 6 n) derivative of the motion of the last step by the poses.
-        """
-        value, J = self._steps()
-        n, size, seconds = len(value), len(gradient), self._seconds
-        odometry = self._odometry + self._by_errors @ error
-        by_all = np.zeros((n, 6, size))
-        by_all[:, :, : J.shape[2]] = J
-        rate, by_poses = value / seconds[:, None], by_all / seconds[:, None, None]
-        by_all[:, :3, -ODOMETRY_ERRORS:] = -self._by_errors
-        residual = -value
-        residual[:, :3] += odometry
-        add_factors(information, gradient, by_all, residual, self._information)
-        before, rate_before = self._first_information[None], self._first_rate
-        add_factors(information, gradient, by_poses[:1], (rate_before - rate[0])[None], before)
-        if n > 1:
-            sigma = self._acceleration * (seconds[1:] + seconds[:-1])[:, None] / 2
-            W = np.eye(6) / np.square(sigma)[:, None]
-            change = by_poses[1:] - by_poses[:-1]
-            add_factors(information, gradient, change, rate[:-1] - rate[1:], W)
-        return np.asarray(J[-1])
-
-    def _steps(self) -> tuple[FloatArray, FloatArray]:
-        """Motions (n - 1, 6) from frame to frame, and their Jacobians (n - 1, 6, 6 n) by poses."""
-        n = len(self._rotation)
-        t = self._translation[:-1]
-        R, moved = relative_pose(
-            (self._rotation[:-1], t), (self._rotation[1:], self._translation[1:])
-        )
-        after, before = self._mounting(slice(1, None)), self._mounting(slice(-1))
-        value = np.concatenate(robot_motion(after, R, moved, before), -1)
-        second = np.zeros((n - 1, 6, 6)) + np.eye(6)
-        second[:, 3:, :3] = -cross_product(times(R, t))
-        by_second = robot_motion_jacobian(after, R, moved, before) @ second
-        J = np.zeros((n - 1, 6, n, 6))
-        row = np.arange(n - 1)
-        J[row, :, row, :3], J[row, :, row, 3:] = -by_second[..., :3] @ R, -by_second[..., 3:] @ R
-        J[row, :, row + 1] = by_second
-        return value, J.reshape(n - 1, 6, 6 * n)
-
-
-def relative_pose(first: CameraPose, second: CameraPose) -> CameraPose:
-    """The motions from some poses to others."""
-    R = second[0] @ np.swapaxes(first[0], -1, -2)
-    return R, second[1] - times(R, first[1])
-
-
-def add_factors(
-    information: FloatArray,
-    gradient: FloatArray,
-    J: FloatArray,
-    residual: FloatArray,
-    W: FloatArray,
-) -> None:
-    """Add residuals (k, 6) with informations (k, 6, 6) to normal equations (Cauchy's kernel)."""
-    weighted = times(W, residual)
-    robust = 1 / (1 + (residual * weighted).sum(1) / FACTOR_WIDTH**2)
-    flat = J.reshape(-1, len(gradient))
-    information += flat.T @ (robust[:, None, None] * (W @ J)).reshape(flat.shape)
-    gradient += flat.T @ (robust[:, None] * weighted).ravel()
