@@ -14,6 +14,7 @@ width; the principal point is the center. The images of a pair of cameras are in
 `PAIR_NAMES`; a calib.txt may have the projections or the intrinsics, with or without row names.
 """
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from saccade.datasets.drives.frames import (
     FrameTimes,
     SourceImage,
     are_numbered,
-    frame_loader,
+    frame_reader,
     image_files,
     image_size,
     list_images,
@@ -91,7 +92,7 @@ class BareCamera(NamedTuple):
     """A calibration without a camera.toml, and what of it was guessed."""
 
     calibration: Calibration
-    remark: str = ""
+    assumptions: tuple[str, ...] = ()
     is_guess: bool = False
     """Whether nothing is known of the focal length."""
 
@@ -121,12 +122,25 @@ def _with_images(folder: Path) -> Path | None:
     return None
 
 
-def bare_camera(
-    folder: Path, size: tuple[int, int], image: Path | None, options: CameraOptions
+def calibration_beside(
+    folder: Path,
+    size: tuple[int, int],
+    options: CameraOptions | None,
+    image: Path | None = None,
+    source: Path | None = None,
 ) -> BareCamera:
-    """The camera of images of a width and height: given, of a calib.txt, of EXIF, or guessed."""
+    """The calibration of camera.toml, or for images of a width and height one without it.
+
+    That is given by the options, by a calib.txt, by the EXIF tags of an `image`, or guessed; what
+    is assumed names the `source`, if that is not the folder.
+    """
+    file, options = folder / CAMERA_FILE, options or CameraOptions()
+    if file.exists():
+        if options != CameraOptions():
+            raise DriveError(f"{file}: gives the camera; expected no --intrinsics or --baseline")
+        return BareCamera(read_calibration(file))
     width, height = size
-    baseline, is_guess, remark = options.baseline or 0.0, False, ""
+    baseline, is_guess, assumptions = options.baseline or 0.0, False, tuple[str, ...]()
     if options.intrinsics is not None:
         values = options.intrinsics
     elif (folder / "calib.txt").exists():
@@ -135,12 +149,13 @@ def bare_camera(
     else:
         focal = None if image is None else exif_focal_length(image, width)
         is_guess = focal is None
-        source = "from EXIF" if focal else f"{FOCAL_FACTOR} times the width"
+        origin = "from EXIF" if focal else f"{FOCAL_FACTOR} times the width"
         focal = focal or FOCAL_FACTOR * width
         values = focal, focal, (width - 1) / 2, (height - 1) / 2
-        remark = (
-            f"no {CAMERA_FILE}: guessed a focal length of {focal:.0f} px ({source}) and the "
-            "principal point at the center; --intrinsics fx,fy,cx,cy gives the true ones"
+        assumptions = (
+            f"{source or folder}: no {CAMERA_FILE}: guessed a focal length of {focal:.0f} px "
+            f"({origin}) and the principal point at the center; --intrinsics fx,fy,cx,cy gives "
+            "the true ones",
         )
     camera = Camera(width, height, *values, baseline=baseline)
     if not (0 < camera.cx < width and 0 < camera.cy < height):
@@ -148,7 +163,7 @@ def bare_camera(
             f"{folder}: expected a principal point inside the images of {width} x {height} px, "
             f"found {camera.cx:.1f}, {camera.cy:.1f}"
         )
-    return BareCamera(Calibration(camera, rate=GUESSED_RATE), remark, is_guess)
+    return BareCamera(Calibration(camera, rate=GUESSED_RATE), assumptions, is_guess)
 
 
 def exif_focal_length(image: Path, width: int) -> float | None:
@@ -218,22 +233,21 @@ def read_folder_drive(path: Path, options: CameraOptions | None = None) -> Drive
     images = list_images(folder)
     if are_numbered(images):
         images.sort(key=lambda image: int(image.stem))
-    calibration, remark, is_guess = calibration_beside(path, images[0], None, options)
-    assumptions = tuple(filter(None, [remark]))
+    size = image_size(images[0])
+    calibration, assumptions, is_guess = calibration_beside(path, size, options, image=images[0])
     if right is not None and calibration.camera.baseline == 0:
         assumptions += (f"{right}: not used, since the baseline is unknown; --baseline gives it",)
         right = None
     frames = _frame_times(path, len(images), calibration.rate)
-    left = [images[i] for i in frames.index.tolist()]
-    load = frame_loader(
+    read = frame_reader(
         calibration,
-        frames.time,
-        left=image_files(left),
-        right=image_files(_same_names(right, left)),
-        depth=image_files(_same_names(path / "depth", left), calibration.depth_unit),
+        frames.recorded,
+        left=image_files(images.__getitem__),
+        right=image_files(_same_names(right, images)),
+        depth=image_files(_same_names(path / "depth", images), calibration.depth_unit),
     )
-    drive = assemble_drive(path.resolve().name, path, calibration, frames, load)
-    drive = replace(drive, assumptions=assumptions)
+    name = path.resolve().name
+    drive = assemble_drive(name, path, calibration, frames, read, assumptions=assumptions)
     return drive if (path / "depth").is_dir() else assume_speed(drive, is_guess)
 
 
@@ -241,10 +255,10 @@ def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
     """A drive from a video."""
     video = VideoFrames(path)
     height, width = video[0].shape[:2]
-    size = width, height
-    calibration, remark, is_guess = calibration_beside(path.parent, None, size, options, path)
+    calibration, assumptions, is_guess = calibration_beside(
+        path.parent, (width, height), options, source=path
+    )
     frames = _frame_times(path.parent, len(video), video.rate)
-    assumptions = tuple(filter(None, [remark]))
     if video.declared > len(video):
         remark = (
             f"{path}: {video.declared} frames are announced, {len(video)} can be decoded: "
@@ -252,13 +266,14 @@ def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
         )
         frames = replace(frames, remarks=(*frames.remarks, remark))
 
-    def read(i: int) -> SourceImage:
-        number = int(frames.index[i])
+    def left(number: int) -> SourceImage:
         return SourceImage(video[number], f"{path}, frame {number}")
 
-    load = frame_loader(calibration, frames.time, left=read)
-    drive = assemble_drive(path.stem, path.parent, calibration, frames, load)
-    return assume_speed(replace(drive, assumptions=assumptions), is_guess)
+    read = frame_reader(calibration, frames.recorded, left)
+    drive = assemble_drive(
+        path.stem, path.parent, calibration, frames, read, assumptions=assumptions
+    )
+    return assume_speed(drive, is_guess)
 
 
 def assume_speed(drive: Drive, is_guess: bool = False) -> Drive:
@@ -287,29 +302,6 @@ def assumed_increments(duration: FloatArray) -> OdometryIncrements:
     return OdometryIncrements(control, np.square(sigma)[:, :, None] * np.eye(3))
 
 
-def calibration_beside(
-    folder: Path,
-    image: Path | None,
-    size: tuple[int, int] | None,
-    options: CameraOptions | None,
-    source: Path | None = None,
-) -> BareCamera:
-    """The calibration of camera.toml, or that of a bare folder with a remark about it.
-
-    The remark names the `source`, if the frames are not in the folder's images.
-    """
-    file, options = folder / CAMERA_FILE, options or CameraOptions()
-    if file.exists():
-        if options != CameraOptions():
-            raise DriveError(f"{file}: gives the camera; expected no --intrinsics or --baseline")
-        return BareCamera(read_calibration(file))
-    if size is None:
-        assert image is not None
-        size = image_size(image)
-    camera = bare_camera(folder, size, image, options)
-    return camera._replace(remark=f"{source or folder}: {camera.remark}")
-
-
 def _frame_times(folder: Path, count: int, rate: float) -> FrameTimes:
     path = folder / "times.txt"
     if not path.exists():
@@ -322,7 +314,7 @@ def _frame_times(folder: Path, count: int, rate: float) -> FrameTimes:
     return FrameTimes.sort(recorded[:count], str(path))
 
 
-def _same_names(folder: Path | None, images: list[Path]) -> list[Path | None]:
-    """Images of a folder with the names of others; None where there is none."""
+def _same_names(folder: Path | None, images: list[Path]) -> Callable[[int], Path | None]:
+    """The image of a folder with the name of another, by its number; None where there is none."""
     others = {path.stem: path for path in list_images(folder)} if folder and folder.is_dir() else {}
-    return [others.get(image.stem) for image in images]
+    return lambda number: others.get(images[number].stem)

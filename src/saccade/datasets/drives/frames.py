@@ -99,32 +99,32 @@ class SourceImage(NamedTuple):
 
 
 ImageSource: TypeAlias = Callable[[int], SourceImage | None]
-"""Reads image i of one camera; None where it has none. Raises `ImageError`."""
+"""Reads the image of a recorded frame; None where it has none. Raises `ImageError`."""
 
 
-def image_files(paths: Sequence[Path | None], unit: float = 1.0) -> ImageSource:
-    """Source that reads image i from `paths[i]`; `unit` is that of depth images."""
+def image_files(path_of: Callable[[int], Path | None], unit: float = 1.0) -> ImageSource:
+    """Source of the images in files, by the number of the recorded frame; `unit` is of depth."""
 
-    def read(i: int) -> SourceImage | None:
-        path = paths[i]
+    def read(number: int) -> SourceImage | None:
+        path = path_of(number)
         return None if path is None else SourceImage(read_stored(path), str(path), unit)
 
     return read
 
 
-def frame_loader(
+def frame_reader(
     calibration: Calibration,
-    time: FloatArray,
+    recorded: FloatArray,
     left: ImageSource,
     right: ImageSource | None = None,
     depth: ImageSource | None = None,
     lenses: tuple[Lens, Lens | None] | None = None,
 ) -> Callable[[int], Frame]:
-    """The `load` of a `Drive`: reads and undistorts the images of frame i.
+    """A function that reads and undistorts the images of a recorded frame.
 
     Args:
         calibration: the camera of the undistorted images, and the distortion.
-        time: (n,) seconds.
+        recorded: (m,) seconds of all frames.
         left: images of the (left) camera.
         right: images of the right camera.
         depth: depth of the left camera; 0 is unknown.
@@ -143,30 +143,24 @@ def frame_loader(
             )
         return image.pixels if lens is None else lens.undistort(image.pixels, interpolation)
 
-    def image(source: ImageSource | None, lens: Lens | None, i: int) -> Image | None:
-        recorded = None if source is None else source(i)
-        return None if recorded is None else undistort(recorded, lens, cv2.INTER_LINEAR)
-
-    def metres(i: int) -> FloatArray | None:
-        recorded = None if depth is None else depth(i)
-        if recorded is None:
-            return None
-        if recorded.pixels.ndim != 2:
+    def metres(image: SourceImage) -> FloatArray:
+        if image.pixels.ndim != 2:
             raise ImageError(
-                f"{recorded.name}: expected depth, one number per pixel, found a color image"
+                f"{image.name}: expected depth, one number per pixel, found a color image"
             )
-        steps = undistort(recorded, lens, cv2.INTER_NEAREST)
-        return np.where(np.nan_to_num(steps) == 0, np.nan, steps * np.float64(recorded.unit))
+        steps = undistort(image, lens, cv2.INTER_NEAREST)
+        return np.where(np.nan_to_num(steps) == 0, np.nan, steps * np.float64(image.unit))
 
-    def load(i: int) -> Frame:
+    def read(number: int) -> Frame:
+        one, other, steps = (source and source(number) for source in (left, right, depth))
         return Frame(
-            time=float(time[i]),
-            image=image(left, lens, i),
-            right=image(right, right_lens or lens, i),
-            depth=metres(i),
+            time=float(recorded[number]),
+            image=one and undistort(one, lens, cv2.INTER_LINEAR),
+            right=other and undistort(other, right_lens or lens, cv2.INTER_LINEAR),
+            depth=steps and metres(steps),
         )
 
-    return load
+    return read
 
 
 def are_numbered(paths: Sequence[Path]) -> bool:

@@ -54,7 +54,7 @@ from saccade.datasets.drives.frames import (
     FrameTimes,
     are_numbered,
     associate,
-    frame_loader,
+    frame_reader,
     image_files,
     image_size,
     list_images,
@@ -98,17 +98,16 @@ def read_kitti_drive(path: Path) -> Drive:
     frames = FrameTimes.sort(recorded, str(path / "times.txt"), available)
     remarks = frames.remarks + _missing_images(available, path / pair[0])
     frames = replace(frames, remarks=remarks)
-    numbers = frames.index.tolist()
-    size = image_size(left[numbers[0]])
+    size = image_size(left[int(frames.index[0])])
     calibration = _kitti_calibration(path, PAIRS[pair], size, stereo=bool(right))
-    load = frame_loader(
+    read = frame_reader(
         calibration,
-        frames.time,
-        left=image_files([left[i] for i in numbers]),
-        right=image_files([right.get(i) for i in numbers]),
-        depth=image_files([depth.get(i) for i in numbers], calibration.depth_unit),
+        recorded,
+        left=image_files(left.get),
+        right=image_files(right.get),
+        depth=image_files(depth.get, calibration.depth_unit),
     )
-    return assemble_drive(path.resolve().name, path, calibration, frames, load)
+    return assemble_drive(path.resolve().name, path, calibration, frames, read)
 
 
 def _images_by_frame(folder: Path, count: int) -> dict[int, Path]:
@@ -207,7 +206,7 @@ def read_euroc_drive(path: Path) -> Drive:
         )
         right_stamps, right_files = _images(top / "cam1")
         file_at = dict(zip(right_stamps.tolist(), right_files, strict=True))
-        right = image_files([file_at.get(stamp) for stamp in stamps[frames.index].tolist()])
+        right = image_files(lambda number: file_at.get(int(stamps[number])))
     # the robot's frame is chosen so that the rectified camera looks straight ahead
     body_from_camera = body_from_sensor[:3, :3] @ lens.rotation.T
     calibration = Calibration(replace(camera, rotation=AHEAD.copy()))
@@ -218,10 +217,10 @@ def read_euroc_drive(path: Path) -> Drive:
     states = top / "state_groundtruth_estimate0" / "data.csv"
     poses = _camera_poses(states, zero, body_from_sensor[:3, 3], body_from_camera)
     truth = Truth() if poses is None else camera_truth(poses, calibration.camera, start_time=0.0)
-    left = image_files([files[i] for i in frames.index.tolist()])
-    load = frame_loader(calibration, frames.time, left, right, lenses=(lens, right_lens))
+    left = image_files(files.__getitem__)
+    read = frame_reader(calibration, frames.recorded, left, right, lenses=(lens, right_lens))
     name = folder.resolve().name
-    return assemble_drive(name, folder, calibration, frames, load, increments, truth)
+    return assemble_drive(name, folder, calibration, frames, read, increments, truth)
 
 
 def _read_sensor(path: Path) -> tuple[FloatArray, dict[str, FloatArray]]:
@@ -331,31 +330,28 @@ def read_tum_drive(path: Path) -> Drive:
     recorded, files = _read_list(path / "rgb.txt")
     frames = FrameTimes.sort(recorded, str(path / "rgb.txt"))
     calibration = _tum_calibration(path)
-    depth: list[Path | None] = [None] * len(frames.index)
+    depth = None
     if (path / "depth.txt").exists():
         depth_time, depth_files = _read_list(path / "depth.txt")
-        nearest = associate(frames.time, depth_time, MAX_TIME_DIFFERENCE)
-        depth = [path / depth_files[i] if i >= 0 else None for i in nearest.tolist()]
+        nearest = associate(recorded, depth_time, MAX_TIME_DIFFERENCE)
+        beside = [depth_files[i] if i >= 0 else None for i in nearest.tolist()]
+        depth = image_files(beside.__getitem__, calibration.depth_unit)
     truth = Truth()
     if (path / "groundtruth.txt").exists():
         poses = read_tum_poses(path / "groundtruth.txt")
         truth = camera_truth(poses, calibration.camera, float(frames.time[0]))
-    load = frame_loader(
-        calibration,
-        frames.time,
-        left=image_files([path / files[i] for i in frames.index.tolist()]),
-        depth=image_files(depth, calibration.depth_unit),
-    )
-    return assemble_drive(path.resolve().name, path, calibration, frames, load, truth=truth)
+    left = image_files(files.__getitem__)
+    read = frame_reader(calibration, recorded, left, depth=depth)
+    return assemble_drive(path.resolve().name, path, calibration, frames, read, truth=truth)
 
 
-def _read_list(path: Path) -> tuple[FloatArray, list[str]]:
+def _read_list(path: Path) -> tuple[FloatArray, list[Path]]:
     """Times (n,) and files of a list of images."""
     rows = [row.require_cells(2, "cells (time, file)") for row in read_rows(path)]
     if not rows:
         raise DriveError(f"{path}: expected times and files, found none")
     time = [row.numbers(slice(1))[0] for row in rows]
-    return np.array(time), [row.cells[1] for row in rows]
+    return np.array(time), [path.parent / row.cells[1] for row in rows]
 
 
 def _tum_calibration(path: Path) -> Calibration:

@@ -154,14 +154,16 @@ def assemble_drive(
     folder: Path,
     calibration: Calibration,
     frames: FrameTimes,
-    load: Callable[[int], Frame],
+    read: Callable[[int], Frame],
     increments: OdometryIncrements | None = None,
     truth: Truth | None = None,
+    assumptions: tuple[str, ...] = (),
 ) -> Drive:
     """A drive from its parts.
 
-    Odometry and ground truth that are None are read from the folder; without odometry the motion is
-    unknown. The start is that of the calibration, else that of the ground truth, else the origin.
+    `read` gives a recorded frame by its number. Odometry and ground truth that are None are read
+    from the folder, and the turns of the camera; without odometry the motion is unknown. The start
+    is that of the calibration, else that of the ground truth, else the origin.
     """
     if increments is None:
         increments = read_increments(folder, frames) or unknown_increments(frames.time)
@@ -171,44 +173,31 @@ def assemble_drive(
         start = np.array(calibration.start)
     elif truth.trajectory is not None:
         start = truth.trajectory.at(frames.time[:1])[0]
+    numbers, path = frames.index.tolist(), folder / GAZE_FILE
+    turns = read_turns(path) if path.exists() else []
+    if turns and len(turns) != len(frames.recorded):
+        raise DriveError(
+            f"{path}: expected a row for each of {len(frames.recorded)} frames, found {len(turns)}"
+        )
+
+    def load(i: int) -> Frame:
+        frame = read(numbers[i])
+        return replace(frame, turn=turns[numbers[i]]) if turns else frame
+
     return Drive(
         name=name,
         camera=calibration.camera,
         time=frames.time,
         control=increments.control,
         control_covariance=increments.covariance,
-        load=with_recorded_turns(folder, frames, load),
+        load=load,
         start=start,
         odometry_bias=calibration.odometry_bias,
         truth=truth.trajectory,
         truth_off_plane=truth.off_plane,
         remarks=frames.remarks,
+        assumptions=assumptions,
     )
-
-
-def with_recorded_turns(
-    folder: Path, frames: FrameTimes, load: Callable[[int], Frame]
-) -> Callable[[int], Frame]:
-    """A `Drive.load` whose frames know how the camera was turned, if the folder has that file.
-
-    Raises:
-        DriveError: the file has no row for a recorded frame, or another header.
-        LogError: a row has other cells than the header, or no numbers.
-    """
-    path = folder / GAZE_FILE
-    if not path.exists():
-        return load
-    turns = read_turns(path)
-    if len(turns) != len(frames.recorded):
-        raise DriveError(
-            f"{path}: expected a row for each of {len(frames.recorded)} frames, found {len(turns)}"
-        )
-    numbers = frames.index.tolist()
-
-    def load_turned(i: int) -> Frame:
-        return replace(load(i), turn=turns[numbers[i]])
-
-    return load_turned
 
 
 def read_turns(path: Path) -> list[CameraTurn]:

@@ -55,16 +55,13 @@ def read_tracks_drive(path: Path) -> Drive:
         calibration = read_calibration(folder / CAMERA_FILE)
     else:
         calibration = Calibration(_camera(folder, tracks.xy))
-    time = frames.time
-    begin = np.searchsorted(frame_of, frames.index)
-    end = np.searchsorted(frame_of, frames.index, side="right")
 
-    def load(i: int) -> Frame:
-        rows = slice(int(begin[i]), int(end[i]))
-        return Frame(float(time[i]), tracks=tracks[rows])
+    def read(number: int) -> Frame:
+        first, last = np.searchsorted(frame_of, [number, number + 1]).tolist()
+        return Frame(float(recorded[number]), tracks=tracks[first:last])
 
     name = f"{folder.resolve().name}/{file.stem}"
-    return assemble_drive(name, folder, calibration, frames, load)
+    return assemble_drive(name, folder, calibration, frames, read)
 
 
 def _read_tracks(file: Path) -> tuple[IntArray, Tracks]:

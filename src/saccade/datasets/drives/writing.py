@@ -20,7 +20,7 @@ from saccade.datasets.drives.folder import (
     calibration_beside,
     has_images,
 )
-from saccade.datasets.drives.frames import FrameTimes, SourceImage, frame_loader
+from saccade.datasets.drives.frames import FrameTimes, SourceImage, frame_reader
 from saccade.datasets.drives.odometry import OdometryIncrements, write_increments
 from saccade.datasets.drives.sidecar_files import GAZE_FILE, assemble_drive, write_turns
 from saccade.datasets.drives.tracks import TRACK_FILES, write_tracks
@@ -202,12 +202,13 @@ class LiveDrive:
         except OSError as error:
             raise OutputError(f"{folder}: cannot be written: {reason_of(error)}") from error
         self._video, self._folder = video, folder
-        calibration, remark, is_guess = calibration_beside(folder, None, video.size, options)
+        calibration, assumptions, is_guess = calibration_beside(folder, video.size, options)
         self._calibration, self._is_guess = calibration, is_guess
         times = FrameTimes.sort(np.arange(frames) / video.rate, str(folder))
-        self._read = frame_loader(calibration, times.time, left=self._record)
-        drive = assemble_drive(video.name, folder, calibration, times, self._load)
-        drive = replace(drive, assumptions=tuple(filter(None, [remark])))
+        self._read = frame_reader(calibration, times.time, left=self._record)
+        drive = assemble_drive(
+            video.name, folder, calibration, times, self._load, assumptions=assumptions
+        )
         self.drive = assume_speed(drive, is_guess)
         self.times = list[float]()
         """Seconds of each recorded frame."""

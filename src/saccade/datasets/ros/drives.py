@@ -19,11 +19,10 @@ those of the messages' headers, from the first image on. Without odometry the mo
 `unknown_increments`). Needs the extra `ros`.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from posixpath import commonpath
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -39,7 +38,7 @@ from saccade.datasets.drives.frames import (
     ImageSource,
     SourceImage,
     associate,
-    frame_loader,
+    frame_reader,
 )
 from saccade.datasets.drives.odometry import (
     OdometryIncrements,
@@ -64,7 +63,7 @@ from saccade.datasets.ros.bags import (
     truth_topic,
 )
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.frames import Camera, CameraTurn, Drive, Frame
+from saccade.frames import CameraTurn, Drive, Frame
 from saccade.types import FloatArray, Image, IntArray
 
 MAX_TIME_DIFFERENCE = 0.01
@@ -96,27 +95,17 @@ MAX_SHIFT = 0.01
 """Metres by which its optical center may move on the robot without a remark."""
 
 
-@dataclass(frozen=True, eq=False)
-class Mounting:
+class Mounting(NamedTuple):
     """Pose of a camera in the frame of the robot, and its turns from there."""
 
     position: FloatArray
     """(3,) meters."""
     rotation: FloatArray
     """(3, 3) from the frame of the camera into that of the robot."""
-    turns: tuple[CameraTurn, ...] | None = None
-    """Turn of the camera in each frame; None where it does not turn."""
+    turns: tuple[CameraTurn, ...] = ()
+    """Turn of the camera in each frame; empty where it does not turn."""
     assumptions: tuple[str, ...] = ()
     """Assumptions that do not hold exactly, one line each."""
-
-    def mount(self, camera: Camera) -> Camera:
-        """The camera in this place."""
-        return replace(camera, position=self.position, rotation=self.rotation)
-
-    def turned(self, load: Callable[[int], Frame]) -> Callable[[int], Frame]:
-        """A `Drive.load` whose frames know how the camera was turned."""
-        turns = self.turns
-        return load if turns is None else lambda i: replace(load(i), turn=turns[i])
 
 
 def read_rosbag_drive(path: Path) -> Drive:
@@ -128,23 +117,26 @@ def read_rosbag_drive(path: Path) -> Drive:
         zero = float(seconds.min())
         frames = FrameTimes.sort(seconds - zero, f"{path}, {left}")
         calibration = _calibration(bag, left, right)
-        time = seconds[frames.index]
-        mounting = _mounting(bag, left, time)
-        if mounting is not None:
-            calibration = replace(calibration, camera=mounting.mount(calibration.camera))
-        load = frame_loader(
+        camera = calibration.camera
+        mounting = _mounting(bag, left, seconds) or Mounting(camera.position, camera.rotation)
+        camera = replace(camera, position=mounting.position, rotation=mounting.rotation)
+        calibration = replace(calibration, camera=camera)
+        read = frame_reader(
             calibration,
-            frames.time,
-            left=_topic_images(bag, left, stamps[frames.index]),
-            right=_associated_images(bag, right, time),
-            depth=_associated_images(bag, depth, time, calibration.depth_unit),
+            frames.recorded,
+            left=_topic_images(bag, left, stamps),
+            right=_associated_images(bag, right, seconds),
+            depth=_associated_images(bag, depth, seconds, calibration.depth_unit),
         )
-        if mounting is not None:
-            load = mounting.turned(load)
-        increments = _increments(bag, frames.time, zero)
-        truth = _truth(bag, zero)
-        drive = assemble_drive(path.stem, path.parent, calibration, frames, load, increments, truth)
-        return replace(drive, assumptions=() if mounting is None else mounting.assumptions)
+
+        def read_turned(number: int) -> Frame:
+            frame, turns = read(number), mounting.turns
+            return replace(frame, turn=turns[number]) if turns else frame
+
+        return assemble_drive(
+            *(path.stem, path.parent, calibration, frames, read_turned),
+            *(_increments(bag, frames.time, zero), _truth(bag, zero), mounting.assumptions),
+        )
 
 
 def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:
