@@ -16,7 +16,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from saccade import read_image
 from saccade.attention import (
     AttentionConfig,
     BooleanConfig,
@@ -27,10 +26,15 @@ from saccade.attention import (
     symmetry_saliency,
 )
 from saccade.datasets.fixations import read_fixations
-from saccade.evaluation.comparison import center_model, score_people, shuffled_model
 from saccade.evaluation.fixations import FixationScores
-from saccade.evaluation.prediction import PredictionScores, fixations_by_image, score_models
+from saccade.evaluation.prediction import (
+    FixationData,
+    PredictionScores,
+    score_models,
+    score_people,
+)
 from saccade.scale.pyramid import resize
+from saccade.types import select_rows
 
 SIGMA = 24.0
 """Pixels to a degree of visual angle."""
@@ -127,18 +131,17 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="of the images, one in N (all)")
     options = parser.parse_args()
     table = read_fixations(options.fixations)
-    points, sizes, _ = fixations_by_image(table, options.images, options.drop)
-    kept = sorted(points)[:: options.every]
-    points, sizes = {n: points[n] for n in kept}, {n: sizes[n] for n in kept}
+    kept = np.isin(table.image, np.unique(table.image)[:: options.every])
+    data = FixationData.of(select_rows(table, kept), options.images, options.drop, SIGMA)
     print(f"{'':28} {'sAUC':22} {'AUC':22} {'NSS':22} {'CC':22} IG (bit)")
 
     def scored(model: Callable[[str], np.ndarray]) -> Iterator[tuple[str, FixationScores]]:
-        for image, scores in score_models({"": model}, points, sizes, SIGMA):
+        for image, scores in score_models({"": model}, data):
             yield image, scores[""]
 
     def show(name: str, scored: Iterable[tuple[str, FixationScores]]) -> None:
         result = PredictionScores(*zip(*scored, strict=True))
-        mean, (low, high) = result.mean(), result.interval()
+        mean, low, high = result.estimate()
         cells = [
             f"{getattr(mean, key):.3f} [{getattr(low, key):.3f} {getattr(high, key):.3f}]"
             for key in ("shuffled_auc", "auc", "nss", "cc", "information_gain")
@@ -148,13 +151,13 @@ def main() -> None:
     for name, model in MODELS.items():
 
         def saliency(image: str, model: Callable[[np.ndarray], np.ndarray] = model) -> np.ndarray:
-            pixels = read_image(options.images / image)
+            pixels = data.read(image)
             return resize(model(pixels), pixels.shape[:2])
 
         show(name, scored(saliency))
-    show("centered Gaussian", scored(center_model(sizes)))
-    show("other images' fixations", scored(shuffled_model(points, sizes, SIGMA)))
-    show("people", score_people(table, points, sizes, options.drop, SIGMA))
+    show("centered Gaussian", scored(data.center))
+    show("other images' fixations", scored(data.shuffled))
+    show("people", score_people(data))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from saccade import AttentionConfig, ScanpathConfig, ScanpathModelConfig, attent
 from saccade.attention import sample_scanpaths, scanpath, scanpath_log_likelihood
 from saccade.datasets.fixations import read_fixations
 from saccade.evaluation.conditional import score_fixations, summary
-from saccade.evaluation.prediction import fixations_by_image
+from saccade.evaluation.prediction import FixationData
 from saccade.evaluation.scanpaths import (
     GazePath,
     PathSettings,
@@ -36,6 +36,7 @@ from saccade.evaluation.scanpaths import (
     viewings,
 )
 from saccade.io.image import read_image
+from saccade.types import select_rows
 
 DEGREE = 24.0
 """Pixels."""
@@ -185,9 +186,11 @@ def main() -> None:
     parser.add_argument("--fit", action="store_true", help="fit the parameters on half A")
     parser.add_argument("--disc", action="store_true", help="the disc of inhibition on half A")
     options = parser.parse_args()
-    _, sizes, _ = fixations_by_image(table := read_fixations(options.fixations), options.images, 1)
-    names = sorted(sizes, key=lambda name: (len(name), name))
-    halves = [viewings(table, {name: sizes[name] for name in names[k::2]}, 1) for k in (0, 1)]
+    table = read_fixations(options.fixations)
+    names = sorted(np.unique(table.image).tolist(), key=lambda name: (len(name), name))
+    parts = [select_rows(table, np.isin(table.image, names[k::2])) for k in (0, 1)]
+    data = [FixationData.of(part, options.images, 1, DEGREE) for part in parts]
+    halves = [viewings(each) for each in data]
 
     def maps_of(people: Mapping[str, Viewing], config: AttentionConfig | None = None) -> Maps:
         return {
@@ -213,10 +216,10 @@ def main() -> None:
         rows = [
             row
             for name in people
-            for row in score_fixations(name, people, maps[name], ScanpathModelConfig(), DEGREE)
+            for row in score_fixations(name, data[1], maps[name], ScanpathModelConfig())
         ]
         show(f"half B, {title}: each next fixation", summary(rows))
-    time_sampling(maps[names[1]], sizes[names[1]])
+    time_sampling(maps[names[1]], data[1].sizes[names[1]])
 
 
 if __name__ == "__main__":

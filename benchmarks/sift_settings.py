@@ -29,8 +29,7 @@ SCORES = ("repeatability", "mma_3", "ratio_3", "auc_5")
 
 def scores(sift: Sift, pairs: list) -> list[float]:
     """Points, and the mean of each score."""
-    (result,) = score_detector(sift, pairs)
-    mean = result.mean()
+    mean = score_detector(sift, pairs).mean()
     return [mean.keypoints, *(getattr(mean, name) for name in SCORES)]
 
 

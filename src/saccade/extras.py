@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from collections.abc import Callable
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any
@@ -44,3 +45,22 @@ def install_command(extra: str) -> str:
     lines = (line.partition(";") for line in package.requires or ())
     required = (name.strip() for name, _, marker in lines if f"'{extra}'" in marker)
     return f"pip install {shlex.join(required)}"
+
+
+def import_function(what: str, name: str) -> Callable[..., Any]:
+    """The function at module:function.
+
+    Raises:
+        ConfigError: there is no such function; names what it was to be.
+    """
+    module, _, path = name.partition(":")
+    try:
+        found: Any = import_module(module)
+        for part in path.split("."):
+            found = getattr(found, part)
+    except Exception as error:  # whatever the module raises
+        raise ConfigError(f"{what}: {name}: cannot be imported: {error}") from error
+    if not callable(found):
+        raise ConfigError(f"{what}: {name}: expected a function, found {type(found).__name__}")
+    function: Callable[..., Any] = found
+    return function

@@ -1,6 +1,7 @@
 """Fitting finds the weights of a simulated density, and never scores what it was fitted to."""
 
 from dataclasses import astuple, fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,25 +17,33 @@ from saccade.attention.fitted import (
     saccade_tables,
 )
 from saccade.evaluation._fitting_kernels import add_likelihood
-from saccade.evaluation.comparison import (
-    center_model,
-    fixation_rows,
-    paired_difference,
-    score_people,
-    shuffled_model,
-)
-from saccade.evaluation.fit_study import REST, score_steps, step_densities
+from saccade.evaluation.conditional import FixationPrediction, summary
 from saccade.evaluation.fitting import (
+    ORDER,
+    ORDERED,
+    REST,
+    STATIC,
     FittingConfig,
     FittingData,
     Weights,
     as_model,
-    cross_validate_images,
+    cross_validate,
     fit,
+    folds_by_image,
+    folds_by_viewer,
+    score_held_out,
+    score_steps,
     split,
+    step_densities,
 )
 from saccade.evaluation.fixations import FixationScores, auc, fixation_density, nss
-from saccade.evaluation.prediction import PredictionScores, score_models
+from saccade.evaluation.prediction import (
+    FixationData,
+    PredictionScores,
+    fixation_rows,
+    score_models,
+    score_people,
+)
 from saccade.types import FixationTable
 
 SHAPE, SIZE = (12, 16), (120, 160)
@@ -63,15 +72,20 @@ def simulated(rng, images=24, viewers=4, per_viewer=12, near=0.0):
                 row, column = divmod(int(rng.choice(p.size, p=p / p.sum())), 16)
                 paths.append((column * 10 + 4.5, row * 10 + 4.5))
         fixations.append(np.array(paths))
-    labels = [f"{i}.png" for i in range(images)]
-    persons = [np.repeat(np.arange(viewers), per_viewer)] * images
-    sizes = [SIZE] * images
-    return FittingData(labels, names, values, sizes, fixations, persons, AttentionConfig())
+    labels = [f"{i:02}.png" for i in range(images)]
+    table = FixationTable(
+        np.repeat(labels, viewers * per_viewer),
+        np.tile(np.repeat(np.arange(viewers), per_viewer), images),
+        np.tile(np.arange(per_viewer), images * viewers),
+        np.concatenate(fixations),
+    )
+    people = FixationData(Path(), table, dict.fromkeys(labels, SIZE), 10.0)
+    return FittingData(people, names, values, AttentionConfig())
 
 
 def test_the_weights_of_a_simulated_density_are_found(rng):
     data = simulated(rng, images=60)
-    found = fit(data, np.arange(60), replace(CONFIG, penalty=1e-5), ordered=False)
+    found = fit(data, replace(CONFIG, penalty=1e-5), ordered=False)
     for name, value in TRUE.items():
         at = found.features[data.names.index(name)]
         assert at == pytest.approx(value, abs=0.12 * abs(value) + 0.05)
@@ -84,15 +98,19 @@ def test_the_weights_of_a_simulated_density_are_found(rng):
 def test_the_order_is_found_where_there_is_one(rng):
     for near, low, high in ((3.0, 0.15, 1.5), (0.0, -0.1, 0.03)):
         data = simulated(rng, near=near)
+        folds = folds_by_image(data, CONFIG)
         fitted = {
-            name: cross_validate_images(data, CONFIG, ordered=name == "ordered")
-            for name in ("static", "ordered")
+            name: cross_validate(data, folds, CONFIG, ordered=name == ORDERED)
+            for name in (STATIC, ORDERED)
         }
-        points = dict(zip(data.images, data.fixations, strict=True))
-        scores = score_steps(data, fitted, points, 10.0)
-        gain = (scores["ordered"] - scores["static"])[:, 1].mean()
+        rows = [*score_steps(data, folds, fitted)]
+        scores = summary(rows)
+        gain = scores[ORDER]["information_gain"].mean
         assert low < gain < high
-        assert scores[REST].shape == (24, 2)
+        static, ordered = (scores[name]["information_gain"].mean for name in (STATIC, ORDERED))
+        assert gain == pytest.approx(ordered - static)
+        assert sum(row.model == REST for row in rows) == 24 * 4 * 12
+        assert {type(row.scores) for row in rows} == {FixationPrediction}
 
 
 def test_the_gradient_is_that_of_differences(rng):
@@ -119,8 +137,8 @@ def test_the_saved_model_predicts_as_the_fit_does(rng):
     image = rng.random((120, 160, 3)).astype(np.float32)
     values = feature_maps(image, names)
     path = np.array([[79.5, 59.5], [20.0, 30.0], [100.0, 90.0], [21.0, 33.0]])
-    viewers = np.zeros(3, np.int64)
-    data = FittingData(["a"], names, [values], [SIZE], [path[1:]], [viewers], AttentionConfig())
+    table = FixationTable(np.full(3, "a"), np.zeros(3, np.int64), np.arange(3), path[1:])
+    data = FittingData(FixationData(Path(), table, {"a": SIZE}), names, [values], AttentionConfig())
     k, e = len(names), len(data.early)
     weights = Weights(rng.normal(size=k), rng.normal(size=e), 0.1 * rng.normal(size=FUNCTIONS))
     model = as_model(data, weights.features, weights)
@@ -133,36 +151,27 @@ def test_the_saved_model_predicts_as_the_fit_does(rng):
     np.testing.assert_array_equal(factors[8:], 0)
 
 
-def test_no_image_is_scored_by_weights_that_were_fitted_to_it(rng):
-    """Whatever the fixations of an image become, its own weights stay."""
+@pytest.mark.parametrize("folds_of", [folds_by_image, folds_by_viewer])
+def test_nothing_is_scored_by_weights_that_were_fitted_to_it(rng, folds_of):
+    """Whatever the fixations of a fold become, the weights by which they are scored stay."""
     data = simulated(rng, images=9)
-    before = cross_validate_images(data, CONFIG)
-    data.fixations[4][:] = 1.0
-    vars(data).pop("steps")
-    after = cross_validate_images(data, CONFIG)
-    np.testing.assert_array_equal(after[4].features, before[4].features)
+    folds = folds_of(data, CONFIG)
+    before = cross_validate(data, folds, CONFIG)
+    data.people.table.xy[np.concatenate(folds) == 1] = 150.0, 110.0
+    after = cross_validate(
+        FittingData(data.people, data.names, data.values, data.attention), folds, CONFIG
+    )
     same = [np.array_equal(a.saccade, b.saccade) for a, b in zip(after, before, strict=True)]
-    assert same[4]
-    assert sum(same) < 9
-
-
-def test_viewers_that_are_left_out_do_not_count(rng):
-    data = simulated(rng, images=6)
-    kept = {"viewers": np.array([0, 1])}
-    first = fit(data, np.arange(6), CONFIG, **kept)
-    for xy, viewers in zip(data.fixations, data.viewers, strict=True):
-        xy[viewers > 1] = 150.0, 110.0
-    vars(data).pop("steps")
-    second = fit(data, np.arange(6), CONFIG, **kept)
-    np.testing.assert_array_equal(second.features, first.features)
-    np.testing.assert_array_equal(second.saccade, first.saccade)
+    assert same == [False, True, False]
+    np.testing.assert_array_equal(after[1].features, before[1].features)
+    assert len([*score_held_out(data, folds, after)]) == 9
 
 
 def test_the_parts_are_a_partition():
     for count, folds in ((10, 3), (2, 5), (7, 7)):
-        parts = split(count, folds, 1)
-        assert sorted(np.concatenate(parts)) == list(range(count))
-        assert max(map(len, parts)) - min(map(len, parts)) <= 1
+        sizes = np.bincount(split(count, folds, 1))
+        assert (len(sizes), sizes.sum()) == (min(count, folds), count)
+        assert sizes.max() - sizes.min() <= 1
 
 
 @pytest.fixture
@@ -173,17 +182,16 @@ def looked(rng):
     image, viewer, index = (np.array(column) for column in zip(*rows, strict=True))
     xy = rng.uniform(0, 29, (len(rows), 2))
     table = FixationTable(image, viewer, index, xy)
-    points = {i: xy[(image == i) & (index >= 1)] for i in sizes}
     maps = {name: {i: rng.random(size) for i, size in sizes.items()} for name in "xy"}
-    return table, points, sizes, maps
+    return FixationData(Path(), table, sizes, 3.0), maps
 
 
 def test_models_side_by_side_have_the_scores_they_have_alone(looked):
-    _, points, sizes, maps = looked
+    data, maps = looked
     models = {name: of_model.__getitem__ for name, of_model in maps.items()}
-    together = dict(score_models(models, points, sizes, 3.0))
+    together = dict(score_models(models, data))
     for name, model in models.items():
-        alone = dict(score_models({name: model}, points, sizes, 3.0))
+        alone = dict(score_models({name: model}, data))
         assert alone == {image: {name: together[image][name]} for image in together}
 
 
@@ -192,18 +200,18 @@ def test_differences_are_paired(looked):
     shifted = [FixationScores(*(np.array(astuple(first)) + i)) for i in (0, 10, 20)]
     better = [FixationScores(*(np.array(astuple(s)) + 0.5)) for s in shifted]
     one, two = PredictionScores("abc", shifted), PredictionScores("abc", better)
-    difference = paired_difference(one, two)
+    difference = two.minus(one)
     for scores in difference:
         np.testing.assert_allclose(astuple(scores), 0.5)
     some = PredictionScores("cx", [better[2], better[0]])
-    np.testing.assert_allclose(astuple(paired_difference(one, some).mean), 0.5)
+    np.testing.assert_allclose(astuple(some.minus(one).mean), 0.5)
 
 
 def test_the_scores_of_the_fixations_average_to_those_of_the_image(looked):
-    table, points, sizes, maps = looked
-    scored = dict(score_models({"x": maps["x"].__getitem__}, points, sizes, 3.0))
-    rows = list(fixation_rows("b", {"x": maps["x"]["b"]}, table, points, sizes, 1, 3.0))
-    assert len(rows) == len(points["b"]) == 15
+    data, maps = looked
+    scored = dict(score_models({"x": maps["x"].__getitem__}, data))
+    rows = list(fixation_rows("b", {"x": maps["x"]["b"]}, data))
+    assert len(rows) == len(data.on("b")) == 18
     for key in ("auc", "shuffled_auc", "nss", "information_gain"):
         mean = np.mean([getattr(row, key) for row in rows])
         assert mean == pytest.approx(getattr(scored["b"]["x"], key), rel=1e-9)
@@ -211,27 +219,28 @@ def test_the_scores_of_the_fixations_average_to_those_of_the_image(looked):
 
 
 def test_people_are_each_against_the_others(looked):
-    table, points, sizes, _ = looked
-    found = dict(score_people(table, points, sizes, 1, 3.0))
+    data, _ = looked
+    table = data.table
+    found = dict(score_people(data))
     rows = []
     for viewer in range(3):
-        here = (table.image == "a") & (table.index >= 1)
+        here = table.image == "a"
         own, rest = (
             table.xy[here & mask] for mask in (table.viewer == viewer, table.viewer != viewer)
         )
-        density = fixation_density(rest, sizes["a"], 3.0)
+        density = fixation_density(rest, data.sizes["a"], 3.0)
         rows.append((auc(density, own), nss(density, own)))
     assert (found["a"].auc, found["a"].nss) == pytest.approx(tuple(np.mean(rows, axis=0)))
 
 
 def test_the_references_know_nothing_of_the_image(looked):
-    _, points, sizes, _ = looked
-    models = {"center": center_model(sizes), "shuffled": shuffled_model(points, sizes, 3.0)}
-    scored = dict(score_models(models, points, sizes, 3.0))
+    data, _ = looked
+    models = {"center": data.center, "shuffled": data.shuffled}
+    scored = dict(score_models(models, data))
     assert all(
         of["shuffled"].information_gain == pytest.approx(0, abs=1e-4) for of in scored.values()
     )
-    center = center_model(sizes)("b")
+    center = data.center("b")
     assert center.shape == (60, 50)
     np.testing.assert_allclose(center, center[::-1, ::-1])
     assert len(fields(FixationScores)) == 7

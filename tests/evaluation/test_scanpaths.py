@@ -12,8 +12,9 @@ from saccade.attention import ScanpathModelConfig, sample_scanpaths
 from saccade.errors import LogError
 from saccade.evaluation.conditional import MODELS, score_fixations, summary
 from saccade.evaluation.fixations import auc, nss
+from saccade.evaluation.prediction import FixationData
 from saccade.evaluation.scanpaths import SOURCES, PathSettings, score_paths, viewings
-from saccade.types import FixationTable
+from saccade.types import FixationTable, select_rows
 
 SHAPE = (300, 400)
 MODEL = ScanpathModelConfig(exponent=1.0, center_sigma=None, inhibition=0.3)
@@ -42,7 +43,8 @@ def seen():
 
 def test_who_is_drawn_from_a_model_is_like_its_samples_and_best_predicted_by_it(seen):
     maps, table = seen
-    people = viewings(table, {"a.png": SHAPE, "b.png": SHAPE}, 0)
+    data = FixationData(Path(), table, dict.fromkeys(maps, SHAPE), 10.0)
+    people = viewings(data)
     settings = PathSettings(8, 20, MODEL)
     paths = summary(
         [row for name in maps for row in score_paths(name, people, maps[name], settings)]
@@ -55,7 +57,7 @@ def test_who_is_drawn_from_a_model_is_like_its_samples_and_best_predicted_by_it(
     length = {name: scores["amplitude"].mean for name, scores in paths.items()}
     assert length["sampled"] == pytest.approx(length["people"], rel=0.15)
     predicted = summary(
-        [row for name in maps for row in score_fixations(name, people, maps[name], MODEL, 10.0)]
+        [row for name in maps for row in score_fixations(name, data, maps[name], MODEL)]
     )
     assert set(predicted) == set(MODELS)
     gains = {
@@ -70,8 +72,8 @@ def test_who_is_drawn_from_a_model_is_like_its_samples_and_best_predicted_by_it(
 
 def test_scores_of_the_map_are_those_of_fixation_prediction(seen):
     maps, table = seen
-    people = viewings(table, {"a.png": SHAPE, "b.png": SHAPE}, 0)
-    rows = list(score_fixations("a.png", people, maps["a.png"], MODEL, 10.0))
+    data = FixationData(Path(), table, dict.fromkeys(maps, SHAPE), 10.0)
+    rows = list(score_fixations("a.png", data, maps["a.png"], MODEL))
     cells = (table.xy[:80] + 0.5) / SHAPE[::-1] * (24, 18) - 0.5
     scores = [row.scores for row in rows if row.model == "saliency map"]
     assert np.mean([each.nss for each in scores]) == pytest.approx(nss(maps["a.png"], cells))
@@ -81,10 +83,9 @@ def test_scores_of_the_map_are_those_of_fixation_prediction(seen):
 
 def test_one_viewer_has_nobody_to_be_compared_with(seen):
     _, table = seen
+    alone = select_rows(table, (table.viewer == 3) | (table.image == "a.png"))
     with pytest.raises(LogError, match="two viewers"):
-        viewings(table, {"a.png": SHAPE}, 0)
-    with pytest.raises(LogError, match="two viewers"):
-        viewings(table, {"a.png": SHAPE, "b.png": SHAPE}, 8)
+        viewings(FixationData(Path(), alone, {"a.png": SHAPE, "b.png": SHAPE}))
 
 
 def test_the_command_prints_and_writes_tidy_tables(run, seen, tmp_path):

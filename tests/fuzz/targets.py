@@ -8,12 +8,11 @@ from warnings import catch_warnings
 import cv2
 import numpy as np
 
-from saccade import Keypoints, LogWarning, Sift, SiftConfig, exchange, slam
+from saccade import Keypoints, LogWarning, SiftConfig, exchange, slam
 from saccade.datasets import load, load_drive, save, save_drive
 from saccade.datasets.drives.sidecar_files import read_kitti_poses, read_tum_poses
 from saccade.datasets.fixations import read_fixations
 from saccade.datasets.homography_pairs import homography_pairs
-from saccade.evaluation.relative_pose import score_relative_poses
 from saccade.frames import Camera, Drive, Frame
 from saccade.io.image import read_image, read_stored
 from saccade.io.video import VideoFrames, read_video, video_writer
@@ -164,10 +163,8 @@ def _kitti_poses(folder: Path) -> None:
     (folder / "poses.txt").write_text("\n".join(rows))
 
 
-def _relative_poses(folder: Path) -> object:
-    drive = load_drive("kitti", folder)
-    poses = read_kitti_poses(folder / "poses.txt", drive.time)
-    return score_relative_poses(Sift(SiftConfig(max_keypoints=20)), drive, poses)
+def _read_kitti_poses(folder: Path) -> object:
+    return read_kitti_poses(folder / "poses.txt", load_drive("kitti", folder).time)
 
 
 def _tum(folder: Path) -> None:
@@ -468,7 +465,7 @@ TARGETS = {
     "video": Target(_video, "film.mp4", _read_video),
     "kitti-calib": _drive(_kitti, "calib.txt"),
     "kitti-odometry": _drive(_kitti, "odometry.csv"),
-    "kitti-poses": Target(_kitti_poses, "poses.txt", _relative_poses),
+    "kitti-poses": Target(_kitti_poses, "poses.txt", _read_kitti_poses),
     "tum-list": _drive(_tum, "rgb.txt"),
     "tum-truth": _drive(_tum, "groundtruth.txt"),
     "camera-toml": _drive(_folder, "camera.toml"),

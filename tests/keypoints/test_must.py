@@ -110,7 +110,7 @@ def test_the_claims_of_the_source(shared, disturbance, better):
             points = detect(image, describe=False)[:300]
             return SimpleNamespace(xy=points.xy, descriptors=np.zeros((len(points), 1), np.uint8))
 
-        (scores,) = score_detector(undescribed, chosen, degradation)
+        scores = score_detector(undescribed, chosen, degradation)
         found.append(scores.mean().repeatability)
     print(f"\n{disturbance}: SIFT {found[0]:.3f}, MUST {found[1]:.3f}")
     assert found[1] > better * found[0]

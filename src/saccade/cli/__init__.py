@@ -67,8 +67,7 @@ class Evaluate(LazyGroup):
         ),
         "features": Entry(
             "Images",
-            "Score detectors and descriptors on image pairs related by a homography, or by a "
-            "motion.",
+            "Score detectors and descriptors on image pairs related by a homography.",
             "evaluate features --pairs oxford --detector opencv",
         ),
         "gaze": Entry(

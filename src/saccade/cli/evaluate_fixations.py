@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from typer import Option
 
@@ -13,27 +13,23 @@ from saccade.attention.models import KINDS
 from saccade.cli import options
 from saccade.cli.fixation_tables import FixationOptions
 from saccade.cli.options import DEFAULT_MODEL, Faces, attention_model
-from saccade.cli.output import emit, tracked, with_interval
+from saccade.cli.output import emit, tracked
+from saccade.cli.score_tables import interval_rows, side_by_side
 from saccade.errors import ConfigError, require
-from saccade.evaluation.comparison import (
-    FixationRow,
-    center_model,
-    checked_map,
-    fixation_rows,
-    imported_model,
-    paired_difference,
-    score_people,
-    shuffled_model,
-)
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import (
+    FixationData,
+    FixationRow,
     Model,
     PredictionScores,
+    checked_map,
+    fixation_rows,
     saliency_from_files,
     score_models,
+    score_people,
 )
+from saccade.extras import import_function
 from saccade.io.files import atomic_write, results_in
-from saccade.io.image import read_image
 from saccade.scale.pyramid import resize
 from saccade.types import Float32Array
 from saccade.viewing.evaluation import Bar, fixation_score_figure
@@ -107,84 +103,73 @@ def fixations(
     model is scored without and with the prior of the position, and as one
     density from which each metric has the map that is optimal for it.
     """
-    models = chosen_models(seen, maps or [], model or [], preset, config, faces)
-    results, rows_of_fixations, names = run(seen, models, sigma, references, rows=csv is not None)
+    data = seen.data(sigma)
+    models = chosen_models(data, maps or [], model or [], preset, config, faces)
+    label = f"{len(models)} models" if len(models) > 1 or references else next(iter(models))
+    results, rows_of_fixations = score(data, models, references, by_fixation=csv is not None)
     first, *others = results
-    differences = {name: paired_difference(results[first], results[name]) for name in others}
-    many = len(results) > 1
-    rows = [
-        row
-        for name, result in results.items()
-        for row in _rows(name if many else "mean", result.mean(), *result.interval())
-    ]
-    difference_rows = [row for name, each in differences.items() for row in _rows(name, *each)]
+    gains = {name: results[name].minus(results[first]) for name in others}
+    title = f"{len(results[first].name)} images, {label}"
+    means = Table(
+        title,
+        COLUMNS,
+        [
+            row
+            for name, result in results.items()
+            for row in interval_rows(name if others else "mean", result.estimate(), _cells)
+        ],
+        MEANING,
+        "score",
+    )
+    differences = Table(
+        f"Paired differences from {first}",
+        COLUMNS,
+        [row for name, each in gains.items() for row in interval_rows(name, each, _cells)],
+        first="score",
+    )
     image_rows = [
-        _row(f"{image}, {name}" if many else image, scores)
+        [f"{image}, {name}" if others else image, *_cells(scores)]
         for name, result in results.items()
         for image, scores in zip(result.name, result.scores, strict=True)
     ]
-    label = f"{len(results)} models" if many else names
-    title = f"{len(results[first].name)} images, {label}"
     shown.write(
         "evaluate fixations",
         f"Prediction of human fixations by saliency maps: {title}.",
         [
-            Table("Mean over the images", COLUMNS, rows, MEANING, "score"),
-            Table(f"Paired differences from {first}", COLUMNS, difference_rows, first="score"),
+            means._replace(title="Mean over the images"),
+            differences,
             Table("Each image", COLUMNS, image_rows, first="image"),
         ],
     )
     for path in figure or []:
-        draw(results, path, DRAWN)
+        draw(results, path)
     if csv is not None:
         with results_in(csv):
             write_csv(csv, results, rows_of_fixations)
-    tables = _fitting(title, [*rows, *image_rows] if per_image else rows)
-    if many:
-        tables += _fitting(f"paired differences from {first}", difference_rows)
-    emit(_as_json(results, differences), shown.as_json, *tables)
-
-
-def _fitting(title: str, rows: list[list[str]]) -> list[Table]:
-    """One table, or two where names are long."""
-    long = max(len(name) for name, *_ in rows) > LONGEST
-    return [
-        Table(
-            "" if number else title,
-            columns,
-            [[row[COLUMNS.index(column)] for column in columns] for row in rows],
-        )
-        for number, columns in enumerate(PRINTED if long else [COLUMNS])
-    ]
-
-
-def _as_json(results: "dict[str, PredictionScores]", differences: dict[str, Any]) -> dict[str, Any]:
-    """The first model's scores, and, of several, those of each by name."""
+    if per_image:
+        means = means._replace(rows=[*means.rows, *image_rows])
     tables = {
-        name: {
-            **with_interval(result.mean(), *result.interval()),
-            "images": dict(zip(result.name, map(asdict, result.scores), strict=True)),
-        }
+        name: result.estimate().as_dict()
+        | {"images": dict(zip(result.name, map(asdict, result.scores), strict=True))}
         for name, result in results.items()
     }
-    first = next(iter(tables.values()))
-    if len(tables) == 1:
-        return first
-    return {
-        **first,
-        "models": tables,
-        "differences": {name: with_interval(*each) for name, each in differences.items()},
-    }
+    row = tables[first]
+    if others:
+        of_others = {name: each.as_dict() for name, each in gains.items()}
+        row = row | {"models": tables, "differences": of_others}
+    emit(row, shown.as_json, *(part for each in (means, differences) for part in _fitting(each)))
 
 
-def _rows(
-    name: str, mean: "FixationScores", low: "FixationScores", high: "FixationScores"
-) -> list[list[str]]:
-    return [_row(name, mean), _row("  95 % from", low), _row("  95 % to", high)]
+def _fitting(table: Table) -> list[Table]:
+    """One table, or two where names are long; none without rows."""
+    if not table.rows:
+        return []
+    long = max(len(name) for name, *_ in table.rows) > LONGEST
+    return side_by_side(table, *PRINTED) if long else [table]
 
 
-def _row(name: str, scores: "FixationScores") -> list[str]:
-    return [name, *(f"{value:.3f}" for value in astuple(scores))]
+def _cells(scores: FixationScores) -> list[str]:
+    return [f"{value:.3f}" for value in astuple(scores)]
 
 
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
@@ -194,7 +179,7 @@ BY_METRIC = "the same, best map by metric"
 
 
 def chosen_models(
-    task: FixationOptions,
+    data: FixationData,
     maps: Sequence[str],
     models: Sequence[str],
     preset: str | None,
@@ -207,7 +192,7 @@ def chosen_models(
         ConfigError: no such model, or a name that is given twice.
     """
     if not (models or maps or preset or config):
-        return default_models(task, faces)
+        return default_models(data, faces)
     chosen: dict[str, Model] = {}
     words = [*models] if models or maps else [DEFAULT_MODEL]
     single = len(words) == 1
@@ -215,14 +200,14 @@ def chosen_models(
     for word in words:
         name, source = _named(word)
         label = name or (f"{source}, {preset or config}" if preset or config else source)
-        _add(chosen, label, _model(task, source, preset, config, faces))
+        _add(chosen, label, _model(data, source, preset, config, faces))
     for word in maps:
         name, folder = (None, word) if Path(word).is_dir() else _named(word)
-        _add(chosen, name or folder, saliency_from_files(task.images, Path(folder)))
+        _add(chosen, name or folder, saliency_from_files(data.folder, Path(folder)))
     return chosen
 
 
-def default_models(task: FixationOptions, faces: str | None) -> dict[str, Model]:
+def default_models(data: FixationData, faces: str | None) -> dict[str, Model]:
     """The attention model without and with the prior of the position, and the latter as a density.
 
     The last one is scored by the map that is optimal for each metric.
@@ -231,9 +216,8 @@ def default_models(task: FixationOptions, faces: str | None) -> dict[str, Model]
 
     @lru_cache(maxsize=1)
     def maps(name: str) -> tuple[Float32Array, Float32Array]:
-        image = read_image(task.images / name)
-        found = attention.maps(image)
-        bare, saliency = (resize(each, image.shape[:2]) for each in (found.bare, found.saliency))
+        found = attention.maps(data.read(name))
+        bare, saliency = (resize(each, data.sizes[name]) for each in (found.bare, found.saliency))
         return bare, saliency
 
     return {
@@ -255,66 +239,60 @@ def _add(chosen: dict[str, Model], name: str, model: Model) -> None:
 
 
 def _model(
-    task: FixationOptions, source: str, preset: str | None, config: Path | None, faces: str | None
+    data: FixationData, source: str, preset: str | None, config: Path | None, faces: str | None
 ) -> Model:
 
     kind, colon, rest = source.partition(":")
     if colon and kind not in KINDS:
-        predict = imported_model(source)
+        predict = import_function("model", source)
 
         def imported(name: str) -> Float32Array:
-            image = read_image(task.images / name)
             try:
-                values = predict(image)
+                values = predict(data.read(name))
             except Exception as error:  # of the user's own function
                 raise ConfigError(f"model: {source}: failed on {name}: {error}") from error
-            return resize(checked_map(values, source), image.shape[:2])
+            return resize(checked_map(values, source), data.sizes[name])
 
         return imported
     attention = attention_model(kind if colon else source, rest or preset, config, faces=faces)
 
     def saliency(name: str) -> Float32Array:
-        image = read_image(task.images / name)
-        result: Float32Array = resize(attention.maps(image).saliency, image.shape[:2])
-        return result
+        return resize(attention.maps(data.read(name)).saliency, data.sizes[name])
 
     return saliency
 
 
-def run(
-    task: FixationOptions, models: dict[str, Model], sigma: float, references: bool, *, rows: bool
-) -> tuple[dict[str, PredictionScores], list[FixationRow], str]:
-    """The scores of each model, the rows of each fixation where wished, and the models' names."""
-    points, sizes = task.places
-    names = ", ".join(models)
+def score(
+    data: FixationData, models: dict[str, Model], references: bool, *, by_fixation: bool
+) -> tuple[dict[str, PredictionScores], list[FixationRow]]:
+    """The scores of each model and reference, and those of each fixation where wished."""
     if references:
-        models[CENTER] = center_model(sizes)
-        models[SHUFFLED] = lru_cache(maxsize=1)(shuffled_model(points, sizes, sigma))
-    scored: dict[str, list[tuple[str, object]]] = {name: [] for name in models}
-    of_fixations: list[FixationRow] = []
-    for image, by_model in tracked(
-        score_models(models, points, sizes, sigma, (BY_METRIC,)), "scoring", len(points)
-    ):
+        models |= {CENTER: data.center, SHUFFLED: data.shuffled}
+    scored: dict[str, list[tuple[str, FixationScores]]] = {name: [] for name in models}
+    rows: list[FixationRow] = []
+    count = len(data.sizes)
+    for image, by_model in tracked(score_models(models, data, (BY_METRIC,)), "scoring", count):
         for name, scores in by_model.items():
             scored[name].append((image, scores))
-        if rows:
+        if by_fixation:
             maps = {name: model(image) for name, model in models.items()}
-            of_fixations += fixation_rows(image, maps, task.table, points, sizes, task.drop, sigma)
+            rows += fixation_rows(image, maps, data)
     if references:
-        people = score_people(task.table, points, sizes, task.drop, sigma)
-        scored[PEOPLE] = [*tracked(people, "people", len(points))]
-    results = {
+        scored[PEOPLE] = [*tracked(score_people(data), "people", count)]
+    return {
         name: PredictionScores(*zip(*pairs, strict=True)) for name, pairs in scored.items() if pairs
-    }
-    return results, of_fixations, names
+    }, rows
 
 
-def draw(results: Mapping[str, PredictionScores], path: Path, drawn: Mapping[str, str]) -> None:
+def draw(results: Mapping[str, PredictionScores], path: Path) -> None:
     """Write the figure of the scores."""
-    ends = {name: (result.mean(), *result.interval()) for name, result in results.items()}
+    estimates = {name: result.estimate() for name, result in results.items()}
     scores = {
-        title: {name: Bar(*(getattr(end, key) for end in three)) for name, three in ends.items()}
-        for title, key in drawn.items()
+        title: {
+            name: Bar(*(getattr(each, key) for each in estimate))
+            for name, estimate in estimates.items()
+        }
+        for title, key in DRAWN.items()
     }
     save_figure(fixation_score_figure(scores, (CENTER, SHUFFLED, PEOPLE)), path)
 

@@ -30,7 +30,6 @@ from saccade.evaluation.scanpaths import (
     viewings,
 )
 from saccade.io.files import results_in
-from saccade.io.image import read_image
 from saccade.settings import load_settings
 from saccade.viewing.evaluation import scanpath_figure
 from saccade.viewing.report import Table
@@ -112,7 +111,8 @@ def scanpaths(
 
     Means over the images with 95 % bootstrap intervals.
     """
-    people = viewings(seen.table, seen.places[1], seen.drop)
+    data = seen.data(degree)
+    people = viewings(data)
     chosen: ScanpathModelConfig = load_settings("scanpath-model", None, paths_config)
     settings = PathSettings(
         length or mean_fixations(people),
@@ -126,9 +126,9 @@ def scanpaths(
     path_rows: list[PathRow] = []
     fixation_rows: list[FixationRow] = []
     for name in tracked(people, "scoring", len(people)):
-        saliency = attention.maps(read_image(seen.images / name)).saliency
+        saliency = attention.maps(data.read(name)).saliency
         path_rows += score_paths(name, people, saliency, settings)
-        fixation_rows += score_fixations(name, people, saliency, chosen, degree)
+        fixation_rows += score_fixations(name, data, saliency, chosen)
     paths, predicted = summary(path_rows), summary(fixation_rows)
     if out is not None:
         with results_in(out):

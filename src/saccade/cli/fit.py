@@ -1,21 +1,18 @@
 """`saccade fit`: a model of fixations from one's own photographs and people."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 from typer import Option
 
-from saccade.attention.combined import AttentionConfig
 from saccade.cli import options
 from saccade.cli.fixation_tables import FixationOptions
 from saccade.cli.options import Faces, face_detector
-from saccade.cli.output import emit, print_message, progress_bar, tracked, with_interval, write_text
-from saccade.evaluation.fit_study import FITTED, ORDERED, STATIC, FitStudy, differences, study
-from saccade.evaluation.fitting import FittingConfig
-from saccade.evaluation.intervals import mean_interval
-from saccade.evaluation.prediction import PredictionScores
+from saccade.cli.output import emit, progress_bar, tracked, write_text
+from saccade.evaluation.conditional import summary
+from saccade.evaluation.fitting import FITTED, FittingConfig, study
+from saccade.evaluation.fixations import FixationScores
+from saccade.evaluation.intervals import Estimate
 from saccade.io.files import results_in
 from saccade.settings import as_toml, load_settings
 from saccade.viewing.report import Table
@@ -48,15 +45,42 @@ def fit(
     fixations. It is cross-validated by image and by viewer. --out is used by
     --model of look, evaluate fixations and extract.
     """
-    found = run(
-        seen,
-        load_settings("attention", preset, config),
-        faces,
-        FittingConfig(folds=folds, seed=seed),
-        sigma=sigma,
-        people=people,
+    data = seen.data(sigma)
+    settings = load_settings("attention", preset, config)
+    found = study(
+        *(data, settings, FittingConfig(folds=folds, seed=seed), face_detector(faces)),
+        ceiling=people,
+        progress=tracked,
+        bar=progress_bar,
     )
-    tables = found.tables()
+    scores = {name: each.estimate() for name, each in found.results.items()}
+    own = found.results[FITTED]
+    gains = {name: own.minus(each) for name, each in found.results.items() if each is not own}
+    steps = summary(found.steps)
+    tables = [
+        Table(
+            f"{len(data.sizes)} images: mean, half of the 95 % interval",
+            ["", *COLUMNS],
+            [[name, *_cells(each)] for name, each in scores.items()],
+            SCORES,
+        ),
+        Table(
+            "paired differences",
+            ["", *COLUMNS],
+            [[f"{FITTED} - {name}", *_cells(each)] for name, each in gains.items()],
+            first="models",
+        ),
+        Table(
+            "each next fixation",
+            ["", *STEP_COLUMNS],
+            [
+                [name, *(_cell(*of_model[key]) for key in STEP_COLUMNS.values())]
+                for name, of_model in steps.items()
+            ],
+            STEPS,
+            "models",
+        ),
+    ]
     with results_in(out, is_file=True):
         write_text(out, as_toml(found.model))
         shown.write("fit", LEAD, tables)
@@ -65,13 +89,27 @@ def fit(
         ["fitted to", found.model.fitted_to],
         ["model", str(out)],
     ]
-    row = {"model": str(out), **found.as_json()}
+    row = {
+        "model": str(out),
+        "scores": {name: each.as_dict() for name, each in scores.items()},
+        "differences": {name: each.as_dict() for name, each in gains.items()},
+        "next_fixation": {
+            name: {key: of_model[key].mean for key in STEP_COLUMNS.values()}
+            for name, of_model in steps.items()
+        },
+    }
     emit(row, shown.as_json, *tables, Table("fitted model", ["", ""], facts))
 
 
 LEAD = "A model of fixations, fitted to photographs and people, and its cross-validated scores."
-COLUMNS = ["", "sAUC", "AUC", "NSS", "CC", "IG (bit)"]
-KEYS = ("shuffled_auc", "auc", "nss", "cc", "information_gain")
+COLUMNS = {
+    "sAUC": "shuffled_auc",
+    "AUC": "auc",
+    "NSS": "nss",
+    "CC": "cc",
+    "IG (bit)": "information_gain",
+}
+STEP_COLUMNS = {"NSS": "nss", "IG (bit)": "information_gain"}
 SCORES = (
     "By image: on images that the model was not fitted to; by viewer: on viewers that it was not "
     "fitted to. IG: information gain over the center, the density of all other images' fixations, "
@@ -85,94 +123,9 @@ STEPS = (
 )
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """A study, for printing."""
-
-    study: FitStudy
-
-    @property
-    def model(self) -> Any:
-        """The fitted model."""
-        return self.study.model
-
-    def tables(self) -> list[Table]:
-        """Scores, differences, and those of each next fixation."""
-        results = self.study.results
-        scores = [
-            [name, *_cells(result.mean(), *result.interval())] for name, result in results.items()
-        ]
-        paired = [
-            [f"{FITTED} - {name}", *_cells(*difference)]
-            for name, difference in differences(results, FITTED).items()
-        ]
-        images = len(results[FITTED].name)
-        return [
-            Table(f"{images} images: mean, half of the 95 % interval", COLUMNS, scores, SCORES),
-            Table("paired differences", COLUMNS, paired, first="models"),
-            Table("each next fixation", ["", "NSS", "IG (bit)"], self._steps(), STEPS, "models"),
-        ]
-
-    def _means(self) -> list[tuple[str, list[float], list[float]]]:
-        """Mean NSS and bits, and half of the interval, by model; the order is a difference."""
-        steps = self.study.steps
-        rows = {**steps, "order": steps[ORDERED] - steps[STATIC]}
-        found = []
-        for name, values in rows.items():
-            known = values[np.isfinite(values).all(axis=1)]
-            if len(known):
-                low, high = mean_interval(known, 0.95, PredictionScores.seed)
-                found.append((name, known.mean(axis=0).tolist(), ((high - low) / 2).tolist()))
-        return found
-
-    def _steps(self) -> list[list[str]]:
-        return [
-            [name, *(f"{m:.3f} ±{h:.3f}" for m, h in zip(mean, half, strict=True))]
-            for name, mean, half in self._means()
-        ]
-
-    def as_json(self) -> dict[str, Any]:
-        """All figures."""
-        results = self.study.results
-        return {
-            "scores": {n: with_interval(r.mean(), *r.interval()) for n, r in results.items()},
-            "differences": {n: with_interval(*d) for n, d in differences(results, FITTED).items()},
-            "next_fixation": {
-                name: {"nss": mean[0], "information_gain": mean[1]}
-                for name, mean, _ in self._means()
-            },
-        }
+def _cells(scores: Estimate[FixationScores]) -> list[str]:
+    return [_cell(*(getattr(each, key) for each in scores)) for key in COLUMNS.values()]
 
 
-def run(
-    seen: FixationOptions,
-    attention: AttentionConfig,
-    faces: str | None,
-    config: FittingConfig,
-    *,
-    sigma: float,
-    people: bool,
-) -> Fitted:
-    """Fit a model, with progress bars."""
-    found = study(
-        seen.table,
-        seen.images,
-        attention,
-        config,
-        face_detector(faces),
-        skip=seen.drop,
-        sigma=sigma,
-        people=people,
-        progress=tracked,
-        bar=progress_bar,
-    )
-    if found.outside:
-        print_message(f"{found.outside} fixations outside their images are left out")
-    return Fitted(found)
-
-
-def _cells(mean: Any, low: Any, high: Any) -> list[str]:
-    return [
-        f"{getattr(mean, key):.3f} ±{(getattr(high, key) - getattr(low, key)) / 2:.3f}"
-        for key in KEYS
-    ]
+def _cell(mean: float, low: float, high: float) -> str:
+    return f"{mean:.3f} ±{(high - low) / 2:.3f}"

@@ -1,7 +1,6 @@
 """The fixations that commands score, and how they are to be read."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import inf
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +10,7 @@ from typer import Option
 from saccade.cli.output import print_message
 from saccade.datasets.fixations import FixationFormat, read_fixations
 from saccade.errors import ConfigError, LogError
-from saccade.evaluation.prediction import fixations_by_image
-from saccade.types import FixationTable, FloatArray
+from saccade.evaluation.prediction import FixationData
 
 LARGEST = 1e6
 """Bound on pixels of a screen."""
@@ -66,30 +64,20 @@ class FixationOptions:
         Option("--only-present", help="Leave out the fixations on images that are not there."),
     ] = False
 
-    @cached_property
-    def table(self) -> FixationTable:
-        """The fixations; remarks are printed."""
+    def data(self, sigma: float = 24.0) -> FixationData:
+        """The fixations inside their images, of a density blurred by `sigma`; prints remarks."""
         form = fixation_format(self.columns, self.xy, self.offset)
         table = read_fixations(
-            self.fixations,
-            self.images,
-            form,
-            only_present=self.only_present,
-            say=print_message,
+            self.fixations, self.images, form, only_present=self.only_present, say=print_message
         )
         if not (table.index >= self.drop).any():
             raise LogError(
                 f"{self.fixations}: every fixation is among the first {self.drop}; lower --drop"
             )
-        return table
-
-    @cached_property
-    def places(self) -> tuple[dict[str, FloatArray], dict[str, tuple[int, int]]]:
-        """The fixations inside each image, and its size."""
-        points, sizes, outside = fixations_by_image(self.table, self.images, self.drop)
-        if outside:
-            print_message(f"{outside} fixations outside their images are left out")
-        return points, sizes
+        found = FixationData.of(table, self.images, self.drop, sigma)
+        if found.outside:
+            print_message(f"{found.outside} fixations outside their images are left out")
+        return found
 
 
 def fixation_format(columns: str | None, xy: str | None, offset: str | None) -> FixationFormat:

@@ -6,7 +6,6 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TextIO, TypeVar
 
@@ -127,11 +126,6 @@ class _Tabular(Protocol):
     def columns(self) -> Sequence[str]: ...
     @property
     def rows(self) -> Sequence[Sequence[str]]: ...
-
-
-def with_interval(mean: Any, low: Any, high: Any) -> dict[str, Any]:
-    """Scores, dataclasses, with the ends of their interval, for JSON."""
-    return {"mean": asdict(mean), "low": asdict(low), "high": asdict(high)}
 
 
 def emit(row: Mapping[str, Any], as_json: bool, *tables: _Tabular) -> None:

@@ -4,15 +4,17 @@ Definitions are those of pysaliency (Kummerer, Wallis & Bethge; conditional scor
 Bethge 2021, *State-of-the-art in human scanpath prediction*), on the cells of the saliency map.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
 
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
-from saccade.evaluation.fixations import fixation_density
+from saccade.evaluation.fixations import fixation_density, ranks
 from saccade.evaluation.intervals import mean_interval
+from saccade.evaluation.prediction import FixationData
 from saccade.evaluation.scanpaths import (
     OTHERS,
     PEOPLE,
@@ -20,10 +22,9 @@ from saccade.evaluation.scanpaths import (
     SIMILAR,
     WALK,
     PathRow,
-    Viewing,
     walk_model,
 )
-from saccade.types import Float32Array, FloatArray
+from saccade.types import FixationTable, Float32Array, FloatArray, IntArray
 
 STATIC, DENSITY = "saliency map", "static density"
 MODELS = (PEOPLE, OTHERS, WALK, STATIC, DENSITY, SAMPLED, SIMILAR)
@@ -31,8 +32,6 @@ MODELS = (PEOPLE, OTHERS, WALK, STATIC, DENSITY, SAMPLED, SIMILAR)
 the static density is the model without its kernel and inhibition."""
 UNIFORM = 0.01
 """Fraction of a uniform distribution in the densities of fixations, so that none is 0."""
-Density = Callable[[int, int], FloatArray]
-"""Function from a viewer and the number of a fixation to the (h, w) prediction of it."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class FixationRow(NamedTuple):
 
     image: str
     model: str
-    """One of `MODELS`."""
+    """One of `MODELS`, or a fitted one."""
     viewer: int
     fixation: int
     """Number of the fixation among those of the viewer that are scored."""
@@ -61,84 +60,93 @@ class FixationRow(NamedTuple):
 
 
 def score_fixations(
-    name: str,
-    people: Mapping[str, Viewing],
-    saliency: Float32Array,
-    model: ScanpathModelConfig,
-    sigma: float,
+    name: str, data: FixationData, saliency: Float32Array, model: ScanpathModelConfig
 ) -> Iterator[FixationRow]:
     """Score the prediction of every fixation on an image.
 
     Args:
         name: of the image.
-        people: scanpaths of the viewers by image.
+        data: fixations of several viewers on it.
         saliency: (h, w) of the image.
         model: the scanpath model; its first fixation starts from the center of the image.
-        sigma: of the density of people's fixations, in pixels.
     """
-    shape = people[name].shape
+    shape, seen = data.sizes[name], data.on(name)
     center = np.array([[(shape[1] - 1) / 2, (shape[0] - 1) / 2]])
-    paths = {viewer: path.xy for viewer, path in people[name].paths.items()}
-    past = {viewer: np.vstack([center, xy]) for viewer, xy in paths.items()}
+    past = [np.vstack([center, seen.xy[first:i]]) for i, first in enumerate(first_fixations(seen))]
+
+    def sampled(values: Float32Array, config: ScanpathModelConfig) -> Iterator[FloatArray]:
+        return (next_fixation_density(values, shape, before, config) for before in past)
+
     still = replace(model, amplitude_exponent=0.0, horizontal=0.0, persistence=0.0, inhibition=0.0)
-    static = next_fixation_density(saliency, shape, center, still)
-    everywhere = np.ones_like(saliency)
-    baseline = cell_density(_elsewhere(name, people), shape, saliency.shape, sigma)
-    rest = {
-        viewer: cell_density(
-            np.vstack([xy for other, xy in paths.items() if other != viewer]),
-            *(shape, saliency.shape, sigma),
-        )
-        for viewer in paths
+    baseline, rest = people_densities(name, data, saliency.shape)
+    predictions: dict[str, Iterable[FloatArray]] = {
+        PEOPLE: (rest[viewer] for viewer in seen.viewer.tolist()),
+        OTHERS: repeat(baseline),
+        WALK: sampled(np.ones_like(saliency), walk_model(model)),
+        STATIC: repeat(saliency.astype(np.float64)),
+        DENSITY: repeat(next_fixation_density(saliency, shape, center, still)),
+        SAMPLED: sampled(saliency, model),
+        SIMILAR: sampled(saliency, ScanpathModelConfig.similar()),
     }
-    walk, similar = walk_model(model), ScanpathModelConfig.similar()
-    predictions: dict[str, Density] = {
-        PEOPLE: lambda viewer, _: rest[viewer],
-        OTHERS: lambda _, __: baseline,
-        WALK: lambda viewer, k: next_fixation_density(
-            everywhere, shape, past[viewer][: k + 1], walk
-        ),
-        STATIC: lambda _, __: saliency.astype(np.float64),
-        DENSITY: lambda _, __: static,
-        SAMPLED: lambda viewer, k: next_fixation_density(
-            saliency, shape, past[viewer][: k + 1], model
-        ),
-        SIMILAR: lambda viewer, k: next_fixation_density(
-            saliency, shape, past[viewer][: k + 1], similar
-        ),
-    }
-    for viewer, xy in paths.items():
-        cells = _cells(xy, shape, saliency.shape)
-        for kind, predict in predictions.items():
-            for k, cell in enumerate(cells):
-                values = predict(viewer, k).ravel()
-                gain = np.log2(values[cell] / baseline.ravel()[cell]) if kind != STATIC else np.nan
-                scores = FixationPrediction(
-                    nss=float((values[cell] - values.mean()) / (values.std() or 1.0)),
-                    auc=_exceeded(values, int(cell)),
-                    information_gain=float(gain),
-                )
-                yield FixationRow(name, kind, viewer, k, scores)
+    for row in score_predictions(name, seen, shape, predictions, baseline):
+        no_density = replace(row.scores, information_gain=np.nan)
+        yield row._replace(scores=no_density) if row.model == STATIC else row
 
 
-def _exceeded(values: FloatArray, cell: int) -> float:
-    """Fraction of the cells that are below one of them, ties counting half."""
-    below, equal = values < values[cell], values == values[cell]
-    return float((below.sum() + 0.5 * equal.sum()) / len(values))
+def score_predictions(
+    name: str,
+    seen: FixationTable,
+    shape: tuple[int, int],
+    predictions: Mapping[str, Iterable[FloatArray]],
+    baseline: FloatArray,
+) -> Iterator[FixationRow]:
+    """Score predictions of each fixation on an image.
+
+    Args:
+        name: of the image.
+        seen: its n fixations, sorted by viewer and index.
+        shape: (H, W) of the image.
+        predictions: by model, n times (h, w).
+        baseline: (h, w) over which information is gained.
+    """
+    cells = np.ravel_multi_index(tuple(cells_of(seen.xy, shape, baseline.shape).T), baseline.shape)
+    number = np.arange(len(seen)) - first_fixations(seen)
+    for kind, densities in predictions.items():
+        rows = zip(seen.viewer.tolist(), number.tolist(), cells.tolist(), densities, strict=False)
+        for viewer, k, cell, density in rows:
+            values = density.ravel()
+            with np.errstate(divide="ignore"):  # a map that is no density may be 0 there
+                gain = float(np.log2(values[cell] / baseline.ravel()[cell]))
+            scores = FixationPrediction(
+                nss=float((values[cell] - values.mean()) / (values.std() or 1.0)),
+                auc=float(ranks(values[cell : cell + 1], values)[0]),
+                information_gain=gain,
+            )
+            yield FixationRow(name, kind, viewer, k, scores)
 
 
-def _elsewhere(name: str, people: Mapping[str, Viewing]) -> FloatArray:
-    """(n, 2) fixations on the other images, scaled to this one."""
-    scaled = [
-        (path.xy + 0.5) * (np.array(people[name].shape[::-1]) / viewing.shape[::-1]) - 0.5
-        for other, viewing in people.items()
-        if other != name
-        for path in viewing.paths.values()
-    ]
-    return np.vstack(scaled)
+def first_fixations(seen: FixationTable) -> IntArray:
+    """(n,) row of the first fixation of the viewer of each, of a table sorted by viewer."""
+    return np.asarray(np.searchsorted(seen.viewer, seen.viewer))
 
 
-def cell_density(
+def people_densities(
+    name: str, data: FixationData, cells: tuple[int, ...]
+) -> tuple[FloatArray, dict[int, FloatArray]]:
+    """Distributions (h, w) of the fixations on other images, and of the others of each viewer."""
+    shape, seen = data.sizes[name], data.on(name)
+    rest = {viewer: seen.xy[seen.viewer != viewer] for viewer in np.unique(seen.viewer).tolist()}
+    return (
+        _cell_density(data.elsewhere(name), shape, cells, data.sigma),
+        {
+            viewer: _cell_density(xy, shape, cells, data.sigma)
+            for viewer, xy in rest.items()
+            if len(xy)
+        },
+    )
+
+
+def _cell_density(
     xy: FloatArray, shape: tuple[int, int], cells: tuple[int, ...], sigma: float
 ) -> FloatArray:
     """(h, w) distribution of fixations (n, 2), of sum 1."""
@@ -150,11 +158,10 @@ def cell_density(
     return np.asarray((1 - UNIFORM) * blurred / blurred.sum() + UNIFORM / blurred.size)
 
 
-def _cells(xy: FloatArray, shape: tuple[int, int], cells: tuple[int, ...]) -> FloatArray:
-    """(n,) number of the cell, row by row, of each fixation (n, 2) in pixels."""
-    h, w = cells
-    columns, rows = np.floor((xy + 0.5) / shape[::-1] * (w, h)).astype(np.int64).T
-    return np.asarray(rows.clip(0, h - 1) * w + columns.clip(0, w - 1))
+def cells_of(xy: FloatArray, shape: tuple[int, int], cells: tuple[int, ...]) -> IntArray:
+    """(n, 2) row and column of the cells of (h, w) in which fixations (n, 2) in pixels lie."""
+    at = np.floor((xy[:, ::-1] + 0.5) / shape * cells)
+    return np.asarray(at.clip(0, np.array(cells) - 1).astype(np.int64))
 
 
 SEED = 20102
@@ -181,11 +188,22 @@ def summary(rows: Iterable[PathRow | FixationRow]) -> Summary:
     for row in rows:
         group = values.setdefault(row[1], {})
         for score, value in asdict(row.scores).items():
-            group.setdefault(score, {}).setdefault(row.image, []).append(value)
+            of_image = group.setdefault(score, {}).setdefault(row.image, [])
+            of_image += [value] if np.isfinite(value) else []
     return {
-        name: {score: _mean_score(images) for score, images in scores.items() if _known(images)}
+        name: {
+            score: _mean_score([float(np.mean(each)) for each in images.values() if each])
+            for score, images in scores.items()
+            if any(images.values())
+        }
         for name, scores in values.items()
     }
+
+
+def _mean_score(of_images: Sequence[float]) -> MeanScore:
+    table = np.array(of_images)[:, None]
+    low, high = mean_interval(table, 0.95, SEED)
+    return MeanScore(float(table.mean()), float(low[0]), float(high[0]))
 
 
 def tidy(rows: Sequence[PathRow | FixationRow]) -> list[list[str]]:
@@ -197,16 +215,3 @@ def tidy(rows: Sequence[PathRow | FixationRow]) -> list[list[str]]:
         cells = ["" if np.isnan(value) else f"{value:.6g}" for value in scores]
         table.append([*(str(getattr(row, key)) for key in keys), *cells])
     return table
-
-
-def _known(images: Mapping[str, Sequence[float]]) -> list[float]:
-    """Means of the images that have a score."""
-    arrays = (np.array(values) for values in images.values())
-    known = (values[np.isfinite(values)] for values in arrays)
-    return [float(values.mean()) for values in known if len(values)]
-
-
-def _mean_score(images: Mapping[str, Sequence[float]]) -> MeanScore:
-    table = np.array(_known(images))[:, None]
-    low, high = mean_interval(table, 0.95, SEED)
-    return MeanScore(float(table.mean()), float(low[0]), float(high[0]))

@@ -2,20 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from importlib import import_module
 from types import SimpleNamespace
 from typing import Any, TypeAlias, cast
 
 import cv2
 import numpy as np
 
-from saccade.attention import attention_saliency
 from saccade.errors import ConfigError
 from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.opencv import from_opencv
+from saccade.extras import import_function
 from saccade.io.image import as_gray
 from saccade.keypoints import Must, MustConfig, Sift, SiftConfig, SymRoid, SymRoidConfig
-from saccade.scale.pyramid import resize
 from saccade.types import Float32Array, Keypoints
 
 Detector: TypeAlias = Callable[[Float32Array], Any]
@@ -27,14 +25,10 @@ OURS: dict[str, tuple[Any, Any, dict[str, float | None]]] = {
     "symroid": (SymRoid, SymRoidConfig, {"seed_threshold": 1e-3}),
 }
 """Class, configuration, and the threshold that passes all but rounding errors."""
-CONFIGURATIONS = {**{name: name for name in OURS}, "sift-random": "sift", "sift-salient": "sift"}
-"""Detectors that take a configuration, and its kind."""
-NAMES = (*CONFIGURATIONS, "opencv", "opencv-root", "colmap")
+NAMES = (*OURS, "opencv", "opencv-root", "colmap")
 """All names besides module:callable."""
 UNLIMITED = 1_000_000
 """Keypoints of an image; COLMAP's default of 8192 truncates the richest images."""
-SEED = 2010
-"""Seed of the random order."""
 
 
 def find_detector(name: str, settings: Any = None, max_keypoints: int | None = None) -> Detector:
@@ -45,7 +39,7 @@ def find_detector(name: str, settings: Any = None, max_keypoints: int | None = N
 
     Args:
         name: one of `NAMES`, or module:callable.
-        settings: configuration of one in `CONFIGURATIONS`; None for the default.
+        settings: configuration of one in `OURS`; None for the default.
         max_keypoints: number of keypoints to keep, the first in this order; one in `OURS` has as
             many, however weak. None for all above a threshold.
 
@@ -58,7 +52,7 @@ def find_detector(name: str, settings: Any = None, max_keypoints: int | None = N
         if max_keypoints is not None:
             settings = replace(settings, max_keypoints=max_keypoints, **threshold)
         return cast("Detector", detector(settings))
-    detect = _unlimited_detector(name, settings)
+    detect = _unlimited_detector(name)
 
     def first(image: Float32Array) -> Any:
         found = detect(image)
@@ -70,38 +64,14 @@ def find_detector(name: str, settings: Any = None, max_keypoints: int | None = N
     return detect if max_keypoints is None else first
 
 
-def _unlimited_detector(name: str, settings: Any) -> Detector:
-    if name == "sift-random":
-        return _in_random_order(Sift(settings or SiftConfig()))
-    if name == "sift-salient":
-        return _by_saliency(Sift(settings or SiftConfig()))
+def _unlimited_detector(name: str) -> Detector:
     if name in ("opencv", "opencv-root"):
         return _opencv(root=name == "opencv-root")
     if name == "colmap":
         return _colmap()
     if ":" in name:
-        return _imported(name)
+        return _of_user(name)
     raise ConfigError(f"detector: expected {', '.join(NAMES)} or module:callable, found {name!r}")
-
-
-def _in_random_order(sift: Sift) -> Detector:
-    def detect(image: Float32Array) -> Any:
-        keypoints = sift(image)
-        return keypoints[np.random.default_rng(SEED).permutation(len(keypoints))]
-
-    return detect
-
-
-def _by_saliency(sift: Sift) -> Detector:
-    """SIFT keypoints by descending attention saliency at their locations."""
-
-    def detect(image: Float32Array) -> Any:
-        keypoints = sift(image)
-        saliency = resize(attention_saliency(image).saliency, image.shape[:2])
-        column, row = np.rint(keypoints.xy).astype(np.int64).T
-        return keypoints[np.argsort(-saliency[row, column], kind="stable")]
-
-    return detect
 
 
 def _opencv(root: bool) -> Detector:
@@ -144,17 +114,9 @@ def _colmap() -> Detector:
     return detect
 
 
-def _imported(name: str) -> Detector:
-    """The callable at module:path, its results checked."""
-    module, _, path = name.partition(":")
-    try:
-        detector: Any = import_module(module)
-        for part in path.split("."):
-            detector = getattr(detector, part)
-    except (ImportError, AttributeError) as error:
-        raise ConfigError(f"detector: {name}: {error}") from error
-    if not callable(detector):
-        raise ConfigError(f"detector: {name}: expected a callable, found {type(detector).__name__}")
+def _of_user(name: str) -> Detector:
+    """The callable at module:callable, its results checked."""
+    detector = import_function("detector", name)
 
     def detect(image: Float32Array) -> Any:
         result = detector(image)

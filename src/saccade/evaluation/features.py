@@ -1,9 +1,9 @@
 """Repeatability, matching and homographies of a detector, of one image pair and over many."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,12 +13,11 @@ from scipy.spatial import cKDTree
 from saccade.datasets.homography_pairs import HomographyPair
 from saccade.errors import ConfigError, require
 from saccade.evaluation.detectors import Detector
-from saccade.evaluation.intervals import ScoreSet, mean_interval
-from saccade.exchange.colmap import import_pycolmap
+from saccade.evaluation.intervals import ScoreSet
 from saccade.io.image import read_image
 from saccade.keypoints.matching import nearest_neighbors
 from saccade.keypoints.two_view_fit import project
-from saccade.keypoints.verification import position_sigma, sample_consensus, verify_positions
+from saccade.keypoints.verification import position_sigma, verify_positions
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
 
 KINDS = {"noise": (0.0, 255.0), "contrast": (0.0, 1.0), "blur": (0.0, 100.0)}
@@ -83,14 +82,8 @@ class Degradation:
         return np.asarray(np.rint(changed.clip(0, 1) * MAX_LEVEL) / MAX_LEVEL, np.float32)
 
 
-Estimator: TypeAlias = Literal["verify", "magsac", "colmap"]
-"""`saccade.verify`, OpenCV's USAC with MAGSAC, and COLMAP's LO-RANSAC."""
-
-ESTIMATORS: tuple[Estimator, ...] = ("verify", "magsac", "colmap")
 INLIER_PX = 2.0
 """Inlier threshold in pixels, the default of `saccade.verify`."""
-RUNS = 5
-"""Random draws of MAGSAC or COLMAP for each image pair, over which scores are averaged."""
 
 
 def inside(xy: FloatArray, shape: tuple[int, int]) -> BoolArray:
@@ -99,34 +92,6 @@ def inside(xy: FloatArray, shape: tuple[int, int]) -> BoolArray:
     x, y = xy.T
     within: BoolArray = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     return within
-
-
-def corner_errors(
-    matched: FloatArray,
-    sigma: FloatArray,
-    homography: FloatArray,
-    shape: tuple[int, int],
-    estimator: Estimator = "verify",
-) -> FloatArray:
-    """Errors (r,) of homographies estimated from matches: mean over the corners in pixels.
-
-    MAGSAC and COLMAP draw samples from a fixed sequence of indices, so that each of `RUNS` orders
-    of the matches is another draw. `verify` does not depend on the order: r is 1.
-
-    Args:
-        matched: (m, 4) rows x1, y1, x2, y2.
-        sigma: (m, 2) standard deviations of both positions; only `verify` uses them.
-        homography: (3, 3) true homography.
-        shape: (H, W) of the first image, whose corners are projected.
-        estimator: of the homography; infinite errors are those of none.
-    """
-    if estimator == "verify":
-        found = verify_positions(matched, sigma, "homography", INLIER_PX, min_inliers=4)
-        return np.array([corner_error(found.matrix, homography, shape)])
-    orders = [np.random.default_rng(seed).permutation(len(matched)) for seed in range(RUNS)]
-    estimate = _magsac if estimator == "magsac" else _colmap
-    estimates = [estimate(matched[order]) for order in orders]
-    return np.array([corner_error(each, homography, shape) for each in estimates])
 
 
 def corner_error(
@@ -140,18 +105,6 @@ def corner_error(
     gap = project(estimate, corners) - project(homography, corners)
     error = float(np.hypot(*gap.T).mean())
     return error if np.isfinite(error) else float("inf")
-
-
-def _magsac(matched: FloatArray) -> FloatArray | None:
-    return sample_consensus(matched, "homography", INLIER_PX)[0]
-
-
-def _colmap(matched: FloatArray) -> FloatArray | None:
-    pycolmap = import_pycolmap()
-    options = pycolmap.RANSACOptions()
-    options.max_error, options.random_seed = INLIER_PX, 0
-    found = pycolmap.estimate_homography_matrix(matched[:, :2], matched[:, 2:], options)
-    return None if found is None else np.asarray(found["H"], np.float64)
 
 
 RADIUS = 3.0
@@ -203,8 +156,7 @@ class PairScores:
     """Matching score: mutual matches correct to the radius, over the locations in the common
     area of the image that has fewer."""
     auc_1: float
-    """Area under the cumulative curve of the homography's corner error, up to 1 px; the mean of
-    several random draws of an estimator that draws."""
+    """Area under the cumulative curve of the homography's corner error, up to 1 px."""
     auc_3: float
     auc_5: float
     auc_10: float
@@ -216,7 +168,6 @@ def score_pair(
     homography: FloatArray,
     ratio: float = 0.8,
     radius: float = RADIUS,
-    estimator: Estimator = "verify",
 ) -> PairScores:
     """Score the keypoints of two images related by a known homography.
 
@@ -224,7 +175,7 @@ def score_pair(
     symmetric: the repeated locations of both images over all locations of both in the common
     area. Matches are mutual nearest neighbors among all keypoints, also those outside the common
     area. The matching score may slightly exceed 1, as a location may have more than one correct
-    match. The homography is estimated from the matches that pass the ratio test.
+    match. The homography is estimated from the matches that pass the ratio test, by `verify`.
 
     Args:
         first: keypoints of the first image.
@@ -232,7 +183,6 @@ def score_pair(
         homography: (3, 3) from the first image to the second.
         ratio: threshold of the ratio test.
         radius: distance in pixels of the second image within which a keypoint is repeated.
-        estimator: of the homography.
 
     Source: Mikolajczyk & Schmid (2005) and DeTone et al. (2018), section 4 and appendix.
     """
@@ -245,7 +195,8 @@ def score_pair(
     i, j = pairs[kept].T
     matched = np.hstack([first.xy[i], second.xy[j]])
     sigma = np.stack([first.position_sigma[i], second.position_sigma[j]], axis=1)
-    corners = corner_errors(matched, sigma, homography, first.shape, estimator)
+    found = verify_positions(matched, sigma, "homography", INLIER_PX, min_inliers=4)
+    corners = np.array([corner_error(found.matrix, homography, first.shape)])
     return PairScores(
         keypoints=float(len(first.xy)),
         repeatability=len(repeated) / max(len(distance), 1),
@@ -320,24 +271,6 @@ class FeatureScores(ScoreSet[tuple[str, str], PairScores]):
         return FeatureScores([self.name[i] for i in chosen], [self.scores[i] for i in chosen])
 
 
-class FeatureDifference(NamedTuple):
-    """Mean of the paired differences of two detectors over the pairs, with its interval."""
-
-    mean: PairScores
-    low: PairScores
-    high: PairScores
-
-
-def feature_difference(
-    first: FeatureScores, second: FeatureScores, confidence: float = 0.95
-) -> FeatureDifference:
-    """Bootstrap interval of `second` minus `first`, scored on the same pairs."""
-    rows = zip(first.scores, second.scores, strict=True)
-    table = np.array([np.subtract(astuple(b), astuple(a)) for a, b in rows])  # (pairs, scores)
-    means = table.mean(axis=0), *mean_interval(table, confidence, FeatureScores.seed)
-    return FeatureDifference(*(PairScores(*values.tolist()) for values in means))
-
-
 def score_detector(
     detect: Detector,
     pairs: Sequence[HomographyPair],
@@ -345,8 +278,7 @@ def score_detector(
     ratio: float = 0.8,
     radius: float = RADIUS,
     progress: Callable[[int, int], object] | None = None,
-    estimators: Sequence[Estimator] = ("verify",),
-) -> list[FeatureScores]:
+) -> FeatureScores:
     """Score a detector on image pairs.
 
     Args:
@@ -356,25 +288,19 @@ def score_detector(
         ratio: threshold of the ratio test.
         radius: distance in pixels within which a keypoint is repeated.
         progress: called with the pairs done and their number.
-        estimators: of the homography.
-
-    Returns:
-        The scores by each of `estimators`.
     """
 
     def features(image: Float32Array) -> Features:
         return Features.of(detect(image), image.shape[:2])
 
-    scores: list[list[PairScores]] = [[] for _ in estimators]
+    scores = []
     path: Path | None = None
     for number, pair in enumerate(pairs):
         if pair.first != path:
             path, first = pair.first, features(read_image(pair.first))
         image = read_image(pair.second)
         second = features(image if degradation is None else degradation.apply(image, number))
-        for table, estimator in zip(scores, estimators, strict=True):
-            table.append(score_pair(first, second, pair.homography, ratio, radius, estimator))
+        scores.append(score_pair(first, second, pair.homography, ratio, radius))
         if progress is not None:
             progress(number + 1, len(pairs))
-    names = [(pair.sequence, pair.second.stem) for pair in pairs]
-    return [FeatureScores(names, table) for table in scores]
+    return FeatureScores([(pair.sequence, pair.second.stem) for pair in pairs], scores)

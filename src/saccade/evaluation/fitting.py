@@ -4,18 +4,23 @@ The next fixation is one of the cells of the map. The logarithm of its probabili
 of features of the image and of functions of the way from earlier fixations, but for a constant:
 the likelihood is convex (a conditional logit, McFadden 1974). A quadratic penalty holds the
 standardized weights small. Without the functions of the way it is the static density.
+
+The fit is cross-validated: each fixation belongs to a fold, by its image or by its viewer, and is
+scored by weights that were fitted to the other folds.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count as count_from
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
-from saccade.attention.combined import AttentionConfig, FaceDetector
+from saccade.attention._scanpath_model_kernels import fill_logits
+from saccade.attention.combined import AttentionConfig, FaceDetector, attention_saliency
 from saccade.attention.fitted import (
     EARLY,
     FittedModel,
@@ -26,7 +31,23 @@ from saccade.attention.fitted import (
 )
 from saccade.errors import LogError, Settings, setting
 from saccade.evaluation._fitting_kernels import add_likelihood
-from saccade.types import Float32Array, FloatArray, Image, IntArray
+from saccade.evaluation.conditional import (
+    FixationPrediction,
+    FixationRow,
+    cells_of,
+    people_densities,
+    score_predictions,
+)
+from saccade.evaluation.fixations import FixationScores
+from saccade.evaluation.prediction import (
+    FixationData,
+    Model,
+    PredictionScores,
+    score_models,
+    score_people,
+)
+from saccade.scale.pyramid import resize
+from saccade.types import BoolArray, Float32Array, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -56,22 +77,36 @@ class Steps(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FittingData:
-    """The features and fixations of images."""
+    """The features and fixations of n images."""
 
-    images: Sequence[str]
-    """(n,) names."""
+    people: FixationData
+    """The fixations."""
     names: Sequence[str]
     """(k,) names of the features."""
     values: Sequence[Float32Array]
     """(k, h, w) features of each image."""
-    sizes: Sequence[tuple[int, int]]
-    """(H, W) of each image."""
-    fixations: Sequence[FloatArray]
-    """(m, 2) fixations of each image in pixels, those of a viewer in their order."""
-    viewers: Sequence[IntArray]
-    """(m,) their viewers."""
     attention: AttentionConfig
     """Settings of the maps."""
+
+    @cached_property
+    def images(self) -> list[str]:
+        """(n,) names."""
+        return list(self.people.sizes)
+
+    @cached_property
+    def sizes(self) -> list[tuple[int, int]]:
+        """(H, W) of each image."""
+        return list(self.people.sizes.values())
+
+    @cached_property
+    def fixations(self) -> list[FloatArray]:
+        """(m, 2) fixations on each image in pixels, those of a viewer in their order."""
+        return [self.people.on(name).xy for name in self.images]
+
+    @cached_property
+    def viewers(self) -> list[IntArray]:
+        """(m,) their viewers."""
+        return [self.people.on(name).viewer for name in self.images]
 
     @cached_property
     def steps(self) -> list[Steps]:
@@ -79,17 +114,14 @@ class FittingData:
         found = []
         pairs = zip(self.fixations, self.viewers, self.values, self.sizes, strict=True)
         for xy, viewers, values, size in pairs:
-            rows: list[Steps | None] = [None] * len(xy)
+            shape = values.shape[1:]
+            rows = []
             for viewer in np.unique(viewers):
-                path = [((size[1] - 1) / 2, (size[0] - 1) / 2)]
-                for k in np.flatnonzero(viewers == viewer):
-                    anchors, factors = path_terms(np.array(path), values.shape[1:], size)
-                    path.append((xy[k, 0], xy[k, 1]))
-                    cell = np.floor((xy[k, ::-1] + 0.5) / size * values.shape[1:])
-                    cell = cell.clip(0, np.array(values.shape[1:]) - 1).astype(np.int64)
-                    rows[k] = Steps(cell, anchors, factors)
-            known = [row for row in rows if row is not None]
-            found.append(Steps(*(np.array(column) for column in zip(*known, strict=True))))
+                own = xy[viewers == viewer]
+                path = np.vstack([[(size[1] - 1) / 2, (size[0] - 1) / 2], own])
+                rows += [path_terms(path[: k + 1], shape, size) for k in range(len(own))]
+            anchors, factors = (np.array(column) for column in zip(*rows, strict=True))
+            found.append(Steps(cells_of(xy, size, shape), anchors, factors))
         return found
 
     @cached_property
@@ -113,53 +145,6 @@ class FittingData:
         return mean, np.where(deviation > 1e-9, deviation, np.inf)  # constant in these images
 
 
-def collect(
-    images: Sequence[str],
-    read: Callable[[str], Image],
-    fixations: Sequence[FloatArray],
-    viewers: Sequence[IntArray],
-    attention: AttentionConfig | None = None,
-    faces: FaceDetector | None = None,
-) -> Iterator[FittingData]:
-    """The data of images one by one; `merge` joins them.
-
-    Args:
-        images: (n,) names.
-        read: from a name to its pixels.
-        fixations: of each image, (m, 2) x and y in pixels, inside it, in the order of each viewer.
-        viewers: of each image, (m,) the number of each fixation's viewer.
-        attention: settings of the maps.
-        faces: finds faces, so that they are a feature; None for a model without.
-    """
-    attention = attention or AttentionConfig()
-    names = feature_names(attention, faces=faces is not None)
-    for name, xy, viewer in zip(images, fixations, viewers, strict=True):
-        image = read(name)
-        size = (image.shape[0], image.shape[1])
-        values = feature_maps(image, names, attention, faces).astype(np.float32)
-        yield FittingData([name], names, [values], [size], [xy], [viewer], attention)
-
-
-def merge(parts: Sequence[FittingData]) -> FittingData:
-    """The data of images as one.
-
-    Raises:
-        LogError: there are fewer than four images, which is too few to cross-validate.
-    """
-    if len(parts) < 4:
-        raise LogError(f"fixations: expected at least four images to fit to, found {len(parts)}")
-    first = parts[0]
-    return FittingData(
-        [part.images[0] for part in parts],
-        first.names,
-        [part.values[0] for part in parts],
-        [part.sizes[0] for part in parts],
-        [part.fixations[0] for part in parts],
-        [part.viewers[0] for part in parts],
-        first.attention,
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class Weights:
     """Weights of a conditional density."""
@@ -174,21 +159,19 @@ class Weights:
 
 def fit(
     data: FittingData,
-    images: IntArray,
     config: FittingConfig,
     *,
     ordered: bool = True,
-    viewers: IntArray | None = None,
+    kept: Sequence[BoolArray] | None = None,
     progress: Callable[[int], None] = lambda _iterations: None,
 ) -> Weights:
     """The weights of highest penalized likelihood.
 
     Args:
         data: features and fixations.
-        images: numbers of those that are fitted to.
         config: the penalty.
         ordered: whether a fixation depends on those before; otherwise on the image alone.
-        viewers: whose fixations count; None for all.
+        kept: of each image, (m,) which of its fixations count; None for all.
         progress: called after each iteration of the optimization, with their number.
     """
     k, e = len(data.names), len(data.early)
@@ -197,9 +180,11 @@ def fit(
     spread = basis.reshape(len(basis), -1, basis.shape[-1]).std(1).max(0)  # of its own table
     scale = np.concatenate([deviation, deviation[data.early], spread])
     parts = []
-    for i in images:
-        kept = slice(None) if viewers is None else np.isin(data.viewers[i], viewers)
-        parts.append((int(i), Steps(*(column[kept] for column in data.steps[i]))))
+    for i, steps in enumerate(data.steps):
+        counted = np.ones(len(steps.cells), np.bool_) if kept is None else kept[i]
+        if counted.any():
+            of_image = steps.cells[counted], steps.anchors[counted], steps.factors[counted]
+            parts.append((i, Steps(*of_image)))
     count = max(1, sum(len(steps.cells) for _, steps in parts))
     flat = {i: (data.values[i].reshape(k, -1) - mean[:, None]) for i, _ in parts}
 
@@ -238,38 +223,125 @@ def fit(
     return Weights(weights[:k], weights[k : k + e], weights[k + e :])
 
 
-def split(count: int, folds: int, seed: int) -> list[IntArray]:
-    """Numbers from 0 in random parts of about equal size; no more parts than numbers."""
-    order = np.random.default_rng(seed).permutation(count)
-    folds = min(folds, count)
-    return [np.sort(order[part::folds]) for part in range(folds)]
+def split(count: int, folds: int, seed: int) -> IntArray:
+    """(count,) random folds from 0 of about equal size; no more than there are numbers."""
+    fold = np.empty(count, np.int64)
+    fold[np.random.default_rng(seed).permutation(count)] = np.arange(count) % min(folds, count)
+    return fold
 
 
-def cross_validate_images(
+def folds_by_image(data: FittingData, config: FittingConfig) -> list[IntArray]:
+    """Of each image, (m,) the fold of its fixations: that of the image."""
+    folds = split(len(data.images), config.folds, config.seed)
+    return [np.full(len(xy), fold) for xy, fold in zip(data.fixations, folds, strict=True)]
+
+
+def folds_by_viewer(data: FittingData, config: FittingConfig) -> list[IntArray]:
+    """Of each image, (m,) the fold of its fixations: that of the viewer."""
+    people = np.unique(data.people.table.viewer)
+    folds = split(len(people), config.folds, config.seed)
+    return [folds[np.searchsorted(people, viewers)] for viewers in data.viewers]
+
+
+def cross_validate(
     data: FittingData,
+    folds: Sequence[IntArray],
     config: FittingConfig,
     *,
     ordered: bool = True,
     progress: Callable[[int], None] = lambda _iterations: None,
 ) -> list[Weights]:
-    """Weights for each image, fitted to others; `progress` counts the iterations of all fits."""
-    weights: dict[int, Weights] = {}
-    for number, held in enumerate(split(len(data.images), config.folds, config.seed)):
-        others = np.delete(np.arange(len(data.images)), held)
+    """The weights of each fold, fitted to the others; `progress` counts the iterations of all."""
+    found = []
+    for fold in range(1 + max(each.max() for each in folds)):
 
-        def iterated(count: int, before: int = number * config.iterations) -> None:
+        def iterated(count: int, before: int = fold * config.iterations) -> None:
             progress(before + count)
 
-        found = fit(data, others, config, ordered=ordered, progress=iterated)
-        weights |= dict.fromkeys(held.tolist(), found)
-    return [weights[i] for i in range(len(data.images))]
+        kept = [each != fold for each in folds]
+        found.append(fit(data, config, ordered=ordered, kept=kept, progress=iterated))
+    return found
 
 
-def log_density(data: FittingData, image: int, weights: FloatArray) -> FloatArray:
-    """(h * w,) natural logarithm of the probability of each cell of an image, whatever the path."""
-    logits = weights @ data.values[image].reshape(len(data.names), -1)
-    shifted = logits - logits.max()
-    return np.asarray(shifted - np.log(np.exp(shifted).sum()), np.float64)
+def score_held_out(
+    data: FittingData, folds: Sequence[IntArray], weights: Sequence[Weights]
+) -> Iterator[tuple[str, FixationScores]]:
+    """The scores of the static densities of cross-validation, each on the fixations of its fold.
+
+    Yields:
+        The name of an image, and the mean over the folds of its fixations.
+    """
+    for i, (name, of_image) in enumerate(zip(data.images, folds, strict=True)):
+        rows = [
+            data.people.score(
+                name,
+                saliency_of(data, i, weights[fold].features),
+                data.fixations[i][of_image == fold],
+            )
+            for fold in np.unique(of_image)
+        ]
+        yield name, PredictionScores([name] * len(rows), rows).mean()
+
+
+def saliency_of(data: FittingData, image: int, weights: FloatArray) -> Float32Array:
+    """(H, W) saliency of an image, as `FittedModel.maps` and `resize` have it."""
+    values = data.values[image]
+    logits = np.tensordot(weights, values, 1)
+    return resize(np.exp(logits - logits.max()).astype(np.float32), data.sizes[image])
+
+
+STATIC, ORDERED, ORDER, REST = "static", "with the order", "order", "the other viewers"
+
+
+def score_steps(
+    data: FittingData, folds: Sequence[IntArray], weights: Mapping[str, Sequence[Weights]]
+) -> Iterator[FixationRow]:
+    """How each next fixation is predicted, also by the other viewers of the image, the ceiling.
+
+    Args:
+        data: features and fixations.
+        folds: of the images, see `folds_by_image`.
+        weights: `STATIC` with 0 for the order, and `ORDERED`: those of each fold.
+
+    Yields:
+        The fixations scored by each, and what the order adds, the difference of their scores.
+    """
+    for i, name in enumerate(data.images):
+        seen, shape = data.people.on(name), data.values[i].shape[1:]
+        baseline, rest = people_densities(name, data.people, shape)
+        predictions: dict[str, Iterable[FloatArray]] = {
+            model: step_densities(data, i, of_folds[folds[i][0]])
+            for model, of_folds in weights.items()
+        }
+        if len(rest) > 1:
+            predictions[REST] = (rest[viewer] for viewer in seen.viewer.tolist())
+        rows = [*score_predictions(name, seen, data.sizes[i], predictions, baseline)]
+        yield from rows
+        static, ordered = ([row for row in rows if row.model == of] for of in (STATIC, ORDERED))
+        for before, row in zip(static, ordered, strict=True):
+            gain = (getattr(row.scores, key) - getattr(before.scores, key) for key in STEP_SCORES)
+            yield row._replace(model=ORDER, scores=FixationPrediction(*gain))
+
+
+STEP_SCORES = tuple(FixationPrediction.__dataclass_fields__)
+
+
+def step_densities(data: FittingData, image: int, weights: Weights) -> Iterator[FloatArray]:
+    """(h, w) the distribution of each fixation of an image, given those before."""
+    values, steps = data.values[image], data.steps[image]
+    shape = values.shape[1:]
+    tables = data.tables[(*shape, *data.sizes[image])] @ weights.saccade
+    fields = np.stack(
+        [
+            np.tensordot(weights.features, values, 1),
+            np.tensordot(weights.early, values[data.early], 1),
+        ]
+    )
+    for anchors, factors in zip(steps.anchors, steps.factors, strict=True):
+        density = np.empty(shape)
+        fill_logits(fields, tables, anchors, factors, density)
+        density = np.exp(density - density.max())
+        yield density / density.sum()
 
 
 def as_model(
@@ -288,3 +360,109 @@ def as_model(
 
 def _rounded(weights: Sequence[float] | FloatArray) -> tuple[float, ...]:
     return tuple(float(f"{weight:.6g}") for weight in weights)
+
+
+FITTED, BY_VIEWER, UNFITTED = "fitted, by image", "fitted, by viewer", "unfitted"
+CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
+
+Progress = Callable[[Iterable[Any], str, int], Iterable[Any]]
+"""Passes items on, with a description and their number."""
+Bar = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+"""Shows how far something is: from a description and a total to a function of what is done."""
+
+
+@dataclass(frozen=True, eq=False)
+class FitStudy:
+    """A fitted model and its cross-validated scores."""
+
+    model: FittedModel
+    """Fitted to all images."""
+    results: dict[str, PredictionScores]
+    """By name: the model on images that it was not fitted to, then on viewers that it was not
+    fitted to, and what it is compared with."""
+    steps: list[FixationRow]
+    """Each next fixation, see `score_steps`."""
+
+
+def study(
+    people: FixationData,
+    attention: AttentionConfig,
+    config: FittingConfig,
+    faces: FaceDetector | None = None,
+    *,
+    ceiling: bool = True,
+    progress: Progress = lambda items, _description, _count: items,
+    bar: Bar = lambda _description, _total: nullcontext(lambda _done: None),
+) -> FitStudy:
+    """Fit a model to all images, and score it by cross-validation.
+
+    Args:
+        people: their fixations.
+        attention: settings of the maps, and of the unfitted model.
+        config: of the cross-validation.
+        faces: finds faces, so that they are a feature; None for a model without.
+        ceiling: whether people are scored, each against the others.
+        progress: shows how far it is.
+        bar: shows the iterations of the fits.
+
+    Raises:
+        LogError: there are too few images.
+        ImageError: an image cannot be read or used.
+    """
+    count = len(people.sizes)
+    if count < 4:
+        raise LogError(f"fixations: expected at least four images to fit to, found {count}")
+    names = feature_names(attention, faces=faces is not None)
+    values = (
+        feature_maps(people.read(name), names, attention, faces).astype(np.float32)
+        for name in people.sizes
+    )
+    data = FittingData(people, names, [*progress(values, "features", count)], attention)
+    images, viewers = folds_by_image(data, config), folds_by_viewer(data, config)
+    (static, static_of_all), (ordered, ordered_of_all) = (
+        _fits(data, images, config, each, bar) for each in (False, True)
+    )
+
+    def unfitted(name: str) -> Float32Array:
+        saliency = attention_saliency(people.read(name), attention, faces=faces).saliency
+        return resize(saliency, people.sizes[name])
+
+    results: dict[str, PredictionScores] = {}
+
+    def add(name: str, scored: Iterator[tuple[str, FixationScores]]) -> None:
+        found = [*progress(scored, name, count)]
+        if found:
+            results[name] = PredictionScores(*zip(*found, strict=True))
+
+    add(FITTED, score_held_out(data, images, static))
+    if len(np.unique(people.table.viewer)) > 1:
+        of_viewers = cross_validate(data, viewers, config, ordered=False)
+        add(BY_VIEWER, score_held_out(data, viewers, of_viewers))
+    references: dict[str, Model] = {
+        UNFITTED: unfitted,
+        CENTER: people.center,
+        SHUFFLED: people.shuffled,
+    }
+    for name, model in references.items():
+        add(name, ((image, of[name]) for image, of in score_models({name: model}, people)))
+    if ceiling:
+        add(PEOPLE, score_people(people))
+    seen = len(np.unique(people.table.viewer))
+    return FitStudy(
+        as_model(data, static_of_all.features, ordered_of_all, f"{count} images, viewers: {seen}"),
+        results,
+        [*score_steps(data, images, {STATIC: static, ORDERED: ordered})],
+    )
+
+
+def _fits(
+    data: FittingData, folds: Sequence[IntArray], config: FittingConfig, ordered: bool, bar: Bar
+) -> tuple[list[Weights], Weights]:
+    """Weights of each fold, fitted to the others, and those fitted to all."""
+    before = min(config.folds, len(data.images)) * config.iterations
+    description = "fitting scanpaths" if ordered else "fitting maps"
+    with bar(description, before + config.iterations) as update:
+        of_others = cross_validate(data, folds, config, ordered=ordered, progress=update)
+        of_all = fit(data, config, ordered=ordered, progress=lambda n: update(before + n))
+        update(before + config.iterations)
+    return of_others, of_all

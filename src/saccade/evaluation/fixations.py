@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from saccade.errors import ImageError
-from saccade.types import FloatArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 Map = npt.NDArray[np.floating]
 
@@ -242,10 +242,11 @@ def ranks(positives: Map, negatives: Map) -> FloatArray:
     return np.asarray((below + not_above) / (2 * len(ordered)), np.float64)
 
 
-def inside(fixations: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """The fixations (m, 2) that lie inside an image of (H, W) pixels, of (n, 2)."""
+def inside(fixations: FloatArray, shape: tuple[int, ...] | IntArray) -> BoolArray:
+    """(n,) which fixations (n, 2) lie inside an image of (H, W) pixels; or (n, 2), one for each."""
     pixels = np.floor(fixations + 0.5)
-    return fixations[((pixels >= 0) & (pixels < (shape[1], shape[0]))).all(axis=1)]
+    size = np.asarray(shape)[..., 1::-1]
+    return np.asarray(((pixels >= 0) & (pixels < size)).all(axis=1))
 
 
 def _pixels(
@@ -253,7 +254,7 @@ def _pixels(
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     if len(fixations) == 0:
         raise ImageError("fixations: expected at least one, found none")
-    if len(inside(fixations, shape)) < len(fixations):
+    if not inside(fixations, shape).all():
         height, width = shape
         raise ImageError(f"fixations: expected points inside {width} x {height}; some lie outside")
     columns, rows = np.floor(fixations + 0.5).astype(np.intp).T

@@ -1,12 +1,13 @@
 """Means of scores over images or pairs, with bootstrap confidence intervals."""
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from dataclasses import asdict, astuple, dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 from scipy.stats import bootstrap
 
+from saccade.errors import ImageError
 from saccade.types import FloatArray
 
 if TYPE_CHECKING:
@@ -14,8 +15,21 @@ if TYPE_CHECKING:
 
 Name = TypeVar("Name")
 Scores = TypeVar("Scores", bound="DataclassInstance")
+"""A dataclass of floats."""
 
 RESAMPLES = 2000
+
+
+class Estimate(NamedTuple, Generic[Scores]):
+    """Means of scores, and the ends of their bootstrap intervals."""
+
+    mean: Scores
+    low: Scores
+    high: Scores
+
+    def as_dict(self) -> dict[str, dict[str, float]]:
+        """The scores by name, of each of the three."""
+        return {name: asdict(scores) for name, scores in self._asdict().items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +47,29 @@ class ScoreSet(Generic[Name, Scores]):
         """The mean of every score over the items."""
         return self._as_scores(self._table().mean(axis=0))
 
-    def interval(self, confidence: float = 0.95) -> tuple[Scores, Scores]:
-        """Lower and upper end of each mean's bootstrap interval over the items."""
-        low, high = mean_interval(self._table(), confidence, self.seed)
-        return self._as_scores(low), self._as_scores(high)
+    def estimate(self, confidence: float = 0.95) -> Estimate[Scores]:
+        """The mean of every score with its bootstrap interval over the items."""
+        return self._estimate(self._table(), confidence)
+
+    def minus(self, other: Self, confidence: float = 0.95) -> Estimate[Scores]:
+        """Mean of the paired differences from another set, over the items that both have.
+
+        Raises:
+            ImageError: they have none in common.
+        """
+        theirs = dict(zip(other.name, other._table(), strict=True))
+        ours = zip(self.name, self._table(), strict=True)
+        differences = [row - theirs[name] for name, row in ours if name in theirs]
+        if not differences:
+            raise ImageError("scores: expected images that both scored, found none")
+        return self._estimate(np.array(differences), confidence)
 
     def _table(self) -> FloatArray:
         return np.array([astuple(each) for each in self.scores])  # (items, scores)
+
+    def _estimate(self, table: FloatArray, confidence: float) -> Estimate[Scores]:
+        rows = table.mean(axis=0), *mean_interval(table, confidence, self.seed)
+        return Estimate(*map(self._as_scores, rows))
 
     def _as_scores(self, values: FloatArray) -> Scores:
         scores: Any = type(self.scores[0])

@@ -1,8 +1,10 @@
 """Fixation prediction: saliency maps scored over a set of images."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -10,17 +12,22 @@ import numpy.typing as npt
 from saccade.datasets.matlab import read_matrix
 from saccade.errors import ImageError, LogError
 from saccade.evaluation.fixations import (
+    TINY,
     FixationScores,
+    Map,
+    distribution,
     fixation_density,
     inside,
+    ranks,
     score,
     score_density,
+    values_at,
 )
 from saccade.evaluation.intervals import ScoreSet
 from saccade.io.image import as_gray, read_image, read_stored
 from saccade.io.npz import map_array
 from saccade.scale.pyramid import resize
-from saccade.types import FixationTable, Float32Array, FloatArray, Image
+from saccade.types import FixationTable, Float32Array, FloatArray, Image, select_rows
 
 
 def _read_tiff(path: Path) -> npt.NDArray[Any]:
@@ -41,6 +48,8 @@ MAX_SALIENCY = 1e15
 
 Model = Callable[[str], Float32Array]
 """Function from the name of an image to its (H, W) saliency."""
+CENTER_WIDTH = 0.25
+"""Standard deviation of the Gaussian in the center, as a fraction of each side."""
 
 
 class PredictionScores(ScoreSet[str, FixationScores]):
@@ -49,40 +58,120 @@ class PredictionScores(ScoreSet[str, FixationScores]):
     seed = 20101
 
 
+@dataclass(frozen=True, eq=False)
+class FixationData:
+    """Fixations of people on images, and how maps are scored by them."""
+
+    folder: Path
+    """Folder of the images."""
+    table: FixationTable
+    """Fixations inside their images, sorted by image, viewer and index."""
+    sizes: Mapping[str, tuple[int, int]]
+    """(H, W) of each image with fixations; fixations of one are scaled to another by them."""
+    sigma: float = 24.0
+    """Standard deviation of the fixation blur, in pixels."""
+    outside: int = 0
+    """Number of the fixations outside their images, which were left out."""
+
+    @classmethod
+    def of(cls, table: FixationTable, folder: Path, skip: int, sigma: float = 24.0) -> Self:
+        """Those of a table, on images of a folder.
+
+        Args:
+            table: fixations of several viewers and images.
+            folder: of the images.
+            skip: number of first fixations of each viewer that are left out.
+            sigma: standard deviation of the fixation blur, in pixels.
+
+        Raises:
+            ImageError: an image cannot be read.
+            LogError: there is only one image, so that nothing can be shuffled.
+        """
+        order = np.lexsort((table.index, table.viewer, table.image))
+        table = select_rows(table, order[table.index[order] >= skip])
+        names, index = np.unique(table.image, return_inverse=True)
+        sizes = [read_image(folder / name).shape[:2] for name in names.tolist()]
+        visible = inside(table.xy, np.array(sizes)[index])
+        table = select_rows(table, visible)
+        kept = {n: s for n, s in zip(names.tolist(), sizes, strict=True) if n in table.image}
+        if len(kept) < 2:
+            raise LogError(f"fixations: expected at least two images, found {len(kept)}")
+        return cls(folder, table, kept, sigma, int((~visible).sum()))
+
+    def read(self, name: str) -> Float32Array:
+        """The image of a name."""
+        return read_image(self.folder / name)
+
+    def on(self, name: str) -> FixationTable:
+        """The fixations on an image."""
+        first, last = (np.searchsorted(self.table.image, name, side) for side in ("left", "right"))
+        return select_rows(self.table, slice(first, last))
+
+    def elsewhere(self, name: str) -> FloatArray:
+        """The fixations (m, 2) on all other images, scaled to the size of one."""
+        here = self.table.image == name
+        sizes = np.array([self.sizes[each] for each in self.table.image[~here].tolist()])
+        height, width = self.sizes[name]
+        scaled = (self.table.xy[~here] + 0.5) / sizes[:, ::-1] * (width, height) - 0.5
+        return np.asarray(scaled.clip(0, (width - 1, height - 1)))
+
+    def density(self, name: str, xy: FloatArray) -> FloatArray:
+        """The fixation density (H, W) on an image of fixations (n, 2)."""
+        return fixation_density(xy, self.sizes[name], self.sigma)
+
+    @lru_cache(maxsize=2)  # noqa: B019 - the data live as long as the run
+    def negatives(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """The fixations elsewhere, and their density: the baseline of the information gain."""
+        others = self.elsewhere(name)
+        return others, self.density(name, others)
+
+    def score(self, name: str, saliency: Map, xy: FloatArray) -> FixationScores:
+        """The scores of a map (H, W) of an image by fixations (n, 2) on it."""
+        others, baseline = self.negatives(name)
+        return score(saliency, xy, others, self.sigma, baseline)
+
+    def score_density(self, name: str, density: Map, xy: FloatArray) -> FixationScores:
+        """The scores of a predicted density (H, W), each by the map that is optimal for it."""
+        others, baseline = self.negatives(name)
+        return score_density(density, xy, others, self.sigma, baseline)
+
+    def center(self, name: str) -> Float32Array:
+        """A Gaussian in the center of an image, of which it sees nothing."""
+        y, x = (
+            np.exp(-((((np.arange(side) + 0.5) / side - 0.5) / CENTER_WIDTH) ** 2) / 2)
+            for side in self.sizes[name]
+        )
+        return np.outer(y, x).astype(np.float32)
+
+    def shuffled(self, name: str) -> Float32Array:
+        """The density of the fixations on all other images."""
+        return self.negatives(name)[1].astype(np.float32)
+
+
 def score_models(
-    models: Mapping[str, Model],
-    fixations: Mapping[str, FloatArray],
-    sizes: Mapping[str, tuple[int, int]],
-    sigma: float = 24.0,
-    densities: Collection[str] = (),
+    models: Mapping[str, Model], data: FixationData, densities: Collection[str] = ()
 ) -> Iterator[tuple[str, dict[str, FixationScores]]]:
     """Score saliency models image by image.
 
     Args:
         models: by name, each maps the name of an image to its (H, W) saliency.
-        fixations: by image, (n, 2) x and y in pixels.
-        sizes: by image, (H, W); fixations of one image are scaled to another by them.
-        sigma: standard deviation of the fixation blur, in pixels.
+        data: the fixations.
         densities: names of the models that are scored by `score_density`.
 
     Yields:
         The name of each image, and the scores of each model on it.
 
     Raises:
-        LogError: there is only one image, so that nothing can be shuffled.
         ImageError: a map or a fixation does not fit its image; names the image.
     """
-    if len(fixations) < 2:
-        raise LogError(f"fixations: expected at least two images, found {len(fixations)}")
-    for name, xy in fixations.items():
-        others = other_fixations(name, fixations, sizes)
-        baseline = fixation_density(others, sizes[name], sigma)
+    for name in data.sizes:
+        xy = data.on(name).xy
         try:
             yield (
                 name,
                 {
-                    label: (score_density if label in densities else score)(
-                        model(name), xy, others, sigma, baseline
+                    label: (data.score_density if label in densities else data.score)(
+                        name, model(name), xy
                     )
                     for label, model in models.items()
                 },
@@ -91,48 +180,76 @@ def score_models(
             raise ImageError(f"{name}: {error}") from error
 
 
-def other_fixations(
-    name: str, fixations: Mapping[str, FloatArray], sizes: Mapping[str, tuple[int, int]]
-) -> FloatArray:
-    """The fixations (m, 2) of all other images, scaled to the size of one."""
-    others = np.vstack(
-        [(xy + 0.5) / sizes[other][::-1] for other, xy in fixations.items() if other != name]
-    )
-    height, width = sizes[name]
-    scaled: FloatArray = (others * (width, height) - 0.5).clip(0, (width - 1, height - 1))
-    return scaled
+def score_people(data: FixationData) -> Iterator[tuple[str, FixationScores]]:
+    """Each viewer of an image against the fixation density of the others: the ceiling of models.
+
+    Yields:
+        The name of each image with two viewers or more, and the mean over its viewers.
+    """
+    for name in data.sizes:
+        seen = data.on(name)
+        viewers = np.unique(seen.viewer)
+        rows = [
+            data.score(name, data.density(name, seen.xy[seen.viewer != each]), seen.xy[own])
+            for each in viewers
+            if (own := seen.viewer == each).sum() < len(seen)
+        ]
+        if rows:
+            yield name, PredictionScores([name] * len(rows), rows).mean()
 
 
-def fixations_by_image(
-    table: FixationTable, images: Path, skip: int
-) -> tuple[dict[str, FloatArray], dict[str, tuple[int, int]], int]:
-    """The fixations of each image that lie inside it.
+class FixationRow(NamedTuple):
+    """The scores of one fixation; their means over an image are those of its map."""
 
-    Args:
-        table: fixations of several viewers and images.
-        images: folder of the images.
-        skip: number of first fixations of each viewer that are left out.
+    image: str
+    model: str
+    viewer: int
+    fixation: int
+    """Its index."""
+    x: float
+    y: float
+    auc: float
+    """Fraction of the pixels that are less salient, ties counting half."""
+    shuffled_auc: float
+    """Shuffled AUC: AUC against the other images' fixations."""
+    nss: float
+    """Saliency in standard deviations above the mean of the map."""
+    information_gain: float
+    """Bits over the density of the other images' fixations."""
 
-    Returns:
-        (n, 2) fixations and (H, W) size by image, and the number of fixations outside.
+
+def fixation_rows(name: str, maps: Mapping[str, Map], data: FixationData) -> Iterator[FixationRow]:
+    """The scores of each fixation on an image by maps (H, W) of each model."""
+    seen = data.on(name)
+    others, density = data.negatives(name)
+    baseline = distribution(density)
+    for model, saliency in maps.items():
+        at, p = values_at(saliency, seen.xy), distribution(saliency)
+        bits = np.log2(TINY + values_at(p, seen.xy)) - np.log2(TINY + values_at(baseline, seen.xy))
+        columns = (
+            *(seen.viewer, seen.index, *seen.xy.T),
+            ranks(at, saliency.ravel()),
+            ranks(at, values_at(saliency, others)),
+            (at - saliency.mean()) / (float(saliency.std()) or np.inf),
+            bits,
+        )
+        for row in zip(*(column.tolist() for column in columns), strict=True):
+            yield FixationRow(name, model, *row)
+
+
+def checked_map(values: Any, name: str) -> Float32Array:
+    """The map of a model of the user's, checked.
 
     Raises:
-        ImageError: an image cannot be read.
+        ImageError: not finite numbers of shape (h, w).
     """
-    counted = table.index >= skip
-    fixations: dict[str, FloatArray] = {}
-    sizes: dict[str, tuple[int, int]] = {}
-    outside = 0
-    for image in np.unique(table.image[counted]):
-        name = str(image)
-        height, width = read_image(images / name).shape[:2]
-        xy = table.xy[counted & (table.image == image)]
-        visible = inside(xy, (height, width))
-        outside += len(xy) - len(visible)
-        sizes[name] = (height, width)
-        if len(visible):
-            fixations[name] = visible
-    return fixations, sizes, outside
+    try:
+        array = np.asarray(values, np.float32)
+    except (TypeError, ValueError) as error:
+        raise ImageError(f"{name}: expected a map of numbers: {error}") from error
+    if array.ndim != 2 or array.size == 0 or not np.isfinite(array).all():
+        raise ImageError(f"{name}: expected finite numbers of shape (h, w), found {array.shape}")
+    return array
 
 
 def saliency_from_files(images: Path, maps: Path) -> Model:

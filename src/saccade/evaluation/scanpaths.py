@@ -13,8 +13,8 @@ from saccade.attention.scanpath_model import (
     sample_scanpaths,
 )
 from saccade.errors import ImageError, LogError, Settings, setting
-from saccade.evaluation.fixations import inside
-from saccade.types import BoolArray, FixationTable, Float32Array, FloatArray, IntArray, Scanpath
+from saccade.evaluation.prediction import FixationData
+from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Scanpath
 
 MULTIMATCH = ("shape", "direction", "length", "position", "duration")
 """The dimensions of MultiMatch, in the order of its results."""
@@ -254,31 +254,20 @@ class Viewing(NamedTuple):
     """By viewer; at least one fixation each, inside the image."""
 
 
-def viewings(
-    table: FixationTable, sizes: Mapping[str, tuple[int, int]], drop: int
-) -> dict[str, Viewing]:
+def viewings(data: FixationData) -> dict[str, Viewing]:
     """The scanpaths of the viewers of each image, of two viewers or more.
-
-    Args:
-        table: fixations of several viewers and images.
-        sizes: (H, W) by image; images without are left out.
-        drop: number of first fixations of each viewer that are left out.
 
     Raises:
         LogError: fewer than two images with two viewers.
     """
     result = {}
-    for name, shape in sizes.items():
-        here = np.flatnonzero((table.image == name) & (table.index >= drop))
-        paths = {}
-        for viewer in np.unique(table.viewer[here]):
-            rows = here[table.viewer[here] == viewer]
-            rows = rows[np.argsort(table.index[rows], kind="stable")]
-            rows = rows[[len(inside(table.xy[row : row + 1], shape)) > 0 for row in rows]]
-            if len(rows):
-                unknown = np.full(len(rows), np.nan)
-                duration = unknown if table.duration is None else table.duration[rows]
-                paths[int(viewer)] = GazePath(table.xy[rows], duration)
+    for name, shape in data.sizes.items():
+        seen = data.on(name)
+        duration = np.full(len(seen), np.nan) if seen.duration is None else seen.duration
+        paths = {
+            viewer: GazePath(seen.xy[seen.viewer == viewer], duration[seen.viewer == viewer])
+            for viewer in np.unique(seen.viewer).tolist()
+        }
         if len(paths) > 1:
             result[name] = Viewing(shape, paths)
     if len(result) < 2:

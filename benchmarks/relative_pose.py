@@ -1,16 +1,27 @@
-"""Relative pose of two frames of a calibrated recording, estimated from matched keypoints."""
+"""Relative pose of two frames of a calibrated recording, estimated from matched keypoints.
 
+    uv run python benchmarks/relative_pose.py kitti_stereo_60m --detector opencv-root \
+        --detector sift --points 1000 --gap 1 --gap 3
+
+The recording has KITTI's layout with poses.txt. `verify` estimates the essential matrix; printed
+are the angles to the true motion and the area under the cumulative curve of the larger, and below
+each later detector the paired difference from the first.
+"""
+
+import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass
+from pathlib import Path
 
 import numpy as np
 
 from saccade.datasets.drives.calibration import camera_matrix
-from saccade.datasets.drives.sidecar_files import Poses
+from saccade.datasets.drives.loading import load_drive
+from saccade.datasets.drives.sidecar_files import Poses, read_kitti_poses
 from saccade.errors import DriveError
-from saccade.evaluation.detectors import Detector
+from saccade.evaluation.detectors import Detector, find_detector
 from saccade.evaluation.features import Features, mean_precision
-from saccade.evaluation.intervals import ScoreSet, mean_interval
+from saccade.evaluation.intervals import ScoreSet
 from saccade.frames import Drive
 from saccade.io.image import as_gray
 from saccade.keypoints.matching import nearest_neighbors
@@ -44,16 +55,6 @@ class RelativePoseScores(ScoreSet[tuple[int, int], PoseScores]):
     """Scores of pairs of frames, named by their numbers."""
 
     seed = 20103
-
-
-def pose_difference(
-    first: RelativePoseScores, second: RelativePoseScores, confidence: float = 0.95
-) -> tuple[PoseScores, PoseScores, PoseScores]:
-    """Mean of `second` minus `first` over the same pairs, and the ends of its interval."""
-    rows = zip(first.scores, second.scores, strict=True)
-    table = np.array([np.subtract(astuple(b), astuple(a)) for a, b in rows])  # (pairs, scores)
-    mean, (low, high) = table.mean(axis=0), mean_interval(table, confidence, first.seed)
-    return PoseScores(*mean.tolist()), PoseScores(*low.tolist()), PoseScores(*high.tolist())
 
 
 def pose_errors(
@@ -163,3 +164,31 @@ def _score(
     worse = np.array([max(rotation, direction)])
     areas = (mean_precision(worse, limit) for limit in (1, 3, 5, 10))
     return PoseScores(float(len(pairs)), rotation, direction, *areas)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("recording", type=Path)
+    parser.add_argument("--detector", action="append", help="as of saccade evaluate features")
+    parser.add_argument("--points", type=int)
+    parser.add_argument("--gap", type=int, action="append", help="frames between those of a pair")
+    options = parser.parse_args()
+    drive = load_drive("kitti", options.recording)
+    poses = read_kitti_poses(options.recording / "poses.txt", drive.time)
+    print(f"{'':32}{'':12}matches  rotation  direction  AUC@1/3/5/10")
+    first: dict[int, RelativePoseScores] = {}
+    for name in options.detector or ["sift"]:
+        detect = find_detector(name, None, options.points)
+        for gap, scores in score_relative_poses(detect, drive, poses, options.gap or [1]).items():
+            shown = dict(zip(("", "95 % from", "95 % to"), scores.estimate(), strict=True))
+            if first.setdefault(gap, scores) is not scores:
+                ends = ("difference", "diff. from", "diff. to")
+                shown |= zip(ends, scores.minus(first[gap]), strict=True)
+            for words, each in shown.items():
+                matches, rotation, direction, *areas = astuple(each)
+                cells = f"{matches:7.0f}  {rotation:8.3f}  {direction:9.2f}  "
+                print(f"{f'{name}, gap {gap}':32}{words:12}{cells}", *(f"{a:.3f}" for a in areas))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,9 +1,14 @@
 """Image pairs related by an exactly known homography, made from photographs.
 
+    uv run python benchmarks/synthetic_pairs.py PAIRS [--images DIR]     then
+    saccade evaluate features --pairs PAIRS --detector opencv-root --detector sift --points 1000
+    uv run python benchmarks/homography_estimators.py PAIRS              verify, MAGSAC and COLMAP
+
 A photograph hangs on a plane. Every view of it is resampled, degraded and compressed on its own,
 so that the pixels of no view are those of the photograph.
 """
 
+import argparse
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+import saccade
 from saccade.errors import ImageError, Settings, setting
 from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import as_gray, read_image
@@ -92,7 +98,7 @@ def write_synthetic_pairs(
 
 def packaged_photographs() -> list[Path]:
     """The photographs that come with this package."""
-    folder = Path(__file__).parents[1] / "data"
+    folder = Path(saccade.__file__).parent / "data"
     return [folder / f"{name}.jpg" for name in PHOTOGRAPHS]
 
 
@@ -200,3 +206,15 @@ def rendered(photograph: Float32Array, homography: FloatArray) -> Float32Array:
         borderValue=MIDDLE_GRAY,
     )
     return np.asarray(cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("pairs", type=Path, help="new folder")
+    parser.add_argument("--images", type=Path, help="photographs (eleven of the package)")
+    options = parser.parse_args()
+    write_synthetic_pairs(options.pairs, options.images)
+
+
+if __name__ == "__main__":
+    main()
