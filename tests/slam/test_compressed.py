@@ -141,25 +141,6 @@ def test_a_scan_is_its_observations(retraction, model, rng):
     np.testing.assert_allclose(one.covariance, two.covariance, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"z": [[1.0, 0.0], [np.inf, 0.0]]}, "observation 1: expected numbers within"),
-        ({"R": [-np.eye(2), np.eye(2)]}, "covariance of observation 0: expected a symmetric"),
-        ({"landmark": [0, 2]}, "landmark: expected numbers up to 1, found 2"),
-    ],
-)
-def test_a_scan_that_is_none_is_refused_and_changes_nothing(change, message):
-    ekf = EkfSlam(np.zeros(3), np.eye(3))
-    scan = {"z": [[1.0, 0.0], [2.0, 0.1]], "R": [np.eye(2)] * 2, "landmark": [0, -1]}
-    scan = {name: np.array(value) for name, value in {**scan, **change}.items()}
-    before = ekf.state, ekf.covariance
-    with pytest.raises(LogError, match=message):
-        ekf.update_scan(**scan)
-    np.testing.assert_array_equal(ekf.state, before[0])
-    np.testing.assert_array_equal(ekf.covariance, before[1])
-
-
 def test_a_robot_may_have_more_states_than_its_pose(rng):
     """A scale of the odometry, found from landmarks that are seen over and over."""
 

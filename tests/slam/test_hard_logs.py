@@ -156,32 +156,6 @@ def test_behind_is_behind_whichever_way_it_is_said(rng, kind, association):
 
 
 @each_filter
-def test_a_landmark_straight_behind(rng, kind):
-    """The robot drives away from it, and noise puts its bearing on either side of pi."""
-    steps = 100
-    range_ = 5 + 0.1 * np.arange(steps + 1)
-    bearing = np.angle(np.exp(1j * (np.pi + rng.normal(size=steps + 1) * 0.02)))
-    assert (bearing > 3).any()
-    assert (bearing < -3).any()
-    log = LandmarkLog(
-        name="away",
-        start=np.zeros(3),
-        time=np.arange(steps + 1.0),
-        motion="turn_then_translate",
-        control=np.tile([0.1, 0.0], (steps, 1)),
-        control_covariance=np.tile(np.diag([1e-4, 1e-6]), (steps, 1, 1)),
-        observation_pose=np.arange(steps + 1),
-        observation=np.stack([range_, bearing], 1),
-        observation_covariance=np.tile(np.diag([0.01, 0.0004]), (steps + 1, 1, 1)),
-        landmark=np.zeros(steps + 1, np.int64),
-    )
-    result = slam.run(log, _config(kind))
-    _is_sound(result)
-    np.testing.assert_allclose(result.map.xy, [[-5, 0]], atol=0.2)
-    assert np.abs(result.trajectory.pose[:, 2]).max() < 0.02
-
-
-@each_filter
 @each_association
 def test_a_log_of_nothing(kind, association):
     log = LandmarkLog(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from saccade import slam
-from saccade.datasets import load
 from saccade.errors import ConfigError, LogError
 from saccade.evaluation.trajectory import position_rmse
 from saccade.simulation import WorldConfig, simulate_world
@@ -14,28 +13,13 @@ from saccade.slam.consistency import chi_square_band, pose_nees
 from saccade.slam.run import slam_for
 from saccade.slam.sessions import find_start
 from support.circular_log import simulate
-from support.logs import without_names
+from support.logs import between, with_observations, without_names
 
 
 def cut(log, pose):
     """A log up to a pose, with its observations, and from it on, without."""
-    first, last = log.observation_pose <= pose, log.observation_pose > pose
-    parts = []
-    for poses, observed in ((slice(0, pose + 1), first), (slice(pose, len(log.time)), last)):
-        controls = slice(poses.start, poses.stop - 1)
-        parts.append(
-            replace(
-                log,
-                time=log.time[poses],
-                control=log.control[controls],
-                control_covariance=log.control_covariance[controls],
-                observation_pose=log.observation_pose[observed] - poses.start,
-                observation=log.observation[observed],
-                observation_covariance=log.observation_covariance[observed],
-                landmark=log.landmark[observed],
-            )
-        )
-    return parts
+    later = with_observations(log, log.observation_pose > pose)
+    return between(log, 0, pose), between(later, pose, len(log.time) - 1)
 
 
 def assert_two_sessions_equal_one(log, config, pose, path):
@@ -68,16 +52,6 @@ def test_two_sessions_equal_one(rng, tmp_path, kind, named, pose):
     log = replace(log, odometry_bias=(0.02, 0.02, 0.0))
     config = slam.EkfConfig(filter=kind)
     assert_two_sessions_equal_one(log, config, pose, tmp_path / "new" / "folders" / "map.npz")
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize("named", [True, False])
-def test_two_sessions_of_mrclam_equal_one(shared, tmp_path, named):
-    log = load("auto", shared / "data" / "logs" / "mrclam" / "mrclam6.npz", robot=1)
-    if not named:
-        log = without_names(log)
-    for pose in (400, 1900):
-        assert_two_sessions_equal_one(log, slam.EkfConfig(), pose, tmp_path / "map.npz")
 
 
 WORLD = WorldConfig(

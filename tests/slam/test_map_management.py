@@ -5,17 +5,15 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from saccade import datasets, slam
-from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import DROPPED, EkfConfig, EkfSlam, observe
 from saccade.slam.culling import Culling
 from support.circular_log import simulate
-from support.logs import without_names
+from support.logs import between, with_observations, without_names
 from support.oracles_slam import ListedLandmarks
-from support.paths import SHARED
 
 U, R = np.diag([0.02, 0.01]) ** 2, np.diag([0.1, 0.02]) ** 2
 STILL = np.array([0.0, 0.0])
@@ -127,13 +125,7 @@ def test_nothing_mapped_and_little_used_are_warnings_with_their_cause(rng, confi
 
 def test_no_observations_and_only_culled_landmarks_are_warnings(rng):
     log = simulate(rng)[0]
-    blind = replace(
-        log,
-        observation_pose=log.observation_pose[:0],
-        observation=log.observation[:0],
-        observation_covariance=log.observation_covariance[:0],
-        landmark=log.landmark[:0],
-    )
+    blind = with_observations(log, np.array([], np.int64))
     assert "there are no observations" in slam.run(blind).warning
     culling = Culling(True, 3, 5, 0.4)
     culling.removed = 7
@@ -152,26 +144,11 @@ def test_snapshots_show_landmarks_without_candidates(rng):
         assert (snapshot.observed < len(snapshot.landmarks)).all()
 
 
-def _cut(log, poses):
-    """The first poses of a log."""
-    kept = log.observation_pose < poses
-    return replace(
-        log,
-        time=log.time[:poses],
-        control=log.control[: poses - 1],
-        control_covariance=log.control_covariance[: poses - 1],
-        observation_pose=log.observation_pose[kept],
-        observation=log.observation[kept],
-        observation_covariance=log.observation_covariance[kept],
-        landmark=log.landmark[kept],
-    )
-
-
 def _check_cuts(log, config, cuts, rng):
     """That what is estimated up to a pose has the same bits without the rest of the log."""
     whole = slam.run(log, config)
     for poses in rng.integers(2, len(log.time), cuts):
-        cut = _cut(log, int(poses))
+        cut = between(log, 0, int(poses) - 1)
         part, k = slam.run(cut, config), len(cut.observation)
         for name in ("pose", "covariance"):
             before = getattr(whole.trajectory, name)[:poses]
@@ -186,37 +163,6 @@ def _check_cuts(log, config, cuts, rng):
     return whole
 
 
-@pytest.mark.parametrize("named", [True, False])
-@settings(max_examples=15)
-@given(st.integers(0, 10**6))
-def test_the_past_of_a_simulated_world_does_not_depend_on_the_future(named, seed):
-    rng = np.random.default_rng(seed)
-    log = simulate_world(WorldConfig(steps=300), seed=seed % 100)
-    seen = rng.random(len(log.observation)) < 0.8
-    log = replace(
-        log,
-        observation_pose=log.observation_pose[seen],
-        observation=log.observation[seen],
-        observation_covariance=log.observation_covariance[seen],
-        landmark=log.landmark[seen],
-    )
-    _check_cuts(log if named else without_names(log), SINGLE, 2, rng)
-
-
 def test_the_past_of_gtsams_victoria_park_does_not_depend_on_the_future(rng):
     log = datasets.load("auto", files("saccade") / "data" / "victoria_park.txt")
     _check_cuts(without_names(log), SINGLE, 2, rng)
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize(
-    ("path", "poses", "cuts"),
-    [
-        ("mrclam/mrclam6.npz", 15_000, 3),
-        ("victoria_park/VictoriaParkSinSincronizar.mat", 1000, 2),
-    ],
-)
-def test_the_past_of_a_real_log_does_not_depend_on_the_future(rng, path, poses, cuts):
-    log = _cut(without_names(datasets.load("auto", SHARED / "data" / "logs" / path)), poses)
-    whole = _check_cuts(log, SINGLE, cuts, rng)
-    assert whole.removed > 0 or "mrclam" in path

@@ -14,6 +14,7 @@ from saccade.evaluation.trajectory import landmark_rmse
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.merging import _fuse, _Maps
 from saccade.types import LandmarkMap
+from support.logs import between
 
 WORLD = WorldConfig(
     course_length=60, landmarks=60, landmark_spread=6, steps=250, range_limits=(0.5, 8.0)
@@ -35,19 +36,7 @@ def without_names(robot):
 
 def moved(log, first, last):
     """Part of a log, its first pose at the origin."""
-    k = (log.observation_pose >= first) & (log.observation_pose <= last)
-    return replace(
-        log,
-        start=np.zeros(3),
-        time=log.time[first : last + 1],
-        control=log.control[first:last],
-        control_covariance=log.control_covariance[first:last],
-        observation_pose=log.observation_pose[k] - first,
-        observation=log.observation[k],
-        observation_covariance=log.observation_covariance[k],
-        landmark=log.landmark[k],
-        truth=None,
-    )
+    return replace(between(log, first, last), start=np.zeros(3), truth=None)
 
 
 def halves(seed):

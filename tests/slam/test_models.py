@@ -19,72 +19,43 @@ from support.oracles_slam import numerical_jacobian
 angles = st.floats(-1e4, 1e4)
 
 
-def _less(reference):
-    """Differences to a reference pose, the heading wrapped."""
+def _slope(value, at, x, angles=()):
+    """Central differences of a model's value at x; `angles` are wrapped."""
 
-    def value(pose):
-        change = pose - reference
-        change[2] = wrap(change[2])
+    def difference_to(x):
+        change = value(x) - at
+        for i in angles:
+            change[i] = wrap(change[i])
         return change
 
-    return value
-
-
-def _drive_by_pose(pose, landmark, u, z):
-    moved, Fx, _ = turn_then_translate(pose, u[:2])
-    return Fx, numerical_jacobian(lambda p: _less(moved)(turn_then_translate(p, u[:2])[0]), pose)
-
-
-def _drive_by_control(pose, landmark, u, z):
-    moved, _, Fu = turn_then_translate(pose, u[:2])
-    return Fu, numerical_jacobian(lambda c: _less(moved)(turn_then_translate(pose, c)[0]), u[:2])
-
-
-def _compose_by_pose(pose, landmark, u, z):
-    moved, Fx, _ = compose(pose, u)
-    return Fx, numerical_jacobian(lambda p: _less(moved)(compose(p, u)[0]), pose)
-
-
-def _compose_by_control(pose, landmark, u, z):
-    moved, _, Fu = compose(pose, u)
-    return Fu, numerical_jacobian(lambda c: _less(moved)(compose(pose, c)[0]), u)
-
-
-def _observe(pose, landmark, u, z):
-    expected, H = observe(pose, landmark)
-    both = np.concatenate([pose, landmark])
-    return H, numerical_jacobian(lambda b: difference(observe(b[:3], b[3:])[0], expected), both)
-
-
-def _place_by_pose(pose, landmark, u, z):
-    return inverse_observe(pose, z)[1], numerical_jacobian(lambda p: inverse_observe(p, z)[0], pose)
-
-
-def _place_by_observation(pose, landmark, u, z):
-    return inverse_observe(pose, z)[2], numerical_jacobian(lambda o: inverse_observe(pose, o)[0], z)
+    return numerical_jacobian(difference_to, x)
 
 
 @pytest.mark.parametrize(
-    "jacobian",
-    [
-        _drive_by_pose,
-        _drive_by_control,
-        _compose_by_pose,
-        _compose_by_control,
-        _observe,
-        _place_by_pose,
-        _place_by_observation,
-    ],
+    ("model", "size", "angles"),
+    [(turn_then_translate, 2, [2]), (compose, 3, [2]), (inverse_observe, None, [])],
 )
-def test_jacobian_is_the_slope(jacobian, rng):
+def test_jacobians_of_what_moves_a_pose_or_places_a_landmark_are_slopes(rng, model, size, angles):
     for _ in range(50):
         pose = rng.uniform([-50, -50, -np.pi], [50, 50, np.pi])
-        away = rng.uniform(-np.pi, np.pi)
-        landmark = pose[:2] + rng.uniform(0.5, 30) * np.array([np.cos(away), np.sin(away)])
-        control = rng.uniform([-3, -3, -np.pi], [3, 3, np.pi])
         z = rng.uniform([0.1, -np.pi], [40, np.pi])
-        ours, slope = jacobian(pose, landmark, control, z)
-        np.testing.assert_allclose(ours, slope, atol=2e-7 * max(1, np.abs(ours).max()))
+        other = z if size is None else rng.uniform([-3, -3, -np.pi], [3, 3, np.pi])[:size]
+        value, by_pose, by_other = model(pose, other)
+        atol = 2e-7 * max(1, np.abs(by_pose).max())
+        slope = _slope(lambda p, o=other: model(p, o)[0], value, pose, angles)
+        np.testing.assert_allclose(by_pose, slope, atol=atol)
+        slope = _slope(lambda o, p=pose: model(p, o)[0], value, other, angles)
+        np.testing.assert_allclose(by_other, slope, atol=atol)
+
+
+def test_the_jacobian_of_an_observation_is_its_slope(rng):
+    for _ in range(50):
+        pose, away = rng.uniform([-50, -50, -np.pi], [50, 50, np.pi]), rng.uniform(-np.pi, np.pi)
+        landmark = pose[:2] + rng.uniform(0.5, 30) * np.array([np.cos(away), np.sin(away)])
+        z, H = observe(pose, landmark)
+        both = np.concatenate([pose, landmark])
+        slope = _slope(lambda b: observe(b[:3], b[3:])[0], z, both, [1])
+        np.testing.assert_allclose(H, slope, atol=2e-7 * max(1, np.abs(H).max()))
 
 
 @pytest.mark.parametrize("control", [[1.0], [1.0, np.nan], "ahead", None, [[1.0], [2.0, 3.0]]])

@@ -13,7 +13,7 @@ from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives
 from saccade.slam.filter.ekf import join_landmarks
 from support.clustered_world import clustered_world
-from support.logs import without_names
+from support.logs import scan_of, without_names
 
 MULTIPLE = EkfConfig(association="multiple")
 
@@ -96,10 +96,7 @@ def test_a_log_is_resumed_and_taken_apart_with_the_same_bits():
     whole = slam.run(log, config)
     live, poses, several = slam.slam_for(log, config), [], 0
     for i in range(len(log.time)):
-        k = log.observation_pose == i
-        moved = [log.control[i - 1], log.control_covariance[i - 1]] if i > 0 else [None, None]
-        scan = log.observation[k], log.observation_covariance[k]
-        poses.append(live.step(log.time[i], *moved, *scan).pose)
+        poses.append(live.step(*scan_of(log, i)).pose)
         several = max(several, len(live.hypotheses.alive))
         if i % 60 == 40:
             arrays = {name: np.array(array) for name, array in live.to_arrays().items()}

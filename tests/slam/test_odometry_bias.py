@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from saccade import slam
-from saccade.slam import RANGE_BEARING, compose
-from saccade.slam.config import RETRACTIONS
 from saccade.slam.filter.models import unbiased
 from support.circular_log import simulate
 
@@ -38,30 +36,6 @@ def test_what_the_wheels_are_off_by_is_found(rng, motion, kind):
         BIAS[0] - turned * BIAS[2], abs=0.005
     )
     assert result.odometry_bias[1] == pytest.approx(BIAS[1], abs=0.005)
-
-
-@pytest.mark.parametrize("kind", ["invariant", "standard"])
-def test_a_log_and_its_predictions_and_updates_are_the_same(rng, kind):
-    """The compiled way through a log, and predict, update and augment one by one."""
-    log, _, _ = _biased(rng, "compose", noise=1.0)
-    fast = slam.run(log, slam.EkfConfig(filter=kind, huber=1.0))
-    number = fast.association
-    start = np.append(log.start, np.zeros(3)), np.diag([0, 0, 0, 0.01, 0.01, 0.01])
-    slow = slam.EkfSlam(*start, compose, RANGE_BEARING, RETRACTIONS[kind], 1.0)
-    for pose in range(len(log.time)):
-        if pose > 0:
-            slow.predict(log.control[pose - 1], log.control_covariance[pose - 1])
-        for k in np.flatnonzero(log.observation_pose == pose):
-            z, R = log.observation[k], log.observation_covariance[k]
-            if number[k] == len(slow):
-                slow.augment(z, R)
-            elif number[k] >= 0:
-                slow.update(z, R, int(number[k]))
-    np.testing.assert_allclose(fast.trajectory.pose[-1], slow.pose, atol=1e-9)
-    np.testing.assert_allclose(fast.trajectory.covariance[-1], slow.pose_covariance, atol=1e-9)
-    np.testing.assert_allclose(fast.odometry_bias, slow.odometry_bias, atol=1e-9)
-    np.testing.assert_allclose(fast.map.xy, slow.landmarks, atol=1e-9)
-    np.testing.assert_allclose(fast.map.covariance, slow.landmark_covariances, atol=1e-9)
 
 
 @pytest.mark.parametrize("motion", ["turn_then_translate", "compose"])

@@ -8,6 +8,7 @@ import pytest
 from saccade import slam
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.run import slam_for
+from support.logs import scan_of, with_observations, without_names
 
 WORLD = WorldConfig(
     course_length=60, landmarks=60, landmark_spread=6, steps=800, range_limits=(0.5, 8.0)
@@ -20,32 +21,21 @@ def kidnapped(seed, named, jump=JUMP):
     """A log without the poses between two: its odometry does not tell of the way between them."""
     log = simulate_world(WORLD, seed)
     kept = np.delete(np.arange(len(log.time)), np.arange(STEP + 1, STEP + 1 + jump))
-    rows = np.isin(log.observation_pose, kept)
-    pose = np.searchsorted(kept, log.observation_pose[rows])
-    truth = dataclasses.replace(log.truth, time=log.time[: len(kept)], pose=log.truth.pose[kept])
-    return dataclasses.replace(
-        log,
+    observed = with_observations(log, np.isin(log.observation_pose, kept))
+    log = dataclasses.replace(
+        observed,
         time=log.time[: len(kept)],
         control=log.control[kept[:-1]],
         control_covariance=log.control_covariance[kept[:-1]],
-        observation_pose=pose,
-        observation=log.observation[rows],
-        observation_covariance=log.observation_covariance[rows],
-        landmark=log.landmark[rows] if named else np.full(rows.sum(), -1),
-        truth=truth,
+        observation_pose=np.searchsorted(kept, observed.observation_pose),
+        truth=dataclasses.replace(log.truth, time=log.time[: len(kept)], pose=log.truth.pose[kept]),
     )
+    return log if named else without_names(log)
 
 
 def map_error(result, log):
     """(N,) metres from the nearest true landmark."""
     return np.linalg.norm(result.map.xy[:, None] - log.landmark_truth.xy, axis=2).min(1)
-
-
-def scan_of(log, step):
-    k = log.observation_pose == step
-    moved = [log.control[step - 1], log.control_covariance[step - 1]] if step else [None, None]
-    arrays = log.observation, log.observation_covariance, log.landmark
-    return (log.time[step], *moved, *(each[k] for each in arrays))
 
 
 @pytest.mark.parametrize("named", [True, False])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from saccade import datasets, slam
+from saccade import slam
 from saccade.simulation import WorldConfig, simulate_world
 from support.landmark_bags import START
 from support.paths import ROOT
@@ -122,18 +122,6 @@ def test_recorded_messages_give_what_run_gives(log, recorded):
     assert queue.dropped == queue.restarts == 0
 
 
-def test_the_bag_as_a_log_gives_what_the_node_gives(log, bag, recorded):
-    """With the covariances of the twist; odometry is composed to each scan."""
-    queue, _ = feed(recorded)
-    read = datasets.load("auto", bag)
-    np.testing.assert_array_equal(read.landmark, log.landmark)
-    result = slam.run(read, KNOWN)
-    np.testing.assert_allclose(result.map.xy, queue.filter.ekf.landmarks, atol=1e-6)
-    np.testing.assert_allclose(
-        result.map.covariance, queue.filter.ekf.landmark_covariances, atol=1e-8
-    )
-
-
 def stamps(received):
     stamp = [message.header.stamp for _, message in received]
     return np.array([each.sec - START + 1e-9 * each.nanosec for each in stamp])
@@ -186,16 +174,6 @@ def test_without_odometry_the_pose_becomes_uncertain_and_recovers(log, recorded)
     assert looser[21.5] > 2 * sharper[21.5]
     truth = log.truth.pose[-1]
     assert np.hypot(*(updates[-1].step.pose - truth)[:2]) < 0.5
-
-
-def test_silence_of_the_sensor_does_not_fill_memory(log, recorded):
-    """Without scans the filter follows odometry, half a second behind."""
-    queue, updates = feed([each for each in recorded if each[0] == "/odom"])
-    assert len(queue._odometry) < 12
-    alone = slam.dead_reckon(log)
-    steps = np.rint([each.time / 0.125 for each in updates]).astype(int)
-    assert len(steps) > 20
-    np.testing.assert_allclose([each.step.pose for each in updates], alone.pose[steps], atol=1e-6)
 
 
 def test_a_clock_that_starts_anew_and_scans_too_late(recorded):

@@ -9,6 +9,7 @@ from saccade import slam
 from saccade.errors import LogError
 from saccade.slam import EkfConfig
 from support.circular_log import simulate
+from support.logs import with_observations
 
 
 @pytest.mark.parametrize("motion", ["turn_then_translate", "compose"])
@@ -76,29 +77,9 @@ def test_noise_scales_are_factors_on_deviations(rng):
     np.testing.assert_allclose(scaled.trajectory.pose, by_hand.trajectory.pose, atol=1e-9)
 
 
-def test_a_robot_that_stands_still_for_long_keeps_its_state(rng):
-    log, _, _ = simulate(rng, steps=30)
-    still = 20_000
-    parked = dataclasses.replace(
-        log,
-        time=np.arange(len(log.time) + still) * 1.0,
-        control=np.concatenate([log.control, np.zeros((still, 3))]),
-        control_covariance=np.concatenate([log.control_covariance, np.zeros((still, 3, 3))]),
-    )
-    trajectory = slam.run(parked).trajectory
-    np.testing.assert_allclose(trajectory.pose[-1], trajectory.pose[30], atol=1e-9)
-    np.testing.assert_allclose(trajectory.covariance[-1], trajectory.covariance[30], atol=1e-12)
-
-
 def test_a_log_without_observations_is_dead_reckoning(rng):
     log, _, _ = simulate(rng)
-    blind = dataclasses.replace(
-        log,
-        observation_pose=log.observation_pose[:0],
-        observation=log.observation[:0],
-        observation_covariance=log.observation_covariance[:0],
-        landmark=log.landmark[:0],
-    )
+    blind = with_observations(log, np.array([], np.int64))
     for association in ("auto", "known", "nearest"):
         result = slam.run(blind, EkfConfig(association=association))
         np.testing.assert_array_equal(result.trajectory.pose, result.dead_reckoning.pose)

@@ -10,7 +10,6 @@ import pytest
 from saccade import slam
 from saccade.errors import LogError
 from support.circular_log import simulate
-from support.oracles_slam import numerical_jacobian
 from support.paths import ROOT
 
 SCALE, WHEEL_BASE = 60.0, 2.8
@@ -78,36 +77,6 @@ def test_code_of_the_page_runs_and_is_right(page):
         assert error.mean() < max(0.5 * drift.mean(), 0.2)
         assert 1.7 < result.consistency.mean < 2.3
     assert 0.3 < len(reach.map) / len(plain.map) < 1.5
-
-
-def test_slopes_of_the_page_are_slopes(page, rng):
-    names, _ = page
-    stereo, car = names["Stereo"](SCALE), names["Car"](WHEEL_BASE)
-    for _ in range(20):
-        pose = rng.uniform([-5, -5, -3], [5, 5, 3])
-        landmark = pose[:2] + rng.uniform(2, 9) * np.array([np.cos(1.0), np.sin(1.0)])
-        both = np.concatenate([pose, landmark])
-        z, H = stereo.observe(pose, landmark)
-        found = numerical_jacobian(
-            lambda b, z=z: stereo.difference(stereo.observe(b[:3], b[3:])[0], z), both
-        )
-        np.testing.assert_allclose(H, found, atol=1e-5)
-        xy, Gx, Gz = stereo.inverse_observe(pose, z)
-        np.testing.assert_allclose(xy, landmark)
-        np.testing.assert_allclose(
-            Gx, numerical_jacobian(lambda p, z=z: stereo.inverse_observe(p, z)[0], pose), atol=1e-5
-        )
-        np.testing.assert_allclose(
-            Gz, numerical_jacobian(lambda o, p=pose: stereo.inverse_observe(p, o)[0], z), atol=1e-5
-        )
-        control = rng.uniform([0.5, -0.4], [3, 0.4])
-        _, Fx, Fu = car(pose, control)
-        np.testing.assert_allclose(
-            Fu, numerical_jacobian(lambda u, p=pose: car(p, u)[0], control), atol=1e-5
-        )
-        np.testing.assert_allclose(
-            Fx, numerical_jacobian(lambda p, u=control: car(p, u)[0], pose), atol=1e-5
-        )
 
 
 def test_a_motion_that_is_not_given_is_named(rng):

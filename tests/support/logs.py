@@ -1,4 +1,4 @@
-"""Logs that are made of logs."""
+"""Logs that are made of logs, and their scans one by one."""
 
 from dataclasses import replace
 
@@ -8,3 +8,35 @@ import numpy as np
 def without_names(log):
     """The log, whose landmarks nobody has named."""
     return replace(log, landmark=np.full_like(log.landmark, -1))
+
+
+def with_observations(log, kept):
+    """The log with some of its observations alone."""
+    return replace(
+        log,
+        observation_pose=log.observation_pose[kept],
+        observation=log.observation[kept],
+        observation_covariance=log.observation_covariance[kept],
+        landmark=log.landmark[kept],
+    )
+
+
+def between(log, first, last):
+    """The log from one pose to another, with their observations."""
+    kept = (log.observation_pose >= first) & (log.observation_pose <= last)
+    observed = with_observations(log, kept)
+    return replace(
+        observed,
+        time=log.time[first : last + 1],
+        control=log.control[first:last],
+        control_covariance=log.control_covariance[first:last],
+        observation_pose=observed.observation_pose - first,
+    )
+
+
+def scan_of(log, step):
+    """The arguments of `Slam.step`."""
+    k = log.observation_pose == step
+    moved = [log.control[step - 1], log.control_covariance[step - 1]] if step else [None, None]
+    arrays = log.observation, log.observation_covariance, log.landmark
+    return (log.time[step], *moved, *(each[k] for each in arrays))
