@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import DriveError, Settings, require, setting
-from saccade.types import BoolArray, FloatArray, Image, IntArray, Trajectory, check_arrays
+from saccade.types import FloatArray, Image, IntArray, Table, Trajectory, check_arrays
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) rotation of a camera that faces straight ahead, from its frame into the robot's."""
@@ -123,7 +123,7 @@ class GazeLimits(Settings):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tracks:
+class Tracks(Table):
     """Points of one frame that were tracked by another program."""
 
     id: IntArray
@@ -134,13 +134,6 @@ class Tracks:
     """(k,) stereo disparities in pixels; NaN where unknown."""
     descriptor: npt.NDArray[np.uint8] | None = None
     """(k, 128) SIFT descriptors, by which lost points are re-identified; None without."""
-
-    def __len__(self) -> int:
-        return len(self.id)
-
-    def __getitem__(self, rows: slice | BoolArray) -> "Tracks":
-        descriptor = None if self.descriptor is None else self.descriptor[rows]
-        return Tracks(self.id[rows], self.xy[rows], self.disparity[rows], descriptor)
 
     def __repr__(self) -> str:
         return f"Tracks({len(self)} points)"

@@ -8,7 +8,7 @@ from the x axis.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, Literal, Self, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -62,6 +62,38 @@ def invalid_range_bearing(z: npt.NDArray[np.float64]) -> tuple[int, str, str] | 
     return None
 
 
+class Table:
+    """Base of dataclasses of columns: arrays (n, ...), or None for a column that is not known."""
+
+    def __len__(self) -> int:
+        return len(self._columns()[0])
+
+    def __getitem__(self, index: slice | npt.NDArray[Any]) -> Self:
+        """The rows of a slice, a mask or an array of indices."""
+        return type(self)(*(each if each is None else each[index] for each in self._columns()))
+
+    @classmethod
+    def concatenate(cls, tables: Sequence[Self]) -> Self:
+        """The rows of one or more tables."""
+        columns = zip(*(table._columns() for table in tables), strict=True)
+        return cls(*(np.concatenate(column) for column in columns))
+
+    @classmethod
+    def zeros(cls, n: int, **columns: npt.NDArray[Any]) -> Self:
+        """A table of n rows, zero in the columns that are not given."""
+        empty = {each.name: getattr(cls(), each.name) for each in fields(cast("Any", cls))}
+        blank = {k: np.zeros((n, *each.shape[1:]), each.dtype) for k, each in empty.items()}
+        return cls(**blank | columns)
+
+    def _columns(self) -> list[npt.NDArray[Any]]:
+        return [getattr(self, each.name) for each in fields(cast("Any", self))]
+
+
+def column(*shape: int, dtype: npt.DTypeLike = np.float64) -> Any:
+    """Field of a `Table` whose rows have a shape and a type; empty by default."""
+    return field(default_factory=lambda: np.zeros((0, *shape), dtype))
+
+
 class NotebookTable:
     """Base of results that notebooks show as a table of their sizes and key numbers."""
 
@@ -90,7 +122,7 @@ THREE_SIGMA_2D = 11.829
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Keypoints(NotebookTable):
+class Keypoints(NotebookTable, Table):
     """Interest points of one image, the strongest first unless a detector says otherwise."""
 
     xy: Float32Array
@@ -136,12 +168,6 @@ class Keypoints(NotebookTable):
             response=np.zeros(n, np.float32),
             octave=np.zeros(n, np.int32),
         )
-
-    def __len__(self) -> int:
-        return len(self.xy)
-
-    def __getitem__(self, index: slice | npt.NDArray[Any]) -> "Keypoints":
-        return select_rows(self, index)
 
     def summary(self) -> dict[str, str]:
         """Sizes and key numbers, by name."""
@@ -201,7 +227,7 @@ def check_pairs(pairs: IntArray, counts: tuple[int, int], name: str) -> None:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scanpath:
+class Scanpath(Table):
     """Fixations in their order."""
 
     xy: FloatArray
@@ -210,9 +236,6 @@ class Scanpath:
     """(n,) seconds since the onset of the image."""
     saliency: FloatArray
     """(n,) value of the saliency map at the fixation."""
-
-    def __len__(self) -> int:
-        return len(self.xy)
 
     def __repr__(self) -> str:
         last = f", {self.time[-1]:.3f} s" if len(self) else ""
@@ -243,7 +266,7 @@ class ScanpathSamples:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SymmetricPairs:
+class SymmetricPairs(Table):
     """Pairs of gradients on opposite sides of a position, the strongest first."""
 
     first: FloatArray
@@ -258,12 +281,6 @@ class SymmetricPairs:
     """(n,) contribution of the pair to the symmetry."""
     level: IntArray
     """(n,) pyramid level; 0 is the image."""
-
-    def __len__(self) -> int:
-        return len(self.strength)
-
-    def __getitem__(self, index: slice | npt.NDArray[Any]) -> "SymmetricPairs":
-        return select_rows(self, index)
 
     def __repr__(self) -> str:
         return f"SymmetricPairs({len(self)} pairs)"
@@ -435,7 +452,7 @@ class LandmarkLog:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FixationTable:
+class FixationTable(Table):
     """Human fixations, one row each."""
 
     image: npt.NDArray[np.str_]
@@ -449,18 +466,5 @@ class FixationTable:
     duration: FloatArray | None = None
     """(n,) in seconds; None if unknown."""
 
-    def __len__(self) -> int:
-        return len(self.image)
-
     def __repr__(self) -> str:
         return f"FixationTable({len(self)} fixations on {len(np.unique(self.image))} images)"
-
-
-Record = TypeVar("Record", Keypoints, SymmetricPairs, FixationTable)
-
-
-def select_rows(record: Record, index: slice | npt.NDArray[Any]) -> Record:
-    """The rows of a record whose fields are (n, ...) arrays or None: a slice, mask or indices."""
-    columns: dict[str, Any] = {field.name: getattr(record, field.name) for field in fields(record)}
-    selected = {name: column[index] for name, column in columns.items() if column is not None}
-    return replace(record, **selected)

@@ -24,7 +24,7 @@ from saccade.datasets.tables import write_table
 from saccade.errors import LogError, LogWarning, require
 from saccade.io.files import IMAGE_SUFFIXES, atomic_write, is_file
 from saccade.io.image import read_image
-from saccade.types import FixationTable, FloatArray, IntArray, select_rows
+from saccade.types import FixationTable, FloatArray, IntArray
 
 Names = npt.NDArray[np.str_]
 
@@ -273,7 +273,7 @@ def read_fixations(
         xy,
         None if np.isnan(seconds).all() else seconds,
     )
-    return select_rows(table, np.lexsort((order, table.viewer, table.image)))
+    return table[np.lexsort((order, table.viewer, table.image))]
 
 
 def _recording(path: Path, columns: Mapping[str, str]) -> FixationList:

@@ -10,7 +10,7 @@ import numpy as np
 
 from saccade.errors import ImageError
 from saccade.frames import Camera, Drive, Frame, Tracks
-from saccade.types import BoolArray, FloatArray, Image, IntArray
+from saccade.types import BoolArray, FloatArray, Image, IntArray, Table, column
 from saccade.visual.camera import Intrinsics, directions, reduced_camera
 from saccade.visual.depth import depth_of
 from saccade.visual.egomotion import (
@@ -27,7 +27,6 @@ from saccade.visual.optical_flow import (
     reduced_image,
     track_points,
 )
-from saccade.visual.tables import Table, column
 
 STRETCHES = 4
 """Sequences of successive frames, evenly spread, that are surveyed of a longer drive."""

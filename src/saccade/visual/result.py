@@ -11,12 +11,21 @@ import numpy as np
 from saccade.frames import Drive
 from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
-from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, NotebookTable, Trajectory
+from saccade.types import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    LandmarkMap,
+    NotebookTable,
+    Table,
+    Trajectory,
+    column,
+)
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.self_calibration import CalibrationDrift, CalibrationReport
-from saccade.visual.tables import RangeBearings, Table, TrackedPoints, column
+from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 MAX_REMARKS = 5

@@ -1,49 +1,14 @@
 """Tables of tracked points, observations and landmarks: arrays with a row for each item."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self, cast
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
+from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints, Table, column
 from saccade.visual.optical_flow import ByteArray
 
 AGE_WEIGHT = 1e-3
 """Weight of a landmark's relative age beside its miss rate: it decides between equal rates."""
-
-
-class Table:
-    """Base of dataclasses of columns: arrays (n, ...), each declared by `column`."""
-
-    def __len__(self) -> int:
-        return len(self._columns()[0])
-
-    def __getitem__(self, index: npt.NDArray[Any]) -> Self:
-        """The rows of an index array or a mask."""
-        return type(self)(*(column[index] for column in self._columns()))
-
-    @classmethod
-    def concatenate(cls, tables: Sequence[Self]) -> Self:
-        """The rows of one or more tables."""
-        columns = zip(*(table._columns() for table in tables), strict=True)
-        return cls(*(np.concatenate(column) for column in columns))
-
-    @classmethod
-    def zeros(cls, n: int, **columns: npt.NDArray[Any]) -> Self:
-        """A table of n rows, zero in the columns that are not given."""
-        empty = {each.name: getattr(cls(), each.name) for each in fields(cast("Any", cls))}
-        blank = {k: np.zeros((n, *each.shape[1:]), each.dtype) for k, each in empty.items()}
-        return cls(**blank | columns)
-
-    def _columns(self) -> list[npt.NDArray[Any]]:
-        return [getattr(self, each.name) for each in fields(cast("Any", self))]
-
-
-def column(*shape: int, dtype: npt.DTypeLike = np.float64) -> Any:
-    """Field of a `Table` whose rows have a shape and a type; empty by default."""
-    return field(default_factory=lambda: np.zeros((0, *shape), dtype))
 
 
 @dataclass(frozen=True, eq=False)
