@@ -34,7 +34,6 @@ from saccade.evaluation.prediction import (
     score_people,
 )
 from saccade.scale.pyramid import resize
-from saccade.types import select_rows
 
 SIGMA = 24.0
 """Pixels to a degree of visual angle."""
@@ -132,7 +131,7 @@ def main() -> None:
     options = parser.parse_args()
     table = read_fixations(options.fixations)
     kept = np.isin(table.image, np.unique(table.image)[:: options.every])
-    data = FixationData.of(select_rows(table, kept), options.images, options.drop, SIGMA)
+    data = FixationData.of(table[kept], options.images, options.drop, SIGMA)
     print(f"{'':28} {'sAUC':22} {'AUC':22} {'NSS':22} {'CC':22} IG (bit)")
 
     def scored(model: Callable[[str], np.ndarray]) -> Iterator[tuple[str, FixationScores]]:

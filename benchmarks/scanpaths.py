@@ -36,7 +36,6 @@ from saccade.evaluation.scanpaths import (
     viewings,
 )
 from saccade.io.image import read_image
-from saccade.types import select_rows
 
 DEGREE = 24.0
 """Pixels."""
@@ -188,7 +187,7 @@ def main() -> None:
     options = parser.parse_args()
     table = read_fixations(options.fixations)
     names = sorted(np.unique(table.image).tolist(), key=lambda name: (len(name), name))
-    parts = [select_rows(table, np.isin(table.image, names[k::2])) for k in (0, 1)]
+    parts = [table[np.isin(table.image, names[k::2])] for k in (0, 1)]
     data = [FixationData.of(part, options.images, 1, DEGREE) for part in parts]
     halves = [viewings(each) for each in data]
 

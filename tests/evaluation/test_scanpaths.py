@@ -14,7 +14,7 @@ from saccade.evaluation.conditional import MODELS, score_fixations, summary
 from saccade.evaluation.fixations import auc, nss
 from saccade.evaluation.prediction import FixationData
 from saccade.evaluation.scanpaths import SOURCES, PathSettings, score_paths, viewings
-from saccade.types import FixationTable, select_rows
+from saccade.types import FixationTable
 
 SHAPE = (300, 400)
 MODEL = ScanpathModelConfig(exponent=1.0, center_sigma=None, inhibition=0.3)
@@ -83,7 +83,7 @@ def test_scores_of_the_map_are_those_of_fixation_prediction(seen):
 
 def test_one_viewer_has_nobody_to_be_compared_with(seen):
     _, table = seen
-    alone = select_rows(table, (table.viewer == 3) | (table.image == "a.png"))
+    alone = table[(table.viewer == 3) | (table.image == "a.png")]
     with pytest.raises(LogError, match="two viewers"):
         viewings(FixationData(Path(), alone, {"a.png": SHAPE, "b.png": SHAPE}))
 

@@ -27,7 +27,7 @@ from saccade.evaluation.intervals import ScoreSet
 from saccade.io.image import as_gray, read_image, read_stored
 from saccade.io.npz import map_array
 from saccade.scale.pyramid import resize
-from saccade.types import FixationTable, Float32Array, FloatArray, Image, select_rows
+from saccade.types import FixationTable, Float32Array, FloatArray, Image
 
 
 def _read_tiff(path: Path) -> npt.NDArray[Any]:
@@ -88,11 +88,11 @@ class FixationData:
             LogError: there is only one image, so that nothing can be shuffled.
         """
         order = np.lexsort((table.index, table.viewer, table.image))
-        table = select_rows(table, order[table.index[order] >= skip])
+        table = table[order[table.index[order] >= skip]]
         names, index = np.unique(table.image, return_inverse=True)
         sizes = [read_image(folder / name).shape[:2] for name in names.tolist()]
         visible = inside(table.xy, np.array(sizes)[index])
-        table = select_rows(table, visible)
+        table = table[visible]
         kept = {n: s for n, s in zip(names.tolist(), sizes, strict=True) if n in table.image}
         if len(kept) < 2:
             raise LogError(f"fixations: expected at least two images, found {len(kept)}")
@@ -105,7 +105,7 @@ class FixationData:
     def on(self, name: str) -> FixationTable:
         """The fixations on an image."""
         first, last = (np.searchsorted(self.table.image, name, side) for side in ("left", "right"))
-        return select_rows(self.table, slice(first, last))
+        return self.table[first:last]
 
     def elsewhere(self, name: str) -> FloatArray:
         """The fixations (m, 2) on all other images, scaled to the size of one."""
