@@ -16,7 +16,6 @@ from saccade.slam import (
     observe,
     turn_then_translate,
 )
-from saccade.slam.filter._state_kernels import read_block, write_block
 from saccade.slam.local_map import LargeMapSlam
 
 U, NOISE = np.diag([1e-4, 1e-5]), np.diag([0.01, 0.0004])
@@ -85,19 +84,6 @@ def test_a_local_map_is_the_whole_filter(retraction, rng):
         assert small.local_map is None
     with pytest.raises(LogError, match="from 0 to"):
         small.update(np.ones(2), NOISE, len(small))
-
-
-def test_blocks_of_an_upper_triangle(rng):
-    P = np.triu(rng.normal(size=(9, 9)))
-    full = P + np.triu(P, 1).T
-    rows, columns = np.array([1, 4, 5]), np.array([0, 2, 7, 8])
-    block = np.empty((3, 4))
-    read_block(P, rows, columns, block)
-    np.testing.assert_array_equal(block, full[np.ix_(rows, columns)])
-    write_block(P, rows, columns, block, 1.0)
-    full[np.ix_(rows, columns)] *= 2
-    full[np.ix_(columns, rows)] *= 2
-    np.testing.assert_array_equal(P, np.triu(full))
 
 
 def _numbered(seen):

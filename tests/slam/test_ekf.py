@@ -11,11 +11,9 @@ from saccade.slam import (
     RANGE_BEARING,
     STANDARD,
     EkfSlam,
-    compose,
     observe,
     turn_then_translate,
 )
-from saccade.slam.filter.state import RANK, add_rows, dense, landmark_blocks, state_size
 from support.oracles_slam import (
     DenseEkf,
     DenseInvariantEkf,
@@ -102,56 +100,6 @@ def test_covariance_stays_one_whatever_happens(retraction, data):
             assert np.linalg.eigvalsh(P)[0] >= -1e-9 * largest
 
 
-@every
-def test_without_noise_the_geometry_is_exact(retraction, rng):
-    """A robot that errs in nothing sees every landmark where it is, and stays on its way."""
-    ekf = EkfSlam(np.array([3.0, -1.0, 2.0]), np.zeros((3, 3)), compose, retraction=retraction)
-    world, truth = rng.uniform(-9, 9, (5, 2)), np.array([3.0, -1.0, 2.0])
-    for landmark in world:
-        ekf.augment(observe(truth, landmark)[0], np.zeros((2, 2)))
-    for _ in range(40):
-        control = rng.uniform(-1, 1, 3)
-        ekf.predict(control, np.zeros((3, 3)))
-        truth = compose(truth, control)[0]
-        for number, landmark in enumerate(world):
-            innovation = ekf.update(observe(truth, landmark)[0], np.zeros((2, 2)), number)
-            np.testing.assert_allclose(innovation.value, 0, atol=1e-10)
-    np.testing.assert_allclose(ekf.pose, truth, atol=1e-10)
-    np.testing.assert_allclose(ekf.landmarks, world, atol=1e-10)
-    np.testing.assert_allclose(ekf.covariance, 0, atol=1e-12)
-
-
-def test_turning_the_map_turns_the_invariant_filter_with_it(rng):
-    """The same log in a turned and shifted frame gives the same path, turned and shifted."""
-    turn, shift = 2.1, np.array([30.0, -7.0])
-    c, s = np.cos(turn), np.sin(turn)
-    Q = np.array([[c, -s], [s, c]])
-    wide = np.eye(3)
-    wide[:2, :2] = Q
-    spread = np.diag([0.1, 0.2, 0.3])
-    one = EkfSlam(np.zeros(3), spread, retraction=INVARIANT)
-    other = EkfSlam(np.array([*shift, turn]), wide @ spread @ wide.T, retraction=INVARIANT)
-    for name, arguments in _wander(one, rng, landmarks=6):
-        getattr(other, name)(*arguments)
-    np.testing.assert_allclose(other.landmarks, one.landmarks @ Q.T + shift, atol=1e-8)
-    np.testing.assert_allclose(
-        other.landmark_covariances, Q @ one.landmark_covariances @ Q.T, atol=1e-8
-    )
-
-
-def test_an_observation_by_a_rotated_robot_is_linear_in_invariant_errors(rng):
-    """A heading error with an exact range and bearing: the landmark moves along a circle."""
-    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)), compose, retraction=INVARIANT)
-    ekf.augment(np.array([5.0, 0.2]), 1e-12 * np.eye(2))
-    ekf.predict(np.zeros(3), np.diag([0.0, 0.0, 0.3**2]))
-    z = np.array([5.0, 0.2 - 0.25])
-    v, S, _ = ekf.update(z, 1e-12 * np.eye(2), 0)
-    np.testing.assert_allclose(v, [0, -0.25], atol=1e-9)
-    np.testing.assert_allclose(S, np.diag([0, 0.3**2]), atol=1e-9)
-    assert ekf.pose[2] == pytest.approx(0.25, abs=1e-6)
-    np.testing.assert_allclose(ekf.landmarks[0], [5 * np.cos(0.2), 5 * np.sin(0.2)])
-
-
 @pytest.mark.parametrize(
     ("act", "names"),
     [
@@ -227,22 +175,6 @@ def test_a_larger_metre_is_a_larger_map():
         ends.append(ekf)
     np.testing.assert_allclose(ends[1].state, ends[0].state, atol=1e-9)
     np.testing.assert_allclose(ends[1].covariance, ends[0].covariance, atol=1e-9)
-
-
-@pytest.mark.parametrize("count", [0, 1, RANK + 2])
-def test_rows_that_are_added_are_in_the_covariance_of_all_and_of_each(rng, count):
-    ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]))
-    for _ in _wander(ekf, rng, steps=4, landmarks=4):
-        pass
-    f = ekf.filter_state
-    before, rows = dense(f), rng.normal(size=(count, state_size(f)))
-    rows[:, :3] = 0
-    for sign in (1.0, -1.0):
-        add_rows(f, sign, rows)
-        expected = before + rows.T @ rows if sign > 0 else before
-        np.testing.assert_allclose(dense(f), expected, atol=1e-9)
-        blocks = [expected[i : i + 2, i : i + 2] for i in range(3, len(expected), 2)]
-        np.testing.assert_allclose(landmark_blocks(f), blocks, atol=1e-9)
 
 
 @every

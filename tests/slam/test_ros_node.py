@@ -147,35 +147,6 @@ def test_late_messages_change_nothing(recorded, rng, in_order, tolerance):
         np.testing.assert_allclose(poses[each.time], each.step.pose, atol=tolerance)
 
 
-def test_the_frame_of_odometry_is_where_the_estimate_says(recorded):
-    _, updates = feed(recorded)
-    odometry = {
-        round(8 * time): node._pose(message.pose.pose)
-        for time, (topic, message) in zip(stamps(recorded), recorded, strict=True)
-        if topic == "/odom"
-    }
-    for each in updates:
-        pose = slam.compose(each.map_to_odom, odometry[round(8 * each.time)])[0]
-        np.testing.assert_allclose(pose, each.step.pose, atol=1e-6)
-
-
-def test_without_odometry_the_pose_becomes_uncertain_and_recovers(log, recorded):
-    """No odometry from 20 to 23 s: scans go on, the pose is looser, and the end is right."""
-    times = stamps(recorded)
-    kept = [
-        each
-        for each, time in zip(recorded, times, strict=True)
-        if each[0] == "/tags" or not 20 < time < 23
-    ]
-    _, whole = feed(recorded)
-    _, updates = feed(kept)
-    looser = {each.time: np.linalg.det(each.step.covariance) for each in updates}
-    sharper = {each.time: np.linalg.det(each.step.covariance) for each in whole}
-    assert looser[21.5] > 2 * sharper[21.5]
-    truth = log.truth.pose[-1]
-    assert np.hypot(*(updates[-1].step.pose - truth)[:2]) < 0.5
-
-
 def test_a_clock_that_starts_anew_and_scans_too_late(recorded):
     """A bag that is played twice: the map stays, and the jump back is no motion."""
     queue, updates = feed([*recorded, *recorded])
