@@ -1,6 +1,5 @@
 """Configurations from presets and TOML files."""
 
-import tomllib
 from dataclasses import asdict, fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -8,7 +7,7 @@ from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 from saccade.errors import ConfigError
-from saccade.io.files import read_text
+from saccade.io.files import read_toml
 
 KINDS = {
     "attention": ("saccade.attention.combined", "AttentionConfig"),
@@ -56,7 +55,7 @@ def load_settings(kind: str, preset: str | None = None, path: Path | None = None
             f"preset: expected one of {', '.join(presets)} for {kind}, found {preset!r}"
         )
     settings = configuration() if preset == DEFAULT else getattr(configuration, preset)()
-    return settings if path is None else _update(settings, _read_toml(path), str(path))
+    return settings if path is None else _update(settings, read_toml(path, ConfigError), str(path))
 
 
 def settings_from(kind: str, values: dict[str, Any], name: str) -> Any:
@@ -86,7 +85,7 @@ def load_model(path: str | Path) -> Any:
         ConfigError: as `load_settings`.
     """
     model = import_module("saccade.attention.fitted").FittedModel()
-    return _update(model, _read_toml(Path(path)), str(path))
+    return _update(model, read_toml(Path(path), ConfigError), str(path))
 
 
 def preset_names(kind: str) -> list[str]:
@@ -122,15 +121,6 @@ def _configuration(kind: str) -> Any:
         raise ConfigError(f"kind: expected one of {', '.join(KINDS)}, found {kind!r}")
     module, name = KINDS[kind]
     return getattr(import_module(module), name)
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(read_text(path))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigError(f"{path}: expected TOML: {error}") from error
 
 
 def _update(settings: Any, values: dict[str, Any], source: str) -> Any:

@@ -43,7 +43,7 @@ from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
 from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.fields import check_name
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write, is_file, read_text, reason_of
+from saccade.io.files import atomic_write, is_file, read_text, reading
 from saccade.keypoints.matching import match
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.two_view_fit import Geometry
@@ -275,10 +275,8 @@ def read_pairs(path: Path) -> list[Pair]:
     Raises:
         ConfigError: the list cannot be read or is empty, or a line is no pair; tells which.
     """
-    try:
+    with reading(path, ConfigError):
         lines = read_text(path).splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}") from error
     pairs: dict[Pair, None] = {}
     for number, line in enumerate(lines, 1):
         if not line.strip() or line.startswith("#"):

@@ -22,7 +22,7 @@ from saccade.datasets.fixation_tables import (
 from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import write_table
 from saccade.errors import LogError, LogWarning, require
-from saccade.io.files import IMAGE_SUFFIXES, atomic_write, is_file
+from saccade.io.files import IMAGE_SUFFIXES, atomic_write, is_file, reading
 from saccade.io.image import read_image
 from saccade.types import FixationTable, FloatArray, IntArray
 
@@ -50,10 +50,8 @@ def list_folder(folder: Path) -> list[Path]:
     Raises:
         LogError: it cannot be read.
     """
-    try:
+    with reading(folder, LogError):
         return sorted(folder.iterdir()) if folder.is_dir() else []
-    except OSError as error:
-        raise LogError(f"{folder}: cannot be read: {error.strerror}") from error
 
 
 def resolve_images(names: Names, folder: Path) -> Names:

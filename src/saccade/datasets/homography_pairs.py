@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from saccade.errors import ImageError
-from saccade.io.files import read_text, reason_of
+from saccade.io.files import read_text, reading
 from saccade.types import FloatArray
 
 SUFFIXES = (".png", ".ppm", ".pgm", ".jpg")
@@ -57,10 +57,8 @@ def _image(sequence: Path, number: str) -> Path:
 
 
 def _homography(path: Path) -> FloatArray:
-    try:
+    with reading(path, ImageError, "nine numbers", ValueError):
         homography = np.array(read_text(path).split(), np.float64)
-    except (OSError, ValueError) as error:
-        raise ImageError(f"{path}: expected nine numbers: {reason_of(error)}") from error
     if homography.size != 9 or not np.isfinite(homography).all():
         raise ImageError(f"{path}: expected nine finite numbers, found {homography.size} numbers")
     matrix = homography.reshape(3, 3)

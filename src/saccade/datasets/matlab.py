@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.io.files import read_bytes
+from saccade.io.files import read_bytes, reading
 from saccade.types import FloatArray
 
 HEADER = 128
@@ -77,19 +77,15 @@ def read_matrix(path: Path) -> FloatArray:
 
 def _read(path: Path, names: tuple[str, ...] | None) -> dict[str, Any]:
     """Variables by name; None for all."""
-    try:
+    with reading(path, LogError):
         data = read_bytes(path)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
     order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])
     if order is None:
         raise LogError(f"{path}: expected a MATLAB file of version 5, found another file")
     variables: dict[str, Any] = {}
-    try:
+    with reading(path, LogError, "a MATLAB file, found a broken one", ValueError, zlib.error):
         for matrix in _matrices(data[HEADER:], order):
             variables |= _variable(matrix, order, names)
-    except (ValueError, zlib.error) as error:
-        raise LogError(f"{path}: expected a MATLAB file, found a broken one: {error}") from error
     return variables
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from saccade.errors import LogError, require
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write, read_text
+from saccade.io.files import atomic_write, read_text, reading
 from saccade.io.npz import read_arrays
 from saccade.types import FloatArray, LandmarkMap, Trajectory
 
@@ -95,14 +95,8 @@ def read_rows(path: Path, delimiter: str | None = None, comment: str | None = "#
     Raises:
         LogError: the file is missing, cannot be read, is not text, or has broken quotes.
     """
-    try:
+    with reading(path, LogError):
         text = read_text(path)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise LogError(
-            f"{path}: expected text, found a byte at {error.start} that is not UTF-8"
-        ) from error
     for line, cells in _split(path, text, delimiter):
         if any(cells) and not (comment and cells[0].startswith(comment)):
             yield Row(path, line, cells)
@@ -178,14 +172,8 @@ class Archive:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
+        with reading(path, LogError, "an .npz of tables", ValueError):
             self.arrays = read_arrays(path)
-        except OSError as error:
-            raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except ValueError as error:
-            raise LogError(
-                f"{path}: expected an .npz of tables, found another file or a broken one: {error}"
-            ) from error
 
     def __contains__(self, name: str) -> bool:
         return name in self.arrays

@@ -4,12 +4,13 @@ import os
 import shutil
 import stat
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from errno import EISDIR
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 from zlib import crc32
 
 from saccade.errors import ConfigError, OutputError, SaccadeError
@@ -105,6 +106,35 @@ def read_text(path: Path) -> str:
         UnicodeDecodeError: it is not UTF-8.
     """
     return read_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
+
+
+@contextmanager
+def reading(
+    path: object, error: type[SaccadeError], expected: str = "text", *foreign: type[Exception]
+) -> Iterator[None]:
+    """Turn errors of the block into one line that names the file.
+
+    Args:
+        path: the file or folder that is read.
+        error: to raise.
+        expected: format of the file.
+        foreign: what is raised for a file of another format, beside bytes that are not UTF-8.
+    """
+    other: tuple[type[Exception], ...] = (UnicodeDecodeError, *foreign)
+    try:
+        yield
+    except (SaccadeError, MemoryError):
+        raise
+    except OSError as caught:
+        raise error(f"{path}: cannot be read: {one_line(caught)}") from caught
+    except other as caught:
+        raise error(f"{path}: expected {expected}: {one_line(caught)}") from caught
+
+
+def read_toml(path: Path, error: type[SaccadeError]) -> dict[str, Any]:
+    """The table of a TOML file; raises `error`, as `reading`."""
+    with reading(path, error, "TOML", tomllib.TOMLDecodeError, RecursionError):
+        return tomllib.loads(read_text(path))
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from saccade.errors import ImageError, ImageWarning
-from saccade.io.files import IMAGE_SUFFIXES, LARGEST_IMAGE, UNREAD_SUFFIXES, read_bytes
+from saccade.io.files import IMAGE_SUFFIXES, LARGEST_IMAGE, UNREAD_SUFFIXES, read_bytes, reading
 from saccade.types import Float32Array, Image
 
 Color: TypeAlias = tuple[float, float, float]
@@ -200,12 +200,8 @@ def size_in_header(data: bytes, name: str) -> tuple[int, int]:
 
 
 def _read(path: Path) -> bytes:
-    try:
+    with reading(path, ImageError, "the name of a file", ValueError):  # which has no null
         return read_bytes(path)
-    except OSError as error:
-        raise ImageError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:  # a null character
-        raise ImageError(f"{str(path)!r}: cannot be read: {error}") from error
 
 
 def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
@@ -268,7 +264,7 @@ def find_images(source: str | Path) -> list[Path]:
     if not str(source):
         raise ImageError("image: expected a file, a folder or a pattern, found an empty name")
     path = Path(source)
-    try:
+    with reading(source, ImageError, "a pattern of names", ValueError):
         if path.is_dir():
             entries = list(path.iterdir())
             warn_of_unread((entry.name for entry in entries), str(source))
@@ -278,10 +274,6 @@ def find_images(source: str | Path) -> list[Path]:
         else:
             return [path]
         files = sorted(entry for entry in paths if not entry.is_dir())
-    except OSError as error:
-        raise ImageError(f"{source}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise ImageError(f"{source}: expected a pattern of names: {error}") from error
     if not files:
         raise ImageError(f"{source}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
     return files

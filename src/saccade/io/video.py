@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.io.files import VIDEO_SUFFIXES, atomic_write, check_file, reason_of, text_path
+from saccade.io.files import VIDEO_SUFFIXES, atomic_write, check_file, reading, text_path
 from saccade.io.image import quiet_opencv
 from saccade.types import Image
 
@@ -154,10 +154,8 @@ def open_video(path: str | Path) -> cv2.VideoCapture:
     Raises:
         ImageError: there is no such file.
     """
-    try:
+    with reading(path, ImageError, "the name of a file", ValueError):
         check_file(Path(path))
-    except (OSError, ValueError) as error:
-        raise ImageError(f"{path}: cannot be read: {reason_of(error)}") from error
     with quiet_opencv(), text_path(Path(path)) as name:
         return cv2.VideoCapture(name)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.io.checkpoint import Arrays, checksum
-from saccade.io.files import FORMATS, atomic_write, check_format, one_line
+from saccade.io.files import FORMATS, atomic_write, check_format, reading
 from saccade.io.npz import read_arrays, save_arrays
 from saccade.slam.config import EkfConfig
 
@@ -59,12 +59,8 @@ def read_map(path: str | Path) -> SavedMap:
         LogError: it cannot be read, is damaged, no map, or of another version.
     """
     path = Path(path)
-    try:
+    with reading(path, LogError, f"a {KIND}, found no .npz, or a damaged one", ValueError):
         arrays = read_arrays(path)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {one_line(error)}") from error
-    except ValueError as error:
-        raise LogError(f"{path}: expected a {KIND}, found no .npz, or a damaged one") from error
     if str(arrays.get("kind")) != KIND:
         raise LogError(f"{path}: expected a {KIND}, found another .npz")
     check_format("slam_map", int(arrays["format"]), path, LogError)

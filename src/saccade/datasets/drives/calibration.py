@@ -14,7 +14,6 @@ start                           [x, y, heading] at the first frame; default that
                                 truth, or zeros
 """
 
-import tomllib
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +24,7 @@ import numpy as np
 
 from saccade.errors import ConfigError, DriveError, Settings, require, setting
 from saccade.frames import Camera
-from saccade.io.files import atomic_write, read_text
+from saccade.io.files import atomic_write, read_toml
 from saccade.types import Float32Array, FloatArray, Image
 
 CAMERA_FILE = "camera.toml"
@@ -68,12 +67,7 @@ def read_calibration(path: Path) -> Calibration:
         DriveError: the file is missing, is no TOML, or a value is missing, unknown or invalid;
             names it.
     """
-    try:
-        values = tomllib.loads(read_text(path))
-    except OSError as error:
-        raise DriveError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise DriveError(f"{path}: expected TOML: {error}") from error
+    values = read_toml(path, DriveError)
     known = (*_CAMERA, *_OTHERS)
     unknown = sorted(set(values) - set(known))
     missing = [name for name in _INTRINSICS if name not in values]

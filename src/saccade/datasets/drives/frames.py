@@ -11,7 +11,7 @@ import numpy as np
 from saccade.datasets.drives.calibration import Calibration, Lens
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Frame
-from saccade.io.files import read_bytes, reason_of
+from saccade.io.files import read_bytes, reading
 from saccade.io.image import find_images, read_stored, size_in_header
 from saccade.types import FloatArray, Image, IntArray
 
@@ -170,10 +170,8 @@ def are_numbered(paths: Sequence[Path]) -> bool:
 
 def image_size(path: Path) -> tuple[int, int]:
     """Width and height of an image."""
-    try:
+    with reading(path, ImageError):
         return size_in_header(read_bytes(path), str(path))
-    except OSError as error:
-        raise ImageError(f"{path}: cannot be read: {reason_of(error)}") from error
 
 
 def list_images(folder: Path) -> list[Path]:

@@ -3,7 +3,7 @@
 import weakref
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from threading import local
@@ -13,7 +13,7 @@ import numpy as np
 
 from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses, rotation_matrices
 from saccade.datasets.tables import LARGEST
-from saccade.errors import ImageError, LogError, SaccadeError
+from saccade.errors import ImageError, LogError
 from saccade.extras import import_optional
 from saccade.io.files import LARGEST_TEXT, check_file, open_file, reason_of
 from saccade.types import FloatArray, IntArray
@@ -208,19 +208,11 @@ def _check_connections(connections: Sequence[Any]) -> None:
                 raise TypeError(message)
 
 
-@contextmanager
-def reading(name: str, error_type: type[SaccadeError]) -> Iterator[None]:
-    """Context that refuses messages without the fields of their type.
-
-    A bag contains its own message definitions, which may differ from those of ROS.
-    """
-    try:
-        yield
-    except SaccadeError:
-        raise
-    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
-        message = f"{name}: expected messages as ROS defines them: {_first_line(error)}"
-        raise error_type(message) from error
+FIELDS = (
+    *("messages as ROS defines them", AttributeError, LookupError, TypeError, ValueError),
+    OverflowError,
+)
+"""What `reading` expects of messages: a bag contains its own definitions, which may differ."""
 
 
 def _close(readers: list[Any]) -> None:

@@ -53,17 +53,18 @@ from saccade.datasets.drives.sidecar_files import (
     robot_truth,
 )
 from saccade.datasets.ros.bags import (
+    FIELDS,
     Bag,
     Transforms,
     bare,
     finite,
     odometry_topic,
     read_poses,
-    reading,
     truth_topic,
 )
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.frames import CameraTurn, Drive, Frame
+from saccade.io.files import reading
 from saccade.types import FloatArray, Image, IntArray
 
 MAX_TIME_DIFFERENCE = 0.01
@@ -110,7 +111,7 @@ class Mounting(NamedTuple):
 
 def read_rosbag_drive(path: Path) -> Drive:
     """A drive from a bag."""
-    with reading(str(path), DriveError):
+    with reading(str(path), DriveError, *FIELDS):
         bag = Bag(path)
         left, right, depth = _image_topics(bag)
         stamps, seconds = bag.stamps(left)
@@ -160,7 +161,7 @@ def _topic_images(bag: Bag, topic: str, stamps: IntArray, unit: float = 1.0) -> 
         if stamps[i] < 0:
             return None
         name = f"{bag.path}, {topic}, frame {i}"
-        with reading(name, ImageError):
+        with reading(name, ImageError, *FIELDS):
             pixels = pixels_of(bag.at(topic, int(stamps[i])), name)
         return SourceImage(pixels, name, 1.0 if pixels.dtype.kind == "f" else unit)
 

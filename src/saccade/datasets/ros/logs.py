@@ -46,6 +46,7 @@ from saccade.datasets.logs.conversions import (
     to_range_bearing,
 )
 from saccade.datasets.ros.bags import (
+    FIELDS,
     Bag,
     Transforms,
     bare,
@@ -53,12 +54,12 @@ from saccade.datasets.ros.bags import (
     odometry_topic,
     pose_of,
     read_poses,
-    reading,
     stamp_of,
     truth_topic,
 )
 from saccade.datasets.tables import LARGEST
 from saccade.errors import LogError, LogWarning, require
+from saccade.io.files import reading
 from saccade.plane import steps_between
 from saccade.types import BoolArray, FloatArray, LandmarkLog, Trajectory
 
@@ -432,7 +433,7 @@ def read_rosbag_log(
     """
     require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
     path = Path(path)
-    with reading(str(path), LogError):
+    with reading(str(path), LogError, *FIELDS):
         bag = Bag(path)
         topics, transforms = landmark_topics(bag, topic), Transforms.read(bag)
         odometry = _read_odometry(bag, transforms, odometry_noise)

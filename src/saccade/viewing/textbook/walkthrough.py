@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from saccade import textbook
 from saccade.errors import ConfigError, SaccadeError
-from saccade.io.files import read_text, reason_of
+from saccade.io.files import read_text, reading
 from saccade.types import Image, LandmarkLog
 from saccade.viewing.page import Picture, data_uri, escape, picture_html, standalone_page, web_file
 from saccade.viewing.textbook.ekf import filter_figures, filter_results, trace_filter
@@ -208,10 +208,8 @@ def load_implementations(path: Path) -> list[Implementation]:
     Raises:
         ConfigError: it cannot be read or run, or defines no entry point.
     """
-    try:
+    with reading(path, ConfigError):
         source = read_text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}") from error
     spec = spec_from_file_location(f"textbook_{path.stem}", path.resolve())
     if spec is None or spec.loader is None:
         raise ConfigError(f"{path}: expected a Python file, whose name ends with .py")
