@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 
 from saccade import Sift, read_image
-from saccade.batch import Job, extract, open_source, shards, tables
+from saccade.batch import Job, extract, open_source, shards
 from saccade.batch.dataset import read_points
 from saccade.batch.engines import InProcess, Processes
 from saccade.batch.index import Found, Index, build_index
@@ -85,8 +85,7 @@ def overhead(folder: Path, runs: int) -> None:
     source, count = open_source(str(folder)), len(list(folder.iterdir()))
     spent, besides = [0.0], [0.0]
     timed(shards, "_extract_image", spent)
-    for owner, name in ((shards, "content_hash"), (tables, "point_table")):
-        timed(owner, name, besides)
+    timed(shards, "content_hash", besides)
     shares = []
     for run in range(runs + 1):
         with tempfile.TemporaryDirectory() as out:

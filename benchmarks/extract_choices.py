@@ -27,7 +27,7 @@ from saccade.batch import index
 from saccade.batch.tables import (
     DESCRIPTOR_SIZE,
     parquet_options,
-    point_table,
+    point_rows,
     quantize_descriptors,
 )
 from saccade.datasets.homography_pairs import homography_pairs
@@ -43,7 +43,7 @@ def packing(points: dict[str, Keypoints], runs: int) -> None:
     """The table in one file, descriptors as bytes or as a list; with and without rounding."""
     count = sum(map(len, points.values()))
     for exact in (False, True):
-        batches = [point_table(name, each, exact=exact) for name, each in points.items()]
+        batches = [point_rows(name, each, exact=exact) for name, each in points.items()]
         bytewise = pa.Table.from_batches(batches)
         listed = as_lists(bytewise)
         for name, table in (("binary(128)", bytewise), ("list<uint8>[128]", listed)):

@@ -122,12 +122,12 @@ def write_data_set(folder, images):
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from saccade.batch.tables import RECORD_SCHEMA, point_table
+    from saccade.batch.tables import RECORD_SCHEMA, point_rows
 
     job = Job("sift", SiftConfig())
     for name in ("sift", "images"):
         (folder / name).mkdir()
-    batches = [point_table(name, points, exact=True) for name, points in images.items()]
+    batches = [point_rows(name, points, exact=True) for name, points in images.items()]
     pq.write_table(pa.Table.from_batches(batches), folder / "sift" / "part-0.parquet")
     rows = [
         {"image": name, "rows": len(points), "width": 1, "height": 1}

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -13,7 +13,13 @@ import pyarrow.parquet as pq
 
 from saccade.batch.job import POINTS
 from saccade.batch.sources import Store, open_store
-from saccade.batch.tables import DESCRIPTOR_SIZE, RECORD_SCHEMA, check_columns, point_schema
+from saccade.batch.tables import (
+    DESCRIPTOR_SIZE,
+    RECORD_SCHEMA,
+    check_columns,
+    parquet_options,
+    point_schema,
+)
 from saccade.errors import ConfigError, KeypointsError, OutputError
 from saccade.exchange import to_opencv, write_colmap, write_csv, write_hdf5
 from saccade.exchange.fields import COLUMNS, check_name, keypoints_from_columns
@@ -27,6 +33,8 @@ RECORDS = "images"
 IMAGE_COLUMNS = ("image", "rows", "width", "height", "error")
 """Columns of a record that readers of points need."""
 PREFIX, SUFFIX = "part-", ".parquet"
+ROW_GROUP = 1 << 16
+"""Rows that are written together; as points they take 10 MB."""
 
 
 class ImageKeypoints(NamedTuple):
@@ -153,6 +161,41 @@ def read_table(
         expectation = "expected a table of `saccade extract`"
         message = f"{store.location}/{name}: {expectation}: {one_line(error)}"
         raise KeypointsError(message) from error
+
+
+def write_table(
+    store: Store, name: str, parts: Iterable[pa.Table | pa.RecordBatch], schema: pa.Schema
+) -> None:
+    """Write a Parquet file of a data set.
+
+    Args:
+        store: the data set.
+        name: of the file.
+        parts: of the table; many of them need not fit into memory.
+        schema: of all.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    with (
+        store.writing(name) as path,
+        path.open("wb") as file,  # Arrow accepts only paths that are text
+        pq.ParquetWriter(file, schema, **parquet_options(schema)) as writer,
+    ):
+        for group in _grouped(parts):
+            writer.write_table(group)
+
+
+def _grouped(parts: Iterable[pa.Table | pa.RecordBatch]) -> Iterator[pa.Table]:
+    """Tables of `ROW_GROUP` rows or more."""
+    group: list[pa.Table] = []
+    for part in parts:
+        group.append(pa.Table.from_batches([part]) if isinstance(part, pa.RecordBatch) else part)
+        if sum(map(len, group)) >= ROW_GROUP:
+            yield pa.concat_tables(group)
+            group.clear()
+    if group:
+        yield pa.concat_tables(group)
 
 
 def record_files(store: Store) -> list[str]:

@@ -2,14 +2,11 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import partial
-from itertools import chain, takewhile
+from itertools import takewhile
 from typing import Any
-
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from saccade.batch.dataset import (
     MANIFEST,
@@ -21,13 +18,14 @@ from saccade.batch.dataset import (
     read_table,
     record_files,
     split_generation,
+    write_table,
 )
 from saccade.batch.engines import Engine
 from saccade.batch.job import MAPS, Job
 from saccade.batch.shards import Shard, ShardReport, extract_shard
 from saccade.batch.sources import Item, Source, Store, open_store
-from saccade.batch.tables import ERROR_SCHEMA, MAP_SCHEMA, parquet_options, record_batch
-from saccade.errors import ConfigError, OutputError
+from saccade.batch.tables import ERROR_SCHEMA, MAP_SCHEMA, record_batch
+from saccade.errors import ConfigError
 from saccade.io.files import FORMATS
 
 ERROR_FILE = "errors.parquet"
@@ -69,8 +67,6 @@ class Extraction:
     """Totals of the data set."""
     complete: bool
     """Whether all images of the source were processed; false if the run was stopped."""
-    error: str | None = None
-    """Why the manifest could not be written; None if it was."""
 
 
 def extract(
@@ -108,14 +104,13 @@ def extract(
     store = open_store(out)
     done = unchanged = failed = 0
     lost: list[tuple[str, str]] = []
-    error = None
     with store.locked():
         if not redo:
             _check_manifest(store, job)
         remove_orphans(store, job)
-        shards = plan_shards(source, store, shard_size)
         _write_manifest(store, job, source_name, _last_totals(store), complete=False)
         work = partial(extract_shard, job, out, redo=redo)
+        shards = plan_shards(source, store, shard_size)
         for report in engine.run(work, takewhile(lambda _: not should_stop(), shards)):
             done += report.done - report.failed_now
             unchanged += report.unchanged - (report.failed - report.failed_now)
@@ -123,19 +118,17 @@ def extract(
             lost.extend(report.lost)
             on_report(report)
         complete = not should_stop()
-        try:
-            remove_orphans(store, job)
-            totals = _write_errors(store, job, lost)
-            _write_manifest(store, job, source_name, totals, complete=complete)
-        except OutputError as failure:
-            totals, error = Totals(errors=len(lost)), str(failure)
-    return Extraction(done, unchanged, failed + len(lost), totals, complete, error)
+        remove_orphans(store, job)
+        totals = _write_errors(store, job, lost)
+        _write_manifest(store, job, source_name, totals, complete=complete)
+    return Extraction(done, unchanged, failed + len(lost), totals, complete)
 
 
 def plan_shards(source: Source, store: Store, shard_size: int | None = None) -> Iterator[Shard]:
     """First the recorded shards, whose images may have changed, then the new ones.
 
-    A new shard is a block of the source without the images that are done, so that after any
+    A recorded shard is planned as its next generation, of the images that the source still has. A
+    new shard is a block of the source without the images that are done, so that after any
     interruption the same images make the same shard.
 
     Args:
@@ -145,28 +138,14 @@ def plan_shards(source: Source, store: Store, shard_size: int | None = None) -> 
     """
     if shard_size is None:
         shard_size = min(max(len(source) // MIN_SHARDS, MIN_SHARD_SIZE), MAX_SHARD_SIZE)
-    number_of = {item.name: number for number, item in enumerate(source)}
-    recorded = {
-        file: read_record(store, file, ["image"])["image"].to_pylist()
-        for file in record_files(store)
-    }
-    done = {name for names in recorded.values() for name in names}
-    return chain(
-        _recorded_shards(source, number_of, recorded), _new_shards(source, done, shard_size)
-    )
-
-
-def _recorded_shards(
-    source: Source, number_of: Mapping[str, int], recorded: Mapping[str, Sequence[str]]
-) -> Iterator[Shard]:
-    """The next generation of every recorded shard, with its images that the source still has."""
-    for file, names in recorded.items():
+    item_of = {item.name: item for item in source}
+    done: set[str] = set()
+    for file in record_files(store):
+        names = read_record(store, file, ["image"])["image"].to_pylist()
+        done.update(names)
         shard, generation = split_generation(file)
-        items = [source[number_of[name]] for name in names if name in number_of]
+        items = [item_of[name] for name in names if name in item_of]
         yield Shard(name_generation(shard, generation + 1), items, previous=file)
-
-
-def _new_shards(source: Source, done: Collection[str], shard_size: int) -> Iterator[Shard]:
     for first in range(0, len(source), shard_size):
         items = [item for item in source[first : first + shard_size] if item.name not in done]
         if items:
@@ -175,17 +154,22 @@ def _new_shards(source: Source, done: Collection[str], shard_size: int) -> Itera
 
 def remove_orphans(store: Store, job: Job) -> None:
     """Remove tables that an interrupted run left without a record, and older generations."""
-    recorded = set(record_files(store))
+    recorded = record_files(store)
     for file in store.list_files(RECORDS):
         if file not in recorded:
             store.remove(f"{RECORDS}/{file}")
-    for file in store.list_files(job.what):
-        if file not in recorded:
-            name = f"{job.what}/{file}"
-            if job.what in MAPS:
-                for map_file in read_table(store, name, MAP_SCHEMA, ["file"])["file"].unique():
-                    store.remove(str(map_file))
-            store.remove(name)
+    orphans = [file for file in store.list_files(job.what) if file not in recorded]
+    if job.what in MAPS and orphans:
+        for map_file in _map_files(store, job, orphans) - _map_files(store, job, recorded):
+            store.remove(map_file)
+    for file in orphans:
+        store.remove(f"{job.what}/{file}")
+
+
+def _map_files(store: Store, job: Job, files: Sequence[str]) -> set[str]:
+    """The files of the maps in these tables."""
+    tables = (read_table(store, f"{job.what}/{file}", MAP_SCHEMA, ["file"]) for file in files)
+    return {name for table in tables for name in table["file"].to_pylist()}
 
 
 def _name_shard(first: int, items: list[Item]) -> str:
@@ -245,25 +229,25 @@ def _write_errors(store: Store, job: Job, lost: Sequence[tuple[str, str]]) -> To
         job: whose version is this one.
         lost: images whose results could not be written, and why.
     """
-    images = rows = errors = shards = others = 0
-    unrecorded = [{"image": name, "error": reason} for name, reason in lost]
-    batches = [pa.Table.from_batches([record_batch(unrecorded, ERROR_SCHEMA)])]
-    for record in read_records(store):
-        failed = record.filter(record["error"].is_valid()).select(ERROR_SCHEMA.names)
-        if len(failed):
-            batches.append(failed)
-        shards += 1
-        errors += len(failed)
-        images += len(record) - len(failed)
-        rows += sum(record["rows"].to_pylist())
-        others += sum(version != job.version for version in record["version"].to_pylist())
-    table = pa.concat_tables(batches)
-    if len(table):
-        with store.writing(ERROR_FILE) as path, path.open("wb") as file:
-            pq.write_table(table, file, **parquet_options(ERROR_SCHEMA))
+    records = list(read_records(store))
+    failed = [{"image": name, "error": reason} for name, reason in lost]
+    for record in records:
+        failed += record.filter(record["error"].is_valid()).select(ERROR_SCHEMA.names).to_pylist()
+    if failed:
+        write_table(store, ERROR_FILE, [record_batch(failed, ERROR_SCHEMA)], ERROR_SCHEMA)
     else:
         store.remove(ERROR_FILE)
-    return Totals(images, rows, errors + len(lost), shards, others)
+    return Totals(
+        images=sum(record["error"].null_count for record in records),
+        rows=sum(sum(record["rows"].to_pylist()) for record in records),
+        errors=len(failed),
+        shards=len(records),
+        by_other_versions=sum(
+            version != job.version
+            for record in records
+            for version in record["version"].to_pylist()
+        ),
+    )
 
 
 def _flatten(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -42,7 +42,7 @@ class Job(Settings):
     fixations: int = setting(10, 1)
     """Length of a scanpath."""
     exact: bool = False
-    """Keep all bits of points; see `saccade.batch.tables.point_table`."""
+    """Keep all bits of points; see `saccade.batch.tables.point_rows`."""
     maps: MapFormat = "zarr"
     """File format of maps."""
     version: str = saccade.__version__

@@ -21,7 +21,6 @@ from typing import Any, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from saccade.batch.dataset import (
     SUFFIX,
@@ -31,13 +30,14 @@ from saccade.batch.dataset import (
     read_table,
     record_files,
     shard_file,
+    write_table,
 )
 from saccade.batch.engines import Engine, InProcess
 from saccade.batch.extraction import Extraction, extract
 from saccade.batch.job import POINTS, Job
 from saccade.batch.shards import ShardReport
 from saccade.batch.sources import Source, Store, image_files, open_source, open_store
-from saccade.batch.tables import parquet_options, record_batch
+from saccade.batch.tables import record_batch
 from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
 from saccade.exchange.colmap import import_pycolmap
@@ -202,8 +202,6 @@ def match_images(
         should_stop=should_stop,
         on_report=partial(on_report, "images", len(images)),
     )
-    if extraction.error is not None:
-        raise OutputError(extraction.error)
     if not extraction.complete:
         return MatchRun(extraction, len(wanted), 0, 0, (), False, {})
     fingerprint, store = config.fingerprint(job), open_store(str(out))
@@ -363,14 +361,9 @@ def match_shard(
         }
         for item in shard.items
     ]
-    table = pa.Table.from_batches([record_batch(rows, SCHEMA)])
-    target = open_store(out)
+    name = f"{FOLDER}/{shard_file(f'{shard.name}-{fingerprint}')}"
     try:
-        with (
-            target.writing(f"{FOLDER}/{shard_file(f'{shard.name}-{fingerprint}')}") as path,
-            path.open("wb") as file,
-        ):
-            pq.write_table(table, file, **parquet_options(SCHEMA))
+        write_table(open_store(out), name, [record_batch(rows, SCHEMA)], SCHEMA)
     except OutputError as error:
         return ShardReport(lost=[(item.name, str(error)) for item in shard.items])
     return ShardReport(len(rows), rows=sum(len(row["pairs"]) // 8 for row in rows))
@@ -411,6 +404,8 @@ def _match(config: MatchConfig, first: Keypoints, second: Keypoints) -> dict[str
         "geometry": config.geometry or "",
         "pairs": indices.astype("<i4").tobytes(),
         "similarity": ((1 + np.einsum("ij,ij->i", *units)) / 2).astype("<f4").tobytes(),
+        "inliers": b"",
+        "matrix": b"",
     }
     if config.geometry is not None:
         found = verify(first, second, indices, config.geometry, config.tolerance)

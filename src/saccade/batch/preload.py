@@ -20,4 +20,4 @@ with suppress(Exception):  # the same error is raised, and reported, in the main
     from saccade.keypoints.sift_config import SiftConfig
 
     cv2.setNumThreads(1)  # a fork must not find the threads of a pool gone
-    analyzer(Job("sift", SiftConfig()))("", np.zeros((64, 64), np.uint8))
+    analyzer(Job("sift", SiftConfig()))(np.zeros((64, 64), np.uint8))

@@ -3,35 +3,30 @@
 A shard is done when its record exists, which is written last. An interrupted shard leaves at most a
 table without a record, which the next run removes. Images that are done again make a new generation
 of the shard beside the old one, so that a record never describes a table that it was not written
-for.
+for; the rows and the maps of the images that have not changed are kept.
 """
 
-import shutil
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import closing, contextmanager
 from functools import lru_cache, partial
-from math import prod
-from pathlib import Path
+from itertools import chain
 from typing import Any, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
+from pyarrow import compute
 
 from saccade import keypoints
 from saccade.batch import tables
-from saccade.batch.dataset import RECORDS, read_record, read_table, shard_file
+from saccade.batch.dataset import RECORDS, read_record, read_table, shard_file, write_table
 from saccade.batch.job import MAPS, POINTS, Job
 from saccade.batch.sources import Item, Store, content_hash, decode, open_store, read_content
-from saccade.batch.tables import RECORD_SCHEMA, parquet_options, record_batch, text_array
-from saccade.errors import KeypointsError, OutputError, SaccadeError
+from saccade.batch.tables import RECORD_SCHEMA, record_batch
+from saccade.errors import OutputError, SaccadeError
 from saccade.extras import import_optional
-from saccade.io.files import LARGEST_IMAGE, one_line
-from saccade.io.image import decode_stored, size_in_header
-from saccade.types import Float32Array, Image, Keypoints, Regions
+from saccade.types import Float32Array, Image
 
 FOLDER = "maps"
 PNG_MAXIMUM = 65535
@@ -43,79 +38,25 @@ AddMap: TypeAlias = Callable[[str, Float32Array], tuple[str, str]]
 
 @contextmanager
 def map_writer(job: Job, store: Store, shard: str) -> Iterator[AddMap]:
-    """A function that writes the maps of a shard; it must not be called where a job has none.
+    """A function that writes the maps of a shard: all to one Zarr archive, or each as a PNG.
 
     Raises:
         OutputError: they cannot be written.
         ConfigError: zarr is asked for and not installed.
     """
-    if job.what not in MAPS:
-        yield _no_map
-    elif job.maps == "png":
+    if job.what not in MAPS or job.maps == "png":
         yield partial(_write_png, store, shard)
-    else:
-        zarr = import_optional("zarr", "zarr")
-        file = f"{FOLDER}/part-{shard}.zarr.zip"
-        with store.writing(file) as path, _archive(zarr, path, "w") as archive:
-            group = zarr.create_group(archive)
+        return
+    zarr = import_optional("zarr", "zarr")
+    file = f"{FOLDER}/part-{shard}.zarr.zip"
+    with store.writing(file) as path, closing(zarr.storage.ZipStore(path, mode="w")) as archive:
+        group = zarr.create_group(archive)
 
-            def add(name: str, values: Float32Array) -> tuple[str, str]:
-                group.create_array(name, data=values.astype(np.float16), chunks=values.shape)
-                return file, name
+        def add(name: str, values: Float32Array) -> tuple[str, str]:
+            group.create_array(name, data=values.astype(np.float16), chunks=values.shape)
+            return file, name
 
-            yield add
-
-
-def read_map(store: Store, row: pa.Table) -> Float32Array:
-    """The map of a row of the table, (h, w) in [0, 1].
-
-    Raises:
-        KeypointsError: it is missing, broken, or of another shape than in the row.
-        ConfigError: zarr is needed and not installed.
-    """
-    names = ("file", "array", "rows", "columns")
-    file, array, *shape = (row[name][0].as_py() for name in names)
-    try:
-        return _read_array(store, file, array, tuple(shape))
-    except (SaccadeError, MemoryError):
-        raise
-    except Exception as error:  # zarr raises anything for a broken file
-        message = f"{store.location}/{file}: expected a map: {one_line(error)}"
-        raise KeypointsError(message) from error
-
-
-def _read_array(store: Store, file: str, array: str, shape: tuple[int, ...]) -> Float32Array:
-    with store.open(file) as opened:
-        if not array:
-            data = opened.read()
-            _check_shape(size_in_header(data, file)[::-1], shape)
-            pixels = decode_stored(data, f"{store.location}/{file}")
-            _check_shape(pixels.shape, shape)
-            return (np.asarray(pixels) / np.float32(PNG_MAXIMUM)).astype(np.float32)
-        zarr = import_optional("zarr", "zarr")
-        with tempfile.NamedTemporaryFile(suffix=".zip") as copy:
-            shutil.copyfileobj(opened, copy)
-            copy.flush()
-            with _archive(zarr, Path(copy.name), "r") as archive:
-                values = zarr.open_group(archive, mode="r")[array]
-                _check_shape(values.shape, shape)
-                return np.asarray(values[...], np.float32)
-
-
-def _check_shape(found: tuple[int, ...], expected: tuple[int, ...]) -> None:
-    """Check a shape before the array is unpacked: a small file may hold a large one."""
-    if found != expected or prod(expected) > LARGEST_IMAGE:
-        raise ValueError(f"expected {expected} values, found {found}")
-
-
-@contextmanager
-def _archive(zarr: Any, path: Path, mode: str) -> Iterator[Any]:
-    """A Zarr store in one file; a folder of many small files would be slow."""
-    archive = zarr.storage.ZipStore(path, mode=mode)
-    try:
-        yield archive
-    finally:
-        archive.close()
+        yield add
 
 
 def _write_png(store: Store, shard: str, name: str, values: Float32Array) -> tuple[str, str]:
@@ -128,17 +69,8 @@ def _write_png(store: Store, shard: str, name: str, values: Float32Array) -> tup
     return file, ""
 
 
-def _no_map(name: str, values: Float32Array) -> tuple[str, str]:
-    raise AssertionError(name)
-
-
-ROW_GROUP = 1 << 16
-"""Rows that are written together; as points they take 10 MB."""
-
 Row: TypeAlias = dict[str, Any]
 """A row of a record."""
-AddImage: TypeAlias = Callable[[str, pa.Table, Float32Array | None], None]
-"""Adds the rows of an image, by its name, and its map to the files of a shard."""
 
 
 class Shard(NamedTuple):
@@ -149,15 +81,6 @@ class Shard(NamedTuple):
     items: Sequence[Item]
     previous: str | None = None
     """Record of the previous generation, if there is one."""
-
-
-class ImageResult(NamedTuple):
-    """Features of an image."""
-
-    rows: pa.RecordBatch
-    """Rows of the table."""
-    map: Float32Array | None = None
-    """(h, w) in [0, 1], if the job is for maps."""
 
 
 class ShardReport(NamedTuple):
@@ -187,37 +110,42 @@ def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> 
         redo: whether to redo what another version or configuration made.
     """
     store = open_store(location)
-    previous = read_record(store, shard.previous).to_pylist() if shard.previous else []
-    kept = kept_rows(job, previous, shard, redo)
-    todo = [item for item in shard.items if item.name not in kept]
-    failed = sum(row["error"] is not None for row in kept.values())
-    if not todo and len(kept) == len(previous):
-        return ShardReport(unchanged=len(kept), failed=failed)
+    record = read_record(store, shard.previous).to_pylist() if shard.previous else []
+    rows = kept_rows(job, record, shard, redo)
+    unchanged, names = len(rows), {row["image"] for row in rows}
+    todo = [item for item in shard.items if item.name not in names]
+    if not todo and unchanged == len(record):
+        return ShardReport(unchanged=unchanged, failed=_count_failed(rows))
+    file = shard_file(shard.name)
     try:
-        added = _write_shard(job, store, shard, kept, todo)
+        with map_writer(job, store, shard.name) as add_map:
+            added = chain(
+                _kept_features(job, store, shard, names), _new_features(job, todo, rows, add_map)
+            )
+            write_table(store, f"{job.what}/{file}", added, schema_of(job))
+        write_table(store, f"{RECORDS}/{file}", [record_batch(rows, RECORD_SCHEMA)], RECORD_SCHEMA)
     except OutputError as error:
-        return ShardReport(unchanged=len(kept), lost=[(item.name, str(error)) for item in todo])
-    failed_now = sum(row["error"] is not None for row in added)
-    rows = sum(row["rows"] for row in added)
-    return ShardReport(len(todo), len(kept), rows, failed + failed_now, failed_now)
+        return ShardReport(unchanged=unchanged, lost=[(item.name, str(error)) for item in todo])
+    new = rows[unchanged:]
+    num_rows = sum(row["rows"] for row in new)
+    return ShardReport(len(todo), unchanged, num_rows, _count_failed(rows), _count_failed(new))
 
 
-def kept_rows(job: Job, record: Sequence[Row], shard: Shard, redo: bool) -> dict[str, Row]:
-    """The rows of the previous record that are still valid, by image.
+def kept_rows(job: Job, record: Sequence[Row], shard: Shard, redo: bool) -> list[Row]:
+    """The rows of the previous record that are still valid.
 
-    Each gets a `first`, the index of its first row in the table. Kept are images that have not
-    changed, and images that are no longer in the source unless they had failed.
+    Kept are images that have not changed, and images that are no longer in the source unless they
+    had failed.
     """
     items = {item.name: item for item in shard.items}
-    first, kept = 0, {}
-    for row in record:
-        valid = row["configuration"] == job.fingerprint
-        if valid and not (redo and row["version"] != job.version):
-            item = items.get(row["image"])
-            if row["error"] is None if item is None else _is_unchanged(item, row["content"]):
-                kept[row["image"]] = {**row, "first": first}
-        first += row["rows"]
-    return kept
+
+    def is_valid(row: Row) -> bool:
+        if row["configuration"] != job.fingerprint or (redo and row["version"] != job.version):
+            return False
+        item = items.get(row["image"])
+        return row["error"] is None if item is None else _is_unchanged(item, row["content"])
+
+    return [row for row in record if is_valid(row)]
 
 
 def _is_unchanged(item: Item, recorded_hash: str | None) -> bool:
@@ -229,31 +157,41 @@ def _is_unchanged(item: Item, recorded_hash: str | None) -> bool:
         return True
 
 
-def _write_shard(
-    job: Job, store: Store, shard: Shard, kept: Mapping[str, Row], todo: Sequence[Item]
-) -> list[Row]:
-    """Write the table and the record of a shard; gives the new rows of the record."""
-    added = []
-    with _table_writer(job, store, shard) as add:
-        if kept:
-            table = read_table(store, f"{job.what}/{shard.previous}", schema_of(job))
-            for name, row in kept.items():
-                rows = table.slice(row["first"], row["rows"])
-                has_map = job.what in MAPS and len(rows)
-                add(name, rows, read_map(store, rows) if has_map else None)
-        for item in todo:
-            row, result = _extract_image(job, item)
-            if result is not None:
-                add(item.name, pa.Table.from_batches([result.rows]), result.map)
-            added.append(row)
-    record = pa.Table.from_batches([record_batch([*kept.values(), *added], RECORD_SCHEMA)])
-    with store.writing(f"{RECORDS}/{shard_file(shard.name)}") as path, path.open("wb") as file:
-        pq.write_table(record, file, **parquet_options(RECORD_SCHEMA))
-    return added
+def _count_failed(rows: Sequence[Row]) -> int:
+    return sum(row["error"] is not None for row in rows)
 
 
-def _extract_image(job: Job, item: Item) -> tuple[Row, ImageResult | None]:
-    """The row of the record of an image, and its result unless it failed."""
+def _kept_features(
+    job: Job, store: Store, shard: Shard, names: Collection[str]
+) -> Iterator[pa.Table]:
+    """The rows of these images in the table of the previous generation; their maps stay."""
+    if names and shard.previous:
+        table = read_table(store, f"{job.what}/{shard.previous}", schema_of(job))
+        yield table.filter(compute.is_in(table["image"], pa.array(list(names))))
+
+
+def _new_features(
+    job: Job, items: Sequence[Item], record: list[Row], add_map: AddMap
+) -> Iterator[pa.RecordBatch]:
+    """The rows of the table for each image that does not fail; appends all images to the record."""
+    for item in items:
+        row, found = _extract_image(job, item)
+        record.append(row)
+        if found is None:
+            continue
+        if job.what in POINTS:
+            batch = tables.point_rows(item.name, found, exact=job.exact)
+        elif job.what in MAPS:
+            shape = row["height"], row["width"]
+            batch = tables.map_row(item.name, found, shape, *add_map(item.name, found))
+        else:
+            batch = tables.fixation_rows(item.name, found)
+        row["rows"] = batch.num_rows
+        yield batch
+
+
+def _extract_image(job: Job, item: Item) -> tuple[Row, Any]:
+    """The row of the record of an image, and its features; None if it failed."""
     row: Row = {"image": item.name, "rows": 0, "error": None}
     row |= {"configuration": job.fingerprint, "version": job.version}
     analyze = analyzer(job)  # outside of `try`: a missing library is no error of the image
@@ -262,75 +200,46 @@ def _extract_image(job: Job, item: Item) -> tuple[Row, ImageResult | None]:
         row["content"] = content_hash(content)
         start = time.perf_counter()
         image = decode(content, item.name)
-        result = analyze(item.name, image)
+        found = analyze(image)
     except (SaccadeError, MemoryError) as error:
         return {**row, "error": str(error) or "not enough memory"}, None
     except Exception as error:  # one image must not end the work on a million
         return {**row, "error": f"{type(error).__name__}: {error}"}, None
-    row["seconds"] = time.perf_counter() - start
-    row["height"], row["width"] = image.shape[:2]
-    return {**row, "rows": result.rows.num_rows}, result
-
-
-@contextmanager
-def _table_writer(job: Job, store: Store, shard: Shard) -> Iterator[AddImage]:
-    """A function that adds the rows of an image, and its map, to the files of a shard."""
-    schema = schema_of(job)
-    buffered: list[pa.Table] = []
-    with (
-        map_writer(job, store, shard.name) as add_map,
-        store.writing(f"{job.what}/{shard_file(shard.name)}") as path,
-        path.open("wb") as file,  # Arrow accepts only paths that are text
-        pq.ParquetWriter(file, schema, **parquet_options(schema)) as writer,
-    ):
-
-        def flush() -> None:
-            if buffered:
-                writer.write_table(pa.concat_tables(buffered))
-                buffered.clear()
-
-        def add(name: str, rows: pa.Table, values: Float32Array | None) -> None:
-            if values is not None:
-                for field, text in zip(("file", "array"), add_map(name, values), strict=True):
-                    rows = rows.set_column(schema.get_field_index(field), field, text_array([text]))
-            buffered.append(rows)
-            if sum(map(len, buffered)) >= ROW_GROUP:
-                flush()
-
-        yield add
-        flush()
+    height, width = image.shape[:2]
+    seconds = time.perf_counter() - start
+    return {**row, "seconds": seconds, "height": height, "width": width}, found
 
 
 @lru_cache(maxsize=1)
-def analyzer(job: Job) -> Callable[[str, Image], ImageResult]:
-    """A function from the name and pixels of an image to the result; detectors keep their memory.
+def analyzer(job: Job) -> Callable[[Image], Any]:
+    """A function from an image to its features; detectors keep their memory.
+
+    The features are `Keypoints`, `Regions`, a `Scanpath`, or a map (h, w) as it is stored.
 
     Args:
         job: what to extract.
     """
     if job.what in POINTS:
-        detect = _detector(job)
-        return lambda name, image: ImageResult(
-            tables.point_table(name, detect(image), exact=job.exact)
-        )
+        detectors: dict[str, Any]
+        detectors = {"sift": keypoints.Sift, "must": keypoints.Must, "symroid": keypoints.SymRoid}
+        detector: Callable[[Image], Any] = detectors[job.what](job.settings, threads=1)
+        return detector
+    from saccade import attention
+
+    def saliency(image: Image) -> Float32Array:
+        if isinstance(job.settings, attention.FittedModel):
+            return job.settings.maps(image).saliency
+        if job.what == "contrast":
+            return attention.contrast_saliency(image, job.settings).saliency
+        if job.what == "symmetry":
+            return attention.symmetry_saliency(image, job.settings).saliency
+        return attention.attention_saliency(image, job.settings).saliency
+
     if job.what in MAPS:
-        model = _saliency_model(job)
-
-        def extract_map(name: str, image: Image) -> ImageResult:
-            saliency = model(image, job.settings).saliency
-            values = saliency.astype(np.float16).astype(np.float32)  # as it is stored
-            return ImageResult(tables.map_row(name, values, image.shape), values)
-
-        return extract_map
-
-    def extract_scanpath(name: str, image: Image) -> ImageResult:
-        from saccade import attention
-
-        saliency = _saliency_model(job)(image, job.settings).saliency
-        path = attention.scanpath(saliency, image.shape, job.fixations, job.network)
-        return ImageResult(tables.fixation_table(name, path))
-
-    return extract_scanpath
+        return lambda image: saliency(image).astype(np.float16).astype(np.float32)
+    return lambda image: attention.scanpath(
+        saliency(image), image.shape, job.fixations, job.network
+    )
 
 
 def schema_of(job: Job) -> pa.Schema:
@@ -338,23 +247,3 @@ def schema_of(job: Job) -> pa.Schema:
     if job.what in POINTS:
         return tables.point_schema(boxes=job.what == "symroid")
     return tables.MAP_SCHEMA if job.what in MAPS else tables.FIXATION_SCHEMA
-
-
-def _detector(job: Job) -> Callable[[Image], Keypoints | Regions]:
-    if job.what == "sift":
-        return keypoints.Sift(job.settings, threads=1)
-    if job.what == "must":
-        return keypoints.Must(job.settings, threads=1)
-    return keypoints.SymRoid(job.settings, threads=1)
-
-
-def _saliency_model(job: Job) -> Callable[[Image, Any], Any]:
-    from saccade import attention
-
-    if isinstance(job.settings, attention.FittedModel):
-        return lambda image, model: model.maps(image)
-    if job.what == "contrast":
-        return attention.contrast_saliency
-    if job.what == "symmetry":
-        return attention.symmetry_saliency
-    return attention.attention_saliency

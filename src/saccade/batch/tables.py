@@ -40,7 +40,7 @@ def point_schema(*, boxes: bool) -> pa.Schema:
     )
 
 
-def point_table(name: str, detected: Keypoints | Regions, *, exact: bool) -> pa.RecordBatch:
+def point_rows(name: str, detected: Keypoints | Regions, *, exact: bool) -> pa.RecordBatch:
     """A row for every point of an image, or every region.
 
     Args:
@@ -83,7 +83,7 @@ FIXATION_SCHEMA = pa.schema(
 """x and y in image pixels, time in seconds; the first fixation is 1."""
 
 
-def fixation_table(name: str, path: Scanpath) -> pa.RecordBatch:
+def fixation_rows(name: str, path: Scanpath) -> pa.RecordBatch:
     """A row for every fixation of a scanpath."""
     columns = (np.arange(1, len(path) + 1), *path.xy.T, path.time, path.saliency)
     return _rows_of_image(name, columns, FIXATION_SCHEMA)
@@ -103,11 +103,23 @@ MAP_SCHEMA = pa.schema(
 pixels."""
 
 
-def map_row(name: str, values: Float32Array, shape: tuple[int, ...]) -> pa.RecordBatch:
-    """The row of a map (h, w) of an image of shape (H, W, ...), not yet with `file` and `array`."""
+def map_row(
+    name: str, values: Float32Array, shape: tuple[int, ...], file: str, array: str
+) -> pa.RecordBatch:
+    """The row of a map.
+
+    Args:
+        name: of the image.
+        values: (h, w) of the map.
+        shape: (H, W, ...) of the image.
+        file: that holds the map.
+        array: of it in the file, "" in a PNG.
+    """
     row, column = np.unravel_index(int(values.argmax()), values.shape)
     cells = {
         "image": name,
+        "file": file,
+        "array": array,
         "rows": values.shape[0],
         "columns": values.shape[1],
         "x": (column + 0.5) * shape[1] / values.shape[1] - 0.5,
@@ -175,34 +187,15 @@ def parquet_options(schema: pa.Schema) -> dict[str, Any]:
     }
 
 
-def text_array(values: Sequence[str | None]) -> pa.Array:
-    """A column of text."""
-    packed = [(value or "").encode("utf-8", "backslashreplace") for value in values]
-    return _lengths_and_bytes(packed, pa.string(), _validity(values))
-
-
-def _lengths_and_bytes(
-    packed: Sequence[bytes], kind: pa.DataType, validity: pa.Buffer | None
-) -> pa.Array:
-    """Built from buffers: `pa.array` would import pandas, which takes long."""
-    offsets = np.cumsum([0, *map(len, packed)], dtype=np.int32)
-    buffers = [validity, pa.py_buffer(offsets), pa.py_buffer(b"".join(packed))]
-    return pa.Array.from_buffers(kind, len(packed), buffers)
-
-
 def record_batch(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.RecordBatch:
-    """Rows of text and numbers; what a row lacks, or has as None, is a null."""
-    arrays = []
-    for field in schema:
-        cells = [row.get(field.name) for row in rows]
-        if pa.types.is_string(field.type):
-            arrays.append(text_array(cells))
-        elif pa.types.is_binary(field.type):
-            arrays.append(_lengths_and_bytes([cell or b"" for cell in cells], field.type, None))
-        else:
-            filled = [0 if cell is None else cell for cell in cells]
-            arrays.append(_numbers(filled, field.type, _validity(cells)))
-    return pa.RecordBatch.from_arrays(arrays, schema=schema)
+    """Rows of text and numbers; what a row lacks is a null, and text that is not UTF-8 escaped."""
+
+    def utf8(cell: Any) -> Any:
+        is_text = isinstance(cell, str)
+        return cell.encode("utf-8", "backslashreplace").decode() if is_text else cell
+
+    cleaned = [{name: utf8(cell) for name, cell in row.items()} for row in rows]
+    return pa.RecordBatch.from_pylist(cleaned, schema=schema)
 
 
 def quantize_descriptors(descriptors: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
@@ -221,29 +214,15 @@ _MULTIPLES = np.minimum(
 def _rows_of_image(
     name: str, columns: Sequence[npt.NDArray[Any]], schema: pa.Schema
 ) -> pa.RecordBatch:
-    """Rows of numbers, each with the name of the image in the first column."""
-    n, packed = len(columns[0]), name.encode()
-    offsets = np.arange(n + 1, dtype=np.int32) * len(packed)
-    buffers = [None, pa.py_buffer(offsets), pa.py_buffer(packed * n)]
-    names = pa.Array.from_buffers(pa.string(), n, buffers)
-    fields = [schema.field(number) for number in range(1, len(schema))]
-    arrays = [_numbers(values, f.type) for values, f in zip(columns, fields, strict=True)]
-    return pa.RecordBatch.from_arrays([names, *arrays], schema=schema)
-
-
-def _numbers(
-    values: npt.ArrayLike, kind: pa.DataType, validity: pa.Buffer | None = None
-) -> pa.Array:
-    """A column of numbers, or of descriptors, without a copy where they are contiguous."""
-    dtype = np.uint8 if pa.types.is_fixed_size_binary(kind) else kind.to_pandas_dtype()
-    packed = np.ascontiguousarray(values, dtype)
-    return pa.Array.from_buffers(kind, len(packed), [validity, pa.py_buffer(packed)])
-
-
-def _validity(cells: Sequence[Any]) -> pa.Buffer:
-    """Arrow's validity bitmap: a bit for every cell, 0 for None."""
-    valid = np.array([cell is not None for cell in cells], bool)
-    return pa.py_buffer(np.packbits(valid, bitorder="little"))
+    """Rows of numbers or descriptors, each with the name of the image in the first column."""
+    arrays = [pa.repeat(name, len(columns[0]))]
+    for field, values in zip(list(schema)[1:], columns, strict=True):
+        if pa.types.is_fixed_size_binary(field.type):
+            packed = pa.py_buffer(np.ascontiguousarray(values, np.uint8))
+            arrays.append(pa.Array.from_buffers(field.type, len(values), [None, packed]))
+        else:
+            arrays.append(pa.array(values, field.type))
+    return pa.RecordBatch.from_arrays(arrays, schema=schema)
 
 
 def _round_to_fraction(values: Float32Array, parts: int) -> Float32Array:

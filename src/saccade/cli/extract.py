@@ -174,8 +174,6 @@ def extract(
 
 def _tell(result: "Extraction", out: str, images: int) -> int:
     """Print what is wrong with a data set; returns the exit code."""
-    if result.error is not None:
-        print_message(result.error)
     others = result.totals.by_other_versions
     if others:
         print_message(
