@@ -26,9 +26,8 @@ import numpy as np
 from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source, shards
 from saccade.batch.dataset import read_points
-from saccade.batch.engines import InProcess, Processes
+from saccade.batch.engines import InProcess, Processes, worker_context
 from saccade.batch.index import Found, Index, build_index
-from saccade.batch.workers import worker_context
 from saccade.keypoints.sift_config import SiftConfig
 
 JOB = Job("sift", SiftConfig())

@@ -16,8 +16,7 @@ import zarr
 from saccade import __version__, attention_saliency, read_image, scanpath
 from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
-from saccade.batch.engines import InProcess, Processes
-from saccade.batch.shards import Shard
+from saccade.batch.engines import InProcess, Processes, Shard
 from saccade.batch.sources import Item
 from saccade.errors import ConfigError
 from saccade.io.files import PARTIAL

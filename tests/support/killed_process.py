@@ -3,7 +3,7 @@
 import os
 import signal
 
-from saccade.batch.shards import Shard, ShardReport
+from saccade.batch.engines import Shard, ShardReport
 
 
 def deadly(shard: Shard) -> ShardReport:

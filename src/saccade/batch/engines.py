@@ -1,5 +1,14 @@
-"""Engines that run shards: this process, processes on this machine, or a Dask cluster."""
+"""Engines that run shards: this process, processes on this machine, or a Dask cluster.
 
+Where the system has forkservers, worker processes are forked from one that imports their libraries
+once, while the main process does so too: import nothing heavy here. Number of threads and signals
+are set in worker processes only.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -9,18 +18,28 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
-from typing import Any, Protocol, TypeAlias, TypeVar
+from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing.context import BaseContext
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
-from saccade.batch.shards import ShardReport
-from saccade.batch.workers import initialize_worker, worker_context
-from saccade.errors import ConfigError
+from saccade.errors import ConfigError, SaccadeError
 from saccade.extras import import_optional
+
+if TYPE_CHECKING:
+    from saccade.batch.sources import Item, Source
 
 QUEUED = 2
 """Shards submitted per worker, so that none waits for the main process."""
 DIED = "the process that worked on it died; was there enough memory?"
+FORKSERVER = "forkserver"
+WORKER_MEMORY = 300 << 20
+"""Bytes of a worker with its libraries."""
+BYTES_PER_PIXEL = 120
+"""Peak memory of the most demanding algorithm."""
+DEFAULT_PIXELS = 12_000_000
+"""Assumed of an image whose header does not tell."""
 BATCH_SYSTEMS = {
     "slurm": "SLURMCluster",
     "pbs": "PBSCluster",
@@ -36,30 +55,46 @@ TIMEOUT = 20.0
 """Seconds in which a scheduler must answer."""
 
 
-class Named(Protocol):
-    """An image, or a pair of images."""
+class Shard(NamedTuple):
+    """Images, or pairs of images, whose results share a file: the work of one worker at a time."""
 
-    @property
-    def name(self) -> str:
-        """Name in reports."""
-
-
-class Batch(Protocol):
-    """Work of one worker at a time: a shard of images, or of pairs."""
-
-    @property
-    def items(self) -> Sequence[Named]:
-        """Images or pairs in it."""
+    name: str
+    """Made of the names of its items, and of the generation."""
+    items: Sequence[Any]
+    """Each has a `name`."""
+    inputs: Sequence[str] = ()
+    """Records that it reads: of its previous generation, or of the images of pairs."""
 
 
-Shard = TypeVar("Shard", bound=Batch)
+class ShardReport(NamedTuple):
+    """Counts of a shard that was processed."""
+
+    done: int = 0
+    """Items processed."""
+    unchanged: int = 0
+    """Items done before."""
+    rows: int = 0
+    """Rows added to the table."""
+    failed: int = 0
+    """Images with an error in the record, of those processed and those kept."""
+    failed_now: int = 0
+    """Failed images among those processed."""
+    lost: Sequence[tuple[str, str]] = ()
+    """Items whose results could not be written, and why."""
+
+    @classmethod
+    def of_lost(cls, items: Sequence[Any], reason: str, unchanged: int = 0) -> "ShardReport":
+        """The report of items without results."""
+        return cls(unchanged=unchanged, lost=[(item.name, reason) for item in items])
+
+
 Work: TypeAlias = Callable[[Shard], ShardReport]
 
 
 class Engine(Protocol):
     """Runs shards in any order, several at a time."""
 
-    def run(self, work: Work[Shard], shards: Iterator[Shard]) -> Iterator[ShardReport]:
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """The report of every shard; takes the next shard only when a worker is free for it."""
 
 
@@ -69,11 +104,17 @@ class InProcess:
     While a shard is processed OpenCV uses one thread; its setting is restored after each.
     """
 
-    def run(self, work: Work[Shard], shards: Iterator[Shard]) -> Iterator[ShardReport]:
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`."""
+        import cv2
+
         for shard in shards:
-            with _one_opencv_thread():
+            threads = cv2.getNumThreads()
+            cv2.setNumThreads(1)
+            try:
                 report = work(shard)
+            finally:
+                cv2.setNumThreads(threads)
             yield report
 
 
@@ -87,22 +128,26 @@ class Processes:
     def __init__(self, workers: int) -> None:
         self._workers = workers
 
-    def run(self, work: Work[Shard], shards: Iterator[Shard]) -> Iterator[ShardReport]:
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`. A shard that kills its process is retried once, alone."""
-        finished = False
-        while not finished:
+        suspects: list[Shard] | None = None
+        while suspects is None or suspects:
             suspects = []
             pool = _start_pool(self._workers)
             try:
                 for shard, future in _run_on(pool, work, shards, lambda: self._workers):
                     try:
                         yield future.result()
-                    except BrokenProcessPool:
+                    except BrokenExecutor:
                         suspects.append(shard)
             finally:
                 pool.shutdown(cancel_futures=True)
-            yield from _run_alone(work, suspects)
-            finished = not suspects
+            for shard in suspects:
+                with _start_pool(1) as pool:
+                    try:
+                        yield pool.submit(work, shard).result()
+                    except BrokenExecutor:
+                        yield ShardReport.of_lost(shard.items, DIED)
 
 
 class DaskEngine:
@@ -115,12 +160,13 @@ class DaskEngine:
     def __init__(self, client: Any) -> None:
         self._client = client
 
-    def run(self, work: Work[Shard], shards: Iterator[Shard]) -> Iterator[ShardReport]:
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`. Dask reruns the shards of a worker that died on another."""
         executor = self._client.get_executor(pure=False)
         for shard, future in _run_on(executor, work, shards, self._count_threads):
             failure = future.exception()
-            yield future.result() if failure is None else _lost_shard(shard, str(failure))
+            lost = ShardReport.of_lost(shard.items, str(failure))
+            yield future.result() if failure is None else lost
 
     def _count_threads(self) -> int:
         """Number of threads of all workers, which may come and go."""
@@ -177,25 +223,16 @@ def submit_jobs(system: str, jobs: int) -> Iterator[DaskEngine]:
 
 
 def _run_on(
-    executor: Executor,
-    work: Work[Shard],
-    shards: Iterator[Shard],
-    workers: Callable[[], int],
-) -> Iterator[tuple[Shard, Future[ShardReport]]]:
+    executor: Executor, work: Work, shards: Iterator[Shard], count_workers: Callable[[], int]
+) -> Iterator[tuple[Shard, "Future[ShardReport]"]]:
     """Run shards on an executor, and give each with its future when it is done.
 
-    Takes no further shard once the executor is broken.
-
-    Args:
-        executor: runs the work.
-        work: to do for a shard.
-        shards: taken from only as workers become free.
-        workers: current number of workers of the executor.
+    Takes a further shard when a worker is free, and none once the executor is broken.
     """
     running: dict[Future[ShardReport], Shard] = {}
     accepting = True
     while accepting or running:
-        while accepting and len(running) < QUEUED * max(workers(), 1):
+        while accepting and len(running) < QUEUED * max(count_workers(), 1):
             shard = next(shards, None)
             accepting = shard is not None
             if shard is not None:
@@ -205,7 +242,7 @@ def _run_on(
             yield running.pop(future), future
 
 
-def _submit(executor: Executor, work: Work[Shard], shard: Shard) -> Future[ShardReport]:
+def _submit(executor: Executor, work: Work, shard: Shard) -> "Future[ShardReport]":
     """A future, which has failed where the executor is broken already."""
     try:
         return executor.submit(work, shard)
@@ -215,32 +252,88 @@ def _submit(executor: Executor, work: Work[Shard], shard: Shard) -> Future[Shard
         return future
 
 
-def _lost_shard(shard: Batch, reason: str) -> ShardReport:
-    """The report of a shard without results."""
-    return ShardReport(lost=[(item.name, reason) for item in shard.items])
-
-
-def _run_alone(work: Work[Shard], shards: list[Shard]) -> Iterator[ShardReport]:
-    """Each shard in a process of its own."""
-    for shard in shards:
-        with _start_pool(1) as pool:
-            try:
-                yield pool.submit(work, shard).result()
-            except BrokenProcessPool:
-                yield _lost_shard(shard, DIED)
-
-
 def _start_pool(workers: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(workers, worker_context(), initializer=initialize_worker)
+    return ProcessPoolExecutor(workers, worker_context(), initializer=_initialize_worker)
 
 
-@contextmanager
-def _one_opencv_thread() -> Iterator[None]:
+def worker_context(*modules: str) -> BaseContext:
+    """The context that starts workers; begins to load their libraries.
+
+    Args:
+        modules: to import besides, such as the one that the program was started with.
+    """
+    if FORKSERVER not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    from multiprocessing import forkserver
+
+    context = multiprocessing.get_context(FORKSERVER)
+    context.set_forkserver_preload(["saccade.batch.preload", *modules])
+    forkserver.ensure_running()
+    return context
+
+
+def limit_blas_threads() -> None:
+    """Let BLAS use one thread in this worker: there is a process for every core.
+
+    Takes effect if NumPy is not loaded yet.
+    """
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def _initialize_worker() -> None:
+    """One thread, no Ctrl-C, and an exit when the parent does."""
+    limit_blas_threads()
     import cv2
 
-    threads = cv2.getNumThreads()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_exit_after, args=(parent,), daemon=True).start()
+
+
+def _exit_after(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
+
+
+def count_workers(source: "Source") -> int:
+    """One worker per core, but no more than fit into memory.
+
+    Args:
+        source: the largest of its first, middle and last image counts.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    workers = min(cores or 1, len(source))
+    memory = _available_memory()
+    if workers <= 1 or memory is None:
+        return max(workers, 1)
+    pixels = max(_pixels(source[number]) for number in (0, len(source) // 2, -1))
+    return max(min(workers, memory // (WORKER_MEMORY + BYTES_PER_PIXEL * pixels)), 1)
+
+
+def _available_memory() -> int | None:
+    """Bytes that this process and its children may still allocate; None where unknown."""
+    limits = []
+    with suppress(OSError, StopIteration):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        limits.append(1024 * next(int(s.split()[1]) for s in lines if s.startswith("MemAvailable")))
+    with suppress(OSError, ValueError):
+        group = Path("/sys/fs/cgroup")
+        limit = int((group / "memory.max").read_text())
+        limits.append(max(limit - int((group / "memory.current").read_text()), 0))
+    return min(limits, default=None)
+
+
+def _pixels(item: "Item") -> int:
+    """Pixels of an image, from its header."""
+    from saccade.batch.sources import read_content
+    from saccade.io.image import size_in_header
+
+    if item.frame is None:
+        with suppress(SaccadeError):
+            content: Any = read_content(item)
+            width, height = size_in_header(content, item.name)
+            return width * height
+    return DEFAULT_PIXELS

@@ -20,9 +20,9 @@ from saccade.batch.dataset import (
     split_generation,
     write_table,
 )
-from saccade.batch.engines import Engine
+from saccade.batch.engines import Engine, Shard, ShardReport
 from saccade.batch.job import MAPS, Job
-from saccade.batch.shards import Shard, ShardReport, extract_shard
+from saccade.batch.shards import extract_shard
 from saccade.batch.sources import Item, Source, Store, open_store
 from saccade.batch.tables import ERROR_SCHEMA, MAP_SCHEMA, record_batch
 from saccade.errors import ConfigError
@@ -145,7 +145,7 @@ def plan_shards(source: Source, store: Store, shard_size: int | None = None) -> 
         done.update(names)
         shard, generation = split_generation(file)
         items = [item_of[name] for name in names if name in item_of]
-        yield Shard(name_generation(shard, generation + 1), items, previous=file)
+        yield Shard(name_generation(shard, generation + 1), items, [file])
     for first in range(0, len(source), shard_size):
         items = [item for item in source[first : first + shard_size] if item.name not in done]
         if items:

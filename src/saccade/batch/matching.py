@@ -12,7 +12,7 @@ The folder that it writes:
 import csv
 import hashlib
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import combinations, takewhile
@@ -32,10 +32,9 @@ from saccade.batch.dataset import (
     shard_file,
     write_table,
 )
-from saccade.batch.engines import Engine, InProcess
+from saccade.batch.engines import Engine, InProcess, Shard, ShardReport
 from saccade.batch.extraction import Extraction, extract
 from saccade.batch.job import POINTS, Job
-from saccade.batch.shards import ShardReport
 from saccade.batch.sources import Source, Store, image_files, open_source, open_store
 from saccade.batch.tables import record_batch
 from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
@@ -53,19 +52,7 @@ from saccade.types import Float32Array, IntArray, Keypoints
 Pair: TypeAlias = tuple[str, str]
 """The names of two images."""
 Format: TypeAlias = Literal["hdf5", "colmap"]
-Key: TypeAlias = tuple[str, ...]
-"""Key of a row: names and contents of the images, and the fingerprint of the configuration."""
 FOLDER = "matches"
-_KEYS = ("first", "second", "first_content", "second_content", "configuration")
-SCHEMA = pa.schema(
-    [
-        *((name, pa.string()) for name in (*_KEYS, "geometry")),
-        *((name, pa.binary()) for name in ("pairs", "similarity", "inliers", "matrix")),
-    ]
-)
-"""A row for every pair of images: their names, the hashes of their contents, the fingerprint of the
-settings; (m, 2) int32 indices of the matched points, (m,) float32 similarities, (m,) which matches
-are inliers, and the (3, 3) float64 matrix of the geometry, empty where there is none."""
 FEATURES = "features"
 """Folder of the data set of keypoints."""
 MIN_IMAGES, MAX_IMAGES, SHARDS = 4, 32, 32
@@ -93,11 +80,22 @@ class MatchConfig(Settings):
         return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
 
-class PairItem(NamedTuple):
-    """A pair of images, and the hashes of their contents."""
+class PairKey(NamedTuple):
+    """All that the matches of two images depend on."""
 
-    pair: Pair
-    contents: Pair
+    first: str
+    """Name of an image."""
+    second: str
+    first_content: str
+    """Hash of the image."""
+    second_content: str
+    configuration: str
+    """Fingerprint of the settings."""
+
+    @property
+    def pair(self) -> Pair:
+        """The names of the images."""
+        return self.first, self.second
 
     @property
     def name(self) -> str:
@@ -105,18 +103,15 @@ class PairItem(NamedTuple):
         return " ".join(self.pair)
 
 
-class MatchShard(NamedTuple):
-    """Pairs of images whose features are in the same two files."""
-
-    items: Sequence[PairItem]
-    files: tuple[str, str]
-    """Records of the shards of features that hold the first and the second images."""
-
-    @property
-    def name(self) -> str:
-        """Made of the pairs and the contents of their images."""
-        text = json.dumps(self.items)
-        return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
+SCHEMA = pa.schema(
+    [
+        *((name, pa.string()) for name in (*PairKey._fields, "geometry")),
+        *((name, pa.binary()) for name in ("pairs", "similarity", "inliers", "matrix")),
+    ]
+)
+"""A row for every pair of images: its key; (m, 2) int32 indices of the matched points, (m,) float32
+similarities, (m,) which matches are inliers, and the (3, 3) float64 matrix of the geometry, empty
+where there is none."""
 
 
 class MatchedPair(NamedTuple):
@@ -204,55 +199,58 @@ def match_images(
     )
     if not extraction.complete:
         return MatchRun(extraction, len(wanted), 0, 0, (), False, {})
-    fingerprint, store = config.fingerprint(job), open_store(str(out))
+    store = open_store(str(out))
     with store.locked():
-        items, file_of = _items(open_store(features), wanted)
-        keys: set[Key] = {(*item.pair, *item.contents, fingerprint) for item in items}
-        present = set() if redo else keys & {key for _, row in read_keys(store) for key in row}
-        todo = [i for i in items if (*i.pair, *i.contents, fingerprint) not in present]
-        shards = _shards(todo, file_of)
-        work = partial(match_shard, config, job, features, str(out))
-        done = 0
+        keys, file_of = _keys(open_store(features), wanted, config.fingerprint(job))
+        present = (
+            set() if redo else set(keys) & {key for _, held in read_keys(store) for key in held}
+        )
+        todo = [key for key in keys if key not in present]
+        work = partial(match_shard, config, job.what, features, str(out))
+        shards, done = _shards(todo, file_of), 0
         for report in run_on.run(work, takewhile(lambda _: not should_stop(), shards)):
             if report.lost:
                 raise OutputError(report.lost[0][1])
             done += report.done
             on_report("pairs", len(todo), report)
         complete = done == len(todo)
-        found = _current(store, keys) if complete else {}
+        found = _current(store, set(keys)) if complete else {}
         matched = [found[pair] for pair in wanted if pair in found]
         files = write_files(out, features, matched, formats) if complete else {}
     return MatchRun(extraction, len(wanted), done, len(present), matched, complete, files)
 
 
-def _items(features: Store, wanted: Sequence[Pair]) -> tuple[list[PairItem], dict[str, str]]:
-    """The pairs of images that have features, and the record of each image."""
+def _keys(
+    features: Store, wanted: Sequence[Pair], fingerprint: str
+) -> tuple[list[PairKey], dict[str, str]]:
+    """The keys of the pairs of images that have features, and the record of each image."""
     content_of: dict[str, str] = {}
     file_of: dict[str, str] = {}
     for file in record_files(features):
         for row in read_record(features, file, ("image", "content", "error")).to_pylist():
             if row["error"] is None:
                 content_of[row["image"]], file_of[row["image"]] = row["content"], file
-    items = [
-        PairItem(pair, (content_of[pair[0]], content_of[pair[1]]))
-        for pair in wanted
-        if all(name in content_of for name in pair)
+    keys = [
+        PairKey(first, second, content_of[first], content_of[second], fingerprint)
+        for first, second in wanted
+        if first in content_of and second in content_of
     ]
-    return items, file_of
+    return keys, file_of
 
 
-def _shards(items: Sequence[PairItem], file_of: Mapping[str, str]) -> Iterator[MatchShard]:
+def _shards(keys: Sequence[PairKey], file_of: Mapping[str, str]) -> Iterator[Shard]:
     """Blocks of the pairs whose features are in the same two files."""
-    blocks: dict[tuple[str, str], list[PairItem]] = {}
-    for item in items:
-        first, second = (file_of[name] for name in item.pair)
-        blocks.setdefault((first, second), []).append(item)
+    blocks: dict[tuple[str, str], list[PairKey]] = {}
+    for key in keys:
+        blocks.setdefault((file_of[key.first], file_of[key.second]), []).append(key)
     for files, block in blocks.items():
         for start in range(0, len(block), MAX_PAIRS):
-            yield MatchShard(block[start : start + MAX_PAIRS], files)
+            pairs = block[start : start + MAX_PAIRS]
+            digest = hashlib.blake2b(json.dumps(pairs).encode(), digest_size=12)
+            yield Shard(digest.hexdigest(), pairs, files)
 
 
-def _current(store: Store, keys: set[Key]) -> dict[Pair, MatchedPair]:
+def _current(store: Store, keys: Set[PairKey]) -> dict[Pair, MatchedPair]:
     """The matches of these keys."""
     return {
         found.pair: found
@@ -318,67 +316,58 @@ def images_and_pairs(source: str, listed: Path | None) -> tuple[Source, list[Pai
     pairs = read_pairs(listed)
     names = sorted({check_name(name) for pair in pairs for name in pair})
     if Path(source).is_dir():
-        root = f"{source.rstrip('/')}/"
-        _check_names(listed, names, [name for name in names if is_file(Path(root, name))], source)
-        return image_files(root, names), pairs
-    images = open_source(source)
-    items = {image.name: image for image in images}
-    _check_names(listed, names, items, source)
-    return [items[name] for name in names], pairs
-
-
-def _check_names(listed: Path, names: Sequence[str], known: Collection[str], source: str) -> None:
-    absent = [name for name in names if name not in known]
+        listed_images = image_files(f"{source.rstrip('/')}/", names)
+        items = {each.name: each for each in listed_images if is_file(Path(each.location))}
+    else:
+        items = {image.name: image for image in open_source(source)}
+    absent = [name for name in names if name not in items]
     if absent:
         raise ConfigError(
             f"{listed}: expected images of {source}, found {absent[0][:80]!r}, which is not there"
             + (f", and {len(absent) - 1} more" if absent[1:] else "")
         )
+    return [items[name] for name in names], pairs
 
 
 def match_shard(
-    config: MatchConfig, job: Job, features: str, out: str, shard: MatchShard
+    config: MatchConfig, what: str, features: str, out: str, shard: Shard
 ) -> ShardReport:
     """Match the pairs of a shard; runs in any process on any machine.
 
     Args:
         config: how they are matched.
-        job: that extracted the features.
+        what: detector of the features.
         features: location of the data set of keypoints.
         out: location of the store of matches.
         shard: the pairs.
     """
-    store, fingerprint = open_store(features), config.fingerprint(job)
+    store = open_store(features)
     points = {
         image.image: image.points
-        for file in dict.fromkeys(shard.files)
-        for image in read_shard(store, job.what, file)
+        for file in dict.fromkeys(shard.inputs)
+        for image in read_shard(store, what, file)
     }
     rows = [
-        {
-            **dict(zip(_KEYS, (*item.pair, *item.contents, fingerprint), strict=True)),
-            **_match(config, *(points[name] for name in item.pair)),
-        }
-        for item in shard.items
+        {**key._asdict(), **_match(config, points[key.first], points[key.second])}
+        for key in shard.items
     ]
-    name = f"{FOLDER}/{shard_file(f'{shard.name}-{fingerprint}')}"
+    name = f"{FOLDER}/{shard_file(shard.name)}"
     try:
         write_table(open_store(out), name, [record_batch(rows, SCHEMA)], SCHEMA)
     except OutputError as error:
-        return ShardReport(lost=[(item.name, str(error)) for item in shard.items])
+        return ShardReport.of_lost(shard.items, str(error))
     return ShardReport(len(rows), rows=sum(len(row["pairs"]) // 8 for row in rows))
 
 
-def read_keys(store: Store) -> Iterator[tuple[str, set[Key]]]:
-    """Each file of matches, and the keys of its rows: names, contents, configuration."""
+def read_keys(store: Store) -> Iterator[tuple[str, set[PairKey]]]:
+    """Each file of matches, and the keys of its rows."""
     for file in store.list_files(FOLDER):
-        if not file.endswith(SUFFIX):
-            continue
-        columns = read_table(store, f"{FOLDER}/{file}", SCHEMA, _KEYS)
-        yield file, set(zip(*(columns[name].to_pylist() for name in _KEYS), strict=True))
+        if file.endswith(SUFFIX):
+            table = read_table(store, f"{FOLDER}/{file}", SCHEMA, PairKey._fields)
+            yield file, {PairKey(**row) for row in table.to_pylist()}
 
 
-def read_matches(store: Store, file: str) -> Iterator[tuple[Key, MatchedPair]]:
+def read_matches(store: Store, file: str) -> Iterator[tuple[PairKey, MatchedPair]]:
     """Each row of a file: its key, and the matches.
 
     Raises:
@@ -386,7 +375,7 @@ def read_matches(store: Store, file: str) -> Iterator[tuple[Key, MatchedPair]]:
     """
     for row in read_table(store, f"{FOLDER}/{file}", SCHEMA).to_pylist():
         try:
-            yield tuple(row[name] for name in _KEYS), _matched_pair(row)
+            yield PairKey(*(row[name] for name in PairKey._fields)), _matched_pair(row)
         except ValueError as error:
             place = f"{store.location}/{FOLDER}/{file}"
             raise KeypointsError(f"{place}: expected matches: {error}; remove it") from error

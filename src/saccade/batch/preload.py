@@ -6,7 +6,7 @@ Most of the time goes into what Numba loads at the first call of a kernel.
 import signal
 from contextlib import suppress
 
-from saccade.batch.workers import limit_blas_threads
+from saccade.batch.engines import limit_blas_threads
 
 signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process
 limit_blas_threads()

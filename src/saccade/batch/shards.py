@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import lru_cache, partial
 from itertools import chain
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from pyarrow import compute
 from saccade import keypoints
 from saccade.batch import tables
 from saccade.batch.dataset import RECORDS, read_record, read_table, shard_file, write_table
+from saccade.batch.engines import Shard, ShardReport
 from saccade.batch.job import MAPS, POINTS, Job
 from saccade.batch.sources import Item, Store, content_hash, decode, open_store, read_content
 from saccade.batch.tables import RECORD_SCHEMA, record_batch
@@ -73,33 +74,6 @@ Row: TypeAlias = dict[str, Any]
 """A row of a record."""
 
 
-class Shard(NamedTuple):
-    """Images that share a file."""
-
-    name: str
-    """Made of the names of its images, and of the generation."""
-    items: Sequence[Item]
-    previous: str | None = None
-    """Record of the previous generation, if there is one."""
-
-
-class ShardReport(NamedTuple):
-    """Counts of a shard that was processed."""
-
-    done: int = 0
-    """Images processed."""
-    unchanged: int = 0
-    """Images done before."""
-    rows: int = 0
-    """Rows added to the table."""
-    failed: int = 0
-    """Images with an error in the record, of those processed and those kept."""
-    failed_now: int = 0
-    """Failed images among those processed."""
-    lost: Sequence[tuple[str, str]] = ()
-    """Images whose results could not be written, and why."""
-
-
 def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> ShardReport:
     """Process the images of a shard that are not done; runs in any process on any machine.
 
@@ -110,7 +84,7 @@ def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> 
         redo: whether to redo what another version or configuration made.
     """
     store = open_store(location)
-    record = read_record(store, shard.previous).to_pylist() if shard.previous else []
+    record = [row for file in shard.inputs for row in read_record(store, file).to_pylist()]
     rows = kept_rows(job, record, shard, redo)
     unchanged, names = len(rows), {row["image"] for row in rows}
     todo = [item for item in shard.items if item.name not in names]
@@ -125,7 +99,7 @@ def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> 
             write_table(store, f"{job.what}/{file}", added, schema_of(job))
         write_table(store, f"{RECORDS}/{file}", [record_batch(rows, RECORD_SCHEMA)], RECORD_SCHEMA)
     except OutputError as error:
-        return ShardReport(unchanged=unchanged, lost=[(item.name, str(error)) for item in todo])
+        return ShardReport.of_lost(todo, str(error), unchanged)
     new = rows[unchanged:]
     num_rows = sum(row["rows"] for row in new)
     return ShardReport(len(todo), unchanged, num_rows, _count_failed(rows), _count_failed(new))
@@ -165,9 +139,9 @@ def _kept_features(
     job: Job, store: Store, shard: Shard, names: Collection[str]
 ) -> Iterator[pa.Table]:
     """The rows of these images in the table of the previous generation; their maps stay."""
-    if names and shard.previous:
-        table = read_table(store, f"{job.what}/{shard.previous}", schema_of(job))
-        yield table.filter(compute.is_in(table["image"], pa.array(list(names))))
+    for file in shard.inputs:
+        table = read_table(store, f"{job.what}/{file}", schema_of(job))
+        yield table.filter(compute.is_in(table["image"], pa.array(list(names), pa.string())))
 
 
 def _new_features(

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 if TYPE_CHECKING:
-    from saccade.batch.engines import Engine
-    from saccade.batch.shards import ShardReport
+    from saccade.batch.engines import Engine, ShardReport
     from saccade.batch.sources import Source
 
 INTERRUPTED = 130
@@ -24,7 +23,7 @@ Workers = Annotated[
 
 def preload(source: str, workers: int | None) -> None:
     """Let the workers import their libraries while this process does: both take a second."""
-    from saccade.batch.workers import worker_context
+    from saccade.batch.engines import worker_context
     from saccade.io.files import IMAGE_SUFFIXES
 
     one_image = source.lower().endswith(IMAGE_SUFFIXES) and Path(source).is_file()
@@ -34,8 +33,7 @@ def preload(source: str, workers: int | None) -> None:
 
 def local_engine(images: "Source", workers: int | None) -> "Engine":
     """Processes on this machine, or this one alone."""
-    from saccade.batch.engines import InProcess, Processes
-    from saccade.batch.workers import count_workers
+    from saccade.batch.engines import InProcess, Processes, count_workers
 
     count = count_workers(images) if workers is None else workers
     return Processes(count) if count > 1 else InProcess()

@@ -37,10 +37,10 @@ from saccade.viewing.page import figure_uri
 from saccade.viewing.report import ReportBuilder, match_part
 
 if TYPE_CHECKING:
+    from saccade.batch.engines import ShardReport
     from saccade.batch.job import Job
     from saccade.batch.matching import Format as ManyFormat
     from saccade.batch.matching import MatchConfig, MatchRun
-    from saccade.batch.shards import ShardReport
 
 
 class GeometryChoice(StrEnum):
