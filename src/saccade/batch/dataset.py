@@ -2,11 +2,10 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -20,10 +19,11 @@ from saccade.batch.tables import (
     parquet_options,
     point_schema,
 )
-from saccade.errors import ConfigError, KeypointsError, OutputError
-from saccade.exchange import to_opencv, write_colmap, write_csv, write_hdf5
+from saccade.errors import ConfigError, KeypointsError
+from saccade.exchange import write_colmap, write_csv, write_hdf5
 from saccade.exchange.fields import COLUMNS, check_name, keypoints_from_columns
-from saccade.io.files import LARGEST_TEXT, atomic_write, check_format, one_line, reason_of
+from saccade.exchange.opencv import write_opencv
+from saccade.io.files import LARGEST_TEXT, check_format, one_line, reason_of
 from saccade.io.npz import check_unpacked
 from saccade.types import Keypoints
 
@@ -233,25 +233,10 @@ def _row_size(schema: pa.Schema) -> int:
     )
 
 
-WriteImage: TypeAlias = Callable[[Path, ImageKeypoints], None]
-WriteAll: TypeAlias = Callable[[Path, Mapping[str, Keypoints], dict[str, tuple[int, ...]]], None]
-
-
-class FileFormat(NamedTuple):
-    """A format with one file for all images."""
-
-    default_name: str
-    """Name of the file."""
-    write: WriteAll
-
-
-class FolderFormat(NamedTuple):
-    """A format with a file for each image, in a folder."""
-
-    default_name: str
-    """Name of the folder."""
-    suffix: str
-    write: WriteImage
+FILE_FORMATS: dict[str, Callable[..., None]] = {"colmap": write_colmap, "hdf5": write_hdf5}
+"""Writers of formats with one file for all images."""
+FOLDER_FORMATS = {"opencv": (".yml.gz", write_opencv), "csv": (".csv", write_csv)}
+"""Suffixes and writers of formats with a file for each image, in a folder."""
 
 
 def export_points(location: str, to: str, out: Path) -> int:
@@ -259,7 +244,7 @@ def export_points(location: str, to: str, out: Path) -> int:
 
     Args:
         location: folder or URL of the data set.
-        to: one of `EXPORTS`.
+        to: one of `FILE_FORMATS` or `FOLDER_FORMATS`.
         out: the file, or folder, to write.
 
     Returns:
@@ -269,42 +254,16 @@ def export_points(location: str, to: str, out: Path) -> int:
         ConfigError: the data set holds no points, or a library is not installed.
         OutputError: it cannot be written.
     """
-    target = EXPORTS[to]
-    if isinstance(target, FileFormat):
-        images = list(read_points(location))
-        points = {image.image: image.points for image in images}
-        target.write(out, points, {image.image: image.shape for image in images})
+    if to in FILE_FORMATS:
+        images = {image.image: image for image in read_points(location)}
+        points = {name: image.points for name, image in images.items()}
+        FILE_FORMATS[to](out, points, {name: image.shape for name, image in images.items()})
         return len(images)
+    suffix, write = FOLDER_FORMATS[to]
     count = 0
     for image in read_points(location):
         if ".." in Path(check_name(image.image)).parts:
             raise KeypointsError(f"{image.image}: would be written outside {out}")
-        target.write(out / f"{image.image}{target.suffix}", image)
+        write(out / f"{image.image}{suffix}", image.points)
         count += 1
     return count
-
-
-def _write_csv(path: Path, image: ImageKeypoints) -> None:
-    write_csv(path, image.points)
-
-
-def _write_opencv(path: Path, image: ImageKeypoints) -> None:
-    keypoints, descriptors = to_opencv(image.points)
-    rows = [[*p.pt, p.size, p.angle, p.response, p.octave, p.class_id] for p in keypoints]
-    with atomic_write(path) as temporary:
-        file = cv2.FileStorage(str(temporary), cv2.FILE_STORAGE_WRITE)
-        if not file.isOpened():
-            raise OutputError(f"{path}: cannot be written by OpenCV")
-        file.write("keypoints", np.array(rows, np.float64).reshape(-1, 7))
-        file.write(
-            "descriptors", np.zeros((0, DESCRIPTOR_SIZE)) if descriptors is None else descriptors
-        )
-        file.release()
-
-
-EXPORTS: dict[str, FileFormat | FolderFormat] = {
-    "colmap": FileFormat("database.db", write_colmap),
-    "hdf5": FileFormat("keypoints.h5", write_hdf5),
-    "opencv": FolderFormat("opencv", ".yml.gz", _write_opencv),
-    "csv": FolderFormat("csv", ".csv", _write_csv),
-}

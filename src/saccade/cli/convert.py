@@ -66,11 +66,11 @@ def convert(
 def _convert_points(folder: str, file: Path, to: str | None) -> dict[str, Any]:
     """Write the keypoints of a data set in the format of another program."""
     import_optional("pyarrow", "parquet")
-    from saccade.batch.dataset import EXPORTS, FileFormat, export_points
+    from saccade.batch.dataset import FILE_FORMATS, FOLDER_FORMATS, export_points
 
     form = to or {".db": "colmap", ".h5": "hdf5", ".hdf5": "hdf5"}.get(file.suffix, "")
-    names = ", ".join(EXPORTS)
-    require(form in EXPORTS, "--to", f"one of {names} for keypoints", to or file.name)
-    with results_in(file, is_file=isinstance(EXPORTS[form], FileFormat)):
+    names = [*FILE_FORMATS, *FOLDER_FORMATS]
+    require(form in names, "--to", f"one of {', '.join(names)} for keypoints", to or file.name)
+    with results_in(file, is_file=form in FILE_FORMATS):
         images = export_points(folder, form, file)
     return {"images": images, "format": form, "file": str(file)}

@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Protocol, TypeAlias, cast
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import require
+from saccade.errors import OutputError, require
 from saccade.exchange.fields import checked, keypoints_from
+from saccade.io.files import atomic_write
 from saccade.types import Float32Array, Image, Keypoints
 
 INTERVALS, BASE_SIGMA = 3, 1.6
@@ -68,6 +70,28 @@ def from_opencv(
         response=np.array([point.response for point in points], np.float32),
         octave=np.where(octave < 128, octave, octave - 256),
     )
+
+
+def write_opencv(path: str | Path, keypoints: Keypoints) -> None:
+    """Write YAML or XML for `cv::FileStorage`: matrices `keypoints` (n, 7) and `descriptors`.
+
+    Args:
+        path: such as points.yml.gz; written whole or not at all.
+        keypoints: n points.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    points, descriptors = to_opencv(keypoints)
+    rows = [[*p.pt, p.size, p.angle, p.response, p.octave, p.class_id] for p in points]
+    with atomic_write(path) as temporary:
+        file = cv2.FileStorage(str(temporary), cv2.FILE_STORAGE_WRITE)
+        if not file.isOpened():
+            raise OutputError(f"{path}: cannot be written by OpenCV")
+        file.write("keypoints", np.array(rows, np.float64).reshape(-1, 7))
+        none = np.zeros((0, DESCRIPTOR_SIZE))
+        file.write("descriptors", none if descriptors is None else descriptors)
+        file.release()
 
 
 def _pack_octaves(points: Keypoints) -> npt.NDArray[np.int64]:

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import PIL.Image
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.font_manager import findfont
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from PIL import ImageDraw, ImageFont
+from matplotlib.markers import MarkerStyle
+from matplotlib.patches import Polygon
+from matplotlib.transforms import Affine2D
 
 from saccade.io.files import atomic_write
 from saccade.types import Float32Array, FloatArray, Image, MapSnapshot, Scanpath, Trajectory
@@ -46,20 +46,12 @@ SLOWDOWN, LAST_SECONDS = 4.0, 1.5
 """Slow motion of the film of a scanpath, and duration of its last frame."""
 WIDTH, HEIGHT, CAMERA_WIDTH = 1280, 720, 640
 """Pixels of a frame of the map, and of the camera image on its left."""
-ROBOT = np.array([[14.0, 0.0], [-9.0, 8.0], [-5.0, 0.0], [-9.0, -8.0]])
-"""Pixels; an arrowhead that points along x."""
-DOT = 2.2 * np.array([[np.cos(a), np.sin(a)] for a in np.arange(12) * np.pi / 6])
-"""Pixels; a landmark on the map."""
-LINE_OFFSETS = 0.45 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-"""Pixels; a line drawn at each of them is twice as thick, and smooth."""
+ROBOT = [(14, 0), (-9, 8), (-5, 0), (-9, -8), (14, 0)]
+"""Outline of an arrowhead that points along x."""
 LAST_FRAMES = 36
 """Number of times the last frame of a map is repeated."""
-SUBPIXEL_BITS = 4
-"""Fractional bits of OpenCV's coordinates."""
 MAX_GROWTH = 0.2
 """Fraction of its sides by which earlier ellipses may enlarge the map."""
-MAX_PIXEL = 1e4
-"""Coordinates beyond are clipped."""
 RADIUS = 4
 """Pixels, of the circle around a landmark in the camera image."""
 KINDS = (("new", ORANGE), ("tracked", GREEN), ("re-identified", RED))
@@ -205,7 +197,7 @@ def drive_frames(
 
 
 class _MapCanvas:
-    """Axes drawn once, with the trajectories so far; each frame is drawn on a copy."""
+    """A figure whose background is drawn once; each frame moves what is drawn over it."""
 
     def __init__(self, box: FloatArray, *, has_odometry: bool) -> None:
         figure = Figure(figsize=(WIDTH / 100, HEIGHT / 100), dpi=100)
@@ -214,30 +206,37 @@ class _MapCanvas:
         aspect = 0.92 * WIDTH / (0.84 * HEIGHT)
         half = np.array([max(width, aspect * height), max(height, width / aspect)]) / 2
         map_axes(axes, box.mean(0) + np.array([-half, half]))
-        handles = [
-            Line2D([], [], color=BLUE, linewidth=2, label="estimate"),
-            *([Line2D([], [], color=GRAY, linewidth=1, label="odometry alone")] * has_odometry),
-            Patch(**ELLIPSE, label=f"landmarks, {ELLIPSE_LABEL}"),
-            Line2D([], [], color=GREEN, linewidth=1, label="observed"),
-        ]
+        self.view_length = VIEW_LENGTH * 2 * half[0] / (0.92 * WIDTH)
+        (self.odometry,) = axes.plot([], [], color=GRAY, linewidth=1, label="odometry alone")
+        (self.path,) = axes.plot([], [], color=BLUE, linewidth=2, label="estimate")
+        self.view = Polygon(np.zeros((1, 2)), fc=(BLUE, VIEW_OPACITY), ec=BLUE)
+        axes.add_patch(self.view)
+        self.ellipses = PolyCollection([], **ELLIPSE, label=f"landmarks, {ELLIPSE_LABEL}")
+        self.lines = LineCollection([], colors=GREEN, linewidths=1, label="observed")
+        (self.landmarks,) = axes.plot([], [], ".", color="black", markersize=5)
+        self.pose = PolyCollection([], facecolor=(BLUE, 0.2), edgecolor=BLUE)
+        (self.robot,) = axes.plot([], [], color=RED, mec="white", markersize=20)
+        for collection in (self.ellipses, self.lines, self.pose):
+            axes.add_collection(collection, autolim=False)
+        self.title = figure.text(0.06, 0.95, "", fontsize=12, color="0.2")
+        self.reason = axes.text(0.015, 0.03, "", color=BLUE, fontsize=12, transform=axes.transAxes)
+        self.lost = axes.text(0.015, 0.95, "", color=RED, fontsize=12, transform=axes.transAxes)
+        handles = [self.path, *[self.odometry] * has_odometry, self.ellipses, self.lines]
         figure.legend(handles=handles, loc="upper right", ncols=5, frameon=False, borderaxespad=1.1)
-        canvas = cast("Any", FigureCanvasAgg(figure))
-        canvas.draw()
-        self.background = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3])
-        extent, (x, y) = axes.get_window_extent(), (axes.get_xlim(), axes.get_ylim())
-        left, right, top, bottom = (
-            round(each) for each in (extent.x0, extent.x1, HEIGHT - extent.y1, HEIGHT - extent.y0)
-        )
-        self.panel = (slice(top, bottom), slice(left, right))  # drawings are clipped to it
-        self.origin = np.array([x[0], y[1]])
-        self.scale = np.array([(right - left) / (x[1] - x[0]), -(bottom - top) / (y[1] - y[0])])
-        self.font = ImageFont.truetype(findfont("DejaVu Sans"), 17)
-        self.path = self.odometry = np.empty((0, 2))
+        self.moving = [
+            *(self.odometry, self.path, self.view, self.ellipses, self.lines, self.landmarks),
+            *(self.pose, self.robot, self.title, self.reason, self.lost),
+        ]
+        for artist in self.moving:
+            artist.set_animated(True)
+        self.figure, self.canvas = figure, cast("Any", FigureCanvasAgg(figure))
+        self.canvas.draw()
+        self.background = self.canvas.copy_from_bbox(figure.bbox)
 
     def draw(
         self, snapshot: MapSnapshot, odometry: FloatArray, time: float, eye: Eye | None = None
     ) -> Frame:
-        """The next frame; its trajectories are added to the background.
+        """The next frame; its trajectories continue those of the frames before.
 
         Args:
             snapshot: what to draw.
@@ -246,78 +245,28 @@ class _MapCanvas:
             eye: where the camera looks.
         """
         pose, landmarks = snapshot.path[-1], snapshot.landmarks
-        self.odometry = np.concatenate([self.odometry[-1:], odometry])
-        self.path = np.concatenate([self.path[-1:], snapshot.path[:, :2]])
-        background = self.background[self.panel]
-        _draw_lines(background, [self._pixels(self.odometry)], GRAY)
-        for offset in LINE_OFFSETS:
-            _draw_lines(background, [self._pixels(self.path) + offset], BLUE)
-        frame = self.background.copy()
-        panel = frame[self.panel]
+        for line, xy in ((self.odometry, odometry), (self.path, snapshot.path[:, :2])):
+            line.set_data(*np.concatenate([line.get_xydata(), xy]).T)
+        self.ellipses.set_verts([*ellipse_outlines(landmarks, snapshot.landmark_covariance)])
+        self.pose.set_verts([*ellipse_outlines(pose[None, :2], snapshot.covariance[None, :2, :2])])
+        self.lines.set_segments([np.stack([pose[:2], landmarks[i]]) for i in snapshot.observed])
+        self.landmarks.set_data(*landmarks.T)
+        self.robot.set_data(*pose[:2, None])
+        self.robot.set_marker(MarkerStyle(ROBOT, transform=Affine2D().rotate(pose[2])))
         if eye is not None:
-            self._draw_view(panel, pose, eye)
-        self._draw_ellipses(panel, landmarks, snapshot.landmark_covariance, ORANGE)
-        observed = landmarks[snapshot.observed]
-        lines = np.stack([np.broadcast_to(pose[:2], observed.shape), observed], 1)  # (s, 2, 2)
-        _draw_lines(panel, [*self._pixels(lines)], GREEN)
-        _fill(panel, [*(self._pixels(landmarks)[:, None] + DOT)], "black")
-        self._draw_ellipses(panel, pose[None, :2], snapshot.covariance[None, :2, :2], BLUE)
-        c, s = np.cos(-pose[2]), np.sin(-pose[2])  # of an image, whose y points down
-        robot = self._pixels(pose[:2]) + ROBOT @ np.array([[c, s], [-s, c]])
-        _fill(panel, [robot], RED)
-        _draw_lines(panel, [robot], "white", closed=True)
-        image = PIL.Image.fromarray(frame)
-        labels = (f"{time:.0f} s", f"pose {snapshot.step}", f"{len(landmarks)} landmarks")
-        for column, label in enumerate(labels):
-            xy = (0.06 * WIDTH + 120 * column, 0.04 * HEIGHT)
-            ImageDraw.Draw(image).text(xy, label, font=self.font, fill="#333333", anchor="lm")
-        if eye is not None and eye.reason:
-            xy = (0.06 * WIDTH + 20, 0.88 * HEIGHT)
-            label = f"gaze: {eye.reason}"
-            ImageDraw.Draw(image).text(xy, label, font=self.font, fill=BLUE, anchor="lm")
-        if len(snapshot.hypotheses):
-            xy = (0.06 * WIDTH + 20, 0.12 * HEIGHT)
-            ImageDraw.Draw(image).text(xy, "lost", font=self.font, fill=RED, anchor="lm")
-        return np.asarray(image)
-
-    def _draw_ellipses(
-        self, panel: Image, centers: FloatArray, covariance: FloatArray, color: str
-    ) -> None:
-        outlines = [*self._pixels(ellipse_outlines(centers, covariance))]
-        filled = panel.copy()
-        _fill(filled, outlines, color)
-        cv2.addWeighted(filled, 0.2, panel, 0.8, 0, dst=panel)
-        _draw_lines(panel, outlines, color, closed=True)
-
-    def _draw_view(self, panel: Frame, pose: FloatArray, eye: Eye) -> None:
-        """A wedge in the direction of the camera."""
-        angle = pose[2] + eye.pan + eye.field_of_view * np.linspace(-0.5, 0.5, 9)
-        rim = VIEW_LENGTH * np.stack([np.cos(angle), -np.sin(angle)], 1)
-        center = self._pixels(pose[:2])
-        shaded = panel.copy()
-        outline = np.concatenate([center[None], center + rim])
-        _fill(shaded, [outline], BLUE)
-        cv2.addWeighted(shaded, VIEW_OPACITY, panel, 1 - VIEW_OPACITY, 0, dst=panel)
-        _draw_lines(panel, [outline], BLUE, closed=True)
-
-    def _pixels(self, xy: FloatArray) -> FloatArray:
-        """Positions (..., 2) in metres as pixels of the panel."""
-        return np.asarray(((xy - self.origin) * self.scale).clip(-MAX_PIXEL, MAX_PIXEL))
-
-
-def _draw_lines(image: Image, lines: list[FloatArray], color: str, closed: bool = False) -> None:
-    points = [*map(_fixed_point, lines)]
-    cv2.polylines(image, points, closed, rgb_levels(color), 1, cv2.LINE_AA, SUBPIXEL_BITS)
-
-
-def _fill(image: Image, polygons: list[FloatArray], color: str) -> None:
-    for each in polygons:  # one by one: together they would cut holes into each other
-        cv2.fillPoly(image, [_fixed_point(each)], rgb_levels(color), cv2.LINE_AA, SUBPIXEL_BITS)
-
-
-def _fixed_point(pixels: FloatArray) -> npt.NDArray[np.int32]:
-    """Pixels (n, 2) as OpenCV's fixed-point numbers."""
-    return np.asarray((pixels * 2**SUBPIXEL_BITS).round(), np.int32)
+            angle = pose[2] + eye.pan + eye.field_of_view * np.linspace(-0.5, 0.5, 9)
+            rim = pose[:2] + self.view_length * np.stack([np.cos(angle), np.sin(angle)], 1)
+            self.view.set_xy(np.concatenate([pose[None, :2], rim]))
+        self.view.set_visible(eye is not None)
+        self.title.set_text(
+            f"{time:.0f} s      pose {snapshot.step}      {len(landmarks)} landmarks"
+        )
+        self.reason.set_text(f"gaze: {eye.reason}" if eye is not None and eye.reason else "")
+        self.lost.set_text("lost" if len(snapshot.hypotheses) else "")
+        self.canvas.restore_region(self.background)
+        for artist in self.moving:
+            self.figure.draw_artist(artist)
+        return np.array(self.canvas.buffer_rgba())[:, :, :3]
 
 
 def _extent(snapshots: Sequence[MapSnapshot]) -> FloatArray:
@@ -356,11 +305,9 @@ def _camera_panel(
     marked = small.copy()
     if observed.xy is not None and observed.kind is not None:
         rows = slice(*np.searchsorted(observed.step, [step, step + 1]))
-        radius = RADIUS << SUBPIXEL_BITS
         for kind, xy in zip(observed.kind[rows].tolist(), observed.xy[rows], strict=True):
-            x, y = _fixed_point((xy + 0.5) * scale - 0.5).tolist()
-            color = rgb_levels(KINDS[kind][1])
-            cv2.circle(marked, (x, y), radius, color, 2, cv2.LINE_AA, SUBPIXEL_BITS)
+            center = ((xy + 0.5) * scale - 0.5).round().astype(int).tolist()
+            cv2.circle(marked, center, RADIUS, rgb_levels(KINDS[kind][1]), 2, cv2.LINE_AA)
     left = _insert(panel, marked, 0, "landmarks")
     for column, (label, color_name) in enumerate(KINDS):
         _write(panel, label, left + 130 + 120 * column, 0, rgb_levels(color_name))
