@@ -177,16 +177,11 @@ def test_a_full_disk_is_told(folder, tmp_path):
     check_complete(folder, tmp_path)
 
 
-def test_no_setting_of_this_process_is_changed(folder, tmp_path):
+def test_processes_find_the_same_as_one_and_change_no_setting_of_it(folder, tmp_path):
     before = dict(os.environ), cv2.getNumThreads()
     extract_here(folder, tmp_path / "1")
-    extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2))
-    assert (dict(os.environ), cv2.getNumThreads()) == before
-
-
-def test_processes_find_the_same_as_one(folder, tmp_path):
-    extract_here(folder, tmp_path / "1")
     extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2), shard_size=3)
+    assert (dict(os.environ), cv2.getNumThreads()) == before
     two = check_whole(tmp_path / "2")
     assert all(two[name].equals(rows) for name, rows in check_whole(tmp_path / "1").items())
 

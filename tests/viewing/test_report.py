@@ -115,7 +115,7 @@ def _pixels(page):
 
 
 def test_a_map_is_scrubbed_and_played(opened):
-    page = opened(_map_page())
+    page = opened(_map_page(lost=[[2.5, 4.0], [9.0, None]]))
     part, now = page.locator(".part"), page.locator("output")
     assert part.get_attribute("data-step") == "11"
     _scrub(page, 2)
@@ -124,21 +124,16 @@ def test_a_map_is_scrubbed_and_played(opened):
     early = _pixels(page)
     _scrub(page, 7)
     assert now.inner_text() == "7.0 s · 3 landmarks"
-    assert _pixels(page) != early
+    later = _pixels(page)
+    assert later != early
+    page.get_by_label("lost").uncheck()
+    assert _pixels(page) != later
+    for step, lost in ((3, True), (4, False), (8, False), (10, True)):
+        _scrub(page, step)
+        assert now.inner_text().endswith("lost") == lost
     page.get_by_role("button", name="Play").click()
     page.wait_for_selector(".part[data-step='11']")
     page.wait_for_selector("button[aria-label=Play]")
-
-
-def test_a_map_shows_where_the_robot_was_lost(opened):
-    page = opened(_map_page(lost=[[2.0, 4.0], [9.0, None]]))
-    now = page.locator("output")
-    for step, lost in ((1, False), (2, True), (3, True), (4, False), (8, False), (10, True)):
-        _scrub(page, step)
-        assert now.inner_text().endswith("lost") == lost
-    shown = _pixels(page)
-    page.get_by_label("lost").uncheck()
-    assert _pixels(page) != shown
 
 
 def test_a_click_on_a_landmark_shows_when_it_was_seen(opened):

@@ -189,22 +189,6 @@ def test_names_of_photographs_are_escaped(run, tmp_path, monkeypatch):
     assert _is_harmless(tmp_path / "matched" / "report.html", name)
 
 
-def test_names_of_logs_are_escaped(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("saccade.viewing.save_figure", lambda _, path: path)
-    moved, seen = "1e-4,0,0,1e-4,0,1e-4", "0.01,0,0.001"
-    log = "time,x,y,heading,forward,left,turn,cov_forward_forward,cov_forward_left,"
-    log += "cov_forward_turn,cov_left_left,cov_left_turn,cov_turn_turn,landmark,range,bearing,"
-    log += "cov_range_range,cov_range_bearing,cov_bearing_bearing\n0,0,0,0" + 15 * "," + "\n"
-    for time in range(1, 9):
-        log += f"{time},,,,0.2,0,0.01,{moved},,,,,,\n{time},,,,,,,,,,,,,5,4.0,{time / 20},{seen}\n"
-    for name in (NAMES[0], NAMES[4]):
-        file = tmp_path / f"{name}.csv"
-        file.write_text(log)
-        code, _, message = run("slam", file, "--json", "--no-film", "--out", "mapped")
-        assert code == 0, message
-        assert _is_harmless(tmp_path / "mapped" / "report.html", name)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_names_in_tables_and_plain_pages_are_escaped(name, tmp_path):
     page = tmp_path / "report.html"

@@ -1,7 +1,6 @@
 """Figures and films hold what was drawn, and pages escape every text."""
 
 import os
-import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,13 +9,10 @@ import numpy as np
 import pytest
 from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from scipy.stats import chi2
 
-import saccade
-from saccade.errors import ConfigError, OutputError
-from saccade.extras import install_command
+from saccade.errors import ConfigError
 from saccade.types import (
     Keypoints,
     LandmarkMap,
@@ -103,17 +99,6 @@ def test_regions_are_boxes_about_their_centers():
     np.testing.assert_allclose(axes.collections[0].get_offsets(), largest_first.xy)
 
 
-def test_the_maps_of_a_model_are_drawn_as_they_are():
-    image = np.random.default_rng(0).random((96, 128, 3), np.float32)
-    maps = saccade.attention_saliency(image)
-    titles = [axes.get_title() for axes in attention_figure(image, maps).axes]
-    assert titles[0] == "image"
-    assert {"saliency", "symmetry"} <= set(titles)
-    (axes, *_) = attention_figure(image, maps, saccade.scanpath(maps.saliency, image.shape)).axes
-    faces = [text.get_bbox_patch().get_facecolor() for text in axes.texts]
-    assert [face == (1, 1, 1, 1) for face in faces] == [True] + [False] * (len(faces) - 1)
-
-
 def test_keypoints_are_circles_of_their_size():
     (circles,) = ellipses_of(keypoint_figure(IMAGE, KEYPOINTS))
     np.testing.assert_allclose(circles.get_widths(), [20, 8])
@@ -138,16 +123,12 @@ def test_inliers_lie_above_other_matches():
     lines = [each.get_edgecolor() for each in figure.artists]
     assert len(set(lines)) == 2
     assert lines[0] != lines[1] == lines[2]
-    assert figure.axes[0].get_title() == "2 interest points, 3 matched, 2 inliers"
-
-
-def test_matches_are_joined():
-    pairs = np.array([[0, 1], [1, 0]])
-    figure = match_figure((IMAGE, IMAGE), (KEYPOINTS, KEYPOINTS), pairs)
     assert [(line.xy1, line.xy2) for line in figure.artists] == [
+        ((60, 10), (60, 10)),
+        ((20, 30), (20, 30)),
         ((20, 30), (60, 10)),
-        ((60, 10), (20, 30)),
     ]
+    assert figure.axes[0].get_title() == "2 interest points, 3 matched, 2 inliers"
 
 
 def test_ellipses_have_the_axes_of_the_covariance():
@@ -195,7 +176,7 @@ def test_a_film_shows_the_map_so_far():
     for name, color in (("drive", BLUE), ("landmark", ORANGE), ("robot", RED)):
         value = 255 * np.array(to_rgb(color))
         for frame in (first, last):
-            near = (np.abs(frame[80:] - value) < 12).all(2).nonzero()[1]  # below the legend
+            near = (np.abs(frame[80:] - value) < 30).all(2).nonzero()[1]  # below the legend
             columns.setdefault(name, []).append((near.min(), near.max()))
     assert columns["drive"][0][1] < columns["drive"][1][1]
     assert columns["robot"][0][1] < columns["robot"][1][0]
@@ -204,7 +185,7 @@ def test_a_film_shows_the_map_so_far():
 
 def test_a_film_does_not_crop_earlier_ellipses():
     first = next(map_frames(_growing_map(-4.0, early=0.36), np.arange(10.0)))
-    orange = (np.abs(first[80:] - 255 * np.array(to_rgb(ORANGE))) < 12).all(2)
+    orange = (np.abs(first[80:] - 255 * np.array(to_rgb(ORANGE))) < 30).all(2)
     assert 80 + orange.nonzero()[0].max() < 0.92 * 720 - 2
 
 
@@ -297,15 +278,6 @@ def test_a_viewer_that_does_not_start_is_a_one_line_error(monkeypatch):
         LiveMap("a drive", np.zeros(1), Trajectory(np.zeros(1), np.zeros((1, 3))))
 
 
-def test_a_missing_viewer_is_named(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    still = Trajectory(np.zeros(1), np.zeros((1, 3)))
-    with pytest.raises(ConfigError, match=re.escape(install_command("live"))):
-        save_rrd(tmp_path / "map.rrd", "a drive", [], np.zeros(1), still)
-    with pytest.raises(ConfigError, match=re.escape(install_command("live"))):
-        LiveMap("a drive", np.zeros(1), still)
-
-
 def test_an_empty_result_can_still_be_drawn(tmp_path):
     nothing = KEYPOINTS[:0]
     nowhere = Scanpath(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
@@ -320,9 +292,3 @@ def test_an_empty_result_can_still_be_drawn(tmp_path):
     ]
     for number, figure in enumerate(figures):
         assert save_figure(figure, tmp_path / f"{number}.png").stat().st_size > 1000
-
-
-def test_a_figure_that_cannot_be_written_is_named(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="file"):
-        save_figure(Figure(), tmp_path / "file" / "figure.png")

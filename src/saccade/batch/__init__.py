@@ -16,10 +16,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from saccade.batch.extraction import Extraction, extract
-    from saccade.batch.job import Job
-    from saccade.batch.matching import MatchConfig, MatchRun, match_images
-    from saccade.batch.sources import open_source
+    from saccade.batch.extraction import Extraction as Extraction
+    from saccade.batch.extraction import extract as extract
+    from saccade.batch.job import Job as Job
+    from saccade.batch.matching import MatchConfig as MatchConfig
+    from saccade.batch.matching import MatchRun as MatchRun
+    from saccade.batch.matching import match_images as match_images
+    from saccade.batch.sources import open_source as open_source
 
 _HOME_OF = {
     "Extraction": "extraction",
@@ -30,16 +33,6 @@ _HOME_OF = {
     "match_images": "matching",
     "open_source": "sources",
 }
-
-__all__ = [
-    "Extraction",
-    "Job",
-    "MatchConfig",
-    "MatchRun",
-    "extract",
-    "match_images",
-    "open_source",
-]
 
 
 def __getattr__(name: str) -> Any:
