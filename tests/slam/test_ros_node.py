@@ -35,7 +35,6 @@ def messages(log):
     """What a robot on this log publishes, for `write_bag`."""
 
     def make(build):
-        kinds = build.kinds
         pose = np.zeros(3)
         for i, time in enumerate((START + log.time).tolist()):
             U = np.zeros((3, 3))
@@ -55,24 +54,26 @@ def messages(log):
             seen = np.flatnonzero(log.observation_pose == i)
             if len(seen):
                 detections = [detection(build, time, log, k) for k in seen]
-                message = kinds[DETECTIONS](build.header(time, "base_link"), detections)
+                header = build.header(time, "base_link")
+                message = build(
+                    "vision_msgs/Detection3DArray", header=header, detections=detections
+                )
                 yield "/tags", DETECTIONS, time, message
 
     return make
 
 
 def detection(build, time, log, k):
-    kinds, z = build.kinds, log.observation[k]
-    xy, _, G = slam.inverse_observe(np.zeros(3), z)
+    xy, _, G = slam.inverse_observe(np.zeros(3), log.observation[k])
     C = np.zeros((6, 6))
     C[:2, :2] = G @ log.observation_covariance[k] @ G.T
-    pose = kinds["geometry_msgs/msg/PoseWithCovariance"](build.pose(*xy.tolist(), 0.0), C.ravel())
-    hypothesis = kinds["vision_msgs/msg/ObjectHypothesis"]("tag", 1.0)
-    result = kinds["vision_msgs/msg/ObjectHypothesisWithPose"](hypothesis, pose)
-    size = kinds["geometry_msgs/msg/Vector3"](0.1, 0.1, 0.1)
-    box = kinds["vision_msgs/msg/BoundingBox3D"](build.pose(*xy.tolist(), 0.0), size)
+    pose = build(
+        "geometry_msgs/PoseWithCovariance", pose=build.pose(*xy, 0.0), covariance=C.ravel()
+    )
+    result = build("vision_msgs/ObjectHypothesisWithPose", pose=pose)
     header = build.header(time, "base_link")
-    return kinds["vision_msgs/msg/Detection3D"](header, [result], box, str(log.landmark[k]))
+    name = str(log.landmark[k])
+    return build("vision_msgs/Detection3D", header=header, results=[result], id=name)
 
 
 @pytest.fixture(scope="module")

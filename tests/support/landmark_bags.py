@@ -114,153 +114,104 @@ class Builder:
     """Messages of landmarks in the frame of a sensor, by the `Messages` of one of the two."""
 
     def __init__(self, messages):
-        self.messages, self.kinds = messages, messages.kinds
+        self.messages = messages
 
     def pose(self, point):
-        return self.kinds["geometry_msgs/msg/Pose"](
-            self.kinds["geometry_msgs/msg/Point"](*map(float, point)),
-            self.kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.6, 0.8),
-        )
+        make = self.messages
+        place, turn = make.vector(point, "Point"), make.quaternion((0.0, 0.0, 0.6, 0.8))
+        return make("geometry_msgs/Pose", position=place, orientation=turn)
 
     def with_covariance(self, point, covariance):
         whole = np.zeros((6, 6))
         whole[:3, :3] = covariance
-        return self.kinds["geometry_msgs/msg/PoseWithCovariance"](self.pose(point), whole.ravel())
+        kind = "geometry_msgs/PoseWithCovariance"
+        return self.messages(kind, pose=self.pose(point), covariance=whole.ravel())
 
     def array(self, kind, stamp, points, names=NAMES, frame="camera", covariances=None):
         """A message of a type without package, with landmarks at points (k, 3)."""
         if covariances is None:
             covariances = np.zeros((len(points), 3, 3))
         header = self.messages.header(stamp, frame)
-        items = zip(points, names.tolist(), covariances, strict=True)
-        make = getattr(self, kind)
-        return make(header, [*items])
+        items = [*zip(points, names.tolist(), covariances, strict=True)]
+        if kind == "ranges":
+            return self.ranges(header, items)
+        name = KINDS[kind][1].replace("/msg/", "/")
+        field = self.messages.store.fielddefs[KINDS[kind][1]][1][-1][0]  # the last of all
+        made = {field: [getattr(self, kind)(header, *item) for item in items]}
+        if kind not in ("alvar", "markers"):
+            made["header"] = header
+        return self.messages(name, **made)
 
-    def ros1_tags(self, header, items):
-        kinds = self.kinds
-        detections = [
-            kinds["apriltag_ros/msg/AprilTagDetection"](
-                np.array([name], np.int32),
-                np.array([0.1]),
-                kinds["geometry_msgs/msg/PoseWithCovarianceStamped"](
-                    header, self.with_covariance(point, covariance)
-                ),
-            )
-            for point, name, covariance in items
-        ]
-        return kinds["apriltag_ros/msg/AprilTagDetectionArray"](header, detections)
+    def ros1_tags(self, header, point, name, covariance):
+        pose = self.messages(
+            "geometry_msgs/PoseWithCovarianceStamped",
+            header=header,
+            pose=self.with_covariance(point, covariance),
+        )
+        numbers = {"id": np.array([name], np.int32), "size": np.array([0.1])}
+        return self.messages("apriltag_ros/AprilTagDetection", pose=pose, **numbers)
 
-    def ros2_tags(self, header, items):
-        kinds = self.kinds
-        corner = kinds["apriltag_msgs/msg/Point"](1.0, 2.0)
-        detections = [
-            kinds["apriltag_msgs/msg/AprilTagDetection"](
-                "tag36h11", name, 0, 0.0, 50.0, corner, [corner] * 4, np.eye(3).ravel()
-            )
-            for _, name, _ in items
-        ]
-        return kinds["apriltag_msgs/msg/AprilTagDetectionArray"](header, detections)
+    def ros2_tags(self, header, point, name, covariance):
+        told = {"family": "tag36h11", "id": name, "decision_margin": 50.0}
+        return self.messages("apriltag_msgs/AprilTagDetection", **told)
 
-    def alvar(self, header, items):
-        kinds, empty = self.kinds, self.messages.header(0.0, "")
-        markers = [
-            kinds["ar_track_alvar_msgs/msg/AlvarMarker"](
-                header, name, 1, kinds["geometry_msgs/msg/PoseStamped"](empty, self.pose(point))
-            )
-            for point, name, _ in items
-        ]
-        return kinds["ar_track_alvar_msgs/msg/AlvarMarkers"](empty, markers)
+    def alvar(self, header, point, name, covariance):
+        pose = self.messages("geometry_msgs/PoseStamped", pose=self.pose(point))
+        return self.messages("ar_track_alvar_msgs/AlvarMarker", header=header, id=name, pose=pose)
 
-    def aruco(self, header, items):
-        markers = [
-            self.kinds["aruco_msgs/msg/Marker"](
-                header, name, self.with_covariance(point, covariance), 1.0
-            )
-            for point, name, covariance in items
-        ]
-        return self.kinds["aruco_msgs/msg/MarkerArray"](header, markers)
+    def aruco(self, header, point, name, covariance):
+        pose = self.with_covariance(point, covariance)
+        return self.messages("aruco_msgs/Marker", header=header, id=name, pose=pose)
 
-    def aruco_opencv(self, header, items):
-        markers = [
-            self.kinds["aruco_opencv_msgs/msg/MarkerPose"](name, self.pose(point))
-            for point, name, _ in items
-        ]
-        return self.kinds["aruco_opencv_msgs/msg/ArucoDetection"](header, markers)
+    def aruco_opencv(self, header, point, name, covariance):
+        kind = "aruco_opencv_msgs/MarkerPose"
+        return self.messages(kind, marker_id=name, pose=self.pose(point))
 
     def ranges(self, header, items, sigma=(0.0, 0.0, 0.0)):
-        seen = []
-        for (x, y, z), name, _ in items:
-            yaw, pitch = np.arctan2(y, x), -np.arctan2(z, np.hypot(x, y))
-            distance = float(np.linalg.norm([x, y, z]))
-            seen.append(
-                self.kinds["mrpt_msgs/msg/SingleRangeBearingObservation"](
-                    distance, yaw, pitch, name
-                )
-            )
-        kind = self.kinds["mrpt_msgs/msg/ObservationRangeBearing"]
-        return kind(header, self.pose((0, 0, 0)), 0.1, 30.0, *sigma, seen)
-
-    def fiducials(self, header, items):
-        kinds = self.kinds
-        transforms = [
-            kinds["fiducial_msgs/msg/FiducialTransform"](
-                name,
-                kinds["geometry_msgs/msg/Transform"](
-                    kinds["geometry_msgs/msg/Vector3"](*map(float, point)),
-                    kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-                ),
-                *(0.1, 0.1, 900.0),
+        seen = [
+            self.messages(
+                "mrpt_msgs/SingleRangeBearingObservation",
+                range=float(np.linalg.norm(point)),
+                yaw=np.arctan2(point[1], point[0]),
+                pitch=-np.arctan2(point[2], np.hypot(point[0], point[1])),
+                id=name,
             )
             for point, name, _ in items
         ]
-        return kinds["fiducial_msgs/msg/FiducialTransformArray"](header, 0, transforms)
-
-    def detections(self, header, items):
-        kinds = self.kinds
-        size = kinds["geometry_msgs/msg/Vector3"](0.1, 0.1, 0.1)
-        hypothesis = kinds["vision_msgs/msg/ObjectHypothesis"]("tree", 1.0)
-        found = [
-            kinds["vision_msgs/msg/Detection3D"](
-                header,
-                [
-                    kinds["vision_msgs/msg/ObjectHypothesisWithPose"](
-                        hypothesis, self.with_covariance(point, covariance)
-                    )
-                ],
-                kinds["vision_msgs/msg/BoundingBox3D"](self.pose(point), size),
-                str(name),
-            )
-            for point, name, covariance in items
-        ]
-        return kinds["vision_msgs/msg/Detection3DArray"](header, found)
-
-    def markers(self, header, items):
-        return self.kinds["visualization_msgs/msg/MarkerArray"](
-            [self.marker(header, point, name) for point, name, _ in items]
+        parts = ("range", "yaw", "pitch")
+        spread = {f"sensor_std_{part}": each for part, each in zip(parts, sigma, strict=True)}
+        return self.messages(
+            "mrpt_msgs/ObservationRangeBearing",
+            header=header,
+            sensor_pose_on_robot=self.pose((0, 0, 0)),
+            max_sensor_distance=30.0,
+            sensed_data=seen,
+            **spread,
         )
 
-    def marker(self, header, point, name, **changed):
-        kinds = self.kinds
-        definition = kinds["visualization_msgs/msg/Marker"]
-        values = {
-            "header": header,
-            **{"ns": "poles", "id": name, "type": 3, "action": 0, "pose": self.pose(point)},
-            "scale": kinds["geometry_msgs/msg/Vector3"](0.1, 0.1, 1.0),
-            "color": kinds["std_msgs/msg/ColorRGBA"](0.0, 1.0, 0.0, 1.0),
-            "lifetime": kinds["builtin_interfaces/msg/Duration"](0, 0),
-            **{"frame_locked": False, "points": [], "colors": [], "text": "", "mesh_resource": ""},
-            "mesh_use_embedded_materials": False,
-        }
-        if "texture" in definition.__dataclass_fields__:
-            image = kinds["sensor_msgs/msg/CompressedImage"](header, "", np.zeros(0, np.uint8))
-            mesh = kinds["visualization_msgs/msg/MeshFile"]("", np.zeros(0, np.uint8))
-            values |= {"texture_resource": "", "texture": image, "uv_coordinates": []}
-            values |= {"mesh_file": mesh}
-        return definition(**values | changed)
+    def fiducials(self, header, point, name, covariance):
+        make = self.messages
+        turn = make.quaternion((0.0, 0.0, 0.0, 1.0))
+        moved = make("geometry_msgs/Transform", translation=make.vector(point), rotation=turn)
+        return make("fiducial_msgs/FiducialTransform", fiducial_id=name, transform=moved)
 
-    def poses(self, header, items):
-        poses = [self.pose(point) for point, _, _ in items]
-        return self.kinds["geometry_msgs/msg/PoseArray"](header, poses)
+    def detections(self, header, point, name, covariance):
+        found = self.messages(
+            "vision_msgs/ObjectHypothesisWithPose", pose=self.with_covariance(point, covariance)
+        )
+        return self.messages(
+            "vision_msgs/Detection3D", header=header, results=[found], id=str(name)
+        )
+
+    def markers(self, header, point, name, covariance):
+        return self.marker(header, point, name)
+
+    def marker(self, header, point, name, **changed):
+        values = {"header": header, "ns": "poles", "id": name, "type": 3, "pose": self.pose(point)}
+        return self.messages("visualization_msgs/Marker", **values | changed)
+
+    def poses(self, header, point, name, covariance):
+        return self.pose(point)
 
 
 KINDS = {
@@ -285,7 +236,7 @@ def transforms(messages, *stamped):
         transform = messages.transform(parent, child, position, rotation.as_quat())
         transform.header.stamp = messages.header(seconds).stamp
         made.append(transform)
-    return messages.kinds[TRANSFORMS](made)
+    return messages("tf2_msgs/TFMessage", transforms=made)
 
 
 def static(messages):

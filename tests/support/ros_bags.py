@@ -1,6 +1,7 @@
 """Bags as ROS 1 and 2 write them, made with rosbags' own writers."""
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -17,21 +18,38 @@ class Messages:
         self.kinds = store.types
         self.old = store is STORES[1]
 
+    def __call__(self, kind, **values):
+        """A message of a type (package/Name), whose other fields are empty."""
+        name = kind.replace("/", "/msg/")
+        fields = self.store.fielddefs[name][1]
+        return self.kinds[name](**{each: self.empty(*of) for each, of in fields} | values)
+
+    def empty(self, node, of):
+        """What a field holds by default."""
+        if node == Nodetype.NAME:
+            return self(of.replace("/msg/", "/"))
+        if node == Nodetype.BASE:
+            return {"string": "", "bool": False}.get(of[0], 0.0 if "float" in of[0] else 0)
+        (inner, kind), length = of
+        if inner == Nodetype.BASE:
+            return np.zeros(length, kind[0])
+        return [self.empty(inner, kind) for _ in range(length)]
+
     def header(self, seconds, frame="camera"):
         whole = int(seconds)
-        time = self.kinds["builtin_interfaces/msg/Time"](whole, round((seconds - whole) * SECOND))
-        number = {"seq": 0} if self.old else {}
-        return self.kinds["std_msgs/msg/Header"](**number, stamp=time, frame_id=frame)
+        nanoseconds = round((seconds - whole) * SECOND)
+        stamp = self("builtin_interfaces/Time", sec=whole, nanosec=nanoseconds)
+        return self("std_msgs/Header", stamp=stamp, frame_id=frame)
 
     def image(self, seconds, pixels, encoding, step=None):
         data = np.ascontiguousarray(pixels)
         row = data.view(np.uint8).reshape(len(data), -1)
-        return self.kinds["sensor_msgs/msg/Image"](
+        return self(
+            "sensor_msgs/Image",
             header=self.header(seconds),
             height=data.shape[0],
             width=data.shape[1],
             encoding=encoding,
-            is_bigendian=0,
             step=step or row.shape[1],
             data=row.ravel(),
         )
@@ -41,53 +59,39 @@ class Messages:
         P = np.array([50.0, 0, 32, -50 * baseline, 0, 51.0, 24, 0, 0, 0, 1, 0])
         names = "DKRP" if self.old else "dkrp"
         values = dict(zip(names, (np.array(bent), K, np.eye(3).ravel(), P), strict=True))
-        region = self.kinds["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-        return self.kinds["sensor_msgs/msg/CameraInfo"](
-            header=self.header(seconds),
-            height=48,
-            width=64,
-            distortion_model=model,
-            **values,
-            binning_x=0,
-            binning_y=0,
-            roi=region,
-        )
+        values |= {"header": self.header(seconds), "distortion_model": model}
+        return self("sensor_msgs/CameraInfo", height=48, width=64, **values)
+
+    def vector(self, xyz, kind="Vector3"):
+        return self(f"geometry_msgs/{kind}", **dict(zip("xyz", map(float, xyz), strict=True)))
+
+    def quaternion(self, xyzw):
+        named = dict(zip("xyzw", map(float, xyzw), strict=True))
+        return self("geometry_msgs/Quaternion", **named)
 
     def pose(self, x, y, heading):
-        return self.kinds["geometry_msgs/msg/Pose"](
-            self.kinds["geometry_msgs/msg/Point"](x, y, 0.0),
-            self.kinds["geometry_msgs/msg/Quaternion"](
-                0.0, 0.0, np.sin(heading / 2), np.cos(heading / 2)
-            ),
-        )
+        turn = self.quaternion((0.0, 0.0, np.sin(heading / 2), np.cos(heading / 2)))
+        place = self.vector((x, y, 0.0), "Point")
+        return self("geometry_msgs/Pose", position=place, orientation=turn)
 
     def odometry(self, seconds, x, y, heading):
-        vector = self.kinds["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
-        twist = self.kinds["geometry_msgs/msg/Twist"](vector, vector)
-        covariance = np.zeros(36)
-        return self.kinds["nav_msgs/msg/Odometry"](
-            self.header(seconds, "odom"),
-            "base_link",
-            self.kinds["geometry_msgs/msg/PoseWithCovariance"](
-                self.pose(x, y, heading), covariance
-            ),
-            self.kinds["geometry_msgs/msg/TwistWithCovariance"](twist, covariance),
-        )
+        pose = self("geometry_msgs/PoseWithCovariance", pose=self.pose(x, y, heading))
+        header = self.header(seconds, "odom")
+        return self("nav_msgs/Odometry", header=header, child_frame_id="base_link", pose=pose)
 
     def transform(self, parent, child, place, turn):
-        return self.kinds["geometry_msgs/msg/TransformStamped"](
-            self.header(0.0, parent),
-            child,
-            self.kinds["geometry_msgs/msg/Transform"](
-                self.kinds["geometry_msgs/msg/Vector3"](*map(float, place)),
-                self.kinds["geometry_msgs/msg/Quaternion"](*map(float, turn)),
-            ),
+        moved = self(
+            "geometry_msgs/Transform",
+            translation=self.vector(place),
+            rotation=self.quaternion(turn),
         )
+        header = self.header(0.0, parent)
+        kind = "geometry_msgs/TransformStamped"
+        return self(kind, header=header, child_frame_id=child, transform=moved)
 
     def true(self, seconds, x, y, heading):
-        return self.kinds["geometry_msgs/msg/PoseStamped"](
-            self.header(seconds, "world"), self.pose(x, y, heading)
-        )
+        header = self.header(seconds, "world")
+        return self("geometry_msgs/PoseStamped", header=header, pose=self.pose(x, y, heading))
 
 
 STORES = {1: get_typestore(Stores.ROS1_NOETIC), 2: get_typestore(Stores.ROS2_HUMBLE)}
@@ -121,7 +125,7 @@ def mounted(make):
     """On a mast that is turned to the left, a camera whose z axis is the mast's x axis."""
     mast = make.transform("base_link", "mast", (0.2, 0.0, 0.7), (0, 0, np.sqrt(0.5), np.sqrt(0.5)))
     camera = make.transform("mast", "camera", (0.0, 0.1, 0.0), (-0.5, 0.5, -0.5, 0.5))
-    return make.kinds["tf2_msgs/msg/TFMessage"]([mast, camera])
+    return make("tf2_msgs/TFMessage", transforms=[mast, camera])
 
 
 def stereo(make):
