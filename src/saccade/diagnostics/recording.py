@@ -1,7 +1,9 @@
 """Checks of the recording: images, repeated frames, timestamps, and whether the ground is flat."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -9,7 +11,7 @@ from saccade.diagnostics.findings import Finding, Severity, counted
 from saccade.diagnostics.survey import MIN_POINTS, Survey, repeated_observations
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame, Tracks
-from saccade.types import BoolArray, FloatArray, Image, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.motion_prior import INTEGRATION_TIME
 from saccade.visual.optical_flow import MIN_CONTRAST
 
@@ -21,13 +23,13 @@ def drop_repeated(drive: Drive) -> Drive:
     begins anew, since it may continue at another point; this reads all frames. A repeated image
     raises `ImageError` when it is read, as an unreadable one does; without odometry it is kept.
     """
-    try:
-        first = drive.load(0)
-    except ImageError:
-        first = Frame(float(drive.time[0]))
+    first = Frame(float(drive.time[0]))
+    read = lru_cache(maxsize=2)(drive.load)  # with each image the one before is compared
+    with suppress(ImageError):
+        first = read(0)
     moves = drive.control.any(1) & (drive.scale == "metric")
     if first.tracks is None:
-        return replace(drive, load=_without_repeated_images(drive, np.append(False, moves), first))
+        return replace(drive, load=_without_repeated_images(read, np.append(False, moves)))
     moves = np.asarray(moves | (not drive.control.any()))
     numbers, last = list[int](), _tracks(drive, 0)
     for i in range(1, len(drive)):
@@ -75,30 +77,17 @@ def _tracks(drive: Drive, number: int) -> Tracks:
 
 
 def _without_repeated_images(
-    drive: Drive, moves: BoolArray, first: Frame
+    read: Callable[[int], Frame], moves: BoolArray
 ) -> Callable[[int], Frame]:
-    """Frames as `Drive.load`, of which the last is kept; raises `ImageError` for a repeated image.
+    """Frames as `read`; raises `ImageError` for a repeated image.
 
     `moves` (n,) tells whether odometry moves since the frame before.
     """
-    kept = (0, first)
-
-    def read(i: int) -> Frame:
-        nonlocal kept
-        number, frame = kept
-        if number != i or frame.image is None:
-            frame = drive.load(i)
-            kept = i, frame
-        return frame
-
-    def previous_image(i: int) -> Image | None:
-        try:
-            return read(i - 1).image
-        except ImageError:
-            return None
 
     def load(i: int) -> Frame:
-        before = previous_image(i) if moves[i] else None
+        before = None
+        with suppress(ImageError):
+            before = read(i - 1).image if moves[i] else None
         frame = read(i)
         image = frame.image
         if before is None or image is None or image.min() == image.max():

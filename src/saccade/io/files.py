@@ -131,6 +131,17 @@ def reading(
         raise error(f"{path}: expected {expected}: {one_line(caught)}") from caught
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn errors of the operating system in the block into an `OutputError` that names a path."""
+    try:
+        yield
+    except OutputError:  # of another file, in the block
+        raise
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
+
+
 def read_toml(path: Path, error: type[SaccadeError]) -> dict[str, Any]:
     """The table of a TOML file; raises `error`, as `reading`."""
     with reading(path, error, "TOML", tomllib.TOMLDecodeError, RecursionError):
@@ -237,7 +248,7 @@ def atomic_write(path: str | Path, folder: Path | None = None) -> Iterator[Path]
     path, results = Path(path), _RESULTS.get()
     if folder is not None or (results is not None and not results.holds(path)):
         results = None
-    with ExitStack() as stack, _writing(path):
+    with ExitStack() as stack, writing(path):
         if path.is_dir():
             raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
         if path.exists():
@@ -295,19 +306,8 @@ class _Results(NamedTuple):
 _RESULTS: ContextVar[_Results | None] = ContextVar("_RESULTS", default=None)
 
 
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Errors of the operating system as `OutputError` that names a path."""
-    try:
-        yield
-    except OutputError:  # of another file, in the block
-        raise
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
-
-
 def _appear(temporary: Path, path: Path) -> None:
-    with _writing(path):
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.replace(path)
 

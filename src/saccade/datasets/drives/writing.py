@@ -27,7 +27,7 @@ from saccade.datasets.drives.tracks import TRACK_FILES, write_tracks
 from saccade.datasets.tables import write_tum
 from saccade.errors import DriveError, OutputError
 from saccade.frames import Camera, CameraTurn, Drive, EndOfDrive, Frame, Tracks
-from saccade.io.files import claimed, reason_of, written_at_once
+from saccade.io.files import claimed, writing, written_at_once
 from saccade.io.video import LiveVideo
 from saccade.types import Image
 
@@ -58,14 +58,20 @@ def save_drive(
     """
     path = Path(path)
     require_writable(path, drive)
-    with claimed(path) as temporary:
+    with claimed(path) as temporary, writing(path):
+        new, old = temporary / "new", temporary / "old"
         try:
-            _write(temporary / "new", drive, progress)
-            _exchange(path, temporary / "new", temporary / "old")
+            _write(new, drive, progress)
         except OutputError as error:
-            raise OutputError(str(error).replace(str(temporary / "new"), str(path))) from error
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+            raise OutputError(str(error).replace(str(new), str(path))) from error
+        if path.exists():
+            path.replace(old)
+        try:
+            new.replace(path)
+        except OSError:
+            if old.exists():
+                old.replace(path)
+            raise
 
 
 def require_writable(path: Path, drive: Drive) -> None:
@@ -80,24 +86,10 @@ def require_writable(path: Path, drive: Drive) -> None:
             f"{drive.name}: expected odometry and a calibration to write, found a drive whose "
             "scale is unknown"
         )
-    try:
+    with writing(path):
         names = {file.name for file in path.iterdir()} if path.exists() else set()
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
     for name in sorted(names - set(DRIVE_FILES))[:1]:
         raise OutputError(f"{path}: expected a new or empty folder, found {name!r} in it")
-
-
-def _exchange(path: Path, new: Path, old: Path) -> None:
-    """Replace a folder that may exist by the new one; on failure restore it."""
-    if path.exists():
-        path.replace(old)
-    try:
-        new.replace(path)
-    except OSError:
-        if old.exists():
-            old.replace(path)
-        raise
 
 
 def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | None) -> None:
@@ -197,10 +189,8 @@ class LiveDrive:
     def __init__(self, video: LiveVideo, folder: Path, options: CameraOptions, frames: int) -> None:
         if folder.exists() and has_images(folder):
             raise DriveError(f"{folder}: expected no images beside the recording, found some")
-        try:
+        with writing(folder):
             (folder / "images").mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{folder}: cannot be written: {reason_of(error)}") from error
         self._video, self._folder = video, folder
         calibration, assumptions, is_guess = calibration_beside(folder, video.size, options)
         self._calibration, self._is_guess = calibration, is_guess
@@ -215,13 +205,10 @@ class LiveDrive:
 
     def close(self) -> None:
         """Write the times and the calibration, with which the recording is a drive of its own."""
-        try:
+        with writing(self._folder), written_at_once():
             np.savetxt(self._folder / "times.txt", self.times, fmt="%.17g")
             if not self._is_guess:
-                with written_at_once():
-                    write_calibration(self._folder / CAMERA_FILE, self._calibration)
-        except OSError as error:
-            raise OutputError(f"{self._folder}: cannot be written: {reason_of(error)}") from error
+                write_calibration(self._folder / CAMERA_FILE, self._calibration)
 
     def _load(self, number: int) -> Frame:
         frame, drive = self._read(number), self.drive
@@ -238,9 +225,7 @@ class LiveDrive:
         if taken is None:
             raise EndOfDrive
         seconds, pixels = taken
-        try:
+        with writing(self._folder):
             write_png(self._folder / "images" / f"{number:06d}.png", pixels)
-        except OSError as error:
-            raise OutputError(f"{self._folder}: cannot be written: {reason_of(error)}") from error
         self.times.append(seconds)
         return SourceImage(pixels, f"{self._video.name}, frame {number}")
