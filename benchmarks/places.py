@@ -9,11 +9,24 @@ detections: those matched to an earlier one; correct: a whole number of laps awa
 import argparse
 from pathlib import Path
 
-from saccade import Sift, SiftConfig, read_image
+from saccade import Keypoints, Sift, SiftConfig, match, read_image, verify
 from saccade.io.image import find_images
-from saccade.visual.loop_detection import LoopDetectionConfig, LoopDetector
 
 TOLERANCE = 2
+RATIO, MIN_GAP = 0.8, 15
+"""Ratio test of the matches; least number of frames between two views of a place."""
+
+
+def recognized(points: Keypoints, places: list[Keypoints], needed: int) -> tuple[int, int] | None:
+    """The earlier frame with the most matches that agree with one epipolar geometry, and these."""
+    best = None
+    for place, earlier in enumerate(places):
+        pairs = match(points, earlier, ratio=RATIO)
+        if len(pairs) >= needed:
+            inliers = int(verify(points, earlier, pairs).inliers.sum())
+            if inliers >= needed:
+                best, needed = (place, inliers), inliers + 1
+    return best
 
 
 def number(path: Path) -> int:
@@ -29,15 +42,18 @@ def main() -> None:
     given = parser.parse_args()
     lap, paths = given.lap, sorted(find_images(given.folder), key=number)
     sift = Sift(SiftConfig(max_keypoints=given.points, ranking="response", spread=True))
-    detector = LoopDetector(LoopDetectionConfig(min_inliers=given.min_inliers))
     detections, correct = 0, 0
+    places: list[Keypoints] = []
     for frame, path in enumerate(paths):
-        found = detector.detect(sift(read_image(path)))
+        points = sift(read_image(path))
+        found = recognized(points, places[: max(frame + 1 - MIN_GAP, 0)], given.min_inliers)
+        places.append(points)
         if found is not None:
             detections += 1
-            right = abs((frame - found.place + lap // 2) % lap - lap // 2) <= TOLERANCE
+            place, inliers = found
+            right = abs((frame - place + lap // 2) % lap - lap // 2) <= TOLERANCE
             correct += right
-            print(f"{path.name:20} {paths[found.place].name:20} {found.inliers:4} {right}")
+            print(f"{path.name:20} {paths[place].name:20} {inliers:4} {right}")
     revisits = max(len(paths) - lap, 0)
     print(f"{len(paths)} photographs, {revisits} revisits, {detections} detections")
     if detections and revisits:

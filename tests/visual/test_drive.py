@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade import Sift, SiftConfig, datasets, read_image, visual
+from saccade import datasets, visual
 from saccade.cli.drive import print_drive
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
@@ -17,7 +17,6 @@ from saccade.slam import Checkpoint, Recorder
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.models import wrap
 from saccade.visual import VisualConfig
-from saccade.visual.loop_detection import LoopDetectionConfig, LoopDetector
 from support.interrupted_run import interrupt_at
 from support.short_ring import short_ring
 
@@ -290,17 +289,3 @@ def test_drive_refuses_what_is_no_drive(run, tmp_path):
     code, _, err = run("drive", tmp_path / "nowhere")
     assert code == 2
     assert "nowhere: expected a camera drive, found no such file or folder" in err
-
-
-@pytest.mark.shared
-def test_places_are_recognized_on_the_second_lap(shared):
-    """A quarter of the hallway; the whole: benchmarks/places.py."""
-    hallway = shared / "data" / "drives" / "rtabmap_samples_loop"
-    sift = Sift(SiftConfig(max_keypoints=500, ranking="response", spread=True))
-    detector = LoopDetector(LoopDetectionConfig(min_inliers=22))
-    numbers = (*range(1, 17), *range(41, 51))
-    found = [detector.detect(sift(read_image(hallway / f"{number}.jpg"))) for number in numbers]
-    assert not any(found[:16])
-    offsets = [place - each.place for place, each in enumerate(found[16:]) if each is not None]
-    assert len(offsets) >= 8
-    assert max(map(abs, offsets)) <= 2

@@ -11,7 +11,6 @@ from saccade.evaluation.runs import score_drive
 from saccade.frames import AHEAD, Camera
 from saccade.visual.camera import from_pixels, observe, observe_bearings, range_bearing, to_pixels
 from saccade.visual.config import VisualConfig
-from saccade.visual.depth import CameraTrajectory
 from saccade.visual.egomotion import (
     camera_motion,
     correspondences_of,
@@ -20,6 +19,7 @@ from saccade.visual.egomotion import (
 )
 from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.motion_prior import MotionPrior, fuse
+from saccade.visual.single_camera import CameraTrajectory
 from saccade.visual.tables import TrackedPoints
 from support.winding_drive import winding
 

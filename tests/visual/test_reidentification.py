@@ -9,6 +9,7 @@ from saccade.evaluation.runs import correct_associations
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.consistency import chi_square_gate
 from saccade.visual.config import VisualConfig
+from saccade.visual.motion_prior import Planarity
 from saccade.visual.reidentification import consistent_layout, consistent_subset, reidentify
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
@@ -95,7 +96,7 @@ def test_points_that_are_no_landmarks_hide_none(rng):
         landmark=np.full(6, -1),
         descriptor=rng.integers(0, 256, (6, 128), np.uint8),
     )
-    visual_map = VisualMap(drive, config, has_depth=True)
+    visual_map = VisualMap(drive, config, Planarity(0.01))
     observations, usable = visual_map.observe(points)
     assert usable.all()
     visual_map.initialize(observations, points.descriptor, 0)

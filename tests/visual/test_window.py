@@ -11,7 +11,7 @@ from saccade.slam.models import compose, heading_rotation
 from saccade.visual import VisualConfig
 from saccade.visual._window_kernels import add_motion_factors
 from saccade.visual.camera import to_pixels
-from saccade.visual.egomotion import camera_motion, times
+from saccade.visual.egomotion import camera_motion
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
 from saccade.visual.self_calibration import CalibrationDrift, SelfCalibration
 from saccade.visual.tables import TrackedPoints
@@ -197,7 +197,7 @@ def test_factors_are_the_slope_of_a_robust_cost(rng):
     mount = CAMERA.rotation @ Rotation.from_rotvec(rng.normal(0, 0.2, (n, 3))).as_matrix()
     place = np.cumsum(rng.uniform(0.5, 1, (n, 3)) * (1, 0.1, 0), 0)
     rotation = np.swapaxes(mount, 1, 2)  # the robot does not turn: the slopes are exact
-    translation = -times(rotation, place + CAMERA.position)
+    translation = -(rotation @ (place + CAMERA.position)[:, :, None])[:, :, 0]
     odometry = rng.normal((0.7, 0, 0), 0.02, (n - 1, 3))
     by_errors = rng.normal(0, 1, (n - 1, 3, m))
     weight = np.array([np.diag(rng.uniform(1, 9, 6)) + 0.5 for _ in range(n - 1)])

@@ -16,9 +16,7 @@ from saccade.visual.depth import depth_of
 from saccade.visual.egomotion import (
     MAX_REPROJECTION_ERROR,
     CameraPose,
-    cross_product,
     perspective_n_point,
-    times,
 )
 from saccade.visual.optical_flow import (
     ByteArray,
@@ -325,8 +323,8 @@ def offset_equation(
     projection[:, [0, 1], [0, 1]], projection[:, :, 2] = 1.0, -ray
     projection *= focal[:, None] / moved[:, 2, None, None]
     disparity = camera.fx * camera.baseline / points[:, 2]
-    by_offset = times(projection, rotated) / disparity[:, None]
-    by_pose = np.concatenate([-projection @ cross_product(rotated), projection], 2)
+    by_offset = (projection @ rotated[:, :, None])[:, :, 0] / disparity[:, None]
+    by_pose = np.concatenate([np.cross(projection, rotated[:, None]), projection], 2)
     variance = PIXEL_SIGMA**2 + DISPARITY_SIGMA**2 * np.square(by_offset).sum(1)
     weight = np.repeat(np.sqrt(inlier / variance), 2)
     A = weight[:, None] * by_pose.reshape(-1, 6)

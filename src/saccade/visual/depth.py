@@ -1,6 +1,5 @@
-"""Depth of points: from stereo disparity, a depth image, or triangulation over several frames."""
+"""Measured depth of points: from stereo disparity or a depth image."""
 
-from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -10,23 +9,17 @@ import numpy.typing as npt
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import Float32Array, FloatArray
-from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
 from saccade.visual.optical_flow import (
     ByteArray,
     PreparedFrame,
     track_disparities,
 )
-from saccade.visual.tables import TrackedPoints
 
 BLOCK_SIZE, DISPARITY_STEP = 15, 16
 """Block matching: side of a block in pixels, and the divisor of the number of disparities."""
 MAX_RELATIVE_DISPARITY = 0.25
 """Largest disparity of block matching, as a fraction of the image's width."""
-STEP_SIGMA = 0.05
-"""Standard deviation of the length of a motion step, as a fraction of it."""
-MIN_PARALLAX = 1e-4
-"""Angle between two rays in radians under which they are taken for parallel."""
 
 
 def measures_depth(camera: Camera, frame: Frame) -> bool:
@@ -119,58 +112,3 @@ def _sample(image: npt.NDArray[Any], xy: Float32Array) -> npt.NDArray[Any]:
     """(k,) values of an image (H, W) at the nearest pixels of (k, 2)."""
     columns, rows = np.rint(xy).astype(np.int64).T
     return np.asarray(image[rows.clip(0, image.shape[0] - 1), columns.clip(0, image.shape[1] - 1)])
-
-
-@dataclass
-class CameraTrajectory:
-    """Poses of the camera at each frame, accumulated from its motions."""
-
-    rotation: list[FloatArray] = field(default_factory=lambda: [np.eye(3)])
-    """(3, 3) for each frame: points X of the first camera frame become rotation X + translation."""
-    translation: list[FloatArray] = field(default_factory=lambda: [np.zeros(3)])
-    """(3,) for each frame, in metres."""
-
-    def append(self, rotation: FloatArray, translation: FloatArray) -> None:
-        """Add a frame by the motion from the last one, a `CameraPose`."""
-        self.translation.append(rotation @ self.translation[-1] + translation)
-        self.rotation.append(rotation @ self.rotation[-1])
-
-    def triangulate(
-        self, camera: Camera, points: TrackedPoints, pixel_sigma: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Least-squares depths of k points from the rays of their first and current pixels.
-
-        Args:
-            camera: the calibration.
-            points: k points.
-            pixel_sigma: standard deviation of a pixel, in each axis.
-
-        Returns:
-            (k,) metres along the optical axis in the last frame, and their standard deviations;
-            NaN where the rays do not intersect in front of the camera.
-        """
-        if len(points) == 0:
-            return np.zeros(0), np.zeros(0)
-        frames = points.first_frame.tolist()
-        R = self.rotation[-1] @ np.array([self.rotation[i].T for i in frames])  # (k, 3, 3)
-        earlier = np.array([self.translation[i] for i in frames])
-        t = self.translation[-1] - (R @ earlier[:, :, None])[:, :, 0]
-        current = directions(camera, points.xy.astype(np.float64))
-        first = (R @ directions(camera, points.first_xy.astype(np.float64))[:, :, None])[:, :, 0]
-        # depth * current - first_depth * first = t
-        a, b, c = (
-            (u * v).sum(1) for u, v in ((current, current), (current, first), (first, first))
-        )
-        p, q = (current * t).sum(1), (first * t).sum(1)
-        determinant = a * c - b * b
-        sine = np.sqrt(np.maximum(determinant, 0.0) / (a * c))
-        intersect = sine > MIN_PARALLAX
-        depth = (c * p - b * q) / np.where(intersect, determinant, 1.0)
-        first_depth = (b * p - a * q) / np.where(intersect, determinant, 1.0)
-        angle_sigma = np.sqrt(2) * pixel_sigma / camera.fx
-        steps = np.maximum(len(self.translation) - 1 - points.first_frame, 1)
-        relative_sigma = np.hypot(
-            angle_sigma / np.maximum(sine, MIN_PARALLAX), STEP_SIGMA / np.sqrt(steps)
-        )
-        known = intersect & (depth > 0) & (first_depth > 0)
-        return np.where(known, depth, np.nan), np.where(known, depth * relative_sigma, np.nan)

@@ -174,20 +174,6 @@ def camera_motion(camera: Camera, control: FloatArray, before: Camera | None = N
     return R, camera.rotation.T @ (translation - camera.position + rotation @ before.position)
 
 
-def times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """(..., m) products of matrices (..., m, n) and vectors (..., n)."""
-    return np.asarray((matrix @ vector[..., None])[..., 0])
-
-
-def cross_product(v: FloatArray) -> FloatArray:
-    """(..., 3, 3) matrices of the cross products w x v, for vectors v (..., 3)."""
-    x, y, z = np.moveaxis(v, -1, 0)
-    matrix = np.zeros((*v.shape, 3))
-    matrix[..., 0, 1], matrix[..., 1, 2], matrix[..., 2, 0] = z, x, y
-    matrix[..., 1, 0], matrix[..., 2, 1], matrix[..., 0, 2] = -z, -x, -y
-    return matrix
-
-
 def _prior_information(
     camera: Camera, covariance: FloatArray, R: FloatArray, before: Camera | None
 ) -> FloatArray:

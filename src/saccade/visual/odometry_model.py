@@ -1,12 +1,10 @@
-"""What odometry says of each step, and its systematic errors, estimated on the drive."""
+"""Systematic errors of odometry, estimated on the drive."""
 
 import numpy as np
 
-from saccade.frames import Drive
 from saccade.types import FloatArray
-from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE
-from saccade.visual.motion_prior import CONSTANT_DISTANCE, MotionPrior
+from saccade.visual.motion_prior import CONSTANT_DISTANCE
 
 ODOMETRY_ERRORS = 5
 """Scale of odometry, scale of the camera, turn rate, and two of side-slip."""
@@ -14,10 +12,6 @@ SLIP_ANGLE, SLIP_PER_ACCELERATION = 0.01, 0.006
 """Standard deviations of the side-slip before the first frame, in radians, on a straight road and
 per m/s^2 of lateral acceleration. By the true poses of KITTI's drives 00 to 09 angles are .003 to
 .015, and .003 to .008 per m/s^2."""
-MIN_SCALE_SIGMA = 0.02
-"""Least standard deviation of odometry's scale where the camera measures distances."""
-MIN_TURN_BIAS_SIGMA = 0.02
-"""Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
 MAX_OUTAGE, SLIP_SECONDS = 5.0, 1.0
 """Seconds without camera for which the covariance of odometry allows for errors of the turn rate;
 and over which what remains of the side-slip is constant."""
@@ -127,89 +121,3 @@ def slip_lever(control: FloatArray, seconds: float) -> FloatArray:
     length = float(np.hypot(*control[:2]))
     acceleration = length * float(control[2]) / max(seconds, 1e-3) ** 2
     return np.array([length, length * acceleration])
-
-
-class OdometryModel:
-    """The steps of a drive by odometry, without the errors that were learnt of it.
-
-    Args:
-        drive: its odometry, with standard deviations of the errors.
-        has_depth: whether the frames measure depth.
-        camera_sigma: standard deviation of the fraction by which distances by the camera are wrong.
-        acceleration_sigma: standard deviations of the change of speed (m/s) and turn rate (rad/s)
-            in a second.
-    """
-
-    def __init__(
-        self,
-        drive: Drive,
-        has_depth: bool,
-        camera_sigma: float,
-        acceleration_sigma: tuple[float, float],
-    ) -> None:
-        self._drive, self._has_depth = drive, has_depth
-        scale_sigma, turn_per_metre, _ = drive.odometry_bias
-        if has_depth:
-            scale_sigma = float(np.hypot(scale_sigma, MIN_SCALE_SIGMA))
-        seconds = float(drive.time[-1] - drive.time[0])
-        distance = float(np.hypot(*drive.control[:, :2].T).sum())
-        mean_speed = distance / seconds if seconds > 0 else 0.0
-        turn_sigma = float(np.hypot(MIN_TURN_BIAS_SIGMA, turn_per_metre * mean_speed))
-        self.errors = OdometryErrors(scale_sigma, camera_sigma, turn_sigma)
-        speed_sigma, turn_rate_sigma = acceleration_sigma
-        self.motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
-        self.turn_sigma = 0.0
-        """Standard deviation of the measured turn of the camera on the robot, in radians."""
-        self._step: MotionEstimate = np.zeros(3), np.zeros((3, 3))
-        self._step_seconds = 0.0
-
-    def predict(self, number: int) -> MotionEstimate:
-        """The control expected to lead to a frame after the first.
-
-        It gives the steps of a single camera their length, so there the last steps are not fused
-        in: their errors would accumulate, and an accelerating robot would be lagged behind.
-        """
-        seconds = self._seconds(number)
-        control = self.errors.corrected(self._drive.control[number - 1], seconds)
-        self._step_seconds = seconds
-        covariance = self._drive.control_covariance[number - 1]
-        if self.turn_sigma:  # of both frames: the camera's turn is compared with odometry's
-            covariance = covariance + np.diag([0.0, 0.0, 2 * self.turn_sigma**2])
-        self._step = control, covariance
-        return self.motion_prior.predict(*self._step, seconds) if self._has_depth else self._step
-
-    @property
-    def declared(self) -> MotionEstimate:
-        """The last step by odometry without its errors, and its declared covariance."""
-        return self._step
-
-    @property
-    def last(self) -> MotionEstimate:
-        """The last step by odometry; its covariance includes the systematic errors that remain."""
-        return self.with_systematic_errors(self._step)
-
-    def with_systematic_errors(self, step: MotionEstimate) -> MotionEstimate:
-        """The last step, estimated by odometry, with the covariance of its systematic errors."""
-        errors = self.errors.step_covariance(step[0], self._step_seconds, self._has_depth)
-        return step[0], step[1] + errors
-
-    def learn(self, measured: MotionEstimate) -> None:
-        """Update the errors by a motion that does not include the last step of odometry.
-
-        The motion of a single camera includes the length of odometry: its turn alone is used.
-        """
-        control, covariance = self._step
-        rows = slice(None) if self._has_depth else slice(2, 3)
-        J = self.errors.jacobian(control, self._step_seconds)[rows]
-        innovation, R = (measured[0] - control)[rows], (measured[1] + covariance)[rows, rows]
-        self.errors.update_by(J, innovation, R)
-
-    def update_motion_prior(self, number: int, step: FloatArray, observations: int) -> None:
-        """Update the motion prior by the step (3,) to a frame, after all updates."""
-        if number == 0 or not self._has_depth:
-            return
-        covariance = self._drive.control_covariance[number - 1] / (1 + observations) ** 2
-        self.motion_prior.update(step, covariance, self._seconds(number))
-
-    def _seconds(self, number: int) -> float:
-        return float(self._drive.time[number] - self._drive.time[number - 1])

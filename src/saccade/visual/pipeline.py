@@ -15,7 +15,6 @@ from saccade.io.checkpoint import (
     Stateful,
     attribute_arrays,
     merge,
-    restore_attributes,
     select,
 )
 from saccade.plane import steps_between
@@ -23,8 +22,8 @@ from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.depth import CameraTrajectory, first_frame, measures_depth
-from saccade.visual.egomotion import Egomotion, MotionEstimate, camera_motion
+from saccade.visual.depth import first_frame, measures_depth
+from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.frontend import (
     FeatureCache,
     FeatureExtractor,
@@ -34,18 +33,17 @@ from saccade.visual.frontend import (
     track,
 )
 from saccade.visual.gaze_control import GazeControl
-from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.lost import LandmarkCounts
+from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.recovery import Recovery
 from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
+from saccade.visual.single_camera import SingleCameraMotionEstimator
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.track_recorder import TrackRecorder
-from saccade.visual.unknown_scale import keep_scale
-from saccade.visual.visual_map import VisualMap
-from saccade.visual.window import SlidingWindow
+from saccade.visual.visual_map import BearingMap, VisualMap
 
 MIN_POINTS = 0.4
 """Fraction of the most tracked points under which a camera that turns detects new ones."""
@@ -140,24 +138,25 @@ class Pipeline:
         first = first_frame(drive)
         self.drive, self.config = drive, config
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
-        self.map = VisualMap(drive, config, has_depth)
-        self._by_odometry = config.egomotion != "camera"
-        if self._by_odometry:
+        if config.egomotion != "camera":
             found = config.egomotion
             require(has_depth, "egomotion", "camera where depth is not measured", found)
-        self.recovery = Recovery(self.map, config)
+            self.motion = MotionEstimator(drive, config)
+        else:
+            self.motion = (StereoMotionEstimator if has_depth else SingleCameraMotionEstimator)(
+                drive, config
+            )
+        kind = VisualMap if has_depth else BearingMap
+        self.map = kind(drive, config, self.motion.planarity)
+        self.recovery = Recovery(self.map, self.motion, config)
         self.tracked = TrackedPoints()
         self.detected: TrackedPoints | None = None
         """The points detected in the last frame; None where none were."""
+        self.control: MotionEstimate = np.zeros(3), np.zeros((3, 3))
+        """The control that led to the last frame, and its covariance."""
         self.turn: CameraTurn | None = None
         """Of the camera in the last frame; None where it is as mounted."""
         self.log = RunLog(drive)
-        self._cameras = drive.camera, drive.camera  # as turned in the last frame and in this one
-        self._camera_trajectory = CameraTrajectory()
-        self._ground = GroundTracker(drive.camera)
-        adjusts = has_depth and config.window > 2 and not self._by_odometry
-        errors = self.map.odometry.errors
-        self._window = SlidingWindow(drive.camera, config, errors) if adjusts else None
         cache = cache if gaze is None else None  # what a frame shows depends on the gaze
         self._extract = FeatureExtractor(drive, config, cache, first, gaze is not None)
         ahead = config.detect_interval if gaze is None else 0
@@ -177,13 +176,11 @@ class Pipeline:
         features = self._detect(number)
         frame, found = features.frame, False
         self.turn = frame.frame.turn
+        self.motion.turn_camera(self.turn)
         self.map.turn_camera(self.turn)
-        self._cameras = self._cameras[1], self.map.camera
         if number > 0:
-            expected, before = self.map.odometry.predict(number), self.tracked
-            motion = self._track(number, frame, expected)
-            adjusted = self._adjust(number, before, expected, motion)
-            self._predict(number, expected, motion, adjusted)
+            before = self.tracked
+            motion = self._move(number, frame)
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
             points = len(before)
             if self.recovery.add_motion(frame, motion, seconds, points, previous_pose):
@@ -205,11 +202,11 @@ class Pipeline:
         if scheduled and not self.recovery.lost:
             chosen = self._attend(number, frame)
             self._initialize(number, chosen)
-        if self._window is not None and self.recovery.lost != was_lost:
-            self._window.restart()
-        if not found:
+        if self.recovery.lost != was_lost:
+            self.motion.restart()
+        if number > 0 and not found:
             step = steps_between(np.stack([previous_pose, self.map.ekf.pose]))[0]
-            self.map.odometry.update_motion_prior(number, step, len(self.tracked))
+            self.motion.update_prior(number, step, len(self.tracked))
         seconds = perf_counter() - start
         self.log.add_pose(self.map.ekf.pose, self.pose_covariance, seconds, self.recovery.lost)
         if not frame.is_blank:
@@ -221,41 +218,35 @@ class Pipeline:
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3) of the pose, with errors of the calibration and the doubt whether it is lost."""
-        covariance = self.map.pose_covariance + self.recovery.doubt
-        if self._window is None:
-            return covariance
-        return covariance + self._window.drift.covariance(float(self.map.ekf.pose[2]))
+        pose, covariance = self.map.ekf.pose, self.map.ekf.pose_covariance
+        return covariance + self.recovery.doubt + self.motion.constant_errors(pose)
 
     def result(self) -> VisualResult:
         """The result of the frames so far."""
-        return self.log.result(self.map, self._window.drift.report() if self._window else None)
+        return self.log.result(self.map, self.motion)
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
         parts = {
             "map": self.map.to_arrays(),
+            "motion": self.motion.to_arrays(),
             "recovery": self.recovery.to_arrays(),
             "log": self.log.to_arrays(),
             "tracked": attribute_arrays(self.tracked),
-            "camera_trajectory": attribute_arrays(self._camera_trajectory),
         }
-        if self._window is not None:
-            parts["window"] = self._window.to_arrays()
         return merge(parts)
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
         self.map.from_arrays(select(arrays, "map"))
+        self.motion.from_arrays(select(arrays, "motion"))
         self.recovery.from_arrays(select(arrays, "recovery"))
         self.log.from_arrays(select(arrays, "log"))
         self.tracked = TrackedPoints(**select(arrays, "tracked"))
-        restore_attributes(self._camera_trajectory, select(arrays, "camera_trajectory"))
-        if self._window is not None:
-            self._window.from_arrays(select(arrays, "window"))
         if self.log.last_visible is not None:
             self._previous = self._extract(self.log.last_visible).frame
-            self.map.turn_camera(self._previous.frame.turn)
-            self._cameras = self.map.camera, self.map.camera
+            for part in (self.motion, self.motion, self.map):
+                part.turn_camera(self._previous.frame.turn)
 
     def _detect(self, number: int) -> FrameFeatures:
         """The frame, and in every `detect_interval`-th the points detected in it."""
@@ -268,7 +259,7 @@ class Pipeline:
         """Detect points ahead of time where a camera that turns has left most of them behind."""
         if features.detected is not None or self.turn is None:
             return features
-        before, now = (camera.rotation[:, 2] for camera in self._cameras)
+        before, now = (camera.rotation[:, 2] for camera in self.motion.cameras)
         turned = np.linalg.norm(now - before) > MIN_TURN
         many = len(self.tracked) > MIN_POINTS * self.config.max_tracks
         leaves = self._gaze is not None and self._gaze.is_leaving
@@ -277,71 +268,27 @@ class Pipeline:
         with self.log.timed("detect"):
             return self._extract.detect(features, number)
 
-    def _track(
-        self, number: int, frame: PreparedFrame, expected: MotionEstimate
-    ) -> Egomotion | None:
-        """Track points into the frame, and estimate the egomotion."""
-        camera, config, before = self.drive.camera, self.config, self.tracked
+    def _move(self, number: int, frame: PreparedFrame) -> Egomotion | None:
+        """Track points into a frame, and predict its pose; returns the egomotion."""
+        expected, before, model = self.motion.predict(number), self.tracked, self.motion
         with self.log.timed("track"):
             self.tracked, motion = track(
-                camera, self._previous, frame, self.tracked, expected, config
+                self.drive.camera, self._previous, frame, before, expected, self.config
             )
-        if motion is not None and self.drive.scale == "held":
-            earlier, now = self._cameras
-            motion = keep_scale(now, before, self.tracked, motion, earlier)
-        seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-        self.log.add_motion(self.map.measured(expected, motion, seconds), motion)
-        turned = frame.frame.turn, self._previous.frame.turn
-        if motion is None or self.map.has_depth or turned != (None, None):
-            return motion
-        previous, current = self._previous.left, frame.left
-        with self.log.timed("ground"):
-            if previous is not None and current is not None:
-                distance = self._ground.distance(previous, current, motion)
-                if distance is not None:
-                    motion = self.map.apply_ground_distance(motion, distance)
-        return motion
-
-    def _adjust(
-        self, number: int, before: TrackedPoints, expected: MotionEstimate, motion: Egomotion | None
-    ) -> MotionEstimate | None:
-        """Adjust the window with the points of a frame, some of them tracked from `before`."""
-        if self._window is None:
-            return None
-        earlier, now = self._cameras
-        pose = camera_motion(now, expected[0], earlier)
-        if motion is not None:
-            pose = motion.rotation, motion.translation
-        current = self.tracked if motion is not None else TrackedPoints()
+            if motion is not None:
+                motion = model.refine(motion, before, self.tracked)
+        self.log.add_motion(model.measured(expected, motion), motion)
         with self.log.timed("adjust"):
-            seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            odometry, points = self.map.odometry.declared, (before, current)
-            adjusted = self._window.add(*points, pose, odometry, seconds, self._cameras)
-        self.log.add_drift(self._window.drift)
-        return adjusted
-
-    def _predict(
-        self,
-        number: int,
-        expected: MotionEstimate,
-        motion: Egomotion | None,
-        adjusted: MotionEstimate | None,
-    ) -> None:
-        """Predict the pose; with a single camera, also triangulate the tracked points."""
-        (earlier, camera), trajectory = self._cameras, self._camera_trajectory
+            points, frames = (before, self.tracked), (self._previous, frame)
+            control, motion = model.join(expected, motion, points, frames)
+            self.tracked = model.with_depth(self.tracked)
+        if model.drift is not None:
+            self.log.add_drift(model.drift)
         with self.log.timed("predict"):
-            if self._by_odometry:
-                self.map.predict_by_odometry(number)
-            else:
-                self.map.predict(number, expected, motion, adjusted)
-        if motion is None:
-            trajectory.append(*camera_motion(camera, expected[0], earlier))
-            return
-        trajectory.append(motion.rotation, motion.translation)
-        if not self.map.has_depth:
-            with self.log.timed("triangulate"):
-                depth, sigma = trajectory.triangulate(camera, self.tracked, self.config.pixel_sigma)
-                self.tracked = replace(self.tracked, depth=depth, depth_sigma=sigma)
+            self.map.rescale(model.scale)
+            self.map.move(number, control)
+        self.control = control
+        return motion
 
     def _update(self, number: int, kind: ObservationKind, points: TrackedPoints) -> None:
         """Observe landmarks, and update the filter."""
@@ -376,7 +323,8 @@ class Pipeline:
     def _relocalize(self, detected: TrackedPoints) -> bool:
         """Search a lost robot by the points whose depth is known; whether it was found."""
         with self.log.timed("relocalize"):
-            return self.recovery.search(detected if self.map.has_depth else self.tracked)
+            known = np.isfinite(detected.depth).any()
+            return self.recovery.search(detected if known else self.tracked)
 
     def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
         """(m,) indices of the tracked points that become landmarks."""
@@ -394,7 +342,7 @@ class Pipeline:
             landmark = self.tracked.landmark.copy()
             landmark[chosen] = self.map.initialize(observations, points.descriptor, number)
             points = replace(points, landmark=landmark[chosen])
-            self.tracked.reidentified[chosen] = self._by_odometry
+            self.tracked.reidentified[chosen] = not self.motion.uses_tracks
             self.map.enforce_budget(landmark[landmark >= 0], number)
             removed = (landmark >= 0) & (self.map.landmarks.rows(landmark) < 0)
             self.tracked = replace(self.tracked, landmark=landmark)[~removed]

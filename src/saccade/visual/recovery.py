@@ -9,9 +9,9 @@ from saccade.slam.recovery import PoseSearch
 from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import Egomotion, MotionEstimate
+from saccade.visual.egomotion import Egomotion
 from saccade.visual.lost import LandmarkCounts, LostTest
-from saccade.visual.motion_prior import camera_error_covariance
+from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.reidentification import descriptor_matches, has_same_height
 from saccade.visual.tables import TrackedPoints
@@ -34,11 +34,14 @@ class Recovery:
 
     Args:
         visual_map: the map, which is kept as it is while the robot is lost.
+        motion: what is known of the steps.
         config: the settings.
     """
 
-    def __init__(self, visual_map: VisualMap, config: VisualConfig) -> None:
-        self._map, self._config = visual_map, config
+    def __init__(
+        self, visual_map: VisualMap, motion: MotionEstimator, config: VisualConfig
+    ) -> None:
+        self._map, self._motion, self._config = visual_map, motion, config
         self.test = LostTest(config.acceleration_sigma)
         self._search: PoseSearch | None = None
         self._hypotheses: PoseHypotheses | None = None  # of a frame with detections
@@ -88,8 +91,8 @@ class Recovery:
             points: number of points tracked in the last frame.
             previous: (3,) pose at the last frame.
         """
-        test, measured = self.test, self._measured(motion, seconds)
-        odometry = self._map.odometry.last
+        test, odometry = self.test, self._motion.odometry
+        measured = None if motion is None else self._motion.measured(odometry, motion)
         if test.evidence == 0.0:
             self._first_doubtful = self._map.next_id
         blind = frame.is_blank and test.is_standing(odometry[0])
@@ -144,13 +147,6 @@ class Recovery:
             min_matched=MIN_MATCHED,
             scans=FRAMES_IN_AGREEMENT,
         )
-
-    def _measured(self, motion: Egomotion | None, seconds: float) -> MotionEstimate | None:
-        """A motion by the camera with all its errors."""
-        if motion is None:
-            return None
-        tilt = self._map.planarity.tilt
-        return motion.control, camera_error_covariance(motion, seconds, self._config, tilt)
 
     def _begin_if_lost(self) -> None:
         """Begin to search; the map is kept without what was added since there is evidence."""

@@ -23,6 +23,7 @@ from saccade.types import (
 )
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.frontend import FrameFeatures
+from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.self_calibration import CalibrationDrift, CalibrationReport
 from saccade.visual.tables import RangeBearings, TrackedPoints
@@ -201,16 +202,14 @@ class RunLog:
         self._pose.append(pose)
         self._covariance.append(covariance)
 
-    def result(
-        self, visual_map: VisualMap, calibration: CalibrationReport | None = None
-    ) -> VisualResult:
+    def result(self, visual_map: VisualMap, motion: MotionEstimator) -> VisualResult:
         """The result of the frames so far."""
         time = self.drive.time[: len(self._pose)]
         odometry = [self.drive.start]
         for control in self.drive.control[: len(time) - 1]:
             odometry.append(compose(odometry[-1], control)[0])
         landmarks, ekf = visual_map.landmarks, visual_map.ekf
-        covariances = visual_map.landmark_covariances
+        covariances = visual_map.landmark_covariances(motion.scale_sigma)
         more = len(self.remarks) - MAX_REMARKS
         others = [f"{more} more frames could not be used"] if more > 0 else []
         return VisualResult(
@@ -230,8 +229,8 @@ class RunLog:
             seconds=dict(self.seconds),
             frame_seconds=np.array(self._frame_seconds),
             lost=np.array(self._lost, np.bool_),
-            calibration=calibration,
-            remarks=(*self.remarks[:MAX_REMARKS], *others, *visual_map.planarity.remarks()),
+            calibration=motion.drift.report() if motion.drift else None,
+            remarks=(*self.remarks[:MAX_REMARKS], *others, *motion.planarity.remarks()),
         )
 
     def to_arrays(self) -> Arrays:

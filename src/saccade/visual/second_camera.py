@@ -31,7 +31,7 @@ def measure_odometry(drive: Drive, second: Drive, config: VisualConfig | None = 
     with Pipeline(second, settings) as pipeline:
         for number in range(len(second)):
             pipeline.step(number)
-            steps.append(pipeline.map.control)
+            steps.append(pipeline.control)
     control, covariance = (np.array(each) for each in zip(*steps[1:], strict=True))
     unbiased = (0.0, 0.0, 0.0)  # the covariances include calibration errors
     return replace(drive, control=control, control_covariance=covariance, odometry_bias=unbiased)

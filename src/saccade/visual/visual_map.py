@@ -1,4 +1,4 @@
-"""The map of a drive: the filter and its landmarks."""
+"""The map of a drive: the filter, its landmarks, and how the camera observes them."""
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -14,15 +14,8 @@ from saccade.slam.scans import NO_SCAN, Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import Egomotion, MotionEstimate
-from saccade.visual.ground_scale import DISTANCE_NOISE
-from saccade.visual.motion_prior import (
-    Planarity,
-    camera_error_covariance,
-    correlation_factor,
-    fuse,
-)
-from saccade.visual.odometry_model import OdometryModel
+from saccade.visual.egomotion import MotionEstimate
+from saccade.visual.motion_prior import Planarity, correlation_factor
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
@@ -31,23 +24,22 @@ MIN_RESCALE = 1e-3
 
 
 class VisualMap:
-    """EKF-SLAM over the landmarks of a drive.
+    """EKF-SLAM over the landmarks of a drive, whose camera measures their ranges.
 
     Args:
         drive: start, camera and odometry.
         config: standard deviations and budget.
-        has_depth: whether the frames measure depth.
+        planarity: tilt of the robot.
     """
 
-    def __init__(self, drive: Drive, config: VisualConfig, has_depth: bool) -> None:
-        self._drive, self._config, self.has_depth = drive, config, has_depth
+    measures_range = True
+    """Whether an observation tells the range of a landmark."""
+
+    def __init__(self, drive: Drive, config: VisualConfig, planarity: Planarity) -> None:
+        self._drive, self._config, self._planarity = drive, config, planarity
         self.camera = drive.camera
         self._turn_sigma = 0.0
-        relative_sigma = config.relative_motion_sigma[0], config.relative_height_sigma
-        self.odometry = OdometryModel(
-            drive, has_depth, relative_sigma[0 if has_depth else 1], config.acceleration_sigma
-        )
-        self._map_scale = self.odometry.errors.factor
+        self._scale = 1.0
         settings = EkfConfig(
             filter="invariant",
             association="known",
@@ -62,36 +54,22 @@ class VisualMap:
         """Steps the filter; the names of its landmarks are their ids."""
         self.landmarks = Landmarks()
         self._next_id = 0
-        self.planarity = Planarity(float(np.radians(config.tilt_sigma)))
-        self.control: MotionEstimate = np.zeros(3), np.zeros((3, 3))
-        """The control that led to the present frame, and its covariance."""
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
-        parts = {name: attribute_arrays(part) for name, part in self._parts().items()}
-        parts |= {"slam": self.slam.to_arrays(), "landmarks": attribute_arrays(self.landmarks)}
+        parts = {"slam": self.slam.to_arrays(), "landmarks": attribute_arrays(self.landmarks)}
         return attribute_arrays(self) | merge(parts)
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
-        restore_attributes(self, arrays)
+        restore_attributes(self, {name: each for name, each in arrays.items() if "." not in name})
         self.slam.from_arrays(select(arrays, "slam"))
         self.landmarks = Landmarks(**select(arrays, "landmarks"))
-        for name, part in self._parts().items():
-            restore_attributes(part, select(arrays, name))
-
-    def _parts(self) -> dict[str, object]:
-        return {
-            "tilt": self.planarity,
-            "odometry": self.odometry,
-            "motion_prior": self.odometry.motion_prior,
-            "odometry_errors": self.odometry.errors,
-        }
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
         """Set how the camera is turned in the frames from now on."""
         self.camera = self._drive.camera.turned(turn)
-        self._turn_sigma = self.odometry.turn_sigma = 0.0 if turn is None else turn.sigma
+        self._turn_sigma = 0.0 if turn is None else turn.sigma
 
     @property
     def ekf(self) -> EkfSlam:
@@ -103,118 +81,33 @@ class VisualMap:
         """Id of the next landmark."""
         return self._next_id
 
-    def predict(
-        self,
-        number: int,
-        expected: MotionEstimate,
-        motion: Egomotion | None,
-        adjusted: MotionEstimate | None = None,
-    ) -> None:
-        """Predict the pose of a frame after the first.
-
-        Args:
-            number: of the frame.
-            expected: result of `OdometryModel.predict`, used where there is nothing else.
-            motion: egomotion by the camera, if any.
-            adjusted: control and covariance by the sliding window, which includes odometry.
-        """
-        seconds = self._seconds(number)
-        if motion is not None:
-            self.planarity.update(motion.off_plane, seconds)
-            if adjusted is not None:
-                motion = motion._replace(control=adjusted[0], covariance=adjusted[1])
-        if motion is None and adjusted is not None:
-            control = adjusted  # the window knows the errors of odometry
-        else:
-            control = self.measured(expected, motion, seconds)
-        if motion is not None and adjusted is None:
-            self.odometry.learn(control)
-            if self.has_depth:
-                control = fuse(control, self.odometry.last)
-        self._move(number, control)
-
-    def measured(
-        self, expected: MotionEstimate, motion: Egomotion | None, seconds: float
-    ) -> MotionEstimate:
-        """The last step by the camera, as expected where it failed.
-
-        Its covariance includes errors of the calibration and tilt, or those of odometry.
-        """
-        if motion is None:
-            return self.odometry.with_systematic_errors(expected)
-        tilt = self.planarity.tilt
-        return motion.control, camera_error_covariance(motion, seconds, self._config, tilt)
-
-    def predict_by_odometry(self, number: int) -> None:
-        """Predict the pose of a frame after the first by odometry; its biases are estimated."""
-        drive = self._drive
-        self._move(number, (drive.control[number - 1], drive.control_covariance[number - 1]))
-
-    def _move(self, number: int, control: MotionEstimate) -> None:
-        """Move the robot to the pose of a frame by a control (3,) with covariance (3, 3)."""
-        self.control = control
+    def move(self, number: int, control: MotionEstimate) -> None:
+        """Predict the pose of a frame by a control (3,) with covariance (3, 3)."""
         self.slam.process(Scan(float(self._drive.time[number]), control, *NO_SCAN))
 
-    def apply_ground_distance(self, motion: Egomotion, distance: float) -> Egomotion:
-        """Update the scale of odometry by a distance over the ground in metres.
+    def rescale(self, scale: float) -> None:
+        """Let the map have a scale, with which it begins as 1."""
+        change = scale / self._scale
+        if abs(change - 1) > MIN_RESCALE:
+            self.ekf.rescale(change, self._drive.start[:2])
+            self._scale = scale
 
-        Rescales the map, and returns the motion with a length from odometry and the ground.
-        """
-        factor = self.odometry.errors.factor
-        ratio = distance / float(np.linalg.norm(motion.translation))
-        self.odometry.errors.update_scale(ratio)
-        change = self.odometry.errors.factor / factor
-        rescaling = self.odometry.errors.factor / self._map_scale
-        if abs(rescaling - 1) > MIN_RESCALE:
-            self.ekf.rescale(rescaling, self._drive.start[:2])
-            self._map_scale = self.odometry.errors.factor
-        length = float(np.hypot(*motion.control[:2]))
-        direction = np.append(motion.control[:2] / length, 0.0)
-        cross_covariance = motion.covariance @ direction
-        variance = float(direction @ cross_covariance) + (DISTANCE_NOISE * length) ** 2
-        innovation = (ratio / self.odometry.errors.camera_factor - change) * length
-        control = motion.control + cross_covariance * innovation / variance
-        covariance = motion.covariance - np.outer(cross_covariance, cross_covariance) / variance
-        return motion._replace(
-            control=control,
-            translation=motion.translation * (float(np.hypot(*control[:2])) / length),
-            covariance=(covariance + covariance.T) / 2,
-        )
-
-    def _seconds(self, number: int) -> float:
-        return float(self._drive.time[number] - self._drive.time[number - 1])
-
-    @property
-    def pose_covariance(self) -> FloatArray:
-        """(3, 3) of the pose, with the uncertainty of a single camera's scale."""
-        if self.has_depth:
-            return self.ekf.pose_covariance
-        sigma = self.odometry.errors.scale_sigma
-        by_scale = sigma * np.append(self.ekf.pose[:2] - self._drive.start[:2], 0.0)
-        return self.ekf.pose_covariance + np.outer(by_scale, by_scale)
-
-    @property
-    def landmark_covariances(self) -> FloatArray:
-        """(n, 2, 2) of the landmarks, with the uncertainty of a single camera's scale."""
-        if self.has_depth:
-            return self.ekf.landmark_covariances
+    def landmark_covariances(self, scale_sigma: float) -> FloatArray:
+        """(n, 2, 2) of the landmarks, with an uncertainty of the map's scale as a fraction."""
         offset = self.ekf.landmarks - self._drive.start[:2]
-        by_scale = self.odometry.errors.scale_sigma**2 * offset[:, :, None] * offset[:, None]
-        return self.ekf.landmark_covariances + by_scale
+        by_scale = scale_sigma**2 * offset[:, :, None] * offset[:, None]
+        return np.asarray(self.ekf.landmark_covariances + by_scale)
 
     def observe(
         self, points: TrackedPoints, expected: PredictedObservations | None = None
     ) -> tuple[RangeBearings, BoolArray]:
         """Observations of k points, and (k,) whether each is usable: its range is certain.
 
-        A single camera observes landmarks of the map, whose `expected` observations are given, by
-        their bearing alone: its ranges follow from the motion itself.
+        Args:
+            points: the points.
+            expected: observations of the landmarks that they are, if they are in the map.
         """
-        camera, config, tilt = self.camera, self._config, self.planarity.tilt
-        if expected is None or self.has_depth:
-            return observe(camera, points, config, tilt)
-        bearings = observe_bearings(camera, points, expected.z[:, 0], config, tilt)
-        return bearings, np.ones(len(points), np.bool_)
+        return observe(self.camera, points, self._config, self._planarity.tilt)
 
     def predict_observations(self, rows: IntArray) -> PredictedObservations:
         """Predicted observations of landmarks (k,)."""
@@ -244,7 +137,8 @@ class VisualMap:
         if len(rows):
             R = self._covariance(observations, int(reidentified.sum()))
             if number > 0:  # observations of a track share the error of its first one
-                R = R * correlation_factor(self._seconds(number), self._config)
+                seconds = float(self._drive.time[number] - self._drive.time[number - 1])
+                R = R * correlation_factor(seconds, self._config)
             self.correct(rows[reidentified], observations.z[reidentified], R[reidentified])
             landmarks = self.landmarks
             landmarks.observations[rows] += 1
@@ -321,3 +215,20 @@ class VisualMap:
         fraction, degrees = self._config.shared_error_sigma
         bearing = float(np.radians(degrees))
         return fraction, float(np.hypot(bearing, self._turn_sigma)) if self._turn_sigma else bearing
+
+
+class BearingMap(VisualMap):
+    """EKF-SLAM over the landmarks of a single camera: its ranges follow from the motion itself."""
+
+    measures_range = False
+
+    def observe(
+        self, points: TrackedPoints, expected: PredictedObservations | None = None
+    ) -> tuple[RangeBearings, BoolArray]:
+        """Observations of k points; those of landmarks of the map are bearings alone."""
+        if expected is None:
+            return super().observe(points)
+        bearings = observe_bearings(
+            *(self.camera, points, expected.z[:, 0], self._config, self._planarity.tilt)
+        )
+        return bearings, np.ones(len(points), np.bool_)

@@ -1,0 +1,224 @@
+"""The motion of the robot from frame to frame: what odometry and the camera say of it, joined."""
+
+import numpy as np
+
+from saccade.frames import CameraTurn, Drive
+from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.types import FloatArray
+from saccade.visual.config import VisualConfig
+from saccade.visual.egomotion import Egomotion, MotionEstimate, camera_motion
+from saccade.visual.motion_prior import MotionPrior, Planarity, camera_error_covariance
+from saccade.visual.odometry_model import OdometryErrors
+from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.self_calibration import CalibrationDrift
+from saccade.visual.tables import TrackedPoints
+from saccade.visual.window import SlidingWindow
+
+MIN_SCALE_SIGMA = 0.02
+"""Least standard deviation of odometry's scale where the camera measures distances."""
+MIN_TURN_BIAS_SIGMA = 0.02
+"""Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
+
+
+class MotionEstimator:
+    """The steps of a drive by odometry alone; a camera that measures depth only maps.
+
+    Args:
+        drive: its odometry, with standard deviations of the errors.
+        config: standard deviations of the other errors.
+    """
+
+    uses_tracks = False
+    """Whether the pixels of tracked points measure the motion, and so cannot correct the map."""
+
+    def __init__(self, drive: Drive, config: VisualConfig) -> None:
+        self._drive, self._config = drive, config
+        _, turn_per_metre, _ = drive.odometry_bias
+        seconds = float(drive.time[-1] - drive.time[0])
+        distance = float(np.hypot(*drive.control[:, :2].T).sum())
+        mean_speed = distance / seconds if seconds > 0 else 0.0
+        turn_sigma = float(np.hypot(MIN_TURN_BIAS_SIGMA, turn_per_metre * mean_speed))
+        self.errors = OdometryErrors(*self._scale_sigmas(), turn_sigma)
+        self.planarity = Planarity(float(np.radians(config.tilt_sigma)))
+        self.cameras = drive.camera, drive.camera
+        """As turned in the last frame and in this one."""
+        self._turn_sigma = 0.0
+        speed_sigma, turn_rate_sigma = config.acceleration_sigma
+        self._prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
+        self._declared: MotionEstimate = np.zeros(3), np.zeros((3, 3))
+        self._step = self._declared  # without its systematic errors
+        self._seconds = 0.0
+
+    def turn_camera(self, turn: CameraTurn | None) -> None:
+        """Set how the camera is turned in this frame."""
+        self.cameras = self.cameras[1], self._drive.camera.turned(turn)
+        self._turn_sigma = 0.0 if turn is None else turn.sigma
+
+    def predict(self, number: int) -> MotionEstimate:
+        """The control expected to lead to a frame after the first.
+
+        Odometry without its systematic errors, fused with the last motion.
+        """
+        self._seconds = float(self._drive.time[number] - self._drive.time[number - 1])
+        control, covariance = self._drive.control[number - 1], self._drive.control_covariance
+        self._declared = control, covariance[number - 1]
+        self._step = self.errors.corrected(control, self._seconds), covariance[number - 1]
+        if self._turn_sigma:  # of both frames: the camera's turn is compared with odometry's
+            by_turns = np.diag([0.0, 0.0, 2 * self._turn_sigma**2])
+            self._step = self._step[0], self._step[1] + by_turns
+        return self._prior.predict(*self._step, self._seconds)
+
+    @property
+    def odometry(self) -> MotionEstimate:
+        """The last step by odometry; its covariance includes the systematic errors that remain."""
+        return self._with_systematic_errors(self._step)
+
+    def measured(self, expected: MotionEstimate, motion: Egomotion | None) -> MotionEstimate:
+        """The last step by the camera, as expected where it failed.
+
+        Its covariance includes errors of the calibration and tilt, or those of odometry.
+        """
+        if motion is None:
+            return self._with_systematic_errors(expected)
+        tilt = self.planarity.tilt
+        return motion.control, camera_error_covariance(motion, self._seconds, self._config, tilt)
+
+    def refine(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
+        """Egomotion by what the points (k,) of two frames tell of its length."""
+        return motion
+
+    def join(
+        self,
+        expected: MotionEstimate,
+        motion: Egomotion | None,
+        points: tuple[TrackedPoints, TrackedPoints],
+        frames: tuple[PreparedFrame, PreparedFrame],
+    ) -> tuple[MotionEstimate, Egomotion | None]:
+        """Join what is known of the last step: here, odometry alone.
+
+        Args:
+            expected: result of `predict`, used where there is nothing else.
+            motion: egomotion by the camera, if any.
+            points: of the last frame, and those that were tracked into this one.
+            frames: the two.
+
+        Returns:
+            The control that leads from the estimate of the last pose to that of this one, with its
+            covariance; and the egomotion with what was learnt of its scale.
+        """
+        return self._declared, motion
+
+    def with_depth(self, points: TrackedPoints) -> TrackedPoints:
+        """The tracked points (k,) with the depths that the motion so far tells of."""
+        return points
+
+    def restart(self) -> None:
+        """Forget the motions so far: after a gap they tell nothing of the next one."""
+
+    def constant_errors(self, pose: FloatArray) -> FloatArray:
+        """(3, 3) covariance of a pose (3,) by errors that are constant over the drive."""
+        return np.zeros((3, 3))
+
+    @property
+    def scale(self) -> float:
+        """True distances over those of the first steps."""
+        return 1.0
+
+    @property
+    def scale_sigma(self) -> float:
+        """Standard deviation of the scale of the whole map, as a fraction of it."""
+        return 0.0
+
+    @property
+    def drift(self) -> CalibrationDrift | None:
+        """What errors of the calibration have done to the pose; None where they are not known."""
+        return None
+
+    def update_prior(self, number: int, step: FloatArray, observations: int) -> None:
+        """Update the prediction by the step (3,) to a frame, after all updates of the pose.
+
+        Args:
+            number: of the frame.
+            step: to it.
+            observations: number of points that were tracked into it.
+        """
+        covariance = self._drive.control_covariance[number - 1] / (1 + observations) ** 2
+        self._prior.update(step, covariance, self._seconds)
+
+    def to_arrays(self) -> Arrays:
+        """The state as named arrays, for a checkpoint."""
+        parts = {name: attribute_arrays(part) for name, part in self._parts().items()}
+        return attribute_arrays(self) | merge(parts)
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore the state from the arrays of `to_arrays`."""
+        own = {name: array for name, array in arrays.items() if "." not in name}
+        restore_attributes(self, own)
+        for name, part in self._parts().items():
+            restore_attributes(part, select(arrays, name))
+
+    def _parts(self) -> dict[str, object]:
+        return {"errors": self.errors, "planarity": self.planarity, "prior": self._prior}
+
+    def _scale_sigmas(self) -> tuple[float, float]:
+        """Of the fractions by which true distances exceed odometry's, and the camera's the true."""
+        by_odometry = float(np.hypot(self._drive.odometry_bias[0], MIN_SCALE_SIGMA))
+        return by_odometry, self._config.relative_motion_sigma[0]
+
+    def _with_systematic_errors(self, step: MotionEstimate) -> MotionEstimate:
+        return step[0], step[1] + self.errors.step_covariance(step[0], self._seconds)
+
+
+class StereoMotionEstimator(MotionEstimator):
+    """The motion by odometry and a camera that measures depth, adjusted over a sliding window."""
+
+    uses_tracks = True
+
+    def __init__(self, drive: Drive, config: VisualConfig) -> None:
+        super().__init__(drive, config)
+        self._window = SlidingWindow(drive.camera, config, self.errors)
+
+    def join(
+        self,
+        expected: MotionEstimate,
+        motion: Egomotion | None,
+        points: tuple[TrackedPoints, TrackedPoints],
+        frames: tuple[PreparedFrame, PreparedFrame],
+    ) -> tuple[MotionEstimate, Egomotion | None]:
+        """The last step of the window, which knows the errors of odometry."""
+        before, current = points
+        earlier, now = self.cameras
+        if motion is None:
+            pose, current = camera_motion(now, expected[0], earlier), TrackedPoints()
+        else:
+            pose = motion.rotation, motion.translation
+            self.planarity.update(motion.off_plane, self._seconds)
+        control, covariance = self._window.add(
+            *(before, current, pose, self._step, self._seconds, self.cameras)
+        )
+        if motion is None:
+            return (control, covariance), None
+        adjusted = motion._replace(control=control, covariance=covariance)
+        return self.measured(expected, adjusted), motion
+
+    def restart(self) -> None:
+        """Forget all frames but the last."""
+        self._window.restart()
+
+    def constant_errors(self, pose: FloatArray) -> FloatArray:
+        """(3, 3) covariance of a pose (3,) by errors of the calibration."""
+        return self._window.drift.covariance(float(pose[2]))
+
+    @property
+    def drift(self) -> CalibrationDrift | None:
+        """What errors of the calibration have done to the pose."""
+        return self._window.drift
+
+    def to_arrays(self) -> Arrays:
+        """The state as named arrays, for a checkpoint."""
+        return super().to_arrays() | merge({"window": self._window.to_arrays()})
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore the state from the arrays of `to_arrays`."""
+        super().from_arrays(arrays)
+        self._window.from_arrays(select(arrays, "window"))
