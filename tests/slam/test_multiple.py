@@ -107,19 +107,6 @@ def test_a_log_is_resumed_and_taken_apart_with_the_same_bits():
     assert live.hypotheses.alive[0].weight == 0.0
 
 
-def test_a_map_is_saved_and_gone_on_with(tmp_path):
-    log = without_names(clustered_world(2, steps=160))
-    live = slam.slam_for(log, MULTIPLE)
-    slam.run(log, initial=live)
-    live.save(tmp_path / "map.npz")
-    loaded = Slam.load(tmp_path / "map.npz")
-    k = log.observation_pose == log.observation_pose[-1]
-    scan = log.observation[k], log.observation_covariance[k]
-    found, expected = (each.step(41.0, z=scan[0], R=scan[1]) for each in (loaded, live))
-    np.testing.assert_allclose(found.pose, expected.pose, atol=1e-9)
-    np.testing.assert_array_equal(found.association, expected.association)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_alternatives_are_those_of_all_joint_associations(seed):
     rng = np.random.default_rng(seed)
