@@ -88,13 +88,6 @@ class TestTum:
         np.testing.assert_allclose(steps, along, atol=1e-5)
         np.testing.assert_allclose(drive.truth_off_plane, 0, atol=1e-5)
 
-    def test_without_wheels_nothing_is_known_of_the_way(self, tmp_path):
-        drive = load_drive("tum-rgbd", self.write(tmp_path / "fr1"))
-        assert not drive.control.any()
-        np.testing.assert_allclose(
-            np.sqrt(np.diagonal(drive.control_covariance[0])), np.array([2, 2, 1]) / 30, rtol=1e-3
-        )
-
     def test_frames_out_of_order_or_twice_are_mended_and_told(self, tmp_path):
         folder = self.write(tmp_path / "fr1")
         lines = (folder / "rgb.txt").read_text().splitlines()

@@ -146,25 +146,6 @@ def test_rmse_of_five_robots_of_one_configuration(five):
 
 
 @pytest.mark.shared
-def test_noise_that_is_twice_or_half_as_large_changes_little(set_six, five):
-    log = five[2][0]  # robot 3, some of whose bearings are wrong
-    for factor in (0.5, 2.0):
-        result = slam.run(log, slam.EkfConfig(sensor_noise_scale=factor))
-        assert position_rmse(result.trajectory, log.truth) < 0.25
-
-
-@pytest.mark.shared
-def test_without_weights_the_wrong_bearings_do_harm(set_six, five):
-    """Otherwise the other tests show nothing of the weights."""
-    log, _ = five[2]
-    weighted, plain = (
-        slam.run(log, slam.EkfConfig(huber=k, association="known")) for k in (1.345, np.inf)
-    )
-    rmse = [position_rmse(r.trajectory, log.truth) for r in (weighted, plain)]
-    assert rmse[0] < 0.3 * rmse[1]
-
-
-@pytest.mark.shared
 def test_hidden_names_are_not_made_up(five):
     """The fifteen bars stand in six groups, 0.18 m apart: odometry cannot tell all of them."""
     rmse = []
