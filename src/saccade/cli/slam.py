@@ -38,8 +38,7 @@ from saccade.slam import (
 )
 from saccade.slam.consistency import chi_square_band
 from saccade.slam.merging import merge_maps
-from saccade.slam.run import motion_of, slam_for
-from saccade.slam.sessions import find_start
+from saccade.slam.run import find_start, motion_of, slam_for
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 from saccade.viewing import innovation_figure, map_figure, map_frames, save_figures
 from saccade.viewing.live import LiveMap, save_rrd

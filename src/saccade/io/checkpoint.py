@@ -175,13 +175,15 @@ def select(arrays: Arrays, part: str) -> Arrays:
     }
 
 
-def attribute_arrays(part: object) -> Arrays:
+def attribute_arrays(part: object, *names: str) -> Arrays:
     """The attributes of an object that are numbers, text, arrays, or lists or dicts of such.
 
-    Others, and those that are None or empty, are left out.
+    Others, and those that are None or empty, are left out; with names, all but these.
     """
     arrays: Arrays = {}
     for name, value in vars(part).items():
+        if names and name not in names:
+            continue
         if isinstance(value, dict):
             arrays[f"{name}.keys"] = np.array(list(value))
             arrays[f"{name}.values"] = np.array(list(value.values()))

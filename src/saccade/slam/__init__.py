@@ -24,8 +24,7 @@ from saccade.slam.models import (
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import Innovation, PoseHypotheses, RelocalizationConfig, StepResult
-from saccade.slam.run import SlamResult, dead_reckon, run, slam_for
-from saccade.slam.sessions import find_start
+from saccade.slam.run import SlamResult, dead_reckon, find_start, run, slam_for
 from saccade.slam.smoothing import SmoothResult, smooth
 from saccade.slam.snapshots import Recorder
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saccade.io.checkpoint import Arrays
+from saccade.io.checkpoint import Arrays, attribute_arrays, restore_attributes
 from saccade.slam.association._kernels import DROPPED
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -18,8 +18,8 @@ UNKNOWN = 4.0
 """Expectations that are added to those of a bin: of a new bin no detection is expected."""
 PER_LANDMARK = ("observed", "last_observed", "is_confirmed", "detected", "expected", "culled")
 """Attributes of `Culling` with a row for each landmark."""
-NUMBERS = ("scans", "ambiguous", "forgotten", "removed", "reach", "log_likelihood")
-"""Attributes of `Culling` that are numbers."""
+NUMBERS = ("bins", "scans", "ambiguous", "forgotten", "removed", "reach", "log_likelihood")
+"""Attributes of `Culling` that change from scan to scan, too."""
 
 
 class Culling:
@@ -266,12 +266,11 @@ class Culling:
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
-        return {name: np.array(getattr(self, name)) for name in (*PER_LANDMARK, *NUMBERS, "bins")}
+        return attribute_arrays(self, *PER_LANDMARK, *NUMBERS)
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        for name, array in arrays.items():
-            setattr(self, name, array.item() if name in NUMBERS else array)
+        restore_attributes(self, arrays)
 
 
 def numbers_of_kept(kept: BoolArray) -> IntArray:

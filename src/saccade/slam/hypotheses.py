@@ -6,11 +6,18 @@ probable ones are kept. The alternatives are joint associations of the scan (Nei
 """
 
 import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.io.checkpoint import Arrays, arrays_of, merge, select
+from saccade.io.checkpoint import (
+    Arrays,
+    arrays_of,
+    attribute_arrays,
+    merge,
+    restore_attributes,
+    select,
+)
 from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives, log_determinant
 from saccade.slam.consistency import normalized_squared
@@ -50,6 +57,8 @@ less than the first, a fraction of their standard deviations: then they differ i
 of few scans, not in what is in the map. Differences of landmarks under the second, a fraction of
 the standard deviation of an observation, and of the heading under the third, in radians, never
 count."""
+STATE = ("weight", "wrong", "association", "co_observations", "refused")
+"""Attributes of `Hypothesis` that are saved, beside its parts."""
 MAX_LANDMARKS = 24
 """Of the map of the most probable hypothesis, from which it is the only one: they then cost more
 than a step, and a robot that has come so far is seldom in doubt about a few."""
@@ -82,9 +91,7 @@ class Hypothesis:
 
     def copy(self) -> "Hypothesis":
         """An independent one that is equal."""
-        other = replace(self, ekf=copy.copy(self.ekf), culling=copy.copy(self.culling))
-        other.from_arrays({name: array.copy() for name, array in self.to_arrays().items()})
-        return other
+        return copy.deepcopy(self)
 
     def predict(self, scan: Scan) -> None:
         """Move the robot (C.5-C.9)."""
@@ -248,19 +255,13 @@ class Hypothesis:
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, between two steps."""
         parts = {"ekf": arrays_of("ekf", self.ekf), "culling": arrays_of("culling", self.culling)}
-        arrays: Arrays = {
-            "co_observations": self.co_observations,
-            "association": self.association,
-            "refused": self.refused,
-        }
-        return {**merge(parts), **arrays, "numbers": np.array([self.weight, self.wrong])}
+        return merge(parts) | attribute_arrays(self, *STATE)
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         self.ekf.from_arrays(select(arrays, "ekf"))
         self.culling.from_arrays(select(arrays, "culling"))
-        self.co_observations, self.association = arrays["co_observations"], arrays["association"]
-        self.refused, (self.weight, self.wrong) = arrays["refused"], arrays["numbers"].tolist()
+        restore_attributes(self, {name: arrays[name] for name in STATE})
 
 
 class Hypotheses:

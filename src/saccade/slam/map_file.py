@@ -1,11 +1,11 @@
 """Map files: the whole state of a `Slam` in one .npz, for another day or another robot.
 
-Plain arrays, named after the part of the `Slam` and the array in it: `associate.identity`,
+Plain arrays, named after the part of the `Slam` and the array in it: `associate.number.keys`,
 `hypotheses.0.ekf.state`. Nothing in the file is executed when it is read.
 """
 
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -21,39 +21,33 @@ KIND = "landmark map of saccade slam"
 """What the file says it is."""
 
 
-@dataclass(frozen=True, eq=False)
-class SavedMap:
-    """The content of a map file."""
-
-    config: EkfConfig
-    """Settings of the filter that made it."""
-    models: dict[str, Any]
-    """Names of the motion model, the sensor model and the association rule, and the further
-    arguments of `Slam`."""
-    arrays: Arrays
-    """State of the parts of the `Slam`, and `sessions` and `descriptors` (see `Slam`)."""
-
-
-def write_map(path: str | Path, saved: SavedMap) -> None:
+def write_map(path: str | Path, config: EkfConfig, models: dict[str, Any], arrays: Arrays) -> None:
     """Write a map file, whole or not at all.
+
+    Args:
+        path: the file.
+        config: settings of the filter that made the map.
+        models: names of the motion model, the sensor model and the association rule, and the
+            further arguments of `Slam`.
+        arrays: state of the parts of the `Slam`, and its `sessions` and `descriptors`.
 
     Raises:
         OutputError: the file cannot be written.
     """
     arrays = {
-        **saved.arrays,
+        **arrays,
         "kind": np.array(KIND),
         "format": np.array(FORMATS["slam_map"]),
-        "config": np.array(json.dumps(asdict(saved.config))),
-        "models": np.array(json.dumps(saved.models)),
+        "config": np.array(json.dumps(asdict(config))),
+        "models": np.array(json.dumps(models)),
     }
     arrays["checksum"] = np.array(checksum(arrays))
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         save_arrays(file, arrays, compressed=False)
 
 
-def read_map(path: str | Path) -> SavedMap:
-    """Read a map file.
+def read_map(path: str | Path) -> tuple[EkfConfig, dict[str, Any], Arrays]:
+    """Read what `write_map` wrote: settings, models and arrays.
 
     Raises:
         LogError: it cannot be read, is damaged, no map, or of another version.
@@ -74,8 +68,5 @@ def read_map(path: str | Path) -> SavedMap:
     settings = json.loads(str(arrays["config"]))
     settings["start_sigma"] = tuple(settings["start_sigma"])
     known = {field.name for field in fields(EkfConfig)}  # those of an older version may be gone
-    return SavedMap(
-        config=EkfConfig(**{name: value for name, value in settings.items() if name in known}),
-        models=json.loads(str(arrays["models"])),
-        arrays=arrays,
-    )
+    config = EkfConfig(**{name: value for name, value in settings.items() if name in known})
+    return config, json.loads(str(arrays["models"])), arrays

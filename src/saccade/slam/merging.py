@@ -20,7 +20,6 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import RelocalizationConfig
-from saccade.slam.sessions import drop_candidates
 from saccade.types import FloatArray, IntArray
 
 GATE = chi_square_gate(2, 0.99)
@@ -96,7 +95,7 @@ def merge_maps(first: Slam, second: Slam, config: MergeConfig = MergeConfig()) -
     """
     first, second = copy.deepcopy(first), copy.deepcopy(second)
     for each in (first, second):
-        drop_candidates(each)
+        each.remove_candidates()
     maps = _Maps.of(first, second, first.number(second.identities, second.text_names))
     _, by_name, other = np.intersect1d(*maps.names, return_indices=True)
     named = maps.names[0][by_name] >= 0

@@ -5,10 +5,11 @@ from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag
 
-from saccade.errors import require
+from saccade.errors import ConfigError, LogError, require
 from saccade.io.checkpoint import Arrays, Stateful, arrays_of, merge, select
-from saccade.landmark_names import name_texts, renumber, stored_texts
+from saccade.landmark_names import name_texts, number_names, renumber, stored_texts
 from saccade.slam.association._kernels import DROPPED, NEW
 from saccade.slam.association.identities import GatedIdentity, association_rule
 from saccade.slam.association.rule import Association, KnownIdentity
@@ -18,9 +19,21 @@ from saccade.slam.culling import Culling, numbers_of_kept
 from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import new_innovations
+from saccade.slam.filter.validation import (
+    MIN_SIGMA,
+    as_array,
+    as_number,
+    as_numbers,
+    check_covariance,
+    check_noise,
+    check_range_bearing,
+    require_shape,
+)
 from saccade.slam.hypotheses import Hypotheses, Hypothesis
 from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
+from saccade.slam.map_file import read_map, write_map
 from saccade.slam.models import (
+    MOTIONS,
     RANGE_BEARING,
     MotionModel,
     RangeBearing,
@@ -30,11 +43,14 @@ from saccade.slam.models import (
 )
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import PoseHypotheses, StepResult, check_diverged
-from saccade.slam.scans import Scan, validated_scan
+from saccade.slam.scans import NO_SCAN, Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MODES = ("continue", "localize")
 """What a robot does with a map that was saved."""
+START_SIGMA = (0.5, 0.5, 0.1)
+"""Metres and radians: standard deviation of a start in a map, if neither it nor the settings say
+one."""
 NONE = np.empty(0, np.int64)
 """No landmarks."""
 NOTHING_OBSERVED = NONE, *new_innovations(0), np.zeros(0, np.bool_), NONE
@@ -135,7 +151,7 @@ class Slam:
         """Landmarks that were added to the map before each session, which `load` begins."""
         self.descriptors: npt.NDArray[Any] | None = None
         """(m, d) of the first m landmarks, if their user gives any; removed with the landmarks."""
-        self.arguments = {"odometry_bias": odometry_bias}
+        self._odometry_bias = odometry_bias
         self.motion = motion
         """The motion model."""
         self._control_size = (
@@ -180,12 +196,44 @@ class Slam:
         Raises:
             LogError: the estimate diverged, or an argument is invalid; then nothing has changed.
         """
-        arguments = time, control, U, z, R, names
-        known = self._time, self._control_size, self.text_names, self.ekf.models.observes_ranges
-        scan, text_names = validated_scan(self.config, *arguments, *known)
+        scan, text_names = self._validated(time, control, U, z, R, names)
         result = self.process(scan)
         self._time, self.text_names = scan.time, text_names
         return result
+
+    def _validated(
+        self,
+        time: object,
+        control: npt.ArrayLike | None,
+        U: npt.ArrayLike | None,
+        z: npt.ArrayLike | None,
+        R: npt.ArrayLike | None,
+        names: npt.ArrayLike | None,
+    ) -> tuple[Scan, tuple[str, ...]]:
+        """The arguments of `step`, copied, and the table of the names that are text."""
+        seconds, motion, text_names = as_number("time", time), None, self.text_names
+        if seconds < self._time:
+            raise LogError(f"time: expected {self._time:g} or later, found {seconds:g}")
+        if control is not None:
+            c = self._control_size or np.size(control)
+            u = np.array(as_array("control", (c,), control), np.float64)
+            U = np.array(as_array("covariance of the control", (c, c), U), np.float64)
+            check_noise("control", u[None], U[None], self.config.motion_noise_scale**2)
+            motion = u, U
+        z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
+        k = len(z)
+        identity = np.full(k, -1)
+        if names is not None:
+            identity, text_names = number_names(names, text_names)
+            require_shape("names", (k,), identity)
+        z = as_array("observations", (k, 2), z).astype(np.float64)
+        R = as_array("covariances of the observations", (k, 2, 2), R).astype(np.float64)
+        if k == 0:
+            return Scan(seconds, motion, *NO_SCAN), text_names
+        if self.ekf.models.observes_ranges:
+            check_range_bearing(z)
+        check_noise("observation", z, R, self.config.sensor_noise_scale**2, MIN_SIGMA)
+        return Scan(seconds, motion, z, R, identity.astype(np.int64)), text_names
 
     def number(self, numbers: IntArray, text_names: tuple[str, ...]) -> IntArray:
         """Numbers (k,) that names have here, where those that are text come from another table."""
@@ -353,8 +401,7 @@ class Slam:
         found = type(self.ekf.sensor).__name__
         require(self.ekf.models.observes_ranges, "sensor", "range and bearing", found)
         confirmed = self.confirmed
-        known = -np.inf, None, self.text_names, True
-        scan, _ = validated_scan(self.config, 0.0, None, None, z, R, names, *known)
+        scan, _ = self._validated(max(self._time, 0.0), None, None, z, R, names)
         require(bool(confirmed.any()), "map", "landmarks to find the robot among", "none")
         return self.recovery.locate(self.ekf, confirmed, scan, self.known_landmarks(scan.names))
 
@@ -365,9 +412,10 @@ class Slam:
             ConfigError: the mode is "localize", or a part has a state that cannot be saved.
             OutputError: the file cannot be written; an old one stays.
         """
-        from saccade.slam.sessions import save
-
-        save(self, path)
+        if self.mode == "localize":
+            raise ConfigError("mode: expected continue for a map to be saved, found localize")
+        models = {**self._model_names(), "odometry_bias": self._odometry_bias}
+        write_map(path, self.config, models, self.to_arrays() | self._session_arrays())
 
     @classmethod
     def load(
@@ -392,7 +440,7 @@ class Slam:
             start: (3,) pose in the frame of the map, independent of the map. By default the robot
                 has not moved since: all goes on as if there were no file between.
             covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma` or, where
-                this is zero, of `sessions.START_SIGMA`: half a meter and a tenth of a radian.
+                this is zero, of `START_SIGMA`: half a meter and a tenth of a radian.
             motion: as for `Slam`, like the other models; by default as saved.
             sensor: the sensor model.
             association: a custom association rule.
@@ -402,10 +450,79 @@ class Slam:
             LogError: the file cannot be read, is damaged, no map, or of a later version.
             ConfigError: the settings or models do not suit the map.
         """
-        from saccade.slam.sessions import load
+        saved, names, arrays = read_map(path)
+        settings = config or saved
+        if motion is None:
+            require(names["motion"] in MOTIONS, "motion", f"the model of {path}", None)
+            motion = MOTIONS[names["motion"]]
+        same = settings.filter == saved.filter
+        require(same, "filter", f"{saved.filter!r}, as in {path}", settings.filter)
+        if start is None or odometry_bias is None:
+            odometry_bias = tuple(names["odometry_bias"])
+        slam = cls(
+            settings,
+            start=(0.0, 0.0, 0.0) if start is None else start,
+            motion=motion,
+            sensor=sensor,
+            association=association,
+            odometry_bias=odometry_bias,
+            mode=mode,
+        )
+        for name, found in slam._model_names().items():
+            if name != "motion":
+                require(found == names[name], name, f"{names[name]}, as in {path}", found)
+        if start is None:
+            size, robot_size = len(slam.ekf.robot_state), int(arrays["robot_size"])
+            as_saved = f"{robot_size > 3}, as in {path}"
+            require(size == robot_size, "estimate_odometry_bias", as_saved, size > 3)
+            slam.from_arrays(arrays)
+        else:
+            slam._take_map(arrays, covariance)
+        if start is not None or mode == "localize":
+            slam.remove_candidates()
+        slam.text_names = stored_texts(arrays)
+        slam.sessions = [*arrays["sessions"].tolist(), slam.ekf.num_added]
+        slam.descriptors = arrays.get("descriptors")
+        return slam
 
-        models = (motion, sensor, association, odometry_bias)
-        return load(cls, path, mode, config, start, covariance, *models)
+    def _take_map(self, arrays: Arrays, covariance: FloatArray | None) -> None:
+        """Take the landmarks of a saved map, independent of the robot."""
+        P = self.ekf.covariance
+        if covariance is None and not any(self.config.start_sigma):
+            covariance = np.diag(np.square(START_SIGMA))
+        if covariance is not None:
+            P[:3, :3] = check_covariance("covariance of the start", covariance, 3)
+        best, r = select(arrays, "hypotheses.0"), int(arrays["robot_size"])
+        other = EkfSlam(np.zeros(r), np.zeros((r, r)), retraction=RETRACTIONS[self.config.filter])
+        other.from_arrays(select(best, "ekf"))
+        mean = np.concatenate([self.ekf.robot_state, other.state[r:]])
+        self.ekf.set_gaussian(mean, block_diag(P, other.covariance[r:, r:]), other.ids)
+        self.associate.from_arrays(select(arrays, "associate"))
+        self.culling.from_arrays(select(best, "culling"))
+
+    def remove_candidates(self) -> None:
+        """Remove the landmarks that are not in the map yet."""
+        landmarks, confirmed = len(self.ekf), self.culling.is_confirmed
+        if isinstance(self.associate, KnownIdentity) or len(confirmed) < landmarks:
+            return
+        candidates = np.flatnonzero(~confirmed[:landmarks] & (self.identities < 0))
+        self.culling.remove_culled(candidates)
+        self.remove(candidates)
+
+    def _model_names(self) -> dict[str, str]:
+        motions = [name for name, model in MOTIONS.items() if model is self.motion]
+        return {
+            "motion": motions[0] if motions else "custom",
+            "sensor": type(self.ekf.sensor).__qualname__,
+            "association": type(self.associate).__qualname__,
+        }
+
+    def _session_arrays(self) -> Arrays:
+        numbers = {
+            "robot_size": np.array(len(self.ekf.robot_state)),
+            "sessions": np.array(self.sessions),
+        }
+        return numbers if self.descriptors is None else numbers | {"descriptors": self.descriptors}
 
     @property
     def identities(self) -> IntArray:

@@ -24,7 +24,7 @@ from saccade.slam._recovery_kernels import (
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.culling import Culling
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.state import scalars
+from saccade.slam.filter.state import numbers_of, set_numbers
 from saccade.slam.models import MotionModel, wrap
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import PoseHypotheses
@@ -42,7 +42,8 @@ FOUND = 0.999
 PRIOR_WEIGHT, MIN_HEADING_SIGMA = 9.0, 0.03
 """Of the prior of a pose that is found, relative to its covariance: the observations that follow
 dominate it, but it is narrow enough that they are linear; and the heading's, in radians."""
-SCALARS = tuple(name for name, _ in EvidenceScalars._fields_)
+LEARNT = ("expected", "observed", "points")
+"""Arrays of `LostEvidence`."""
 SAME_POSE = chi_square_gate(3, 0.999)
 """Squared Mahalanobis distance within which the robot is found where it was believed to be."""
 
@@ -69,7 +70,7 @@ class PoseSearch:
         min_matched: int = 3,
         scans: int = 3,
     ) -> None:
-        self._ekf, self._landmarks, self.anywhere = ekf, landmarks, anywhere
+        self._ekf, self.landmarks, self.anywhere = ekf, landmarks, anywhere
         self._min_matched, self._scans, self._agreeing = min_matched, scans, 0
         covariance = ekf.marginal(landmarks)[len(ekf.robot_state) :, len(ekf.robot_state) :]
         self._search = Relocalizer(ekf.landmarks[landmarks], covariance, motion=motion)
@@ -90,10 +91,10 @@ class PoseSearch:
             R: (k, 2, 2) their covariances.
             named: (k,) landmark that each observation names, -1 for none.
         """
-        place = np.searchsorted(self._landmarks, named).clip(0, len(self._landmarks) - 1)
-        rows = np.where(self._landmarks[place] == named, place, -1)
+        place = np.searchsorted(self.landmarks, named).clip(0, len(self.landmarks) - 1)
+        rows = np.where(self.landmarks[place] == named, place, -1)
         found = self._search.add(z, R, rows)
-        numbers = np.append(self._landmarks, -1)  # the last is for none
+        numbers = np.append(self.landmarks, -1)  # the last is for none
         self.hypotheses = found = replace(found, association=numbers[found.association])
         sure = len(found) > 0 and found.probability[0] >= FOUND
         sure = sure and np.count_nonzero(found.association[0] >= 0) >= self._min_matched
@@ -135,7 +136,7 @@ class PoseSearch:
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
-        own = {"landmarks": self._landmarks, "agreeing": np.array(self._agreeing)}
+        own = {"landmarks": self.landmarks, "agreeing": np.array(self._agreeing)}
         return {**own, "anywhere": np.array(self.anywhere), **self._search.to_arrays()}
 
     def from_arrays(self, arrays: Arrays) -> None:
@@ -249,17 +250,14 @@ class Recovery:
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
         search = {} if self._search is None else merge({"search": self._search.to_arrays()})
-        evidence = {
-            name: getattr(self.evidence, name) for name in ("expected", "observed", "points")
-        }
-        now = np.array([float(getattr(self.evidence.now, name)) for name in SCALARS])
-        return {**evidence, "now": now, "scans": np.array(self._scans), **search}
+        numbers = {"now": numbers_of(self.evidence.now), "scans": np.array(self._scans)}
+        return {name: getattr(self.evidence, name) for name in LEARNT} | numbers | search
 
     def from_arrays(self, arrays: Arrays, ekf: EkfSlam) -> None:
         """Restore what `to_arrays` gave, with the filter of the same step."""
-        now = scalars(EvidenceScalars, arrays["now"])
-        fields = (arrays[name] for name in ("expected", "observed", "points"))
-        self.evidence = share(bind_evidence, *fields, now)
+        for name in LEARNT:
+            getattr(self.evidence, name)[:] = arrays[name]
+        set_numbers(self.evidence.now, arrays["now"])
         self._scans, self._search = int(arrays["scans"]), None
         if search := select(arrays, "search"):
             self._search = PoseSearch(ekf, search["landmarks"], self._motion, anywhere=True)

@@ -4,12 +4,17 @@ An identity is accepted where the observation is inside the gate of its landmark
 What follows from one that is not is rare, and plain NumPy.
 """
 
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from saccade.io.checkpoint import Arrays
+from saccade.io.checkpoint import (
+    Arrays,
+    attribute_arrays,
+    merge,
+    restore_attributes,
+    select,
+)
 from saccade.slam.association._kernels import DROPPED, NEW, compare_identities
 from saccade.slam.association.consistent_names import consistent_names
 from saccade.slam.association.nearest_neighbor import NearestNeighbor, squared_distances
@@ -52,11 +57,6 @@ class Identity:
     covariance: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
     """(2, 2) of its noise."""
 
-    FIELDS: ClassVar[tuple[str, ...]] = (
-        *("landmark", "accepted", "accepted_at", "refused_at", "votes", "since", "target"),
-        *("closings", "closing_at", "xy", "covariance"),
-    )
-
     @property
     def is_established(self) -> bool:
         """Whether it may contradict the filter."""
@@ -75,6 +75,8 @@ FAR = 100.0
 LOOSE, LOOP, LONG_LOOP = 4.0, 100.0, 1000.0
 """Ratio of predicted variance to noise from which the identities of a scan are checked in pairs,
 and from which one observation of a landmark of few, or of any number, does not close a loop."""
+STATE = ("stale", "has_unnamed", "_clock", "_streak", "_believed_until")
+"""Attributes of `GatedIdentity` that change from scan to scan, beside `known`."""
 PAIR_GATE = 10.83
 """Squared deviation, in standard deviations, of the distance of two landmarks: 99.9 %."""
 
@@ -253,26 +255,25 @@ class GatedIdentity(Association):
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
         known = self.known or {-1: Identity()}  # for the shapes
-        arrays = {
-            name: np.array([getattr(each, name) for each in known.values()])[: len(self.known)]
-            for name in Identity.FIELDS
+        columns = {
+            each.name: np.array([getattr(name, each.name) for name in known.values()])
+            for each in fields(Identity)
         }
-        return {
-            **arrays,
-            "identity": np.array(list(self.known), np.int64),
-            "stale": np.array(self.stale, np.int64),
-            "counts": np.array([self._clock, self._streak, self._believed_until, self.has_unnamed]),
-        }
+        columns["name"] = np.array(list(known))
+        rows = {name: column[: len(self.known)] for name, column in columns.items()}
+        return attribute_arrays(self, *STATE) | merge({"known": rows})
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        columns = [arrays[name] for name in Identity.FIELDS]
-        columns = [each if each.ndim > 1 else each.tolist() for each in columns]
-        rows = [Identity(*row) for row in zip(*columns, strict=True)]
-        self.known = dict(zip(arrays["identity"].tolist(), rows, strict=True))
-        self.stale = arrays["stale"].tolist()
-        self._clock, self._streak, self._believed_until = arrays["counts"][:3].tolist()
-        self.has_unnamed = bool(arrays["counts"][3])
+        rows = select(arrays, "known")
+        names = rows.pop("name").tolist()
+        columns = [each if each.ndim > 1 else each.tolist() for each in rows.values()]
+        known = [
+            Identity(**dict(zip(rows, row, strict=True))) for row in zip(*columns, strict=True)
+        ]
+        self.known = dict(zip(names, known, strict=True))
+        self.stale = []
+        restore_attributes(self, {name: each for name, each in arrays.items() if name in STATE})
 
     def _is_named(self, landmark: int) -> bool:
         return any(name.landmark == landmark for name in self.known.values())

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.io.checkpoint import Arrays
+from saccade.io.checkpoint import Arrays, attribute_arrays, restore_attributes
 from saccade.slam.association._kernels import DROPPED
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -127,11 +127,8 @@ class KnownIdentity(Association):
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
-        return {
-            "identity": np.array(list(self.number), np.int64),
-            "number": np.array(list(self.number.values()), np.int64),
-        }
+        return attribute_arrays(self)
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        self.number = dict(zip(arrays["identity"].tolist(), arrays["number"].tolist(), strict=True))
+        restore_attributes(self, arrays)

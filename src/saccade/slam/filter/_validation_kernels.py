@@ -15,20 +15,15 @@ SLACK = 1e-9
 
 @kernel()
 def prepare_noise(
-    values: FloatArray,
-    covariances: FloatArray,
-    start: int,
-    end: int,
-    factor: float,
-    min_sigma: float,
+    values: FloatArray, covariances: FloatArray, factor: float, min_sigma: float
 ) -> int:
-    """Multiply covariances (k, c, c) from `start` to `end` by a factor, in place.
+    """Multiply covariances (k, c, c) by a factor, in place.
 
     Singular ones (2, 2) get the variance of `min_sigma` in every direction if it is positive.
-    Returns the index, from `start` on, of the first invalid one, see `first_invalid`.
+    Returns the index of the first invalid one, see `first_invalid`.
     """
     c = values.shape[1]
-    for n in range(start, end):
+    for n in range(len(values)):
         C = covariances[n]
         for i in range(c):
             for j in range(c):
@@ -38,7 +33,7 @@ def prepare_noise(
             if smallest < min_sigma * min_sigma:  # eigenvalue
                 C[0, 0] += min_sigma * min_sigma
                 C[1, 1] += min_sigma * min_sigma
-    return first_invalid(values[start:end], covariances[start:end])
+    return first_invalid(values, covariances)
 
 
 @kernel()

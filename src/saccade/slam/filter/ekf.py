@@ -13,7 +13,6 @@ from saccade.slam.filter.error_state import STANDARD, Retraction
 from saccade.slam.filter.models import PredictedObservations, models_of
 from saccade.slam.filter.state import (
     add_rows,
-    compact,
     dense,
     flush,
     from_arrays,
@@ -303,13 +302,10 @@ class EkfSlam:
         if is_inflation_due(self.robot):
             inflate_heading_covariance(self.filter_state)
 
-    def to_arrays(self, *, spare: bool = True) -> Arrays:
-        """Its state as named arrays, for `from_arrays` of a filter with the same models.
-
-        Without spare room for more landmarks they are smaller, and equal up to rounding.
-        """
-        arrays = (to_arrays if spare else compact)(self.filter_state)
-        return {**arrays, "ids": self._ids, "removed": np.array(self._removed)}
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays, for `from_arrays` of a filter with the same models."""
+        own = {"ids": self._ids, "removed": np.array(self._removed)}
+        return to_arrays(self.filter_state) | own
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""

@@ -7,7 +7,6 @@ arithmetic; adding each by itself would be limited by memory bandwidth.
 
 from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int64, c_void_p
 from functools import cache
-from typing import TypeVar
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -25,20 +24,6 @@ from saccade.slam.filter._state_kernels import (
 )
 from saccade.types import FloatArray, IntArray
 
-Record = TypeVar("Record", bound=Structure)
-SCALARS = tuple(name for name, _ in Scalars._fields_)
-ARRAYS = (
-    "state",
-    "heading_lever",
-    "P",
-    "blocks",
-    "downdates",
-    "updates",
-    "cached_rows",
-    "cached_pair",
-    "robot_rows",
-)
-"""Fields of a `FilterState` that are arrays."""
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; doubled whenever it runs out."""
 INFLATED_ROWS = 512
@@ -86,13 +71,16 @@ def new_state(
     )
 
 
-def like(f: FilterState, mean: FloatArray, covariance: FloatArray, capacity: int) -> FilterState:
+def like(
+    f: FilterState, mean: FloatArray, covariance: FloatArray, capacity: int, rank: int = RANK
+) -> FilterState:
     """A state of this mean (n,), covariance (n, n) of eta, and the parameters of another one.
 
     Its levers are zero: the estimates are the first ones, so that eta = e.
     """
     r, n = f.robot_size, len(mean)
-    new = new_state(mean[:r], covariance[:r, :r], capacity, f.error_state, f.huber)
+    robot = mean[:r], covariance[:r, :r]
+    new = new_state(*robot, capacity, f.error_state, f.huber, rank=rank)
     new.state[:n], new.P[:n, :n] = mean, covariance
     set_landmarks(new, (n - r) // 2)
     return new
@@ -106,57 +94,47 @@ def set_landmarks(f: FilterState, landmarks: int) -> None:
 
 
 def to_arrays(f: FilterState) -> Arrays:
-    """The state as named arrays, for a checkpoint."""
-    arrays = {name: getattr(f, name) for name in ARRAYS}
-    return {**arrays, "now": np.array([getattr(f.now, name) for name in SCALARS])}
-
-
-def from_arrays(f: FilterState, arrays: Arrays) -> FilterState:
-    """A state with arrays of `to_arrays` or of `compact`, and the parameters of another one."""
-    if "now" in arrays:
-        now = scalars(Scalars, arrays["now"])
-        parameters = f.robot_size, f.error_state, f.huber, f.auxiliary
-        return share(bind_state, *parameters, *(arrays[name] for name in ARRAYS), now)
-    r, n, N = f.robot_size, len(arrays["state"]), len(arrays["blocks"])
-    P = np.zeros((n, n))
-    P[np.triu_indices(n)] = arrays["P"]
-    P[:r, :r] = symmetric(P[:r, :r])
-    new = like(f, arrays["state"], P, max(N, FIRST_CAPACITY))
-    new.heading_lever[:n], new.blocks[:N] = arrays["heading_lever"], arrays["blocks"]
-    now, (lowest, last), (total, count) = (
-        new.now,
-        arrays["heading_variance"],
-        arrays["nonlinearity"],
-    )
-    now.lowest_heading_variance, now.heading_variance = lowest, last
-    now.nonlinearity, now.nonlinear_updates = total, int(count)
-    return new
-
-
-def scalars(kind: type[Record], values: FloatArray) -> Record:
-    """The record of numbers with these values, in their order."""
-    types = (c_type for _, c_type in kind._fields_)  # type: ignore[misc]
-    pairs = zip(types, values.tolist(), strict=True)
-    return kind(*(int(value) if each is c_int64 else value for each, value in pairs))
-
-
-def compact(f: FilterState) -> Arrays:
-    """The arrays of a state without room for more, for a file."""
-    flush(f)
+    """The state as named arrays, without those that are memory only."""
     n, now = state_size(f), f.now
     return {
         "state": f.state[:n],
         "heading_lever": f.heading_lever[:n],
         "P": f.P[:n, :n][np.triu_indices(n)],
         "blocks": f.blocks[: now.landmarks],
-        "heading_variance": np.array([now.lowest_heading_variance, now.heading_variance]),
-        "nonlinearity": np.array([now.nonlinearity, float(now.nonlinear_updates)]),
+        "downdates": f.downdates[: now.downdates, :n],
+        "updates": f.updates[: now.updates, :n],
+        "capacity": np.array([len(f.blocks), len(f.downdates)]),
+        "now": numbers_of(now),
     }
 
 
-def copied(f: FilterState) -> FilterState:
-    """An independent state that is equal."""
-    return from_arrays(f, {name: each.copy() for name, each in to_arrays(f).items()})
+def from_arrays(f: FilterState, arrays: Arrays) -> FilterState:
+    """A state with arrays of `to_arrays`, and the parameters of another one."""
+    r, n = f.robot_size, len(arrays["state"])
+    P = np.zeros((n, n))
+    P[np.triu_indices(n)] = arrays["P"]
+    P[:r, :r] = symmetric(P[:r, :r])
+    new = like(f, arrays["state"], P, *arrays["capacity"].tolist())
+    new.heading_lever[:n], new.blocks[: new.now.landmarks] = (
+        arrays["heading_lever"],
+        arrays["blocks"],
+    )
+    for name in ("downdates", "updates"):
+        getattr(new, name)[: len(arrays[name]), :n] = arrays[name]
+    set_numbers(new.now, arrays["now"])
+    new.now.cached = 0
+    return new
+
+
+def numbers_of(record: Structure) -> FloatArray:
+    """The numbers of a record, in their order."""
+    return np.array([float(getattr(record, name)) for name, _ in record._fields_])  # type: ignore[misc]
+
+
+def set_numbers(record: Structure, numbers: FloatArray) -> None:
+    """Set the numbers of a record to those of `numbers_of` another one."""
+    for (name, kind), number in zip(record._fields_, numbers.tolist(), strict=True):  # type: ignore[misc]
+        setattr(record, name, int(number) if kind is c_int64 else number)
 
 
 def with_capacity(f: FilterState, landmarks: int, rows: int) -> FilterState:
@@ -212,8 +190,7 @@ def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
         new.P[:n, new_rows] = f.P[:n, old_rows]
     new.P[auxiliary_rows(new), auxiliary_rows(new)] = f.P[auxiliary_rows(f), auxiliary_rows(f)]
     new.blocks[: now.landmarks] = f.blocks[: now.landmarks]
-    for name in SCALARS:
-        setattr(new.now, name, getattr(now, name))
+    set_numbers(new.now, numbers_of(now))
     return new
 
 

@@ -57,15 +57,11 @@ def check_noise(
     name: str,
     values: FloatArray,
     covariances: FloatArray,
-    start: int,
-    end: int,
     factor: float,
-    min_sigma: float,
+    min_sigma: float = 0.0,
 ) -> None:
     """Multiply covariances by a factor in place, and `check_all`; see `prepare_noise`."""
-    i = prepare_noise(values, covariances, start, end, factor, min_sigma)
-    if i >= 0:
-        _raise_for(i, name, values[start:], covariances[start:])
+    _raise_for(prepare_noise(values, covariances, factor, min_sigma), name, values, covariances)
 
 
 def _raise_for(i: int, name: str, values: FloatArray, covariances: FloatArray) -> None:
