@@ -26,8 +26,7 @@ from saccade.evaluation.fitting import FittingConfig
 from saccade.keypoints import MustConfig, SiftConfig, SymRoidConfig
 from saccade.simulation import DriveConfig, WorldConfig
 from saccade.simulation.drive_config import LightConfig, OdometryConfig
-from saccade.slam import EkfConfig, RelocalizationConfig
-from saccade.slam.merging import MergeConfig
+from saccade.slam import EkfConfig
 from saccade.visual import VisualConfig
 
 OWN_INF = float("1e999")
@@ -49,7 +48,7 @@ RANGED = (
     *(ContrastConfig, SymmetryConfig, ScanpathConfig, AttentionConfig, BooleanConfig),
     *(SiftConfig, MustConfig, SymRoidConfig, WorldConfig, DriveConfig, LightConfig),
     *(OdometryConfig, VideoConfig, ScanpathModelConfig, FittingConfig, VisualConfig),
-    *(EkfConfig, RelocalizationConfig, MergeConfig),
+    EkfConfig,
 )
 ALONE = {
     (ContrastConfig, "gabor_size"): (3, 99),

@@ -139,8 +139,6 @@ def test_bad_input_is_refused():
     landmarks = random_map(1)
     with pytest.raises(ConfigError, match="covariance: expected"):
         slam.Relocalizer(landmarks, np.eye(3))
-    with pytest.raises(ConfigError, match="unmapped: expected above 0 and below 1"):
-        slam.RelocalizationConfig(unmapped=1.0)
     search = slam.Relocalizer(landmarks, exact(landmarks))
     with pytest.raises(LogError, match="observation"):
         search.add(np.array([[np.nan, 0.0]]), np.eye(2)[None])

@@ -27,7 +27,6 @@ from saccade.settings import load_settings
 from saccade.slam import (
     Checkpoint,
     EkfConfig,
-    MergeConfig,
     Recorder,
     Slam,
     SlamResult,
@@ -402,7 +401,7 @@ def _merge_maps(
     slam, merged = Slam.load(maps[0], "continue"), []
     for path in maps[1:]:
         try:
-            result = merge_maps(slam, Slam.load(path, "continue"), MergeConfig(min_common))
+            result = merge_maps(slam, Slam.load(path, "continue"), min_common)
         except LogError as error:
             raise LogError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
         slam = result.slam

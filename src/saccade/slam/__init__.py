@@ -9,7 +9,7 @@ from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import INVARIANT, STANDARD, Retraction
-from saccade.slam.merging import MergeConfig, MergedMaps, merge_maps
+from saccade.slam.merging import MergedMaps, merge_maps
 from saccade.slam.models import (
     RANGE_BEARING,
     MotionModel,
@@ -23,7 +23,7 @@ from saccade.slam.models import (
 )
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
-from saccade.slam.results import Innovation, PoseHypotheses, RelocalizationConfig, StepResult
+from saccade.slam.results import Innovation, PoseHypotheses, StepResult
 from saccade.slam.run import SlamResult, dead_reckon, find_start, run, slam_for
 from saccade.slam.smoothing import SmoothResult, smooth
 from saccade.slam.snapshots import Recorder
@@ -42,13 +42,11 @@ __all__ = [
     "GatedIdentity",
     "Innovation",
     "KnownIdentity",
-    "MergeConfig",
     "MergedMaps",
     "MotionModel",
     "NearestNeighbor",
     "PoseHypotheses",
     "Recorder",
-    "RelocalizationConfig",
     "Relocalizer",
     "Retraction",
     "Sensor",

@@ -15,11 +15,10 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import logsumexp
 
-from saccade.errors import LogError, Settings, setting
+from saccade.errors import LogError, require
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
-from saccade.slam.results import RelocalizationConfig
 from saccade.types import FloatArray, IntArray
 
 GATE = chi_square_gate(2, 0.99)
@@ -33,26 +32,16 @@ GROUP = 8
 """Neighboring landmarks that are located together."""
 MAX_GROUPS = 12
 """Groups that are located, spread over the map."""
-SEARCH = RelocalizationConfig(max_proposals=5000, max_hypotheses=10)
-"""Of each group."""
+MIN_PROBABILITY = 0.99
+"""Probability that the correspondence must have, against others and against none."""
+MAX_CONTRADICTION = 5.0
+"""Largest NIS per degree of freedom of a correspondence that is not by names."""
 LIKELY = 0.05
 """Probability from which a location of a group is tried."""
 CLEAR = 20.0
 """Log odds of a correspondence from which the groups that it explains are not located."""
 MAX_ITERATIONS = 50
 """Gauss-Newton steps of the transform, at most."""
-
-
-@dataclass(frozen=True)
-class MergeConfig(Settings):
-    """When two maps are merged."""
-
-    min_common: int = setting(5, 2)
-    """Landmarks that must be common to both maps."""
-    min_probability: float = setting(0.99, above=0, below=1)
-    """Probability that the correspondence must have, against others and against none."""
-    max_contradiction: float = setting(5.0, 1)
-    """Largest NIS per degree of freedom of a correspondence that is not by names."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,7 +68,7 @@ class MergedMaps:
         )
 
 
-def merge_maps(first: Slam, second: Slam, config: MergeConfig = MergeConfig()) -> MergedMaps:
+def merge_maps(first: Slam, second: Slam, min_common: int = 5) -> MergedMaps:
     """Merge two maps, in the frame of the first.
 
     Landmarks with the same name are the same, if both maps have `min_common` such names; else the
@@ -88,11 +77,13 @@ def merge_maps(first: Slam, second: Slam, config: MergeConfig = MergeConfig()) -
     Args:
         first: with its map, as `Slam.load` gives it.
         second: another one, in any frame.
-        config: when the correspondence is certain.
+        min_common: landmarks, at least two, that must be common to both maps.
 
     Raises:
-        LogError: it is not.
+        LogError: the correspondence is not certain.
+        ConfigError: less than two landmarks are to be common.
     """
+    require(min_common >= 2, "min_common", "at least 2", min_common)
     first, second = copy.deepcopy(first), copy.deepcopy(second)
     for each in (first, second):
         each.remove_candidates()
@@ -100,7 +91,7 @@ def merge_maps(first: Slam, second: Slam, config: MergeConfig = MergeConfig()) -
     _, by_name, other = np.intersect1d(*maps.names, return_indices=True)
     named = maps.names[0][by_name] >= 0
     pairs = np.column_stack([by_name, other])[named]
-    if len(pairs) >= config.min_common:
+    if len(pairs) >= min_common:
         best, probability = _grown(maps, pairs, _fitted(maps, pairs)), 1.0
     else:
         found = _search(maps)
@@ -109,15 +100,15 @@ def merge_maps(first: Slam, second: Slam, config: MergeConfig = MergeConfig()) -
         evidence = np.array([_log_odds(maps, each) for each in found])
         posterior = np.exp(evidence - logsumexp(np.append(evidence, 0.0)))
         best, probability = found[int(posterior.argmax())], float(posterior.max())
-        if best.scale > config.max_contradiction:
+        if best.scale > MAX_CONTRADICTION:
             raise LogError(
                 f"merging: expected maps that agree, found {best.scale:.1f} times the squared "
                 f"distances that their covariances let expect between {len(best.pairs)} landmarks"
             )
-    if len(best.pairs) < config.min_common or probability < config.min_probability:
+    if len(best.pairs) < min_common or probability < MIN_PROBABILITY:
         raise LogError(
-            f"merging: expected {config.min_common} common landmarks with probability "
-            f"{config.min_probability:g}, found {len(best.pairs)} with {probability:.3f}"
+            f"merging: expected {min_common} common landmarks with probability "
+            f"{MIN_PROBABILITY:g}, found {len(best.pairs)} with {probability:.3f}"
         )
     return MergedMaps(
         _as_slam(first, maps, best),
@@ -252,7 +243,8 @@ def _search(maps: _Maps) -> list[_Fused]:
         G[:, :, 1] *= z[:, :1]  # (k, 2, 2) of x, y by range, bearing
         inverse = np.linalg.inv(G)
         R = inverse @ _shape_errors(points, Q, group) @ inverse.transpose(0, 2, 1)
-        located = Relocalizer(a, P[maps.r :, maps.r :], SEARCH).add(z, R)
+        search = Relocalizer(a, P[maps.r :, maps.r :], max_proposals=5000, max_hypotheses=10)
+        located = search.add(z, R)
         for pose, p, to in zip(located.pose, located.probability, located.association, strict=True):
             pairs = np.column_stack([to, group])[to >= 0]
             pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]

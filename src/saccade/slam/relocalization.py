@@ -20,7 +20,7 @@ from saccade.slam._relocalization_kernels import Grid, add_support, select_disti
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
 from saccade.slam.models import RANGE_BEARING, MotionModel, compose, wrap
-from saccade.slam.results import PoseHypotheses, RelocalizationConfig
+from saccade.slam.results import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -32,6 +32,16 @@ GATE = chi_square_gate(2, 0.99)
 """Squared Mahalanobis distance within which a point is associated with its nearest landmark."""
 MIN_PAIRS = 4
 """Pairs of observed points that propose poses however many these are."""
+MAX_PAIRS = 12
+"""Pairs of observed points that propose poses: distant ones, of distances rare in the map."""
+MEMORY = 10
+"""Scans for which an observed point counts."""
+UNMAPPED = 0.2
+"""Prior probability that an observed point is no landmark of the map."""
+ELSEWHERE = 0.05
+"""Prior probability that the robot is outside of the map."""
+SETTLED = 0.999
+"""Probability of all hypotheses from which they are followed without another search."""
 NEGLIGIBLE = 1e-6
 """Probability below which a hypothesis is no longer followed."""
 ITERATIONS = 4
@@ -49,8 +59,9 @@ class Relocalizer:
         landmarks: (N, 2) metres.
         covariance: (N, 2, 2) of each landmark or, better, (2N, 2N) of all: with correlations the
             errors that neighboring landmarks share are left out.
-        config: prior probabilities and limits of the search.
         motion: motion model of the controls between scans.
+        max_proposals: proposed poses whose support is computed, after those of the first few pairs.
+        max_hypotheses: proposed poses that are refined, those with the most support.
 
     Raises:
         ConfigError: the shapes do not agree.
@@ -72,8 +83,9 @@ class Relocalizer:
         self,
         landmarks: FloatArray,
         covariance: FloatArray,
-        config: RelocalizationConfig = RelocalizationConfig(),
         motion: MotionModel = compose,
+        max_proposals: int = 50_000,
+        max_hypotheses: int = 50,
     ) -> None:
         from scipy.spatial import cKDTree
 
@@ -81,7 +93,8 @@ class Relocalizer:
         require(landmarks.shape == (n, 2), "landmarks", "(N, 2)", landmarks.shape)
         known = covariance.shape in ((n, 2, 2), (2 * n, 2 * n))
         require(known, "covariance", f"({n}, 2, 2) or ({2 * n}, {2 * n})", covariance.shape)
-        self._landmarks, self._config, self._motion = landmarks, config, motion
+        self._landmarks, self._motion = landmarks, motion
+        self._max_proposals, self._max_hypotheses = max_proposals, max_hypotheses
         self._tree = cKDTree(landmarks)
         self._errors = _local_errors(self._tree, landmarks, covariance)
         self._points, self._covariances = np.empty((0, 2)), np.empty((0, 2, 2))
@@ -129,13 +142,14 @@ class Relocalizer:
         check_all("observation", z, R)
         self._remember(z, R, np.full(len(z), -1) if landmark is None else landmark)
         proposals = self._tracked
-        if self._total < self._config.settled:
+        if self._total < SETTLED:
             proposals = np.concatenate([proposals, self._proposals()])
-        modes: list[_Mode] = []
-        for mode in self._refine(proposals):
-            if not any(_is_same(mode, other) for other in modes):
-                modes.append(mode)
-        found = self._posterior(modes)
+        pose, covariance, association = self._refine(proposals)
+        distinct: list[int] = []
+        for i in range(len(pose)):
+            if not any(_is_same(pose[i] - pose[j], covariance[j]) for j in distinct):
+                distinct.append(i)
+        found = self._posterior(pose[distinct], covariance[distinct], association[distinct])
         likely = found.probability > NEGLIGIBLE
         self._tracked, self._total = found.pose[likely], float(found.probability.sum())
         return found
@@ -157,7 +171,7 @@ class Relocalizer:
 
     def _remember(self, z: FloatArray, R: FloatArray, named: IntArray) -> None:
         """Merge the points of a scan with those of earlier ones; drop points not seen for long."""
-        kept = self._age < self._config.memory
+        kept = self._age < MEMORY
         points, covariances = self._points[kept], self._covariances[kept]
         old, age = self._named[kept], self._age[kept] + 1
         xy, _, Gz = RANGE_BEARING.inverse_observe(np.zeros(3), z)
@@ -199,7 +213,7 @@ class Relocalizer:
             if self._named[i] >= 0 and self._named[j] >= 0:
                 ends = np.array([[self._named[i], self._named[j]]])
             total += len(ends)
-            if number >= MIN_PAIRS and total > self._config.max_proposals:
+            if number >= MIN_PAIRS and total > self._max_proposals:
                 break
             vector = self._landmarks[ends[:, 1]] - self._landmarks[ends[:, 0]]
             heading = np.arctan2(vector[:, 1], vector[:, 0])
@@ -209,8 +223,8 @@ class Relocalizer:
             poses.append(np.column_stack([xy, heading]))
         proposals = np.concatenate(poses)
         support = self._support(proposals)
-        best = np.argsort(-support, kind="stable")[: 20 * self._config.max_hypotheses]
-        selected = np.empty(self._config.max_hypotheses, np.int64)
+        best = np.argsort(-support, kind="stable")[: 20 * self._max_hypotheses]
+        selected = np.empty(self._max_hypotheses, np.int64)
         count = select_distinct(proposals[best], SAME_POSITION, SAME_HEADING, selected)
         return np.asarray(proposals[best[selected[:count]]])
 
@@ -221,10 +235,10 @@ class Relocalizer:
         order = np.argsort(-separation, kind="stable")[: np.count_nonzero(separation)]
         uses = np.zeros(len(self._points), np.int64)
         chosen: dict[int, None] = {}
-        for limit in range(1, self._config.max_pairs + 1):
+        for limit in range(1, MAX_PAIRS + 1):
             for pair in order:
                 ends = [first[pair], second[pair]]
-                if len(chosen) < self._config.max_pairs and uses[ends].max() < limit:
+                if len(chosen) < MAX_PAIRS and uses[ends].max() < limit:
                     if pair not in chosen:
                         uses[ends] += 1
                     chosen[pair] = None
@@ -252,10 +266,15 @@ class Relocalizer:
         add_support(grid, poses, self._points, scale, support)
         return support
 
-    def _refine(self, poses: FloatArray) -> "list[_Mode]":
-        """Refine poses (h, 3) by Gauss-Newton; drops those with fewer than two matched points."""
+    def _refine(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Refine poses (h, 3) by Gauss-Newton; drops those with fewer than two matched points.
+
+        Returns:
+            Poses, their covariances, and the landmark of each point, -1 for none.
+        """
         if len(poses) == 0 or len(self._landmarks) == 0:
-            return []
+            none = np.empty((0, len(self._points)), np.int64)
+            return np.empty((0, 3)), np.empty((0, 3, 3)), none
         poses = poses.copy()
         for _ in range(ITERATIONS):
             v, S, J, nearest = self._residuals(poses)
@@ -269,8 +288,7 @@ class Relocalizer:
             gradient = (weighted @ v[..., None]).sum(1)
             poses += np.linalg.solve(information, gradient)[..., 0]
         poses[:, 2] = wrap(poses[:, 2])
-        covariance, association = np.linalg.inv(information), np.where(inside, nearest, -1)
-        return [_Mode(*each) for each in zip(poses, covariance, association, strict=True)]
+        return poses, np.linalg.inv(information), np.where(inside, nearest, -1)
 
     def _residuals(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Residuals of points and nearest landmarks, covariances, Jacobians, rows of landmarks."""
@@ -286,33 +304,29 @@ class Relocalizer:
         nearest = np.asarray(self._tree.query(xy)[1], np.int64)
         return np.where(self._named >= 0, self._named, nearest)
 
-    def _log_evidence(self, mode: "_Mode") -> float:
-        """Log of the density of the points for a robot near a pose (Laplace's approximation)."""
-        v, S, _, _ = (each[0] for each in self._residuals(mode.pose[None]))
-        reach = self._reach
-        around = max(1, len(self._tree.query_ball_point(mode.pose[:2], reach)))
-        visible = np.where(self._named >= 0, 1, around)
+    def _log_evidence(self, pose: FloatArray, covariance: FloatArray) -> FloatArray:
+        """(h,) log of the density of the points for a robot near each pose (Laplace)."""
+        v, S, _, _ = self._residuals(pose)
+        reach, xy = self._reach, pose[:, :2]
+        around = np.maximum(self._tree.query_ball_point(xy, reach, return_length=True), 1)
+        visible = np.where(self._named >= 0, 1, around[:, None])
         density = np.exp(-normalized_squared(v, S) / 2) / (2 * pi * np.sqrt(np.linalg.det(S)))
-        unmapped = self._config.unmapped
-        mixture = unmapped / (pi * reach**2) + (1 - unmapped) / visible * density
-        volume = (2 * pi) ** 1.5 * np.sqrt(np.linalg.det(mode.covariance))
+        mixture = UNMAPPED / (pi * reach**2) + (1 - UNMAPPED) / visible * density
+        volume = (2 * pi) ** 1.5 * np.sqrt(np.linalg.det(covariance))
         low, high = self._landmarks.min(0), self._landmarks.max(0)
         prior = 1 / (float(np.prod(high - low + 2 * reach)) * 2 * pi)
-        return float(np.log(mixture).sum() + log(volume * prior))
+        return np.asarray(np.log(mixture).sum(1) + np.log(volume * prior))
 
-    def _posterior(self, modes: "list[_Mode]") -> PoseHypotheses:
-        k, elsewhere = len(self._points), self._config.elsewhere
-        outside = log(elsewhere) - k * log(pi * self._reach**2)
-        inside = np.array([self._log_evidence(mode) for mode in modes]) + log(1 - elsewhere)
+    def _posterior(
+        self, pose: FloatArray, covariance: FloatArray, association: IntArray
+    ) -> PoseHypotheses:
+        outside = log(ELSEWHERE) - len(self._points) * log(pi * self._reach**2)
+        inside = self._log_evidence(pose, covariance) if len(pose) > 0 else np.empty(0)
+        inside += log(1 - ELSEWHERE)
         probability = np.exp(inside - logsumexp(np.append(inside, outside)))
-        ordered = [modes[i] for i in np.argsort(-probability, kind="stable")]
+        order = np.argsort(-probability, kind="stable")
         return PoseHypotheses(
-            pose=np.array([mode.pose for mode in ordered]).reshape(-1, 3),
-            covariance=np.array([mode.covariance for mode in ordered]).reshape(-1, 3, 3),
-            probability=-np.sort(-probability),
-            association=np.array([mode.association for mode in ordered], int).reshape(
-                len(modes), k
-            ),
+            pose[order], covariance[order], probability[order], association[order]
         )
 
     @property
@@ -327,12 +341,6 @@ class _LandmarkPairs(NamedTuple):
     reach: float
     ends: IntArray
     distance: FloatArray
-
-
-class _Mode(NamedTuple):
-    pose: FloatArray
-    covariance: FloatArray
-    association: IntArray
 
 
 def _pose_jacobians(points: FloatArray) -> FloatArray:
@@ -373,11 +381,11 @@ def _same_points(
     return np.where(mutual & (square[np.arange(len(new)), near] < GATE), near, -1)
 
 
-def _is_same(mode: _Mode, other: _Mode) -> bool:
-    e = mode.pose - other.pose
-    e[2] = float(wrap(e[2]))
+def _is_same(difference: FloatArray, covariance: FloatArray) -> bool:
+    """Whether poses with this difference (3,) are the same hypothesis, given a covariance."""
+    e = np.append(difference[:2], wrap(difference[2]))
     close = bool(np.hypot(*e[:2]) < SAME_POSITION / 10 and abs(e[2]) < SAME_HEADING / 10)
-    return close or float(e @ np.linalg.solve(other.covariance, e)) < 9.0
+    return close or float(e @ np.linalg.solve(covariance, e)) < 9.0
 
 
 def build_grid(landmarks: FloatArray, size: float) -> Grid:

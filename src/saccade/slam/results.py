@@ -4,28 +4,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple
 
-from saccade.errors import LogError, Settings, setting
+from saccade.errors import LogError
 from saccade.types import BoolArray, FloatArray, IntArray
-
-
-@dataclass(frozen=True)
-class RelocalizationConfig(Settings):
-    """Parameters of relocalization."""
-
-    unmapped: float = setting(0.2, above=0, below=1)
-    """Prior probability that an observed point is no landmark of the map."""
-    elsewhere: float = setting(0.05, above=0, below=1)
-    """Prior probability that the robot is outside of the map."""
-    max_pairs: int = setting(12, 1)
-    """Pairs of observed points that propose poses: distant ones, of distances rare in the map."""
-    max_proposals: int = setting(50_000, 1)
-    """Proposed poses whose support is computed, after those of the first few pairs."""
-    max_hypotheses: int = setting(50, 1)
-    """Proposed poses that are refined, those with the most support."""
-    settled: float = setting(0.999, above=0, below=1)
-    """Probability of all hypotheses from which they are followed without another search."""
-    memory: int = setting(10, 1)
-    """Scans for which an observed point counts."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
