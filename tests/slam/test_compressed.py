@@ -16,7 +16,6 @@ from saccade.slam import (
     observe,
     turn_then_translate,
 )
-from saccade.slam.local_map import LargeMapSlam
 
 U, NOISE = np.diag([1e-4, 1e-5]), np.diag([0.01, 0.0004])
 every = pytest.mark.parametrize("retraction", [STANDARD, INVARIANT])
@@ -39,10 +38,8 @@ def _avenue(rng, steps=240):
 @every
 def test_a_local_map_is_the_whole_filter(retraction, rng):
     """Among changing landmarks, at random, of which some are never observed and some are new."""
-    kinds = EkfSlam, LargeMapSlam
-    whole, small = (
-        kind(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction) for kind in kinds
-    )
+    start = np.zeros(3), np.diag([0.01, 0.01, 0.001])
+    whole, small = (EkfSlam(*start, retraction=retraction) for _ in range(2))
     world, pose = rng.uniform([-5, -6], [15, 6], (50, 2)), np.zeros(3)
     for ekf in (whole, small):
         for z in observe(np.zeros(3), world)[0]:

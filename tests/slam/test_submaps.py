@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from saccade import slam
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import EkfConfig, Recorder, local_map
-from saccade.slam.local_map import LargeMapSlam
+from saccade.slam import EkfConfig, EkfSlam, Recorder, local_map_choice
 from support.logs import with_observations
 
 WORLD = WorldConfig(
@@ -42,13 +41,13 @@ def _close(one, two, tolerance=1e-6):
 @pytest.fixture
 def entries(monkeypatch):
     """The sizes of the local maps that were entered, and of their maps."""
-    sizes, enter = [], LargeMapSlam.enter
+    sizes, enter = [], EkfSlam.enter
 
     def counted(ekf, inside):
         sizes.append((len(inside), len(ekf)))
         return enter(ekf, inside)
 
-    monkeypatch.setattr(LargeMapSlam, "enter", counted)
+    monkeypatch.setattr(EkfSlam, "enter", counted)
     return sizes
 
 
@@ -95,8 +94,8 @@ def test_a_large_map_chooses_by_itself(monkeypatch, entries):
     log = simulate_world(WORLD, 1)
     whole = slam.run(log, EkfConfig(submaps="never"))
     assert not entries
-    monkeypatch.setattr(local_map, "LARGE", 30)
-    monkeypatch.setattr(local_map, "MAX_FRACTION", 0.5)
+    monkeypatch.setattr(local_map_choice, "LARGE", 30)
+    monkeypatch.setattr(local_map_choice, "MAX_FRACTION", 0.5)
     _close(slam.run(log, EkfConfig()), whole)
     assert min(mapped for _, mapped in entries) >= 30
     assert all(inside <= mapped / 2 for inside, mapped in entries)

@@ -296,7 +296,7 @@ class Hypotheses:
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """Mean (3,) and covariance (3, 3) of the pose over all hypotheses."""
         pose, C = np.empty(3), np.empty((3, 3))
-        write_pose(self.best.ekf.robot, pose, C)
+        write_pose(self.best.ekf.view, pose, C)
         if len(self.alive) > 1:
             weight = np.exp([each.weight for each in self.alive])
             weight /= weight.sum()

@@ -30,7 +30,7 @@ from saccade.slam.filter.validation import (
     require_shape,
 )
 from saccade.slam.hypotheses import Hypotheses, Hypothesis
-from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
+from saccade.slam.local_map_choice import LocalMapChoice
 from saccade.slam.map_file import read_map, write_map
 from saccade.slam.models import (
     MOTIONS,
@@ -112,8 +112,7 @@ class Slam:
         built_in_rule = association is None or isinstance(
             association, (KnownIdentity, GatedIdentity)
         )
-        whole = config.submaps == "never" or not (built_in and built_in_rule)
-        ekf = (EkfSlam if whole else LargeMapSlam)(
+        ekf = EkfSlam(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
             motion=motion,
@@ -134,7 +133,8 @@ class Slam:
         gate = (
             float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
         )
-        self._choice = LocalMapChoice(config.submaps == "always", gate)
+        submaps = config.submaps if built_in and built_in_rule else "never"
+        self._choice = LocalMapChoice(submaps, gate)
         several = association is None and config.association in ("auto", "multiple")
         self._may_branch = several and built_in and adds and config.max_hypotheses > 1
         self.hypotheses = Hypotheses(

@@ -31,6 +31,7 @@ from saccade.slam.filter.state import (
     to_arrays,
 )
 from saccade.slam.filter.validation import check_all, check_covariance, check_landmark, check_vector
+from saccade.slam.local_map import LocalMap, enter, leave
 from saccade.slam.models import RANGE_BEARING, MotionModel, Sensor, turn_then_translate, wrap
 from saccade.slam.results import Innovation
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -71,13 +72,13 @@ class EkfSlam:
         P = check_covariance("covariance of the pose", covariance, len(robot))
         self.models = models_of(motion, sensor, len(robot))
         """The motion and the sensor model, as the filter applies them."""
-        self.filter_state = new_state(
-            robot, P, error_state=int(Retraction(retraction)), huber=huber
-        )
+        self.local_map: LocalMap | None = None
+        """Where the filter works at present, if not in the whole map."""
+        self._whole = new_state(robot, P, error_state=int(Retraction(retraction)), huber=huber)
         self._ids = np.zeros(0, np.int64)  # of the landmarks at the last removal
         self._removed = 0
         self._confirmed = np.ones(0, np.bool_)
-        self.filter_state.state[2] = wrap(robot[2])
+        self._whole.state[2] = wrap(robot[2])
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
         """Move the robot (C.5-C.9).
@@ -275,31 +276,63 @@ class EkfSlam:
         return difference, C[:2, :2] + C[2:, 2:] - C[:2, 2:] - C[2:, :2]
 
     @property
+    def filter_state(self) -> FilterState:
+        """The state of the whole map; ends the stay in a local map."""
+        self.leave()
+        return self._whole
+
+    @filter_state.setter
+    def filter_state(self, filter_state: FilterState) -> None:
+        self._whole, self.local_map = filter_state, None
+
+    def enter(self, inside: IntArray) -> LocalMap:
+        """Work among these landmarks (k,), ascending, until `leave`.
+
+        What steps among them change about the others is deferred. The pose and its covariance do
+        not need it; what needs the other landmarks leaves first.
+        """
+        self.local_map = enter(self.filter_state, inside)
+        return self.local_map
+
+    def leave(self) -> None:
+        """Bring the state of the whole map up to date."""
+        if self.local_map is not None:
+            place, self.local_map = self.local_map, None
+            self._whole = leave(self._whole, place)
+
+    @property
     def view(self) -> FilterState:
-        """The state in which a step works: of all landmarks, or in a large map of some."""
-        return self.filter_state
+        """The state in which a step works: of all landmarks, or of those of a local map."""
+        return self._whole if self.local_map is None else self.local_map.state
 
     def to_view(self, landmarks: IntArray) -> IntArray:
         """Numbers in `view` of landmarks (k,), -1 for those that are not in it.
 
         Negative numbers stay, and so do the places of landmarks that are yet to be added.
         """
-        return landmarks
+        return landmarks if self.local_map is None else self.local_map.to_local(landmarks)
 
     def from_view(self, landmarks: IntArray) -> IntArray:
         """Numbers of landmarks (k,) of `view`; negative ones stay."""
-        return landmarks
+        return landmarks if self.local_map is None else self.local_map.to_map(landmarks)
 
     def mark_observed(self, landmarks: IntArray) -> None:
         """Called with the landmarks (k,) of `view` that a scan updates, negative for none."""
+        if self.local_map is not None:
+            observed = self.local_map.observed
+            observed[landmarks[(landmarks >= 0) & (landmarks < len(observed))]] = True
 
     def reserve(self, observations: int = 1) -> None:
         """Make room for a motion and so many observations, each perhaps of a new landmark."""
-        self.filter_state = room_for_scan(self.filter_state, observations)
+        state = room_for_scan(self.view, observations)
+        if self.local_map is None:
+            self._whole = state
+        else:
+            self.local_map.state = state
 
     def inflate_heading_covariance(self) -> None:
         """Account for a heading that has become less certain where due, before a motion."""
-        if is_inflation_due(self.robot):
+        if is_inflation_due(self.view):
             inflate_heading_covariance(self.filter_state)
 
     def to_arrays(self) -> Arrays:
@@ -313,37 +346,32 @@ class EkfSlam:
         self._ids, self._removed = arrays["ids"], int(arrays["removed"])
 
     @property
-    def robot(self) -> FilterState:
-        """A state in which the robot is up to date, but not each landmark of a large map."""
-        return self.filter_state
-
-    @property
     def pose(self) -> FloatArray:
         """(3,) x, y in metres, heading in radians."""
-        return self.robot.state[:3].copy()
+        return self.view.state[:3].copy()
 
     @property
     def robot_state(self) -> FloatArray:
         """(r,) the pose and the further states of the robot."""
-        return self.robot.state[: self.robot.robot_size].copy()
+        return self.view.state[: self.view.robot_size].copy()
 
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3)."""
         covariance = np.empty((3, 3))
-        write_pose(self.robot, np.empty(3), covariance)
+        write_pose(self.view, np.empty(3), covariance)
         return covariance
 
     @property
     def odometry_bias(self) -> FloatArray | None:
         """(3,) see `odometry_bias.BIASES`; None where they are no part of the state."""
-        estimated = self.models.compiled and self.robot.robot_size > 3
+        estimated = self.models.compiled and self.view.robot_size > 3
         return self.robot_state[3:] if estimated else None
 
     @property
     def nonlinearity(self) -> float:
         """Root of the mean share of second-order terms in the variance of the innovations."""
-        now = self.robot.now
+        now = self.view.now
         count = now.nonlinear_updates
         return float(np.sqrt(now.nonlinearity / count)) if count > 0 else 0.0
 
@@ -402,7 +430,8 @@ class EkfSlam:
         return self.models.sensor
 
     def __len__(self) -> int:
-        return int(self.filter_state.now.landmarks)
+        outside = 0 if self.local_map is None else len(self.local_map.rest)
+        return int(self.view.now.landmarks) + outside
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
