@@ -56,7 +56,7 @@ def measure(
         maps.append(slam.slam_for(log, slam.EkfConfig(association="known")))
         slam.run(log, initial=maps[-1])
         unnamed.append(copy.deepcopy(maps[-1]))
-        unnamed[-1].associate.number = {}
+        unnamed[-1].associate.known = {}
     try:
         merged = slam.merge_maps(*unnamed)
     except LogError:

@@ -98,7 +98,8 @@ def stepped(ekf: EkfSlam, seen: np.ndarray) -> float:
     control, z, landmark = stretch(ekf.pose, seen)
     live = slam.Slam(slam.EkfConfig(association="known", submaps="never", recover=False))
     live.hypotheses.best.ekf = ekf
-    live.associate.number = {number: number for number in range(len(ekf))}
+    for number in range(len(ekf)):
+        live.associate.bind(number, number)
     start = time.perf_counter()
     for i in range(STEPS):
         live.step(float(i), control[i], U, z[i : i + 1], NOISE[None], landmark[i : i + 1])

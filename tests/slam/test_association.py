@@ -93,7 +93,7 @@ def test_known_identities_are_looked_up():
     z, noise = _scan(WORLD)
     identity = np.array([7, 7, -1, 0])
     assert associate(ekf, z, noise, identity).tolist() == [0, DROPPED, DROPPED, 1]
-    assert associate.number == {7: 0, 0: 1}
+    assert associate.landmarks([7, 0, 5]) == [0, 1, -1]
     assert associate(ekf, z, noise, identity).tolist() == [0, 0, DROPPED, 1]
 
 

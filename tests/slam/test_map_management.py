@@ -79,11 +79,10 @@ def test_counts_are_those_of_a_list(seed):
         for _ in range(added):
             ekf.augment(np.array([1.0, 0.0]), R)
         candidates = mapped + int(rng.integers(0, added + 1))
-        is_check, none = culling.is_due(), np.empty(0, np.int64)
+        expected = predicted if culling.is_due() else None
         culling.reach = 5.0
-        view = np.arange(mapped if is_check else 0)
-        culling.update(view, predicted[view], len(ekf), candidates, np.array(found, np.int64))
-        removed = culling.remove_culled(none)
+        culling.count_scan(ekf, expected, candidates, np.array(found, np.int64))
+        removed = culling.remove_culled(np.empty(0, np.int64))
         assert removed.tolist() == listed.update(predicted, candidates, found)
         ekf.remove(removed)
         assert culling.confirmed(len(ekf)).tolist() == [m["confirmed"] for m in listed.landmarks]

@@ -2,9 +2,9 @@
 
 from saccade.io.checkpoint import Checkpoint
 from saccade.slam.association._kernels import DROPPED, NEW
-from saccade.slam.association.identities import GatedIdentity
+from saccade.slam.association.identities import GatedIdentity, KnownIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
-from saccade.slam.association.rule import Association, KnownIdentity
+from saccade.slam.association.rule import Association
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam

@@ -77,7 +77,6 @@ class Culling:
         """Largest range that was observed so far."""
         self.log_likelihood = 0.0
         """Of which confirmed landmarks were detected, and which were missed, in all checks."""
-        self._predicted = np.zeros((0, 2))  # of the landmarks in view, in the present scan
 
     def warning(self, association: IntArray) -> str:
         """Why nothing was mapped, or most observations were not used; empty if neither is so.
@@ -123,7 +122,7 @@ class Culling:
         """Whether the whole map is checked in the next scan."""
         return self.enabled and (self.scans + 1) % self.interval == 0
 
-    def predict_visible(self, ekf: EkfSlam, z: FloatArray, *, may_cull: bool) -> bool:
+    def predict_visible(self, ekf: EkfSlam, z: FloatArray, *, may_cull: bool) -> FloatArray | None:
         """Predict the observations of all landmarks in view if missed ones are counted in a scan.
 
         Args:
@@ -132,24 +131,27 @@ class Culling:
             may_cull: whether there may be a landmark to cull.
 
         Returns:
-            Whether missed landmarks are counted.
+            (n, 2) by each landmark in view; None if missed landmarks are not counted.
         """
         self.reach = max(self.reach, *z[:, 0].tolist())
         if not (self.is_due() and may_cull):
-            return False
+            return None
         f = ekf.view
         points = f.state[f.robot_size :][: 2 * f.now.landmarks].reshape(-1, 2)
-        self._predicted = ekf.sensor.observe(f.state[: f.robot_size], points)[0]
-        return True
+        return ekf.sensor.observe(f.state[: f.robot_size], points)[0]
 
     def count_scan(
-        self, ekf: EkfSlam, check: bool, candidates: int, association: IntArray
+        self,
+        ekf: EkfSlam,
+        predicted: FloatArray | None,
+        candidates: int,
+        association: IntArray,
     ) -> IntArray:
         """Count the observed and the missed landmarks of a scan.
 
         Args:
             ekf: the filter, after the scan.
-            check: whether those missed are counted, by their predicted observations.
+            predicted: of `predict_visible`.
             candidates: number of the first landmark that was added as a candidate; others that
                 are new were added by a rule that does not wait for more observations.
             association: (m,) landmark of each observation, negative for none.
@@ -159,22 +161,7 @@ class Culling:
         """
         if not self.enabled:
             return association[:0]
-        view = ekf.from_view(np.arange(len(self._predicted))) if check else association[:0]
-        self.update(view, self._predicted, len(ekf), candidates, association)
-        return np.flatnonzero(self.culled) if check else association[:0]
-
-    def update(
-        self,
-        view: IntArray,
-        predicted: FloatArray,
-        landmarks: int,
-        candidates: int,
-        association: IntArray,
-    ) -> None:
-        """See `count_scan`; `view` (n,) has the landmarks that are checked, by `predicted` (n, 2).
-
-        Without any of them, nothing is checked.
-        """
+        landmarks = len(ekf)
         self.reserve(landmarks)
         self.scans += 1
         added = int(self.observed[:landmarks].nonzero()[0].max(initial=-1)) + 1
@@ -184,9 +171,10 @@ class Culling:
         self.last_observed[used] = self.scans
         self.is_confirmed[used] |= self.observed[used] >= self.confirm_after
         self.ambiguous += int((association == DROPPED).sum())
-        if len(view) == 0:
-            return
+        if predicted is None:
+            return association[:0]
         inside = predicted[:, 0] <= self.reach
+        view = ekf.from_view(np.arange(len(predicted)))
         self._count_detections(view[inside], predicted[inside])
         if self.scans % (CHECKS * self.interval) == 0:
             few = self.detected < self.min_ratio * self.expected
@@ -194,6 +182,7 @@ class Culling:
             late = self.scans - self.last_observed > self.candidate_scans
             self.culled = np.where(self.is_confirmed, missed, late)
             self.culled[landmarks:] = False
+        return np.flatnonzero(self.culled)
 
     def _count_detections(self, landmarks: IntArray, predicted: FloatArray) -> None:
         """Count whether landmarks (n,) in view (n, 2) were detected, and whether it was expected.

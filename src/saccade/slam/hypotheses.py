@@ -121,7 +121,7 @@ class Hypothesis:
             (g,) landmarks that are to be culled.
         """
         ekf = self.ekf
-        check = self.culling.predict_visible(ekf, z, may_cull=may_cull)
+        predicted = self.culling.predict_visible(ekf, z, may_cull=may_cull)
         local = ekf.to_view(association)
         ekf.mark_observed(local)
         self.innovations = ekf.update_in_parts(z, R, local, looseness)
@@ -129,7 +129,7 @@ class Hypothesis:
         for k in np.flatnonzero(association == NEW).tolist():  # candidates
             association[k] = len(ekf)
             ekf.models.augment(ekf.view, z[k], R[k])
-        return self.culling.count_scan(ekf, check, mapped, association)
+        return self.culling.count_scan(ekf, predicted, mapped, association)
 
     def split(
         self, z: FloatArray, R: FloatArray, association: IntArray, size: float, new_cost: float

@@ -1,6 +1,6 @@
 """Map files: the whole state of a `Slam` in one .npz, for another day or another robot.
 
-Plain arrays, named after the part of the `Slam` and the array in it: `associate.number.keys`,
+Plain arrays, named after the part of the `Slam` and the array in it: `associate.known.landmark`,
 `hypotheses.0.ekf.state`. Nothing in the file is executed when it is read.
 """
 

@@ -11,8 +11,8 @@ from saccade.errors import ConfigError, LogError, require
 from saccade.io.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.landmark_names import name_texts, number_names, renumber, stored_texts
 from saccade.slam.association._kernels import DROPPED, NEW
-from saccade.slam.association.identities import GatedIdentity, association_rule
-from saccade.slam.association.rule import Association, KnownIdentity
+from saccade.slam.association.identities import GatedIdentity, KnownIdentity, association_rule
+from saccade.slam.association.rule import Association
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.culling import Culling, numbers_of_kept
@@ -109,9 +109,7 @@ class Slam:
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
         self.config = config
-        built_in_rule = association is None or isinstance(
-            association, (KnownIdentity, GatedIdentity)
-        )
+        built_in_rule = association is None or isinstance(association, GatedIdentity)
         ekf = EkfSlam(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),

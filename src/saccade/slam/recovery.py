@@ -37,8 +37,6 @@ REGAINED = 7.0
 """Cumulative evidence at which scans agree again with where the robot was believed to be."""
 MAX_SCANS = 20
 """Scans in a row without evidence against the belief after which a search is given up."""
-FOUND = 0.999
-"""Probability from which a hypothesis is right."""
 PRIOR_WEIGHT, MIN_HEADING_SIGMA = 9.0, 0.03
 """Of the prior of a pose that is found, relative to its covariance: the observations that follow
 dominate it, but it is narrow enough that they are linear; and the heading's, in radians."""
@@ -58,6 +56,7 @@ class PoseSearch:
         anywhere: whether nothing is known of the pose; else that of the filter is a hypothesis.
         min_matched: observed points that must be landmarks of the map for the robot to be found.
         scans: in a row after which one hypothesis must be right for the robot to be found.
+        found: probability from which a hypothesis is right.
     """
 
     def __init__(
@@ -69,9 +68,11 @@ class PoseSearch:
         anywhere: bool,
         min_matched: int = 3,
         scans: int = 3,
+        found: float = 0.999,
     ) -> None:
         self._ekf, self.landmarks, self.anywhere = ekf, landmarks, anywhere
-        self._min_matched, self._scans, self._agreeing = min_matched, scans, 0
+        self._min_matched, self._scans, self._found = min_matched, scans, found
+        self._agreeing = 0
         covariance = ekf.marginal(landmarks)[len(ekf.robot_state) :, len(ekf.robot_state) :]
         self._search = Relocalizer(ekf.landmarks[landmarks], covariance, motion=motion)
         if not anywhere:
@@ -96,7 +97,7 @@ class PoseSearch:
         found = self._search.add(z, R, rows)
         numbers = np.append(self.landmarks, -1)  # the last is for none
         self.hypotheses = found = replace(found, association=numbers[found.association])
-        sure = len(found) > 0 and found.probability[0] >= FOUND
+        sure = len(found) > 0 and found.probability[0] >= self._found
         sure = sure and np.count_nonzero(found.association[0] >= 0) >= self._min_matched
         self._agreeing = self._agreeing + 1 if sure else 0
         return found

@@ -8,14 +8,15 @@ import numpy as np
 from saccade.errors import LogError
 from saccade.io.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.landmark_names import FIRST_TEXT
-from saccade.slam.association.rule import Association, KnownIdentity
+from saccade.slam.association.identities import KnownIdentity
+from saccade.slam.association.rule import Association
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.culling import numbers_of_kept
 from saccade.slam.filter.models import new_innovations
 from saccade.slam.models import MOTIONS, RANGE_BEARING, MotionModel, Sensor
 from saccade.slam.online import Slam
-from saccade.slam.relocalization import Relocalizer
+from saccade.slam.recovery import PoseSearch
 from saccade.slam.results import StepResult
 from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
@@ -36,8 +37,6 @@ MAX_NONLINEARITY = 0.12
 """Of `SlamResult.nonlinearity`: above it the filter is overconfident in simulated worlds."""
 FOUND = 0.99
 """Probability from which a hypothesis of the first pose is right."""
-MIN_MATCHED = 3
-"""Observed points that must be landmarks of the map for the robot to be found."""
 MAX_SCANS = 50
 """Scans after which a robot that was not found is not in the map."""
 
@@ -298,8 +297,8 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
         LogError: no pose is certain.
     """
     ekf = slam.ekf
-    r = len(ekf.robot_state)
-    search = Relocalizer(ekf.landmarks, ekf.covariance[r:, r:], motion=slam.motion)
+    landmarks = np.arange(len(ekf))
+    search = PoseSearch(ekf, landmarks, slam.motion, anywhere=True, found=FOUND, scans=1)
     moved, moved_covariance, scans, best = np.zeros(3), np.zeros((3, 3)), 0, 0.0
     for step in range(len(log.time)):
         if step > 0:
@@ -309,15 +308,14 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
         scan = log.observation_pose == step
         if not scan.any() or scans == MAX_SCANS:
             continue
-        found = search.add(log.observation[scan], log.observation_covariance[scan])
+        z, R = log.observation[scan], log.observation_covariance[scan]
+        found = search.add(z, R, np.full(len(z), -1))
         scans += 1
-        if len(found) == 0:
-            continue
-        best, association = float(found.probability[0]), found.association[0]
-        matched = association[association >= 0]
-        if best > FOUND and len(matched) >= MIN_MATCHED:
-            covariance = found.covariance[0].copy()
-            covariance[:2, :2] += ekf.landmark_covariances[matched].mean(0)
+        best = float(found.probability[0]) if len(found) > 0 else best
+        if search.is_found:
+            association, covariance = found.association[0], found.covariance[0].copy()
+            used = association[association >= 0]
+            covariance[:2, :2] += ekf.landmark_covariances[used].mean(0)
             return _before(found.pose[0], covariance, moved, moved_covariance)
     raise LogError(
         f"start: expected a pose in the map that is certain, found a probability of {best:.2f} "

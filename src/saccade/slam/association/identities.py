@@ -18,7 +18,7 @@ from saccade.io.checkpoint import (
 from saccade.slam.association._kernels import DROPPED, NEW, compare_identities
 from saccade.slam.association.consistent_names import consistent_names
 from saccade.slam.association.nearest_neighbor import NearestNeighbor, squared_distances
-from saccade.slam.association.rule import Association, KnownIdentity
+from saccade.slam.association.rule import Association
 from saccade.slam.config import ASSOCIATION_RULES, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
@@ -385,6 +385,28 @@ class GatedIdentity(Association):
             for p in np.flatnonzero(count == count.max()).tolist():
                 refused.add(names[p])
                 conflicts[p] = conflicts[:, p] = False
+
+
+class KnownIdentity(GatedIdentity):
+    """Known data association: identities are believed.
+
+    Observations without an identity are dropped, and so is a second observation, in one scan,
+    of a landmark that is not in the map yet.
+    """
+
+    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
+        """Look each identity up; see `Association`. New landmarks get the next free numbers."""
+        new: set[int] = set()  # identities first observed in this scan
+        association = np.full(len(identity), DROPPED)
+        for i, name in enumerate(identity.tolist()):
+            if name < 0 or name in new:
+                continue
+            known = self.known.setdefault(name, Identity())
+            if known.landmark < 0:
+                known.landmark = len(ekf) + len(new)
+                new.add(name)
+            association[i] = known.landmark
+        return association
 
 
 class _Positions:

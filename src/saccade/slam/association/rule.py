@@ -1,12 +1,10 @@
-"""The interface of data association, and known data association."""
+"""The interface of data association."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.io.checkpoint import Arrays, attribute_arrays, restore_attributes
-from saccade.slam.association._kernels import DROPPED
+from saccade.io.checkpoint import Arrays
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -75,60 +73,3 @@ class Association:
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         return
-
-
-@dataclass
-class KnownIdentity(Association):
-    """Known data association.
-
-    Observations without an identity are dropped, and so is a second observation, in one scan,
-    of a landmark that is not in the map yet.
-    """
-
-    number: dict[int, int] = field(default_factory=dict)
-    """Landmark in the map of each identity observed so far."""
-
-    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
-        """Look each identity up; see `Association`. New landmarks get the next free numbers."""
-        new: set[int] = set()  # identities first observed in this scan
-        association = []
-        for name in identity.tolist():
-            if name < 0 or name in new:
-                association.append(DROPPED)
-                continue
-            if name not in self.number:
-                self.number[name] = len(ekf) + len(new)
-                new.add(name)
-            association.append(self.number[name])
-        return np.array(association, np.int64)
-
-    def landmarks(self, names: list[int]) -> list[int]:
-        """See `Association`."""
-        return [self.number.get(name, -1) for name in names]
-
-    def bind(self, identity: int, landmark: int) -> None:
-        """See `Association`."""
-        self.number.setdefault(identity, landmark)
-
-    def removed(self, number: IntArray) -> None:
-        """See `Association`."""
-        now = {name: int(number[landmark]) for name, landmark in self.number.items()}
-        self.number = {name: landmark for name, landmark in now.items() if landmark >= 0}
-
-    def identities(self, landmarks: int) -> IntArray:
-        """See `Association`."""
-        found = np.full(landmarks, -1)
-        found[list(self.number.values())] = list(self.number)
-        return found
-
-    def forget_from(self, landmarks: int) -> None:
-        """See `Association`."""
-        self.number = {name: n for name, n in self.number.items() if n < landmarks}
-
-    def to_arrays(self) -> Arrays:
-        """Its state as named arrays."""
-        return attribute_arrays(self)
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore what `to_arrays` gave."""
-        restore_attributes(self, arrays)
