@@ -55,7 +55,9 @@ def load_settings(kind: str, preset: str | None = None, path: Path | None = None
             f"preset: expected one of {', '.join(presets)} for {kind}, found {preset!r}"
         )
     settings = configuration() if preset == DEFAULT else getattr(configuration, preset)()
-    return settings if path is None else _update(settings, read_toml(path, ConfigError), str(path))
+    if path is None:
+        return settings
+    return update_settings(settings, read_toml(path, ConfigError), str(path))
 
 
 def settings_from(kind: str, values: dict[str, Any], name: str) -> Any:
@@ -69,7 +71,7 @@ def settings_from(kind: str, values: dict[str, Any], name: str) -> Any:
     Raises:
         ConfigError: as `load_settings`.
     """
-    return _update(load_settings(kind), values, name)
+    return update_settings(load_settings(kind), values, name)
 
 
 def load_model(path: str | Path) -> Any:
@@ -85,7 +87,7 @@ def load_model(path: str | Path) -> Any:
         ConfigError: as `load_settings`.
     """
     model = import_module("saccade.attention.fitted").FittedModel()
-    return _update(model, read_toml(Path(path), ConfigError), str(path))
+    return update_settings(model, read_toml(Path(path), ConfigError), str(path))
 
 
 def preset_names(kind: str) -> list[str]:
@@ -123,8 +125,14 @@ def _configuration(kind: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def _update(settings: Any, values: dict[str, Any], source: str) -> Any:
-    """A configuration with the values of a table, whose source the errors name."""
+def update_settings(settings: Any, values: dict[str, Any], source: str) -> Any:
+    """A configuration with the values of a table, whose source the errors name.
+
+    Raises:
+        ConfigError: no table, no such setting, or a value outside its range.
+    """
+    if not isinstance(values, dict):
+        raise ConfigError(f"{source}: expected a table of settings, found {values!r}")
     names = [field.name for field in fields(settings)]
     unknown = sorted(set(values) - set(names))
     if unknown:
@@ -155,8 +163,8 @@ def _optional(value: Any, hint: Any, current: Any, name: str) -> Any:
 
 def _converted(value: Any, example: Any, name: str) -> Any:
     """`value` converted to the type of `example`: TOML has lists for tuples, and 1 for 1.0."""
-    if is_dataclass(example) and isinstance(value, dict):
-        return _update(example, value, name)
+    if is_dataclass(example):
+        return update_settings(example, value, name)
     if isinstance(example, tuple) and isinstance(value, list):
         return tuple(_converted(each, example[0], name) if example else each for each in value)
     if type(example) is float and type(value) is int and abs(value) <= MAX_INTEGER:

@@ -160,9 +160,9 @@ def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
         ({"remove": [99]}, "remove: expected names of landmarks, found [99]"),
         ({"remove": [[]]}, "remove: expected names of landmarks"),
         ({"noise": []}, "noise: expected a table of settings"),
-        ({"noise": {"loud": 1}}, "noise: expected one of distance_percent"),
-        ({"noise": {"reach": "far"}}, "reach: expected a number, found 'far'"),
-        ({"noise": {"range_percent": 0}}, "range_percent: expected 0.5 to 20, found 0"),
+        ({"noise": {"loud": 1}}, "noise: no setting 'loud'; expected any of distance_percent"),
+        ({"noise": {"reach": "far"}}, "noise: reach: expected float, found 'far'"),
+        ({"noise": {"range_percent": 0}}, "range_percent: expected 0.5 to 20, found 0.0"),
     ],
 )
 def test_invalid_requests_are_one_line_errors_and_change_nothing(change, words):

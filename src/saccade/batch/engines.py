@@ -70,22 +70,20 @@ class ShardReport(NamedTuple):
     """Counts of a shard that was processed."""
 
     done: int = 0
-    """Items processed."""
+    """Items processed, without those that failed."""
     unchanged: int = 0
-    """Items done before."""
+    """Items done before, likewise."""
     rows: int = 0
     """Rows added to the table."""
     failed: int = 0
-    """Images with an error in the record, of those processed and those kept."""
-    failed_now: int = 0
-    """Failed images among those processed."""
+    """Images that failed, now or before."""
     lost: Sequence[tuple[str, str]] = ()
     """Items whose results could not be written, and why."""
 
     @classmethod
-    def of_lost(cls, items: Sequence[Any], reason: str, unchanged: int = 0) -> "ShardReport":
+    def of_lost(cls, items: Sequence[Any], reason: str, **counts: int) -> "ShardReport":
         """The report of items without results."""
-        return cls(unchanged=unchanged, lost=[(item.name, reason) for item in items])
+        return cls(lost=[(item.name, reason) for item in items], **counts)
 
 
 Work: TypeAlias = Callable[[Shard], ShardReport]

@@ -112,8 +112,8 @@ def extract(
         work = partial(extract_shard, job, out, redo=redo)
         shards = plan_shards(source, store, shard_size)
         for report in engine.run(work, takewhile(lambda _: not should_stop(), shards)):
-            done += report.done - report.failed_now
-            unchanged += report.unchanged - (report.failed - report.failed_now)
+            done += report.done
+            unchanged += report.unchanged
             failed += report.failed
             lost.extend(report.lost)
             on_report(report)

@@ -86,10 +86,11 @@ def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> 
     store = open_store(location)
     record = [row for file in shard.inputs for row in read_record(store, file).to_pylist()]
     rows = kept_rows(job, record, shard, redo)
-    unchanged, names = len(rows), {row["image"] for row in rows}
-    todo = [item for item in shard.items if item.name not in names]
-    if not todo and unchanged == len(record):
-        return ShardReport(unchanged=unchanged, failed=_count_failed(rows))
+    names, failed = {row["image"] for row in rows}, _count_failed(rows)
+    todo, kept = [item for item in shard.items if item.name not in names], len(rows)
+    counts = {"unchanged": kept - failed, "failed": failed}
+    if not todo and kept == len(record):
+        return ShardReport(**counts)
     file = shard_file(shard.name)
     try:
         with map_writer(job, store, shard.name) as add_map:
@@ -99,10 +100,10 @@ def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> 
             write_table(store, f"{job.what}/{file}", added, schema_of(job))
         write_table(store, f"{RECORDS}/{file}", [record_batch(rows, RECORD_SCHEMA)], RECORD_SCHEMA)
     except OutputError as error:
-        return ShardReport.of_lost(todo, str(error), unchanged)
-    new = rows[unchanged:]
-    num_rows = sum(row["rows"] for row in new)
-    return ShardReport(len(todo), unchanged, num_rows, _count_failed(rows), _count_failed(new))
+        return ShardReport.of_lost(todo, str(error), **counts)
+    num_rows, failed = sum(row["rows"] for row in rows[kept:]), _count_failed(rows[kept:])
+    counts["failed"] += failed
+    return ShardReport(len(todo) - failed, rows=num_rows, **counts)
 
 
 def kept_rows(job: Job, record: Sequence[Row], shard: Shard, redo: bool) -> list[Row]:

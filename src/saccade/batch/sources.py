@@ -21,6 +21,7 @@ from saccade.io.files import (
     open_file,
     read_bytes,
     read_text,
+    reading,
     reason_of,
     results_in,
 )
@@ -71,10 +72,8 @@ def open_source(source: str, every: int = 1) -> Source:
     """
     if not source:
         raise ImageError("source: expected a folder, a pattern or a file, found an empty name")
-    try:
+    with reading(source, ImageError):
         images = _open_remote(source) if is_url(source) else _open_local(source, every)
-    except OSError as error:
-        raise ImageError(f"{source}: cannot be read: {reason_of(error)}") from error
     if not len(images):
         expected = ", ".join(IMAGE_SUFFIXES)
         hint = f"; for those of its folders: '{source}/**/*'" if Path(source).is_dir() else ""
@@ -192,10 +191,7 @@ def _open_local(source: str, every: int) -> Source:
     if not path.exists():
         raise ImageError(f"{source}: cannot be read: no such file or folder")
     if source.lower().endswith(LIST_SUFFIXES):
-        try:
-            return _listed(read_text(path).splitlines(), str(path.parent))
-        except UnicodeDecodeError as error:
-            raise ImageError(f"{path}: expected a list of images, found no text") from error
+        return _listed(read_text(path).splitlines(), str(path.parent))
     return _open_files([path.name], source[: source.rfind("/") + 1], every)
 
 

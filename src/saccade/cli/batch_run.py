@@ -89,10 +89,10 @@ def batch_progress(what: str, total: int) -> Iterator[Callable[["ShardReport"], 
 
         def watch(report: "ShardReport") -> None:
             nonlocal done, errors
-            processed = report.done + len(report.lost)
-            done += processed + report.unchanged
-            errors += report.failed + len(report.lost)
-            if processed:
+            failed = report.failed + len(report.lost)
+            done += report.done + report.unchanged + failed
+            errors += failed
+            if report.done or report.lost:
                 speed = bar.tasks[0].speed
                 parts = [f"{speed:.1f} {what}/s"] if speed else []
                 parts += [f"{errors:,} errors"] if errors else []

@@ -18,7 +18,7 @@ from saccade.attention.contrast import (
 )
 from saccade.attention.models import KINDS, AttentionModel
 from saccade.attention.scanpath import scanpath
-from saccade.errors import ConfigError, ImageError, require
+from saccade.errors import ImageError, require
 from saccade.io.image import decode_image, size_in_header
 from saccade.scale.pyramid import FloatMap
 from saccade.serving.controls import (
@@ -30,7 +30,7 @@ from saccade.serving.controls import (
     detection_python,
     read_python,
 )
-from saccade.settings import settings_from
+from saccade.settings import settings_from, update_settings
 from saccade.types import Float32Array, Image
 from saccade.viewing.page import heat, photograph, shrunk
 from saccade.viewing.report import maps_data, points_data, scanpath_data
@@ -104,9 +104,10 @@ class PhotoAnalyzer:
         is_valid = type(fixations) is int and 1 <= fixations <= MAX_FIXATIONS
         require(is_valid, "fixations", f"1 to {MAX_FIXATIONS}", fixations)
         kind, *parts = MODELS[model]
-        table = _table(request, kind) | {each: _table(request, each) for each in parts}
-        attention = AttentionModel(model, settings_from(KINDS[model], table, kind))
-        config = settings_from("scanpath", _table(request, "scanpath"), "scanpath")
+        settings = settings_from(KINDS[model], request.get(kind, {}), kind)
+        inner = {each: request[each] for each in parts if each in request}
+        attention = AttentionModel(model, update_settings(settings, inner, kind))
+        config = settings_from("scanpath", request.get("scanpath", {}), "scanpath")
         saliency, maps = self._maps(request["photo"], attention)
         path = scanpath(saliency, photo.pixels.shape, fixations, config)
         choices = (attention.model, attention.settings, config, fixations)
@@ -130,7 +131,7 @@ class PhotoAnalyzer:
         """
         start = perf_counter()
         photo = self._photo(request)
-        config = settings_from("contrast", _table(request, "contrast"), "contrast")
+        config = settings_from("contrast", request.get("contrast", {}), "contrast")
         try:
             channels = feature_data(photo.pixels, config)
         except ImageError as error:
@@ -151,7 +152,7 @@ class PhotoAnalyzer:
         photo = self._photo(request)
         name = request.get("detector", "sift")
         require(name in DETECTORS, "detector", f"one of {', '.join(DETECTORS)}", name)
-        settings = settings_from(name, _table(request, name), name)
+        settings = settings_from(name, request.get(name, {}), name)
         detected = getattr(keypoints, DETECTORS[name])(settings)(photo.pixels)
         points = detected.keypoints if name == "symroid" else detected
         return {
@@ -199,13 +200,6 @@ class PhotoAnalyzer:
             self._cached = layers["saliency"], maps_data(layers)
             self._cached_for = (token, attention)
         return self._cached
-
-
-def _table(request: Mapping[str, Any], kind: str) -> dict[str, Any]:
-    table = request.get(kind, {})
-    if not isinstance(table, dict):
-        raise ConfigError(f"{kind}: expected a table of settings, found {table!r}")
-    return table
 
 
 def feature_data(image: Image, config: ContrastConfig) -> list[dict[str, Any]]:

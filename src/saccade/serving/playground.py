@@ -3,13 +3,13 @@
 import secrets
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from saccade.errors import ConfigError, LogError, Settings, require, setting
-from saccade.settings import settings_from
+from saccade.errors import LogError, Settings, require, setting
+from saccade.settings import settings_from, update_settings
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.config import RETRACTIONS
 from saccade.slam.consistency import chi_square_gate, normalized_squared, pose_nees
@@ -285,13 +285,8 @@ def noise_from(table: Any) -> PlaygroundNoise:
     Raises:
         ConfigError: an unknown name, or a value outside its range.
     """
-    if not isinstance(table, dict):
-        raise ConfigError(f"noise: expected a table of settings, found {table!r}")
-    names = [each.name for each in fields(PlaygroundNoise)]
-    for name, value in table.items():
-        require(name in names, "noise", f"one of {', '.join(names)}", name)
-        require(_is_number(value), name, "a number", value)
-    return PlaygroundNoise(**table)
+    noise: PlaygroundNoise = update_settings(PlaygroundNoise(), table, "noise")
+    return noise
 
 
 def commands_from(value: Any) -> list[FloatArray | None]:
