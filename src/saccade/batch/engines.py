@@ -81,9 +81,9 @@ class ShardReport(NamedTuple):
     """Items whose results could not be written, and why."""
 
     @classmethod
-    def of_lost(cls, items: Sequence[Any], reason: str, **counts: int) -> "ShardReport":
+    def of_lost(cls, items: Sequence[Any], reason: str) -> "ShardReport":
         """The report of items without results."""
-        return cls(lost=[(item.name, reason) for item in items], **counts)
+        return cls(lost=[(item.name, reason) for item in items])
 
 
 Work: TypeAlias = Callable[[Shard], ShardReport]

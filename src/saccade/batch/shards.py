@@ -88,9 +88,9 @@ def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> 
     rows = kept_rows(job, record, shard, redo)
     names, failed = {row["image"] for row in rows}, _count_failed(rows)
     todo, kept = [item for item in shard.items if item.name not in names], len(rows)
-    counts = {"unchanged": kept - failed, "failed": failed}
+    report = ShardReport(unchanged=kept - failed, failed=failed)
     if not todo and kept == len(record):
-        return ShardReport(**counts)
+        return report
     file = shard_file(shard.name)
     try:
         with map_writer(job, store, shard.name) as add_map:
@@ -100,10 +100,10 @@ def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> 
             write_table(store, f"{job.what}/{file}", added, schema_of(job))
         write_table(store, f"{RECORDS}/{file}", [record_batch(rows, RECORD_SCHEMA)], RECORD_SCHEMA)
     except OutputError as error:
-        return ShardReport.of_lost(todo, str(error), **counts)
-    num_rows, failed = sum(row["rows"] for row in rows[kept:]), _count_failed(rows[kept:])
-    counts["failed"] += failed
-    return ShardReport(len(todo) - failed, rows=num_rows, **counts)
+        return report._replace(lost=ShardReport.of_lost(todo, str(error)).lost)
+    num_rows, failed_now = sum(row["rows"] for row in rows[kept:]), _count_failed(rows[kept:])
+    done = len(todo) - failed_now
+    return report._replace(done=done, rows=num_rows, failed=failed + failed_now)
 
 
 def kept_rows(job: Job, record: Sequence[Row], shard: Shard, redo: bool) -> list[Row]:
