@@ -1,7 +1,12 @@
 """Configurations from presets and TOML files."""
 
+import ast
+import inspect
+import textwrap
+from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, replace
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_type_hints
@@ -95,6 +100,23 @@ def preset_names(kind: str) -> list[str]:
     configuration = _configuration(kind)
     names = (name for name, value in vars(configuration).items() if isinstance(value, classmethod))
     return [DEFAULT, *names]
+
+
+def field_help(configuration: type) -> Mapping[str, str]:
+    """The docstring of each field of a class; empty where its source is not installed."""
+    inherited = [field_help(parent) for parent in reversed(configuration.__bases__)]
+    texts = {name: text for each in inherited for name, text in each.items()}
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(configuration))).body[0]
+    except (OSError, TypeError):
+        return texts
+    body = getattr(tree, "body", [])
+    return texts | {
+        field.target.id: " ".join(str(text.value.value).split())
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+    }
 
 
 def as_toml(settings: Any) -> str:

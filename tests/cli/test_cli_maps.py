@@ -70,7 +70,6 @@ def test_a_start_is_typed(folder, tmp_path):
     ("options", "message"),
     [
         (["--start", "here"], r"--start: expected last, search, log or X,Y,HEADING, found 'here'"),
-        (["--mode", "guess"], "mode: expected continue or localize, found 'guess'"),
         (["--mode", "localize", "--save-map", "x.npz"], r"--save-map: expected --mode continue"),
         (["--smooth"], r"--smooth: expected a log that begins its map"),
     ],

@@ -1,15 +1,15 @@
 """Commands that are imported when they are run."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Literal
 
 import pytest
 import typer
-from typer import Option
-from typer.core import TyperOption
 
+from saccade.cli import _UsageError as UsageError
 from saccade.cli import app
-from saccade.cli.group import flattened
+from saccade.cli.group import argument, load_command, option
+from saccade.errors import setting
 
 
 def groups(group=None):
@@ -51,22 +51,35 @@ def test_a_command_of_an_earlier_release_names_its_successor(run, words):
     assert f"No such command '{words.split()[0]}': use saccade " in err
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Pair:
-    first: Annotated[int, Option(min=1)]
-    second: Annotated[str, Option()] = "b"
+    kind: Literal["a", "b-c"] = argument("KIND")
+    """Kind of the pair."""
+    first: int = setting(3, 1, 9)
+    """The first
+    number."""
+    others: list[Literal["x", "y"]] | None = option(None, "--other", "-o")
+    third: bool = False
+
+
+GOT = []
+
+
+def pair(made: Pair):
+    """A pair."""
+    GOT.append(made)
 
 
 def test_fields_of_a_dataclass_are_options():
-    got = []
-
-    def command(pair: Pair, third: Annotated[bool, Option("--third")] = False) -> None:
-        got.append((pair, third))
-
-    one = typer.Typer()
-    one.command()(flattened(command))
-    click = typer.main.get_command(one)
-    names = [each.opts[0] for each in click.params if isinstance(each, TyperOption)]
-    assert names[:3] == ["--first", "--second", "--third"]
-    click(["--first", "2", "--third"], standalone_mode=False)
-    assert got == [(Pair(2, "b"), True)]
+    command = load_command(__name__, "pair", "")
+    kind, first, others, third = command.params[:4]
+    assert (kind.metavar, kind.help) == ("KIND", "Kind of the pair.")
+    assert (first.help, first.metavar) == ("The first number.", "N")
+    assert others.opts == ["--other", "-o"]
+    assert (third.opts, third.secondary_opts) == (["--third"], [])
+    command(["b-c", "--first", "2", "-o", "x,y", "--third"], standalone_mode=False)
+    assert [Pair(kind="b-c", first=2, others=["x", "y"], third=True)] == GOT
+    assert {type(each) for each in GOT[0].others} == {str}
+    for wrong in (["c"], ["a", "--first", "0"], ["a", "-o", "z"], ["a", "--no-third"]):
+        with pytest.raises(UsageError):
+            command(wrong, standalone_mode=False)

@@ -1,24 +1,14 @@
-"""Workers, interruption and progress of commands that process many images."""
+"""Workers and progress of commands that process many images."""
 
 import os
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Option
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from saccade.batch.engines import Engine, ShardReport
     from saccade.batch.sources import Source
-
-INTERRUPTED = 130
-"""Exit code."""
-Workers = Annotated[
-    int | None,
-    Option(min=1, metavar="N", help="Number of processes; by default as cores and memory allow."),
-]
 
 
 def preload(source: str, workers: int | None) -> None:
@@ -37,29 +27,6 @@ def local_engine(images: "Source", workers: int | None) -> "Engine":
 
     count = count_workers(images) if workers is None else workers
     return Processes(count) if count > 1 else InProcess()
-
-
-@contextmanager
-def stop_on_interrupt(
-    message: str = "stopping after the shards in progress",
-) -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed, upon which it prints a message; pressed again, it raises."""
-    from threading import Event
-
-    from saccade.cli.output import print_message
-
-    pressed = Event()
-
-    def stop(*_: Any) -> None:
-        pressed.set()
-        signal.signal(signal.SIGINT, previous)
-        print_message(f"{message}; press Ctrl-C again to stop at once")
-
-    previous = signal.signal(signal.SIGINT, stop)
-    try:
-        yield pressed.is_set
-    finally:
-        signal.signal(signal.SIGINT, previous)
 
 
 @contextmanager

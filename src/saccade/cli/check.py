@@ -1,26 +1,26 @@
 """`saccade check`: diagnostics of a camera drive."""
 
-from dataclasses import asdict
-from typing import Annotated, Any
+from dataclasses import asdict, dataclass
 
-import typer
 from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
-from typer import Option
 
-from saccade.cli.options import Json, SequenceOptions
-from saccade.cli.output import print_json, progress_bar
+from saccade.cli.group import option
+from saccade.cli.options import JsonOption, SequenceOptions
+from saccade.cli.output import Result, progress_bar
 from saccade.diagnostics import CheckReport, check_drive
 
 
-def check(
-    source: SequenceOptions,
-    frames: Annotated[
-        int, Option(min=40, help="Frames to inspect, spread over a longer drive.")
-    ] = 300,
-    as_json: Json = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(JsonOption):
+    """Options of `saccade check`."""
+
+    frames: int = option(300, min=40)
+    """Frames to inspect, spread over a longer drive."""
+
+
+def check(source: SequenceOptions, options: CheckOptions) -> Result:
     """Check a camera drive for errors before it is mapped.
 
     Compares odometry with visual motion (sign, scale, time offset, noise,
@@ -31,18 +31,10 @@ def check(
     """
     drive = source.load()
     with progress_bar("checking") as update:
-        report = check_drive(drive, frames, update)
-    if as_json:
-        print_json(_as_row(report))
-    else:
+        report = check_drive(drive, options.frames, update)
+    if not options.as_json:
         _print(report)
-    if not report.clean:
-        raise typer.Exit(1)
-
-
-def _as_row(report: "CheckReport") -> dict[str, Any]:
-
-    return {
+    row = {
         "sequence": report.name,
         "frames": report.frames,
         "inspected": report.inspected,
@@ -50,10 +42,10 @@ def _as_row(report: "CheckReport") -> dict[str, Any]:
         "findings": [asdict(finding) for finding in report.findings],
         "figures": report.figures,
     }
+    return Result(row, code=int(not report.clean))
 
 
-def _print(report: "CheckReport") -> None:
-
+def _print(report: CheckReport) -> None:
     console = Console(highlight=False)
     problems = sum(finding.severity != "note" for finding in report.findings)
     count = f"{report.frames} frames"

@@ -1,39 +1,32 @@
 """`saccade convert`: a landmark log, or extracted keypoints, in another format."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, cast
-
-from typer import Argument, Option
+from typing import Any, cast
 
 from saccade import datasets
-from saccade.cli.options import Json, LogFormat, Robot, Topics
-from saccade.cli.output import emit_facts
+from saccade.cli.group import argument
+from saccade.cli.options import JsonOption, LogOptions
+from saccade.cli.output import Result, facts_table
 from saccade.errors import require
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 
 
-def convert(
-    source: Annotated[
-        str,
-        Argument(
-            metavar="LOG|DIR",
-            help="Landmark log: a file, folder or ROS bag; or keypoints of saccade extract.",
-        ),
-    ],
-    file: Annotated[Path, Argument(metavar="FILE", help="File or folder to write.")],
-    kind: LogFormat = None,
-    to: Annotated[
-        str | None,
-        Option(
-            help="Format of FILE: csv, g2o, isam, toro, gtsam or mrclam; of keypoints colmap, "
-            "hdf5, opencv or csv; given by its suffix by default."
-        ),
-    ] = None,
-    robot: Robot = None,
-    topic: Topics = None,
-    as_json: Json = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ConvertOptions(LogOptions, JsonOption):
+    """Options of `saccade convert`."""
+
+    source: str = argument("LOG|DIR")
+    """Landmark log: a file, folder or ROS bag; or keypoints of saccade extract."""
+    file: Path = argument("FILE")
+    """File or folder to write."""
+    to: str | None = None
+    """Format of FILE: csv, g2o, isam, toro, gtsam or mrclam; of keypoints colmap, hdf5, opencv or
+    csv; given by its suffix by default."""
+
+
+def convert(options: ConvertOptions) -> Result:
     """Convert a landmark log or extracted keypoints to another format.
 
     Of a log csv keeps everything but the ground truth; its header names the
@@ -46,21 +39,15 @@ def convert(
     keypoints and descriptors, for cv::FileStorage) are folders with a file for
     each image.
     """
+    source, file, to = options.source, options.file, options.to
     if "://" in source or (Path(source) / "manifest.json").exists():
-        row = _convert_points(source, file, to)
-        emit_facts(row, as_json, f"{source} -> {file}")
-        return
-    recorded = datasets.load(
-        cast("datasets.Kind", kind or "auto"), Path(source), robot=robot, topic=topic
-    )
-    datasets.save(file, recorded, cast("datasets.Format", to or "auto"))
-    row = {
-        "log": recorded.name,
-        "poses": len(recorded.time),
-        "observations": len(recorded.observation),
-        "file": str(file),
-    }
-    emit_facts(row, as_json, f"{recorded.name} -> {file}")
+        row, name = _convert_points(source, file, to), source
+    else:
+        log = options.load(Path(source))
+        datasets.save(file, log, cast("datasets.Format", to or "auto"))
+        counts = {"poses": len(log.time), "observations": len(log.observation)}
+        row, name = {"log": log.name, **counts, "file": str(file)}, log.name
+    return Result(row, [facts_table(f"{name} -> {file}", row)])
 
 
 def _convert_points(folder: str, file: Path, to: str | None) -> dict[str, Any]:

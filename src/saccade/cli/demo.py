@@ -1,23 +1,24 @@
 """`saccade demo`: attention, matching and SLAM on data that ships with the package."""
 
+from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from typer import Option
 
 from saccade import datasets
 from saccade.cli.drive import write_results
+from saccade.cli.group import option
 from saccade.cli.look import analyze_image
 from saccade.cli.mapping import RunOutput
 from saccade.cli.match import match_images
-from saccade.cli.options import DEFAULT_MODEL, Json, attention_model
-from saccade.cli.output import print_json, print_message, print_table, write_text
+from saccade.cli.options import DEFAULT_MODEL, JsonOption, attention_model
+from saccade.cli.output import Result, Table, print_message, write_text
 from saccade.cli.precompile import compile_updates, compiled_ahead
-from saccade.cli.slam import map_log
+from saccade.cli.slam import SlamOptions, map_log
 from saccade.evaluation.gaze import SETTINGS, gaze_drive
 from saccade.io.files import results_in
 from saccade.io.image import read_image
@@ -37,15 +38,21 @@ SEED, FRAMES = 0, 80
 """Seed and number of frames of the simulated drive."""
 
 
-def demo(
-    out: Annotated[Path, Option("--out", "-o", help="Output folder.")] = Path("saccade-demo"),
-    as_json: Json = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions(JsonOption):
+    """Options of `saccade demo`."""
+
+    out: Path = option(Path("saccade-demo"), "--out", "-o", metavar="DIR")
+    """Output folder."""
+
+
+def demo(options: DemoOptions) -> Result:
     """Run look, match, slam and drive on built-in data, and write index.html.
 
     Everything needed ships with the package. The first run also compiles, for
     up to a minute.
     """
+    out = options.out
     builder = ReportBuilder("saccade demo", LEAD)
     page = out / "index.html"
     with results_in(out):
@@ -53,23 +60,18 @@ def demo(
             results = _run(data, out, builder)
         report = builder.write(out / "report.html")
         write_text(page, _page(results))
-    if as_json:
-        print_json({"page": str(page), "report": str(report), **results})
-        return
     look, match, slam, drive = results.values()
-    print_table(
-        "saccade demo",
-        ["file", "content"],
-        [
-            [look["picture"], f"{len(look['scanpath'])} fixations"],
-            [match["picture"], f"{match['matches']} matches"],
-            [slam["files"]["picture"], f"{slam['landmarks']} landmarks by laser"],
-            [drive["files"]["film"], f"{drive['landmarks']} landmarks by camera"],
-            [str(report), "all results, interactive"],
-            [str(page), "all results"],
-        ],
-    )
     print_message(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")
+    rows = [
+        [look["picture"], f"{len(look['scanpath'])} fixations"],
+        [match["picture"], f"{match['matches']} matches"],
+        [slam["files"]["picture"], f"{slam['landmarks']} landmarks by laser"],
+        [drive["files"]["film"], f"{drive['landmarks']} landmarks by camera"],
+        [str(report), "all results, interactive"],
+        [str(page), "all results"],
+    ]
+    row = {"page": str(page), "report": str(report), **results}
+    return Result(row, [Table("saccade demo", ["file", "content"], rows)])
 
 
 def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str, Any]]:
@@ -82,7 +84,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         Progress(*columns, console=Console(stderr=True)) as bar,
     ):
         task = bar.add_task("attention: saliency and scanpath", total=1)
-        attention = attention_model(DEFAULT_MODEL, preset=None, config=None, free_viewing=True)
+        attention = attention_model(DEFAULT_MODEL, free_viewing=True)
         photo = data / "chelsea.jpg"
         results["look"] = analyze_image(photo, out / "look", attention, 10, builder)
         x, y, time, saliency = np.transpose(results["look"]["scanpath"])
@@ -101,8 +103,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         task = bar.add_task("EKF-SLAM: a car in Victoria Park", total=None)
         log = datasets.load("victoria-park", victoria_park)
         compile_updates()
-        output = RunOutput(out, report=builder)
-        results["slam"] = map_log(log, load_settings("slam"), output, progress)
+        results["slam"] = map_log(log, SlamOptions(out=out), progress, builder)
 
         task = bar.add_task("visual SLAM: a robot that looks around", total=None)
         rooms = DriveConfig(
@@ -115,9 +116,10 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         )
         recorder = Recorder(FRAMES // 2)
         drive, result = gaze_drive(rooms, "active", SEED, progress, recorder)
-        output = RunOutput(out / "drive", film=True, report=builder)
-        snapshots = recorder.snapshots
-        results["drive"] = write_results(drive, SETTINGS, output, progress, result, snapshots)
+        output = RunOutput(out=out / "drive", film=True)
+        results["drive"] = write_results(
+            *(drive, SETTINGS, output, progress, result, recorder.snapshots, builder)
+        )
     return results
 
 

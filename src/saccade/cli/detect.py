@@ -2,57 +2,53 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from math import ceil, log2
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
+import cv2
 import numpy as np
-import typer
-from typer import Argument, Option
 
 from saccade import exchange
 from saccade.attention import SymmetryConfig, symmetric_pairs
-from saccade.cli import options
-from saccade.cli.output import Table, emit, emit_facts, for_each_image, relative_names
+from saccade.cli.films import CAMERA, Frames, camera_frames, make_film, video_frames
+from saccade.cli.group import argument, option
+from saccade.cli.options import (
+    CameraOptions,
+    FigureFormat,
+    JsonOption,
+    SettingsOptions,
+    figure_formats,
+    output_folder,
+)
+from saccade.cli.output import Result, Table, for_each_image, relative_names
+from saccade.datasets import write_table
 from saccade.errors import require
 from saccade.exchange.colmap import import_pycolmap
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.io.image import find_images, read_image
+from saccade.io.video import is_video
 from saccade.keypoints import Must, MustConfig, Sift, SymRoid, SymRoidConfig
-from saccade.settings import load_settings
-from saccade.types import Float32Array, Keypoints, Regions, SymmetricPairs
+from saccade.types import Float32Array, FloatArray, Image, Keypoints, Regions, SymmetricPairs
 from saccade.viewing import keypoint_figure, pair_figure, region_figure, save_figures
+from saccade.viewing.style import ORANGE, rgb_levels
+
+DETECTORS: dict[str, Any] = {"sift": Sift, "must": Must, "symroid": SymRoid}
+Format = Literal["npz", "csv", "parquet", "hdf5", "colmap", "png", "svg", "pdf"]
+"""File formats of keypoints and of figures."""
 
 
-class Detector(StrEnum):
-    """Keypoint detectors."""
-
-    SIFT = "sift"
-    MUST = "must"
-    SYMROID = "symroid"
-
-
-@dataclass(frozen=True)
-class DetectorOptions:
+@dataclass(frozen=True, kw_only=True)
+class DetectorOptions(SettingsOptions):
     """A detector and its settings."""
 
-    detector: Annotated[
-        Detector,
-        Option(
-            "--detector", help="SIFT, points of symmetry (must), or regions of symmetry (symroid)."
-        ),
-    ] = Detector.SIFT
-    preset: options.Preset = None
-    config: options.Config = None
-    max_keypoints: Annotated[
-        int | None,
-        Option("--max", min=1, metavar="N", help="Keep only the N strongest keypoints."),
-    ] = None
-    spread: Annotated[
-        bool, Option("--spread", help="With --max: keep keypoints spread over the image.")
-    ] = False
+    detector: Literal["sift", "must", "symroid"] = "sift"
+    """SIFT, points of symmetry (must), or regions of symmetry (symroid)."""
+    max_keypoints: int | None = option(None, "--max", min=1)
+    """Keep only the N strongest keypoints."""
+    spread: bool = False
+    """With --max: keep keypoints spread over the image."""
 
     def make(self) -> Any:
         """A `Sift`, `Must` or `SymRoid`.
@@ -60,91 +56,71 @@ class DetectorOptions:
         Raises:
             ConfigError: a setting that the detector does not have.
         """
-        settings = load_settings(self.detector, self.preset, self.config)
+        settings = self.settings(self.detector)
         if self.max_keypoints is not None:
             settings = replace(settings, max_keypoints=self.max_keypoints)
         if self.spread:
-            points = self.detector is not Detector.SYMROID
-            require(points, "spread", "a detector of points", self.detector.value)
+            points = self.detector != "symroid"
+            require(points, "spread", "a detector of points", self.detector)
             settings = replace(settings, spread=True)
-        return {"sift": Sift, "must": Must, "symroid": SymRoid}[self.detector](settings)
+        return DETECTORS[self.detector](settings)
 
 
-class Format(StrEnum):
-    """File formats of keypoints and of figures."""
+@dataclass(frozen=True, kw_only=True)
+class DetectOptions(JsonOption):
+    """Options of `saccade detect`."""
 
-    NPZ = "npz"
-    CSV = "csv"
-    PARQUET = "parquet"
-    HDF5 = "hdf5"
-    COLMAP = "colmap"
-    PNG = "png"
-    SVG = "svg"
-    PDF = "pdf"
+    images: list[str] | None = argument("IMAGE", None)
+    """Images, videos, folders, or quoted patterns."""
+    out: Path = output_folder("saccade-detect")
+    formats: list[Format] | None = option(None, "--format", "-f")
+    """Output format: of the keypoints, npz by default, and of the figures, png by default; several
+    with commas."""
 
 
-def detect(
-    images: Annotated[
-        list[str] | None,
-        Argument(metavar="IMAGE", help="Images, folders of images, or quoted patterns."),
-    ] = None,
-    *,
-    detector: DetectorOptions,
-    camera: options.CameraOptions,
-    out: options.Out = Path("saccade-detect"),
-    formats: Annotated[
-        list[Format] | None,
-        Option(
-            "--format",
-            "-f",
-            help="Output format: of the keypoints, npz by default, and of the figures, png by "
-            "default; several with commas.",
-        ),
-    ] = None,
-    as_json: options.Json = False,
-) -> None:
+def detect(detector: DetectorOptions, camera: CameraOptions, options: DetectOptions) -> Result:
     """Detect and describe keypoints.
 
     For each image --out receives a figure (NAME.keypoints.png), for points and
     regions of symmetry another with the edge pairs that contribute to them
     (NAME.pairs.png), and the keypoints as NAME.keypoints.npz or .csv (without
     descriptors). Keypoints of all images go to keypoints.parquet, keypoints.h5
-    (in the layout of hloc) or database.db (for COLMAP). Of a --camera --out
-    receives a film (camera.keypoints.mp4) and a table; Ctrl-C ends it.
+    (in the layout of hloc) or database.db (for COLMAP). Of a video or a
+    --camera --out receives a film (NAME.keypoints.mp4) and a table; Ctrl-C ends
+    a camera.
 
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
     """
-    sources = camera.instead_of(images)
-    chosen = list(dict.fromkeys(formats or []))
-    if all(each.value in tuple(options.FigureFormat) for each in chosen):
-        chosen.append(Format.NPZ)
+    sources, out = camera.instead_of(options.images), options.out
+    chosen = list(dict.fromkeys(options.formats or []))
+    if all(each in get_args(FigureFormat) for each in chosen):
+        chosen.append("npz")
     require_libraries(chosen)
     find = detector.make()
-    if camera.camera is not None:
-        from saccade.cli.live_run import detect_in_camera
-
-        with results_in(out):
-            row = detect_in_camera(camera, out, find)
-        emit_facts(row, as_json, f"camera -> {out}")
-        return
     paths = [path for source in sources for path in find_images(source)]
     shared = [each for each in chosen if each in SHARED_FILES]
     detections: dict[Path, Detections] = {}
 
     def process(path: Path, name: str) -> dict[str, Any]:
+        if is_video(path):
+            with video_frames(path) as frames:
+                return detect_in_frames(frames, out / f"{name}.keypoints", find)
         row, keypoints = detect_in(path, out / f"{name}.keypoints", find, chosen)
         if shared:
             detections[path] = keypoints
         return row
 
     with results_in(out):
-        rows, code = for_each_image(paths, out, process)
+        if camera.camera is None:
+            rows, code = for_each_image(paths, out, process)
+        else:
+            with camera_frames(camera) as frames:
+                rows, code = [detect_in_frames(frames, out / f"{CAMERA}.keypoints", find)], 0
         files = write_shared(detections, out, shared)
     cells = [[row["image"], str(row["points"]), f"{row['median_size']:.1f}"] for row in rows]
     table = Table(f"keypoints -> {out}", ["image", "points", "median size [px]"], cells)
-    emit({"images": rows} | ({"files": files} if files else {}), as_json, table)
-    raise typer.Exit(code)
+    return Result({"images": rows} | ({"files": files} if files else {}), [table], code)
 
 
 Detections: TypeAlias = tuple[Keypoints, tuple[int, ...]]
@@ -153,25 +129,25 @@ Detections: TypeAlias = tuple[Keypoints, tuple[int, ...]]
 MAX_EXPLAINED = 20
 """Number of the strongest points whose symmetric pairs are drawn."""
 SHARED_FILES = {
-    Format.PARQUET: "keypoints.parquet",
-    Format.HDF5: "keypoints.h5",
-    Format.COLMAP: "database.db",
+    "parquet": "keypoints.parquet",
+    "hdf5": "keypoints.h5",
+    "colmap": "database.db",
 }
 """Formats that hold the keypoints of all images, and the names of the files."""
 
 
-def require_libraries(formats: Sequence[Format]) -> None:
+def require_libraries(formats: Sequence[str]) -> None:
     """Import the libraries of the formats, to fail before any work is done."""
-    if Format.COLMAP in formats:
+    if "colmap" in formats:
         import_pycolmap()
-    if Format.HDF5 in formats:
-        import_optional("h5py", Format.HDF5)
-    if Format.PARQUET in formats:
-        import_optional("pyarrow", Format.PARQUET)
+    if "hdf5" in formats:
+        import_optional("h5py", "hdf5")
+    if "parquet" in formats:
+        import_optional("pyarrow", "parquet")
 
 
 def detect_in(
-    path: Path, out: Path, detector: Any, formats: Sequence[Format]
+    path: Path, out: Path, detector: Any, formats: Sequence[str]
 ) -> tuple[dict[str, Any], Detections]:
     """Detect in one image: write the figure `out`.png and its files, return the row for --json."""
     image = read_image(path)
@@ -179,7 +155,7 @@ def detect_in(
     regions = isinstance(detections, Regions)
     keypoints = detections.keypoints if regions else detections
     figure = region_figure(image, detections) if regions else keypoint_figure(image, keypoints)
-    drawn = options.figure_formats(formats)
+    drawn = figure_formats(formats)
     row: dict[str, Any] = {
         "image": str(path),
         "points": len(keypoints),
@@ -192,28 +168,60 @@ def detect_in(
         pairs = contributing_pairs(detector, image, keypoints[:MAX_EXPLAINED])
         picture = out.with_name(f"{out.name.removesuffix('.keypoints')}.pairs")
         row["pairs"] = str(save_figures(pair_figure(image, pairs), picture, drawn))
-    if Format.NPZ in formats:
+    if "npz" in formats:
         row["arrays"] = f"{out}.npz"
         exchange.write_npz(row["arrays"], keypoints)
-    if Format.CSV in formats:
+    if "csv" in formats:
         row["table"] = f"{out}.csv"
         exchange.write_csv(row["table"], keypoints)
     return row, (keypoints, image.shape)
 
 
+COLOR, RICH = rgb_levels(ORANGE), cv2.DRAW_MATCHES_FLAGS_DRAW_RICH_KEYPOINTS
+"""Color and style of keypoints in a film: with their sizes and angles."""
+
+
+def detect_in_frames(frames: Frames, out: Path, detector: Any) -> dict[str, Any]:
+    """Write the keypoints of each frame as a film and a table; returns the row for --json."""
+    rows = list[FloatArray]()
+
+    def analyze(time: float, image: Image) -> tuple[Image, dict[str, Any]]:
+        found = detector(image)
+        found = found.keypoints if isinstance(found, Regions) else found
+        columns = (found.xy, found.size, found.angle, found.response)
+        count = np.full(len(found), len(rows)), np.full(len(found), time)
+        rows.append(np.column_stack([*count, *columns]))
+        drawn = cv2.drawKeypoints(image, exchange.to_opencv(found)[0], image.copy(), COLOR, RICH)
+        return drawn, {"points": np.column_stack([found.xy, found.size / 2])}
+
+    film, table = Path(f"{out}.mp4"), Path(f"{out}.csv")
+    count = make_film(frames, film, analyze)
+    names = ("frame", "time", "x", "y", "size", "angle", "response")
+    values = np.concatenate(rows).astype(np.float64)
+    write_table(table, dict(zip(names, values.T, strict=True)))
+    return {
+        "image": frames.source,
+        "frames": count,
+        "points": len(values),
+        "median_size": float(np.median(values[:, 4])) if len(values) else 0.0,
+        "film": str(film),
+        "table": str(table),
+    }
+
+
 def write_shared(
-    detections: Mapping[Path, Detections], out: Path, formats: Sequence[Format]
+    detections: Mapping[Path, Detections], out: Path, formats: Sequence[str]
 ) -> dict[str, str]:
     """Write the keypoints of all images in one file for each format; return the paths."""
     names = relative_names(list(detections))
     keypoints = {names[path]: each for path, (each, _) in detections.items()}
     shapes = {names[path]: shape for path, (_, shape) in detections.items()}
-    files = {str(each): str(out / SHARED_FILES[each]) for each in formats}
-    if Format.PARQUET in formats:
+    files = {each: str(out / SHARED_FILES[each]) for each in formats}
+    if "parquet" in formats:
         exchange.write_parquet(files["parquet"], keypoints)
-    if Format.HDF5 in formats:
+    if "hdf5" in formats:
         exchange.write_hdf5(files["hdf5"], keypoints, shapes)
-    if Format.COLMAP in formats:
+    if "colmap" in formats:
         exchange.write_colmap(files["colmap"], keypoints, shapes)
     return files
 

@@ -1,17 +1,18 @@
 """`saccade drive`: visual SLAM from camera frames and odometry."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from typer import Option
 
 from saccade import visual
 from saccade.attention import attention_saliency, contrast_saliency, symmetry_saliency
-from saccade.cli import options
+from saccade.cli.films import opened
+from saccade.cli.group import option
 from saccade.cli.mapping import (
+    SNAPSHOTS,
     RunOutput,
     drive_part,
     eye_loader,
@@ -20,61 +21,58 @@ from saccade.cli.mapping import (
     write_film,
     write_run,
 )
+from saccade.cli.options import (
+    MAX_CAMERA_FRAMES,
+    LiveOptions,
+    SequenceOptions,
+    SettingsOptions,
+    output_folder,
+)
 from saccade.cli.output import (
     Progress,
+    Result,
     Table,
-    emit,
+    facts_table,
     print_message,
     progress_bar,
     resumable,
     write_arrays,
 )
 from saccade.cli.slam import pose_table
-from saccade.datasets import save_drive, write_landmarks, write_table, write_tum
-from saccade.datasets.drives.writing import require_writable
+from saccade.datasets import load_drive, save_drive, write_landmarks, write_table, write_tum
+from saccade.datasets.drives.writing import LiveDrive, require_writable
 from saccade.diagnostics import drop_repeated
 from saccade.evaluation.runs import summarize_drive
-from saccade.frames import Drive
+from saccade.frames import Drive, Frame
 from saccade.io.files import FORMATS, results_in
-from saccade.settings import load_settings
 from saccade.slam import Checkpoint, Recorder
 from saccade.types import Float32Array, Image, MapSnapshot
-from saccade.viewing import drive_frames, map_figure, save_figures
+from saccade.viewing import drive_frames, map_figure
+from saccade.viewing.live import LiveMap
+from saccade.viewing.report import ReportBuilder
 from saccade.viewing.report_map import ObservedLandmarks
 from saccade.visual import VisualConfig, VisualResult
 
 
-def drive(
-    source: options.SequenceOptions,
-    run: options.RunOptions,
-    out: options.Out = Path("saccade-drive"),
-    frames: Annotated[
-        int | None, Option(min=1, metavar="N", help="Process only the first N frames.")
-    ] = None,
-    selection: Annotated[
-        str | None,
-        Option(
-            help="Landmark selection criterion: strength, random, range, contrast, symmetry, "
-            "rematch-rate, rematch-rate-range or rematch-rate-spread."
-        ),
-    ] = None,
-    max_landmarks: Annotated[
-        int | None, Option(min=1, help="Maximum number of landmarks in the map.")
-    ] = None,
-    anyway: Annotated[
-        bool, Option("--anyway", help="Use frames that repeat the frame before as they are.")
-    ] = False,
-    save_tracks: Annotated[
-        Path | None,
-        Option(metavar="FOLDER", help="Also write the tracked points, as a drive of tracks."),
-    ] = None,
-    camera: options.CameraSource = None,
-    live: options.LiveWindow = False,
-    page: options.LivePage = False,
-    preset: options.Preset = None,
-    config: options.Config = None,
-    as_json: options.Json = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class DriveOptions(SettingsOptions, LiveOptions, RunOutput):
+    """Options of `saccade drive`."""
+
+    out: Path = output_folder("saccade-drive")
+    frames: int | None = option(None, min=1)
+    """Process only the first N frames."""
+    selection: str | None = None
+    """Landmark selection criterion: strength, random, range, contrast, symmetry, rematch-rate,
+    rematch-rate-range or rematch-rate-spread."""
+    max_landmarks: int | None = option(None, min=1)
+    """Maximum number of landmarks in the map."""
+    anyway: bool = False
+    """Use frames that repeat the frame before as they are."""
+    save_tracks: Path | None = option(None, metavar="FOLDER")
+    """Also write the tracked points, as a drive of tracks."""
+
+
+def drive(source: SequenceOptions, options: DriveOptions) -> Result:
     """Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
@@ -89,36 +87,35 @@ def drive(
     With --camera a camera is mapped live, and recorded in the folder SEQUENCE,
     whose camera.toml is its calibration; Ctrl-C ends the drive.
     """
-    settings = load_settings("visual", preset, config)
-    given = {"selection": selection, "max_landmarks": max_landmarks}
+    settings: VisualConfig = options.settings("visual")
+    given: dict[str, Any] = {
+        "selection": options.selection,
+        "max_landmarks": options.max_landmarks,
+    }
     settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
-    output = run.into(out)
-    if camera is not None:
-        from saccade.cli.live_run import map_camera
-
-        frames = frames or options.MAX_CAMERA_FRAMES
-        filmed = options.CameraOptions(camera, frames, live, page)
-        with results_in(out), progress_bar(f"camera {camera}") as progress:
-            row = map_camera(filmed, source, settings, output, progress)
-        print_drive(row, as_json, f"camera {camera} -> {out}")
-        return
-    recorded = source.load()
-    if frames is not None:
-        recorded = recorded.until(frames)
-    if not anyway:
-        recorded = drop_repeated(recorded)
-    known = (*recorded.remarks, *recorded.assumptions)
-    for remark in known:
+    if options.camera is not None:
+        name, known = f"camera {options.camera}", 0
+        with results_in(options.out), progress_bar(name) as progress:
+            row = map_camera(source, settings, options, progress)
+    else:
+        recorded = source.load()
+        if options.frames is not None:
+            recorded = recorded.until(options.frames)
+        if not options.anyway:
+            recorded = drop_repeated(recorded)
+        remarks = (*recorded.remarks, *recorded.assumptions)
+        for remark in remarks:
+            print_message(remark)
+        name, known = recorded.name, len(remarks)
+        with results_in(options.out), progress_bar(name) as progress:
+            row = map_drive(recorded, settings, options, progress)
+    for remark in row["remarks"][known:]:
         print_message(remark)
-    with results_in(out), progress_bar(recorded.name) as progress:
-        row = map_drive(recorded, settings, output, progress, save_tracks)
-    print_drive(row, as_json, f"{recorded.name} -> {out}", len(known))
+    return Result(row, drive_tables(row, f"{name} -> {options.out}"))
 
 
-def print_drive(row: dict[str, Any], as_json: bool, title: str, said: int = 0) -> None:
-    """Print the remarks of a drive after those that were said before, and its figures."""
-    for remark in row["remarks"][said:]:
-        print_message(remark)
+def drive_tables(row: dict[str, Any], title: str) -> list[Table]:
+    """The errors and the figures of a drive."""
     tables = [] if row["ate_m"] is None else [_error_table(row, title)]
     facts = {
         "frames": str(row["frames"]),
@@ -134,7 +131,7 @@ def print_drive(row: dict[str, Any], as_json: bool, title: str, said: int = 0) -
         facts["lost"] = lost_text(row["lost"])
     if row["association_precision"] is not None:
         facts["association precision"] = f"{row['association_precision']:.1%}"
-    emit(row, as_json, *tables, Table("" if tables else title, ["", ""], [*facts.items()]))
+    return [*tables, facts_table("" if tables else title, facts)]
 
 
 def calibration_facts(report: dict[str, Any]) -> dict[str, str]:
@@ -172,22 +169,15 @@ LEAD = "The trajectory of a robot and the map of its landmarks, from camera fram
 
 
 def map_drive(
-    drive: Drive,
-    settings: VisualConfig,
-    output: RunOutput,
-    progress: Progress,
-    save_tracks: Path | None = None,
+    drive: Drive, settings: VisualConfig, options: DriveOptions, progress: Progress
 ) -> dict[str, Any]:
-    """Map a drive, write the results, and return the content of run.json.
-
-    The tracked points are written to a folder `save_tracks`.
-    """
+    """Map a drive, write the results, and return the content of run.json."""
     tracks = None
-    if save_tracks is not None:
-        require_writable(save_tracks, drive)
+    if options.save_tracks is not None:
+        require_writable(options.save_tracks, drive)
         tracks = visual.TrackRecorder()
-    recorder = Recorder(output.snapshots)
-    checkpoint = Checkpoint(output.folder / "checkpoint.npz", output.checkpoint_interval)
+    recorder = Recorder(SNAPSHOTS)
+    checkpoint = Checkpoint(options.out / "checkpoint.npz", options.checkpoint)
 
     def report(done: int, total: int) -> None:
         progress(done, total, "map")
@@ -199,11 +189,49 @@ def map_drive(
             checkpoint=checkpoint,
             tracks=tracks,
         )
-    row = write_results(drive, settings, output, progress, result, recorder.snapshots)
-    if save_tracks is not None and tracks is not None:
-        save_drive(save_tracks, tracks.drive(drive))
+    row = write_results(drive, settings, options, progress, result, recorder.snapshots)
+    if options.save_tracks is not None and tracks is not None:
+        save_drive(options.save_tracks, tracks.drive(drive))
     checkpoint.remove()
     return row
+
+
+KEPT_IMAGES = 8
+"""Images kept for the viewer: some frames are read ahead of the map."""
+
+
+def map_camera(
+    source: SequenceOptions, settings: VisualConfig, options: DriveOptions, progress: Progress
+) -> dict[str, Any]:
+    """Map while the camera records into a folder; write the results, return run.json's content."""
+    frames = options.frames or MAX_CAMERA_FRAMES
+    latest: dict[int, Image] = {}
+
+    def load(number: int) -> Frame:
+        frame = recording.drive.load(number)
+        if frame.image is not None:
+            latest[number] = frame.image
+        latest.pop(number - KEPT_IMAGES, None)
+        return frame
+
+    def report(done: int, _: int) -> None:
+        progress(done, None, "map")  # nobody knows how many will come
+
+    with opened(options) as video:
+        recording = LiveDrive(video, source.sequence, source.calibration(), frames)
+        drive, show = replace(recording.drive, load=load), None
+        if options.live or options.page:
+            show = LiveMap(
+                video.name, drive.time, None, in_browser=options.page, image_at=latest.get
+            )
+        recorder = Recorder(max(SNAPSHOTS, frames // 4), show)
+        try:
+            with visual.dedicated_process():
+                result = visual.run(drive, settings, report, recorder=recorder)
+        finally:
+            recording.close()
+    recorded = load_drive("folder", source.sequence)
+    return write_results(recorded, settings, options, progress, result, recorder.snapshots)
 
 
 def write_results(
@@ -213,28 +241,33 @@ def write_results(
     progress: Progress,
     result: VisualResult,
     snapshots: list[MapSnapshot],
+    report: ReportBuilder | None = None,
 ) -> dict[str, Any]:
-    """Write the results of a mapped drive, and return the content of run.json."""
-    out = output.folder
+    """Write the results of a mapped drive, and return the content of run.json.
+
+    The run is added to `report`; None for one of its own.
+    """
+    out = output.out
     files = write_tables(out, result) | write_figure(output, drive, result)
     if output.film:
         frames = film_frames(drive, snapshots, result, settings)
         count = len(snapshots)
         files |= write_film(out / "drive.mp4", frames, count, progress, still=60 * count // 100)
     summary = summarize_drive(drive, result)
-    row = {
-        **summary,
-        "scale": drive.scale,
-        "remarks": [*drive.remarks, *drive.assumptions, *result.remarks],
-        "seed": settings.seed,
-        "settings": asdict(settings),
-    }
     return write_run(
-        output,
-        (f"saccade drive: {drive.name}", LEAD),
+        out,
+        f"saccade drive: {drive.name}",
+        LEAD,
         lambda: drive_part(drive, snapshots, result, summary),
         files,
-        row,
+        {
+            **summary,
+            "scale": drive.scale,
+            "remarks": [*drive.remarks, *drive.assumptions, *result.remarks],
+            "seed": settings.seed,
+            "settings": asdict(settings),
+        },
+        report,
     )
 
 
@@ -289,7 +322,7 @@ def write_figure(output: RunOutput, drive: Drive, result: VisualResult) -> dict[
         axes = figure.axes[0]
         axes.set_xlabel("x in units (the scale is unknown)")
         axes.set_ylabel("y in units")
-    return {"picture": save_figures(figure, output.folder / "map", output.figures)}
+    return {"picture": output.save_figure(figure, "map")}
 
 
 def film_frames(

@@ -1,21 +1,18 @@
 """`saccade evaluate features`: repeatability and matching on image pairs."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Annotated
 
-from typer import Option
-
-from saccade.cli.options import Config, Preset, ReportOptions
-from saccade.cli.output import emit, progress_bar
+from saccade.cli.group import option
+from saccade.cli.options import ReportOptions, SettingsOptions
+from saccade.cli.output import Result, progress_bar
 from saccade.cli.score_tables import interval_rows, side_by_side
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.evaluation.detectors import OURS, find_detector
 from saccade.evaluation.features import Degradation, FeatureScores, PairScores, score_detector
 from saccade.evaluation.intervals import Estimate
-from saccade.settings import load_settings
 from saccade.viewing.report import Table
 
 SCORES = {
@@ -45,46 +42,29 @@ CLEAN = "clean"
 """Value of --degrade for images as they are."""
 
 
-def features(
-    shown: ReportOptions,
-    pairs: Annotated[
-        Path,
-        Option(metavar="DIR", help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on."),
-    ],
-    detector: Annotated[
-        list[str] | None,
-        Option(
-            help="sift, must, symroid, opencv, opencv-root (RootSIFT), colmap or module:callable; "
-            "several with commas.",
-            show_default="sift",
-        ),
-    ] = None,
-    preset: Preset = None,
-    config: Config = None,
-    points: Annotated[
-        list[int] | None,
-        Option(
-            min=1,
-            metavar="N",
-            help="Keep N keypoints of each image, the strongest (COLMAP: the largest); several "
-            "with commas.",
-        ),
-    ] = None,
-    degrade: Annotated[
-        list[str] | None,
-        Option(
-            metavar="KIND:AMOUNT",
-            help="Degrade the second image of each pair by noise:20 (gray levels), contrast:0.5 "
-            "or blur:2 (px), or leave it clean; several with commas.",
-        ),
-    ] = None,
-    radius: Annotated[
-        float,
-        Option(min=0.1, max=100, metavar="PX", help="Maximum distance of a repeated keypoint."),
-    ] = 3.0,
-    ratio: Annotated[float, Option(min=0.01, max=1, help="Threshold of the ratio test.")] = 0.8,
-    per_sequence: Annotated[bool, Option("--per-sequence", help="List every sequence.")] = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class FeatureOptions(SettingsOptions, ReportOptions):
+    """Options of `saccade evaluate features`."""
+
+    pairs: Path = option(metavar="DIR")
+    """Folder of sequences with 1.png, 2.png, H_1_2.txt and so on."""
+    detector: list[str] | None = option(None, show_default="sift")
+    """sift, must, symroid, opencv, opencv-root (RootSIFT), colmap or module:callable; several with
+    commas."""
+    points: list[int] | None = option(None, min=1)
+    """Keep N keypoints of each image, the strongest (COLMAP: the largest); several with commas."""
+    degrade: list[str] | None = option(None, metavar="KIND:AMOUNT")
+    """Degrade the second image of each pair by noise:20 (gray levels), contrast:0.5 or blur:2 (px),
+    or leave it clean; several with commas."""
+    radius: float = option(3.0, min=0.1, max=100, metavar="PX")
+    """Maximum distance of a repeated keypoint."""
+    ratio: float = option(0.8, min=0.01, max=1)
+    """Threshold of the ratio test."""
+    per_sequence: bool = False
+    """List every sequence."""
+
+
+def features(options: FeatureOptions) -> Result:
     """Score detectors and descriptors on image pairs related by a homography.
 
     Means over the pairs with 95 % bootstrap intervals, and with several
@@ -95,21 +75,21 @@ def features(
     module:callable takes an (H, W, 3) image in [0, 1] and returns an object
     with xy and descriptors, strongest first.
     """
-    found = homography_pairs(pairs)
+    found = homography_pairs(options.pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))
-    names = detector or ["sift"]
+    names, radius, preset = options.detector or ["sift"], options.radius, options.preset
     degradations = [
-        None if text == CLEAN else Degradation.parse(text) for text in degrade or [CLEAN]
+        None if text == CLEAN else Degradation.parse(text) for text in options.degrade or [CLEAN]
     ]
     results: dict[str, FeatureScores] = {}
     differences: dict[str, Estimate[PairScores]] = {}
     first: dict[tuple[int | None, Degradation | None], FeatureScores] = {}
-    counts: list[int | None] = [*points] if points else [None]
+    counts: list[int | None] = [*options.points] if options.points else [None]
     for name, degradation, count in product(names, degradations, counts):
-        settings = load_settings(name, preset, config) if name in OURS else None
+        settings = options.settings(name) if name in OURS else None
         detect = find_detector(name, settings, count)
         with progress_bar(f"{name} {degradation or ''}", len(found)) as progress:
-            scores = score_detector(detect, found, degradation, ratio, radius, progress)
+            scores = score_detector(detect, found, degradation, options.ratio, radius, progress)
         words = f"{name} {preset}" if name in OURS and preset else name
         row = ", ".join(
             filter(None, [words, f"{count} points" if count else "", str(degradation or "")])
@@ -122,7 +102,7 @@ def features(
     for name, scores in results.items():
         means += interval_rows(name, scores.estimate(), _cells)
         of_each = [[each, *_cells(scores.of(each).mean())] for each in sequences]
-        means += [[f"  {each}", *cells] for each, *cells in of_each] if per_sequence else []
+        means += [[f"  {each}", *cells] for each, *cells in of_each] if options.per_sequence else []
         by_sequence += [[f"{name}, {each}", *cells] for each, *cells in of_each]
     table = Table(title, COLUMNS, means, MEANING, "detector")
     gains = Table(
@@ -135,25 +115,22 @@ def features(
         ],
         first="detector",
     )
-    shown.write(
-        "evaluate features",
-        f"Repeatability and matching of keypoints: {title}.",
-        [
-            table._replace(title="Mean over the pairs"),
-            gains,
-            Table("Each sequence", COLUMNS, by_sequence, first="detector, sequence"),
-        ],
-    )
+    report = [
+        table._replace(title="Mean over the pairs"),
+        gains,
+        Table("Each sequence", COLUMNS, by_sequence, first="detector, sequence"),
+    ]
     row_of = {
         name: scores.estimate().as_dict()
         | {"sequences": {each: asdict(scores.of(each).mean()) for each in sequences}}
         for name, scores in results.items()
     }
     minus_first = {name: each.as_dict() for name, each in differences.items()}
-    emit(
+    return Result(
         {"pairs": len(found), "detectors": row_of, "differences": minus_first},
-        shown.as_json,
-        *(part for each in (table, gains) if each.rows for part in side_by_side(each, *PRINTED)),
+        [part for each in (table, gains) if each.rows for part in side_by_side(each, *PRINTED)],
+        lead=f"Repeatability and matching of keypoints: {title}.",
+        report=report,
     )
 
 

@@ -2,18 +2,21 @@
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, astuple
+from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated
-
-from typer import Option
 
 from saccade.attention.models import KINDS
-from saccade.cli import options
 from saccade.cli.fixation_tables import FixationOptions
-from saccade.cli.options import DEFAULT_MODEL, Faces, attention_model
-from saccade.cli.output import emit, tracked
+from saccade.cli.group import option
+from saccade.cli.options import (
+    DEFAULT_MODEL,
+    FaceOptions,
+    ReportOptions,
+    attention_model,
+    figure_files,
+)
+from saccade.cli.output import Result, tracked
 from saccade.cli.score_tables import interval_rows, side_by_side
 from saccade.errors import ConfigError, require
 from saccade.evaluation.fixations import FixationScores
@@ -53,49 +56,30 @@ DRAWN = {"sAUC": "shuffled_auc", "AUC": "auc", "NSS": "nss", "CC": "cc"}
 """Titles of the panels of the figure, and their scores."""
 
 
-def fixations(
-    seen: FixationOptions,
-    shown: options.ReportOptions,
-    maps: Annotated[
-        list[str] | None,
-        Option(
-            metavar="[NAME=]DIR",
-            rich_help_panel="Input",
-            help="Folder of saliency maps to score: .npy, .mat, or images named as the images. "
-            "Several with commas.",
-        ),
-    ] = None,
-    model: Annotated[
-        list[str] | None,
-        Option(
-            metavar="[NAME=]MODEL",
-            help="attention, contrast, symmetry or boolean, with :PRESET where wished, a file of "
-            "saccade fit (.toml), or module:function. Several with commas; attention by default.",
-        ),
-    ] = None,
-    preset: options.Preset = None,
-    config: options.Config = None,
-    faces: Faces = None,
-    sigma: options.Sigma = 24.0,
-    references: Annotated[
-        bool,
-        Option(
-            "--references",
-            help="Also score the center, other images' fixations, and people: each viewer against "
-            "the others, the ceiling. It takes a few minutes.",
-        ),
-    ] = False,
-    per_image: Annotated[bool, Option("--per-image", help="List every image.")] = False,
-    figure: options.FigureFiles = None,
-    csv: Annotated[
-        Path | None,
-        Option(
-            metavar="DIR",
-            help="Also write images.csv and fixations.csv: a row for each image, and for each "
-            "fixation, of each model.",
-        ),
-    ] = None,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ScoreOptions(FaceOptions, ReportOptions):
+    """Options of `saccade evaluate fixations`."""
+
+    maps: list[str] | None = option(None, metavar="[NAME=]DIR")
+    """Folder of saliency maps to score: .npy, .mat, or images named as the images. Several with
+    commas."""
+    model: list[str] | None = option(None, metavar="[NAME=]MODEL")
+    """attention, contrast, symmetry or boolean, with :PRESET where wished, a file of saccade fit
+    (.toml), or module:function. Several with commas; attention by default."""
+    sigma: float = option(24.0, min=0.1, max=1000, metavar="PX")
+    """Standard deviation of the fixation density: one degree of visual angle."""
+    references: bool = False
+    """Also score the center, other images' fixations, and people: each viewer against the others,
+    the ceiling. It takes a few minutes."""
+    per_image: bool = False
+    """List every image."""
+    figure: list[Path] | None = figure_files()
+    csv: Path | None = option(None, metavar="DIR")
+    """Also write images.csv and fixations.csv: a row for each image, and for each fixation, of each
+    model."""
+
+
+def fixations(seen: FixationOptions, options: ScoreOptions) -> Result:
     """Score saliency maps by how well they predict human fixations.
 
     Means over the images with 95 % bootstrap intervals, and the paired
@@ -103,8 +87,8 @@ def fixations(
     model is scored without and with the prior of the position, and as one
     density from which each metric has the map that is optimal for it.
     """
-    data = seen.data(sigma)
-    models = chosen_models(data, maps or [], model or [], preset, config, faces)
+    data, references, csv = seen.data(options.sigma), options.references, options.csv
+    models = chosen_models(data, options)
     label = f"{len(models)} models" if len(models) > 1 or references else next(iter(models))
     results, rows_of_fixations = score(data, models, references, by_fixation=csv is not None)
     first, *others = results
@@ -132,21 +116,17 @@ def fixations(
         for name, result in results.items()
         for image, scores in zip(result.name, result.scores, strict=True)
     ]
-    shown.write(
-        "evaluate fixations",
-        f"Prediction of human fixations by saliency maps: {title}.",
-        [
-            means._replace(title="Mean over the images"),
-            differences,
-            Table("Each image", COLUMNS, image_rows, first="image"),
-        ],
-    )
-    for path in figure or []:
+    report = [
+        means._replace(title="Mean over the images"),
+        differences,
+        Table("Each image", COLUMNS, image_rows, first="image"),
+    ]
+    for path in options.figure or []:
         draw(results, path)
     if csv is not None:
         with results_in(csv):
             write_csv(csv, results, rows_of_fixations)
-    if per_image:
+    if options.per_image:
         means = means._replace(rows=[*means.rows, *image_rows])
     tables = {
         name: result.estimate().as_dict()
@@ -157,7 +137,12 @@ def fixations(
     if others:
         of_others = {name: each.as_dict() for name, each in gains.items()}
         row = row | {"models": tables, "differences": of_others}
-    emit(row, shown.as_json, *(part for each in (means, differences) for part in _fitting(each)))
+    return Result(
+        row,
+        [part for each in (means, differences) for part in _fitting(each)],
+        lead=f"Prediction of human fixations by saliency maps: {title}.",
+        report=report,
+    )
 
 
 def _fitting(table: Table) -> list[Table]:
@@ -178,29 +163,24 @@ BY_METRIC = "the same, best map by metric"
 """The attention model without and with the prior of the position, and the latter as a density."""
 
 
-def chosen_models(
-    data: FixationData,
-    maps: Sequence[str],
-    models: Sequence[str],
-    preset: str | None,
-    config: Path | None,
-    faces: str | None,
-) -> dict[str, Model]:
+def chosen_models(data: FixationData, options: ScoreOptions) -> dict[str, Model]:
     """The models of the command line by name, in their order; `default_models` where there is none.
 
     Raises:
         ConfigError: no such model, or a name that is given twice.
     """
-    if not (models or maps or preset or config):
-        return default_models(data, faces)
+    models, maps = options.model or [], options.maps or []
+    given = options.preset or options.config
+    if not (models or maps or given):
+        return default_models(data, options.faces)
     chosen: dict[str, Model] = {}
-    words = [*models] if models or maps else [DEFAULT_MODEL]
+    words = models if models or maps else [DEFAULT_MODEL]
     single = len(words) == 1
-    require(single or not (preset or config), "preset", "--model KIND:PRESET of several", preset)
+    require(single or not given, "preset", "--model KIND:PRESET of several", options.preset)
     for word in words:
         name, source = _named(word)
-        label = name or (f"{source}, {preset or config}" if preset or config else source)
-        _add(chosen, label, _model(data, source, preset, config, faces))
+        label = name or (f"{source}, {given}" if given else source)
+        _add(chosen, label, _model(data, source, options))
     for word in maps:
         name, folder = (None, word) if Path(word).is_dir() else _named(word)
         _add(chosen, name or folder, saliency_from_files(data.folder, Path(folder)))
@@ -212,7 +192,7 @@ def default_models(data: FixationData, faces: str | None) -> dict[str, Model]:
 
     The last one is scored by the map that is optimal for each metric.
     """
-    attention = attention_model(DEFAULT_MODEL, None, None, faces=faces, free_viewing=True)
+    attention = attention_model(DEFAULT_MODEL, faces=faces, free_viewing=True)
 
     @lru_cache(maxsize=1)
     def maps(name: str) -> tuple[Float32Array, Float32Array]:
@@ -238,10 +218,7 @@ def _add(chosen: dict[str, Model], name: str, model: Model) -> None:
     chosen[name] = lru_cache(maxsize=1)(model)
 
 
-def _model(
-    data: FixationData, source: str, preset: str | None, config: Path | None, faces: str | None
-) -> Model:
-
+def _model(data: FixationData, source: str, options: ScoreOptions) -> Model:
     kind, colon, rest = source.partition(":")
     if colon and kind not in KINDS:
         predict = import_function("model", source)
@@ -254,7 +231,9 @@ def _model(
             return resize(checked_map(values, source), data.sizes[name])
 
         return imported
-    attention = attention_model(kind if colon else source, rest or preset, config, faces=faces)
+    attention = attention_model(
+        kind if colon else source, rest or options.preset, options.config, faces=options.faces
+    )
 
     def saliency(name: str) -> Float32Array:
         return resize(attention.maps(data.read(name)).saliency, data.sizes[name])

@@ -1,15 +1,14 @@
 """`saccade evaluate gaze`: gaze policies compared."""
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, Literal
 
-from typer import Option
-
-from saccade.cli.options import EgomotionName, ReportOptions
-from saccade.cli.output import emit, progress_bar
-from saccade.errors import require
-from saccade.evaluation.gaze import LEVELS, GazeRun, compare, map_in_processes, result_of
+from saccade.cli.group import option
+from saccade.cli.options import Egomotion, ReportOptions
+from saccade.cli.output import Result, progress_bar
+from saccade.evaluation.gaze import LEVELS, GazeRun, Level, compare, map_in_processes, result_of
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
 from saccade.viewing.report import Table
@@ -25,63 +24,56 @@ MEANING = (
 BY_WORLD = "Geometric mean over the seeds. Worst drive: greatest ratio of a single drive."
 
 
-def gaze(
-    shown: ReportOptions,
-    out: Annotated[
-        Path, Option("--out", "-o", help="Output folder, in which the runs are stored.")
-    ] = Path("saccade-gaze"),
-    level: Annotated[
-        str, Option(help="landmarks, in uneven worlds of 62 to 114 m, or rendered images.")
-    ] = "landmarks",
-    known: Annotated[str, Option("--map", help="new or known.")] = "new",
-    egomotion: EgomotionName = "wheels",
-    worlds: Annotated[
-        list[str] | None,
-        Option(
-            "--world",
-            help="pond, clover, island, park, yard or campus; with images ring, crossing or rooms. "
-            "Several with commas.",
-            show_default="all of them",
-        ),
-    ] = None,
-    policies: Annotated[
-        list[str] | None,
-        Option(
-            "--policy",
-            help="fixed, sweep, random, salient, active, a constant pan in degrees, or 360. "
-            "Several with commas.",
-            show_default="all names",
-        ),
-    ] = None,
-    seeds: Annotated[
-        int, Option(min=1, help="Number of drives of each, with consecutive seeds.")
-    ] = 10,
-    first_seed: Annotated[int, Option(min=0, help="Seed of the first drive.")] = 0,
-    jobs: Annotated[int, Option(min=1, help="Number of processes.")] = 1,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class GazeOptions(ReportOptions):
+    """Options of `saccade evaluate gaze`."""
+
+    out: Path = option(Path("saccade-gaze"), "--out", "-o", metavar="DIR")
+    """Output folder, in which the runs are stored."""
+    level: Level = "landmarks"
+    """landmarks, in uneven worlds of 62 to 114 m, or rendered images."""
+    known: Literal["new", "known"] = option("new", "--map")
+    """Whether the map is new or known."""
+    egomotion: Egomotion = "wheels"
+    """What measures the motion: camera, second-camera (a fixed one), or wheels."""
+    worlds: list[str] | None = option(None, "--world", show_default="all of them")
+    """pond, clover, island, park, yard or campus; with images ring, crossing or rooms. Several with
+    commas."""
+    policies: list[str] | None = option(None, "--policy", show_default="all names")
+    """fixed, sweep, random, salient, active, a constant pan in degrees, or 360. Several with
+    commas."""
+    seeds: int = option(10, min=1)
+    """Number of drives of each, with consecutive seeds."""
+    first_seed: int = option(0, min=0)
+    """Seed of the first drive."""
+    jobs: int = option(1, min=1)
+    """Number of processes."""
+
+
+def gaze(options: GazeOptions) -> Result:
     """Compare gaze policies: where a camera that turns shall look.
 
     Wheels have systematic errors, and the map is made or known. --out receives
     every run: an interrupted evaluation resumes, and more seeds add to it.
     """
-    require(level in LEVELS, "level", f"one of {', '.join(LEVELS)}", level)
-    setting: Any = {"level": level, "map": known, "egomotion": egomotion}
+    level, seeds, first_seed = options.level, options.seeds, options.first_seed
+    setting: Any = {"level": level, "map": options.known, "egomotion": options.egomotion}
     runs = [
         GazeRun(world, policy, seed, **setting)
         for seed in range(first_seed, first_seed + seeds)
-        for world in dict.fromkeys(worlds or LEVELS[level])
-        for policy in dict.fromkeys(policies or POLICIES)
+        for world in dict.fromkeys(options.worlds or LEVELS[level])
+        for policy in dict.fromkeys(options.policies or POLICIES)
     ]
-    with results_in(out), progress_bar("driving", len(runs)) as progress:
-        rows = compare(map_in_processes(partial(result_of, out=out), runs, jobs, progress))
-    title = f"{level}, {known} map, motion by {egomotion}, {seeds} seeds"
+    work = partial(result_of, out=options.out)
+    with results_in(options.out), progress_bar("driving", len(runs)) as progress:
+        rows = compare(map_in_processes(work, runs, options.jobs, progress))
+    title = f"{level}, {options.known} map, motion by {options.egomotion}, {seeds} seeds"
     tables = [Table(title, *_table(rows), MEANING, "policy", [])]
     if "worlds" in rows[0]:
         by_world = _world_table(rows)
         tables.append(Table("ATE relative to fixed, by world", *by_world, BY_WORLD, "policy", []))
-    shown.write("evaluate gaze", LEAD, tables)
     row = setting | {"seeds": seeds, "first_seed": first_seed, "rows": rows}
-    emit(row, shown.as_json, *tables)
+    return Result(row, tables, lead=LEAD, report=tables)
 
 
 def _table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:

@@ -2,23 +2,17 @@
 
 import csv
 from collections.abc import Sequence
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from typer import Option
 
 from saccade.attention.scanpath_model import ScanpathModelConfig
-from saccade.cli import options
 from saccade.cli.fixation_tables import FixationOptions
-from saccade.cli.options import (
-    DEFAULT_MODEL,
-    ModelChoice,
-    attention_model,
-    scanpath_network,
-)
-from saccade.cli.output import emit, tracked, write_text
+from saccade.cli.group import option
+from saccade.cli.options import ModelOptions, ReportOptions, attention_model, scanpath_network
+from saccade.cli.output import Result, tracked, write_text
 from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary, tidy
 from saccade.evaluation.scanpaths import (
     OTHERS,
@@ -61,66 +55,46 @@ MOVEMENTS = {
 FIXATIONS = {"nss": "NSS", "auc": "AUC", "information_gain": "IG (bit)"}
 
 
-def scanpaths(
-    seen: FixationOptions,
-    shown: options.ReportOptions,
-    model: ModelChoice = DEFAULT_MODEL,
-    preset: options.Preset = None,
-    config: options.Config = None,
-    paths_config: Annotated[
-        Path | None,
-        Option(help="TOML file of the scanpath model, as saccade config scanpath-model prints it."),
-    ] = None,
-    length: Annotated[
-        int | None,
-        Option(
-            min=1,
-            max=1000,
-            metavar="N",
-            help="Fixations of each path, and the most of a person's; people's mean by default.",
-        ),
-    ] = None,
-    samples: Annotated[
-        int, Option(min=1, max=1000, metavar="N", help="Paths drawn for each image.")
-    ] = 15,
-    grid_columns: Annotated[int, Option(min=1, max=100, help="Columns of ScanMatch's grid.")] = 12,
-    grid_rows: Annotated[int, Option(min=1, max=100, help="Rows of ScanMatch's grid.")] = 8,
-    threshold: Annotated[
-        float, Option(min=0.1, max=100, help="Distance in cells at which ScanMatch scores 0.")
-    ] = 3.5,
-    degree: Annotated[
-        float,
-        Option(
-            min=0.1,
-            max=1000,
-            metavar="PX",
-            help="Pixels to a degree of visual angle; also the blur of people's fixations.",
-        ),
-    ] = 24.0,
-    seed: options.Seed = 0,
-    out: Annotated[
-        Path | None,
-        Option(
-            "--out",
-            "-o",
-            help="Folder for paths.csv, fixations.csv, and scanpaths.png, .svg and .pdf.",
-        ),
-    ] = None,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ScanpathOptions(ModelOptions, ReportOptions):
+    """Options of `saccade evaluate scanpaths`."""
+
+    paths_config: Path | None = None
+    """TOML file of the scanpath model, as saccade config scanpath-model prints it."""
+    length: int | None = option(None, min=1, max=1000)
+    """Fixations of each path, and the most of a person's; people's mean by default."""
+    samples: int = option(15, min=1, max=1000)
+    """Paths drawn for each image."""
+    grid_columns: int = option(12, min=1, max=100)
+    """Columns of ScanMatch's grid."""
+    grid_rows: int = option(8, min=1, max=100)
+    """Rows of ScanMatch's grid."""
+    threshold: float = option(3.5, min=0.1, max=100)
+    """Distance in cells at which ScanMatch scores 0."""
+    degree: float = option(24.0, min=0.1, max=1000, metavar="PX")
+    """Pixels to a degree of visual angle; also the blur of people's fixations."""
+    seed: int = option(0, min=0)
+    """Seed of the random number generator."""
+    out: Path | None = option(None, "--out", "-o", metavar="DIR")
+    """Folder for paths.csv, fixations.csv, and scanpaths.png, .svg and .pdf."""
+
+
+def scanpaths(seen: FixationOptions, options: ScanpathOptions) -> Result:
     """Score scanpaths by how similar they are to those of people.
 
     Means over the images with 95 % bootstrap intervals.
     """
+    model, preset, config, degree = options.model, options.preset, options.config, options.degree
     data = seen.data(degree)
     people = viewings(data)
-    chosen: ScanpathModelConfig = load_settings("scanpath-model", None, paths_config)
+    chosen: ScanpathModelConfig = load_settings("scanpath-model", None, options.paths_config)
     settings = PathSettings(
-        length or mean_fixations(people),
-        samples,
+        options.length or mean_fixations(people),
+        options.samples,
         chosen,
         scanpath_network(preset),
-        ScanMatchConfig(grid_columns, grid_rows, threshold),
-        seed,
+        ScanMatchConfig(options.grid_columns, options.grid_rows, options.threshold),
+        options.seed,
     )
     attention = attention_model(model, preset, config)
     path_rows: list[PathRow] = []
@@ -130,12 +104,13 @@ def scanpaths(
         path_rows += score_paths(name, people, saliency, settings)
         fixation_rows += score_fixations(name, data, saliency, chosen)
     paths, predicted = summary(path_rows), summary(fixation_rows)
-    if out is not None:
-        with results_in(out):
-            _write(out, path_rows, fixation_rows, degree)
+    if options.out is not None:
+        with results_in(options.out):
+            _write(options.out, path_rows, fixation_rows, degree)
     title = f"{len(people)} images, {model}, {preset or config or 'default settings'}"
     similarity = (
-        f"{title}: paths of {settings.fixations} fixations, {grid_columns} x {grid_rows} cells"
+        f"{title}: paths of {settings.fixations} fixations, {options.grid_columns} x "
+        f"{options.grid_rows} cells"
     )
     tables = [
         Table(similarity, ["", *SIMILARITIES.values()], _cells(paths, SIMILARITIES, degree)),
@@ -145,8 +120,8 @@ def scanpaths(
         ),
     ]
     lead = f"Scanpaths of models and people: {title}. {MEANING}"
-    shown.write("evaluate scanpaths", lead, tables)
-    emit({"paths": _as_dict(paths), "fixations": _as_dict(predicted)}, shown.as_json, *tables)
+    row = {"paths": _as_dict(paths), "fixations": _as_dict(predicted)}
+    return Result(row, tables, lead=lead, report=tables)
 
 
 def _write(

@@ -1,23 +1,22 @@
 """`saccade evaluate trajectory`: errors of estimated trajectories against the truth."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from math import isnan
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Any
 
 import numpy as np
-from typer import Argument, Option
 
-from saccade.cli.options import FigureFiles, ReportOptions
-from saccade.cli.output import emit
+from saccade.cli.group import argument
+from saccade.cli.options import ReportOptions, figure_files
+from saccade.cli.output import Result
 from saccade.datasets import write_table
 from saccade.datasets.drives.sidecar_files import read_tum_poses
 from saccade.errors import LogError, require
 from saccade.evaluation.trajectory import (
     PoseErrorConfig,
     PoseScores,
-    Unit,
     none_if_nan,
     score_poses,
     statistics,
@@ -53,57 +52,38 @@ LABELS = {
 """Errors in the JSON output, and in tables."""
 
 
-def trajectory(
-    shown: ReportOptions,
-    estimates: Annotated[
-        list[Path], Argument(metavar="ESTIMATE", help="Estimated trajectories: TUM files.")
-    ],
-    truth: Annotated[Path, Option(metavar="TRUTH", help="True trajectory: a TUM file.")],
-    scale: Annotated[
-        bool, Option("--scale", help="Align the scale too, as for a single camera.")
-    ] = False,
-    max_difference: Annotated[
-        float,
-        Option(min=0.0, metavar="SECONDS", help="Largest difference in time from the true pose."),
-    ] = 0.01,
-    interpolate: Annotated[
-        bool,
-        Option("--interpolate", help="Interpolate the finer trajectory at the times of the other."),
-    ] = False,
-    delta: Annotated[
-        float, Option(metavar="D", help="RPE: distance between the poses of a pair.")
-    ] = 1.0,
-    unit: Annotated[
-        str, Option(help="RPE: unit of --delta: frames, seconds or meters.")
-    ] = "frames",
-    all_pairs: Annotated[
-        bool, Option("--all-pairs", help="RPE: a pair from every pose; else one after the other.")
-    ] = False,
-    figure: FigureFiles = None,
-    csv: Annotated[
-        Path | None, Option(metavar="FILE", help="Also write the errors of each pose as CSV.")
-    ] = None,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryOptions(ReportOptions):
+    """Options of `saccade evaluate trajectory`."""
+
+    estimates: list[Path] = argument("ESTIMATE")
+    """Estimated trajectories: TUM files."""
+    truth: Path
+    """True trajectory: a TUM file."""
+    figure: list[Path] | None = figure_files()
+    csv: Path | None = None
+    """Also write the errors of each pose as CSV."""
+
+
+def trajectory(config: PoseErrorConfig, options: TrajectoryOptions) -> Result:
     """Score trajectories against the truth: absolute and relative errors (ATE, RPE).
 
     TUM files have lines of time x y z qx qy qz qw. A pose is compared with the
     true one nearest in time.
     """
-    config = PoseErrorConfig(
-        max_difference, interpolate, scale, delta, cast("Unit", unit), all_pairs
-    )
+    truth = options.truth
     true = read_tum_poses(truth)
     scores: dict[str, PoseScores] = {}
-    for path in dict.fromkeys(estimates):
+    for path in dict.fromkeys(options.estimates):
         try:
             scores[as_text(str(path))] = score_poses(read_tum_poses(path), true, config)
         except LogError as error:
             name = "" if str(error).startswith(str(path)) else f"{path}: "
             raise LogError(f"{name}{error}") from error
-    if csv is not None:
-        _write_csv(csv, scores)
-    if figure or shown.report is not None:
-        _write_figure(figure or [], shown, scores)
+    if options.csv is not None:
+        _write_csv(options.csv, scores)
+    drawn = options.figure or options.report is not None
+    report = [_drawn(scores, options.figure or [])] if drawn else []
     estimates_row = {name: _summary(each) for name, each in scores.items()}
     row = {"truth": str(truth), **asdict(config), "estimates": estimates_row}
     rows: list[list[str]] = []
@@ -111,10 +91,10 @@ def trajectory(
         rows += [[name, *[""] * (len(COLUMNS) - 1)]] if len(scores) > 1 else []
         rows += _rows(each)
     title = f"against {truth}" if len(scores) > 1 else f"{next(iter(scores))} against {truth}"
-    emit(row, shown.as_json, Table(title, COLUMNS, rows))
+    return Result(row, [Table(title, COLUMNS, rows)], lead=LEAD, report=report)
 
 
-def _errors(scores: "PoseScores") -> "dict[str, FloatArray]":
+def _errors(scores: PoseScores) -> dict[str, FloatArray]:
     """The errors by their names in `LABELS`."""
     relative, segments = scores.relative.errors, scores.segments
     return {
@@ -131,7 +111,7 @@ def _errors(scores: "PoseScores") -> "dict[str, FloatArray]":
     }
 
 
-def _rows(scores: "PoseScores") -> list[list[str]]:
+def _rows(scores: PoseScores) -> list[list[str]]:
 
     return [
         [LABELS[key], *("" if isnan(x) else f"{x:.3f}" for x in statistics(errors))]
@@ -140,7 +120,7 @@ def _rows(scores: "PoseScores") -> list[list[str]]:
     ]
 
 
-def _summary(scores: "PoseScores") -> dict[str, Any]:
+def _summary(scores: PoseScores) -> dict[str, Any]:
 
     row: dict[str, Any] = {
         "poses": len(scores.estimate.time),
@@ -153,7 +133,7 @@ def _summary(scores: "PoseScores") -> dict[str, Any]:
     return row
 
 
-def _write_csv(path: Path, scores: "Mapping[str, PoseScores]") -> None:
+def _write_csv(path: Path, scores: Mapping[str, PoseScores]) -> None:
     """One row for each pose of each estimate; the relative errors where their pair ends."""
     require(path.suffix == ".csv", "--csv", "a file that ends in .csv", str(path))
     parts: list[dict[str, np.ndarray[Any, Any]]] = []
@@ -170,10 +150,8 @@ def _write_csv(path: Path, scores: "Mapping[str, PoseScores]") -> None:
     write_table(path, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]})
 
 
-def _write_figure(
-    paths: "Sequence[Path]", shown: ReportOptions, scores: "Mapping[str, PoseScores]"
-) -> None:
-    """Write the figure of the trajectories, and the report that holds it."""
+def _drawn(scores: Mapping[str, PoseScores], paths: Sequence[Path]) -> Table:
+    """Write the figure of the trajectories; returns the table of the report that holds it."""
     figure = trajectory_figure(
         [
             ComparedTrajectory(
@@ -195,5 +173,4 @@ def _write_figure(
         wide=True,
     )
     rows = [[f"{name}: {row[0]}", *row[1:]] for name, each in scores.items() for row in _rows(each)]
-    table = Table("Errors", COLUMNS, rows, MEANING, "estimate and error", [picture])
-    shown.write("evaluate trajectory", LEAD, [table])
+    return Table("Errors", COLUMNS, rows, MEANING, "estimate and error", [picture])

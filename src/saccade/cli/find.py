@@ -1,48 +1,40 @@
 """`saccade find`: image retrieval from extracted keypoints."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-from typer import Argument, Option
-
-from saccade.cli.options import Json
-from saccade.cli.output import Table, emit, print_message
+from saccade.cli.detect import DETECTORS
+from saccade.cli.group import argument, option
+from saccade.cli.options import JsonOption
+from saccade.cli.output import Result, Table, facts_table, print_message
 from saccade.extras import import_optional
 from saccade.io.image import read_image
-from saccade.keypoints import Must, Sift, SymRoid
 from saccade.settings import settings_from
 
 if TYPE_CHECKING:
     from saccade.batch.index import Index
 
 
-def find(
-    image: Annotated[
-        Path | None,
-        Argument(metavar="IMAGE", help="Query image; without one the index is made anew."),
-    ] = None,
-    folder: Annotated[
-        Path, Option("--in", metavar="DIR", help="Data set of keypoints, of saccade extract.")
-    ] = Path("saccade-extract"),
-    top: Annotated[int, Option(min=1, metavar="N", help="Maximum number of results.")] = 10,
-    candidates: Annotated[
-        int, Option(min=1, metavar="N", help="Candidates that are verified geometrically.")
-    ] = 30,
-    min_inliers: Annotated[
-        int, Option(min=8, metavar="N", help="Minimum number of epipolar inliers.")
-    ] = 15,
-    points: Annotated[
-        int | None,
-        Option(
-            min=1,
-            metavar="N",
-            help="Make the index anew, of the N strongest keypoints of each image; 1000 by "
-            "default.",
-        ),
-    ] = None,
-    as_json: Json = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class FindOptions(JsonOption):
+    """Options of `saccade find`."""
+
+    image: Path | None = argument("IMAGE", None)
+    """Query image; without one the index is made anew."""
+    folder: Path = option(Path("saccade-extract"), "--in", metavar="DIR")
+    """Data set of keypoints, of saccade extract."""
+    top: int = option(10, min=1)
+    """Maximum number of results."""
+    candidates: int = option(30, min=1)
+    """Candidates that are verified geometrically."""
+    min_inliers: int = option(15, min=8)
+    """Minimum number of epipolar inliers."""
+    points: int | None = option(None, min=1)
+    """Make the index anew, of the N strongest keypoints of each image; 1000 by default."""
+
+
+def find(options: FindOptions) -> Result:
     """List the images that show the same scene as IMAGE, best first.
 
     Keypoints of IMAGE are detected with the settings of the data set. Images
@@ -56,34 +48,33 @@ def find(
     import_optional("faiss", "find")
     from saccade.batch.index import FOLDER, Index, build_index
 
-    if image is not None:
-        query = read_image(image)
-    if image is None or points is not None or not (folder / FOLDER).exists():
+    image, folder, points = options.image, options.folder, options.points
+    query = None if image is None else read_image(image)
+    if query is None or points is not None or not (folder / FOLDER).exists():
         row = build_index(folder, points or 1000)
-        facts = [(name, f"{value:,}") for name, value in row.items()]
-        if image is None:
-            emit(row, as_json, Table(f"index -> {folder / FOLDER}", ["", ""], facts))
-            return
+        if query is None:
+            facts = {name: f"{value:,}" for name, value in row.items()}
+            return Result(row, [facts_table(f"index -> {folder / FOLDER}", facts)])
         print_message(f"index of {row['images']:,} images -> {folder / FOLDER}")
     data = Index(folder)
     found = data.find(
-        _keypoints(data, query), candidates=max(candidates, top), min_inliers=min_inliers
+        _keypoints(data, query),
+        candidates=max(options.candidates, options.top),
+        min_inliers=options.min_inliers,
     )
     confirmed = [each for each in found if each.inliers is not None]
     rows: list[dict[str, Any]] = [
         {"image": each.image, "inliers": each.inliers, "similarity": float(each.similarity)}
-        for each in confirmed[:top]
+        for each in confirmed[: options.top]
     ]
-    cells = [[row["image"], str(row["inliers"]), f"{row['similarity']:.1f}"] for row in rows]
-    table = Table(f"{image} in {folder}", ["image", "inliers", "similarity"], cells)
-    emit({"image": str(image), "found": rows}, as_json, *([table] if rows else []))
     if not rows:
         print_message(f"{image}: none of {len(data)} images shows the same scene")
-        raise typer.Exit(1)
+    cells = [[row["image"], str(row["inliers"]), f"{row['similarity']:.1f}"] for row in rows]
+    table = Table(f"{image} in {folder}", ["image", "inliers", "similarity"], cells)
+    return Result({"image": str(image), "found": rows}, [table] if rows else [], int(not rows))
 
 
 def _keypoints(data: "Index", image: Any) -> Any:
     """Keypoints of an image, detected with the settings of the data set."""
-    detector = {"sift": Sift, "must": Must, "symroid": SymRoid}[data.what]
-    detections = detector(settings_from(data.what, data.settings, "index"))(image)
+    detections = DETECTORS[data.what](settings_from(data.what, data.settings, "index"))(image)
     return getattr(detections, "keypoints", detections)

@@ -1,42 +1,34 @@
 """`saccade fit`: a model of fixations from one's own photographs and people."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-from typer import Option
-
-from saccade.cli import options
 from saccade.cli.fixation_tables import FixationOptions
-from saccade.cli.options import Faces, face_detector
-from saccade.cli.output import emit, progress_bar, tracked, write_text
+from saccade.cli.group import option
+from saccade.cli.options import FaceOptions, ReportOptions, face_detector
+from saccade.cli.output import Result, facts_table, progress_bar, tracked, write_text
 from saccade.evaluation.conditional import summary
 from saccade.evaluation.fitting import FITTED, FittingConfig, study
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.intervals import Estimate
 from saccade.io.files import results_in
-from saccade.settings import as_toml, load_settings
+from saccade.settings import as_toml
 from saccade.viewing.report import Table
 
 
-def fit(
-    seen: FixationOptions,
-    shown: options.ReportOptions,
-    out: Annotated[
-        Path, Option("--out", "-o", metavar="FILE", help="The fitted model, TOML.")
-    ] = Path("fitted.toml"),
-    preset: options.Preset = None,
-    config: options.Config = None,
-    faces: Faces = None,
-    sigma: options.Sigma = 24.0,
-    folds: Annotated[
-        int, Option(min=2, max=100, metavar="N", help="Folds of the cross-validation.")
-    ] = 5,
-    seed: options.Seed = 2020,
-    people: Annotated[
-        bool,
-        Option(help="Score people, each viewer against the others: the ceiling; some minutes."),
-    ] = True,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class FitOptions(FaceOptions, ReportOptions):
+    """Options of `saccade fit`."""
+
+    out: Path = option(Path("fitted.toml"), "--out", "-o")
+    """The fitted model, TOML."""
+    sigma: float = option(24.0, min=0.1, max=1000, metavar="PX")
+    """Standard deviation of the fixation density: one degree of visual angle."""
+    people: bool = True
+    """Score people, each viewer against the others: the ceiling; some minutes."""
+
+
+def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> Result:
     """Fit a saliency model to your own photographs and fixations.
 
     One convex fit over the cells of the map: contrast, symmetry and Boolean
@@ -45,11 +37,10 @@ def fit(
     fixations. It is cross-validated by image and by viewer. --out is used by
     --model of look, evaluate fixations and extract.
     """
-    data = seen.data(sigma)
-    settings = load_settings("attention", preset, config)
+    data, settings = seen.data(options.sigma), options.settings("attention")
     found = study(
-        *(data, settings, FittingConfig(folds=folds, seed=seed), face_detector(faces)),
-        ceiling=people,
+        *(data, settings, fitting, face_detector(options.faces)),
+        ceiling=options.people,
         progress=tracked,
         bar=progress_bar,
     )
@@ -81,14 +72,14 @@ def fit(
             "models",
         ),
     ]
+    out = options.out
     with results_in(out, is_file=True):
         write_text(out, as_toml(found.model))
-        shown.write("fit", LEAD, tables)
-    facts = [
-        ["features", str(len(found.model.features))],
-        ["fitted to", found.model.fitted_to],
-        ["model", str(out)],
-    ]
+    facts = {
+        "features": len(found.model.features),
+        "fitted to": found.model.fitted_to,
+        "model": out,
+    }
     row = {
         "model": str(out),
         "scores": {name: each.as_dict() for name, each in scores.items()},
@@ -98,7 +89,7 @@ def fit(
             for name, of_model in steps.items()
         },
     }
-    emit(row, shown.as_json, *tables, Table("fitted model", ["", ""], facts))
+    return Result(row, [*tables, facts_table("fitted model", facts)], lead=LEAD, report=tables)
 
 
 LEAD = "A model of fixations, fitted to photographs and people, and its cross-validated scores."

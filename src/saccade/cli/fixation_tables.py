@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Annotated
 
-from typer import Option
-
+from saccade.cli.group import option
 from saccade.cli.output import print_message
 from saccade.datasets.fixations import FixationFormat, read_fixations
 from saccade.errors import ConfigError, LogError
@@ -16,53 +14,27 @@ LARGEST = 1e6
 """Bound on pixels of a screen."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FixationOptions:
     """Photographs, the fixations of people on them, and how these are to be read."""
 
-    images: Annotated[Path, Option(help="Folder of the images.")]
-    fixations: Annotated[
-        Path,
-        Option(
-            help="Fixations: a table of image, viewer, index or time, x and y (.csv, .tsv, Tobii's "
-            "export), EyeLink's .asc, OSIE's .mat, or a folder of them.",
-        ),
-    ]
-    drop: Annotated[
-        int,
-        Option(
-            "--drop", min=0, metavar="N", help="Leave out the first N fixations of each scanpath."
-        ),
-    ] = 1
-    columns: Annotated[
-        str | None,
-        Option(
-            metavar="KEY=NAME,...",
-            help="Columns of other than the usual names: image, viewer, index, time, x, y, "
-            "duration. viewer=code,x=gx",
-        ),
-    ] = None
-    xy: Annotated[
-        str | None,
-        Option(
-            "--xy",
-            metavar="UNIT",
-            help="Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the "
-            "screen), or pixels (of the images, unchecked).",
-        ),
-    ] = None
-    offset: Annotated[
-        str | None,
-        Option(
-            metavar="X,Y",
-            help="Upper left corner of the images on the screen, where x and y are positions on "
-            "it.",
-        ),
-    ] = None
-    only_present: Annotated[
-        bool,
-        Option("--only-present", help="Leave out the fixations on images that are not there."),
-    ] = False
+    images: Path = option(metavar="DIR")
+    """Folder of the images."""
+    fixations: Path
+    """Fixations: a table of image, viewer, index or time, x and y (.csv, .tsv, Tobii's export),
+    EyeLink's .asc, OSIE's .mat, or a folder of them."""
+    drop: int = option(1, min=0)
+    """Leave out the first N fixations of each scanpath."""
+    columns: str | None = option(None, metavar="KEY=NAME,...")
+    """Columns of other than the usual names: image, viewer, index, time, x, y, duration.
+    viewer=code,x=gx"""
+    xy: str | None = option(None, metavar="UNIT")
+    """Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the screen), or pixels
+    (of the images, unchecked)."""
+    offset: str | None = option(None, metavar="X,Y")
+    """Upper left corner of the images on the screen, where x and y are positions on it."""
+    only_present: bool = False
+    """Leave out the fixations on images that are not there."""
 
     def data(self, sigma: float = 24.0) -> FixationData:
         """The fixations inside their images, of a density blurred by `sigma`; prints remarks."""

@@ -1,16 +1,34 @@
-"""Commands that are imported when they are run, and how their options are read and shown."""
+"""Commands that are imported when they are run, and the fields that are their options."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, field, fields
+from enum import StrEnum
 from functools import cache
 from importlib import import_module
-from inspect import Parameter, getdoc, signature
+from inspect import Parameter, Signature, getdoc
+from math import isfinite
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, cast, get_type_hints
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import typer
 from typer import BadParameter
 from typer.core import TyperCommand, TyperGroup, TyperOption
+
+from saccade.cli.output import emit
+from saccade.errors import RANGE
+from saccade.settings import field_help
 
 PANELS = {
     "Input": (
@@ -128,59 +146,113 @@ class _Commands(Mapping[str, Any]):
         return len(self._group.entries)
 
 
+OPTION = "option"
+"""Key of the maker of an option, its names and attributes in the metadata of a field."""
+METAVARS = {int: "N", Path: "FILE"}
+"""Words for the values of options, by their types."""
+
+
+def option(default: Any = MISSING, *names: str, **attributes: Any) -> Any:
+    """A field that is an option of a command; its docstring is the help.
+
+    Args:
+        default: its value; without one it has to be given.
+        names: `--name` and `-n`; by default the name of the field.
+        attributes: of `typer.Option`.
+    """
+    return field(default=default, metadata={OPTION: (typer.Option, names, attributes)})
+
+
+def argument(metavar: str, default: Any = MISSING) -> Any:
+    """A field that is an argument of a command; its docstring is the help."""
+    attributes = {"metavar": metavar}
+    return field(default=default, metadata={OPTION: (typer.Argument, (), attributes)})
+
+
 @cache
 def load_command(module_name: str, name: str, example: str) -> Any:
-    """A command from its module, whose `MEANING`, if there is one, ends the help."""
+    """The command NAME of a module: a function of dataclasses whose fields are its options.
+
+    Its `Result`, if it has one, is emitted. The help ends with `MEANING` of the module, if any.
+    """
     module = import_module(module_name)
     function = getattr(module, name)
+    kinds = get_type_hints(function)
+    kinds.pop("return", None)
+    title = module_name.rpartition(".")[2].replace("_", " ")
+
+    def call(**values: Any) -> None:
+        plain = {key: _plain(value) for key, value in values.items()}
+        groups = {
+            key: kind(**{each.name: plain[each.name] for each in fields(kind)})
+            for key, kind in kinds.items()
+        }
+        result = function(**groups)
+        if result is not None:
+            emit(result, title, as_json=plain["as_json"], report=plain.get("report"))
+            raise typer.Exit(result.code)
+
+    described: Any = call
+    parameters = [each for kind in kinds.values() for each in parameters_of(kind)]
+    described.__signature__ = Signature(parameters)
+    described.__annotations__ = {each.name: each.annotation for each in parameters}
     words = "\n\n".join(filter(None, (getdoc(function), getattr(module, "MEANING", ""))))
     app = typer.Typer(add_completion=False, rich_markup_mode="rich", pretty_exceptions_enable=False)
-    described = app.command(name, cls=Command, help=words, epilog=f"Example: saccade {example}")
-    described(flattened(function))
+    app.command(name, cls=Command, help=words, epilog=f"Example: saccade {example}")(described)
     command: Any = typer.main.get_command(app)
+    panel_of = {each: panel for panel, names in PANELS.items() for each in names}
     options = [each for each in command.params if isinstance(each, TyperOption)]
-    if len(options) >= MIN_GROUPED:
-        panel_of = {each: panel for panel, names in PANELS.items() for each in names}
-        for option in options:
-            option.rich_help_panel = option.rich_help_panel or panel_of.get(str(option.name))
-        panels = [None, *PANELS]  # Typer shows them in the order of their first options
-        command.params.sort(
-            key=lambda each: (
-                panels.index(each.rich_help_panel)
-                if each.rich_help_panel in panels
-                else len(panels)
-            )
-        )
+    panels = [None, *PANELS]
+    command.params.sort(
+        key=lambda each: panels.index(panel_of.get(str(each.name))) if each in options else 0
+    )
+    for each in options if len(options) >= MIN_GROUPED else ():
+        each.rich_help_panel = panel_of.get(str(each.name))
     return command
 
 
-def flattened(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of the options that stand in the dataclasses which `function` takes."""
-    hints = get_type_hints(function, include_extras=True)
-    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+def parameters_of(kind: Any) -> list[Parameter]:
+    """The options and arguments of the fields of a dataclass.
+
+    The type of a field says what is accepted, its range (`saccade.errors.setting`) between which
+    numbers, its docstring the help.
+    """
+    hints, texts = get_type_hints(kind), field_help(kind)
     parameters = []
-    for name, given in signature(function).parameters.items():
-        if name not in groups:
-            parameters.append(given.replace(annotation=hints[name], kind=Parameter.KEYWORD_ONLY))
-            continue
-        kinds = get_type_hints(groups[name], include_extras=True)
-        for field in fields(groups[name]):
-            default = Parameter.empty if field.default is MISSING else field.default
-            parameters.append(
-                Parameter(
-                    field.name,
-                    Parameter.KEYWORD_ONLY,
-                    default=default,
-                    annotation=kinds[field.name],
-                )
-            )
+    for each in fields(kind):
+        make, names, given = each.metadata.get(OPTION, (typer.Option, (), {}))
+        value, wrap = _unwrapped(hints[each.name])
+        attributes: dict[str, Any] = {"help": texts.get(each.name, "")}
+        if get_origin(value) is Literal:
+            value = cast("Any", StrEnum)("Choice", [(word, word) for word in get_args(value)])
+        elif value in METAVARS:
+            attributes["metavar"] = METAVARS[value]
+        allowed = each.metadata.get(RANGE)
+        if allowed is not None:
+            ends = {"min": allowed.low, "max": allowed.high}
+            attributes |= {name: value(end) for name, end in ends.items() if isfinite(end)}
+        if each.default is False and not names:  # without --no-name
+            names = (f"--{each.name.replace('_', '-')}",)
+        hint: Any = Annotated[wrap(value), make(*names, **attributes | given)]
+        default = Parameter.empty if each.default is MISSING else each.default
+        parameters.append(
+            Parameter(each.name, Parameter.KEYWORD_ONLY, default=default, annotation=hint)
+        )
+    return parameters
 
-    def call(**values: Any) -> Any:
-        for name, kind in groups.items():
-            values[name] = kind(**{field.name: values.pop(field.name) for field in fields(kind)})
-        return function(**values)
 
-    described: Any = call
-    described.__signature__ = signature(function).replace(parameters=parameters)
-    described.__annotations__ = {each.name: each.annotation for each in parameters}
-    return call
+def _unwrapped(hint: Any) -> tuple[Any, Callable[[Any], Any]]:
+    """The type of a single value, and how the hint is made of it: optional, a list, or both."""
+    if get_origin(hint) in (Union, UnionType):
+        inner, wrap = _unwrapped(get_args(hint)[0])
+        return inner, lambda kind: wrap(kind) | None
+    if get_origin(hint) is list:
+        return get_args(hint)[0], list.__class_getitem__
+    return hint, lambda kind: kind
+
+
+def _plain(value: Any) -> Any:
+    """A value without the enumerations that stand for literals."""
+    if isinstance(value, list):
+        return [_plain(each) for each in value]
+    return value.value if isinstance(value, StrEnum) else value

@@ -2,35 +2,35 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-import typer
-from typer import Argument, Option
 
 from saccade.attention.models import AttentionModel, bare_saliency, contrast_of
 from saccade.attention.scanpath import ScanpathConfig, proto_object, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
-from saccade.cli import options
+from saccade.cli.films import CAMERA, Frames, camera_frames, make_film, video_frames
+from saccade.cli.group import argument, option
 from saccade.cli.options import (
     DEFAULT_MODEL,
     PUBLISHED,
-    Faces,
-    ModelChoice,
+    CameraOptions,
+    FaceOptions,
+    JsonOption,
+    ModelOptions,
     attention_model,
+    figure_formats,
+    output_folder,
     scanpath_network,
 )
 from saccade.cli.output import (
+    Result,
     Table,
-    emit,
-    emit_facts,
+    facts_table,
     for_each_image,
-    progress_bar,
     relative_names,
     write_arrays,
 )
@@ -38,7 +38,7 @@ from saccade.cli.precompile import compiled_ahead
 from saccade.errors import ConfigError, ImageError
 from saccade.io.files import FORMATS, results_in
 from saccade.io.image import find_images, read_image
-from saccade.io.video import is_video, read_video, video_rate, video_writer
+from saccade.io.video import is_video
 from saccade.keypoints import Sift, SiftConfig
 from saccade.types import FixationTable, Float32Array, FloatArray, Image, Scanpath, ScanpathSamples
 from saccade.viewing import (
@@ -51,101 +51,45 @@ from saccade.viewing import (
 )
 from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
 
-
-class Format(StrEnum):
-    """File formats of arrays, of tables of scanpaths, and of figures."""
-
-    NPZ = "npz"
-    CSV = "csv"
-    MAT = "mat"
-    PNG = "png"
-    SVG = "svg"
-    PDF = "pdf"
+Format = Literal["npz", "csv", "mat", "png", "svg", "pdf"]
+"""File formats of arrays, of tables of scanpaths, and of figures."""
+MapFormat = Literal["npy", "mat", "png", "tiff"]
+"""File formats of maps at the size of the image."""
 
 
-class MapFormat(StrEnum):
-    """File formats of maps at the size of the image."""
+@dataclass(frozen=True, kw_only=True)
+class LookOptions(ModelOptions, FaceOptions, JsonOption):
+    """Options of `saccade look`."""
 
-    NPY = "npy"
-    MAT = "mat"
-    PNG = "png"
-    TIFF = "tiff"
+    images: list[str] | None = argument("IMAGE", None)
+    """Images, videos, folders, or quoted patterns."""
+    out: Path = output_folder("saccade-look")
+    bare: bool = False
+    """Saliency of the content alone: without the prior of the position, by which people look at the
+    center of a photograph and not at its border."""
+    fixations: int = option(10, min=1, max=1000)
+    """Length of the scanpath."""
+    scanpath: Literal["most-probable", "winner-take-all"] | None = option(
+        None, show_default="most-probable"
+    )
+    """The most probable path of the scanpath model, or that of the winner-take-all network, the
+    default with --preset kootstra2010, itti1998 and saliencytoolbox2."""
+    inhibition: Literal["disc", "shape"] = "disc"
+    """Inhibition of return in the winner-take-all network: of a disc, or of the shape of a
+    proto-object."""
+    scanpath_film: bool = False
+    """Also animate each scanpath: NAME.scanpath.gif."""
+    formats: list[Format] | None = option(None, "--format", "-f")
+    """Output format: of the maps and scanpaths, npz by default, or csv and mat for the scanpaths;
+    and of the figures, png by default; several with commas."""
+    maps: list[MapFormat] | None = None
+    """Also write every map at the size of the image: npy and tiff of float32, mat, or png of 16
+    bits; several with commas."""
+    every: int = option(1, min=1)
+    """Use every Nth frame of a video."""
 
 
-class PathModel(StrEnum):
-    """Models of the scanpath."""
-
-    most_probable = "most-probable"
-    winner_take_all = "winner-take-all"
-
-
-class Inhibition(StrEnum):
-    """Region of inhibition of return."""
-
-    disc = "disc"
-    shape = "shape"
-
-
-def look(
-    images: Annotated[
-        list[str] | None,
-        Argument(metavar="IMAGE", help="Images, videos, folders, or quoted patterns."),
-    ] = None,
-    *,
-    camera: options.CameraOptions,
-    out: options.Out = Path("saccade-look"),
-    model: ModelChoice = DEFAULT_MODEL,
-    preset: options.Preset = None,
-    config: options.Config = None,
-    faces: Faces = None,
-    bare: Annotated[
-        bool,
-        Option(
-            "--bare",
-            help="Saliency of the content alone: without the prior of the position, by which "
-            "people look at the center of a photograph and not at its border.",
-        ),
-    ] = False,
-    fixations: Annotated[
-        int, Option(min=1, max=1000, metavar="N", help="Length of the scanpath.")
-    ] = 10,
-    scanpath: Annotated[
-        PathModel | None,
-        Option(
-            help="The most probable path of the scanpath model, or that of the winner-take-all "
-            "network, the default with --preset kootstra2010, itti1998 and saliencytoolbox2.",
-            show_default="most-probable",
-        ),
-    ] = None,
-    inhibition: Annotated[
-        Inhibition,
-        Option(
-            help="Inhibition of return in the winner-take-all network: of a disc, or of the shape "
-            "of a proto-object."
-        ),
-    ] = Inhibition.disc,
-    scanpath_film: Annotated[
-        bool, Option("--scanpath-film", help="Also animate each scanpath: NAME.scanpath.gif.")
-    ] = False,
-    formats: Annotated[
-        list[Format] | None,
-        Option(
-            "--format",
-            "-f",
-            help="Output format: of the maps and scanpaths, npz by default, or csv and mat for the "
-            "scanpaths; and of the figures, png by default; several with commas.",
-        ),
-    ] = None,
-    maps: Annotated[
-        list[MapFormat] | None,
-        Option(
-            help="Also write every map at the size of the image: npy and tiff of float32, mat, or "
-            "png of 16 bits; several with commas."
-        ),
-    ] = None,
-    every: Annotated[int, Option(min=1, metavar="N", help="Use every Nth frame of a video.")] = 1,
-    as_json: options.Json = False,
-) -> None:
+def look(camera: CameraOptions, options: LookOptions) -> Result:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
     The map shows where people look at a photograph on a screen; with --bare it
@@ -164,59 +108,58 @@ def look(
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
     """
-    sources = camera.instead_of(images)
-    by_shape = inhibition is Inhibition.shape
-    if by_shape and scanpath is PathModel.most_probable:
+    sources = camera.instead_of(options.images)
+    model, by_shape = options.model, options.inhibition == "shape"
+    if by_shape and options.scanpath == "most-probable":
         raise ConfigError("inhibition: a shape needs --scanpath winner-take-all")
     if by_shape and model not in (DEFAULT_MODEL, "contrast"):
         raise ConfigError(f"inhibition: a shape needs --model attention or contrast, found {model}")
     attention = attention_model(
-        model, preset, config, keep_features=by_shape, faces=faces, free_viewing=not bare
+        *(model, options.preset, options.config),
+        keep_features=by_shape,
+        faces=options.faces,
+        free_viewing=not options.bare,
     )
-    if camera.camera is not None:
-        from saccade.cli.live_run import look_at_camera
-
-        with results_in(out):
-            row = look_at_camera(camera, out, attention)
-        emit_facts(row, as_json, f"camera -> {out}")
-        return
-    published = scanpath is None and preset in PUBLISHED
-    by_network = by_shape or published or scanpath is PathModel.winner_take_all
-    network = scanpath_network(preset) if by_network else None
+    out, published = options.out, options.scanpath is None and options.preset in PUBLISHED
+    by_network = by_shape or published or options.scanpath == "winner-take-all"
+    network = scanpath_network(options.preset) if by_network else None
     builder = ReportBuilder("saccade look", LEAD)
-    chosen = list(dict.fromkeys(formats or []))
-    tables = [each for each in chosen if each in (Format.CSV, Format.MAT)]
+    chosen = list(dict.fromkeys(options.formats or []))
+    tables = [each for each in chosen if each in ("csv", "mat")]
     files = LookFiles(
-        options.figure_formats(chosen), Format.NPZ in chosen or not tables, tables, [*(maps or [])]
+        figure_formats(chosen), "npz" in chosen or not tables, tables, options.maps or []
     )
 
     def process(path: Path, name: str) -> dict[str, Any]:
         file = out / f"{name}.look"
         if is_video(path):
-            return analyze_video(path, file, attention, every)
+            with video_frames(path, options.every) as frames:
+                return look_at_frames(frames, file, attention)
         return analyze_image(
-            *(path, file, attention, fixations, builder, files),
+            *(path, file, attention, options.fixations, builder, files),
             network=network,
             by_shape=by_shape,
-            film=scanpath_film,
+            film=options.scanpath_film,
         )
 
     paths = [path for source in sources for path in find_images(source)]
     with results_in(out), compiled_ahead("points"):
-        rows, code = for_each_image(paths, out, process)
+        if camera.camera is None:
+            rows, code = for_each_image(paths, out, process)
+        else:
+            with camera_frames(camera) as frames:
+                rows, code = [look_at_frames(frames, out / f"{CAMERA}.look", attention)], 0
         report = builder.write(out / "report.html") if len(builder) else None
         written = files.write_tables(out)
-    result = {"images": rows, "report": None if report is None else str(report)}
-    emit(result | ({"files": written} if written else {}), as_json, *map(_table, rows))
-    raise typer.Exit(code)
+    row: dict[str, Any] = {"images": rows, "report": None if report is None else str(report)}
+    row |= {"files": written} if written else {}
+    return Result(row, [_table(each) for each in rows], code)
 
 
 def _table(row: dict[str, Any]) -> Table:
     """The scanpath on an image, or the film of a video."""
     if "frames" in row:
-        return Table(
-            row["image"], ["", ""], [["frames", str(row["frames"])], ["film", row["film"]]]
-        )
+        return facts_table(row["image"], {name: row[name] for name in ("frames", "film")})
     return Table(
         f"{row['image']} -> {row['picture']}",
         ["fixation", "x [px]", "y [px]", "time [ms]", "saliency"],
@@ -387,52 +330,28 @@ def _write(file: Path, paths: Sequence[_Path]) -> None:
     write_fixations(file, table, onset_ms=1000 * onset, saliency=saliency)
 
 
-class VideoRecord:
-    """Saliency and gaze of the frames so far.
+def look_at_frames(frames: Frames, out: Path, attention: AttentionModel) -> dict[str, Any]:
+    """Write the saliency and the gaze as a film and as arrays; returns the row for --json.
 
-    Args:
-        attention: model of the static saliency. If it has a prior of the center, the gaze has none.
+    The film `out`.mp4 has frames (H, 2 W, 3): the gaze in the image and in its saliency. The arrays
+    `out`.npz are the saliency (n, h, w), the times (n,) in seconds, and the gaze (n, 2) in pixels.
+    If the model has a prior of the center, the gaze has none.
     """
+    config = VideoConfig()
+    if getattr(attention.settings, "center_prior", None) is not None:
+        config = replace(config, scanpath=replace(config.scanpath, center_sigma=None))
+    video = VideoSaliency(config, lambda frame: attention.maps(frame).saliency)
+    times, maps = list[float](), list[VideoMaps]()
 
-    def __init__(self, attention: AttentionModel) -> None:
-        config = VideoConfig()
-        if getattr(attention.settings, "center_prior", None) is not None:
-            config = replace(config, scanpath=replace(config.scanpath, center_sigma=None))
-        self._video = VideoSaliency(config, lambda frame: attention.maps(frame).saliency)
-        self._times = list[float]()
-        self._maps = list[VideoMaps]()
+    def analyze(time: float, frame: Image) -> tuple[Image, dict[str, Any]]:
+        times.append(time)
+        maps.append(video(frame, time))
+        beside = heat_beside(frame, maps[-1].saliency, maps[-1].gaze)
+        return beside, {"heat": beside[:, frame.shape[1] :]}
 
-    def __len__(self) -> int:
-        return len(self._maps)
-
-    def add(self, time: float, frame: Image) -> npt.NDArray[np.uint8]:
-        """The frame of the film: (H, 2 W, 3) the gaze in this frame and in its saliency."""
-        self._times.append(time)
-        self._maps.append(self._video(frame, time))
-        return heat_beside(frame, self._maps[-1].saliency, self._maps[-1].gaze)
-
-    def write(self, source: str, out: Path) -> dict[str, Any]:
-        """Write `out`.npz, return the row for --json; the film is `out`.mp4.
-
-        The arrays are the saliency (n, h, w), the times (n,) in seconds, and the gaze (n, 2) in
-        pixels.
-        """
-        arrays = Path(f"{out}.npz")
-        saliency = np.stack([maps.saliency for maps in self._maps])
-        gaze = np.array([maps.gaze for maps in self._maps])
-        write_arrays(arrays, {"saliency": saliency, "time": np.array(self._times), "gaze": gaze})
-        row = {"image": source, "frames": len(self), "film": f"{out}.mp4"}
-        return row | {"arrays": str(arrays)}
-
-
-def analyze_video(path: Path, out: Path, attention: AttentionModel, stride: int) -> dict[str, Any]:
-    """Write the film `out`.mp4 and the arrays `out`.npz, return the row for --json."""
-    record = VideoRecord(attention)
-    with (
-        progress_bar(path.name) as progress,
-        video_writer(Path(f"{out}.mp4"), video_rate(path) / stride) as write,
-    ):
-        for time, frame in read_video(path, stride):
-            write(record.add(time, frame))
-            progress(len(record))
-    return record.write(str(path), out)
+    film, arrays = Path(f"{out}.mp4"), Path(f"{out}.npz")
+    count = make_film(frames, film, analyze)
+    saliency, gaze = np.stack([each.saliency for each in maps]), np.array([m.gaze for m in maps])
+    write_arrays(arrays, {"saliency": saliency, "time": np.array(times), "gaze": gaze})
+    row = {"image": frames.source, "frames": count, "film": str(film)}
+    return row | {"arrays": str(arrays)}

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 import PIL.Image
+from matplotlib.figure import Figure
 
 import saccade
+from saccade.cli.group import option
+from saccade.cli.options import FigureFormat, JsonOption, figure_formats, output_folder
 from saccade.cli.output import Progress, write_text
 from saccade.errors import ImageError
 from saccade.evaluation.runs import has_headings, lost_times
@@ -19,6 +22,7 @@ from saccade.io.video import video_writer
 from saccade.slam import SlamResult, SmoothResult
 from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.types import FloatArray, Image, IntArray, LandmarkLog, LandmarkMap, MapSnapshot
+from saccade.viewing import save_figures
 from saccade.viewing.film import Eye
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
@@ -35,20 +39,25 @@ FRAME_RATE = 24
 """Frames per second of a film."""
 
 
-@dataclass(frozen=True)
-class RunOutput:
+SNAPSHOTS = 240
+"""Maximum number of snapshots of the map, for the film and the report."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOutput(JsonOption):
     """Where a mapping run writes, and what besides its tables and figures."""
 
-    folder: Path
-    film: bool = False
-    snapshots: int = 240
-    """Maximum number of snapshots of the map, for the film and the report."""
-    checkpoint_interval: float = 10.0
-    """Seconds between checkpoints."""
-    figures: Sequence[str] = ("png",)
-    """Formats of the figures."""
-    report: ReportBuilder | None = None
-    """Report to which the run is added; None for one of its own."""
+    out: Path = output_folder("saccade-run")
+    figures: list[FigureFormat] | None = option(None, "--figure-format")
+    """Format of the figures, png by default; several with commas."""
+    film: bool = option(False, "--film/--no-film")
+    """Also write a film of the growing map."""
+    checkpoint: float = option(10.0, min=0.0, metavar="SECONDS")
+    """Time between checkpoints, from which an interrupted run resumes."""
+
+    def save_figure(self, figure: Figure, name: str) -> Path:
+        """Write a figure in each format; returns the file of the first."""
+        return save_figures(figure, self.out / name, figure_formats(self.figures))
 
 
 def write_film(
@@ -72,23 +81,28 @@ def write_film(
 
 
 def write_run(
-    output: RunOutput,
-    report: tuple[str, str],
+    out: Path,
+    title: str,
+    lead: str,
     part: Callable[[], Part],
     files: Mapping[str, Path],
     row: dict[str, Any],
+    report: ReportBuilder | None,
 ) -> dict[str, Any]:
-    """Write the report, given its title and lead, and run.json; returns the content of that."""
-    builder = ReportBuilder(*report) if output.report is None else output.report
+    """Write the report and run.json; returns the content of that.
+
+    `report` is the one to which the run is added; None for one of its own.
+    """
+    builder = report or ReportBuilder(title, lead)
     builder.add(part)
-    if output.report is None:
-        files = {**files, "report": builder.write(output.folder / "report.html")}
+    if report is None:
+        files = {**files, "report": builder.write(out / "report.html")}
     row |= {
         "format": FORMATS["run"],
         "version": saccade.__version__,
         "files": {name: str(path) for name, path in files.items()},
     }
-    write_text(output.folder / "run.json", json.dumps(row, indent=2) + "\n")
+    write_text(out / "run.json", json.dumps(row, indent=2) + "\n")
     return row
 
 

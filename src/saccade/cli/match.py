@@ -1,28 +1,28 @@
 """`saccade match`: keypoint matches of two images, or of many."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from enum import StrEnum
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
-import typer
 from matplotlib.figure import Figure
-from typer import Argument, Option
 
-from saccade.cli import options
-from saccade.cli.batch_run import (
-    INTERRUPTED,
-    Workers,
-    batch_progress,
-    local_engine,
-    preload,
-    stop_on_interrupt,
-)
+from saccade.cli.batch_run import batch_progress, local_engine, preload
 from saccade.cli.detect import DetectorOptions, contributing_pairs
-from saccade.cli.output import Table, emit, print_message, write_text
+from saccade.cli.group import argument, option
+from saccade.cli.options import FigureFormat, JsonOption, output_folder
+from saccade.cli.output import (
+    INTERRUPTED,
+    Result,
+    Table,
+    facts_table,
+    print_message,
+    stop_on_interrupt,
+    write_text,
+)
 from saccade.errors import require
 from saccade.extras import import_optional
 from saccade.io.files import results_in
@@ -38,77 +38,51 @@ from saccade.viewing.report import ReportBuilder, match_part
 
 if TYPE_CHECKING:
     from saccade.batch.engines import ShardReport
-    from saccade.batch.job import Job
     from saccade.batch.matching import Format as ManyFormat
-    from saccade.batch.matching import MatchConfig, MatchRun
+    from saccade.batch.matching import MatchRun
 
 
-class GeometryChoice(StrEnum):
-    """Two-view geometries that matches are verified by."""
-
-    FUNDAMENTAL = "fundamental"
-    HOMOGRAPHY = "homography"
-    NONE = "none"
+FORMATS = {"two images": get_args(FigureFormat), "many images": ("hdf5", "colmap")}
+"""File formats of the figures, and of the matches."""
 
 
-class Format(StrEnum):
-    """File formats of the figure of two images, and of the matches of many."""
+@dataclass(frozen=True, kw_only=True)
+class MatchOptions(JsonOption):
+    """Options of `saccade match`."""
 
-    PNG = "png"
-    SVG = "svg"
-    PDF = "pdf"
-    HDF5 = "hdf5"
-    COLMAP = "colmap"
+    first: str = argument("A")
+    """First image; or, alone, many: a folder, quoted pattern, list or tar."""
+    second: Path | None = argument("B", None)
+    """Second image of the same scene."""
+    pairs: Path | None = None
+    """Of many images match these pairs, two names to a line; all pairs by default."""
+    out: Path = output_folder("saccade-match")
+    ratio: float = option(0.8, min=0, max=1)
+    """Ratio test: maximum nearest / second nearest distance."""
+    mutual: bool = True
+    """Keep only mutual nearest neighbors."""
+    geometry: Literal["fundamental", "homography", "none"] = "fundamental"
+    """Geometric verification: fundamental matrix for any rigid scene, homography for a plane or a
+    rotating camera, or none."""
+    tolerance: float = option(2.0, min=0.01, metavar="PX")
+    """Inlier threshold."""
+    formats: list[Literal["png", "svg", "pdf", "hdf5", "colmap"]] | None = option(
+        None, "--format", "-f"
+    )
+    """Output format: of the figure of two images, png by default, svg or pdf; of many images hdf5
+    for hloc, by default, or colmap; several with commas."""
+    redo: bool = False
+    """Of many images replace the features of other settings."""
+    workers: int | None = option(None, min=1)
+    """Number of processes; by default as cores and memory allow."""
+
+    @property
+    def verification(self) -> Geometry | None:
+        """The geometry by which matches are verified; None for none."""
+        return None if self.geometry == "none" else self.geometry
 
 
-def match(
-    first: Annotated[
-        str,
-        Argument(
-            metavar="A", help="First image; or, alone, many: a folder, quoted pattern, list or tar."
-        ),
-    ],
-    second: Annotated[
-        Path | None, Argument(metavar="B", help="Second image of the same scene.")
-    ] = None,
-    *,
-    detector: DetectorOptions,
-    pairs: Annotated[
-        Path | None,
-        Option(
-            metavar="FILE",
-            help="Of many images match these pairs, two names to a line; all pairs by default.",
-        ),
-    ] = None,
-    out: options.Out = Path("saccade-match"),
-    ratio: Annotated[
-        float, Option(min=0, max=1, help="Ratio test: maximum nearest / second nearest distance.")
-    ] = 0.8,
-    mutual: Annotated[bool, Option(help="Keep only mutual nearest neighbors.")] = True,
-    geometry: Annotated[
-        GeometryChoice,
-        Option(
-            help="Geometric verification: fundamental matrix for any rigid scene, homography for a "
-            "plane or a rotating camera, or none."
-        ),
-    ] = GeometryChoice.FUNDAMENTAL,
-    tolerance: Annotated[float, Option(min=0.01, metavar="PX", help="Inlier threshold.")] = 2.0,
-    formats: Annotated[
-        list[Format] | None,
-        Option(
-            "--format",
-            "-f",
-            help="Output format: of the figure of two images, png by default, svg or pdf; of many "
-            "images hdf5 for hloc, by default, or colmap; several with commas.",
-        ),
-    ] = None,
-    redo: Annotated[
-        bool,
-        Option("--redo", help="Of many images replace the features of other settings."),
-    ] = False,
-    workers: Workers = None,
-    as_json: options.Json = False,
-) -> None:
+def match(detector: DetectorOptions, options: MatchOptions) -> Result:
     """Match the keypoints of two images, or of many.
 
     Mutual nearest neighbors that pass the ratio test are verified by a two-view
@@ -123,45 +97,28 @@ def match(
     each pair (pairs.csv) and the pairs (pairs.txt). The same command resumes an
     interrupted run, and matches what is new or has changed.
     """
-    model = None if geometry is GeometryChoice.NONE else cast("Geometry", geometry.value)
-    many = second is None
-    allowed = (Format.HDF5, Format.COLMAP) if many else (Format.PNG, Format.SVG, Format.PDF)
-    names = " or ".join(allowed)
-    chosen = list(dict.fromkeys(formats or [allowed[0]]))
+    words = "many images" if options.second is None else "two images"
+    chosen = list(dict.fromkeys(options.formats or FORMATS[words][:1]))
     for each in chosen:
-        expected = f"{names} for {'many images' if many else 'two images'}"
-        require(each in allowed, "format", expected, each.value)
-    find = detector.make()
-    if second is None:
-        preload(first, workers)
-        import_optional("pyarrow", "parquet")
-        from saccade.batch import Job, MatchConfig
-
-        match_many(
-            *(first, pairs, out, Job(detector.detector.value, find.config, exact=True)),
-            MatchConfig(ratio, mutual, model, tolerance),
-            [each.value for each in chosen],
-            workers=workers,
-            redo=redo,
-            as_json=as_json,
-        )
-        return
-    given = pairs or redo or workers
-    require(not given, "pairs", "--pairs, --redo and --workers with many images", str(second))
+        expected = f"{' or '.join(FORMATS[words])} for {words}"
+        require(each in FORMATS[words], "format", expected, each)
+    if options.second is None:
+        return match_many(detector, options, chosen)
+    given = options.pairs or options.redo or options.workers
+    expected = "--pairs, --redo and --workers with many images"
+    require(not given, "pairs", expected, str(options.second))
     builder = ReportBuilder("saccade match", LEAD)
-    with results_in(out):
+    with results_in(options.out):
         row = match_images(
-            *(Path(first), second, out, find, builder, ratio, mutual, model, tolerance),
+            *(Path(options.first), options.second, options.out, detector.make(), builder),
+            *(options.ratio, options.mutual, options.verification, options.tolerance),
             figures=chosen,
         )
-        row["report"] = str(builder.write(out / "report.html"))
-    shared = [str(row["matches"])] + ([] if model is None else [str(row["inliers"])])
+        row["report"] = str(builder.write(options.out / "report.html"))
+    shared = [str(row["matches"])] + ([str(row["inliers"])] if "inliers" in row else [])
     columns = ["image", "points", "matched", "inliers"][: 2 + len(shared)]
-    cells = [
-        [first, str(row["first_points"]), *shared],
-        [str(second), str(row["second_points"]), *shared],
-    ]
-    emit(row, as_json, Table(f"matches -> {out}", columns, cells))
+    cells = [[row[name], str(row[f"{name}_points"]), *shared] for name in ("first", "second")]
+    return Result(row, [Table(f"matches -> {options.out}", columns, cells)])
 
 
 LEAD = "Matching interest points of two photographs."
@@ -325,69 +282,54 @@ def outcome(row: int, pairs: IntArray, inliers: BoolArray | None) -> Outcome:
     return "inlier" if inliers[matched].any() else "outlier"
 
 
-def match_many(
-    source: str,
-    pairs: Path | None,
-    out: Path,
-    job: "Job",
-    config: "MatchConfig",
-    formats: Sequence[str],
-    *,
-    workers: int | None,
-    redo: bool,
-    as_json: bool,
-) -> None:
-    """Match many images and print the counts.
-
-    Raises:
-        Exit: an image failed, or the run was stopped.
-    """
+def match_many(detector: DetectorOptions, options: MatchOptions, formats: Sequence[str]) -> Result:
+    """Match many images, with a progress bar for the images, then one for the pairs."""
+    find = detector.make()
+    preload(options.first, options.workers)
+    import_optional("pyarrow", "parquet")
+    from saccade.batch import Job, MatchConfig
     from saccade.batch.matching import FEATURES, match_images
 
+    bars: dict[str, Callable[[ShardReport], None]] = {}
     with ExitStack() as stack:
-        stopped = stack.enter_context(stop_on_interrupt())
-        watch = _Watch(stack)
+
+        def watch(stage: str, total: int, report: "ShardReport") -> None:
+            if stage not in bars:
+                bars[stage] = stack.enter_context(batch_progress(stage, total))
+            bars[stage](report)
+
         run = match_images(
-            source,
-            out,
-            pairs=pairs,
-            job=job,
-            config=config,
+            options.first,
+            options.out,
+            pairs=options.pairs,
+            job=Job(detector.detector, find.config, exact=True),
+            config=MatchConfig(
+                options.ratio, options.mutual, options.verification, options.tolerance
+            ),
             formats=cast("Sequence[ManyFormat]", formats),
-            engine=partial(local_engine, workers=workers),
-            redo=redo,
-            should_stop=stopped,
+            engine=partial(local_engine, workers=options.workers),
+            redo=options.redo,
+            should_stop=stack.enter_context(stop_on_interrupt()),
             on_report=watch,
         )
-    row = _as_row(run)
-    names = {"done": "pairs matched now", "already_done": "pairs matched before"}
-    facts = [(names.get(name, name.replace("_", " ")), value) for name, value in row.items()]
-    shown = [(name, str(value)) for name, value in facts if not isinstance(value, bool | dict)]
-    emit(row, as_json, Table(f"{source} -> {out}", ["", ""], [*shown, *row["files"].items()]))
+    row, code = _as_row(run), 0
     if not run.complete:
-        total = run.done + run.unchanged
+        total, code = run.done + run.unchanged, INTERRUPTED
         print_message(f"stopped after {total} of {run.pairs} pairs; run it again to resume")
-        raise SystemExit(INTERRUPTED)
-    if run.extraction.failed:
+    elif run.extraction.failed:
+        code = 1
         print_message(
             f"{run.extraction.failed} images failed, and {run.pairs - len(run.matched)} pairs are "
-            f"left out; see {out / FEATURES}/errors.parquet"
+            f"left out; see {options.out / FEATURES}/errors.parquet"
         )
-        raise typer.Exit(1)
-
-
-class _Watch:
-    """A progress bar for the images, then one for the pairs."""
-
-    def __init__(self, stack: ExitStack) -> None:
-        self._stack = stack
-        self._bars: dict[str, Any] = {}
-
-    def __call__(self, stage: str, total: int, report: "ShardReport") -> None:
-        """Advance the bar of a stage."""
-        if stage not in self._bars:
-            self._bars[stage] = self._stack.enter_context(batch_progress(stage, total))
-        self._bars[stage](report)
+    names = {"done": "pairs matched now", "already_done": "pairs matched before"}
+    facts = {
+        names.get(name, name.replace("_", " ")): value
+        for name, value in row.items()
+        if not isinstance(value, bool | dict)
+    }
+    table = facts_table(f"{options.first} -> {options.out}", facts | row["files"])
+    return Result(row, [table], code)
 
 
 def _as_row(run: "MatchRun") -> dict[str, Any]:

@@ -1,44 +1,39 @@
-"""Arguments and options that several commands share."""
+"""Options that several commands share."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from typer import Argument, BadParameter, Option
+from typer import BadParameter
 
-from saccade.errors import ConfigError
+from saccade.cli.group import argument, option
+from saccade.cli.output import print_message
+from saccade.errors import ConfigError, require
+from saccade.settings import FREE_VIEWING, load_model, load_settings, preset_names
 
 if TYPE_CHECKING:
-    from saccade.cli.mapping import RunOutput
+    from saccade.attention.combined import FaceDetector
+    from saccade.attention.models import AttentionModel
+    from saccade.attention.scanpath import ScanpathConfig
     from saccade.datasets.drives.folder import CameraOptions as Calibration
     from saccade.frames import Drive
-    from saccade.viewing.report import Table
+    from saccade.types import LandmarkLog
 
 FILE_SUFFIXES = (
     *(".bmp", ".csv", ".db", ".eps", ".gif", ".h5", ".html", ".jpeg", ".jpg", ".json", ".mp4"),
     *(".npz", ".parquet", ".pdf", ".png", ".svg", ".tif", ".tiff", ".toml", ".txt", ".webp"),
 )
 """Suffixes of an output that was meant as a file where a folder is written."""
-
-
-class FigureFormat(StrEnum):
-    """File formats of figures."""
-
-    PNG = "png"
-    SVG = "svg"
-    PDF = "pdf"
+FigureFormat = Literal["png", "svg", "pdf"]
+"""File formats of figures."""
+Egomotion = Literal["camera", "second-camera", "wheels"]
 
 
 def figure_formats(formats: Iterable[str] | None) -> list[str]:
     """The formats of figures among those of --format; PNG where there is none."""
-    return [each for each in dict.fromkeys(formats or ()) if each in tuple(FigureFormat)] or ["png"]
-
-
-LogPath = Annotated[
-    Path | None, Argument(metavar="LOG", help="Landmark log: a file, folder or ROS bag.")
-]
+    known = get_args(FigureFormat)
+    return [each for each in dict.fromkeys(formats or ()) if each in known] or ["png"]
 
 
 def folder_name(path: Path | None) -> Path | None:
@@ -48,94 +43,99 @@ def folder_name(path: Path | None) -> Path | None:
     return path
 
 
+def output_folder(name: str | None, **attributes: Any) -> Any:
+    """The option of the folder for the results; `name` by default."""
+    default = None if name is None else Path(name)
+    attributes = {"help": "Output folder.", "metavar": "DIR"} | attributes
+    return option(default, "--out", "-o", callback=folder_name, **attributes)
+
+
 def _figures(paths: list[Path] | None) -> list[Path] | None:
     """Names of figures, each of a format that is drawn."""
     for path in paths or ():
-        if path.suffix.lower().removeprefix(".") not in tuple(FigureFormat):
+        if path.suffix.lower().removeprefix(".") not in get_args(FigureFormat):
             raise BadParameter(f"expected a .png, .svg or .pdf, found {path}")
     return paths
 
 
-Out = Annotated[Path, Option("--out", "-o", help="Output folder.", callback=folder_name)]
-Json = Annotated[bool, Option("--json", help="Print the result as JSON.")]
-Preset = Annotated[
-    str | None,
-    Option("--preset", "-p", help="Preset of the configuration; see saccade config KIND --all."),
-]
-Config = Annotated[
-    Path | None,
-    Option("--config", "-c", help="TOML file of settings, as printed by saccade config."),
-]
-FigureFiles = Annotated[
-    list[Path] | None,
-    Option(
-        metavar="FILE",
-        help="Also draw a figure: .png, .svg or .pdf; may be repeated.",
-        callback=_figures,
-    ),
-]
-Sigma = Annotated[
-    float,
-    Option(
-        min=0.1,
-        max=1000,
-        metavar="PX",
-        help="Standard deviation of the fixation density: one degree of visual angle.",
-    ),
-]
-Seed = Annotated[int, Option(min=0, help="Seed of the random number generator.")]
-LogFormat = Annotated[
-    str | None,
-    Option(
-        "--format",
-        help="Format of LOG: csv, g2o, isam, mrclam, victoria-park, dlr or rosbag; detected by "
-        "default.",
-    ),
-]
-Robot = Annotated[
-    int | None, Option(min=1, help="Number of the robot, in a log of several robots.")
-]
-Topics = Annotated[
-    list[str] | None,
-    Option(
-        "--topic",
-        metavar="TOPIC",
-        help="Topic of landmarks in a ROS bag, of several cameras with commas; chosen by its type "
-        "by default.",
-    ),
-]
-EgomotionName = Annotated[
-    str,
-    Option(
-        "--egomotion",
-        help="What measures the motion: camera, second-camera (a fixed one), or wheels.",
-    ),
-]
-CameraSource = Annotated[
-    str | None,
-    Option(
-        metavar="SOURCE",
-        help="Take the frames of a camera: a device (0), an address (rtsp://...) or a video file.",
-    ),
-]
-LivePage = Annotated[bool, Option("--page", help="Show it in rerun's viewer in the browser.")]
-LiveWindow = Annotated[
-    bool, Option("--live", help="Show the run in the rerun viewer (needs rerun-sdk).")
-]
+def figure_files() -> Any:
+    """The option of the files to which a figure is drawn."""
+    words = "Also draw a figure: .png, .svg or .pdf; may be repeated."
+    return option(None, metavar="FILE", help=words, callback=_figures)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsonOption:
+    """How a result is printed."""
+
+    as_json: bool = option(False, "--json")
+    """Print the result as JSON."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions(JsonOption):
+    """How the tables of an evaluation are shown."""
+
+    report: Path | None = None
+    """Also write the tables as an HTML page."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettingsOptions:
+    """A configuration."""
+
+    preset: str | None = option(None, "--preset", "-p")
+    """Preset of the configuration; see saccade config KIND --all."""
+    config: Path | None = option(None, "--config", "-c")
+    """TOML file of settings, as printed by saccade config."""
+
+    def settings(self, kind: str) -> Any:
+        """The configuration of a kind."""
+        return load_settings(kind, self.preset, self.config)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogOptions:
+    """How a landmark log is read."""
+
+    kind: str | None = option(None, "--format")
+    """Format of LOG: csv, g2o, isam, mrclam, victoria-park, dlr or rosbag; detected by default."""
+    robot: int | None = option(None, min=1)
+    """Number of the robot, in a log of several robots."""
+    topic: list[str] | None = option(None, "--topic", metavar="TOPIC")
+    """Topic of landmarks in a ROS bag, of several cameras with commas; chosen by its type by
+    default."""
+
+    def load(self, log: Path) -> "LandmarkLog":
+        """The log."""
+        from saccade import datasets
+
+        kind: Any = self.kind or "auto"
+        return datasets.load(kind, log, robot=self.robot, topic=self.topic)
+
+
 MAX_CAMERA_FRAMES = 36_000
 """Frames of a camera by default: twenty minutes at 30 a second."""
 
 
-@dataclass(frozen=True)
-class CameraOptions:
-    """A camera of a command, and where its frames are shown."""
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions:
+    """A camera, and where its frames are shown."""
 
-    camera: CameraSource = None
-    frames: Annotated[
-        int, Option("--frames", min=2, metavar="N", help="Of a camera take at most N frames.")
-    ] = MAX_CAMERA_FRAMES
-    live: LiveWindow = False
-    page: LivePage = False
+    camera: str | None = option(None, metavar="SOURCE")
+    """Take the frames of a camera: a device (0), an address (rtsp://...) or a video file."""
+    live: bool = False
+    """Show the run in the rerun viewer (needs rerun-sdk)."""
+    page: bool = False
+    """Show it in rerun's viewer in the browser."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraOptions(LiveOptions):
+    """A camera in place of images."""
+
+    frames: int = option(MAX_CAMERA_FRAMES, min=2)
+    """Of a camera take at most N frames."""
 
     def instead_of(self, images: list[str] | None) -> list[str]:
         """The images, if there is no camera.
@@ -149,28 +149,19 @@ class CameraOptions:
         return images or []
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SequenceOptions:
     """A camera drive, and what its files do not tell."""
 
-    sequence: Annotated[
-        Path, Argument(metavar="SEQUENCE", help="Camera drive: a folder, video, bag or track file.")
-    ]
-    kind: Annotated[
-        str | None,
-        Option(
-            "--format",
-            help="Format of SEQUENCE: kitti, tum-rgbd, euroc, rosbag, tracks, folder or video; "
-            "detected by default.",
-        ),
-    ] = None
-    intrinsics: Annotated[
-        str | None,
-        Option(metavar="FX,FY,CX,CY", help="Camera of images without a calibration, in pixels."),
-    ] = None
-    baseline: Annotated[
-        float | None, Option(min=1e-6, help="Metres between the cameras of such a stereo pair.")
-    ] = None
+    sequence: Path = argument("SEQUENCE")
+    """Camera drive: a folder, video, bag or track file."""
+    kind: str | None = option(None, "--format")
+    """Format of SEQUENCE: kitti, tum-rgbd, euroc, rosbag, tracks, folder or video; detected by
+    default."""
+    intrinsics: str | None = option(None, metavar="FX,FY,CX,CY")
+    """Camera of images without a calibration, in pixels."""
+    baseline: float | None = option(None, min=1e-6)
+    """Metres between the cameras of such a stereo pair."""
 
     def calibration(self) -> "Calibration":
         """The camera where the drive tells of none."""
@@ -186,57 +177,6 @@ class SequenceOptions:
         return load_drive(kind, self.sequence, self.calibration())
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """What a mapping run writes."""
-
-    figures: Annotated[
-        list[FigureFormat] | None,
-        Option(
-            "--figure-format", help="Format of the figures, png by default; several with commas."
-        ),
-    ] = None
-    film: Annotated[bool, Option(help="Also write a film of the growing map.")] = False
-    checkpoint: Annotated[
-        float,
-        Option(
-            "--checkpoint",
-            min=0.0,
-            metavar="SECONDS",
-            help="Time between checkpoints, from which an interrupted run resumes.",
-        ),
-    ] = 10.0
-
-    def into(self, folder: Path) -> "RunOutput":
-        """The output of a run."""
-        from saccade.cli.mapping import RunOutput
-
-        figures = figure_formats(self.figures)
-        return RunOutput(folder, self.film, checkpoint_interval=self.checkpoint, figures=figures)
-
-
-@dataclass(frozen=True)
-class ReportOptions:
-    """How the tables of an evaluation are shown."""
-
-    report: Annotated[
-        Path | None,
-        Option("--report", metavar="FILE", help="Also write the tables as an HTML page."),
-    ] = None
-    as_json: Json = False
-
-    def write(self, command: str, lead: str, tables: "Sequence[Table]") -> None:
-        """Write the page, if there is to be one."""
-        from saccade.viewing.report import write_tables
-
-        write_tables(self.report, f"saccade {command}", lead, tables)
-
-
-if TYPE_CHECKING:
-    from saccade.attention.combined import FaceDetector
-    from saccade.attention.models import AttentionModel
-    from saccade.attention.scanpath import ScanpathConfig
-
 DEFAULT_MODEL = "attention"
 MODELS = "attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)"
 CARRIED = "auto"
@@ -244,21 +184,27 @@ CARRIED = "auto"
 PUBLISHED = ("kootstra2010", "itti1998", "saliencytoolbox2")
 """Presets whose scanpath is that of the winner-take-all network."""
 
-ModelChoice = Annotated[str, Option(metavar="MODEL", help=f"Saliency model: {MODELS}.")]
-Faces = Annotated[
-    str | None,
-    Option(
-        metavar="FILE",
-        help="Also weigh faces, by this detector of OpenCV's (YuNet's .onnx, a cascade's .xml), or "
-        "auto for what OpenCV carries; for the attention model and fitted ones.",
-    ),
-]
+
+@dataclass(frozen=True, kw_only=True)
+class FaceOptions(SettingsOptions):
+    """A configuration of saliency, and a detector of faces."""
+
+    faces: str | None = option(None, metavar="FILE")
+    """Also weigh faces, by this detector of OpenCV's (YuNet's .onnx, a cascade's .xml), or auto for
+    what OpenCV carries; for the attention model and fitted ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions(SettingsOptions):
+    """A model of saliency."""
+
+    model: str = option(DEFAULT_MODEL, metavar="MODEL", help=f"Saliency model: {MODELS}.")
 
 
 def attention_model(
     model: str,
-    preset: str | None,
-    config: Path | None,
+    preset: str | None = None,
+    config: Path | None = None,
     *,
     keep_features: bool = False,
     faces: str | None = None,
@@ -278,8 +224,6 @@ def attention_model(
         ConfigError: no such model, preset, setting or detector of faces.
     """
     from saccade.attention.models import FITTED, KINDS, AttentionModel
-    from saccade.errors import require
-    from saccade.settings import FREE_VIEWING, load_model, load_settings
 
     detector = face_detector(faces)
     if model.endswith(".toml"):
@@ -299,7 +243,6 @@ def face_detector(faces: str | None) -> "FaceDetector | None":
     """The detector that --faces names; None, with a remark, if OpenCV carries none."""
     if faces is None:
         return None
-    from saccade.cli.output import print_message
     from saccade.face_detection import find_face_detector
 
     detector = find_face_detector(None if faces == CARRIED else Path(faces))
@@ -310,8 +253,6 @@ def face_detector(faces: str | None) -> "FaceDetector | None":
 
 def scanpath_network(preset: str | None) -> "ScanpathConfig":
     """The winner-take-all network of a model's preset: of the same source where there is one."""
-    from saccade.settings import load_settings, preset_names
-
     known = preset in preset_names("scanpath")
     network: ScanpathConfig = load_settings("scanpath", preset if known else None)
     return network

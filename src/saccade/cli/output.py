@@ -2,18 +2,25 @@
 
 import json
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TextIO, TypeVar
+from threading import Event
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TextIO, TypeVar
 
-from saccade.cli.batch_run import INTERRUPTED, stop_on_interrupt
 from saccade.errors import ImageWarning, LogWarning, OutputError, SaccadeError
 from saccade.io.files import as_text, atomic_write
 
+if TYPE_CHECKING:
+    from saccade.viewing.report import Table as ReportTable
+
 T = TypeVar("T")
+INTERRUPTED = 130
+"""Exit code."""
 
 
 class Progress(Protocol):
@@ -57,6 +64,25 @@ def resumable(checkpoint: Path) -> Iterator[None]:
         if checkpoint.exists():
             print_message(f"run the same command again to resume from {checkpoint}")
         raise
+
+
+@contextmanager
+def stop_on_interrupt(
+    message: str = "stopping after the shards in progress",
+) -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed, upon which it prints a message; pressed again, it raises."""
+    pressed = Event()
+
+    def stop(*_: Any) -> None:
+        pressed.set()
+        signal.signal(signal.SIGINT, previous)
+        print_message(f"{message}; press Ctrl-C again to stop at once")
+
+    previous = signal.signal(signal.SIGINT, stop)
+    try:
+        yield pressed.is_set
+    finally:
+        signal.signal(signal.SIGINT, previous)
 
 
 @contextmanager
@@ -109,7 +135,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
 
 
 class Table(NamedTuple):
-    """A table on the terminal; those of reports begin alike."""
+    """A table on the terminal."""
 
     title: str
     columns: Sequence[str]
@@ -117,35 +143,37 @@ class Table(NamedTuple):
     rows: Sequence[Sequence[str]]
 
 
-class _Tabular(Protocol):
-    """A table of a terminal or of a report."""
-
-    @property
-    def title(self) -> str: ...
-    @property
-    def columns(self) -> Sequence[str]: ...
-    @property
-    def rows(self) -> Sequence[Sequence[str]]: ...
+def facts_table(title: str, facts: Mapping[str, object]) -> Table:
+    """A table of names and values."""
+    return Table(title, ["", ""], [(name, str(value)) for name, value in facts.items()])
 
 
-def emit(row: Mapping[str, Any], as_json: bool, *tables: _Tabular) -> None:
-    """Print a result on stdout: `row` as JSON, or tables."""
+@dataclass(frozen=True)
+class Result:
+    """What a command prints, and how it ends."""
+
+    row: Mapping[str, Any]
+    """Figures, for --json."""
+    tables: "Sequence[Table | ReportTable]" = ()
+    code: int = 0
+    """Exit code."""
+    lead: str = ""
+    """First paragraph of the page of --report."""
+    report: "Sequence[ReportTable]" = ()
+    """Tables of that page."""
+
+
+def emit(result: Result, command: str, *, as_json: bool, report: Path | None = None) -> None:
+    """Print a result on stdout, as JSON or as tables, and write its page, if there is to be one."""
+    if report is not None:
+        from saccade.viewing.report import write_tables
+
+        write_tables(report, f"saccade {command}", result.lead, result.report)
     if as_json:
-        print_json(row)
+        print_json(result.row)
         return
-    for table in tables:
+    for table in result.tables:
         print_table(table.title, table.columns, table.rows)
-
-
-def emit_facts(
-    row: Mapping[str, Any],
-    as_json: bool,
-    title: str,
-    facts: Mapping[str, object] | None = None,
-) -> None:
-    """Print a result as JSON, or as a table of names and values; of `facts` where given."""
-    named = (row if facts is None else facts).items()
-    emit(row, as_json, Table(title, ["", ""], [(name, str(value)) for name, value in named]))
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,8 +1,9 @@
 """`saccade serve`: a local page that analyzes photographs and drives a robot with SLAM."""
 
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from typer import Option
+from saccade.cli.group import option
 
 if TYPE_CHECKING:
     from socket import socket
@@ -11,15 +12,19 @@ SHUTDOWN_TIMEOUT = 2
 """Seconds that requests in progress have when the server stops."""
 
 
-def serve(
-    port: Annotated[
-        int, Option(min=0, max=65535, help="Port on this machine; 0 for any free one.")
-    ] = 8014,
-    max_upload: Annotated[
-        float, Option(min=0.1, max=1000, metavar="MB", help="Maximum size of a photograph.")
-    ] = 32.0,
-    browser: Annotated[bool, Option(help="Open the page in the browser.")] = True,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ServeOptions:
+    """Options of `saccade serve`."""
+
+    port: int = option(8014, min=0, max=65535)
+    """Port on this machine; 0 for any free one."""
+    max_upload: float = option(32.0, min=0.1, max=1000, metavar="MB")
+    """Maximum size of a photograph."""
+    browser: bool = True
+    """Open the page in the browser."""
+
+
+def serve(options: ServeOptions) -> None:
     """Serve a page for photographs (saliency, scanpath, keypoints) and for SLAM.
 
     The page is served to this machine only (127.0.0.1), and nothing is stored.
@@ -43,15 +48,15 @@ def serve(
     data = files("saccade") / "data"
     names = sorted(each.name for each in data.iterdir() if each.name.endswith(".jpg"))
     samples = {name: (data / name).read_bytes() for name in names}
-    with _listening(port) as listener:
+    with _listening(options.port) as listener:
         port = listener.getsockname()[1]
         parts = PhotoAnalyzer(), Playground()
-        app = application(*parts, samples, port, int(max_upload * 1e6), controls())
+        app = application(*parts, samples, port, int(options.max_upload * 1e6), controls())
         config = uvicorn.Config(
             app, log_level="warning", access_log=False, timeout_graceful_shutdown=SHUTDOWN_TIMEOUT
         )
         print_message(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C stops the server")
-        if browser:
+        if options.browser:
             _open_browser(f"http://127.0.0.1:{port}/")
         with suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listener])

@@ -1,77 +1,46 @@
 """`saccade simulate`: a landmark log or a camera drive with ground truth."""
 
-from dataclasses import replace
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, cast
-
-from typer import Argument, Option
+from typing import Literal
 
 from saccade import datasets
-from saccade.cli.options import Config, EgomotionName, Json, Seed, folder_name
-from saccade.cli.output import emit_facts, progress_bar
+from saccade.cli.group import argument, option
+from saccade.cli.options import Egomotion, JsonOption, SettingsOptions, output_folder
+from saccade.cli.output import Result, facts_table, progress_bar
 from saccade.errors import ConfigError, require
 from saccade.evaluation.gaze import gaze_drive
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
-from saccade.settings import load_settings
-from saccade.simulation import simulate_drive, simulate_world
-from saccade.visual.config import EgomotionSource
+from saccade.simulation import WorldConfig, simulate_drive, simulate_world
 
 
-class World(StrEnum):
-    """What is simulated."""
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(SettingsOptions, JsonOption):
+    """Options of `saccade simulate`."""
 
-    WORLD = "world"
-    DRIVE = "drive"
+    kind: Literal["world", "drive"] = argument("world|drive")
+    """world: the landmark log of a robot or a car. drive: the drive of a robot with a camera around
+    a courtyard with posters."""
+    out: Path | None = output_folder(None, show_default="saccade-world or saccade-simulated-drive")
+    seed: int = option(0, min=0)
+    """Seed of the random number generator."""
+    preset: str | None = option(None, "--preset", "-p")
+    """Of a world loop, slippery, coarse or car; of a drive ring, mono, repeated, mirror, dark,
+    flicker, crossing or rooms."""
+    frames: int | None = option(None, min=2)
+    """Frames of a drive; a lap has 300, and there are two laps."""
+    gaze: str | None = None
+    """Turn the camera of a drive while it maps: fixed, sweep, random, salient or active."""
+    egomotion: Egomotion = "camera"
+    """What measures the motion: camera, second-camera (a fixed one), or wheels."""
+    color: bool = False
+    """Render a drive in color."""
+    depth: bool = False
+    """Also render depth images."""
 
 
-def simulate(
-    kind: Annotated[
-        World,
-        Argument(
-            metavar="world|drive",
-            help="world: the landmark log of a robot or a car. drive: the drive of a robot with a "
-            "camera around a courtyard with posters.",
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        Option(
-            "--out",
-            "-o",
-            help="Output folder.",
-            callback=folder_name,
-            show_default="saccade-world or saccade-simulated-drive",
-        ),
-    ] = None,
-    seed: Seed = 0,
-    preset: Annotated[
-        str | None,
-        Option(
-            "--preset",
-            "-p",
-            help="Of a world loop, slippery, coarse or car; of a drive ring, mono, repeated, "
-            "mirror, dark, flicker, crossing or rooms.",
-        ),
-    ] = None,
-    frames: Annotated[
-        int | None,
-        Option(min=2, help="Frames of a drive; a lap has 300, and there are two laps."),
-    ] = None,
-    gaze: Annotated[
-        str | None,
-        Option(
-            help="Turn the camera of a drive while it maps: fixed, sweep, random, salient or "
-            "active."
-        ),
-    ] = None,
-    egomotion: EgomotionName = "camera",
-    color: Annotated[bool, Option("--color", help="Render a drive in color.")] = False,
-    depth: Annotated[bool, Option("--depth", help="Also render depth images.")] = False,
-    config: Config = None,
-    as_json: Json = False,
-) -> None:
+def simulate(options: SimulateOptions) -> Result:
     """Simulate a landmark log or a camera drive, with ground truth.
 
     Of a world --out receives the log (log.csv, for saccade slam), the true
@@ -85,12 +54,13 @@ def simulate(
     in the layout of KITTI's odometry benchmark, for saccade drive. The seed
     determines the noise, the walls and the posters.
     """
-    settings = load_settings(kind.value, preset, config)
-    if kind is World.WORLD:
+    settings = options.settings(options.kind)
+    frames, gaze, seed = options.frames, options.gaze, options.seed
+    color, depth = options.color, options.depth
+    if options.kind == "world":
         if frames or gaze or color or depth:
             raise ConfigError("--frames, --gaze, --color, --depth: expected a drive, found world")
-        _simulate_world(out or Path("saccade-world"), settings, seed, as_json)
-        return
+        return _simulate_world(options.out or Path("saccade-world"), settings, seed)
     if frames is not None:
         settings = replace(settings, frames=frames)
     settings = replace(settings, color=settings.color or color, depth=settings.depth or depth)
@@ -99,10 +69,8 @@ def simulate(
     else:
         require(gaze in POLICIES, "gaze", f"one of {', '.join(POLICIES)}", gaze)
         with progress_bar("looking", settings.frames) as update:
-            simulated, _ = gaze_drive(
-                settings, gaze, seed, update, egomotion=cast("EgomotionSource", egomotion)
-            )
-    out = out or Path("saccade-simulated-drive")
+            simulated, _ = gaze_drive(settings, gaze, seed, update, egomotion=options.egomotion)
+    out = options.out or Path("saccade-simulated-drive")
     with progress_bar("rendering", len(simulated)) as update:
         datasets.save_drive(out, simulated, update)
     row = {
@@ -111,10 +79,10 @@ def simulate(
         "cameras": 2 if simulated.camera.baseline > 0 else 1,
         "truth": repr(simulated.truth),
     }
-    emit_facts(row, as_json, f"{simulated.name} -> {out}")
+    return Result(row, [facts_table(f"{simulated.name} -> {out}", row)])
 
 
-def _simulate_world(out: Path, settings: Any, seed: int, as_json: bool) -> None:
+def _simulate_world(out: Path, settings: WorldConfig, seed: int) -> Result:
     log = simulate_world(settings, seed)
     assert log.truth is not None
     assert log.landmark_truth is not None
@@ -128,4 +96,4 @@ def _simulate_world(out: Path, settings: Any, seed: int, as_json: bool) -> None:
         "observations": len(log.observation),
         "landmarks": len(log.landmark_truth),
     }
-    emit_facts(row, as_json, f"{log.name} -> {out}")
+    return Result(row, [facts_table(f"{log.name} -> {out}", row)])

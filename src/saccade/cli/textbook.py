@@ -1,13 +1,12 @@
 """`saccade textbook`: the equations of the source beside their code, run on one's own data."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from saccade import datasets
-from saccade.cli.options import Json, Out
-from saccade.cli.output import Table, emit, print_message, write_text
+from saccade.cli.group import argument, option
+from saccade.cli.options import JsonOption, output_folder
+from saccade.cli.output import Result, Table, print_message, write_text
 from saccade.errors import ConfigError
 from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import read_image
@@ -27,28 +26,21 @@ LEAD = (
 )
 
 
-def textbook(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="IMAGE|LOG", help="A photograph, or a log with landmark identities."
-        ),
-    ],
-    out: Out = Path("saccade-textbook"),
-    modules: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--module",
-            metavar="FILE",
-            help="A Python file whose contrast_saliency, sift or EkfSlam replaces the "
-            "textbook's; may be given several times.",
-        ),
-    ] = None,
-    max_side: Annotated[
-        int, typer.Option(min=32, help="Pixels of the longer side: a larger image is reduced.")
-    ] = 480,
-    as_json: Json = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class TextbookOptions(JsonOption):
+    """Options of `saccade textbook`."""
+
+    source: Path = argument("IMAGE|LOG")
+    """A photograph, or a log with landmark identities."""
+    out: Path = output_folder("saccade-textbook")
+    modules: list[Path] | None = option(None, "--module", metavar="FILE")
+    """A Python file whose contrast_saliency, sift or EkfSlam replaces the textbook's; may be given
+    several times."""
+    max_side: int = option(480, min=32)
+    """Pixels of the longer side: a larger image is reduced."""
+
+
+def textbook(options: TextbookOptions) -> Result:
     """Walk through the equations of the source with a photograph or a log.
 
     In --out appears a page (report.html) that shows each step of appendix A,
@@ -59,13 +51,14 @@ def textbook(
     To try an equation of your own, copy a file of saccade.textbook, change
     it, and name the copy with --module.
     """
+    source = options.source
     replacements = {
-        each.appendix: each for path in modules or [] for each in load_implementations(path)
+        each.appendix: each for path in options.modules or [] for each in load_implementations(path)
     }
     image, log, appendices = None, simulated_log(), "ABC"
     if source.suffix.lower() in IMAGE_SUFFIXES:
         photo = read_image(source)
-        image = shrunk(photo, max_side / max(photo.shape))
+        image = shrunk(photo, options.max_side / max(photo.shape))
     else:
         log, appendices = datasets.load("auto", source), "C"
     for appendix, each in replacements.items():
@@ -76,7 +69,7 @@ def textbook(
         walk_through(replacements.get(each) or Implementation.of_textbook(each), image, log)
         for each in appendices
     ]
-    page, lead = out / "report.html", LEAD.format(source=source.name)
+    page, lead = options.out / "report.html", LEAD.format(source=source.name)
     write_text(page, walkthrough_page(f"saccade textbook: {source.name}", lead, walkthroughs))
     row = {
         "source": str(source),
@@ -90,4 +83,4 @@ def textbook(
         "results": {each.implementation.appendix: each.results for each in walkthroughs},
     }
     rows = [row for each in walkthroughs for step in each.results.values() for row in step.items()]
-    emit(row, as_json, Table(f"{source.name} -> {page}", ["", ""], rows))
+    return Result(row, [Table(f"{source.name} -> {page}", ["", ""], rows)])

@@ -1,12 +1,7 @@
 """Controls of the page of `saccade serve`, and its settings as Python and as a command."""
 
-import ast
-import inspect
 import shlex
-import textwrap
-from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
-from itertools import pairwise
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -15,7 +10,14 @@ import tomli_w
 from saccade.attention.models import KINDS
 from saccade.errors import RANGE, Slider
 from saccade.serving.playground import PlaygroundNoise
-from saccade.settings import DEFAULT, FREE_VIEWING, NONE, load_settings, preset_names
+from saccade.settings import (
+    DEFAULT,
+    FREE_VIEWING,
+    NONE,
+    field_help,
+    load_settings,
+    preset_names,
+)
 from saccade.slam.config import RETRACTIONS
 from saccade.slam.consistency import chi_square_band
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
@@ -98,23 +100,6 @@ def setting_controls(
         {"name": name, "help": help_texts.get(name, ""), **_control(hints[name], sliders[name])}
         for name in (*shown_first, *(each for each in names if each not in shown_first))
     ]
-
-
-def field_help(configuration: type) -> Mapping[str, str]:
-    """The docstring of each field of a class; empty where its source is not installed."""
-    inherited = [field_help(parent) for parent in reversed(configuration.__bases__)]
-    texts = {name: text for each in inherited for name, text in each.items()}
-    try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(configuration))).body[0]
-    except (OSError, TypeError):
-        return texts
-    body = getattr(tree, "body", [])
-    return texts | {
-        field.target.id: " ".join(str(text.value.value).split())
-        for field, text in pairwise(body)
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
-    }
 
 
 def _group(kind: str, title: str) -> dict[str, Any]:
