@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.datasets.tables import DETECTED, Row, read_rows
+from saccade.datasets.tables import DETECTED, Row, is_number, read_rows
 from saccade.errors import ConfigError, LogError
 from saccade.io.files import IMAGE_SUFFIXES
 
@@ -382,7 +382,7 @@ def _loaded(command: Row, screen: Box | None) -> tuple[str, Box | None]:
     """The image of FILL PATH, CENTER PATH X Y [WIDTH HEIGHT] or TOP_LEFT, alike, and its place."""
     kind, *words = command.cells or [""]
     numbers: list[str] = []
-    while kind != "FILL" and len(words) > 1 and len(numbers) < 4 and _is_number(words[-1]):
+    while kind != "FILL" and len(words) > 1 and len(numbers) < 4 and is_number(words[-1]):
         numbers.insert(0, words.pop())
     if kind not in ("FILL", "CENTER", "TOP_LEFT") or not words or len(numbers) % 2:
         raise command.error(
@@ -395,13 +395,6 @@ def _loaded(command: Row, screen: Box | None) -> tuple[str, Box | None]:
     x, y, *size = Row(command.path, command.line, numbers).numbers()
     width, height = size if size and min(size) > 0 else (np.nan, np.nan)
     return name, Box(x, y, width, height, kind == "CENTER")
-
-
-def _is_number(word: str) -> bool:
-    try:
-        return bool(np.isfinite(float(word)))
-    except ValueError:
-        return False
 
 
 def _images(trial: _Trial, wanted: str | None) -> list[_Shown]:

@@ -84,6 +84,14 @@ class Row:
         return self
 
 
+def is_number(text: str) -> bool:
+    """Whether a text is a finite number."""
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
+
+
 def read_rows(path: Path, delimiter: str | None = None, comment: str | None = "#") -> Iterator[Row]:
     """The rows of a text file that are neither empty nor a comment.
 
@@ -116,6 +124,21 @@ def _split(path: Path, text: str, delimiter: str | None) -> Iterator[tuple[int, 
             yield reader.line_num, [cell.strip() for cell in cells]
     except csv.Error as error:
         raise LogError(f"{path}, line {reader.line_num}: expected CSV cells: {error}") from error
+
+
+def read_csv(path: Path, *headers: tuple[str, ...]) -> tuple[tuple[str, ...], list[Row]]:
+    """The header of a CSV file, one of some, and its rows.
+
+    Raises:
+        LogError: another header, or a row with more or fewer cells.
+    """
+    rows = read_rows(path, delimiter=",")
+    first = next(rows, Row(path, 1, []))
+    header = tuple(first.cells)
+    if header not in headers:
+        known = " or ".join(",".join(each[:3]) for each in headers)
+        raise first.error(f"the header {known},...", repr(",".join(header)[:80]))
+    return header, [row.require_cells(len(header)) for row in rows]
 
 
 def read_table(path: Path, columns: tuple[str, ...], stale_limit: float = 0.0) -> FloatArray:

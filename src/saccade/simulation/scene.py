@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import as_file, files
 from itertools import cycle
 from typing import NamedTuple
@@ -88,8 +89,8 @@ def plaster_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator
 def painted_surface(
     shape: tuple[int, int],
     texels: float,
-    color: tuple[float, float, float],
     rng: np.random.Generator,
+    color: tuple[float, float, float],
 ) -> Texture:
     """Smooth paint or linoleum of a color in [0, 1]: only its shade varies, over half a meter."""
     shade = 1 + 0.02 * _noise(shape, (int(texels / 2), int(2 * texels)), rng)
@@ -264,8 +265,7 @@ FRAMES = ((38, 34, 32), (232, 228, 220), (110, 74, 46), (64, 76, 92))
 """RGB of the posters' frames."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Walls:
+class Walls(NamedTuple):
     """Connected walls along a polyline, visible from its right."""
 
     corners: FloatArray
@@ -274,8 +274,7 @@ class Walls:
     """(h, w, 3) front view from the first corner on; its bottom row is at the ground."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Ground:
+class Ground(NamedTuple):
     """A piece of level ground."""
 
     corner: FloatArray
@@ -417,7 +416,8 @@ def floor_scene(config: DriveConfig, seed: np.random.SeedSequence) -> Scene:
     indoors = config.world != "ring"
     outlines = OUTLINES[config.world] if indoors else _ring(config)
     bands = []
-    walls = ((outer, painted_wall if indoors else brick_wall), (inner, plaster_wall))
+    smooth = partial(painted_surface, color=PAINT)
+    walls = ((outer, smooth if indoors else brick_wall), (inner, plaster_wall))
     for corners, (rng, wall) in zip(outlines, walls, strict=False):
         length = float(np.hypot(*np.diff(corners, axis=0).T).sum())
         shape = (round(config.wall_height * TEXELS), round(length * TEXELS))
@@ -428,16 +428,11 @@ def floor_scene(config: DriveConfig, seed: np.random.SeedSequence) -> Scene:
     shape = (round(depth * GROUND_TEXELS), round(width * GROUND_TEXELS))
     corner = np.array([low[0], high[1]])
     if indoors:
-        texture = painted_surface(shape, GROUND_TEXELS, LINOLEUM, floor)
+        texture = painted_surface(shape, GROUND_TEXELS, floor, LINOLEUM)
     else:
         texture = gravel_floor(shape, floor)
     ground = Ground(corner, texture, GROUND_TEXELS)
     return build_scene(bands, ground, config.wall_height, TEXELS, config.color)
-
-
-def painted_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
-    """A smooth wall."""
-    return painted_surface(shape, texels, PAINT, rng)
 
 
 def _ring(config: DriveConfig) -> list[FloatArray]:

@@ -35,7 +35,7 @@ from saccade.datasets.drives.frames import (
 )
 from saccade.datasets.drives.odometry import OdometryIncrements
 from saccade.datasets.drives.sidecar_files import assemble_drive
-from saccade.datasets.tables import read_rows, read_table
+from saccade.datasets.tables import is_number, read_rows, read_table
 from saccade.errors import ConfigError, DriveError
 from saccade.frames import Camera, Drive
 from saccade.io.files import IMAGE_SUFFIXES
@@ -190,7 +190,7 @@ def read_intrinsics(path: Path) -> tuple[tuple[float, float, float, float], floa
     """
     values = list[float]()
     for row in read_rows(path):
-        named = not _is_number(row.cells[0])
+        named = not is_number(row.cells[0])
         values += row.numbers(slice(1, None)) if named else row.numbers()
     if len(values) in (4, 5):
         fx, fy, cx, cy = values[:4]
@@ -208,14 +208,6 @@ def read_intrinsics(path: Path) -> tuple[tuple[float, float, float, float], floa
         right = matrices[1]
         baseline = float(K[0, 3] / max(K[0, 0], 1e-9) - right[0, 3] / max(right[0, 0], 1e-9))
     return (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])), max(baseline, 0.0)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 ASSUMED_SPEED = 1.0

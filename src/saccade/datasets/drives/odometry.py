@@ -18,10 +18,9 @@ import numpy as np
 
 from saccade.datasets.drives.frames import FrameTimes
 from saccade.datasets.tables import (
-    Row,
     covariance_names,
     from_upper_triangle,
-    read_rows,
+    read_csv,
     require_ascending,
     symmetric_columns,
     write_table,
@@ -34,7 +33,6 @@ _MOTION = ("ahead", "left", "turn")
 INCREMENT_COLUMNS = ("ahead_m", "left_m", "turn_rad", *covariance_names(_MOTION))
 SPEED_COLUMNS = ("time_s", "ahead_mps", "turn_radps")
 OXTS_COLUMNS = ("frame", "t", "vf", "vl", "vu", "wf", "wl", "wu")
-_HEADERS = (INCREMENT_COLUMNS, SPEED_COLUMNS, OXTS_COLUMNS)
 
 UNKNOWN_SPEED, UNKNOWN_TURN = 2.0, 1.0
 """Standard deviations of the speed (m/s) and turn rate (rad/s) of a robot without odometry."""
@@ -188,18 +186,11 @@ def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:
     """Odometry between the frames of a drive, from a file of one of the three kinds.
 
     Raises:
-        DriveError: another header, too few rows, or times that do not cover the frames.
-        LogError: a broken row; names it.
+        DriveError: too few rows, or times that do not cover the frames.
+        LogError: another header or a broken row; names it.
     """
-    rows = read_rows(path, delimiter=",")
-    header = tuple(next(rows, Row(path, 1, [])).cells)
-    if header not in _HEADERS:
-        raise DriveError(
-            f"{path}: expected the header {' or '.join(','.join(h[:3]) for h in _HEADERS)},..., "
-            f"found {','.join(header)[:80]!r}"
-        )
-    values = [row.require_cells(len(header)).numbers() for row in rows]
-    table = np.array(values, np.float64).reshape(-1, len(header))
+    header, rows = read_csv(path, INCREMENT_COLUMNS, SPEED_COLUMNS, OXTS_COLUMNS)
+    table = np.array([row.numbers() for row in rows], np.float64).reshape(-1, len(header))
     if header == INCREMENT_COLUMNS:
         increments = OdometryIncrements(table[:, :3], from_upper_triangle(table[:, 3:]))
         return compose_increments(increments, frames.index, str(path))

@@ -18,7 +18,7 @@ import numpy as np
 from saccade.datasets.drives.calibration import Calibration
 from saccade.datasets.drives.frames import FrameTimes
 from saccade.datasets.drives.odometry import OdometryIncrements, read_odometry, unknown_increments
-from saccade.datasets.tables import Row, read_rows, read_table, write_table
+from saccade.datasets.tables import read_csv, read_rows, read_table, write_table
 from saccade.errors import DriveError, LogError
 from saccade.frames import Camera, CameraTurn, Drive, Frame
 from saccade.types import FloatArray, Trajectory
@@ -202,16 +202,11 @@ def assemble_drive(
 
 def read_turns(path: Path) -> list[CameraTurn]:
     """The turns of a file."""
-    rows = read_rows(path, delimiter=",")
-    header = tuple(next(rows, Row(path, 1, [])).cells)
-    if header not in (GAZE_COLUMNS, GAZE_COLUMNS[:3]):
-        found = ",".join(header)[:80]
-        raise DriveError(f"{path}: expected the header {','.join(GAZE_COLUMNS)}, found {found!r}")
+    _, rows = read_csv(path, GAZE_COLUMNS, GAZE_COLUMNS[:3])
     turns = []
     for row in rows:
-        cells = row.require_cells(len(header)).cells
         pan, tilt, sigma = row.numbers(slice(3))
-        turn = CameraTurn(pan, tilt, sigma, "".join(cells[3:]))
+        turn = CameraTurn(pan, tilt, sigma, "".join(row.cells[3:]))
         if not (abs(turn.pan) <= 4 * np.pi and abs(turn.tilt) <= np.pi and 0 <= turn.sigma <= 1):
             raise row.error("pan, tilt and their standard deviation in radians", str(row.cells))
         turns.append(turn)

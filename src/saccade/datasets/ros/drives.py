@@ -134,9 +134,11 @@ def read_rosbag_drive(path: Path) -> Drive:
             frame, turns = read(number), mounting.turns
             return replace(frame, turn=turns[number]) if turns else frame
 
+        topic = truth_topic(bag)
+        truth = Truth() if topic is None else robot_truth(read_poses(bag, topic, zero))
         return assemble_drive(
             *(path.stem, path.parent, calibration, frames, read_turned),
-            *(_increments(bag, frames.time, zero), _truth(bag, zero), mounting.assumptions),
+            *(_increments(bag, frames.time, zero), truth, mounting.assumptions),
         )
 
 
@@ -211,11 +213,6 @@ def _increments(bag: Bag, frame_time: FloatArray, zero: float) -> OdometryIncrem
         return unknown_increments(frame_time)
     poses = project_to_plane(read_poses(bag, topic, zero))
     return increments_from_poses(poses, frame_time, f"{bag.path}, {topic}")
-
-
-def _truth(bag: Bag, zero: float) -> Truth:
-    topic = truth_topic(bag)
-    return Truth() if topic is None else robot_truth(read_poses(bag, topic, zero))
 
 
 def _closest(topics: list[str], image: str) -> str:
