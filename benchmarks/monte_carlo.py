@@ -5,11 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saccade.errors import LogError
+from saccade.landmark_names import renumber
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import EkfConfig, run
+from saccade.slam import INVARIANT, EkfConfig, Retraction, run, wrap
 from saccade.slam.config import RETRACTIONS
-from saccade.slam.consistency import chi_square_band, landmark_nees, pose_nees
-from saccade.types import FloatArray
+from saccade.slam.consistency import (
+    chi_square_band,
+    invariant_translation,
+    pose_nees,
+    regular_nees,
+)
+from saccade.types import FloatArray, LandmarkMap
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,3 +97,39 @@ def run_monte_carlo(
         squared = np.square(error).sum(1)
         pose = pose_nees(estimate, log.truth, retraction)
         yield pose, squared, _finite_mean(nees), result.nonlinearity
+
+
+def landmark_nees(
+    estimate: LandmarkMap, truth: LandmarkMap, turn: float, retraction: Retraction
+) -> FloatArray:
+    """NEES of the landmarks of a map, in the filter's error parametrization.
+
+    Args:
+        estimate: (n) landmarks with covariance.
+        truth: the true landmarks; those of the estimate are found by name.
+        turn: the true heading at the end minus the estimated one, in radians.
+        retraction: the filter's error parametrization, as in `pose_nees`.
+
+    Returns:
+        (n,) values, chi-square with two degrees if the filter is consistent; NaN where the
+        covariance is singular.
+
+    Raises:
+        LogError: a landmark of the map is none of the true ones.
+    """
+    if estimate.covariance is None:
+        raise LogError("estimate: expected a map with covariances, found one without")
+    ids, _ = renumber(truth.id, truth.text_names, estimate.text_names)
+    missing = estimate.names[~np.isin(estimate.id, ids)]
+    if len(missing) > 0:
+        raise LogError(f"truth: expected landmark {missing[0]}, found no true position of it")
+    order = np.argsort(ids)
+    xy = truth.xy[order][np.searchsorted(ids[order], estimate.id)]
+    error = xy - estimate.xy
+    if retraction == INVARIANT:
+        angle = np.full(len(xy), wrap(turn))
+        x, y = estimate.xy[:, 0], estimate.xy[:, 1]
+        error = invariant_translation(estimate.xy, xy, angle) + angle[:, None] * np.stack(
+            [-y, x], 1
+        )
+    return regular_nees(error, estimate.covariance)

@@ -8,7 +8,7 @@ from saccade.slam.association.rule import Association
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.error_state import INVARIANT, STANDARD, Retraction
+from saccade.slam.filter.state import INVARIANT, STANDARD, Retraction
 from saccade.slam.merging import MergedMaps, merge_maps
 from saccade.slam.models import (
     RANGE_BEARING,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade._jit import kernel, structure
-from saccade.slam.association._kernels import squared_distance
+from saccade.slam.association._kernels import mahalanobis_distances
 from saccade.slam.filter._kernels import wrapped
 from saccade.slam.filter._range_bearing_kernels import expected_observations
 from saccade.slam.filter._state_kernels import FilterState
@@ -263,17 +263,18 @@ def _fill_densities(
     least: FloatArray,
 ) -> None:
     """Fill the density (k, c) of each observation for each landmark, 0 outside of the gate."""
+    mahalanobis_distances(expected, S, z, R, gate, density)
     for k in range(len(z)):
         least[k] = inf
         for j in range(len(expected)):
+            square = density[k, j]
             density[k, j] = 0.0
-            v, a = z[k, 0] - expected[j, 0], S[j, 0, 0] + R[k, 0, 0]
-            if v * v > gate * a:
-                continue
-            w = wrapped(z[k, 1] - expected[j, 1])
-            c, d = S[j, 0, 1] + R[k, 0, 1], S[j, 1, 1] + R[k, 1, 1]
-            square = squared_distance(v, w, a, c, d)
             if square <= gate:
+                a, c, d = (
+                    S[j, 0, 0] + R[k, 0, 0],
+                    S[j, 0, 1] + R[k, 0, 1],
+                    S[j, 1, 1] + R[k, 1, 1],
+                )
                 area = min(2 * pi * scale * sqrt(a * d - c * c), view)
                 density[k, j] = exp(-square / 2 / scale) / area
                 least[k] = min(least[k], square)

@@ -11,7 +11,7 @@ import numpy as np
 from saccade.errors import Settings, require, setting
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
-from saccade.slam.filter.error_state import INVARIANT, STANDARD, Retraction
+from saccade.slam.filter.state import INVARIANT, STANDARD, Retraction
 
 RETRACTIONS: dict[str, Retraction] = {
     "invariant": INVARIANT,

@@ -11,11 +11,10 @@ import numpy.typing as npt
 from scipy.special import chdtri
 
 from saccade.errors import LogError, require
-from saccade.landmark_names import renumber
 from saccade.slam.filter._kernels import TINY
-from saccade.slam.filter.error_state import INVARIANT, Retraction
+from saccade.slam.filter.state import INVARIANT, Retraction
 from saccade.slam.models import wrap
-from saccade.types import FloatArray, LandmarkMap, Trajectory
+from saccade.types import FloatArray, Trajectory
 
 REGULAR = 1e-6
 """Smallest eigenvalue of the correlation matrix of a regular covariance."""
@@ -148,45 +147,13 @@ def pose_nees(estimate: Trajectory, truth: Trajectory, retraction: Retraction) -
     if retraction == INVARIANT:  # xi, in the coordinates of the covariance
         x, y = estimate.pose[:, 0], estimate.pose[:, 1]
         rotation = error[:, 2:] * np.stack([-y, x], 1)
-        error[:, :2] = _translation(estimate.pose, truth.pose[:, :2], error[:, 2]) + rotation
-    return _regular_nees(error, C)
+        error[:, :2] = (
+            invariant_translation(estimate.pose, truth.pose[:, :2], error[:, 2]) + rotation
+        )
+    return regular_nees(error, C)
 
 
-def landmark_nees(
-    estimate: LandmarkMap, truth: LandmarkMap, turn: float, retraction: Retraction
-) -> FloatArray:
-    """NEES of the landmarks of a map, in the filter's error parametrization.
-
-    Args:
-        estimate: (n) landmarks with covariance.
-        truth: the true landmarks; those of the estimate are found by name.
-        turn: the true heading at the end minus the estimated one, in radians.
-        retraction: the filter's error parametrization, as in `pose_nees`.
-
-    Returns:
-        (n,) values, chi-square with two degrees if the filter is consistent; NaN where the
-        covariance is singular.
-
-    Raises:
-        LogError: a landmark of the map is none of the true ones.
-    """
-    if estimate.covariance is None:
-        raise LogError("estimate: expected a map with covariances, found one without")
-    ids, _ = renumber(truth.id, truth.text_names, estimate.text_names)
-    missing = estimate.names[~np.isin(estimate.id, ids)]
-    if len(missing) > 0:
-        raise LogError(f"truth: expected landmark {missing[0]}, found no true position of it")
-    order = np.argsort(ids)
-    xy = truth.xy[order][np.searchsorted(ids[order], estimate.id)]
-    error = xy - estimate.xy
-    if retraction == INVARIANT:
-        angle = np.full(len(xy), wrap(turn))
-        x, y = estimate.xy[:, 0], estimate.xy[:, 1]
-        error = _translation(estimate.xy, xy, angle) + angle[:, None] * np.stack([-y, x], 1)
-    return _regular_nees(error, estimate.covariance)
-
-
-def _regular_nees(error: FloatArray, C: FloatArray) -> FloatArray:
+def regular_nees(error: FloatArray, C: FloatArray) -> FloatArray:
     """(n,) NEES of errors (n, d) with covariances C (n, d, d); NaN where C is singular."""
     scale = np.sqrt(np.maximum(C.diagonal(0, 1, 2), TINY))
     correlation = C / (scale[:, :, None] * scale[:, None, :])
@@ -196,7 +163,7 @@ def _regular_nees(error: FloatArray, C: FloatArray) -> FloatArray:
     return nees
 
 
-def _translation(pose: FloatArray, xy: FloatArray, turn: FloatArray) -> FloatArray:
+def invariant_translation(pose: FloatArray, xy: FloatArray, turn: FloatArray) -> FloatArray:
     """The xi (t, 2) whose exponential, with a turn (t,), moves the pose to xy."""
     c, s = np.cos(turn), np.sin(turn)
     x = xy[:, 0] - c * pose[:, 0] + s * pose[:, 1]

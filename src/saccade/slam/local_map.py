@@ -103,8 +103,7 @@ def enter(f: FilterState, inside: IntArray) -> LocalMap:
     local.P[:L, :L] = np.triu(C)
     local.P[:r, :r] = f.P[:r, :r]
     local.blocks[:k] = f.blocks[inside]
-    first = auxiliary_rows(local).start
-    local.P[:L, first:-2:2] = root
+    local.P[:L, auxiliary_rows(local).start : -2 : 2] = root
     local.state[-2] = 1.0
     local.heading_lever[-1] = 0.0 if f.error_state == STANDARD else 1.0
     local.now.landmarks = k

@@ -6,7 +6,7 @@ from saccade._jit import kernel, structure
 from saccade.types import FloatArray, IntArray
 
 STANDARD, INVARIANT = 0, 1
-"""The error parametrizations, see `error_state.Retraction`."""
+"""The error parametrizations, see `state.Retraction`."""
 MAX_HEADING_GROWTH = 0.0025
 """Square radians by which the heading variance may grow before the covariance is inflated."""
 

@@ -9,9 +9,10 @@ from saccade.io.checkpoint import Arrays
 from saccade.slam.filter._kernels import retract, whiten
 from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
-from saccade.slam.filter.error_state import STANDARD, Retraction
 from saccade.slam.filter.models import PredictedObservations, models_of
 from saccade.slam.filter.state import (
+    STANDARD,
+    Retraction,
     add_rows,
     dense,
     flush,

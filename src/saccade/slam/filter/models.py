@@ -17,7 +17,6 @@ from saccade.slam.filter._range_bearing_kernels import (
     update_scan,
 )
 from saccade.slam.filter._state_kernels import FilterState
-from saccade.slam.filter.error_state import linearize
 from saccade.slam.filter.state import landmark_blocks, robot_rows, state_rows
 from saccade.slam.models import MotionModel, RangeBearing, Sensor, compose, turn_then_translate
 from saccade.types import FloatArray, IntArray
@@ -143,7 +142,10 @@ class CustomSensor(CustomMotion):
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See `Models.linearize`."""
         rows = state_rows(np.array([landmark]), f.robot_size)
-        return *linearize(self.sensor, f.state[rows], f.heading_lever[rows], z), R
+        s = f.state[rows]
+        predicted, H = self.sensor.observe(s[:-2], s[-2:])
+        H = np.column_stack([H[:, :2], H[:, 2] + H @ f.heading_lever[rows], H[:, 3:]])  # by eta
+        return self.sensor.difference(z, predicted), H, R  # C.14
 
     def expected(self, f: FilterState, landmarks: IntArray) -> PredictedObservations:
         """See `Models.expected`."""

@@ -6,6 +6,7 @@ arithmetic; adding each by itself would be limited by memory bandwidth.
 """
 
 from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int64, c_void_p
+from enum import IntEnum
 from functools import cache
 
 import numpy as np
@@ -13,10 +14,9 @@ from threadpoolctl import ThreadpoolController
 
 from saccade._jit import blas, share
 from saccade.io.checkpoint import Arrays
+from saccade.slam.filter import _state_kernels
 from saccade.slam.filter._state_kernels import (
-    INVARIANT,
     MAX_HEADING_GROWTH,
-    STANDARD,
     FilterState,
     Scalars,
     bind_state,
@@ -24,6 +24,24 @@ from saccade.slam.filter._state_kernels import (
 )
 from saccade.types import FloatArray, IntArray
 
+
+class Retraction(IntEnum):
+    """Error parametrizations of the state; `_kernels` has their equations.
+
+    The source's filter has its errors along the axes of the map. A rotation of the whole map, which
+    is unobservable, is not linear in those coordinates: Jacobians at successive estimates make the
+    filter overconfident in its heading. In the right-invariant errors of SE(2) (Barrau & Bonnabel
+    2015), xi = (e_p - J p e_theta, e_theta) for the robot and for each landmark with J a quarter
+    turn, it is linear; a correction moves every point by the exponential of xi.
+    """
+
+    STANDARD = _state_kernels.STANDARD
+    """Along the axes of the map: C.10-C.14."""
+    INVARIANT = _state_kernels.INVARIANT
+    """Right-invariant errors of SE(2)."""
+
+
+STANDARD, INVARIANT = Retraction
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; doubled whenever it runs out."""
 INFLATED_ROWS = 512
