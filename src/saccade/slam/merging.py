@@ -16,9 +16,11 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from saccade.errors import LogError, require
+from saccade.plane import rotations
 from saccade.slam.consistency import chi_square_gate
+from saccade.slam.models import observe, wrap
 from saccade.slam.online import Slam
-from saccade.slam.relocalization import Relocalizer
+from saccade.slam.relocalization import Relocalizer, pose_jacobians
 from saccade.types import FloatArray, IntArray
 
 GATE = chi_square_gate(2, 0.99)
@@ -170,12 +172,12 @@ def _fuse(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
     columns = (2 * pairs[:, 1:] + [0, 1]).ravel()
     T, moved = transform.copy(), b
     for _ in range(MAX_ITERATIONS):
-        R = _rotation(T[2])
+        R = rotations(T[2])
         turn = np.kron(np.eye(len(b)), R)
         Q_turned = turn @ Q @ turn.T
         v = (a[pairs[:, 0]] - b[pairs[:, 1]] @ R.T - T[:2]).ravel()  # (2 m,)
         S = cho_factor(P[np.ix_(rows, rows)] + Q_turned[np.ix_(columns, columns)])
-        J = _transform_jacobian(moved @ R.T)  # (2 N, 3)
+        J = pose_jacobians(moved @ R.T).reshape(-1, 3)  # (2 N, 3)
         weighted = cho_solve(S, J[columns])
         C = np.linalg.inv(J[columns].T @ weighted)
         step = C @ weighted.T @ v
@@ -194,7 +196,7 @@ def _fuse(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
     scale = max(1.0, nis / dof)
     log_det = 2 * np.log(np.diag(S[0])).sum() - np.linalg.slogdet(C)[1]
     log_density = -(nis / scale + log_det + dof * log(2 * pi * scale)) / 2
-    T[2] = np.arctan2(np.sin(T[2]), np.cos(T[2]))
+    T[2] = wrap(T[2])
     return _Fused(pairs, T, C, nis, scale, float(log_density), mean, joint)
 
 
@@ -238,11 +240,9 @@ def _search(maps: _Maps) -> list[_Fused]:
             continue
         center = b[group].mean(0)
         points = b[group] - center
-        z = np.column_stack([np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])])
-        G = np.stack([points, points[:, ::-1] * [-1, 1]], -1) / z[:, :1, None]
-        G[:, :, 1] *= z[:, :1]  # (k, 2, 2) of x, y by range, bearing
-        inverse = np.linalg.inv(G)
-        R = inverse @ _shape_errors(points, Q, group) @ inverse.transpose(0, 2, 1)
+        z, H = observe(np.zeros(3), points)
+        J = H[..., 3:]
+        R = J @ _shape_errors(points, Q, group) @ J.transpose(0, 2, 1)
         search = Relocalizer(a, P[maps.r :, maps.r :], max_proposals=5000, max_hypotheses=10)
         located = search.add(z, R)
         for pose, p, to in zip(located.pose, located.probability, located.association, strict=True):
@@ -250,7 +250,7 @@ def _search(maps: _Maps) -> list[_Fused]:
             pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]
             if p < LIKELY or len(pairs) < 3 or any(_agree(pairs, each) for each in tried):
                 continue
-            transform = np.append(pose[:2] - _rotation(pose[2]) @ center, pose[2])
+            transform = np.append(pose[:2] - rotations(pose[2]) @ center, pose[2])
             tried.append(_grown(maps, pairs, transform))
             if _log_odds(maps, tried[-1]) > CLEAR:
                 clear.append(tried[-1])
@@ -264,7 +264,7 @@ def _search(maps: _Maps) -> list[_Fused]:
 def _is_same(fused: _Fused, other: _Fused) -> bool:
     """Whether two correspondences have the same transform."""
     e = fused.transform - other.transform
-    e[2] = np.arctan2(np.sin(e[2]), np.cos(e[2]))
+    e[2] = wrap(e[2])
     C = fused.scale * fused.covariance + other.scale * other.covariance
     return bool(e @ np.linalg.solve(C, e) < SAME)
 
@@ -289,7 +289,7 @@ def _groups(xy: FloatArray, size: int) -> list[IntArray]:
 def _shape_errors(points: FloatArray, Q: FloatArray, group: IntArray) -> FloatArray:
     """(k, 2, 2) covariance of points without the errors that a transform of all would have."""
     rows = (2 * group[:, None] + [0, 1]).ravel()
-    J = _transform_jacobian(points)
+    J = pose_jacobians(points).reshape(-1, 3)
     project = np.eye(len(rows)) - J @ np.linalg.pinv(J)
     C = project @ Q[np.ix_(rows, rows)] @ project.T
     k = np.arange(len(group))
@@ -310,7 +310,7 @@ def _fitted(maps: _Maps, pairs: IntArray) -> FloatArray:
     a, b = maps.xy[0][pairs[:, 0]], maps.xy[1][pairs[:, 1]]
     p, q = a - a.mean(0), b - b.mean(0)
     heading = np.arctan2((q[:, 0] * p[:, 1] - q[:, 1] * p[:, 0]).sum(), (p * q).sum())
-    return np.append(a.mean(0) - _rotation(heading) @ b.mean(0), heading)
+    return np.append(a.mean(0) - rotations(heading) @ b.mean(0), heading)
 
 
 def _as_slam(first: Slam, maps: _Maps, fused: _Fused) -> Slam:
@@ -330,15 +330,3 @@ def _as_slam(first: Slam, maps: _Maps, fused: _Fused) -> Slam:
         if name >= 0:
             merged.associate.bind(name, number)
     return merged
-
-
-def _rotation(angle: float) -> FloatArray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
-
-
-def _transform_jacobian(points: FloatArray) -> FloatArray:
-    """(2 N, 3) of points (N, 2) by the translation and the turn that move them."""
-    J = np.tile(np.eye(2, 3), (len(points), 1, 1))
-    J[:, 0, 2], J[:, 1, 2] = -points[:, 1], points[:, 0]
-    return J.reshape(-1, 3)

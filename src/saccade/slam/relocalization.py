@@ -115,7 +115,7 @@ class Relocalizer:
         Q = Fu @ U @ Fu.T  # (3, 3)
         rotation = rotations(moved[2:])[0].T
         self._points = (self._points - moved[:2]) @ rotation.T
-        J = _pose_jacobians(self._points)
+        J = pose_jacobians(self._points)
         J[:, :, :2] = rotation
         self._covariances = rotation @ self._covariances @ rotation.T + J @ Q @ J.transpose(0, 2, 1)
         poses = [self._motion(pose, u)[0] for pose in self._tracked]
@@ -297,7 +297,7 @@ class Relocalizer:
         near = self._nearest(poses[:, None, :2] + at)
         v = self._landmarks[near] - poses[:, None, :2] - at
         S = rotation @ self._covariances @ rotation.swapaxes(-1, -2) + self._errors[near]
-        return v, S, _pose_jacobians(at), near
+        return v, S, pose_jacobians(at), near
 
     def _nearest(self, xy: FloatArray) -> IntArray:
         """(h, k) landmarks that points at (h, k, 2) name, or that are nearest."""
@@ -343,7 +343,7 @@ class _LandmarkPairs(NamedTuple):
     distance: FloatArray
 
 
-def _pose_jacobians(points: FloatArray) -> FloatArray:
+def pose_jacobians(points: FloatArray) -> FloatArray:
     """(..., 2, 3) of points (..., 2) by the translation and the turn that move them."""
     J = np.tile(np.eye(2, 3), (*points.shape[:-1], 1, 1))
     J[..., 0, 2], J[..., 1, 2] = -points[..., 1], points[..., 0]
