@@ -142,7 +142,7 @@ def _kept_features(
     """The rows of these images in the table of the previous generation; their maps stay."""
     for file in shard.inputs:
         table = read_table(store, f"{job.what}/{file}", schema_of(job))
-        yield table.filter(compute.is_in(table["image"], pa.array(list(names), pa.string())))
+        yield table.filter(compute.is_in(table["image"], tables.column(list(names), pa.string())))
 
 
 def _new_features(
