@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import DriveError, Settings, require, setting
-from saccade.types import FloatArray, Image, IntArray, Table, Trajectory, check_arrays
+from saccade.types import FloatArray, Image, IntArray, Table, Trajectory, check_arrays, column
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) rotation of a camera that faces straight ahead, from its frame into the robot's."""
@@ -126,11 +126,11 @@ class GazeLimits(Settings):
 class Tracks(Table):
     """Points of one frame that were tracked by another program."""
 
-    id: IntArray
+    id: IntArray = column(dtype=np.int64)
     """(k,) track ids."""
-    xy: FloatArray
+    xy: FloatArray = column(2)
     """(k, 2) positions in the (left) image, in pixels."""
-    disparity: FloatArray
+    disparity: FloatArray = column()
     """(k,) stereo disparities in pixels; NaN where unknown."""
     descriptor: npt.NDArray[np.uint8] | None = None
     """(k, 128) SIFT descriptors, by which lost points are re-identified; None without."""

@@ -70,10 +70,7 @@ def _restarted_tracks(drive: Drive, numbers: IntArray) -> Callable[[int], Frame]
 
 def _tracks(drive: Drive, number: int) -> Tracks:
     """The tracks of a frame; none where it has none."""
-    tracks = drive.load(number).tracks
-    return (
-        Tracks(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0)) if tracks is None else tracks
-    )
+    return drive.load(number).tracks or Tracks()
 
 
 def _without_repeated_images(

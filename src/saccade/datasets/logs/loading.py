@@ -86,6 +86,10 @@ _WRITERS: dict[str, Callable[[Path, LandmarkLog], None]] = {
     "gtsam": partial(write_pose_graph, dialect="gtsam"),
     "mrclam": write_mrclam,
 }
+_FOLDERS: dict[str, Kind] = {"Barcodes.dat": "mrclam", LOG_FILE: "csv", "metadata.yaml": "rosbag"}
+_TABLES: dict[str, Kind] = {"barcodes": "mrclam", "observations": "dlr"}
+_FILES: dict[str, Kind] = {".csv": "csv", ".bag": "rosbag", ".mat": "victoria-park"}
+"""Formats by a file in a folder, by an array of an .npz, and by the suffix of other files."""
 _SUFFIXES = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro"}
 _OPTIONS = {
     "g2o": {"matrix_form"},
@@ -185,28 +189,19 @@ def detect_format(path: Path) -> Kind:
         LogError: none of the known ones.
     """
     if path.is_dir():
-        if (path / "Barcodes.dat").exists():
-            return "mrclam"
-        if (path / LOG_FILE).exists():
-            return "csv"
-        if (path / "metadata.yaml").exists():
-            return "rosbag"
-        expected = (
-            f"a folder with Barcodes.dat (mrclam), {LOG_FILE} (saccade simulate world) or "
-            "metadata.yaml (rosbag)"
-        )
-        raise LogError(f"{path}: expected {expected}, found none")
-    if path.suffix.lower() in (".db3", ".mcap"):
+        for name, kind in _FOLDERS.items():
+            if (path / name).exists():
+                return kind
+        names = ", ".join(f"{name} ({kind})" for name, kind in _FOLDERS.items())
+        raise LogError(f"{path}: expected a folder with any of {names}, found none")
+    suffix = path.suffix.lower()
+    if suffix in (".db3", ".mcap"):
         raise LogError(f"{path}: expected the folder of a ROS 2 bag, found one of its files")
-    if path.suffix.lower() == ".mat":
-        return "victoria-park"
-    if path.suffix.lower() == ".npz":
+    if suffix == ".npz":
         archive = Archive(path)
-        if "barcodes" in archive:
-            return "mrclam"
-        if "observations" in archive:
-            return "dlr"
+        for name, kind in _TABLES.items():
+            if name in archive:
+                return kind
         found = ", ".join(sorted(archive.arrays))
         raise LogError(f"{path}: expected the tables of mrclam or dlr, found {found[:80]}")
-    kinds: dict[str, Kind] = {".csv": "csv", ".bag": "rosbag"}
-    return kinds.get(path.suffix.lower(), "isam")
+    return _FILES.get(suffix, "isam")
