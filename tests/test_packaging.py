@@ -1,25 +1,21 @@
 """What is shipped: whole, nothing else, and under licences that ask for nothing in return."""
 
-import json
 import os
 import re
 import shutil
 import subprocess
 import sys
-import sysconfig
 import tarfile
 import zipfile
 from importlib.metadata import distribution
 from pathlib import Path
 
-import cv2
 import pytest
 from packaging.requirements import Requirement
 
 import saccade
 from support.limits import TIMEOUT
 from support.paths import ROOT
-from support.processes import run_python
 
 SOURCE = ROOT / "src" / "saccade"
 PERMISSIVE = {
@@ -97,33 +93,6 @@ def test_the_sdist_holds_what_it_takes_to_test(built):
     files = {"pyproject.toml", "LICENSE", "tests/conftest.py", "src/saccade/py.typed"}
     assert files | {"docs/robustness.md", "zensical.toml", "noxfile.py"} < names
     assert not [name for name in names if re.search(r"__pycache__|\.py[co]$|\.nb[ic]$", name)]
-
-
-@pytest.mark.nightly
-def test_the_wheel_runs_where_nothing_of_the_repository_is(built, tmp_path):
-    """The libraries are those of this environment; the package is that of the wheel."""
-    with zipfile.ZipFile(built[0]) as wheel:
-        wheel.extractall(tmp_path / "site")
-    photo = cv2.imread(str(SOURCE / "data/horse.jpg"))
-    cv2.imwrite(str(tmp_path / "photo.png"), cv2.resize(photo, (32, 24)))
-    script = f"""
-import sys
-sys.path[:0] = [{str(tmp_path / "site")!r}, {sysconfig.get_path("purelib")!r}]
-import saccade
-print(saccade.__file__, file=sys.stderr)
-from saccade.cli import main
-main()
-"""
-    done = run_python(
-        *("-I", "-S", "-c", script, "look", "photo.png", "--json"),
-        cwd=tmp_path,
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-    )
-    assert done.returncode == 0, done.stderr
-    assert str(tmp_path / "site") in done.stderr
-    (row,) = json.loads(done.stdout)["images"]
-    assert len(row["scanpath"]) > 0
-    assert (tmp_path / "saccade-look" / "report.html").stat().st_size > 20_000
 
 
 def test_the_core_install_asks_for_nothing_in_return():
