@@ -1,7 +1,6 @@
 """Machines without a home, a network, a second core, a place to write to, or much else.
 
-Where the compiler is off, see `test_packaging` and `test_architecture`; where it has no cache,
-`test_architecture`.
+Where the compiler has no cache, see `test_architecture`.
 """
 
 import os
@@ -95,6 +94,7 @@ ENVIRONMENTS = {
     "nonsense": ("", None, {**NONSENSE, "FORCE_COLOR": "1"}),
     "pixels": ("", None, {"OPENCV_IO_MAX_IMAGE_PIXELS": "nonsense"}),
     "threads": ("", None, {"NUMBA_NUM_THREADS": "0"}),
+    "interpreted": ("", None, {"NUMBA_DISABLE_JIT": "1"}),
     "closed": ("", lambda: os.close(1), {}),
     "all-closed": ("", with_closed_streams, {}),
     "full": ("", with_full_stdout, {}),
@@ -105,7 +105,7 @@ ENVIRONMENTS = {
     **{f"no-{library}": (without(library), None, {}) for library in OPTIONAL},
 }
 """By name: code before the command, what is done to its process, and variables."""
-HARMLESS = {"bytes", "offline", "ascii", "narrow", "nonsense", "closed"}
+HARMLESS = {"bytes", "offline", "ascii", "narrow", "nonsense", "interpreted", "closed"}
 """Environments in which every command does its work."""
 MISSING = {
     ("no-h5py", "convert --to"): "needs h5py",
@@ -115,7 +115,13 @@ MISSING = {
     ("bare", "find"): "parquet: needs pyarrow",
 }
 """What is told of a library that is missing."""
-ONCE = {("bytes", "find --in"), ("full-disk", "convert --to"), ("full", "config"), *MISSING}
+ONCE = {
+    ("interpreted", "look"),
+    ("bytes", "find --in"),
+    ("full-disk", "convert --to"),
+    ("full", "config"),
+    *MISSING,
+}
 """Commands that once did not withstand an environment, beside one or several of each."""
 
 
