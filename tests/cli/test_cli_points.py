@@ -30,17 +30,6 @@ def rows_of(table):
         return list(csv.DictReader(lines))
 
 
-def test_detect(run, tmp_path):
-    code, out, _ = run("detect", *HALLWAY, "--max", 50, "--json")
-    assert code == 0
-    rows = json.loads(out)["images"]
-    assert [row["points"] for row in rows] == [50, 50]
-    assert all(looks_like_a_picture(row["picture"]) for row in rows)
-    with np.load(tmp_path / rows[0]["arrays"], allow_pickle=False) as arrays:
-        assert arrays["xy"].shape == (50, 2)
-        assert arrays["descriptors"].shape == (50, 128)
-
-
 @pytest.mark.parametrize("detector", ["must", "symroid"])
 def test_detect_by_symmetry_shows_what_made_the_points(run, tmp_path, detector):
     code, out, _ = run("detect", HALLWAY[0], "--detector", detector, "--max", 12, "--json")

@@ -103,6 +103,13 @@ def test_the_first_fixation_of_a_scanpath_is_number_0(tmp_path, text, index, rem
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
+        ("a.csv", "", "image is missing"),
+        ("a.csv", "image,viewer,index,x\n", "y is missing"),
+        ("a.csv", "image,viewer,index,x,y\n", "found none"),
+        ("a.csv", "image,viewer,index,x,y\na,0,0,1,2\na,0,0,one,2\n", "line 3"),
+        ("a.csv", "image,viewer,index,x,y\na,0,0,1\n", "line 2"),
+        ("a.csv", "image,viewer,index,x,y\na,0,0,inf,2\n", "line 2"),
+        ("a.mat", "hello, this is no such file at all", "expected a MATLAB file"),
         ("a.csv", "subject,participant,image,x,y\n", "--columns viewer=subject"),
         ("a.csv", 'who,"a\nb",image,x,y\n', "viewer is missing among who, a b, image, x, y; --"),
         ("a.csv", "who,image,x,y\n", "viewer is missing among who, image, x, y; --columns"),

@@ -12,7 +12,7 @@ from scipy.io import savemat
 from scipy.stats import mannwhitneyu, pearsonr
 
 from saccade.datasets.fixations import read_fixations
-from saccade.errors import ImageError, LogError
+from saccade.errors import ImageError
 from saccade.evaluation import fixations as metrics
 from support.processes import run_python
 
@@ -164,29 +164,6 @@ def test_the_mat_file_of_osie_reads_like_the_table(tmp_path):
     table, mat = read_fixations(tmp_path / "table.csv"), read_fixations(tmp_path / "fixations.mat")
     for field in ("image", "viewer", "index", "xy"):
         np.testing.assert_array_equal(getattr(mat, field), getattr(table, field))
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "image is missing"),
-        ("image,viewer,index,x\n", "y is missing"),
-        ("image,viewer,index,x,y\n", "found none"),
-        ("image,viewer,index,x,y\na,0,0,1,2\na,0,0,one,2\n", "line 3"),
-        ("image,viewer,index,x,y\na,0,0,1\n", "line 2"),
-        ("image,viewer,index,x,y\na,0,0,inf,2\n", "line 2"),
-    ],
-)
-def test_a_broken_table_is_named(tmp_path, text, words):
-    (tmp_path / "table.csv").write_text(text)
-    with pytest.raises(LogError, match=f"table.csv.*{words}"):
-        read_fixations(tmp_path / "table.csv")
-
-
-def test_a_file_that_is_no_mat_is_named(tmp_path):
-    (tmp_path / "fixations.mat").write_text("hello, this is no such file at all")
-    with pytest.raises(LogError, match="expected a MATLAB file"):
-        read_fixations(tmp_path / "fixations.mat")
 
 
 @pytest.mark.shared

@@ -121,6 +121,9 @@ def test_saliency_and_keypoints_of_a_camera(run, film, tmp_path):
         rows = list(csv.DictReader(file))
     assert {float(row["frame"]) for row in rows} == set(range(8))
     assert len(rows) == 8 * 20
+    assert run("detect", film, "--max", 20, "-o", tmp_path)[0] == 0  # as a file
+    table = (tmp_path / "wall.keypoints.csv").read_bytes()
+    assert table.count(b"\n") == 1 + len(list(read_video(film))) * 20
     code, _, err = run("look", "a.png", "--camera", film)
     assert code == 2
     assert "expected images or --camera, found both" in err

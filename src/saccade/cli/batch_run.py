@@ -4,7 +4,10 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING
+
+from saccade.cli.output import progress_bar
 
 if TYPE_CHECKING:
     from saccade.batch.engines import Engine, ShardReport
@@ -31,40 +34,24 @@ def local_engine(images: "Source", workers: int | None) -> "Engine":
 
 @contextmanager
 def batch_progress(what: str, total: int) -> Iterator[Callable[["ShardReport"], None]]:
-    """A progress bar with time left, speed and errors; what was done before does not count.
+    """A progress bar with speed, in which what was done before does not count, and errors.
 
     Args:
         what: "images" or "pairs".
         total: their number.
     """
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console(stderr=True)
-    text = TextColumn("{task.fields[text]}")
-    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), text)
-    hidden = not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
-        task = bar.add_task("", total=total, text="")
-        done = errors = 0
+    done = new = errors = 0
+    start = monotonic()
+    with progress_bar(what, total) as update:
 
         def watch(report: "ShardReport") -> None:
-            nonlocal done, errors
+            nonlocal done, new, errors
             failed = report.failed + len(report.lost)
             done += report.done + report.unchanged + failed
+            new += report.done + failed
             errors += failed
-            if report.done or report.lost:
-                speed = bar.tasks[0].speed
-                parts = [f"{speed:.1f} {what}/s"] if speed else []
-                parts += [f"{errors:,} errors"] if errors else []
-                bar.update(task, completed=done, text="  ".join(parts))
-            else:  # the speed is that of the images processed from here on
-                bar.reset(task, completed=done)
+            parts = [f"{new / (monotonic() - start):.1f} {what}/s"] if new else []
+            parts += [f"{errors:,} errors"] if errors else []
+            update(done, total, "  ".join(parts))
 
         yield watch

@@ -1,10 +1,11 @@
 """`saccade evaluate fixations`: fixation prediction by saliency maps."""
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
 from pathlib import Path
+
+import numpy as np
 
 from saccade.attention.models import KINDS
 from saccade.cli.fixation_tables import FixationOptions
@@ -18,6 +19,7 @@ from saccade.cli.options import (
 )
 from saccade.cli.output import Result, tracked
 from saccade.cli.score_tables import interval_rows, side_by_side
+from saccade.datasets import write_table
 from saccade.errors import ConfigError, require
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import (
@@ -32,7 +34,7 @@ from saccade.evaluation.prediction import (
     score_people,
 )
 from saccade.extras import import_function
-from saccade.io.files import atomic_write, results_in
+from saccade.io.files import results_in
 from saccade.scale.pyramid import resize
 from saccade.types import Float32Array
 from saccade.viewing.evaluation import Bar, fixation_score_figure
@@ -281,16 +283,14 @@ def write_csv(
 ) -> None:
     """Write images.csv and fixations.csv: tidy tables, a row for each item of each model."""
     by_image = [
-        {"image": image, "model": name, **asdict(scores)}
+        (image, name, *astuple(scores))
         for name, result in results.items()
         for image, scores in zip(result.name, result.scores, strict=True)
     ]
-    tables = {"images.csv": by_image, "fixations.csv": [row._asdict() for row in rows]}
-    for name, table in tables.items():
-        with (
-            atomic_write(folder / name) as temporary,
-            temporary.open("w", newline="", encoding="utf-8") as file,
-        ):
-            writer = csv.DictWriter(file, list(table[0]))
-            writer.writeheader()
-            writer.writerows(table)
+    images = ("image", "model", *FixationScores.__dataclass_fields__)
+    for name, heads, table in (
+        ("images.csv", images, by_image),
+        ("fixations.csv", FixationRow._fields, rows),
+    ):
+        columns = map(np.array, zip(*table, strict=True))
+        write_table(folder / name, dict(zip(heads, columns, strict=True)))

@@ -1,9 +1,7 @@
 """`saccade evaluate scanpaths`: scanpaths of models beside those of people."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,8 @@ from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.cli.fixation_tables import FixationOptions
 from saccade.cli.group import option
 from saccade.cli.options import ModelOptions, ReportOptions, attention_model, scanpath_network
-from saccade.cli.output import Result, tracked, write_text
+from saccade.cli.output import Result, tracked
+from saccade.datasets import write_table
 from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary, tidy
 from saccade.evaluation.scanpaths import (
     OTHERS,
@@ -125,13 +124,11 @@ def scanpaths(seen: FixationOptions, options: ScanpathOptions) -> Result:
 
 
 def _write(
-    folder: Path, paths: "Sequence[PathRow]", predicted: "Sequence[FixationRow]", degree: float
+    folder: Path, paths: Sequence[PathRow], predicted: Sequence[FixationRow], degree: float
 ) -> None:
     """Write the tables of all paths and fixations, and the figure, into a folder."""
-    for name, rows in (("paths", paths), ("fixations", predicted)):
-        buffer = StringIO()
-        csv.writer(buffer, lineterminator="\n").writerows(tidy(rows))
-        write_text(folder / f"{name}.csv", buffer.getvalue())
+    write_table(folder / "paths.csv", tidy(paths))
+    write_table(folder / "fixations.csv", tidy(predicted))
     groups: dict[str, list[PathRow]] = {}
     for row in paths:
         if row.source != OTHERS:  # they are the same people
@@ -145,7 +142,7 @@ def _write(
         save_figure(figure, folder / f"scanpaths.{suffix}")
 
 
-def _cells(summary: "Summary", columns: dict[str, str], degree: float) -> Sequence[Sequence[str]]:
+def _cells(summary: Summary, columns: dict[str, str], degree: float) -> Sequence[Sequence[str]]:
     """A row for each source; the first score with its interval."""
     scale = {"amplitude": 1 / degree, "seconds": 1000.0}
     digits = {"seconds": 0, "fixations": 1, "amplitude": 1, "nss": 2}
@@ -164,7 +161,7 @@ def _cells(summary: "Summary", columns: dict[str, str], degree: float) -> Sequen
     return rows
 
 
-def _as_dict(summary: "Summary") -> dict[str, dict[str, dict[str, float]]]:
+def _as_dict(summary: Summary) -> dict[str, dict[str, dict[str, float]]]:
     return {
         name: {score: value._asdict() for score, value in scores.items()}
         for name, scores in summary.items()

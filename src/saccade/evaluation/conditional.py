@@ -5,11 +5,12 @@ Bethge 2021, *State-of-the-art in human scanpath prediction*), on the cells of t
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, astuple, dataclass, replace
 from itertools import repeat
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
 from saccade.evaluation.fixations import fixation_density, ranks
@@ -206,12 +207,9 @@ def _mean_score(of_images: Sequence[float]) -> MeanScore:
     return MeanScore(float(table.mean()), float(low[0]), float(high[0]))
 
 
-def tidy(rows: Sequence[PathRow | FixationRow]) -> list[list[str]]:
-    """Rows of a table with a heading, one for each path or fixation; what is unknown is empty."""
+def tidy(rows: Sequence[PathRow | FixationRow]) -> dict[str, npt.NDArray[Any]]:
+    """The columns of a table, a row for each path or fixation; NaN where a score is unknown."""
     keys = [name for name in rows[0]._fields if name not in ("path", "scores")]
-    table = [[*keys, *asdict(rows[0].scores)]]
-    for row in rows:
-        scores = asdict(row.scores).values()
-        cells = ["" if np.isnan(value) else f"{value:.6g}" for value in scores]
-        table.append([*(str(getattr(row, key)) for key in keys), *cells])
-    return table
+    columns = {key: np.array([getattr(row, key) for row in rows]) for key in keys}
+    scores = np.array([astuple(row.scores) for row in rows])
+    return columns | dict(zip(asdict(rows[0].scores), scores.T, strict=True))
