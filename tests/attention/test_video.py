@@ -158,6 +158,19 @@ def test_the_gaze_pursues_a_slow_dot(seed):
     np.testing.assert_allclose(np.median(steps, 0), (1.2, 0), atol=0.1)
 
 
+def test_the_static_saliency_is_computed_once_an_interval():
+    computed = []
+
+    def static(frame):
+        computed.append(frame)
+        return np.zeros((23, 40), np.float32)
+
+    video = saccade.VideoSaliency(saccade.VideoConfig(static_interval=0.2), static)
+    for number in range(26):
+        video(plain(number), 10 + number / RATE)
+    assert len(computed) == 6
+
+
 def test_the_example_runs():
     results = doctest.testmod(saccade.attention.video, extraglobs={"saccade": saccade})
     assert (results.attempted, results.failed) == (6, 0)

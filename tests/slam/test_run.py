@@ -65,7 +65,7 @@ def test_log_without_names_is_associated_by_distance(rng):
 
 
 def test_noise_scales_are_factors_on_deviations(rng):
-    log, _, _ = simulate(rng)
+    log, _, _ = simulate(rng, steps=60)
     scaled = slam.run(log, EkfConfig(motion_noise_scale=3.0, sensor_noise_scale=2.0))
     by_hand = slam.run(
         dataclasses.replace(
@@ -87,9 +87,9 @@ def test_a_log_without_observations_is_dead_reckoning(rng):
 
 
 def test_progress_ends_at_the_last_pose(rng):
-    log, _, _ = simulate(rng)
+    log, _, _ = simulate(rng, steps=301)  # it is told at every third of them, and at the last
     said = []
     slam.run(log, progress=lambda done, of: said.append((done, of)))
-    assert said[-1] == (301, 301)
+    assert said[-1] == (302, 302)
     assert said == sorted(set(said))
     assert 50 < len(said) < 120
