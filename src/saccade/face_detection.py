@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from saccade.errors import ConfigError
-from saccade.io.files import check_file, one_line
+from saccade.io.files import check_file, reading
 from saccade.io.image import as_gray, check_image, in_unit_range
 
 if TYPE_CHECKING:
@@ -48,13 +48,9 @@ def find_face_detector(model: Path | None = None) -> "Callable[[Image], FloatArr
         model = _carried()
         if model is None:
             return None
-    try:
+    with reading(model, ConfigError, "a face detector of OpenCV (.onnx or .xml)", cv2.error):
         check_file(model)
         detect = _cascade(model) if model.suffix.lower() == ".xml" else _yunet(model)
-    except (OSError, cv2.error) as error:
-        raise ConfigError(
-            f"{model}: expected a face detector of OpenCV (.onnx or .xml): {one_line(error)}"
-        ) from error
 
     def boxes(image: "Image") -> "FloatArray":
         pixels = check_image(image)

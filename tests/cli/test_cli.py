@@ -283,7 +283,7 @@ def test_many_models_stand_in_one_table_one_figure_and_two_files(run, gazes, tmp
         (["--model", "a=contrast", "--model", "b=symmetry", "--preset", "itti1998"], "KIND:PRESET"),
         (["--model", "absent.toml"], "absent.toml: cannot be read"),
         (["--figure", "a.gif"], "a .png, .svg or .pdf"),
-        (["--faces", "absent.onnx"], "absent.onnx: expected a face detector"),
+        (["--faces", "absent.onnx"], "absent.onnx: cannot be read"),
     ],
 )
 def test_models_that_are_none_are_named(run, gazes, options, words):
