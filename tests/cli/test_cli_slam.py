@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 import saccade
 from saccade import slam
 from saccade.cli import app
-from saccade.cli.mapping import LABELS, facts
+from saccade.cli.slam import LABELS, facts
 from saccade.datasets import load
 from saccade.evaluation.runs import summarize_run
 from saccade.extras import install_command

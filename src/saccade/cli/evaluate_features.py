@@ -7,8 +7,7 @@ from pathlib import Path
 
 from saccade.cli.group import option
 from saccade.cli.options import ReportOptions, SettingsOptions
-from saccade.cli.output import Result, progress_bar
-from saccade.cli.score_tables import interval_rows, side_by_side
+from saccade.cli.output import Result, interval_rows, progress_bar, side_by_side
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.evaluation.detectors import OURS, find_detector
 from saccade.evaluation.features import Degradation, FeatureScores, PairScores, score_detector

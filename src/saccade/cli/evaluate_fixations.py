@@ -17,8 +17,7 @@ from saccade.cli.options import (
     attention_model,
     figure_files,
 )
-from saccade.cli.output import Result, tracked
-from saccade.cli.score_tables import interval_rows, side_by_side
+from saccade.cli.output import Result, interval_rows, side_by_side, tracked
 from saccade.datasets import write_table
 from saccade.errors import ConfigError, require
 from saccade.evaluation.fixations import FixationScores

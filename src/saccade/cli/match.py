@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 import numpy as np
 from matplotlib.figure import Figure
 
-from saccade.cli.batch_run import batch_progress, local_engine, preload
 from saccade.cli.detect import DetectorOptions, contributing_pairs
+from saccade.cli.extract import batch_progress, local_engine, preload
 from saccade.cli.group import argument, option
 from saccade.cli.options import FigureFormat, JsonOption, output_folder
 from saccade.cli.output import (

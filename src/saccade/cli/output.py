@@ -16,6 +16,7 @@ from saccade.errors import ImageWarning, LogWarning, OutputError, SaccadeError
 from saccade.io.files import as_text, atomic_write
 
 if TYPE_CHECKING:
+    from saccade.evaluation.intervals import Estimate, Scores
     from saccade.viewing.report import Table as ReportTable
 
 T = TypeVar("T")
@@ -146,6 +147,27 @@ class Table(NamedTuple):
 def facts_table(title: str, facts: Mapping[str, object]) -> Table:
     """A table of names and values."""
     return Table(title, ["", ""], [(name, str(value)) for name, value in facts.items()])
+
+
+def interval_rows(
+    name: str, estimate: "Estimate[Scores]", cells: "Callable[[Scores], Sequence[str]]"
+) -> list[list[str]]:
+    """A row of means, and below it the ends of their intervals."""
+    names = name, "  95 % from", "  95 % to"
+    return [[label, *cells(scores)] for label, scores in zip(names, estimate, strict=True)]
+
+
+def side_by_side(table: "ReportTable", *parts: Sequence[str]) -> "list[ReportTable]":
+    """A table as several of some of its columns each, which fit into 80 characters."""
+    indices = [[table.columns.index(name) for name in part] for part in parts]
+    return [
+        table._replace(
+            title="" if number else table.title,
+            columns=part,
+            rows=[[row[i] for i in chosen] for row in table.rows],
+        )
+        for number, (part, chosen) in enumerate(zip(parts, indices, strict=True))
+    ]
 
 
 @dataclass(frozen=True)
