@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from saccade import datasets
 from saccade.cli.drive import write_results
 from saccade.cli.group import option
-from saccade.cli.look import analyze_image
+from saccade.cli.look import LookOptions, analyze_image
 from saccade.cli.mapping import RunOutput
 from saccade.cli.match import match_images
 from saccade.cli.options import DEFAULT_MODEL, JsonOption, attention_model
@@ -86,7 +86,9 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         task = bar.add_task("attention: saliency and scanpath", total=1)
         attention = attention_model(DEFAULT_MODEL, free_viewing=True)
         photo = data / "chelsea.jpg"
-        results["look"] = analyze_image(photo, out / "look", attention, 10, builder)
+        results["look"], _ = analyze_image(
+            *(photo, out / "look", attention, LookOptions(), builder)
+        )
         x, y, time, saliency = np.transpose(results["look"]["scanpath"])
         path = Scanpath(np.stack([x, y], axis=1), time, saliency)
         save_figure(attention_figure(read_image(photo), {}, path), out / "scanpath.png")

@@ -1,10 +1,10 @@
 """`saccade look`: saliency maps and scanpaths."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -88,6 +88,16 @@ class LookOptions(ModelOptions, FaceOptions, JsonOption):
     every: int = option(1, min=1)
     """Use every Nth frame of a video."""
 
+    @property
+    def by_shape(self) -> bool:
+        """Whether proto-objects are inhibited rather than discs."""
+        return self.inhibition == "shape"
+
+    @property
+    def tables(self) -> list[str]:
+        """Formats of the tables of scanpaths."""
+        return [each for each in dict.fromkeys(self.formats or ()) if each in ("csv", "mat")]
+
 
 def look(camera: CameraOptions, options: LookOptions) -> Result:
     """Compute saliency by contrast and symmetry, and a scanpath.
@@ -109,7 +119,7 @@ def look(camera: CameraOptions, options: LookOptions) -> Result:
     in --out. Ctrl-C stops after the image in progress.
     """
     sources = camera.instead_of(options.images)
-    model, by_shape = options.model, options.inhibition == "shape"
+    model, by_shape = options.model, options.by_shape
     if by_shape and options.scanpath == "most-probable":
         raise ConfigError("inhibition: a shape needs --scanpath winner-take-all")
     if by_shape and model not in (DEFAULT_MODEL, "contrast"):
@@ -124,33 +134,25 @@ def look(camera: CameraOptions, options: LookOptions) -> Result:
     by_network = by_shape or published or options.scanpath == "winner-take-all"
     network = scanpath_network(options.preset) if by_network else None
     builder = ReportBuilder("saccade look", LEAD)
-    chosen = list(dict.fromkeys(options.formats or []))
-    tables = [each for each in chosen if each in ("csv", "mat")]
-    files = LookFiles(
-        figure_formats(chosen), "npz" in chosen or not tables, tables, options.maps or []
-    )
+    paths = dict[Path, tuple[Scanpath, ScanpathSamples]]()
 
     def process(path: Path, name: str) -> dict[str, Any]:
         file = out / f"{name}.look"
         if is_video(path):
             with video_frames(path, options.every) as frames:
                 return look_at_frames(frames, file, attention)
-        return analyze_image(
-            *(path, file, attention, options.fixations, builder, files),
-            network=network,
-            by_shape=by_shape,
-            film=options.scanpath_film,
-        )
+        row, paths[path] = analyze_image(path, file, attention, options, builder, network)
+        return row
 
-    paths = [path for source in sources for path in find_images(source)]
+    found = [path for source in sources for path in find_images(source)]
     with results_in(out), compiled_ahead("points"):
         if camera.camera is None:
-            rows, code = for_each_image(paths, out, process)
+            rows, code = for_each_image(found, out, process)
         else:
             with camera_frames(camera) as frames:
                 rows, code = [look_at_frames(frames, out / f"{CAMERA}.look", attention)], 0
         report = builder.write(out / "report.html") if len(builder) else None
-        written = files.write_tables(out)
+        written = write_scanpaths(out, options.tables, paths)
     row: dict[str, Any] = {"images": rows, "report": None if report is None else str(report)}
     row |= {"files": written} if written else {}
     return Result(row, [_table(each) for each in rows], code)
@@ -181,83 +183,27 @@ SAMPLES = 100
 """Scanpaths of the cloud."""
 
 
-class _Path(NamedTuple):
-    """A scanpath on an image, as of a viewer."""
-
-    image: str
-    viewer: int
-    path: Scanpath
-    duration: FloatArray
-
-
-@dataclass(frozen=True)
-class LookFiles:
-    """Formats of the files, and the scanpaths of the images so far."""
-
-    figures: Sequence[str] = ("png",)
-    arrays: bool = True
-    """Whether each image has an .npz."""
-    tables: Sequence[str] = ()
-    """csv or mat."""
-    maps: Sequence[str] = ()
-    """Formats of maps, of `saccade.exchange.maps.MAP_FORMATS`."""
-    paths: dict[Path, tuple[Scanpath, ScanpathSamples]] = field(default_factory=dict)
-
-    def write_maps(self, out: Path, name: str, layers: Mapping[str, Float32Array]) -> list[str]:
-        """Write maps (H, W) into a folder for each layer; returns the files."""
-        if not self.maps:
-            return []
-        from saccade.exchange import write_map
-
-        files = [
-            (out / "maps" / layer / f"{name}.{kind}", values)
-            for kind in self.maps
-            for layer, values in layers.items()
-        ]
-        for path, values in files:
-            write_map(path, values)
-        return [str(path) for path, _ in files]
-
-    def write_tables(self, out: Path) -> dict[str, str]:
-        """Write scanpaths and samples of all images; returns the files."""
-        if not self.tables or not self.paths:
-            return {}
-        from saccade.evaluation.scanpaths import durations_of
-
-        names = relative_names(list(self.paths))
-        scans, drawn = [], []
-        for path, (scan, samples) in self.paths.items():
-            scans.append(_Path(names[path], 0, scan, durations_of(scan)[: len(scan)]))
-            drawn += [
-                _Path(names[path], number, samples[number], samples.duration[number])
-                for number in range(len(samples))
-            ]
-        files = {}
-        for kind in self.tables:
-            for stem, paths in (("scanpaths", scans), ("samples", drawn)):
-                files[f"{stem}_{kind}"] = str(out / f"{stem}.{kind}")
-                _write(out / f"{stem}.{kind}", paths)
-        return files
-
-
 def analyze_image(
     path: Path,
     out: Path,
     attention: AttentionModel,
-    fixations: int,
+    options: LookOptions,
     builder: ReportBuilder,
-    files: LookFiles | None = None,
-    *,
     network: ScanpathConfig | None = None,
-    by_shape: bool = False,
-    film: bool = False,
-) -> dict[str, Any]:
-    """Write `out`.png, `out`.npz and the scanpath's film, return the row for --json.
+) -> tuple[dict[str, Any], tuple[Scanpath, ScanpathSamples]]:
+    """Write what is asked for of an image into files that begin with `out`, and add it to a report.
 
-    The image is added to a report, and its scanpaths to those of `files`, which names other
-    formats. `by_shape` inhibits proto-objects rather than discs.
+    Args:
+        path: the image.
+        out: name of the files, without suffix.
+        attention: the model.
+        options: formats, and length of the scanpath.
+        builder: of the report.
+        network: of the scanpath; None for the most probable one.
+
+    Returns:
+        The row for --json; and the scanpath, and samples of the scanpath model.
     """
-    files = files or LookFiles()
     image = read_image(path)
     try:
         maps = attention.maps(image)
@@ -265,14 +211,16 @@ def analyze_image(
         raise ImageError(f"{path}: {error}") from error
     bare = bare_saliency(maps)
     if network is None:
-        scan = most_probable_scanpath(bare, image.shape, fixations)
+        scan = most_probable_scanpath(bare, image.shape, options.fixations)
     else:
-        region = partial(proto_object, contrast_of(maps)) if by_shape else None
-        scan = scanpath(maps.saliency, image.shape, fixations, network, region=region)
-    samples = sample_scanpaths(bare, image.shape, SAMPLES, fixations)
+        region = partial(proto_object, contrast_of(maps)) if options.by_shape else None
+        count = options.fixations
+        scan = scanpath(maps.saliency, image.shape, count, network, region=region)
+    samples = sample_scanpaths(bare, image.shape, SAMPLES, options.fixations)
     layers = maps.layers
     pairs = attention.pairs(image, scan.xy)
-    picture = save_figures(attention_figure(image, layers, scan, pairs), out, files.figures)
+    figure = attention_figure(image, layers, scan, pairs)
+    picture = save_figures(figure, out, figure_formats(options.formats))
     scanpath_arrays = {
         "scanpath_xy": scan.xy,
         "scanpath_time": scan.time,
@@ -287,19 +235,18 @@ def analyze_image(
         "scanpath": np.column_stack([scan.xy, scan.time, scan.saliency]).tolist(),
         "picture": str(picture),
     }
-    if files.arrays:
+    if not options.tables or "npz" in (options.formats or ()):
         row["arrays"] = f"{out}.npz"
         write_arrays(Path(f"{out}.npz"), layers | scanpath_arrays | {"format": FORMATS["look"]})
-    if files.maps:
-        name = out.name.removesuffix(".look")
-        row["maps"] = files.write_maps(out.parent, name, maps.full_size)
-    files.paths[path] = scan, samples
+    name = out.name.removesuffix(".look")
+    if options.maps:
+        row["maps"] = write_maps(out.parent, name, maps.full_size, options.maps)
     section = Section(path.name, "" if len(builder) else TEXT)
     builder.add(lambda: _part(section, image, layers, scan, samples))
-    if film:
-        file = out.with_name(f"{out.name.removesuffix('.look')}.scanpath.gif")
+    if options.scanpath_film:
+        file = out.with_name(f"{name}.scanpath.gif")
         row["film"] = str(save_film(*scanpath_frames(image, scan), file))
-    return row
+    return row, (scan, samples)
 
 
 def _part(
@@ -314,20 +261,60 @@ def _part(
     return image_part(section, image, layers, scan, keypoints, samples)
 
 
-def _write(file: Path, paths: Sequence[_Path]) -> None:
-    from saccade.datasets.fixations import write_fixations
+def write_maps(
+    out: Path, name: str, layers: Mapping[str, Float32Array], kinds: Sequence[str]
+) -> list[str]:
+    """Write maps (H, W) into a folder for each layer; returns the files."""
+    from saccade.exchange import write_map
 
-    lengths = [len(each.path) for each in paths]
-    onset = np.concatenate([each.path.time for each in paths])
-    table = FixationTable(
-        np.repeat([each.image for each in paths], lengths),
-        np.repeat([each.viewer for each in paths], lengths),
-        np.concatenate([np.arange(length) for length in lengths]),
-        np.concatenate([each.path.xy for each in paths]),
-        np.concatenate([each.duration for each in paths]),
-    )
-    saliency = np.concatenate([each.path.saliency for each in paths])
-    write_fixations(file, table, onset_ms=1000 * onset, saliency=saliency)
+    files = {
+        out / "maps" / layer / f"{name}.{kind}": values
+        for kind in kinds
+        for layer, values in layers.items()
+    }
+    for path, values in files.items():
+        write_map(path, values)
+    return [str(path) for path in files]
+
+
+def write_scanpaths(
+    out: Path, kinds: Sequence[str], paths: Mapping[Path, tuple[Scanpath, ScanpathSamples]]
+) -> dict[str, str]:
+    """Write the scanpaths of all images, and their samples, in each format; returns the files."""
+    if not kinds or not paths:
+        return {}
+    from saccade.datasets.fixations import write_fixations
+    from saccade.evaluation.scanpaths import durations_of
+
+    names = relative_names(list(paths))
+    tables: dict[str, list[tuple[str, int, Scanpath, FloatArray]]] = {
+        "scanpaths": [
+            (names[path], 0, scan, durations_of(scan)[: len(scan)])
+            for path, (scan, _) in paths.items()
+        ],
+        "samples": [
+            (names[path], number, samples[number], samples.duration[number])
+            for path, (_, samples) in paths.items()
+            for number in range(len(samples))
+        ],
+    }
+    files = {}
+    for stem, rows in tables.items():
+        images, viewers, scans, durations = zip(*rows, strict=True)
+        lengths = [len(each) for each in scans]
+        table = FixationTable(
+            np.repeat(images, lengths),
+            np.repeat(viewers, lengths),
+            np.concatenate([np.arange(length) for length in lengths]),
+            np.concatenate([each.xy for each in scans]),
+            np.concatenate(durations),
+        )
+        onset = 1000 * np.concatenate([each.time for each in scans])
+        saliency = np.concatenate([each.saliency for each in scans])
+        for kind in kinds:
+            files[f"{stem}_{kind}"] = str(out / f"{stem}.{kind}")
+            write_fixations(out / f"{stem}.{kind}", table, onset_ms=onset, saliency=saliency)
+    return files
 
 
 def look_at_frames(frames: Frames, out: Path, attention: AttentionModel) -> dict[str, Any]:
