@@ -14,7 +14,7 @@ from saccade.cli.drive import write_results
 from saccade.cli.group import option
 from saccade.cli.look import LookOptions, analyze_image
 from saccade.cli.mapping import RunOutput
-from saccade.cli.match import match_images
+from saccade.cli.match import MatchOptions, match_images
 from saccade.cli.options import DEFAULT_MODEL, JsonOption, attention_model
 from saccade.cli.output import Result, Table, print_message, write_text
 from saccade.cli.precompile import compile_updates, compiled_ahead
@@ -23,7 +23,6 @@ from saccade.evaluation.gaze import SETTINGS, gaze_drive
 from saccade.io.files import results_in
 from saccade.io.image import read_image
 from saccade.keypoints.sift import Sift
-from saccade.settings import load_settings
 from saccade.simulation import DriveConfig
 from saccade.slam import Recorder
 from saccade.types import Scanpath
@@ -95,8 +94,9 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         bar.update(task, completed=1)
 
         task = bar.add_task("interest points: two views of a hallway", total=1)
-        pair = (data / "hallway_1.jpg", data / "hallway_2.jpg")
-        results["match"] = match_images(*pair, out, Sift(load_settings("sift")), builder)
+        first, second = (data / f"hallway_{number}.jpg" for number in (1, 2))
+        matching = MatchOptions(first=str(first), second=second, out=out)
+        results["match"] = match_images(Sift(), matching, second, builder)
         bar.update(task, completed=1)
 
         def progress(done: int, total: int | None = None, stage: str = "") -> None:

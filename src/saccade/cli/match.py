@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from saccade.cli.detect import DetectorOptions, contributing_pairs
 from saccade.cli.extract import batch_progress, local_engine, preload
 from saccade.cli.group import argument, option
-from saccade.cli.options import FigureFormat, JsonOption, output_folder
+from saccade.cli.options import FigureFormat, JsonOption, figure_formats, output_folder
 from saccade.cli.output import (
     INTERRUPTED,
     Result,
@@ -109,11 +109,7 @@ def match(detector: DetectorOptions, options: MatchOptions) -> Result:
     require(not given, "pairs", expected, str(options.second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
-        row = match_images(
-            *(Path(options.first), options.second, options.out, detector.make(), builder),
-            *(options.ratio, options.mutual, options.verification, options.tolerance),
-            figures=chosen,
-        )
+        row = match_images(detector.make(), options, options.second, builder)
         row["report"] = str(builder.write(options.out / "report.html"))
     shared = [str(row["matches"])] + ([str(row["inliers"])] if "inliers" in row else [])
     columns = ["image", "points", "matched", "inliers"][: 2 + len(shared)]
@@ -129,22 +125,17 @@ TEXT = (
 
 
 def match_images(
-    first: Path,
-    second: Path,
-    out: Path,
-    detector: Any,
-    builder: ReportBuilder,
-    ratio: float = 0.8,
-    mutual: bool = True,
-    geometry: Geometry | None = "fundamental",
-    tolerance: float = 2.0,
-    figures: Sequence[str] = ("png",),
+    detector: Any, options: MatchOptions, second: Path, builder: ReportBuilder
 ) -> dict[str, Any]:
     """Match two images: write matches.png, .csv and frames.png, return the row for --json."""
+    first, out, geometry = Path(options.first), options.out, options.verification
+    figures = figure_formats(options.formats)
     images = (read_image(first), read_image(second))
     keypoints = (detected(detector, images[0]), detected(detector, images[1]))
-    pairs = nearest_matches(*keypoints, ratio=ratio, mutual=mutual)
-    verified = None if geometry is None else verify(*keypoints, pairs, geometry, tolerance)
+    pairs = nearest_matches(*keypoints, ratio=options.ratio, mutual=options.mutual)
+    verified = None
+    if geometry is not None:
+        verified = verify(*keypoints, pairs, geometry, options.tolerance)
     inliers = None if verified is None else verified.inliers
     figure = match_figure(images, keypoints, pairs, inliers)
     picture = save_figures(figure, out / "matches", figures)
