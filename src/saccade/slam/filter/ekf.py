@@ -431,8 +431,9 @@ class EkfSlam:
         return self.models.sensor
 
     def __len__(self) -> int:
-        outside = 0 if self.local_map is None else len(self.local_map.rest)
-        return int(self.view.now.landmarks) + outside
+        if self.local_map is None:
+            return int(self._whole.now.landmarks)
+        return int(self.local_map.state.now.landmarks) + len(self.local_map.rest)
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
