@@ -156,6 +156,7 @@ def test_items_are_prefetched_once_in_order_and_fail_where_they_are_used():
 
 def test_a_run_leaves_no_thread_and_no_setting_behind():
     drive = simulate_drive(DriveConfig(frames=2))
+    visual.run(drive)  # loads libraries with threads of their own
     before = sys.getswitchinterval(), threadpool_info()
     seen = []
 
