@@ -88,7 +88,7 @@ class VisualConfig(Settings):
     """Probability that a re-observed landmark is inside the validation gate."""
     ratio: float = setting(0.8, above=0, maximum=1)
     """Ratio test: distance to the nearest descriptor over that to the second."""
-    acceleration_sigma: tuple[float, float] = setting((2.0, 0.5), 0)
+    acceleration_sigma: tuple[float, float] = setting((2.0, 0.35), 0)
     """Standard deviations of the change of speed (m/s) and turn rate (rad/s) in a second, of the
     constant-velocity prediction that is fused with odometry."""
     recover: bool = True

@@ -7,7 +7,12 @@ from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attri
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate, camera_motion
-from saccade.visual.motion_prior import MotionPrior, Planarity, camera_error_covariance
+from saccade.visual.motion_prior import (
+    MotionPrior,
+    Planarity,
+    camera_error_covariance,
+    correlation_factor,
+)
 from saccade.visual.odometry_model import OdometryErrors
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.self_calibration import CalibrationDrift
@@ -193,8 +198,10 @@ class StereoMotionEstimator(MotionEstimator):
         else:
             pose = motion.rotation, motion.translation
             self.planarity.update(motion.off_plane, self._seconds)
+        slip = np.diag([1.0, correlation_factor(self._seconds, self._config) ** 0.5, 1.0])
+        odometry = self._step[0], slip @ self._step[1] @ slip  # side-slip lasts several frames
         control, covariance = self._window.add(
-            *(before, current, pose, self._step, self._seconds, self.cameras)
+            *(before, current, pose, odometry, self._seconds, self.cameras)
         )
         if motion is None:
             return (control, covariance), None
