@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.types import BoolArray, FloatArray
+from saccade.types import FloatArray
 from saccade.visual.camera import Intrinsics
 from saccade.visual.optical_flow import ImageGradients, ShortArray
 
@@ -27,10 +27,6 @@ class Correspondences(NamedTuple):
     current_inverse_depth: FloatArray
     current_inverse_depth_sigma: FloatArray
     """(k,) in the second frame, NaN where it was not measured, and its standard deviation."""
-
-    def take(self, index: BoolArray) -> "Correspondences":
-        """Those of a mask (k,)."""
-        return Correspondences(*(each[index] for each in self))
 
 
 @kernel()
