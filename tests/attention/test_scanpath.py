@@ -43,7 +43,7 @@ def test_the_slow_twin_has_the_fixations_of_the_reference(shared):
     [((7, 9), 1, 0.8, 6), ((1, 12), 1, 0.8, 6), ((9, 11), 3, 0.6, 8)],
 )
 def test_strides_end_where_steps_do(seed, shape, power, sigma, count):
-    """To a power, few peaks lie over a faint ground."""
+    """To a power, few peaks lie over a faint ground: most cells are activated late, or never."""
     saliency = 2 * np.random.default_rng(seed).random(shape) ** power
     image_shape = (16 * shape[0], 16 * shape[1])
     path = scanpath(saliency, image_shape, count, as_published(saliency, sigma))
@@ -62,6 +62,9 @@ def both_strides(V, W, g, current, steps, decay):
         gain=5.0,
         threshold=1e-3,
         reset=-0.02,
+        inhibition=200.0,
+        surround=1e-4,
+        sigma=1.0,
         last_step=100_000,
     )
     slow = oracles.advance_cell(V, W, g, current, 2e-4, 1e-3, decay, 5.0, steps)

@@ -4,15 +4,19 @@ While the conductance is held constant the recurrence has a closed form, so that
 up to `MAX_STRIDE` steps.
 """
 
+from math import exp
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade._jit import kernel
-from saccade.types import FloatArray
+from saccade.types import FloatArray, IntArray
 
 MAX_STRIDE = 100
 """Steps in a stride; the inhibition decays by 1 % meanwhile."""
+BOUND_MARGIN = 1.01
+"""Factor on the bound on inactive cells: strides are accurate to 0.2 %."""
 POLE_DISTANCE = 1e-9
 """Least distance from the poles of the closed form; rates nearer to one are moved here."""
 
@@ -29,7 +33,36 @@ class Network(NamedTuple):
     gain: float
     threshold: float
     reset: float
+    inhibition: float
+    """Increase of the conductance at the winner, per potential of the winner."""
+    surround: float
+    """Fraction of it that excites the surround."""
+    sigma: float
+    """Standard deviation of the inhibited disc, in cells."""
     last_step: int
+
+
+class Cells(NamedTuple):
+    """Cells of the map, from the strongest input to the weakest; each array is (n,)."""
+
+    row: IntArray
+    column: IntArray
+    number: IntArray
+    """Counted down the columns of the map: of several over the threshold the lowest wins."""
+    current: FloatArray
+    """Input to the map layer per time step."""
+
+
+class Events(NamedTuple):
+    """Inhibitions and resets in the order of time; each array has room for all."""
+
+    step: IntArray
+    row: IntArray
+    column: IntArray
+    jump: FloatArray
+    """Increase of the conductance at the winner; 0 for a reset of the winner layer."""
+    fixation: IntArray
+    """Number of the fixation that is inhibited."""
 
 
 class Stride(NamedTuple):
@@ -51,47 +84,191 @@ class Stride(NamedTuple):
 
 
 @kernel()
-def run_until_spike(
-    net: Network,
-    current: FloatArray,
-    V: FloatArray,
-    W: FloatArray,
-    g: FloatArray,
-    step: int,
-    reset_at: int,
-) -> tuple[int, int]:
-    """Advance V, W and the conductance g of all cells (n,) until a winner cell spikes.
+def run_network(
+    net: Network, cells: Cells, fixations: int, regions: npt.NDArray[np.bool_]
+) -> tuple[IntArray, IntArray]:
+    """Numbers of the winning cells, and the steps in which they spike.
 
-    `current` (n,) is the input to the map layer per time step. The winner layer is reset at the
-    step `reset_at`, if that is still to come.
+    `regions` (r, h, w) are inhibited at the first r winners; a disc is where a region is empty,
+    and at later winners.
 
-    Returns the first cell over the threshold, -1 for none within the time limit, and the step.
+    Only the strongest cells are simulated. A weaker one becomes active when it might win: until
+    then it is below `free_W + current * bound_W`, where `free_W` is what remains of the reset, and
+    the bound is a cell of unit current with the lowest conductance of the inactive cells.
     """
-    V_next, W_next = np.empty_like(V), np.empty_like(W)
-    steps = MAX_STRIDE
-    while step < net.last_step:
+    current = cells.current
+    V, W, g = np.empty_like(current), np.empty_like(current), np.zeros_like(current)
+    V_next, W_next = np.empty_like(current), np.empty_like(current)
+    bound_V, bound_W, lowest_g, free_W = 1.0, 0.0, 0.0, net.reset
+    winner, spike = np.empty(fixations, np.int64), np.empty(fixations, np.int64)
+    size = 2 * fixations
+    events = Events(
+        np.zeros(size, np.int64),
+        np.zeros(size, np.int64),
+        np.zeros(size, np.int64),
+        np.zeros(size),
+        np.zeros(size, np.int64),
+    )
+    count, reset_at, steps = 0, 0, MAX_STRIDE
+    step: int = np.int64(0)  # type: ignore[assignment]  # a literal has another type
+    num_events: int = step
+    active: int = step
+    while count < fixations and step < net.last_step:
         steps = 1 if step < reset_at else min(steps, net.last_step - step)
         resets = step + steps == reset_at
         stride = stride_of(net, steps)
-        first = -1
-        for i in range(len(V)):
-            V_next[i], W_next[i] = advance_cell(net, stride, V[i], W[i], g[i], current[i])
-            if net.threshold < W_next[i] and first < 0:
-                first = i
-                if steps > 1:
-                    break
+        first = _advance(net, stride, active, cells, V, W, g, V_next, W_next)
         if first >= 0 and steps > 1:
             steps = max(1, steps // 4)
             continue
+        next_V, next_W = advance_cell(net, stride, bound_V, bound_W, lowest_g, 1.0)
+        next_free = free_W * stride.b_n
+        known = active
+        while (
+            not resets
+            and active < len(current)
+            and next_free + BOUND_MARGIN * current[active] * next_W > net.threshold
+        ):
+            active += 1
+        if active > known:
+            new = slice(known, active)
+            activated = Cells(cells.row[new], cells.column[new], cells.number[new], current[new])
+            _replay(net, step, events, num_events, regions, activated, V[new], W[new])
+            continue
         step += steps
-        for i in range(len(V)):
-            V[i], W[i] = V_next[i], net.reset if resets else W_next[i]
+        V, V_next, W, W_next = V_next, V, W_next, W
+        for i in range(len(g)):
             g[i] *= stride.decay
+        bound_V, bound_W, free_W = next_V, next_W, next_free
+        lowest_g *= stride.decay
         if resets:
+            for i in range(active):
+                W[i] = net.reset
+            bound_W, free_W = 0.0, net.reset
+            events.step[num_events], events.jump[num_events] = step, 0
+            num_events += 1
             steps = MAX_STRIDE
         elif first >= 0:
-            return first, step
-    return -1, step
+            winner[count], spike[count] = cells.number[first], step
+            events.step[num_events], events.fixation[num_events] = step, count
+            events.row[num_events] = cells.row[first]
+            events.column[num_events] = cells.column[first]
+            events.jump[num_events] = net.inhibition * V[first]
+            count += 1
+            for i in range(active):
+                if net.threshold < W[i]:
+                    W[i] = 0
+            inhibit(net, events, num_events, regions, cells, g)
+            num_events += 1
+            lowest_g = g[active] if active < len(g) else 0.0
+            for i in range(active, len(g)):
+                lowest_g = min(lowest_g, g[i])
+            if reset_at <= step:
+                reset_at = step + 2
+    return winner[:count], spike[:count]
+
+
+@kernel()
+def _advance(
+    net: Network,
+    stride: Stride,
+    count: int,
+    cells: Cells,
+    V: FloatArray,
+    W: FloatArray,
+    g: FloatArray,
+    V_next: FloatArray,
+    W_next: FloatArray,
+) -> int:
+    """Fill V and W of the first `count` cells after a stride.
+
+    Returns the index of the one over the threshold, of several the lowest by `Cells.number`; -1
+    for none.
+    """
+    first = -1
+    for i in range(count):
+        V_next[i], W_next[i] = advance_cell(net, stride, V[i], W[i], g[i], cells.current[i])
+        if net.threshold < W_next[i] and (first < 0 or cells.number[i] < cells.number[first]):
+            first = i
+    return first
+
+
+@kernel(inline=True)
+def _replay(
+    net: Network,
+    step: int,
+    events: Events,
+    num_events: int,
+    regions: npt.NDArray[np.bool_],
+    cells: Cells,
+    V: FloatArray,
+    W: FloatArray,
+) -> None:
+    """Fill V and W of newly active cells at a step, from the onset through all events."""
+    g, at = np.zeros(len(V)), 0
+    for i in range(len(V)):
+        V[i], W[i] = cells.current[i], net.reset
+    for event in range(num_events + 1):
+        until = events.step[event] if event < num_events else step
+        while at < until:
+            stride = stride_of(net, min(MAX_STRIDE, until - at))
+            _advance(net, stride, len(V), cells, V, W, g, V, W)
+            for i in range(len(g)):
+                g[i] *= stride.decay
+            at += stride.steps
+        if event < num_events:
+            if events.jump[event] > 0:
+                inhibit(net, events, event, regions, cells, g)
+            else:
+                for i in range(len(W)):
+                    W[i] = net.reset
+
+
+@kernel()
+def inhibit(
+    net: Network,
+    events: Events,
+    event: int,
+    regions: npt.NDArray[np.bool_],
+    cells: Cells,
+    g: FloatArray,
+) -> None:
+    """Raise the conductance in a region, or in a disc less a little in its surround."""
+    jump, fixation = events.jump[event], events.fixation[event]
+    if fixation < len(regions) and _is_filled(regions[fixation]):
+        region = regions[fixation]
+        for i in range(len(g)):
+            if region[cells.row[i], cells.column[i]]:
+                g[i] += jump
+        return
+    vertical = _gaussian(cells.row, events.row[event], 4 * net.sigma)
+    horizontal = _gaussian(cells.column, events.column[event], 4 * net.sigma)
+    for i in range(len(g)):
+        wide = vertical[cells.row[i]] * horizontal[cells.column[i]]
+        narrow = wide**16
+        g[i] += jump * (narrow - net.surround * wide)
+
+
+@kernel(inline=True)
+def _is_filled(region: npt.NDArray[np.bool_]) -> bool:
+    """Whether a region (h, w) has any cell."""
+    for i in range(region.shape[0]):
+        for j in range(region.shape[1]):
+            if region[i, j]:
+                return True
+    return False
+
+
+@kernel()
+def _gaussian(number: IntArray, center: int, sigma: float) -> FloatArray:
+    """Gaussian about the row or column `center`, at all up to the last in `number` (n,)."""
+    last, width = 0, 2 * sigma * sigma
+    for i in range(len(number)):
+        last = max(last, number[i])
+    values = np.empty(last + 1)
+    for k in range(last + 1):
+        values[k] = exp(-((k - center) * (k - center)) / width)
+    return values
 
 
 @kernel(inline=True)

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.attention._winner_take_all_kernels import Network, run_until_spike
+from saccade.attention._winner_take_all_kernels import Cells, Network, run_network
 from saccade.attention.channels import CONSPICUITY, Conspicuity
 from saccade.attention.contrast import ContrastMaps
 from saccade.errors import ImageError, Settings, require, setting
@@ -194,7 +194,11 @@ def simulate(
     config: ScanpathConfig,
     region: Callable[[int, int], Region | None] | None = None,
 ) -> tuple[IntArray, IntArray]:
-    """The winners of a map as indices down its columns, and the steps in which they spike."""
+    """The winners of a map as indices down its columns, and the steps in which they spike.
+
+    A region depends on who wins: with regions the network runs again from the onset for each
+    further winner, and the earlier ones win as before.
+    """
     dt = config.time_step
     network = Network(
         map_rate=dt / config.map_time_constant,
@@ -203,35 +207,30 @@ def simulate(
         gain=config.gain,
         threshold=config.threshold,
         reset=config.reset,
+        inhibition=dt * config.inhibition_strength,
+        surround=config.inhibition_surround,
+        sigma=config.inhibition_sigma * max(strength.shape),
         last_step=int(config.time_limit / dt),
     )
     down_columns = strength.T.ravel()
-    number = np.flatnonzero(down_columns)  # (n,) cells without saliency never win
+    number = np.argsort(-down_columns)[: np.count_nonzero(down_columns)]  # (n,) strongest first
     column, row = np.divmod(number, strength.shape[0])
     current = network.map_rate * config.drive * (down_columns[number] + config.background)
-    V, W, g = current.copy(), np.full_like(current, config.reset), np.zeros_like(current)
-    sigma = 4 * config.inhibition_sigma * max(strength.shape)  # of the surround, in cells
-    winners: list[int] = []
-    steps: list[int] = []
-    step = reset_at = 0
-    while len(winners) < fixations:
-        first, step = run_until_spike(network, current, V, W, g, step, reset_at)
-        if first < 0:
+    cells = Cells(row, column, number, current)
+    regions = np.zeros((0, *strength.shape), np.bool_)
+    if region is None:
+        return run_network(network, cells, fixations, regions)
+    winners, steps = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    for count in range(1, fixations + 1):
+        winners, steps = run_network(network, cells, count, regions)
+        if len(winners) < count:
             break
-        winners.append(int(number[first]))
-        steps.append(step)
-        W[config.threshold < W] = 0
-        jump = dt * config.inhibition_strength * V[first]
-        inhibited = None if region is None else region(int(row[first]), int(column[first]))
-        if inhibited is not None:
-            g += jump * inhibited[row, column]
-        else:
-            square = (row - row[first]) ** 2 + (column - column[first]) ** 2
-            wide = np.exp(-square / (2 * sigma**2))
-            g += jump * (wide**16 - config.inhibition_surround * wide)
-        if reset_at <= step:
-            reset_at = step + 2
-    return np.array(winners, np.int64), np.array(steps, np.int64)
+        winner_column, winner_row = divmod(int(winners[-1]), strength.shape[0])
+        inhibited = region(winner_row, winner_column)
+        if inhibited is None:
+            inhibited = np.zeros(strength.shape, np.bool_)
+        regions = np.concatenate([regions, [inhibited]])
+    return winners, steps
 
 
 def proto_object(maps: ContrastMaps, row: int, column: int) -> Region | None:
