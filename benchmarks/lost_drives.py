@@ -32,7 +32,7 @@ from saccade.evaluation.runs import score_drive
 from saccade.frames import Drive, Frame
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.simulation.drive import Illumination, render
-from saccade.simulation.scene import ring_scene
+from saccade.simulation.scene import floor_scene
 from saccade.slam.consistency import normalized_squared
 from saccade.types import THREE_SIGMA_2D, FloatArray, Trajectory
 from saccade.visual.pipeline import Pipeline
@@ -79,7 +79,7 @@ class Source:
         """The frame from a pose (3,) in the light of frame i."""
         seeds, camera = np.random.SeedSequence(self.seed).spawn(4), self.config.camera
         if self._scene is None:
-            self._scene = ring_scene(self.config, seeds[0])
+            self._scene = floor_scene(self.config, seeds[0])
             self._light = Illumination.sample(self.config.light, camera, self.drive.time, seeds[2])
         left, right = (
             self._light.apply(render(self._scene, camera, pose, side), i, int(side))
