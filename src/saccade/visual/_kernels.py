@@ -184,6 +184,14 @@ def bilinear(image: ShortArray, x: float, y: float) -> float:
 
 
 @kernel()
+def _times_transposed(A: FloatArray, B: FloatArray, product: FloatArray) -> None:
+    """Fill A B^T of matrices (3, 3)."""
+    for r in range(3):
+        for c in range(3):
+            product[r, c] = A[r, 0] * B[c, 0] + A[r, 1] * B[c, 1] + A[r, 2] * B[c, 2]
+
+
+@kernel()
 def robot_motion_kernel(
     R: FloatArray,
     t: FloatArray,
@@ -204,16 +212,10 @@ def robot_motion_kernel(
         motion: (6,) overwritten by control and off-plane motion.
         jacobian: (6, 6) overwritten by its derivative by rotation vector and translation.
     """
-    turned, rotation = np.zeros((3, 3)), np.zeros((3, 3))
+    turned, rotation = np.empty((3, 3)), np.empty((3, 3))
     into, moved, back = np.zeros((3, 3)), np.empty(3), np.empty(3)
-    for r in range(3):
-        for c in range(3):
-            for k in range(3):
-                turned[r, c] += R[r, k] * before[c, k]
-    for r in range(3):
-        for c in range(3):
-            for k in range(3):
-                rotation[r, c] += after[r, k] * turned[k, c]
+    _times_transposed(before, R, turned)
+    _times_transposed(after, turned, rotation)  # after R before^T
     for r in range(3):
         moved[r] = after[r, 0] * t[0] + after[r, 1] * t[1] + after[r, 2] * t[2] + position[r]
         back[r] = moved[r]

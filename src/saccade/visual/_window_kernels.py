@@ -8,7 +8,7 @@ import numpy as np
 
 from saccade._jit import kernel
 from saccade.types import FloatArray, IntArray
-from saccade.visual._kernels import robot_motion_kernel
+from saccade.visual._kernels import _times_transposed, robot_motion_kernel
 from saccade.visual.camera import Intrinsics
 
 MIN_DEPTH_RATIO = 0.05
@@ -268,11 +268,8 @@ def step_motion(
 
     Its derivative (6, 12) is by rotation vector and translation of both poses.
     """
-    R, t, turned, by_motion = np.zeros((3, 3)), np.empty(3), np.zeros(3), np.empty((6, 6))
-    for r in range(3):
-        for c in range(3):
-            for k in range(3):
-                R[r, c] += R2[r, k] * R1[c, k]
+    R, t, turned, by_motion = np.empty((3, 3)), np.empty(3), np.zeros(3), np.empty((6, 6))
+    _times_transposed(R2, R1, R)
     for r in range(3):
         for k in range(3):
             turned[r] += R[r, k] * t1[k]

@@ -64,13 +64,13 @@ class MotionEstimator:
 
         Odometry without its systematic errors, fused with the last motion.
         """
-        self._seconds = float(self._drive.time[number] - self._drive.time[number - 1])
-        control, covariance = self._drive.control[number - 1], self._drive.control_covariance
-        self._declared = control, covariance[number - 1]
-        self._step = self.errors.corrected(control, self._seconds), covariance[number - 1]
+        drive, last = self._drive, number - 1
+        self._seconds = float(drive.time[number] - drive.time[last])
+        control, covariance = drive.control[last], drive.control_covariance[last]
+        self._declared = control, covariance
         if self._turn_sigma:  # of both frames: the camera's turn is compared with odometry's
-            by_turns = np.diag([0.0, 0.0, 2 * self._turn_sigma**2])
-            self._step = self._step[0], self._step[1] + by_turns
+            covariance = covariance + np.diag([0.0, 0.0, 2 * self._turn_sigma**2])
+        self._step = self.errors.corrected(control, self._seconds), covariance
         return self._prior.predict(*self._step, self._seconds)
 
     @property

@@ -245,8 +245,8 @@ class Pipeline:
         self.tracked = TrackedPoints(**select(arrays, "tracked"))
         if self.log.last_visible is not None:
             self._previous = self._extract(self.log.last_visible).frame
-            for part in (self.motion, self.motion, self.map):
-                part.turn_camera(self._previous.frame.turn)
+            self.motion.turn_camera(self._previous.frame.turn)
+            self.map.turn_camera(self._previous.frame.turn)
 
     def _detect(self, number: int) -> FrameFeatures:
         """The frame, and in every `detect_interval`-th the points detected in it."""
