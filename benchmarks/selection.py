@@ -30,7 +30,7 @@ from saccade.evaluation.runs import summarize_drive
 from saccade.frames import Drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.types import FloatArray
-from saccade.visual import FeatureCache, VisualConfig
+from saccade.visual import VisualConfig
 from saccade.visual.config import SELECTIONS, Selection
 
 WORLDS = {
@@ -81,7 +81,7 @@ class RunSeries:
 
 def run_series(series: RunSeries, out: Path) -> list[dict[str, Any]]:
     """The results of a series; those that are not stored are computed."""
-    drive, features, rows = None, FeatureCache(), []
+    drive, rows = None, []
     name = Path(series.source).resolve().name
     for budget, criterion in product(series.budgets, series.criteria):
         run = f"{name}-{series.frames}-{budget}-{criterion}-{series.seed}.json"
@@ -96,7 +96,7 @@ def run_series(series: RunSeries, out: Path) -> list[dict[str, Any]]:
                 seed=series.seed,
             )
             with threadpool_limits(1, user_api="blas"):
-                result = visual.run(drive, config, cache=features)
+                result = visual.run(drive, config)
             found = summarize_drive(drive, result)
             attempts = found["reidentified"] + found["missed"]
             found["reidentification_rate"] = found["reidentified"] / attempts if attempts else None
@@ -180,7 +180,7 @@ def main() -> None:
     parser.add_argument("--no-simulator", action="store_true")
     parser.add_argument("--budgets", nargs="+", type=int, default=[5, 10, 20, 50])
     parser.add_argument("--criteria", nargs="+", choices=SELECTIONS, default=SELECTIONS)
-    parser.add_argument("--reference", choices=SELECTIONS, default="rematch-rate")
+    parser.add_argument("--reference", choices=SELECTIONS, default="rematch-rate-range")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--frames", type=int, default=160)

@@ -12,15 +12,12 @@ and for each image, with ranges and bearings z in the frame of the camera and th
 
 The controller of the pan-tilt unit turns the joints `pan` and `tilt`: radians to the left and up,
 from how the camera is mounted.
-
-A head with an action server takes `point_head_goal`, a PTZ camera `ptz_goal`, and the gimbal of a
-vehicle with MAVLink `gimbal_pitch_yaw`.
 """
 
 from math import atan2
 from typing import Any
 
-from saccade.gaze import Look, joint_trajectory
+from saccade.gaze import Look
 
 
 class GazePublisher:
@@ -42,7 +39,9 @@ class GazePublisher:
     def __call__(self, look: Look) -> None:
         """Turn to a look."""
         message = self._message()
-        self._fill(message, joint_trajectory(look, self._joints))
+        arrival = {"sec": 0, "nanosec": 200_000_000}
+        point = {"positions": [look.pan, look.tilt], "time_from_start": arrival}
+        self._fill(message, {"joint_names": list(self._joints), "points": [point]})
         self._publisher.publish(message)
 
 

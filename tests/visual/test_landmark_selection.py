@@ -4,26 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from scipy import stats
 
 from saccade import visual
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.visual import FeatureCache, VisualConfig
+from saccade.visual import VisualConfig
 from saccade.visual.config import SELECTIONS
 from saccade.visual.reidentification import count_rematches
 from saccade.visual.result import ObservationKind
-from saccade.visual.selection import MAX_DISTANCE, farthest_first, rematch_rate, saliency_at
+from saccade.visual.selection import rematch_rate, saliency_at
 from saccade.visual.tables import TrackedPoints
-
-FRAMES = 6
 
 
 @pytest.fixture(scope="module")
 def drive():
-    return simulate_drive(DriveConfig(frames=FRAMES))
+    return simulate_drive(DriveConfig(frames=6))
 
 
 def points(xy, descriptors=None):
@@ -34,41 +29,19 @@ def points(xy, descriptors=None):
 
 
 def test_every_selection_differs(drive):
-    """And what runs share changes none of them."""
-    memory, taken = FeatureCache(), set()
+    taken = set()
     for selection in SELECTIONS:
         config = VisualConfig(selection=selection, new_per_frame=2, max_tracked=16)
-        seen = visual.run(drive, config, cache=memory).observations
+        seen = visual.run(drive, config).observations
         taken.add(seen.xy[seen.kind == ObservationKind.INITIALIZED].tobytes())
         assert (seen.frame[seen.kind == ObservationKind.INITIALIZED] == 0).sum() == 8
     assert len(taken) == len(SELECTIONS)
-    assert len(memory) == FRAMES
-    alone, sharing = visual.run(drive, config), visual.run(drive, config, cache=memory)
-    assert np.array_equal(alone.observations.xy, sharing.observations.xy)
-    assert np.array_equal(alone.trajectory.covariance, sharing.trajectory.covariance)
 
 
 def test_odometry_without_a_map_has_no_landmarks(drive):
     result = visual.run(drive, VisualConfig(new_per_frame=0))
     assert (len(result.map), len(result.observations)) == (0, 0)
     assert np.abs(result.trajectory.pose - drive.truth.pose).max() < 0.05
-
-
-@given(
-    arrays(np.float32, (7, 2), elements=st.integers(0, 80).map(float)),
-    arrays(np.float64, 7, elements=st.sampled_from([0.25, 0.5, 1.0])),
-    arrays(np.float32, (2, 2), elements=st.integers(0, 80).map(float)),
-)
-def test_each_point_is_the_farthest_from_those_before_it(xy, worth, taken):
-    order = farthest_first(xy, worth, taken)
-    assert sorted(order) == list(range(7))
-    for k, i in enumerate(order):
-        before = [*taken, *xy[order[:k]]]
-        values = [
-            worth[j] * min(MAX_DISTANCE, *(float(np.hypot(*(xy[j] - place))) for place in before))
-            for j in order[k:]
-        ]
-        assert values[0] == pytest.approx(max(values), rel=1e-6), i
 
 
 def test_the_rematch_rate_is_the_mean_of_the_posterior():

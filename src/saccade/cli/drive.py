@@ -70,8 +70,8 @@ class DriveOptions(SettingsOptions, LiveOptions, RunOutput):
     frames: int | None = option(None, min=1)
     """Process only the first N frames."""
     selection: str | None = None
-    """Landmark selection criterion: strength, random, range, contrast, symmetry, rematch-rate,
-    rematch-rate-range or rematch-rate-spread."""
+    """Landmark selection criterion: strength, random, contrast, symmetry or
+    rematch-rate-range."""
     max_landmarks: int | None = option(None, min=1)
     """Maximum number of landmarks in the map."""
     anyway: bool = False

@@ -1,14 +1,13 @@
 """Visual SLAM: camera frames and odometry in, trajectory and map out."""
 
 from saccade.visual.config import VisualConfig
-from saccade.visual.frontend import FeatureCache, dedicated_process
+from saccade.visual.frontend import dedicated_process
 from saccade.visual.pipeline import Pipeline, run
 from saccade.visual.result import LandmarkObservations, ObservationKind, VisualResult
 from saccade.visual.second_camera import measure_odometry
 from saccade.visual.track_recorder import TrackRecorder
 
 __all__ = [
-    "FeatureCache",
     "LandmarkObservations",
     "ObservationKind",
     "Pipeline",

@@ -5,16 +5,7 @@ from typing import Literal, TypeAlias, get_args
 
 from saccade.errors import Settings, require, setting
 
-Selection: TypeAlias = Literal[
-    "strength",
-    "random",
-    "range",
-    "contrast",
-    "symmetry",
-    "rematch-rate",
-    "rematch-rate-range",
-    "rematch-rate-spread",
-]
+Selection: TypeAlias = Literal["strength", "random", "contrast", "symmetry", "rematch-rate-range"]
 """Criteria by which points become landmarks."""
 SELECTIONS = get_args(Selection)
 EgomotionSource: TypeAlias = Literal["camera", "second-camera", "wheels"]
@@ -34,10 +25,9 @@ class VisualConfig(Settings):
     """
 
     selection: Selection = "rematch-rate-range"
-    """Which points become landmarks: those with the strongest response, any ("random"), those with
-    the most certain range, the most salient by contrast or by symmetry, or those with the highest
-    re-match rate while tracked; of these with a certain range, or far from other landmarks in the
-    image ("spread")."""
+    """Which points become landmarks: those with the strongest response, any ("random"), the most
+    salient by contrast or by symmetry, or those with the highest re-match rate while tracked and a
+    certain range."""
     new_per_frame: int = setting(8, 0, 1e5)
     """Maximum number of new landmarks per frame, on average; 0 for odometry without a map."""
     max_tracked: int = setting(20, 4, 1e5)
@@ -103,8 +93,3 @@ class VisualConfig(Settings):
         super().__post_init__()
         near, far = self.range_limits
         require(near < far, "range_limits", "two ascending numbers", self.range_limits)
-
-    @property
-    def counts_rematches(self) -> bool:
-        """Whether the selection needs the re-match rate of tracked points."""
-        return self.selection.startswith("rematch-rate")

@@ -64,20 +64,12 @@ class FrameFeatures:
     """Computation time by step."""
 
 
-class FeatureCache(dict[tuple[int, int, int], FrameFeatures]):
-    """Features of the frames of a drive, shared by runs with different settings.
-
-    Keys are the number of points, detection interval, and frame; nothing is ever evicted.
-    """
-
-
 class FeatureExtractor:
     """Reads the frames of a drive, and detects points in every `detect_interval`-th.
 
     Args:
         drive: the frames.
         config: the settings.
-        cache: features of earlier runs over the same frames.
         read: frames that have been read, by number; each is used once, then dropped.
         attends: whether to compute the saliency of frames in which points are detected.
     """
@@ -86,29 +78,15 @@ class FeatureExtractor:
         self,
         drive: Drive,
         config: VisualConfig,
-        cache: FeatureCache | None = None,
         read: Mapping[int, Frame] | None = None,
         attends: bool = False,
     ) -> None:
-        self._drive, self._config, self._cache, self._attends = drive, config, cache, attends
+        self._drive, self._config, self._attends = drive, config, attends
         self._read = dict(read or {})
         self._sift = _detector(config, drive.camera)
 
     def __call__(self, number: int) -> FrameFeatures:
         """A frame and its points; an empty frame where it cannot be read."""
-        if self._cache is None:
-            return self._extract(number)
-        key = self._config.max_points, self._config.detect_interval, number
-        if key not in self._cache:
-            self._cache[key] = self._extract(number)
-        return self._cache[key]
-
-    def detect(self, features: FrameFeatures, number: int) -> FrameFeatures:
-        """The same frame with points detected in it, though its number does not ask for them."""
-        points = self._detect(features.frame, number)
-        return replace(features, detected=points, saliency=self._saliency(features.frame, points))
-
-    def _extract(self, number: int) -> FrameFeatures:
         start, remarks = perf_counter(), list[str]()
         try:
             frame = self._read.pop(number, None) or self._drive.load(number)
@@ -121,6 +99,11 @@ class FeatureExtractor:
         saliency = self._saliency(prepared, detected)
         seconds = {"read": read - start, "detect": perf_counter() - read}
         return FrameFeatures(prepared, detected, saliency, remarks, seconds)
+
+    def detect(self, features: FrameFeatures, number: int) -> FrameFeatures:
+        """The same frame with points detected in it, though its number does not ask for them."""
+        points = self._detect(features.frame, number)
+        return replace(features, detected=points, saliency=self._saliency(features.frame, points))
 
     def _saliency(
         self, prepared: PreparedFrame, detected: TrackedPoints | None

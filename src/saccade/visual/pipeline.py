@@ -25,7 +25,6 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.depth import first_frame, measures_depth
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.frontend import (
-    FeatureCache,
     FeatureExtractor,
     FrameFeatures,
     Prefetcher,
@@ -57,7 +56,6 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     *,
     recorder: Recorder | None = None,
-    cache: FeatureCache | None = None,
     checkpoint: Checkpoint | None = None,
     tracks: TrackRecorder | None = None,
     gaze: GazeControl | None = None,
@@ -69,7 +67,6 @@ def run(
         config: the settings.
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
-        cache: features of earlier runs over the same frames; unused with a gaze.
         checkpoint: saves the state of the run; an interrupted run resumes from it.
         tracks: records the tracked points.
         gaze: turns the camera after each frame. Its state is no part of a checkpoint.
@@ -84,7 +81,7 @@ def run(
     config = config or VisualConfig()
     both = checkpoint is not None and gaze is not None
     require(not both, "checkpoint", "none where a gaze is controlled", "both")
-    with Pipeline(drive, config, cache, gaze) as pipeline:
+    with Pipeline(drive, config, gaze) as pipeline:
         first = 0
         if checkpoint is not None:
             data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
@@ -124,17 +121,10 @@ class Pipeline:
     Args:
         drive: frames and odometry.
         config: the settings.
-        cache: features of earlier runs over the same frames; unused with a gaze.
         gaze: turns the camera after each frame.
     """
 
-    def __init__(
-        self,
-        drive: Drive,
-        config: VisualConfig,
-        cache: FeatureCache | None = None,
-        gaze: GazeControl | None = None,
-    ) -> None:
+    def __init__(self, drive: Drive, config: VisualConfig, gaze: GazeControl | None = None) -> None:
         first = first_frame(drive)
         self.drive, self.config = drive, config
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
@@ -157,8 +147,7 @@ class Pipeline:
         self.turn: CameraTurn | None = None
         """Of the camera in the last frame; None where it is as mounted."""
         self.log = RunLog(drive)
-        cache = cache if gaze is None else None  # what a frame shows depends on the gaze
-        self._extract = FeatureExtractor(drive, config, cache, first, gaze is not None)
+        self._extract = FeatureExtractor(drive, config, first, gaze is not None)
         ahead = config.detect_interval if gaze is None else 0
         self._features = Prefetcher(self._extract, len(drive), ahead)
         self._gaze = gaze
@@ -305,7 +294,7 @@ class Pipeline:
         """Re-identify lost landmarks; returns the points that are."""
         config, landmarks = self.config, self.map.landmarks
         with self.log.timed("associate"):
-            if config.counts_rematches:
+            if config.selection == "rematch-rate-range":
                 self.tracked = count_rematches(self.tracked, detected, config.ratio)
             detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
             found = reidentify(detected, self.map, self.tracked, self.map.camera, config)

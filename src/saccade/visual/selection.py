@@ -12,10 +12,6 @@ from saccade.types import BoolArray, Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.tables import RangeBearings, TrackedPoints
 
-MAX_DISTANCE = 100.0
-"""Pixels to the nearest landmark beyond which "rematch-rate-spread" ignores it."""
-
-
 SYMMETRY = SymmetryConfig(
     kind="isotropic",
     channels="gray",
@@ -81,11 +77,8 @@ def select_landmarks(
     tracked, free = points.landmarks, np.flatnonzero(usable & ~points.is_landmark)
     free = free[np.random.default_rng((config.seed, frame)).permutation(len(free))]
     candidates = points[free]
-    if config.selection == "rematch-rate-spread":
-        order = farthest_first(candidates.xy, rematch_rate(candidates), tracked.xy)
-    else:
-        score = _score(candidates, observations[free], saliency[free], config)
-        order = np.argsort(-score, kind="stable")
+    score = _score(candidates, observations[free], saliency[free], config)
+    order = np.argsort(-score, kind="stable")
     capacity = max(0, config.max_tracked - len(tracked))
     count = min(config.new_per_frame * config.detect_interval, capacity)
     return enforce_spacing(points.xy, free[order], tracked.xy, config.min_spacing, count)
@@ -95,14 +88,10 @@ def _score(
     points: TrackedPoints, observations: RangeBearings, saliency: FloatArray, config: VisualConfig
 ) -> FloatArray:
     """(n,) score by the selection criterion; higher is better."""
-    relative_range_sigma = np.sqrt(observations.covariance[:, 0, 0]) / observations.z[:, 0]
     if config.selection == "strength":
         return points.response.astype(np.float64)
-    if config.selection == "range":
-        return -relative_range_sigma
-    if config.selection == "rematch-rate":
-        return rematch_rate(points)
     if config.selection == "rematch-rate-range":
+        relative_range_sigma = np.sqrt(observations.covariance[:, 0, 0]) / observations.z[:, 0]
         certainty = 1 - relative_range_sigma / (2 * config.relative_range_sigma)
         return rematch_rate(points) * certainty
     return saliency
@@ -114,26 +103,6 @@ def rematch_rate(points: TrackedPoints) -> FloatArray:
     Mean of the Beta posterior, given attempts and re-matches while tracked and a uniform prior.
     """
     return np.asarray((points.rematches + 1) / (points.rematch_attempts + 2))
-
-
-def farthest_first(xy: Float32Array, weight: FloatArray, occupied: Float32Array) -> IntArray:
-    """Farthest-point ordering (n,) of pixels (n, 2), whose distances are weighted (n,).
-
-    Each point is the farthest from those before it and from `occupied` pixels (k, 2).
-    """
-    distances = np.hypot(*(xy[:, None] - xy).astype(np.float64).transpose(2, 0, 1))  # (n, n)
-    nearest = np.full(len(xy), MAX_DISTANCE)
-    if len(occupied):
-        to_occupied = np.hypot(*(xy[:, None] - occupied).astype(np.float64).transpose(2, 0, 1))
-        nearest = np.minimum(nearest, to_occupied.min(1))
-    order: list[int] = []
-    remaining = np.ones(len(xy), np.bool_)
-    for _ in range(len(xy)):
-        i = int(np.argmax(np.where(remaining, nearest * weight, -1.0)))
-        order.append(i)
-        remaining[i] = False
-        nearest = np.minimum(nearest, distances[i])
-    return np.asarray(order, np.int64)
 
 
 def enforce_spacing(
