@@ -11,13 +11,12 @@ import cv2
 import h5py
 import numpy as np
 import pytest
-import typer
 from typer.core import TyperOption
 
 import saccade
 from saccade import exchange
-from saccade.cli import app
 from saccade.extras import install_command
+from support.commands import all_commands
 from support.keypoint_files import assert_same
 from support.pictures import looks_like_a_picture
 
@@ -171,23 +170,18 @@ def test_images_that_share_nothing(run, tmp_path):
 def test_options_for_several_values_take_them_with_commas_and_repeated(run, tmp_path):
     """Those of every command; only files are not cut at commas, nor is what exists."""
     (tmp_path / "a,b").mkdir()
-    groups = [typer.main.get_command(app)]
     checked = set()
-    for group in groups:
-        for name, command in group.commands.items():
-            if hasattr(command, "commands"):
-                groups.append(command)
-                continue
-            context = command.make_context(name, ["--help"], resilient_parsing=True)
-            for option in command.params:
-                if isinstance(option, TyperOption) and option.multiple:
-                    flag = option.opts[0]
-                    words = [flag, "a, c", flag, "d", flag, "a,b"]
-                    values, _, _ = command.make_parser(context).parse_args(words)
-                    is_file = option.metavar == "FILE"
-                    expected = ["a, c", "d", "a,b"] if is_file else ["a", "c", "d", "a,b"]
-                    assert values[option.name] == expected, (name, flag)
-                    checked.add(flag)
+    for name, command in all_commands():
+        context = command.make_context(name, ["--help"], resilient_parsing=True)
+        for option in command.params:
+            if isinstance(option, TyperOption) and option.multiple:
+                flag = option.opts[0]
+                words = [flag, "a, c", flag, "d", flag, "a,b"]
+                values, _, _ = command.make_parser(context).parse_args(words)
+                is_file = option.metavar == "FILE"
+                expected = ["a, c", "d", "a,b"] if is_file else ["a", "c", "d", "a,b"]
+                assert values[option.name] == expected, (name, flag)
+                checked.add(flag)
     assert checked > {"--what", "--format", "--world", "--figure"}
     code, _, err = run("detect", HALLWAY[0], "--detector", "sift", "--detector", "must")
     assert code == 2

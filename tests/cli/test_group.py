@@ -4,51 +4,32 @@ from dataclasses import dataclass
 from typing import Literal
 
 import pytest
-import typer
 
 from saccade.cli import _UsageError as UsageError
-from saccade.cli import app
 from saccade.cli.group import argument, load_command, option
 from saccade.errors import setting
+from support.commands import all_commands
 
 
-def groups(group=None):
-    """All groups."""
-    group = group or typer.main.get_command(app)
-    yield group
-    for each in group.commands.values():
-        if hasattr(each, "commands"):
-            yield from groups(each)
-
-
-def test_the_list_of_commands_says_what_their_help_says():
-    for group in groups():
-        for name, entry in group.entries.items():
-            command = group.commands[name]
-            assert command.help.splitlines()[0] == entry.summary, name
-            assert hasattr(command, "commands") or f" {name} " in f" {entry.example} "
+def test_the_list_of_commands_says_what_their_help_says(run):
+    for name, command in all_commands():
+        *group, last = name.split()
+        assert f"{last} " in command.epilog
+        _, listed, _ = run(*group, "--help")
+        summary = command.help.splitlines()[0]
+        assert summary in " ".join(listed.replace("│", "").split()), name
 
 
 def test_help_has_the_output_last_and_fits_into_80_columns(run, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    for group in groups():
-        for name, command in group.commands.items():
-            if hasattr(command, "commands"):
-                continue
-            for paragraph in command.help.split("\n\n"):
-                lines = paragraph.splitlines()
-                assert len(lines) == 1 or max(map(len, lines)) <= 78, (name, lines)
+    for name, command in all_commands():
+        for paragraph in command.help.split("\n\n"):
+            lines = paragraph.splitlines()
+            assert len(lines) == 1 or max(map(len, lines)) <= 78, (name, lines)
     _, out, _ = run("slam", "--help")
     titles = [out.index(f"─ {each} ─") for each in ("Options", "Input", "Map", "Output")]
     assert titles == sorted(titles)
     assert max(map(len, out.splitlines())) <= 80
-
-
-@pytest.mark.parametrize("words", ["export features", "index features", "merge-maps a b"])
-def test_a_command_of_an_earlier_release_names_its_successor(run, words):
-    code, out, err = run(*words.split())
-    assert (code, out) == (2, "")
-    assert f"No such command '{words.split()[0]}': use saccade " in err
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,12 +5,11 @@ from itertools import product
 
 import cv2
 import pytest
-import typer
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fuzz.targets import TARGETS, a_picture
-from saccade.cli import app
+from support.commands import all_commands
 from support.limits import EXAMPLES, limited
 
 WORDS = (
@@ -121,27 +120,18 @@ def test_a_result_takes_the_place_of_no_pipe(run, monkeypatch, here, command):
     assert (here / "pipe.csv").is_fifo()
 
 
-def commands(group, *names):
-    """Every command: its words, and its parameters."""
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from commands(command, *names, name)
-        else:
-            yield (*names, name), command.params
-
-
-COMMANDS = dict(commands(typer.main.get_command(app)))
+COMMANDS = {name: command.params for name, command in all_commands()}
 GOOD = {
-    ("look",): ["a.png"],
-    ("detect",): ["a.png"],
-    ("match",): ["a.png", "a.png"],
-    ("convert",): ["log.csv", "there.csv"],
+    "look": ["a.png"],
+    "detect": ["a.png"],
+    "match": ["a.png", "a.png"],
+    "convert": ["log.csv", "there.csv"],
 }
 """What a command takes that soon is done with it; the others get nothing that is there."""
 ENDS = {
-    ("serve",): ["--max-upload", "0"],
-    ("demo",): ["--out", "a.png"],
-    ("simulate",): ["--config", "absent.toml"],
+    "serve": ["--max-upload", "0"],
+    "demo": ["--out", "a.png"],
+    "simulate": ["--config", "absent.toml"],
 }
 """Last words, for commands that need nothing and work for long: other options are read before."""
 
@@ -157,7 +147,7 @@ def test_odd_words_are_taken_or_refused(run, monkeypatch, here, data):
     monkeypatch.chdir(here)
     names = data.draw(st.sampled_from(sorted(COMMANDS)))
     odd = st.sampled_from(WORDS) | st.text(max_size=8).filter(is_harmless) | st.floats().map(str)
-    words = [*names, *GOOD.get(names, [])]
+    words = [*names.split(), *GOOD.get(names, [])]
     for each in COMMANDS[names]:
         if each.param_type_name == "argument" and names not in GOOD:
             words += [data.draw(odd)]

@@ -41,12 +41,14 @@ EXITS = {"find": 1, "check": 1, "demo": 1, "serve": 2}
 
 
 def all_commands(group=None, *names):
-    """Names of all commands that there are."""
-    for name, command in (group or typer.main.get_command(app)).commands.items():
+    """All commands that there are, each with its name."""
+    group = group or typer.main.get_command(app)
+    for name in group.commands:
+        command = group.load(name)
         if hasattr(command, "commands"):
             yield from all_commands(command, *names, name)
         else:
-            yield " ".join((*names, name))
+            yield " ".join((*names, name)), command
 
 
 def words_of(name, folder, port):

@@ -19,7 +19,7 @@ import typer
 from typer import Option
 
 from saccade import __version__
-from saccade.cli.group import Entry, LazyGroup
+from saccade.cli.group import LazyGroup
 from saccade.cli.output import print_data_warnings
 from saccade.errors import ConfigError, OutputError, SaccadeError
 from saccade.io.files import LARGEST_IMAGE, one_line
@@ -46,40 +46,21 @@ _INTERRUPTED = "interrupted"
 _UsageError = cast("type[Exception]", typer.BadParameter.__base__)
 """Base of the errors of Typer's own Click, which it does not export."""
 
-IMAGES, MANY, MAPS, MORE = "Images", "Many images", "Maps", "More"
-"""Headings of the list of commands."""
-
 
 class Evaluate(LazyGroup):
-    """The commands that score results."""
+    """Evaluate against human fixations, other implementations and ground truth."""
 
     prefix = "saccade.cli.evaluate_"
-    entries: ClassVar = {
-        "fixations": Entry(
-            "Images",
-            "Score saliency maps by how well they predict human fixations.",
-            "evaluate fixations --images photos --fixations fixations.csv",
-        ),
-        "scanpaths": Entry(
-            "Images",
-            "Score scanpaths by how similar they are to those of people.",
-            "evaluate scanpaths --images photos --fixations fixations.csv",
-        ),
-        "features": Entry(
-            "Images",
-            "Score detectors and descriptors on image pairs related by a homography.",
-            "evaluate features --pairs oxford --detector opencv",
-        ),
-        "gaze": Entry(
-            "Maps",
-            "Compare gaze policies: where a camera that turns shall look.",
-            "evaluate gaze --map known --seeds 5",
-        ),
-        "trajectory": Entry(
-            "Maps",
-            "Score trajectories against the truth: absolute and relative errors (ATE, RPE).",
-            "evaluate trajectory mapped/trajectory.tum --truth groundtruth.tum",
-        ),
+    panels: ClassVar = {
+        "Images": {
+            "fixations": "evaluate fixations --images photos --fixations fixations.csv",
+            "scanpaths": "evaluate scanpaths --images photos --fixations fixations.csv",
+            "features": "evaluate features --pairs oxford --detector opencv",
+        },
+        "Maps": {
+            "gaze": "evaluate gaze --map known --seeds 5",
+            "trajectory": "evaluate trajectory mapped/trajectory.tum --truth groundtruth.tum",
+        },
     }
 
 
@@ -88,86 +69,31 @@ class Saccade(LazyGroup):
 
     prefix = "saccade.cli."
     groups: ClassVar = {"evaluate": Evaluate}
-    replaced: ClassVar = {
-        "export": "convert DIR FILE",
-        "index": "find --in DIR",
-        "merge-maps": "slam --merge MAP,MAP --save-map FILE",
-    }
-    entries: ClassVar = {
-        "look": Entry(
-            IMAGES,
-            "Compute saliency by contrast and symmetry, and a scanpath.",
-            "look photo.jpg --fixations 5 --out looked",
-        ),
-        "detect": Entry(
-            IMAGES,
-            "Detect and describe keypoints.",
-            "detect photos --max 500 --spread --format hdf5",
-        ),
-        "match": Entry(
-            IMAGES,
-            "Match the keypoints of two images, or of many.",
-            "match left.jpg right.jpg --geometry homography",
-        ),
-        "fit": Entry(
-            IMAGES,
-            "Fit a saliency model to your own photographs and fixations.",
-            "fit --images photos --fixations fixations.csv --out mine.toml",
-        ),
-        "extract": Entry(
-            MANY,
-            "Extract features of many images into a Parquet data set.",
-            "extract photos --what sift --out features",
-        ),
-        "find": Entry(
-            MANY,
-            "List the images that show the same scene as IMAGE, best first.",
-            "find photo.jpg --in features",
-        ),
-        "slam": Entry(
-            MAPS,
-            "Map the landmarks of a recorded log with an extended Kalman filter.",
-            "slam victoria_park.txt --out mapped",
-        ),
-        "drive": Entry(
-            MAPS,
-            "Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.",
-            "drive KITTI/07 --out mapped",
-        ),
-        "check": Entry(
-            MAPS, "Check a camera drive for errors before it is mapped.", "check kitti/07"
-        ),
-        "simulate": Entry(
-            MAPS,
-            "Simulate a landmark log or a camera drive, with ground truth.",
-            "simulate drive --preset repeated --seed 7 --out ring",
-        ),
-        "convert": Entry(
-            MORE,
-            "Convert a landmark log or extracted keypoints to another format.",
-            "convert victoria_park.txt park.g2o",
-        ),
-        "evaluate": Entry(
-            MORE, "Evaluate against human fixations, other implementations and ground truth."
-        ),
-        "textbook": Entry(
-            MORE,
-            "Walk through the equations of the source with a photograph or a log.",
-            "textbook photo.jpg --module my_contrast.py",
-        ),
-        "serve": Entry(
-            MORE,
-            "Serve a page for photographs (saliency, scanpath, keypoints) and for SLAM.",
-            "serve --port 8014",
-        ),
-        "demo": Entry(
-            MORE,
-            "Run look, match, slam and drive on built-in data, and write index.html.",
-            "demo --out saccade-demo",
-        ),
-        "config": Entry(
-            MORE, "Print a configuration as TOML.", "config sift --preset opencv > sift.toml"
-        ),
+    panels: ClassVar = {
+        "Images": {
+            "look": "look photo.jpg --fixations 5 --out looked",
+            "detect": "detect photos --max 500 --spread --format hdf5",
+            "match": "match left.jpg right.jpg --geometry homography",
+            "fit": "fit --images photos --fixations fixations.csv --out mine.toml",
+        },
+        "Many images": {
+            "extract": "extract photos --what sift --out features",
+            "find": "find photo.jpg --in features",
+        },
+        "Maps": {
+            "slam": "slam victoria_park.txt --out mapped",
+            "drive": "drive KITTI/07 --out mapped",
+            "check": "check kitti/07",
+            "simulate": "simulate drive --preset repeated --seed 7 --out ring",
+        },
+        "More": {
+            "convert": "convert victoria_park.txt park.g2o",
+            "evaluate": "",
+            "textbook": "textbook photo.jpg --module my_contrast.py",
+            "serve": "serve --port 8014",
+            "demo": "demo --out saccade-demo",
+            "config": "config sift --preset opencv > sift.toml",
+        },
     }
 
 

@@ -1,11 +1,13 @@
 """Commands that are imported when they are run, and the fields that are their options."""
 
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, field, fields
 from enum import StrEnum
 from functools import cache
 from importlib import import_module
 from inspect import Parameter, Signature, getdoc
+from linecache import getlines
 from math import isfinite
 from pathlib import Path
 from types import UnionType
@@ -14,7 +16,6 @@ from typing import (
     Any,
     ClassVar,
     Literal,
-    NamedTuple,
     Union,
     cast,
     get_args,
@@ -78,17 +79,6 @@ def _parts(text: str) -> list[str]:
     return [text] if is_path else [part.strip() for part in text.split(",")]
 
 
-class Entry(NamedTuple):
-    """A command in the list of its group."""
-
-    panel: str
-    """Heading above it."""
-    summary: str
-    """First line of its help."""
-    example: str = ""
-    """Words after `saccade`; empty for a group."""
-
-
 class LazyGroup(TyperGroup):
     """A group that imports the module of a command when it is run, not to list it.
 
@@ -96,54 +86,41 @@ class LazyGroup(TyperGroup):
     """
 
     prefix: ClassVar[str]
-    entries: ClassVar[Mapping[str, Entry]]
+    panels: ClassVar[Mapping[str, Mapping[str, str]]]
+    """Commands by heading, each with an example: the words after `saccade`."""
     groups: ClassVar[Mapping[str, "type[LazyGroup]"]] = {}
-    """Those of the entries that are groups."""
-    replaced: ClassVar[Mapping[str, str]] = {}
-    """Commands of earlier releases, and what to use instead."""
+    """Those of the commands that are groups."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands = cast("Any", _Commands(type(self)))
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """The names in their order."""
-        return list(self.entries)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command as it is listed; it cannot be run."""
-        if cmd_name not in self.entries:
-            return None
-        entry = self.entries[cmd_name]
-        return TyperCommand(cmd_name, help=entry.summary, rich_help_panel=entry.panel)
+        self.commands = {
+            name: TyperCommand(name, help=self._summary(name), rich_help_panel=panel)
+            for panel, examples in self.panels.items()
+            for name in examples
+        }
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that is run, its name, and the other arguments."""
-        if args and args[0] in self.replaced:
-            ctx.fail(f"No such command '{args[0]}': use saccade {self.replaced[args[0]]}")
         name, _, others = super().resolve_command(ctx, args)
-        return name, self.commands[str(name)], others
+        return name, self.load(str(name)), others
 
-
-class _Commands(Mapping[str, Any]):
-    """The commands of a group, each imported when it is looked up."""
-
-    def __init__(self, group: type[LazyGroup]) -> None:
-        self._group = group
-
-    def __getitem__(self, name: str) -> Any:
-        entry = self._group.entries[name]
-        if name in self._group.groups:
-            return self._group.groups[name](
-                name=name, help=entry.summary, no_args_is_help=True, rich_markup_mode="rich"
+    def load(self, name: str) -> Any:
+        """The command as it is run; those in `commands` are listed only."""
+        if name in self.groups:
+            return self.groups[name](
+                name=name, help=self._summary(name), no_args_is_help=True, rich_markup_mode="rich"
             )
-        return load_command(self._group.prefix + name, name, entry.example)
+        examples = {name: each for panel in self.panels.values() for name, each in panel.items()}
+        return load_command(self.prefix + name, name, examples[name])
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._group.entries)
-
-    def __len__(self) -> int:
-        return len(self._group.entries)
+    def _summary(self, name: str) -> str:
+        """First line of the docstring of a command, read from its file."""
+        if name in self.groups:
+            return getdoc(self.groups[name]) or ""
+        file = Path(__file__).with_name(f"{(self.prefix + name).rpartition('.')[2]}.py")
+        source = "".join(getlines(str(file)))  # empty where there is none
+        found = re.search(rf'^def {name}\([^"]*"""(.*)', source, re.MULTILINE)
+        return found[1] if found else ""
 
 
 OPTION = "option"
