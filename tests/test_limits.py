@@ -54,8 +54,6 @@ ALONE = {
     (ContrastConfig, "gabor_size"): (3, 99),
     (SymmetryConfig, "inner"): (1,),
     (SymmetryConfig, "outer"): (100,),
-    (SymRoidConfig, "inner"): (1,),
-    (SymRoidConfig, "outer"): (100,),
     (BooleanConfig, "opening"): (1, 99),
     (BooleanConfig, "dilation"): (1, 99),
     (ScanpathConfig, "time_step"): (1e-9,),
@@ -126,7 +124,7 @@ def test_a_choice_is_one_of_those_that_its_type_names(config):
                     config(**{name: wrong})
 
 
-@pytest.mark.parametrize("config", [ContrastConfig, SymmetryConfig, SymRoidConfig])
+@pytest.mark.parametrize("config", [ContrastConfig, SymmetryConfig])
 def test_levels_rise_and_stay_within_a_pyramid(config):
     name = "levels" if config is not ContrastConfig else "orientation_scales"
     pairs = config is ContrastConfig
@@ -155,7 +153,6 @@ def test_levels_rise_and_stay_within_a_pyramid(config):
         (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (OWN_INF,)}),
         (SymmetryConfig, "inner", {"inner": 12.5, "outer": 12.0}),
         (SymmetryConfig, "outer", {"outer": 0}),
-        (SymRoidConfig, "inner", {"inner": 12.5, "outer": 12.0}),
         (SiftConfig, "grid", {"grid": "shifted", "density": 0.5}),
         (SiftConfig, "spread", {"spread": True}),
     ],
@@ -235,6 +232,5 @@ def test_the_finest_level_counts_whichever_channel_has_it():
     assert config.at_size((50, 50)).orientation_scales == ((0, 3),)
 
 
-@pytest.mark.parametrize("config", [SymmetryConfig, SymRoidConfig])
-def test_a_ring_may_be_as_thin_as_a_pixel(config):
-    assert config(inner=1.0, outer=1.0).outer == 1
+def test_a_ring_may_be_as_thin_as_a_pixel():
+    assert SymmetryConfig(inner=1.0, outer=1.0).outer == 1

@@ -44,11 +44,11 @@ from saccade.io.image import read_image as read_image
 from saccade.keypoints.matching import match as match
 from saccade.keypoints.must import Must as Must
 from saccade.keypoints.must_config import MustConfig as MustConfig
+from saccade.keypoints.must_config import SymRoidConfig as SymRoidConfig
 from saccade.keypoints.sift import Sift as Sift
 from saccade.keypoints.sift_config import DescriptorConfig as DescriptorConfig
 from saccade.keypoints.sift_config import SiftConfig as SiftConfig
 from saccade.keypoints.symroid import SymRoid as SymRoid
-from saccade.keypoints.symroid_config import SymRoidConfig as SymRoidConfig
 from saccade.keypoints.verification import Verification as Verification
 from saccade.keypoints.verification import verify as verify
 from saccade.pictures import show as show

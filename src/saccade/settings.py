@@ -23,7 +23,7 @@ KINDS = {
     "scanpath-model": ("saccade.attention.scanpath_model", "ScanpathModelConfig"),
     "must": ("saccade.keypoints.must_config", "MustConfig"),
     "sift": ("saccade.keypoints.sift_config", "SiftConfig"),
-    "symroid": ("saccade.keypoints.symroid_config", "SymRoidConfig"),
+    "symroid": ("saccade.keypoints.must_config", "SymRoidConfig"),
     "slam": ("saccade.slam", "EkfConfig"),
     "visual": ("saccade.visual", "VisualConfig"),
     "world": ("saccade.simulation", "WorldConfig"),

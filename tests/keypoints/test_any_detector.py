@@ -16,7 +16,6 @@ DETECTORS = {
     **{f"must {spread}": (Must, MustConfig(max_keypoints=15, spread=spread)) for spread in (0, 1)},
     "must of 2010": (Must, MustConfig.kootstra2010()),
     "symroid": (SymRoid, SymRoidConfig(max_keypoints=None)),
-    "symroid of 2010": (SymRoid, SymRoidConfig.kootstra2010()),
 }
 each_detector = pytest.mark.parametrize("name", DETECTORS)
 

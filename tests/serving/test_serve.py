@@ -374,7 +374,7 @@ def test_every_slider_stays_where_the_configuration_allows(group):
         name, step = field["name"], field["step"]
         assert hints[name] not in (int, int | None) or step == int(step) >= 1
         for value in (field["low"], field["high"]):
-            free = {"outer": 20, "inner": 1} if kind in ("symmetry", "symroid") else {}
+            free = {"outer": 20, "inner": 1} if kind == "symmetry" else {}
             free |= {"grid": "centered"} if kind == "sift" else {}
             settings_from(kind, free | {name: value}, kind)
         assert not field.get("optional") or settings_from(kind, {name: None}, kind)

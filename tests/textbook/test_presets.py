@@ -12,7 +12,6 @@ from saccade import (
     MustConfig,
     Sift,
     SiftConfig,
-    SymRoidConfig,
     contrast_saliency,
     datasets,
     read_image,
@@ -63,10 +62,9 @@ def cosines(printed, found):
     return best[same.any(axis=1)]
 
 
-def test_must_and_symroid_use_the_descriptor_of_section_b2():
+def test_must_uses_the_descriptor_of_section_b2():
     descriptor, sift = DescriptorConfig.kootstra2010(), SiftConfig.kootstra2010()
     assert MustConfig.kootstra2010().descriptor == descriptor
-    assert SymRoidConfig.kootstra2010().descriptor == descriptor
     assert all(
         getattr(sift, each.name) == getattr(descriptor, each.name) for each in fields(descriptor)
     )

@@ -247,12 +247,10 @@ def contributing_pairs(
         keypoints: its detections.
     """
     config = detector.config
-    if isinstance(config, SymRoidConfig) and config.frame == "scale-space":
-        config = config.must()
-    symmetry = must_symmetry if isinstance(config, MustConfig) else symroid_symmetry
+    must = config.must() if isinstance(config, SymRoidConfig) else config
     pairs = []
     for (x, y), size in zip(keypoints.xy.tolist(), keypoints.size.tolist(), strict=True):
-        settings = symmetry(config, size)
+        settings = must_symmetry(must, size)
         near = symmetric_pairs(
             image, (x, y), settings, radius=min(MAX_OFFSET, size / 4), max_pairs=MAX_PAIRS
         )
@@ -272,21 +270,5 @@ def must_symmetry(config: MustConfig, size: float) -> SymmetryConfig:
         outer=max(1, ceil(config.radius * sigma)),
         sigma=max(0.1, 2 * config.falloff * sigma),
         map_level=level,
-        viewing_size=None,
-    )
-
-
-def symroid_symmetry(config: SymRoidConfig, _: float) -> SymmetryConfig:
-    """The symmetry of SymRoID's map, of any size."""
-    return SymmetryConfig(
-        kind="isotropic",
-        channels="gray",
-        levels=config.levels,
-        level_weights=(1.0,) * len(config.levels),
-        inner=config.inner,
-        outer=config.outer,
-        sigma=config.sigma,
-        gain=config.gain,
-        map_level=config.levels[0],
         viewing_size=None,
     )

@@ -7,11 +7,10 @@ import saccade
 if TYPE_CHECKING:
     from saccade.keypoints.matching import match
     from saccade.keypoints.must import Must
-    from saccade.keypoints.must_config import MustConfig
+    from saccade.keypoints.must_config import MustConfig, SymRoidConfig
     from saccade.keypoints.sift import Sift
     from saccade.keypoints.sift_config import DescriptorConfig, SiftConfig
     from saccade.keypoints.symroid import SymRoid
-    from saccade.keypoints.symroid_config import SymRoidConfig
     from saccade.keypoints.verification import Verification, verify
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""The settings of MUST."""
+"""The settings of MUST and SymRoID."""
 
 from dataclasses import dataclass, field, fields
 from math import inf
@@ -84,4 +84,29 @@ class MustConfig(Settings):
             density=0.5,
             candidate_fraction=0.8,
             ranking="response",
+        )
+
+
+@dataclass(frozen=True)
+class SymRoidConfig(Settings):
+    """Settings of the region detector."""
+
+    seed_threshold: float = setting(0.05, above=0, maximum=1, slider=(0.01, 1, 0.01))
+    """Smallest symmetry of a region, as a fraction of the largest in the image."""
+    upright: bool = False
+    """Describe regions upright; otherwise along each dominant orientation of their gradients."""
+    max_keypoints: int | None = setting(50, 1, slider=(0, 500, 1))
+    """Number of regions to keep, the strongest: few, as landmarks should be; None for all. Like
+    a keypoint, a region counts once for each of its orientations."""
+    descriptor: DescriptorConfig = field(default_factory=DescriptorConfig)
+    """How orientations of a region are assigned and the region described."""
+
+    def must(self) -> MustConfig:
+        """MUST with which regions are found, from the scales of the image on."""
+        return MustConfig(
+            first_octave=0,
+            contrast_threshold=MIN_RESPONSE,
+            upright=self.upright,
+            max_keypoints=self.max_keypoints,
+            descriptor=self.descriptor,
         )

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.types import Float32Array, FloatArray, IntArray
+from saccade.types import Float32Array, IntArray
 
 MARGIN = 1
 """Outermost pixels, which take part in no pair: half of their gradient lies beyond the border."""
@@ -164,31 +164,3 @@ def rotate_harmonics(
         a[x] = (half - eighth) * constant[x] + half * c2 + eighth * c4
         b[x] = quarter * s2 + eighth * s4
         c[x] = eighth * (constant[x] - c4)
-
-
-@kernel()
-def update_strongest_pairs(
-    gradients: Gradients,
-    pairs: PairKernel,
-    spacing: float,
-    cells: IntArray,
-    strongest: FloatArray,
-    radius: FloatArray,
-) -> None:
-    """Update the strongest term of the scaled pairs about (n, 2) cells (x, y), and its radius."""
-    strength, cosine, sine = gradients
-    offsets, directions = pairs.offsets, pairs.directions
-    height, width = strength.shape
-    for n in range(len(cells)):
-        x, y = min(max(cells[n, 0], 0), width - 1), min(max(cells[n, 1], 0), height - 1)
-        room_x, room_y = min(x, width - 1 - x) - MARGIN, min(y, height - 1 - y) - MARGIN
-        for k in range(len(offsets)):
-            dx, dy = offsets[k]
-            if abs(dx) <= room_x and dy <= room_y:
-                i, j = (y + dy, x + dx), (y - dy, x - dx)
-                p = directions[k, 0] * (cosine[i] - cosine[j])
-                p += directions[k, 1] * (sine[i] - sine[j])
-                term = strength[i] * strength[j] * p * p
-                if term > strongest[n]:
-                    strongest[n] = term
-                    radius[n] = spacing * np.sqrt(float(dx * dx + dy * dy))

@@ -55,7 +55,7 @@ SHOWN_FIRST = {
     "scanpath": ("inhibition_sigma", "inhibition_time_constant"),
     "sift": ("contrast_threshold", "edge_ratio", "max_keypoints", "spread"),
     "must": ("contrast_threshold", "radius", "falloff", "max_keypoints"),
-    "symroid": ("frame", "seed_threshold", "growth_threshold", "max_keypoints"),
+    "symroid": ("seed_threshold", "max_keypoints", "upright"),
 }
 """Settings that are shown before the rest is opened, in this order."""
 
