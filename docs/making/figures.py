@@ -174,17 +174,6 @@ def symmetric_regions() -> Figure:
     return viewing.region_figure(image, find(image))
 
 
-def keypoint_frames() -> Figure:
-    """The strongest points of MUST in two photographs of a hallway."""
-    from saccade.cli.match import in_frames
-
-    images, find = (photo("hallway_1"), photo("hallway_2")), saccade.Must()
-    points = find(images[0]), find(images[1])
-    pairs = saccade.match(*points)
-    inliers = saccade.verify(*points, pairs, "fundamental").inliers
-    return viewing.keypoint_frame_figure(*in_frames(find, images, points, pairs, inliers))
-
-
 def differences() -> Figure:
     """Gaussian images of a scale space and their differences (B.1-B.3)."""
     gray = cv2.cvtColor(photo("chelsea"), cv2.COLOR_RGB2GRAY)
@@ -335,7 +324,6 @@ PAGES: "dict[str, Callable[[], Figure]]" = {
     "contrast-and-symmetry": contrast_and_symmetry,
     "must": must,
     "symmetric-regions": symmetric_regions,
-    "keypoint-frames": keypoint_frames,
     "differences": differences,
     "interest-points": interest_points,
     "park": park,

@@ -90,6 +90,25 @@ def test_strong_pairs_are_joined_between_strokes_along_their_edges():
     np.testing.assert_allclose(along[1] * (0, 1), 0, atol=1e-9)
 
 
+@pytest.mark.parametrize("direction", np.linspace(-1.5, 1.5, 7))
+def test_the_axis_bisects_its_pairs(direction):
+    across = direction + np.pi / 2 + np.array([-0.2, 0.0, 0.2])
+    half, n = 7 * np.stack([np.cos(across), np.sin(across)], axis=1), len(across)
+    middle, level = np.array([50.0, 40.0]), np.zeros(n, np.int64)
+    pairs = SymmetricPairs(middle + half, middle - half, across, across, np.ones(n), level)
+    (line,) = pair_figure(IMAGE, [pairs]).axes[0].lines
+    (x, y), (dx, dy) = np.mean(line.get_data(), axis=1), np.diff(line.get_data())[:, 0]
+    np.testing.assert_allclose((x, y), middle)
+    assert np.cos(2 * (np.arctan2(dy, dx) - direction)) == pytest.approx(1)
+
+
+def test_pairs_in_all_directions_have_no_axis():
+    across = np.linspace(0, np.pi, 8, endpoint=False)
+    half, level = np.stack([np.cos(across), np.sin(across)], axis=1), np.zeros(8, np.int64)
+    pairs = SymmetricPairs(40 + half, 40 - half, across, across, np.ones(8), level)
+    assert not pair_figure(IMAGE, [pairs]).axes[0].lines
+
+
 def test_regions_are_boxes_about_their_centers():
     boxes = np.array([[10, 20, 30, 50], [40, 5, 80, 15]], np.float32)
     (axes,) = region_figure(IMAGE, Regions(KEYPOINTS, boxes)).axes

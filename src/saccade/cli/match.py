@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from saccade.cli.detect import DetectorOptions, contributing_pairs
+from saccade.cli.detect import DetectorOptions
 from saccade.cli.extract import batch_progress, local_engine, preload
 from saccade.cli.group import argument, option
 from saccade.cli.options import FigureFormat, JsonOption, figure_formats, output_folder
@@ -27,13 +26,11 @@ from saccade.errors import require
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.io.image import read_image
-from saccade.keypoints import Must, SymRoid, Verification, verify
+from saccade.keypoints import Verification, verify
 from saccade.keypoints import match as nearest_matches
 from saccade.keypoints.two_view_fit import Geometry
-from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Regions
-from saccade.viewing import Picture, Section, keypoint_frame_figure, match_figure, save_figures
-from saccade.viewing.keypoints import KeypointView, Outcome
-from saccade.viewing.page import figure_uri
+from saccade.types import Float32Array, Keypoints, Regions
+from saccade.viewing import Section, match_figure, save_figures
 from saccade.viewing.report import ReportBuilder, match_part
 
 if TYPE_CHECKING:
@@ -87,10 +84,8 @@ def match(detector: DetectorOptions, options: MatchOptions) -> Result:
 
     Mutual nearest neighbors that pass the ratio test are verified by a two-view
     geometry (OpenCV's USAC with MAGSAC, deterministic). --out receives a figure
-    (matches.png), the strongest keypoints in both images, each in its own frame,
-    whether they matched or not (frames.png), an interactive report (report.html)
-    and a table (matches.csv: indices and coordinates in both images, and 1 for an
-    inlier).
+    (matches.png), an interactive report (report.html) and a table (matches.csv:
+    indices and coordinates in both images, and 1 for an inlier).
 
     Of many images --out receives features.h5 and matches.h5 (in the layout of
     hloc) or database.db (for COLMAP, with two-view geometries), the numbers of
@@ -127,7 +122,7 @@ TEXT = (
 def match_images(
     detector: Any, options: MatchOptions, second: Path, builder: ReportBuilder
 ) -> dict[str, Any]:
-    """Match two images: write matches.png, .csv and frames.png, return the row for --json."""
+    """Match two images: write matches.png and .csv, return the row for --json."""
     first, out, geometry = Path(options.first), options.out, options.verification
     figures = figure_formats(options.formats)
     images = (read_image(first), read_image(second))
@@ -155,10 +150,7 @@ def match_images(
         facts["inliers"] = f"{inliers.sum():,} ({inliers.mean() if len(pairs) else 0:.0%})"
     table = out / "matches.csv"
     write_text(table, "\n".join([header, *lines]) + "\n")
-    verdicts = None if verified is None or verified.matrix is None else inliers
-    frames = frames_figure(detector, images, keypoints, pairs, verdicts)
-    pictures = [] if frames is None else [Picture(figure_uri(frames[0]), *frames[1:], wide=True)]
-    section = Section(f"{first.name} and {second.name}", TEXT, pictures, facts)
+    section = Section(f"{first.name} and {second.name}", TEXT, facts=facts)
     builder.add(lambda: match_part(section, images, keypoints, pairs, inliers))
     row: dict[str, Any] = {
         "first": str(first),
@@ -169,8 +161,6 @@ def match_images(
         "picture": str(picture),
         "table": str(table),
     }
-    if frames is not None:
-        row["frames"] = str(save_figures(frames[0], out / "frames", figures))
     if verified is not None:
         row |= {
             "inliers": int(verified.inliers.sum()),
@@ -194,83 +184,6 @@ def detected(detector: Any, image: Float32Array) -> Keypoints:
     """The keypoints of an image, or those of its regions."""
     detections = detector(image)
     return detections.keypoints if isinstance(detections, Regions) else detections
-
-
-MAX_SHOWN = 12
-"""Number of the strongest keypoints of the first image that are drawn."""
-CAPTION = (
-    "The strongest keypoints of the first image, each above its nearest neighbor in the second, "
-    "turned and scaled to the frame of the keypoint."
-)
-
-
-def frames_figure(
-    detector: Any,
-    images: tuple[Float32Array, Float32Array],
-    keypoints: tuple[Keypoints, Keypoints],
-    pairs: IntArray,
-    inliers: BoolArray | None,
-) -> tuple[Figure, str, str] | None:
-    """Draw the strongest keypoints in both images; None where there are none.
-
-    Args:
-        detector: that found the keypoints.
-        images: two (H, W, 3) in [0, 1].
-        keypoints: of each.
-        pairs: (m, 2) matches.
-        inliers: (m,) which matches agree with one geometry; None without verification.
-    """
-    views, outcomes = in_frames(detector, images, keypoints, pairs, inliers)
-    if not views:
-        return None
-    counts = ", ".join(f"{outcomes.count(each)} {each}" for each in dict.fromkeys(outcomes))
-    figure = keypoint_frame_figure(views, outcomes)
-    return figure, f"Patches of keypoints in two images: {counts}", CAPTION
-
-
-def in_frames(
-    detector: Any,
-    images: tuple[Float32Array, Float32Array],
-    keypoints: tuple[Keypoints, Keypoints],
-    pairs: IntArray,
-    inliers: BoolArray | None,
-) -> tuple[list[tuple[KeypointView, KeypointView]], list[Outcome]]:
-    """The strongest keypoints with their nearest neighbors, and what became of them."""
-    shown = strongest_positions(keypoints[0])
-    nearest = nearest_matches(keypoints[0][shown], keypoints[1], ratio=None, mutual=False)
-    rows = shown[nearest[:, 0]], nearest[:, 1]
-    first, second = (
-        views_of(detector, image, points[index])
-        for image, points, index in zip(images, keypoints, rows, strict=True)
-    )
-    outcomes = [outcome(row, pairs, inliers) for row in rows[0].tolist()]
-    return list(zip(first, second, strict=True)), outcomes
-
-
-def strongest_positions(keypoints: Keypoints) -> IntArray:
-    """Indices of the strongest keypoints, one for each position."""
-    order = np.argsort(-keypoints.response, kind="stable")
-    _, first = np.unique(keypoints.xy[order], axis=0, return_index=True)
-    return order[np.sort(first)[:MAX_SHOWN]]
-
-
-def views_of(detector: Any, image: Float32Array, keypoints: Keypoints) -> list[KeypointView]:
-    """Each keypoint with the pairs of its symmetry, where it was detected by symmetry."""
-    rows = [keypoints[i : i + 1] for i in range(len(keypoints))]
-    if not isinstance(detector, Must | SymRoid):
-        return [KeypointView(image, row) for row in rows]
-    pairs = contributing_pairs(detector, image, keypoints)
-    return [KeypointView(image, row, each) for row, each in zip(rows, pairs, strict=True)]
-
-
-def outcome(row: int, pairs: IntArray, inliers: BoolArray | None) -> Outcome:
-    """Outcome of a keypoint of the first image."""
-    matched = pairs[:, 0] == row
-    if not matched.any():
-        return "rejected"
-    if inliers is None:
-        return "matched"
-    return "inlier" if inliers[matched].any() else "outlier"
 
 
 def match_many(detector: DetectorOptions, options: MatchOptions, formats: Sequence[str]) -> Result:

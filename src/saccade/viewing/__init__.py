@@ -2,12 +2,7 @@
 
 from saccade.viewing.attention import attention_figure, heat_beside, pair_figure
 from saccade.viewing.film import drive_frames, map_frames, save_film, scanpath_frames
-from saccade.viewing.keypoints import (
-    keypoint_figure,
-    keypoint_frame_figure,
-    match_figure,
-    region_figure,
-)
+from saccade.viewing.keypoints import keypoint_figure, match_figure, region_figure
 from saccade.viewing.page import Picture, Section, html_page
 from saccade.viewing.slam import innovation_figure, map_figure
 from saccade.viewing.style import save_figure, save_figures
@@ -21,7 +16,6 @@ __all__ = [
     "html_page",
     "innovation_figure",
     "keypoint_figure",
-    "keypoint_frame_figure",
     "map_figure",
     "map_frames",
     "match_figure",
