@@ -161,29 +161,6 @@ def on_plane(covariance):
     return whole.ravel()
 
 
-def test_odometry_is_as_uncertain_as_its_poses_become(bag):
-    """The covariance of each message is the accumulated one."""
-    U = np.array([[4e-4, 1e-5, 0], [1e-5, 1e-4, 2e-5], [0, 2e-5, 1e-4]])
-
-    def make(messages):
-        yield "/tf_static", TRANSFORMS, START, bags.static(messages)
-        P, pose = np.zeros((3, 3)), np.zeros(3)
-        for i, (topic, kind, time, message) in enumerate(bags.odometry(messages)):
-            if i > 0:
-                motion = steps_between(np.array([pose, bags.pose_at(i / 10)]))[0]
-                pose, Fx, Fu = slam.compose(pose, motion)
-                P = Fx @ P @ Fx.T + Fu @ U @ Fu.T
-            message.pose.covariance = on_plane(P)
-            yield topic, kind, time, message
-        build = Builder(messages)
-        for time in (START, START + 0.1, START + 0.2):
-            points = bags.in_camera(bags.on_robot(time - START))
-            yield *KINDS["alvar"], time, build.array("alvar", time, points)
-
-    log = load("auto", bag(make, 1))
-    np.testing.assert_allclose(log.control_covariance[:2], [U, U], atol=1e-9)
-
-
 def test_a_map_from_a_bag_is_the_truth_within_its_covariance(bag, rng):
     """Noise of the odometry by the twist, of tags as declared, and tags are seen by the camera."""
     U = np.diag([0.05, 0.01, 0.02]) ** 2

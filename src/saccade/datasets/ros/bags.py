@@ -2,7 +2,7 @@
 
 import weakref
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +15,7 @@ from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses, rota
 from saccade.datasets.tables import LARGEST
 from saccade.errors import ImageError, LogError
 from saccade.extras import import_optional
-from saccade.io.files import LARGEST_TEXT, check_file, open_file, reason_of
+from saccade.io.files import LARGEST_TEXT, check_file, open_file, reading
 from saccade.types import FloatArray, IntArray
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -80,7 +80,7 @@ MAGIC = b"#ROSBAG V2.0\n"
 
 
 class Bag:
-    """An open bag."""
+    """An open bag, read by any thread."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._thread = path, local()
@@ -99,21 +99,23 @@ class Bag:
         default = typesys.get_typestore(typesys.Stores.LATEST)
         for kind, fields in DEFINITIONS.items():
             default.register(typesys.get_types_from_msg(fields, kind))
-        try:
+        with reading(self.path, LogError, "a ROS bag", Exception):  # of broken bytes anything
             _check(self.path)
             reader = highlevel.AnyReader([self.path], default_typestore=default)
             reader.open()
-            _check_connections(reader.connections)
-        except Exception as error:  # rosbags raises what the broken bytes happen to provoke
-            raise LogError(f"{self.path}: expected a ROS bag: {_first_line(error)}") from error
         self._thread.reader = reader
         self._readers.append(reader)
         return reader
 
     def topics(self, types: Sequence[str]) -> list[str]:
         """Sorted names of the topics of some types, with or without package, with messages."""
-        topics = {c.topic for c in self._reader.connections if is_of(c.msgtype, types)}
-        return sorted(topic for topic in topics if self._reader.topics[topic].msgcount)
+        kinds = {c.topic: c.msgtype for c in self._reader.connections}
+        return sorted(
+            topic
+            for topic, kind in kinds.items()
+            if (kind in types or kind.rpartition("/")[2] in types)
+            and self._reader.topics[topic].msgcount
+        )
 
     def kind(self, topic: str) -> str:
         """Type of the messages of a topic, such as nav_msgs/msg/Odometry."""
@@ -127,20 +129,16 @@ class Bag:
         self, topic: str, start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[int, Any]]:
         """Time of recording in nanoseconds and message, for every message of a topic."""
-        connections = [c for c in self._reader.connections if c.topic == topic]
-        kind, stamp = connections[0].msgtype, None
-        name = f"{self.path}, {topic}"
+        name, kind, stamp = f"{self.path}, {topic}", self.kind(topic), None
         if kind not in self._reader.typestore.fielddefs:
             raise LogError(
                 f"{name}: expected the definition of {kind} in the bag, found none; "
                 "`ros2 bag convert` to mcap adds it where that package is installed"
             )
-        try:
-            for connection, stamp, raw in self._reader.messages(connections, start, stop):
-                kind = connection.msgtype
+        connections = [c for c in self._reader.connections if c.topic == topic]
+        with reading(name, LogError, kind, Exception):
+            for _, stamp, raw in self._reader.messages(connections, start, stop):
                 yield stamp, self._reader.deserialize(raw, kind)
-        except Exception as error:
-            raise LogError(f"{name}: expected {kind}: {_first_line(error)}") from error
         if stamp is None:
             raise LogError(f"{name}: expected messages, found none")
 
@@ -157,33 +155,27 @@ class Bag:
         except LogError as error:
             raise ImageError(str(error)) from error
 
+    def odometry_topic(self) -> str | None:
+        """The topic of odometry that is no ground truth, if there is one."""
+        return next((each for each in self.topics((ODOMETRY,)) if not _is_truth(each)), None)
 
-def is_of(kind: str, types: Sequence[str]) -> bool:
-    """Whether a type is one of some, which may lack the package."""
-    return kind in types or kind.rpartition("/")[2] in types
+    def truth_topic(self) -> str | None:
+        """The topic of ground truth, if there is one."""
+        return next((each for each in self.topics(POSES) if _is_truth(each)), None)
 
-
-def odometry_topic(bag: Bag) -> str | None:
-    """The topic of odometry that is no ground truth, if there is one."""
-    return next((topic for topic in bag.topics((ODOMETRY,)) if not _is_truth(topic)), None)
-
-
-def truth_topic(bag: Bag) -> str | None:
-    """The topic of ground truth, if there is one."""
-    return next((topic for topic in bag.topics(POSES) if _is_truth(topic)), None)
+    def poses(self, topic: str, zero: float) -> Poses:
+        """Poses of a topic, sorted by time in seconds from `zero` on."""
+        rows = sorted((stamp_of(m.header) - zero, *pose_of(m)) for _, m in self.messages(topic))
+        return poses_from(rows, f"{self.path}, {topic}")
 
 
 def _is_truth(topic: str) -> bool:
     return any(word in topic.lower() for word in TRUTH_WORDS)
 
 
-def read_poses(bag: Bag, topic: str, zero: float) -> Poses:
-    """Poses of a topic, sorted by time in seconds from `zero` on."""
-    name = f"{bag.path}, {topic}"
-    rows = [
-        (stamp_of(message.header) - zero, *pose_of(message)) for _, message in bag.messages(topic)
-    ]
-    table = finite(sorted(rows), name)
+def poses_from(rows: Any, name: str) -> Poses:
+    """Poses from rows of time, position and quaternion, in their order."""
+    table = finite(rows, name).reshape(-1, 8)
     return Poses(table[:, 0], rotation_matrices(table[:, 4:], name), table[:, 1:4])
 
 
@@ -198,16 +190,6 @@ def _check(path: Path) -> None:
             raise ValueError("it does not begin with the signature of version 2.0")
 
 
-def _check_connections(connections: Sequence[Any]) -> None:
-    """Check the types of metadata.yaml, which rosbags does not."""
-    for connection in connections:
-        for name, expected in (("topic", str), ("msgtype", str), ("msgcount", int)):
-            value = getattr(connection, name)
-            if not isinstance(value, expected):
-                message = f"{name} of a topic: expected {expected.__name__}, found {value!r}"
-                raise TypeError(message)
-
-
 FIELDS = (
     *("messages as ROS defines them", AttributeError, LookupError, TypeError, ValueError),
     OverflowError,
@@ -219,10 +201,6 @@ def _close(readers: list[Any]) -> None:
     for reader in readers:
         with suppress(Exception):  # SQLite closes a database of another thread on collection
             reader.close()
-
-
-def _first_line(error: Exception) -> str:
-    return reason_of(error).partition("\n")[0]
 
 
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
@@ -253,9 +231,17 @@ class Transforms:
         """
         edges: dict[tuple[str, str], Poses] = {}
         for topic in sorted(bag.topics(TRANSFORMS), key=lambda topic: not topic.endswith("static")):
-            messages = (message for _, message in bag.messages(topic))
-            static = topic.endswith("static")
-            edges |= _edges(messages, static=static, name=f"{bag.path}, {topic}")
+            rows: dict[tuple[str, str], array[float]] = {}
+            for _, message in bag.messages(topic):
+                for each in message.transforms:
+                    pair = bare(each.header.frame_id), bare(each.child_frame_id)
+                    time = 0.0 if topic.endswith("static") else stamp_of(each.header)
+                    rows.setdefault(pair, array("d")).extend((time, *pose_of(each)))
+            for (parent, child), numbers in rows.items():
+                table = np.reshape(numbers, (-1, 8))[::-1]  # of several at one time the last
+                table = table[np.unique(table[:, 0], return_index=True)[1]]
+                name = f"{bag.path}, {topic}, from {parent} to {child}"
+                edges[parent, child] = poses_from(table, name)
         return cls(edges)
 
     @property
@@ -277,51 +263,22 @@ class Transforms:
         Before the first and after the last transform between two frames, these hold. None where
         no chain of transforms connects the frames.
         """
-        path = self._path(base, part)
-        if path is None:
-            return None
-        rotation, position = np.tile(np.eye(3), (len(time), 1, 1)), np.zeros((len(time), 3))
-        for parent, child in pairwise(path):
-            step = self._step(parent, child, time)
-            position = position + np.einsum("nij,nj->ni", rotation, step.position)
-            rotation = rotation @ step.rotation
-        return Poses(time, rotation, position)
-
-    def _step(self, parent: str, child: str, time: FloatArray) -> Poses:
-        """Poses (n,) of a frame in its neighbor."""
-        if (parent, child) in self.edges:
-            return interpolate_poses(self.edges[parent, child], time)
-        pose = interpolate_poses(self.edges[child, parent], time)
-        inverse = pose.rotation.transpose(0, 2, 1)
-        return Poses(time, inverse, -np.einsum("nij,nj->ni", inverse, pose.position))
-
-    def _path(self, base: str, part: str) -> list[str] | None:
-        """Names of the frames on the shortest path; None without one."""
-        paths = {base: [base]}
-        queue = [base]
-        for frame in queue:
+        paths, queue = {base: [base]}, [base]
+        for frame in queue:  # the shortest path to each frame
             for neighbor in self._neighbors.get(frame, []):
                 if neighbor not in paths:
                     paths[neighbor] = [*paths[frame], neighbor]
                     queue.append(neighbor)
-        return paths.get(part)
-
-
-def _edges(messages: Iterable[Any], *, static: bool, name: str) -> dict[tuple[str, str], Poses]:
-    """Poses of each frame in its parent, in the order of time; the last alone if `static`."""
-    rows: dict[tuple[str, str], array[float]] = {}
-    for message in messages:
-        for transform in message.transforms:
-            pair = bare(transform.header.frame_id), bare(transform.child_frame_id)
-            time = 0.0 if static else stamp_of(transform.header)
-            rows.setdefault(pair, array("d")).extend((time, *pose_of(transform)))
-    edges = {}
-    for pair, numbers in rows.items():
-        table = finite(numbers, name).reshape(-1, 8)[::-1]  # of several at one time the last
-        table = table[np.unique(table[:, 0], return_index=True)[1]]
-        try:
-            rotation = rotation_matrices(table[:, 4:], name)
-        except LogError as error:
-            raise LogError(f"{error}, from {pair[0]} to {pair[1]}") from error
-        edges[pair] = Poses(table[:, 0], rotation, table[:, 1:4])
-    return edges
+        if part not in paths:
+            return None
+        rotation, position = np.tile(np.eye(3), (len(time), 1, 1)), np.zeros((len(time), 3))
+        for parent, child in pairwise(paths[part]):
+            if (parent, child) in self.edges:
+                _, turn, shift = interpolate_poses(self.edges[parent, child], time)
+            else:
+                _, inverse, offset = interpolate_poses(self.edges[child, parent], time)
+                turn = inverse.transpose(0, 2, 1)
+                shift = -np.einsum("nij,nj->ni", turn, offset)
+            position = position + np.einsum("nij,nj->ni", rotation, shift)
+            rotation = rotation @ turn
+        return Poses(time, rotation, position)

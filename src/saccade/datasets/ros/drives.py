@@ -58,13 +58,11 @@ from saccade.datasets.ros.bags import (
     Transforms,
     bare,
     finite,
-    odometry_topic,
-    read_poses,
-    truth_topic,
 )
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.frames import CameraTurn, Drive, Frame
 from saccade.io.files import reading
+from saccade.io.image import decode_stored
 from saccade.types import FloatArray, Image, IntArray
 
 MAX_TIME_DIFFERENCE = 0.01
@@ -134,8 +132,8 @@ def read_rosbag_drive(path: Path) -> Drive:
             frame, turns = read(number), mounting.turns
             return replace(frame, turn=turns[number]) if turns else frame
 
-        topic = truth_topic(bag)
-        truth = Truth() if topic is None else robot_truth(read_poses(bag, topic, zero))
+        topic = bag.truth_topic()
+        truth = Truth() if topic is None else robot_truth(bag.poses(topic, zero))
         return assemble_drive(
             *(path.stem, path.parent, calibration, frames, read_turned),
             *(_increments(bag, frames.time, zero), truth, mounting.assumptions),
@@ -197,7 +195,7 @@ def _calibration(bag: Bag, left: str, right: str | None) -> Calibration:
 
 def _mounting(bag: Bag, image: str, time: FloatArray) -> Mounting | None:
     """Mounting of the camera of a topic, by the transforms of the bag, if it has them."""
-    odometry = odometry_topic(bag)
+    odometry = bag.odometry_topic()
     if odometry is None or (bag.path.parent / CAMERA_FILE).exists():
         return None
     first = next(bag.messages(odometry))[1]
@@ -208,10 +206,10 @@ def _mounting(bag: Bag, image: str, time: FloatArray) -> Mounting | None:
 
 
 def _increments(bag: Bag, frame_time: FloatArray, zero: float) -> OdometryIncrements:
-    topic = odometry_topic(bag)
+    topic = bag.odometry_topic()
     if topic is None:
         return unknown_increments(frame_time)
-    poses = project_to_plane(read_poses(bag, topic, zero))
+    poses = project_to_plane(bag.poses(topic, zero))
     return increments_from_poses(poses, frame_time, f"{bag.path}, {topic}")
 
 
@@ -266,10 +264,7 @@ def _angle(rotations: FloatArray, other: FloatArray) -> float:
 def pixels_of(message: Any, name: str) -> Image:
     """The image of an Image or a CompressedImage: gray or RGB, or depth as it is."""
     if hasattr(message, "format"):
-        pixels = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
-        if pixels is None:
-            raise ImageError(f"{name}: expected an image, found {message.format[:40]!r}")
-        return pixels if pixels.ndim == 2 else cv2.cvtColor(pixels[..., :3], cv2.COLOR_BGR2RGB)
+        return decode_stored(bytes(message.data), name)
     encoding = message.encoding
     if encoding not in _ENCODINGS:
         raise ImageError(f"{name}: expected one of {', '.join(_ENCODINGS)}, found {encoding!r}")

@@ -29,7 +29,6 @@ Types of landmarks are recognized by their names without the package:
 import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,7 +36,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
-from saccade.datasets.drives.sidecar_files import Poses, project_to_plane, rotation_matrices
+from saccade.datasets.drives.sidecar_files import project_to_plane
 from saccade.datasets.logs.conversions import (
     ASSUMED_ODOMETRY,
     ASSUMED_SENSOR,
@@ -50,17 +49,14 @@ from saccade.datasets.ros.bags import (
     Bag,
     Transforms,
     bare,
-    finite,
-    odometry_topic,
     pose_of,
-    read_poses,
+    poses_from,
     stamp_of,
-    truth_topic,
 )
 from saccade.datasets.tables import LARGEST
 from saccade.errors import LogError, LogWarning, require
 from saccade.io.files import reading
-from saccade.plane import steps_between
+from saccade.plane import path_of, steps_between
 from saccade.types import BoolArray, FloatArray, LandmarkLog, Trajectory
 
 OTHER_TOPICS = ("map", "path", "particle", "cloud", "goal", "plan", "traj", "truth")
@@ -69,6 +65,8 @@ TF_DELAY = 1e-3
 """Seconds from a detection to the transform of its tag, which has the same stamp."""
 _ADD, _AT_POSE = 0, (0, 1, 2, 3, 10)
 """Action of a Marker; types of those with one position: arrow, cube, sphere, cylinder and mesh."""
+IN_TF = (np.nan, np.nan, np.nan)
+"""Position of a tag that the message does not have: it is a frame of tf."""
 
 
 class Detection(NamedTuple):
@@ -84,8 +82,6 @@ class Detection(NamedTuple):
     """Metres."""
     covariance: FloatArray
     """(3, 3) in square metres; zero if unknown."""
-    parent: str = ""
-    """The frame of the sensor, if `frame` is the landmark's own, which moves in it."""
 
 
 def landmark_topics(bag: Bag, wanted: Sequence[str] = ()) -> list[str]:
@@ -117,7 +113,7 @@ def read_detections(bag: Bag, topic: str, transforms: Transforms) -> list[Detect
     if kind == "visualization_msgs/msg/MarkerArray" and _are_counted(names):
         scans = [[each._replace(name="") for each in scan] for scan in scans]
     found = [each for scan in scans for each in scan]
-    if found and found[0].parent:
+    if found and found[0].position is IN_TF:
         return _in_tag_frames(found, transforms, f"{bag.path}, {topic}")
     return found
 
@@ -161,7 +157,7 @@ def _april_tags(message: Any, recorded: float) -> Iterator[Detection]:
         else:
             name, camera = f"{each.family}:{each.id}", bare(message.header.frame_id)
             time = _time((message.header,), recorded)
-            yield Detection(name, time, name, (0.0, 0.0, 0.0), np.zeros((3, 3)), camera)
+            yield Detection(name, time, camera, IN_TF, np.zeros((3, 3)))
 
 
 def _ranges(message: Any, recorded: float) -> Iterator[Detection]:
@@ -241,7 +237,7 @@ def _are_counted(scans: Sequence[Sequence[str]]) -> bool:
 
 
 def _in_tag_frames(found: list[Detection], transforms: Transforms, name: str) -> list[Detection]:
-    """Landmarks in frames of their own; those without a transform at their time have NaN.
+    """Tags by the transforms of their times; those without one keep the position NaN.
 
     Raises:
         LogError: none has a transform.
@@ -249,17 +245,18 @@ def _in_tag_frames(found: list[Detection], transforms: Transforms, name: str) ->
     numbered = {(parent, _number(child)): child for parent, child in transforms.edges}
     placed = []
     for each in found:
-        frame = each.frame
-        if (each.parent, frame) not in transforms.edges:
-            frame = numbered.get((each.parent, _number(each.name)), "")
-        poses = transforms.edges.get((each.parent, frame))
-        times = np.empty(0) if poses is None else poses.time
-        first, last = np.searchsorted(times, [each.time - TF_DELAY, each.time + TF_DELAY])
-        lost = each._replace(frame=each.parent, position=(np.nan, np.nan, np.nan))
-        placed.append(each._replace(frame=frame) if first < last else lost)
+        own = numbered.get((each.frame, _number(each.name)), "")
+        poses = transforms.edges.get(
+            (each.frame, each.name), transforms.edges.get((each.frame, own))
+        )
+        delay = np.abs(poses.time - each.time) if poses is not None else np.array([np.inf])
+        if poses is not None and delay.min() < TF_DELAY:
+            x, y, z = poses.position[delay.argmin()].tolist()
+            each = each._replace(position=(x, y, z))
+        placed.append(each)
     if np.isnan([each.position for each in placed]).all():
         raise LogError(
-            f"{name}: expected transforms from {found[0].parent} to the frames of tags, such as "
+            f"{name}: expected transforms from {found[0].frame} to the frames of tags, such as "
             f"{found[0].name}, at the times of their detections; found {transforms.frames}"
         )
     return placed
@@ -271,8 +268,8 @@ MIN_RANGE = 1e-3
 """Metres: a landmark that is nearer, above or below the robot's origin, has no bearing."""
 BASES = ("base_link", "base_footprint")
 """Names of the robot's frame, where odometry does not say it."""
-PLANE = np.ix_([0, 1, 5], [0, 1, 5])
-"""x, y and heading in the covariances of ROS."""
+PLANE = [0, 7, 35]
+"""Variances of x, y and heading among the 36 numbers of a covariance of ROS."""
 MAX_SPEED = 50.0
 """Metres and radians per second; faster odometry was reset, and is no motion."""
 UNKNOWN_SPEED = 0.5
@@ -283,66 +280,55 @@ MAX_DURATION = 1e5
 """Seconds; a longer log has a corrupt time stamp."""
 
 
-@dataclass(frozen=True, eq=False)
-class BagOdometry:
-    """Poses of a robot by its odometry, and the covariance of each motion between them."""
+class BagOdometry(NamedTuple):
+    """n poses of a robot by its odometry."""
 
     source: str
     """The topic, or the frames of tf."""
     base: str
     """The frame of the robot."""
     poses: Trajectory
-    """n poses."""
+    """From the first on; the robot stands still where odometry was reset."""
     covariance: FloatArray
-    """(n - 1, 3, 3) of each pose in the frame of the previous."""
-    is_reset: BoolArray
-    """(n - 1,) whether odometry was reset between two poses, so that the motion is unknown."""
+    """(n - 1, 3, 3) of the motion to each pose in the frame of the previous."""
 
     def between(self, time: FloatArray) -> OdometryIncrements:
         """Motions between times (m + 1,) in seconds, strictly ascending, within the poses."""
         known = self.poses.time
         knots = np.union1d(known[(known > time[0]) & (known < time[-1])], time)
-        control = steps_between(self.poses.at(knots))
         interval = np.searchsorted(known, knots[:-1], side="right") - 1
-        control[self.is_reset[interval]] = 0.0
-        part = np.diff(knots) / np.diff(known)[interval]
-        increments = OdometryIncrements(control, part[:, None, None] * self.covariance[interval])
-        return compose_increments(increments, np.searchsorted(knots, time), self.source)
+        part = (np.diff(knots) / np.diff(known)[interval])[:, None, None]
+        pieces = OdometryIncrements(
+            steps_between(self.poses.at(knots)), part * self.covariance[interval]
+        )
+        return compose_increments(pieces, np.searchsorted(knots, time), self.source)
 
 
 def _read_odometry(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> BagOdometry:
     """Odometry of a bag.
 
-    The covariance of a motion is the growth of that of the pose, if it only grows; else that of the
-    twist, independent in each message; else, and where messages have none, by `noise`.
+    Motions have the variances of the twist, independent in each message, where it has such; else
+    those of `noise`.
 
     Raises:
         LogError: there is none, or too little.
     """
-    topic = odometry_topic(bag)
-    if topic is None:
-        return _from_transforms(bag, transforms, noise)
-    name = f"{bag.path}, {topic}"
-    messages = {stamp_of(message.header): message for _, message in bag.messages(topic)}
-    time, ordered = zip(*sorted(messages.items()), strict=True)
-    table = finite([pose_of(message) for message in ordered], name)
-    poses = Poses(np.array(time), rotation_matrices(table[:, 3:], name), table[:, :3])
-    growth, rate = (
-        np.array([np.reshape(each.covariance, (6, 6))[PLANE] for each in field], np.float64)
-        for field in ([each.pose for each in ordered], [each.twist for each in ordered])
-    )
-    base = bare(ordered[0].child_frame_id)
-    if not base:
-        base = next((each for each in BASES if transforms.has(each)), BASES[0])
-    return _odometry(topic, base, poses, noise, growth, rate)
-
-
-def _from_transforms(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> BagOdometry:
+    topic = bag.odometry_topic()
+    if topic is not None:
+        messages = {stamp_of(message.header): message for _, message in bag.messages(topic)}
+        ordered = sorted(messages.items())
+        rows = [(time, *pose_of(message)) for time, message in ordered]
+        path = project_to_plane(poses_from(rows, f"{bag.path}, {topic}"))
+        twist = [np.asarray(m.twist.covariance, np.float64)[PLANE] for _, m in ordered]
+        base = bare(ordered[0][1].child_frame_id)
+        if not base:
+            base = next((each for each in BASES if transforms.has(each)), BASES[0])
+        return _odometry(f"{bag.path}, {topic}", topic, base, path, np.array(twist), noise)
     for (parent, base), poses in transforms.edges.items():
         if parent.endswith("odom") and len(poses.time) > 1:
-            source = f"{parent} to {base}"
-            nothing = np.zeros((len(poses.time), 3, 3))
-            return _odometry(source, base, poses, noise, nothing, nothing)
+            source, unknown = f"{parent} to {base}", np.zeros((len(poses.time), 3))
+            path = project_to_plane(poses)
+            return _odometry(f"{bag.path}, {source}", source, base, path, unknown, noise)
     raise LogError(
         f"{bag.path}: expected nav_msgs/msg/Odometry, or transforms from odom; found "
         f"{bag.all_topics()}, and transforms of {transforms.frames}"
@@ -350,65 +336,31 @@ def _from_transforms(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> 
 
 
 def _odometry(
-    source: str,
-    base: str,
-    poses: Poses,
-    noise: OdometryNoise,
-    pose_covariance: FloatArray,
-    rate_covariance: FloatArray,
+    name: str, source: str, base: str, path: Trajectory, twist: FloatArray, noise: OdometryNoise
 ) -> BagOdometry:
-    """Odometry by its poses and the covariances (n, 3, 3) of its messages."""
-    path = project_to_plane(poses)
-    if not 0 < np.ptp(path.time) < MAX_DURATION:
+    """Odometry by poses (n,), and the variances (n, 3) of speeds and turn rate at each."""
+    span = float(np.ptp(path.time))
+    if not 0 < span < MAX_DURATION:
         raise LogError(
-            f"{source}: expected odometry over up to {MAX_DURATION:.0f} s, found "
-            f"{np.ptp(path.time):g} s"
+            f"{name}: expected odometry over up to {MAX_DURATION:.0f} s, found {span:g} s"
         )
-    motion, duration = steps_between(path.pose), np.diff(path.time)[:, None, None]
+    motion, duration = steps_between(path.pose), np.diff(path.time)[:, None]
     distance, turn = np.hypot(motion[:, 0], motion[:, 1]), np.abs(motion[:, 2])
     along, heading = noise.variances(distance, turn)
-    covariance = np.stack([along, along, heading], 1)[:, :, None] * np.eye(3)
-    growth = _growth(path.pose, pose_covariance)
-    if growth is None:
-        given = _is_given(rate_covariance[1:])
-        covariance[given] = (np.square(duration) * rate_covariance[1:])[given]
-    else:
-        covariance = growth
-    is_reset = np.maximum(distance, turn) > MAX_SPEED * duration[:, 0, 0]
-    covariance[is_reset] = (np.square(UNKNOWN_SPEED * duration) * np.eye(3))[is_reset]
-    return BagOdometry(source, base, path, covariance, is_reset)
+    variance, twist = np.stack([along, along, heading], 1), twist[1:]
+    is_known = ((twist >= 0) & (twist < MAX_RATE_VARIANCE)).all(1) & (twist > 0).any(1)
+    variance[is_known] = (np.square(duration) * twist)[is_known]
+    is_reset = np.maximum(distance, turn) > MAX_SPEED * duration[:, 0]
+    motion[is_reset], variance[is_reset] = 0.0, np.square(UNKNOWN_SPEED * duration)[is_reset]
+    if is_reset.any():
+        count = int(is_reset.sum())
+        _warn(f"{name} was reset {count} times; the motion there is unknown")
+    poses = Trajectory(path.time, path_of(motion))
+    return BagOdometry(source, base, poses, variance[:, :, None] * np.eye(3))
 
 
-def _is_given(covariance: FloatArray) -> BoolArray:
-    """Which covariances (n, 3, 3) are such, and neither zero nor so large that they mean none."""
-    variance = covariance.diagonal(axis1=1, axis2=2)
-    bounded = (variance >= 0).all(1) & (variance < MAX_RATE_VARIANCE).all(1)
-    bounded &= np.isfinite(covariance).all((1, 2))
-    bounded &= np.isclose(covariance, covariance.transpose(0, 2, 1)).all((1, 2))
-    safe = np.where(np.expand_dims(bounded, (1, 2)), covariance, 0.0)
-    least = np.linalg.eigvalsh(safe)[:, 0]
-    return np.asarray(bounded & (variance > 0).any(1) & (least > -1e-9 * variance.max(1)))
-
-
-def _growth(pose: FloatArray, covariance: FloatArray) -> FloatArray | None:
-    """Covariances (n - 1, 3, 3) of motions by which those of the poses (n, 3) grow.
-
-    Solves the propagation P' = Fx P Fx' + Fu U Fu' for U; None where that of some pose does not
-    grow, so that the covariance of the poses is not the accumulated one.
-    """
-    if not np.isfinite(covariance).all():
-        return None
-    c, s = np.cos(pose[:-1, 2]), np.sin(pose[:-1, 2])
-    step = np.diff(pose, axis=0)
-    Fx, Fu = (np.tile(np.eye(3), (len(step), 1, 1)) for _ in range(2))
-    Fx[:, 0, 2], Fx[:, 1, 2] = -step[:, 1], step[:, 0]
-    Fu[:, 0, 0], Fu[:, 0, 1], Fu[:, 1, 0], Fu[:, 1, 1] = c, -s, s, c
-    grown = covariance[1:] - Fx @ covariance[:-1] @ Fx.transpose(0, 2, 1)
-    U = Fu.transpose(0, 2, 1) @ grown @ Fu  # Fu is orthogonal
-    U = (U + U.transpose(0, 2, 1)) / 2
-    scale = np.abs(covariance).max(initial=0.0)
-    grows = np.linalg.eigvalsh(U)[:, 0].min(initial=0.0) >= -1e-12 * scale
-    return U if grows and np.trace(U.sum(0)) > 0 else None
+def _warn(message: str) -> None:
+    warnings.warn(message, LogWarning, stacklevel=5)
 
 
 def read_rosbag_log(
@@ -424,7 +376,7 @@ def read_rosbag_log(
     Args:
         path: the bag.
         topic: topics of landmarks, as of several cameras; by default one is chosen by its type.
-        odometry_noise: of odometry without covariance.
+        odometry_noise: of odometry whose twist has no covariance.
         sensor_sigma: of observations without covariance: fraction of the range, and radians.
 
     Raises:
@@ -459,7 +411,11 @@ def _log(
             f"{name}: expected landmarks while there is odometry, from {first:.3f} to "
             f"{last:.3f} s; found {len(detections)} at other times, or without a position"
         )
-    _warn(name, usable, odometry)
+    if not usable.all():
+        _warn(
+            f"{name}: {int((~usable).sum())} of {len(usable)} landmarks left out, without odometry "
+            "at their time, or without a position"
+        )
     observation, R = to_range_bearing(
         position[usable, :2], covariance[usable, :2, :2], lambda k: f"{name}, landmark {k}"
     )
@@ -470,8 +426,8 @@ def _log(
     grid = np.linspace(first, last, int(np.ceil((last - first) / MAX_STEP)) + 1)
     pose_time = np.union1d(grid, time[usable])
     motion = odometry.between(pose_time)
-    truth_name = truth_topic(bag)
-    truth = None if truth_name is None else project_to_plane(read_poses(bag, truth_name, first))
+    truth_name = bag.truth_topic()
+    truth = None if truth_name is None else project_to_plane(bag.poses(truth_name, first))
     return LandmarkLog(
         name=f"{bag.path.stem}, {topics} with {odometry.source}",
         start=np.zeros(3) if truth is None else truth.at(np.zeros(1))[0],
@@ -515,20 +471,3 @@ def _is_measured(position: FloatArray) -> BoolArray:
     bounded = (np.abs(position) < LARGEST).all(1)
     x, y = np.where(np.expand_dims(bounded, 1), position[:, :2], 0.0).T
     return np.asarray(bounded & (np.hypot(x, y) > MIN_RANGE))
-
-
-def _warn(name: str, usable: BoolArray, odometry: BagOdometry) -> None:
-    if not usable.all():
-        warnings.warn(
-            f"{name}: {int((~usable).sum())} of {len(usable)} landmarks left out, without odometry "
-            "at their time, or without a position",
-            LogWarning,
-            stacklevel=4,
-        )
-    if odometry.is_reset.any():
-        warnings.warn(
-            f"{name}: {odometry.source} was reset {int(odometry.is_reset.sum())} times; the motion "
-            "there is unknown",
-            LogWarning,
-            stacklevel=4,
-        )
