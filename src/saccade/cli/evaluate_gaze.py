@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from saccade.cli.group import option
-from saccade.cli.options import Egomotion, ReportOptions
+from saccade.cli.options import ReportOptions
 from saccade.cli.output import Result, progress_bar
-from saccade.evaluation.gaze import LEVELS, GazeRun, Level, compare, map_in_processes, result_of
+from saccade.evaluation.gaze import COURSES, GazeRun, compare, map_in_processes, result_of
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
 from saccade.viewing.report import Table
@@ -30,14 +30,10 @@ class GazeOptions(ReportOptions):
 
     out: Path = option(Path("saccade-gaze"), "--out", "-o", metavar="DIR")
     """Output folder, in which the runs are stored."""
-    level: Level = "landmarks"
-    """landmarks, in uneven worlds of 62 to 114 m, or rendered images."""
     known: Literal["new", "known"] = option("new", "--map")
     """Whether the map is new or known."""
-    egomotion: Egomotion = "wheels"
-    """What measures the motion: camera, second-camera (a fixed one), or wheels."""
     worlds: list[str] | None = option(None, "--world", show_default="all of them")
-    """pond, clover, island, park, yard or campus; with images ring, crossing or rooms. Several with
+    """pond, clover, island, park, yard or campus, uneven worlds of 62 to 114 m. Several with
     commas."""
     policies: list[str] | None = option(None, "--policy", show_default="all names")
     """fixed, sweep, random, salient, active, a constant pan in degrees, or 360. Several with
@@ -56,23 +52,22 @@ def gaze(options: GazeOptions) -> Result:
     Wheels have systematic errors, and the map is made or known. --out receives
     every run: an interrupted evaluation resumes, and more seeds add to it.
     """
-    level, seeds, first_seed = options.level, options.seeds, options.first_seed
-    setting: Any = {"level": level, "map": options.known, "egomotion": options.egomotion}
+    seeds, first_seed = options.seeds, options.first_seed
     runs = [
-        GazeRun(world, policy, seed, **setting)
+        GazeRun(world, policy, seed, options.known)
         for seed in range(first_seed, first_seed + seeds)
-        for world in dict.fromkeys(options.worlds or LEVELS[level])
+        for world in dict.fromkeys(options.worlds or COURSES)
         for policy in dict.fromkeys(options.policies or POLICIES)
     ]
     work = partial(result_of, out=options.out)
     with results_in(options.out), progress_bar("driving", len(runs)) as progress:
         rows = compare(map_in_processes(work, runs, options.jobs, progress))
-    title = f"{level}, {options.known} map, motion by {options.egomotion}, {seeds} seeds"
+    title = f"landmarks, {options.known} map, motion by wheels, {seeds} seeds"
     tables = [Table(title, *_table(rows), MEANING, "policy", [])]
     if "worlds" in rows[0]:
         by_world = _world_table(rows)
         tables.append(Table("ATE relative to fixed, by world", *by_world, BY_WORLD, "policy", []))
-    row = setting | {"seeds": seeds, "first_seed": first_seed, "rows": rows}
+    row = {"map": options.known, "seeds": seeds, "first_seed": first_seed, "rows": rows}
     return Result(row, tables, lead=LEAD, report=tables)
 
 
@@ -84,7 +79,7 @@ def _table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
             f"{row['ate_m']:.3f}",
             *(_ratio(row[name]) for name in ("to_fixed", "to_sweep")),
             f"{row['closed']} of {row['drives']}",
-            "-" if row["inside_3sigma"] is None else f"{100 * row['inside_3sigma']:.1f}",
+            f"{100 * row['inside_3sigma']:.1f}",
         ]
         for row in rows
     ]
@@ -101,9 +96,9 @@ def _world_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]
     return ["", *worlds, "worst drive"], cells
 
 
-def _ratio(value: list[float | None] | None) -> str:
+def _ratio(value: list[float] | None) -> str:
     """Mean and interval."""
-    if value is None or None in value:
+    if value is None:
         return "-"
     mean, low, high = value
     return f"{mean:.2f} [{low:.2f} {high:.2f}]"

@@ -19,8 +19,7 @@ import saccade
 from saccade import visual
 from saccade.errors import ConfigError, Settings, require
 from saccade.evaluation.intervals import mean_interval
-from saccade.evaluation.runs import score_drive, summarize_drive
-from saccade.evaluation.trajectory import none_if_nan
+from saccade.evaluation.runs import score_drive
 from saccade.frames import Drive
 from saccade.gaze import POLICIES, Gazer, Policy
 from saccade.io.files import atomic_write, read_text, reason_of, written_at_once
@@ -30,7 +29,7 @@ from saccade.simulation.drive import ENCODER_SIGMA
 from saccade.slam import EkfConfig, Recorder, Slam
 from saccade.slam.models import compose, observe, wrap
 from saccade.types import LandmarkLog, Trajectory
-from saccade.visual import LandmarkObservations, ObservationKind, VisualConfig, VisualResult
+from saccade.visual import VisualConfig, VisualResult
 from saccade.visual.config import EgomotionSource
 from saccade.visual.gaze_control import GazeControl
 from saccade.visual.second_camera import measure_odometry
@@ -38,70 +37,41 @@ from saccade.visual.second_camera import measure_odometry
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-
-def map_in_processes(
-    work: Callable[[Item], Result],
-    items: Sequence[Item],
-    jobs: int = 1,
-    progress: Callable[[int, int], object] | None = None,
-) -> list[Result]:
-    """The result of each item, in their order.
-
-    Args:
-        work: what is done with one; it can be pickled.
-        items: the items.
-        jobs: number of processes; with several, each has a single OpenCV thread.
-        progress: called with the items done and their number.
-    """
-    results = []
-    with ExitStack() as stack:
-        mapped: Any = map
-        if jobs > 1:
-            one_thread = partial(cv2.setNumThreads, 1)  # in each child process alone
-            pool = ProcessPoolExecutor(jobs, get_context("spawn"), one_thread)
-            mapped = stack.enter_context(pool).map
-        for result in mapped(work, items):
-            results.append(result)
-            if progress is not None:
-                progress(len(results), len(items))
-    return results
+SETTINGS = VisualConfig(recover=False)
+"""Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
+SECOND_FIELD_OF_VIEW = 70.0
+"""Degrees of the second, fixed camera."""
 
 
-def write_run(path: Path, row: dict[str, Any]) -> None:
-    """Store a run as JSON, whole or not at all."""
-    with written_at_once(), atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
-
-
-def read_run(
-    path: Path,
-    expected: dict[str, Any],
-    scores: Sequence[str],
-    series: dict[str, int] | None = None,
-) -> dict[str, Any]:
-    """A stored run, which has to match.
+def gaze_drive(
+    config: DriveConfig,
+    policy: str | Policy,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+    recorder: Recorder | None = None,
+    egomotion: EgomotionSource = "camera",
+) -> tuple[Drive, VisualResult]:
+    """Map a simulated drive whose camera is turned by a policy.
 
     Args:
-        path: its file.
-        expected: values that it has.
-        scores: names of its numbers, which may be null.
-        series: lengths of its lists, by name.
+        config: of the drive.
+        policy: see `saccade.gaze.Gazer`.
+        seed: of the world, of all noise, and of what the policy draws.
+        progress: called with the number of frames done and of all frames.
+        recorder: takes snapshots of the map while it grows.
+        egomotion: what measures the motion.
 
-    Raises:
-        ConfigError: it cannot be read, or does not match.
+    Returns:
+        The drive, whose frames can now be loaded in any order, and its result.
     """
-    try:
-        content: Any = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}; delete it") from error
-    row: dict[str, Any] = content if isinstance(content, dict) else {}
-    scored = all(isinstance(row.get(name, ""), (float, int, NoneType)) for name in scores)
-    for name, length in (series or {}).items():
-        values = row.get(name)
-        scored = scored and isinstance(values, list) and len(values) == length
-    if not scored or any(row.get(name) != value for name, value in expected.items()):
-        raise ConfigError(f"{path}: expected a run with its scores, found none; delete it")
-    return row
+    pan = PanCamera(seed=seed)
+    drive = simulate_drive(config, seed, pan)
+    if egomotion == "second-camera":
+        second = simulate_drive(replace(config, field_of_view=SECOND_FIELD_OF_VIEW), seed)
+        drive = measure_odometry(drive, second, SETTINGS)
+    control = GazeControl(policy, drive.camera, pan.limits, pan.turn_to, seed)
+    settings = replace(SETTINGS, egomotion=egomotion)
+    return drive, visual.run(drive, settings, progress, recorder=recorder, gaze=control)
 
 
 FIELD_OF_VIEW, REACH, RATE, PERIOD = float(np.radians(50)), 8.0, float(np.radians(120)), 0.2
@@ -213,23 +183,10 @@ def _robot(log: LandmarkLog, known: bool) -> Slam:
     return slam
 
 
-PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
-"""A stereo camera that pans; the ring is smaller than by default."""
-SETTINGS = VisualConfig(recover=False)
-"""Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
-SECOND_FIELD_OF_VIEW = 70.0
-"""Degrees of the second, fixed camera."""
-LAPS = {"ring": 2, "crossing": 1, "rooms": 1}
-"""Of each drive with images; after each the robot is where it began."""
-Level = Literal["landmarks", "images"]
-LEVELS: dict[str, tuple[str, ...]] = {"landmarks": tuple(COURSES), "images": tuple(LAPS)}
-"""Worlds of each level."""
 SCORES = "ate_m", "closed", "inside_3sigma"
 """Scores that are stored of each run."""
 ALL_AROUND = "360"
-"""A view in all directions at once: the bound, at the level of landmarks."""
-LOOP_LANDMARKS = 3
-"""Landmarks that close a loop where they are re-identified."""
+"""A view in all directions at once: the bound."""
 
 
 @dataclass(frozen=True)
@@ -237,32 +194,23 @@ class GazeRun(Settings):
     """One drive with one policy and one seed.
 
     Raises:
-        ConfigError: a name that is none, or what a level has not.
+        ConfigError: a name that is none.
     """
 
     world: str
+    """A name of `COURSES`."""
     policy: str
     """A name of `POLICIES`, degrees to the left of a constant pan, or `ALL_AROUND`."""
     seed: int
     """Of the world's noise, and of what the policy draws."""
-    level: Level = "landmarks"
     map: Literal["new", "known"] = "new"
     """Whether the map is made, or known before."""
-    egomotion: EgomotionSource = "wheels"
-    """What measures the motion."""
-    frames: int = 200
-    """Of a drive with images."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        ego, worlds = self.egomotion, LEVELS[self.level]
-        require(self.world in worlds, "world", f"one of {', '.join(worlds)}", self.world)
-        by_images = self.level == "images"
-        require(by_images or ego == "wheels", "egomotion", "wheels without images", ego)
-        require(not by_images or self.map == "new", "map", "new with images", self.map)
-        policies = (*POLICIES, "a pan in degrees") + (() if by_images else (ALL_AROUND,))
+        require(self.world in COURSES, "world", f"one of {', '.join(COURSES)}", self.world)
+        policies = (*POLICIES, "a pan in degrees", ALL_AROUND)
         known = self.policy in policies or self.policy.lstrip("-").isdecimal()
-        known &= not (by_images and self.policy == ALL_AROUND)
         require(known, "policy", f"one of {', '.join(policies)}", self.policy)
 
     def path(self, out: Path) -> Path:
@@ -276,71 +224,73 @@ def result_of(run: GazeRun, out: Path) -> dict[str, Any]:
     path, names = run.path(out), {"world": run.world, "policy": run.policy, "seed": run.seed}
     if path.exists():
         return read_run(path, names, SCORES)
-    row = names | score(run)
+    policy: str | Policy = run.policy
+    fov = FIELD_OF_VIEW
+    if run.policy == ALL_AROUND:
+        policy, fov = "fixed", tau
+    elif run.policy not in POLICIES:
+        pan = float(np.radians(float(run.policy)))
+        policy = lambda _: pan  # noqa: E731
+    world = landmark_world(run.world)
+    row = names | drive_by_landmarks(world, policy, run.seed, run.map == "known", fov)
     write_run(path, row)
     return row
 
 
-def score(run: GazeRun) -> dict[str, Any]:
-    """The scores of a drive."""
-    policy: Any = run.policy
-    if policy not in POLICIES:
-        pan = float(np.radians(float(policy)))
-
-        def policy(_: Gazer) -> float:
-            return pan
-
-    if run.level == "landmarks":
-        fov = tau if run.policy == ALL_AROUND else FIELD_OF_VIEW
-        policy = "fixed" if run.policy == ALL_AROUND else policy
-        world = landmark_world(run.world)
-        return drive_by_landmarks(world, policy, run.seed, run.map == "known", fov)
-    name: Any = run.world
-    lap = max(2, run.frames // LAPS[name])
-    config = replace(PAN_DRIVE, world=name, frames=run.frames, frames_per_lap=lap)
-    drive, result = gaze_drive(config, policy, run.seed, egomotion=run.egomotion)
-    scores = summarize_drive(drive, result)
-    scores["closed"] = closes_loop(result.observations, run.frames)
-    return {name: scores[name] for name in SCORES}
-
-
-def gaze_drive(
-    config: DriveConfig,
-    policy: str | Policy,
-    seed: int,
-    progress: Callable[[int, int], None] | None = None,
-    recorder: Recorder | None = None,
-    egomotion: EgomotionSource = "camera",
-) -> tuple[Drive, VisualResult]:
-    """Map a simulated drive whose camera is turned by a policy.
+def map_in_processes(
+    work: Callable[[Item], Result],
+    items: Sequence[Item],
+    jobs: int = 1,
+    progress: Callable[[int, int], object] | None = None,
+) -> list[Result]:
+    """The result of each item, in their order.
 
     Args:
-        config: of the drive.
-        policy: see `saccade.gaze.Gazer`.
-        seed: of the world, of all noise, and of what the policy draws.
-        progress: called with the number of frames done and of all frames.
-        recorder: takes snapshots of the map while it grows.
-        egomotion: what measures the motion.
-
-    Returns:
-        The drive, whose frames can now be loaded in any order, and its result.
+        work: what is done with one; it can be pickled.
+        items: the items.
+        jobs: number of processes; with several, each has a single OpenCV thread.
+        progress: called with the items done and their number.
     """
-    pan = PanCamera(seed=seed)
-    drive = simulate_drive(config, seed, pan)
-    if egomotion == "second-camera":
-        second = simulate_drive(replace(config, field_of_view=SECOND_FIELD_OF_VIEW), seed)
-        drive = measure_odometry(drive, second, SETTINGS)
-    control = GazeControl(policy, drive.camera, pan.limits, pan.turn_to, seed)
-    settings = replace(SETTINGS, egomotion=egomotion)
-    return drive, visual.run(drive, settings, progress, recorder=recorder, gaze=control)
+    results = []
+    with ExitStack() as stack:
+        mapped: Any = map
+        if jobs > 1:
+            one_thread = partial(cv2.setNumThreads, 1)  # in each child process alone
+            pool = ProcessPoolExecutor(jobs, get_context("spawn"), one_thread)
+            mapped = stack.enter_context(pool).map
+        for result in mapped(work, items):
+            results.append(result)
+            if progress is not None:
+                progress(len(results), len(items))
+    return results
 
 
-def closes_loop(observed: LandmarkObservations, frames: int) -> bool:
-    """Whether `LOOP_LANDMARKS` are re-identified at least half a drive after they were new."""
-    _, first, index = np.unique(observed.landmark, return_index=True, return_inverse=True)
-    age = observed.frame - observed.frame[first][index]
-    again = (observed.kind == ObservationKind.REIDENTIFIED) & (age >= frames / 2)
-    return len(np.unique(observed.landmark[again])) >= LOOP_LANDMARKS
+def write_run(path: Path, row: dict[str, Any]) -> None:
+    """Store a run as JSON, whole or not at all."""
+    with written_at_once(), atomic_write(path) as temporary:
+        temporary.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
+
+
+def read_run(path: Path, expected: dict[str, Any], scores: Sequence[str]) -> dict[str, Any]:
+    """A stored run, which has to match.
+
+    Args:
+        path: its file.
+        expected: values that it has.
+        scores: names of its numbers, which may be null.
+
+    Raises:
+        ConfigError: it cannot be read, or does not match.
+    """
+    try:
+        content: Any = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}; delete it") from error
+    row: dict[str, Any] = content if isinstance(content, dict) else {}
+    scored = all(isinstance(row.get(name, ""), (float, int, NoneType)) for name in scores)
+    if not scored or any(row.get(name) != value for name, value in expected.items()):
+        raise ConfigError(f"{path}: expected a run with its scores, found none; delete it")
+    return row
 
 
 CONFIDENCE = 0.95
@@ -363,29 +313,29 @@ def compare(runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     names = "policy", "world", "seed"
     policies, worlds, seeds = (list(dict.fromkeys(run[name] for run in runs)) for name in names)
     found = {tuple(run[name] for name in names): run for run in runs}
-    table = {
-        score: np.array(
-            [[[found[p, w, s][score] for s in seeds] for w in worlds] for p in policies], np.float64
-        )
-        for score in SCORES
-    }
-    log = np.log(table["ate_m"])  # (p, w, s)
+    table = np.array(
+        [
+            [[[found[p, w, s][score] for score in SCORES] for s in seeds] for w in worlds]
+            for p in policies
+        ],
+        np.float64,
+    )  # (p, w, s, 3)
+    log = dict(zip(policies, np.log(table[..., 0]), strict=True))  # (w, s) of each
     rows = []
-    for p, policy in enumerate(policies):
-        row: dict[str, Any] = {"policy": policy, "ate_m": float(np.exp(np.median(log[p])))}
+    for policy, scores in zip(policies, table, strict=True):
+        row: dict[str, Any] = {"policy": policy, "ate_m": float(np.exp(np.median(log[policy])))}
         for reference in ("fixed", "sweep"):
             row[f"to_{reference}"] = None
             if reference in policies:
-                gain = log[p] - log[policies.index(reference)]
+                gain = log[policy] - log[reference]
                 low, high = mean_interval(gain.mean(0)[:, None], CONFIDENCE, seed=0)
-                ratio = np.exp([gain.mean(), low[0], high[0]])
-                row[f"to_{reference}"] = [none_if_nan(value) for value in ratio.tolist()]
+                row[f"to_{reference}"] = np.exp([gain.mean(), low[0], high[0]]).tolist()
         if "fixed" in policies:
-            gain = log[p] - log[policies.index("fixed")]
+            gain = log[policy] - log["fixed"]
             row["worlds"] = dict(zip(worlds, np.exp(gain.mean(1)).tolist(), strict=True))
             row["worst"] = float(np.exp(gain.max()))
-        row["closed"] = int(np.nansum(table["closed"][p]))
-        row["drives"] = int(np.isfinite(table["ate_m"][p]).sum())
-        row["inside_3sigma"] = none_if_nan(float(np.nanmean(table["inside_3sigma"][p])))
+        row["closed"] = int(scores[..., 1].sum())
+        row["drives"] = scores[..., 0].size
+        row["inside_3sigma"] = float(scores[..., 2].mean())
         rows.append(row)
     return rows
