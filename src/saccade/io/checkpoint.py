@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ import numpy.typing as npt
 from saccade.errors import ConfigError, LogError
 from saccade.io.files import FORMATS, atomic_write, written_at_once
 from saccade.io.npz import read_arrays, save_arrays
+from saccade.types import Table
 
 FORMAT = FORMATS["checkpoint"]
 """Of the file; another one is not read."""
@@ -38,6 +39,44 @@ class Stateful(Protocol):
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` of a part with the same settings gave."""
+
+
+class Checkpointed:
+    """Base of parts of a run whose state is their attributes.
+
+    These are what `attribute_arrays` saves, tables, lists of tables, and parts of their own;
+    anything else follows from the settings.
+    """
+
+    not_state: ClassVar[tuple[str, ...]] = ()
+    """Attributes that are the state of another part."""
+
+    def to_arrays(self) -> Arrays:
+        """The state as named arrays."""
+        parts: dict[str, Arrays] = {}
+        for name, value in self._state().items():
+            if isinstance(value, list) and value and isinstance(value[0], Table):
+                parts[name] = attribute_arrays(value[0].concatenate(value))
+            elif isinstance(value, Table):
+                parts[name] = attribute_arrays(value)
+            elif isinstance(value, Stateful):
+                parts[name] = value.to_arrays()
+        return attribute_arrays(self) | merge(parts)
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore the state from the arrays of `to_arrays`."""
+        restore_attributes(self, arrays)
+        for name, value in self._state().items():
+            saved = select(arrays, name)
+            if isinstance(value, list) and value and isinstance(value[0], Table):
+                setattr(self, name, [type(value[0])(**saved)])
+            elif isinstance(value, Table):
+                setattr(self, name, type(value)(**saved))
+            elif isinstance(value, Stateful):
+                value.from_arrays(saved)
+
+    def _state(self) -> dict[str, object]:
+        return {name: value for name, value in vars(self).items() if name not in self.not_state}
 
 
 class StoredArrays:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from saccade.io.checkpoint import Checkpointed
 from saccade.types import Float32Array, FloatArray
 from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.optical_flow import PreparedFrame
@@ -74,7 +75,7 @@ class LandmarkCounts(NamedTuple):
 
 
 @dataclass
-class LostTest:
+class LostTest(Checkpointed):
     """Cumulative evidence that the robot is not where the filter believes it to be."""
 
     acceleration_sigma: tuple[float, float]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from saccade.frames import CameraTurn, Drive
-from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.io.checkpoint import Checkpointed
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate, camera_motion
@@ -25,7 +25,7 @@ MIN_TURN_BIAS_SIGMA = 0.02
 """Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
 
 
-class MotionEstimator:
+class MotionEstimator(Checkpointed):
     """The steps of a drive by odometry alone; a camera that measures depth only maps.
 
     Args:
@@ -150,21 +150,6 @@ class MotionEstimator:
         covariance = self._drive.control_covariance[number - 1] / (1 + observations) ** 2
         self._prior.update(step, covariance, self._seconds)
 
-    def to_arrays(self) -> Arrays:
-        """The state as named arrays, for a checkpoint."""
-        parts = {name: attribute_arrays(part) for name, part in self._parts().items()}
-        return attribute_arrays(self) | merge(parts)
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore the state from the arrays of `to_arrays`."""
-        own = {name: array for name, array in arrays.items() if "." not in name}
-        restore_attributes(self, own)
-        for name, part in self._parts().items():
-            restore_attributes(part, select(arrays, name))
-
-    def _parts(self) -> dict[str, object]:
-        return {"errors": self.errors, "planarity": self.planarity, "prior": self._prior}
-
     def _scale_sigmas(self) -> tuple[float, float]:
         """Of the fractions by which true distances exceed odometry's, and the camera's the true."""
         by_odometry = float(np.hypot(self._drive.odometry_bias[0], MIN_SCALE_SIGMA))
@@ -220,12 +205,3 @@ class StereoMotionEstimator(MotionEstimator):
     def drift(self) -> CalibrationDrift | None:
         """What errors of the calibration have done to the pose."""
         return self._window.drift
-
-    def to_arrays(self) -> Arrays:
-        """The state as named arrays, for a checkpoint."""
-        return super().to_arrays() | merge({"window": self._window.to_arrays()})
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore the state from the arrays of `to_arrays`."""
-        super().from_arrays(arrays)
-        self._window.from_arrays(select(arrays, "window"))

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from saccade.io.checkpoint import Checkpointed
 from saccade.slam.consistency import chi_square_gate
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
@@ -38,7 +39,7 @@ def fuse(first: MotionEstimate, second: MotionEstimate) -> MotionEstimate:
 
 
 @dataclass
-class MotionPrior:
+class MotionPrior(Checkpointed):
     """Constant-velocity prediction, fused with odometry."""
 
     acceleration_sigma: FloatArray
@@ -67,7 +68,7 @@ class MotionPrior:
 
 
 @dataclass
-class Planarity:
+class Planarity(Checkpointed):
     """Standard deviations of roll, pitch and height, from the motion of the camera."""
 
     assumed_tilt: float

@@ -9,14 +9,7 @@ import numpy as np
 
 from saccade.errors import require
 from saccade.frames import CameraTurn, Drive, EndOfDrive, Frame
-from saccade.io.checkpoint import (
-    Arrays,
-    Checkpoint,
-    Stateful,
-    attribute_arrays,
-    merge,
-    select,
-)
+from saccade.io.checkpoint import Arrays, Checkpoint, Checkpointed, Stateful
 from saccade.plane import steps_between
 from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.snapshots import Recorder
@@ -113,7 +106,7 @@ def run(
         return pipeline.result()
 
 
-class Pipeline:
+class Pipeline(Checkpointed):
     """Visual SLAM over the frames of a drive.
 
     A context manager: the thread that reads the next frames and detects their points ends with it.
@@ -123,6 +116,8 @@ class Pipeline:
         config: the settings.
         gaze: turns the camera after each frame.
     """
+
+    not_state = ("detected",)
 
     def __init__(self, drive: Drive, config: VisualConfig, gaze: GazeControl | None = None) -> None:
         first = first_frame(drive)
@@ -214,24 +209,9 @@ class Pipeline:
         """The result of the frames so far."""
         return self.log.result(self.map, self.motion)
 
-    def to_arrays(self) -> Arrays:
-        """The state as named arrays, for a checkpoint."""
-        parts = {
-            "map": self.map.to_arrays(),
-            "motion": self.motion.to_arrays(),
-            "recovery": self.recovery.to_arrays(),
-            "log": self.log.to_arrays(),
-            "tracked": attribute_arrays(self.tracked),
-        }
-        return merge(parts)
-
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
-        self.map.from_arrays(select(arrays, "map"))
-        self.motion.from_arrays(select(arrays, "motion"))
-        self.recovery.from_arrays(select(arrays, "recovery"))
-        self.log.from_arrays(select(arrays, "log"))
-        self.tracked = TrackedPoints(**select(arrays, "tracked"))
+        super().from_arrays(arrays)
         if self.log.last_visible is not None:
             self._previous = self._extract(self.log.last_visible).frame
             self.motion.turn_camera(self._previous.frame.turn)

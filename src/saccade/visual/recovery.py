@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.io.checkpoint import Arrays, Checkpointed, select
 from saccade.plane import steps_between
 from saccade.slam.models import compose
 from saccade.slam.recovery import PoseSearch
@@ -29,7 +29,7 @@ MIN_MATCHED, FRAMES_IN_AGREEMENT = 5, 2
 in a row in which they must."""
 
 
-class Recovery:
+class Recovery(Checkpointed):
     """Whether the robot is lost, and the search for it.
 
     Args:
@@ -37,6 +37,8 @@ class Recovery:
         motion: what is known of the steps.
         config: the settings.
     """
+
+    not_state = ("_map", "_motion")
 
     def __init__(
         self, visual_map: VisualMap, motion: MotionEstimator, config: VisualConfig
@@ -167,19 +169,7 @@ class Recovery:
         self._blind = 0.0
         self.test.reset()
 
-    def to_arrays(self) -> Arrays:
-        """The state as named arrays, for a checkpoint."""
-        parts = {"test": attribute_arrays(self.test)}
-        if self._search is not None:
-            parts["search"] = self._search.to_arrays()
-        return attribute_arrays(self) | merge(parts)
-
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`, with the map of the same frame."""
-        own = {name: array for name, array in arrays.items() if "." not in name}
-        restore_attributes(self, own)
-        restore_attributes(self.test, select(arrays, "test"))
-        self._search, self._hypotheses = None, None
-        if search := select(arrays, "search"):
-            self._search = self._new_search()
-            self._search.from_arrays(search)
+        self._search = self._new_search() if select(arrays, "_search") else None
+        super().from_arrays(arrays)

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from saccade.frames import Drive
-from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.io.checkpoint import Checkpointed
 from saccade.slam.models import compose
 from saccade.types import (
     BoolArray,
@@ -118,7 +118,7 @@ class VisualResult(NotebookTable):
 
 
 @dataclass(eq=False)
-class RunLog:
+class RunLog(Checkpointed):
     """Poses, motions and observations of the frames so far."""
 
     drive: Drive
@@ -131,7 +131,9 @@ class RunLog:
     _pose: list[FloatArray] = field(default_factory=list)
     _covariance: list[FloatArray] = field(default_factory=list)
     _lost: list[bool] = field(default_factory=list)
-    _observations: list[LandmarkObservations] = field(default_factory=list)
+    _observations: list[LandmarkObservations] = field(
+        default_factory=lambda: [LandmarkObservations()]
+    )
 
     def __post_init__(self) -> None:
         self._visual_pose = [compose(self.drive.start, np.zeros(3))[0]]
@@ -223,7 +225,7 @@ class RunLog:
             map=LandmarkMap(landmarks.id, ekf.landmarks, covariances, landmarks.observations),
             descriptors=landmarks.descriptor,
             height=landmarks.height,
-            observations=self._all_observations(),
+            observations=LandmarkObservations.concatenate(self._observations),
             off_plane=np.array(self._off_plane),
             missed=self.missed,
             seconds=dict(self.seconds),
@@ -232,16 +234,3 @@ class RunLog:
             calibration=motion.drift.report() if motion.drift else None,
             remarks=(*self.remarks[:MAX_REMARKS], *others, *motion.planarity.remarks()),
         )
-
-    def to_arrays(self) -> Arrays:
-        """The state as named arrays, for a checkpoint."""
-        observations = attribute_arrays(self._all_observations())
-        return {**attribute_arrays(self), **merge({"observations": observations})}
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore the state from the arrays of `to_arrays`."""
-        restore_attributes(self, arrays)
-        self._observations = [LandmarkObservations(**select(arrays, "observations"))]
-
-    def _all_observations(self) -> LandmarkObservations:
-        return LandmarkObservations.concatenate([LandmarkObservations(), *self._observations])

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saccade.frames import Camera
+from saccade.io.checkpoint import Checkpointed
 from saccade.slam.models import compose, heading_rotation
 from saccade.types import FloatArray
 
@@ -34,7 +35,7 @@ MIN_GAIN = 12.0
 errors of a track are correlated, they reach 8 by chance."""
 
 
-class SelfCalibration:
+class SelfCalibration(Checkpointed):
     """Constant errors of a calibration, estimated from all windows so far.
 
     Args:
@@ -124,7 +125,7 @@ class CalibrationReport:
     """Fraction by which a disparity offset of one pixel changes all distances."""
 
 
-class CalibrationDrift:
+class CalibrationDrift(Checkpointed):
     """What errors of the calibration have done to the pose since the start.
 
     Errors that are estimated late, or remain, displace the whole trajectory: they widen the

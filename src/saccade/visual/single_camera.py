@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from saccade.frames import Camera, Drive
+from saccade.io.checkpoint import Checkpointed
 from saccade.types import FloatArray
 from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
@@ -155,12 +156,9 @@ class SingleCameraMotionEstimator(MotionEstimator):
     def _scale_sigmas(self) -> tuple[float, float]:
         return self._drive.odometry_bias[0], self._config.relative_height_sigma
 
-    def _parts(self) -> dict[str, object]:
-        return super()._parts() | {"trajectory": self._trajectory}
-
 
 @dataclass
-class CameraTrajectory:
+class CameraTrajectory(Checkpointed):
     """Poses of the camera at each frame, accumulated from its motions."""
 
     rotation: list[FloatArray] = field(default_factory=lambda: [np.eye(3)])

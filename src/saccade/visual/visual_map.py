@@ -4,7 +4,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from saccade.frames import CameraTurn, Drive
-from saccade.io.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.io.checkpoint import Checkpointed
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import PredictedObservations
@@ -23,7 +23,7 @@ MIN_RESCALE = 1e-3
 """Relative change of scale from which the map is rescaled: a tenth of the scale's uncertainty."""
 
 
-class VisualMap:
+class VisualMap(Checkpointed):
     """EKF-SLAM over the landmarks of a drive, whose camera measures their ranges.
 
     Args:
@@ -53,18 +53,8 @@ class VisualMap:
         self.slam = Slam(settings, start=drive.start, motion=compose, odometry_bias=bias)
         """Steps the filter; the names of its landmarks are their ids."""
         self.landmarks = Landmarks()
-        self._next_id = 0
-
-    def to_arrays(self) -> Arrays:
-        """The state as named arrays, for a checkpoint."""
-        parts = {"slam": self.slam.to_arrays(), "landmarks": attribute_arrays(self.landmarks)}
-        return attribute_arrays(self) | merge(parts)
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore the state from the arrays of `to_arrays`."""
-        restore_attributes(self, {name: each for name, each in arrays.items() if "." not in name})
-        self.slam.from_arrays(select(arrays, "slam"))
-        self.landmarks = Landmarks(**select(arrays, "landmarks"))
+        self.next_id = 0
+        """Id of the next landmark."""
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
         """Set how the camera is turned in the frames from now on."""
@@ -75,11 +65,6 @@ class VisualMap:
     def ekf(self) -> EkfSlam:
         """The filter, to read."""
         return self.slam.ekf
-
-    @property
-    def next_id(self) -> int:
-        """Id of the next landmark."""
-        return self._next_id
 
     def move(self, number: int, control: MotionEstimate) -> None:
         """Predict the pose of a frame by a control (3,) with covariance (3, 3)."""
@@ -161,7 +146,7 @@ class VisualMap:
     ) -> IntArray:
         """Augment the map by the landmarks of k observations. Returns their ids (k,)."""
         k = len(observations)
-        ids = np.arange(self._next_id, self._next_id + k)
+        ids = np.arange(self.next_id, self.next_id + k)
         self._observe(ids, observations.z, self._covariance(observations, 1))
         new = Landmarks.zeros(
             k,
@@ -171,7 +156,7 @@ class VisualMap:
             observations=np.ones(k, np.int64),
             last_observed=np.full(k, number),
         )
-        self._next_id += k
+        self.next_id += k
         self.landmarks = Landmarks.concatenate([self.landmarks, new])
         return new.id
 

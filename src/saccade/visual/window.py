@@ -9,13 +9,7 @@ import cv2
 import numpy as np
 
 from saccade.frames import Camera
-from saccade.io.checkpoint import (
-    Arrays,
-    attribute_arrays,
-    merge,
-    restore_attributes,
-    select,
-)
+from saccade.io.checkpoint import Checkpointed
 from saccade.types import FloatArray, IntArray
 from saccade.visual._window_kernels import add_motion_factors, eliminate_points, step_motion
 from saccade.visual.camera import Intrinsics, directions
@@ -45,7 +39,7 @@ MAX_INVERSE_DEPTH = 10.0
 """Upper bound of the estimated inverse depths, in 1 / metres."""
 
 
-class SlidingWindow:
+class SlidingWindow(Checkpointed):
     """Bundle adjustment over the last frames.
 
     Args:
@@ -108,21 +102,6 @@ class SlidingWindow:
         control = self._last_step(last)[:3]
         self.drift.add(control, by_calibration, corrected)
         return control, covariance
-
-    def to_arrays(self) -> Arrays:
-        """The state as named arrays, for a checkpoint."""
-        return attribute_arrays(self) | merge(
-            {
-                "calibration": attribute_arrays(self.calibration),
-                "drift": attribute_arrays(self.drift),
-            }
-        )
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore the state from the arrays of `to_arrays`."""
-        restore_attributes(self, arrays)
-        restore_attributes(self.calibration, select(arrays, "calibration"))
-        restore_attributes(self.drift, select(arrays, "drift"))
 
     def _observe(self, points: TrackedPoints) -> None:
         """Record the points of the newest frame."""
