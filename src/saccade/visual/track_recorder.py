@@ -1,13 +1,13 @@
 """Records the points that a run tracks, as a drive of tracks."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
 from saccade.frames import CameraTurn, Drive, Frame, Tracks
-from saccade.io.checkpoint import Arrays
-from saccade.types import FloatArray, IntArray
+from saccade.io.checkpoint import Checkpointed
+from saccade.types import FloatArray, IntArray, Table, column
 from saccade.visual.depth import first_frame
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.reidentification import REMATCH_RADIUS
@@ -17,7 +17,21 @@ DEPTH_BASELINE = 0.075
 """Metres between the cameras of the stereo rig as which a depth camera is recorded: Kinect's."""
 
 
-class TrackRecorder:
+@dataclass(frozen=True, eq=False)
+class RecordedPoints(Table):
+    """k points, in the order of the frames."""
+
+    frame: IntArray = column(dtype=np.int64)
+    """(k,) number of the frame."""
+    id: IntArray = column(dtype=np.int64)
+    """(k,) ids of the points."""
+    xyz: FloatArray = column(3)
+    """(k, 3) pixels, and depth in metres."""
+    descriptor: ByteArray = column(128, dtype=np.uint8)
+    """(k, 128); 0 where the point was not detected."""
+
+
+class TrackRecorder(Checkpointed):
     """Records the points that are tracked in each frame.
 
     They have descriptors in those frames in which they are also detected. A landmark that is
@@ -25,12 +39,9 @@ class TrackRecorder:
     """
 
     def __init__(self) -> None:
-        self._id: list[IntArray] = []
-        self._xyz: list[FloatArray] = []
-        self._turn: list[CameraTurn | None] = []
-        self._row: list[IntArray] = []  # of its descriptor
-        self._descriptors: list[ByteArray] = [np.zeros((1, 128), np.uint8)]
-        self._rows = 1
+        self._points = [RecordedPoints()]
+        self._turn: list[FloatArray] = []  # of each frame; NaN where the camera is as mounted
+        self._reason: list[str] = []  # of each turn
 
     def add(
         self,
@@ -45,19 +56,19 @@ class TrackRecorder:
             detected: in the same frame, if any; one at the place of a tracked point is that point.
             turn: of the camera, if it is not as mounted.
         """
-        row = np.zeros(len(points), np.int64)
+        descriptor = np.zeros((len(points), 128), np.uint8)
         if detected is not None and len(detected) and len(points):
             distance = cdist(points.xy, detected.xy)
             difference = cdist(points.descriptor, detected.descriptor)
             nearest = np.where(distance < REMATCH_RADIUS, difference, np.inf).argmin(1)
             again = distance[np.arange(len(points)), nearest] < REMATCH_RADIUS
-            row[again] = self._rows + np.arange(again.sum())
-            self._rows += int(again.sum())
-            self._descriptors.append(detected.descriptor[nearest[again]])
-        self._turn.append(turn)
-        self._id.append(points.id)
-        self._xyz.append(np.column_stack([points.xy, points.depth]))
-        self._row.append(row)
+            descriptor[again] = detected.descriptor[nearest[again]]
+        frame = np.full(len(points), len(self._turn))
+        xyz = np.column_stack([points.xy, points.depth])
+        self._points.append(RecordedPoints(frame, points.id, xyz, descriptor))
+        *angles, reason = turn or CameraTurn(np.nan)
+        self._turn.append(np.array(angles))
+        self._reason.append(reason)
 
     def drive(self, recorded: Drive) -> Drive:
         """The recorded drive with tracks in place of its images.
@@ -72,37 +83,16 @@ class TrackRecorder:
         has_depth = any(frame.depth is not None for frame in first_frame(recorded).values())
         if camera.baseline == 0 and has_depth:
             camera = replace(camera, baseline=DEPTH_BASELINE)
-
-        descriptors = np.concatenate(self._descriptors)
+        points = RecordedPoints.concatenate(self._points)
+        start = np.searchsorted(points.frame, np.arange(len(self._turn) + 1))
 
         def load(number: int) -> Frame:
-            xyz = self._xyz[number]
-            measured = np.where(camera.baseline > 0, xyz[:, 2], np.nan)
+            seen = points[slice(*start[number : number + 2])]
+            measured = np.where(camera.baseline > 0, seen.xyz[:, 2], np.nan)
             disparity = camera.fx * camera.baseline / measured
-            descriptor = descriptors[self._row[number]]
-            tracks = Tracks(self._id[number], xyz[:, :2], disparity, descriptor)
-            turn = self._turn[number]
+            tracks = Tracks(seen.id, seen.xyz[:, :2], disparity, seen.descriptor)
+            pan, tilt, sigma = self._turn[number].tolist()
+            turn = CameraTurn(pan, tilt, sigma, self._reason[number]) if np.isfinite(pan) else None
             return Frame(float(recorded.time[number]), tracks=tracks, turn=turn)
 
         return replace(recorded, camera=camera, load=load)
-
-    def to_arrays(self) -> Arrays:
-        """The state as named arrays, for a checkpoint."""
-        return {
-            "count": np.array([len(id) for id in self._id]),
-            "turn": np.array([turn[:3] if turn else (np.nan,) * 3 for turn in self._turn]),
-            "id": np.concatenate(self._id),
-            "xyz": np.concatenate(self._xyz),
-            "row": np.concatenate(self._row),
-            "descriptors": np.concatenate(self._descriptors),
-        }
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore the state from the arrays of `to_arrays`."""
-        parts = np.cumsum(arrays["count"])[:-1]
-        self._id, self._xyz, self._row = (
-            np.split(arrays[name], parts) for name in ("id", "xyz", "row")
-        )
-        known = [turn if np.isfinite(turn).all() else None for turn in arrays["turn"]]
-        self._turn = [None if turn is None else CameraTurn(*turn.tolist()) for turn in known]
-        self._descriptors, self._rows = [arrays["descriptors"]], len(arrays["descriptors"])
