@@ -23,10 +23,7 @@ METHODS = get_args(Normalization)
 SHAPES = ((32, 32), (32, 900), (700, 33), (250, 61))
 TOOLBOX = ContrastConfig.saliencytoolbox2()
 CONTRAST = (ContrastConfig(), ContrastConfig.itti1998(), ContrastConfig.kootstra2010(), TOOLBOX)
-SYMMETRY = (
-    *(SymmetryConfig(), SymmetryConfig(kind="isotropic")),
-    SymmetryConfig(kind="color", channels="rgb"),
-)
+SYMMETRY = (SymmetryConfig(), SymmetryConfig(kind="isotropic"))
 
 
 def check_maps(maps, shape, cells, dtype, *others):
@@ -84,23 +81,22 @@ def test_a_flat_image_has_nothing_salient(value, shape):
 
 
 @pytest.mark.parametrize(
-    ("model", "config", "shape", "shorter", "longer"),
+    ("model", "config", "shape", "least"),
     [
-        (contrast_saliency, ContrastConfig(), (8, 8), 2, 9),
-        (contrast_saliency, ContrastConfig(), (500, 1, 3), 2, 9),
-        (contrast_saliency, ContrastConfig(), (2, 800), 3, 17),
-        (contrast_saliency, ContrastConfig.kootstra2010(), (16, 300), 17, 17),
-        (contrast_saliency, TOOLBOX, (31, 300), 32, 32),
-        (symmetry_saliency, SymmetryConfig(), (8, 8), 9, 9),
-        (symmetry_saliency, SymmetryConfig(), (4, 800), 17, 17),
-        (symmetry_saliency, SymmetryConfig.kootstra2010(), (60, 70), 72, 72),
+        (contrast_saliency, ContrastConfig(), (8, 8), (2, 9)),
+        (contrast_saliency, ContrastConfig(), (500, 1, 3), (2, 9)),
+        (contrast_saliency, ContrastConfig(), (2, 800), (3, 17)),
+        (contrast_saliency, ContrastConfig.kootstra2010(), (16, 300), (17, 17)),
+        (contrast_saliency, TOOLBOX, (31, 300), (32, 32)),
+        (symmetry_saliency, SymmetryConfig(), (8, 8), (9, 9)),
+        (symmetry_saliency, SymmetryConfig(), (4, 800), (17, 17)),
+        (symmetry_saliency, SymmetryConfig.kootstra2010(), (60, 70), (72, 72)),
     ],
 )
-def test_too_small_an_image_is_refused_by_its_size(model, config, shape, shorter, longer):
-    least = rf"at least {shorter} (x {longer}|px.* {longer}) px"
-    with pytest.raises(ImageError, match=f"{least}.* found {shape[1]} x {shape[0]} px"):
+def test_too_small_an_image_is_refused_by_its_size(model, config, shape, least):
+    with pytest.raises(ImageError, match=f"level.* found {shape[1]} x {shape[0]} px"):
         model(np.zeros(shape), config)
-    model(np.zeros((shorter, longer)), config)
+    model(np.zeros(least), config)
 
 
 @pytest.mark.parametrize("model", [contrast_saliency, symmetry_saliency])

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from saccade.attention import ContrastConfig, contrast_pyramids, contrast_saliency
 from saccade.attention.channels import Color
 from saccade.attention.contrast import sharpen, smooth
-from saccade.attention.models import bare_saliency
-from saccade.attention.normalize import Normalization, normalize, position_prior
+from saccade.attention.normalize import Normalization, normalize
 from saccade.io.image import read_image
 from saccade.scale.pyramid import resize
 from support import oracles_attention as oracles
@@ -204,20 +203,6 @@ def test_sharpening_is_a_power_of_the_scaled_map(scene):
     plain = contrast_saliency(scene, replace(DEFAULT, sharpening=1.0)).saliency
     sharp = contrast_saliency(scene).saliency
     np.testing.assert_allclose(sharp, ((plain - plain.min()) / np.ptp(plain)) ** 1.5, atol=1e-5)
-
-
-def test_a_center_prior_is_a_fixed_gaussian_and_off_by_default(scene):
-    assert DEFAULT.center_prior is None
-    np.testing.assert_allclose(
-        position_prior((1, 4), 0.25)[0], np.exp([-1.125, -0.125, -0.125, -1.125])
-    )
-    free = contrast_saliency(scene)
-    held = contrast_saliency(scene, replace(DEFAULT, center_prior=0.3))
-    np.testing.assert_allclose(
-        held.saliency, free.saliency * position_prior(held.saliency.shape, 0.3), atol=1e-6
-    )
-    np.testing.assert_array_equal(held.bare, free.saliency)
-    assert bare_saliency(held) is held.bare
 
 
 @pytest.mark.parametrize(

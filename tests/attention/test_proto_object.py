@@ -28,9 +28,7 @@ def maps_with(feature, channel=INTENSITY, conspicuity="intensity"):
     weaker = FeatureMap(channel, 1, 2, feature / 2, np.roll(feature, 5, axis=1) / 2)
     stronger = FeatureMap(channel, 1, 3, feature, feature)
     elsewhere = FeatureMap(Channel("orientation", 45.0), 1, 3, 9 * feature.T, 9 * feature.T)
-    return ContrastMaps(
-        feature, (400, 400), feature, **maps, features=(weaker, elsewhere, stronger)
-    )
+    return ContrastMaps(feature, (400, 400), **maps, features=(weaker, elsewhere, stronger))
 
 
 def test_a_region_is_what_is_connected_to_the_winner_and_a_margin():
@@ -81,7 +79,7 @@ def test_what_cannot_be_answered_is_refused():
     for row, column in ((10, 3), (12, 3), (-1, 3), (3, 10), (3, 12), (3, -1)):
         with pytest.raises(ImageError, match=f"of 10 x 10, found {row}, {column}"):
             proto_object(maps_with(feature), row, column)
-    bare = ContrastMaps(feature, (100, 100), feature, feature, feature, feature)
+    bare = ContrastMaps(feature, (100, 100), feature, feature, feature)
     with pytest.raises(ImageError, match="keep_features"):
         proto_object(bare, 1, 1)
 

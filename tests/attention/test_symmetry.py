@@ -11,7 +11,6 @@ from saccade.attention.channels import whitened
 from saccade.attention.symmetry import SWAPPED_LUMA
 from saccade.io.image import read_image
 from saccade.scale.pair_sums import (
-    color_sums,
     fraction_inside,
     gradients_of,
     isotropic_sums,
@@ -28,10 +27,9 @@ FINE = dataclasses.replace(SOURCE, levels=(0, 1, 2), map_level=0)
 PRESETS = {
     "default": SymmetryConfig(),
     "isotropic": SymmetryConfig(kind="isotropic"),
-    "color": SymmetryConfig(kind="color", channels="rgb"),
     "kootstra2010": SOURCE,
 }
-SUMS = {"isotropic": isotropic_sums, "radial": radial_sums, "color": color_sums}
+SUMS = {"isotropic": isotropic_sums, "radial": radial_sums}
 REFLECT = {"reflect": cv2.BORDER_REFLECT, "mirror": cv2.BORDER_REFLECT_101}
 
 seeds = st.integers(0, 2**32 - 1)
@@ -145,7 +143,7 @@ def test_colors_that_are_equally_bright_are_symmetric_too():
     assert not symmetry_saliency(image, SymmetryConfig(channels="gray")).saliency.any()
 
 
-@pytest.mark.parametrize("kind", ["isotropic", "radial", "color"])
+@pytest.mark.parametrize("kind", SUMS)
 def test_the_border_is_no_less_symmetric_on_noise(kind):
     """The prior for the center that missing pairs make is gone, but for a twentieth or so."""
     rng = np.random.default_rng(3)

@@ -24,29 +24,25 @@ def symmetry(channels, kind, inner, outer, sigma, gain, mode="reflect", offsets=
     sums = np.zeros((height, width))
     for y, x in np.ndindex(height, width):
         for a in range(count):
-            for b in range(count) if kind == "color" else [a]:
-                terms = []
-                for dx, dy in offsets or half_ring(inner, outer):
-                    i, j = (y + dy, x + dx), (y - dy, x - dx)
-                    rows, columns = zip(i, j, strict=True)
-                    if min(*rows, *columns) < 1:
-                        continue
-                    if max(rows) >= height - 1 or max(columns) >= width - 1:
-                        continue
-                    t_i, t_j = theta[a][i], theta[b][j]
-                    d, alpha = hypot(2 * dx, 2 * dy), atan2(dy, dx)
-                    g_i, g_j = t_i - alpha, t_j - alpha
-                    if kind == "color":
-                        phase = cos(g_i + g_j) ** 2 * cos(g_i) ** 2 * cos(g_j) ** 2
-                    else:
-                        phase = (1 - cos(g_i + g_j)) * (1 - cos(g_i - g_j))
-                    strength = log(1 + gain * m[a][i]) * log(1 + gain * m[b][j])
-                    distance = exp(-(d**2) / (2 * sigma**2)) / (sigma * sqrt(2 * pi))
-                    terms.append((phase * strength * distance, (t_i + t_j) / 2))
-                if kind == "radial" and terms:
-                    phi_max = max(terms)[1]
-                    terms = [(term * sin(phi - phi_max) ** 2, phi) for term, phi in terms]
-                sums[y, x] += sum(term for term, _ in terms)
+            terms = []
+            for dx, dy in offsets or half_ring(inner, outer):
+                i, j = (y + dy, x + dx), (y - dy, x - dx)
+                rows, columns = zip(i, j, strict=True)
+                if min(*rows, *columns) < 1:
+                    continue
+                if max(rows) >= height - 1 or max(columns) >= width - 1:
+                    continue
+                t_i, t_j = theta[a][i], theta[a][j]
+                d, alpha = hypot(2 * dx, 2 * dy), atan2(dy, dx)
+                g_i, g_j = t_i - alpha, t_j - alpha
+                phase = (1 - cos(g_i + g_j)) * (1 - cos(g_i - g_j))
+                strength = log(1 + gain * m[a][i]) * log(1 + gain * m[a][j])
+                distance = exp(-(d**2) / (2 * sigma**2)) / (sigma * sqrt(2 * pi))
+                terms.append((phase * strength * distance, (t_i + t_j) / 2))
+            if kind == "radial" and terms:
+                phi_max = max(terms)[1]
+                terms = [(term * sin(phi - phi_max) ** 2, phi) for term, phi in terms]
+            sums[y, x] += sum(term for term, _ in terms)
     return sums
 
 

@@ -5,7 +5,6 @@ After Itti, Koch & Niebur (1998) and Itti & Koch (2001); equations A.1-A.14.
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from itertools import count
 from typing import Any, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -15,7 +14,7 @@ from saccade.attention.channels import CONSPICUITY, Channel, ChannelName, Conspi
 from saccade.attention.contrast_config import ContrastConfig
 from saccade.attention.contrast_steps import Kootstra2010Arithmetic, MirroredArithmetic
 from saccade.attention.models import SaliencyMaps
-from saccade.attention.normalize import position_prior, sharpen, smooth
+from saccade.attention.normalize import sharpen, smooth
 from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Arithmetic
 from saccade.errors import ImageError
 from saccade.io.image import check_image
@@ -71,8 +70,6 @@ class ContrastMaps(SaliencyMaps):
     is in [0, 1] for the normalizations by local maxima (A.14).
     """
 
-    bare: FloatMap
-    """Saliency without the center prior: equal unless the settings have one."""
     intensity: FloatMap
     """(h, w) conspicuity (A.11), from 0 to the number of scales: 6 with `kootstra2010`."""
     color: FloatMap
@@ -146,11 +143,8 @@ def contrast_maps(
     color = arithmetic.conspicuity(opponents)  # A.12
     orientation = arithmetic.conspicuity(oriented or [zeros])  # A.13
     saliency = arithmetic.saliency(intensity, color, orientation)  # A.14
-    bare = sharpen(saliency, config.sharpening)
-    prior = position_prior(bare.shape, config.center_prior)
     return ContrastMaps(
-        saliency=bare * prior.astype(bare.dtype),
-        bare=bare,
+        saliency=sharpen(saliency, config.sharpening),
         intensity=intensity,
         color=color,
         orientation=orientation,
@@ -198,14 +192,9 @@ def existing_scales(
     deepest = arithmetic.deepest_level(shape)
     finest = min(scale.surround for channel in scales.values() for scale in channel)
     if deepest < finest or max(arithmetic.level_shape(shape, config.map_level)) == 1:
-        shorter = next(n for n in count(1) if arithmetic.deepest_level((n, n)) >= finest)
-        longer = next(
-            n for n in count(1) if arithmetic.level_shape((n, n), config.map_level)[0] > 1
-        )
         raise ImageError(
-            f"image: expected at least {shorter} px on the shorter side for surround level "
-            f"{finest}, and {longer} px on the longer for a map at level {config.map_level}, "
-            f"found {shape[1]} x {shape[0]} px; enlarge it, or set finer scales"
+            f"image: expected one with surround level {finest} and more than a cell at map level "
+            f"{config.map_level}, found {shape[1]} x {shape[0]} px; enlarge it, or set finer scales"
         )
     return {
         name: [scale for scale in channel if scale.surround <= deepest]

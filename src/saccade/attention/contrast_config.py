@@ -74,9 +74,6 @@ class ContrastConfig(Settings):
     """Number of iterations of the iterative normalization."""
     sharpening: float = setting(1.5, above=0, maximum=100, slider=(0.25, 4, 0.25))
     """Exponent of the saliency scaled to [0, 1]; 1 leaves it as in A.14."""
-    center_prior: float | None = setting(None, above=0, slider=(0, 1, 0.05))
-    """Standard deviation, as a fraction of each side, of a central Gaussian by which the saliency
-    is multiplied; None for no prior."""
     viewing_size: int | None = setting(800, 1, slider=(0, 3200, 100))
     """Longer side in pixels of an image for which the levels are meant. In an image of twice
     that size every level is one coarser, in one of half that size one finer, so that saliency does

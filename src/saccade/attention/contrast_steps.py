@@ -22,6 +22,34 @@ from saccade.scale.pyramid import FloatMap, deepest_level, halve, level_shape, r
 from saccade.types import FloatArray
 
 
+@cache
+def gabor_factors(
+    angle: float, period: float, sigma: float, size: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The pair of `gabor_pair` as sums of products of waves along x and along y.
+
+    Returns:
+        (2, size) cosine and sine along x for the even filter, the same for the odd one, and those
+        along y for both: even = cos cos - sin sin less its mean, odd = cos sin + sin cos.
+    """
+    offset = np.arange(size) - (size - 1) / 2
+    window = np.exp(-(offset**2) / (2 * sigma**2))
+    wave_numbers = 2 * np.pi / period * np.array([-np.sin(angle), np.cos(angle)])
+    along_x, along_y = (
+        window * np.array([np.cos(k * offset), np.sin(k * offset)]) for k in wave_numbers.round(12)
+    )
+    even, odd = gabor_sums(along_x, along_x, along_y)
+    return along_x / np.linalg.norm(even), along_x / np.linalg.norm(odd), along_y
+
+
+def gabor_sums(
+    even_x: FloatArray, odd_x: FloatArray, along_y: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The even and the odd filter of `gabor_factors`."""
+    even = np.outer(along_y[0], even_x[0]) - np.outer(along_y[1], even_x[1])
+    return even - even.mean(), np.outer(along_y[1], odd_x[0]) + np.outer(along_y[0], odd_x[1])
+
+
 def gabor_pair(
     angle: float, period: float, sigma: float, size: int
 ) -> tuple[FloatArray, FloatArray]:
@@ -36,84 +64,24 @@ def gabor_pair(
     Returns:
         Two (size, size) filters, of phase 0 and pi / 2.
     """
-    even, odd = _waves(angle, period, sigma, size)
-    return even / np.linalg.norm(even), odd / np.linalg.norm(odd)
+    return gabor_sums(*gabor_factors(angle, period, sigma, size))
 
 
-def gabor_energies(
-    image: FloatMap, angles: Sequence[float], period: float, sigma: float, size: int
-) -> list[FloatMap]:
-    """Gabor energy: the magnitude of the responses to each pair in quadrature (A.6).
-
-    The filters are those of `gabor_pair`. A wave in an isotropic window is a sum of two products
-    of waves along x and y, which are separable and serve both diagonals.
-
-    Args:
-        image: (h, w) float32 or float64.
-        angles: in radians, see `gabor_pair`.
-        period: wavelength in pixels.
-        sigma: standard deviation of the isotropic Gaussian window in pixels.
-        size: side of the filters in pixels, odd.
-
-    Returns:
-        One (h, w) map for each angle.
-    """
-    offset = np.arange(size) - (size - 1) / 2
-    window = np.exp(-(offset**2) / (2 * sigma**2))
+def gabor_energy(image: FloatMap, angle: float, period: float, sigma: float, size: int) -> FloatMap:
+    """(h, w) magnitude of the responses to a `gabor_pair` in quadrature (A.6), by its factors."""
+    even_x, odd_x, (cos_y, sin_y) = gabor_factors(angle, period, sigma, size)
     mean = cv2.boxFilter(image, -1, (size, size), borderType=cv2.BORDER_REFLECT)
 
-    @cache
-    def product(wave_x: str, kx: float, wave_y: str, ky: float, norm: float) -> FloatMap:
-        """The response to a product of waves of zero mean, divided by the norm of the filter."""
-        x, y = (
-            window * (np.cos(k * offset) if wave == "cos" else np.sin(k * offset))
-            for wave, k in ((wave_x, kx), (wave_y, ky))
-        )
-        filtered = cv2.sepFilter2D(image, -1, x / norm, y, borderType=cv2.BORDER_REFLECT)
-        if wave_x == wave_y == "cos":
-            return filtered - float(x.sum() * y.sum() / norm) * mean
-        return filtered
+    def response(x: FloatArray, y: FloatArray) -> FloatMap | float:
+        if not (x.any() and y.any()):  # a wave along one axis has no sine along the other
+            return 0.0
+        return cv2.sepFilter2D(image, -1, x, y, borderType=cv2.BORDER_REFLECT)
 
-    energies = []
-    for angle in angles:
-        kx, ky = (2 * np.pi / period * np.array([-np.sin(angle), np.cos(angle)])).round(12)
-        slope = np.sign(kx * ky)
-        kx, ky = abs(kx), abs(ky)
-        even_norm, odd_norm = _norms(angle, period, sigma, size)
-        even = product("cos", kx, "cos", ky, even_norm)
-        if slope == 0:
-            wave_x, wave_y = ("sin", "cos") if kx else ("cos", "sin")
-            odd = product(wave_x, kx, wave_y, ky, odd_norm)
-        else:
-            sines = product("sin", kx, "sin", ky, even_norm)
-            along_x, along_y = (
-                product("sin", kx, "cos", ky, odd_norm),
-                product("cos", kx, "sin", ky, odd_norm),
-            )
-            even = even - sines if slope > 0 else even + sines
-            odd = along_x + along_y if slope > 0 else along_x - along_y
-        # cv2.magnitude rounds differently with where its input lies in memory
-        energy = even * even
-        energy += odd * odd
-        energies.append(np.sqrt(energy, out=energy))
-    return energies
-
-
-@cache
-def _norms(angle: float, period: float, sigma: float, size: int) -> tuple[float, float]:
-    """Norms of the filters of `gabor_pair`, rounded so that mirrored angles have equal ones."""
-    even, odd = _waves(angle, period, sigma, size)
-    return round(float(np.linalg.norm(even)), 12), round(float(np.linalg.norm(odd)), 12)
-
-
-def _waves(angle: float, period: float, sigma: float, size: int) -> tuple[FloatArray, FloatArray]:
-    """An even and an odd wave of zero mean in an isotropic window."""
-    y, x = np.mgrid[:size, :size] - (size - 1) / 2
-    across = y * np.cos(angle) - x * np.sin(angle)
-    window = np.exp(-(x**2 + y**2) / (2 * sigma**2))
-    phase = 2 * np.pi * across / period
-    even, odd = (wave - wave.mean() for wave in (window * np.cos(phase), window * np.sin(phase)))
-    return even, odd
+    even = response(even_x[0], cos_y) - float(even_x[0].sum() * cos_y.sum()) * mean
+    even -= response(even_x[1], sin_y)
+    odd = response(odd_x[0], sin_y) + response(odd_x[1], cos_y)
+    energy = even * even + odd * odd  # cv2.magnitude rounds differently with where its input lies
+    return np.sqrt(energy, out=energy)
 
 
 PRINTED_BORDER = cv2.BORDER_REPLICATE
@@ -153,21 +121,18 @@ class MirroredArithmetic:
         opponents = opponency(rgb, self.config.color, self.config.dark)
         return level, {"intensity": intensity(rgb), **opponents}
 
-    def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
-        """One map for each orientation (A.6)."""
-        config, angles = self.config, [float(np.deg2rad(a)) for a in self.config.orientations]
-        return gabor_energies(
-            level, angles, config.gabor_period, config.gabor_sigma, config.gabor_size
-        )
-
     @property
-    def gabor_pairs(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Even and odd filters for each orientation."""
+    def gabors(self) -> list[tuple[float, float, float, int]]:
+        """Arguments of `gabor_pair` for each orientation."""
         c = self.config
         return [
-            gabor_pair(float(np.deg2rad(angle)), c.gabor_period, c.gabor_sigma, c.gabor_size)
+            (float(np.deg2rad(angle)), c.gabor_period, c.gabor_sigma, c.gabor_size)
             for angle in c.orientations
         ]
+
+    def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
+        """One map for each orientation (A.6)."""
+        return [gabor_energy(level, *gabor) for gabor in self.gabors]
 
     def center_surround(
         self, center: FloatMap, surround: FloatMap, map_shape: tuple[int, int]
@@ -239,7 +204,8 @@ class Kootstra2010Arithmetic(MirroredArithmetic):
     def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
         """The signed response to one even Gabor filter for each orientation (A.6)."""
         return [
-            cv2.filter2D(level, -1, even, borderType=PRINTED_BORDER) for even, _ in self.gabor_pairs
+            cv2.filter2D(level, -1, gabor_pair(*gabor)[0], borderType=PRINTED_BORDER)
+            for gabor in self.gabors
         ]
 
     def normalize(self, values: FloatMap) -> FloatMap:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.channels import ChannelName, opponency
-from saccade.attention.contrast_steps import MirroredArithmetic
+from saccade.attention.contrast_steps import MirroredArithmetic, gabor_pair
 from saccade.attention.normalize import fraction_inside, inhibit_laterally
 from saccade.io.image import in_unit_range, repeat_gray
 from saccade.scale.pyramid import FloatMap
@@ -78,8 +78,8 @@ class SaliencyToolbox2Arithmetic(MirroredArithmetic):
     def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
         """The sum of the magnitudes of an even and an odd response, zero-padded (A.6)."""
         responses = (
-            [cv2.filter2D(level, -1, gabor, borderType=cv2.BORDER_CONSTANT) for gabor in pair]
-            for pair in self.gabor_pairs
+            [cv2.filter2D(level, -1, each, borderType=cv2.BORDER_CONSTANT) for each in pair]
+            for pair in (gabor_pair(*gabor) for gabor in self.gabors)
         )
         return [np.abs(even) + np.abs(odd) for even, odd in responses]
 

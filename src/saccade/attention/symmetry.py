@@ -1,8 +1,7 @@
 """Symmetry saliency: local mirror symmetry of gradients about every pixel, at several scales.
 
-After Reisfeld, Wolfson & Yeshurun (1995), Heidemann (2004) and Kootstra, de Boer & Schomaker
-(2011). About every pixel of every level, the pairs (i, j) of gradients that lie opposite each
-other contribute:
+After Reisfeld, Wolfson & Yeshurun (1995) and Kootstra, de Boer & Schomaker (2011). About every
+pixel of every level, the pairs (i, j) of gradients that lie opposite each other contribute:
 
     alpha      direction of the line from i to j, point-symmetric about the pixel
     gamma      theta - alpha, with the direction theta of a gradient
@@ -27,14 +26,14 @@ all symmetries are the faint ones of a flat background.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
-from itertools import count, pairwise
+from itertools import pairwise
 from typing import Any, Literal, Self
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.attention.channels import OPPONENT, whitened
+from saccade.attention.channels import intensity, whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale, sharpen, smooth
 from saccade.errors import ImageError, Settings, require, setting
@@ -43,7 +42,6 @@ from saccade.scale._pair_sums_kernels import MARGIN
 from saccade.scale.pair_sums import (
     Gradients,
     PairKernel,
-    color_sums,
     fraction_inside,
     gradients_of,
     isotropic_sums,
@@ -62,12 +60,12 @@ from saccade.scale.pyramid import (
 )
 from saccade.types import Float32Array, Image, SymmetricPairs
 
-Kind = Literal["isotropic", "radial", "color"]
-Channels = Literal["whitened", "opponent", "rgb", "gray"]
+Kind = Literal["isotropic", "radial"]
+Channels = Literal["whitened", "gray"]
 Border = Literal["average", "missing"]
 Arithmetic = Literal["mirrored", "kootstra2010"]
 
-SUMS = {"isotropic": isotropic_sums, "radial": radial_sums, "color": color_sums}
+SUMS = {"isotropic": isotropic_sums, "radial": radial_sums}
 
 RADIAL_FRACTION = 1.4
 """Where a fraction of the pairs lies inside the image their axes are similar, and on noise the
@@ -86,12 +84,11 @@ class SymmetryConfig(Settings):
     """
 
     kind: Kind = "radial"
-    """Phase weight: "isotropic" weighs all axes alike, "radial" (Reisfeld, Wolfson & Yeshurun
-    1995) those least that are parallel to the strongest, "color" (Heidemann 2004) pairs gradients
-    of any two channels, and also those of opposite contrast."""
+    """Weight of the axes of pairs: "isotropic" weighs all alike, "radial" (Reisfeld, Wolfson &
+    Yeshurun 1995) those least that are parallel to the strongest."""
     channels: Channels = "whitened"
-    """Channels of the gradients: three decorrelated color channels of unit variance; intensity
-    and the two color opponents; red, green and blue; or the intensity of a gray image."""
+    """Channels of the gradients: three decorrelated color channels of unit variance, or the
+    intensity of a gray image."""
     levels: tuple[int, ...] = (1, 2, 3, 4, 5)
     """Pyramid levels; the image is level 0."""
     level_weights: tuple[float, ...] = (3.0, 2.0, 1.0, 1.0, 1.0)
@@ -274,17 +271,10 @@ def existing_levels(shape: tuple[int, int], config: SymmetryConfig) -> tuple[int
 
     levels = tuple(n for n in config.levels if has_pairs(shape_of_level(shape, n, config)))
     if not levels or max(shape_of_level(shape, config.map_level, config)) == 1:
-        finest = config.levels[0]
-        side = next(
-            n
-            for n in count(1)
-            if has_pairs(shape_of_level((n, n), finest, config))
-            and shape_of_level((n, n), config.map_level, config)[0] > 1
-        )
         raise ImageError(
-            f"image: expected at least {side} x {side} px for a pair at level {finest} and a map "
-            f"at level {config.map_level}, found {shape[1]} x {shape[0]} px; "
-            "enlarge it, or set finer levels"
+            f"image: expected one with a pair at level {config.levels[0]} and more than a cell at "
+            f"map level {config.map_level}, found {shape[1]} x {shape[0]} px; enlarge it, or set "
+            "finer levels"
         )
     return levels
 
@@ -325,12 +315,7 @@ def split_channels(colors: FloatMap, channels: Channels) -> FloatMap:
     """(h, w, c) channels of gray, or of RGB in [0, 1]."""
     if channels == "whitened":
         return whitened(colors)
-    if colors.ndim == 2:
-        return colors[:, :, None]
-    if channels == "rgb":
-        return colors
-    transform = OPPONENT if channels == "opponent" else OPPONENT[:1]
-    return cv2.transform(colors, transform).reshape(*colors.shape[:2], -1)
+    return (colors if colors.ndim == 2 else intensity(colors))[:, :, None]
 
 
 def gray_levels_2010(
@@ -406,10 +391,8 @@ def symmetric_pairs_at(
         symmetry = symmetry_at(gradients, kernel, config)
         for xy, parts in zip(positions, selected, strict=True):
             cell = most_symmetric(symmetry, xy, radius, shape)
-            pairs = pairs_about(cell, gradients, kernel, number, shape, config.kind == "color")
-            strongest = pairs[np.argsort(-pairs.strength, kind="stable")[:max_pairs]]
-            strongest.strength[:] *= weights[number]
-            parts.append(strongest)
+            pairs = pairs_about(cell, gradients, kernel, number, weights[number], shape)
+            parts.append(strongest_first(pairs)[:max_pairs])
     return [strongest_first(concatenated(parts)) for parts in selected]
 
 
@@ -443,47 +426,29 @@ def pairs_about(
     channels: list[Gradients],
     kernel: PairKernel,
     level: int,
+    level_weight: float,
     image_shape: tuple[int, int],
-    across_channels: bool,
 ) -> SymmetricPairs:
-    """The pairs about a cell, in the order of the channels and of the kernel.
-
-    Args:
-        cell: row and column.
-        channels: gradients of equal shape.
-        kernel: the pairs.
-        level: number of the pyramid level.
-        image_shape: (H, W) of the image.
-        across_channels: whether the two of a pair may come from different channels, as in color
-            symmetry.
-    """
+    """The pairs about a cell (row, column), in the order of the channels and of the kernel."""
     row, column = cell
     height, width = shape = channels[0].strength.shape
     dx, dy = kernel.offsets.T
     inside = (row - dy >= MARGIN) & (row + dy < height - MARGIN)
     inside &= (column - abs(dx) >= MARGIN) & (column + abs(dx) < width - MARGIN)
-    dx, dy, weight = dx[inside], dy[inside], kernel.weights[inside]
-    alpha = np.arctan2(dy, dx)
-    first, second = (row + dy, column + dx), (row - dy, column - dx)
+    dx, dy, (e_x, e_y) = dx[inside], dy[inside], kernel.directions[inside].T
+    weight = level_weight * kernel.weights[inside].astype(np.float64)
+    i, j = (row + dy, column + dx), (row - dy, column - dx)
     parts = []
-    for a in channels:
-        for b in channels if across_channels else [a]:
-            theta_i = np.arctan2(a.sine[first], a.cosine[first])
-            theta_j = np.arctan2(b.sine[second], b.cosine[second])
-            g_i, g_j = theta_i - alpha, theta_j - alpha
-            if across_channels:
-                phase = (np.cos(g_i + g_j) * np.cos(g_i) * np.cos(g_j)) ** 2
-            else:
-                phase = (1 - np.cos(g_i + g_j)) * (1 - np.cos(g_i - g_j))
-            strength = phase * a.strength[first] * b.strength[second] * weight
-            parts.append(
-                SymmetricPairs(
-                    first=cell_centers(*first, shape, image_shape),
-                    second=cell_centers(*second, shape, image_shape),
-                    first_angle=theta_i,
-                    second_angle=theta_j,
-                    strength=strength.astype(np.float64),
-                    level=np.full(len(strength), level),
-                )
+    for strength, cosine, sine in channels:
+        p = e_x * (cosine[i] - cosine[j]) + e_y * (sine[i] - sine[j])
+        parts.append(
+            SymmetricPairs(
+                first=cell_centers(*i, shape, image_shape),
+                second=cell_centers(*j, shape, image_shape),
+                first_angle=np.arctan2(sine[i], cosine[i]),
+                second_angle=np.arctan2(sine[j], cosine[j]),
+                strength=weight * strength[i] * strength[j] * p**2,
+                level=np.full(len(p), level),
             )
+        )
     return concatenated(parts)

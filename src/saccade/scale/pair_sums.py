@@ -5,13 +5,7 @@ gradient from the line through the pair, and p = cos(gamma),
 
     (1 - cos(gamma_i + gamma_j)) (1 - cos(gamma_i - gamma_j)) = (p_i - p_j)^2
 
-so that neither an angle nor a cosine need be computed. That of Heidemann (2004) is a square too,
-with q = sin(gamma),
-
-    (cos(gamma_i + gamma_j) cos(gamma_i) cos(gamma_j))^2 = (p_i^2 p_j^2 - p_i q_i p_j q_j)^2
-
-whose terms are products of one number of i and one of j: the sum over all pairs of channels is
-the product of two sums over channels.
+so that neither an angle nor a cosine need be computed.
 """
 
 from collections.abc import Callable
@@ -21,7 +15,6 @@ import numpy as np
 
 from saccade.scale._pair_sums_kernels import (
     MARGIN,
-    add_color,
     add_isotropic,
     add_radial,
     normalize_gradients,
@@ -95,27 +88,6 @@ def sums_of(add: Callable[..., None], channels: list[Gradients], pairs: PairKern
     sums, scaled = np.zeros_like(channels[0].strength), pairs.scaled()
     for gradients in channels:
         add(gradients, scaled, sums)
-    return sums
-
-
-def color_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
-    """(h, w) sum over the pairs, with each of the two gradients from any of the channels.
-
-    The phase weight has period pi: a bright side may face a dark one.
-
-    Source: Heidemann, *Focus-of-attention from local color symmetries* (TPAMI 2004).
-    """
-    strength = np.sum([channel.strength for channel in channels], axis=0)
-    double, fourfold = np.zeros((2, *strength.shape), np.complex64)
-    for channel in channels:
-        doubled = (channel.cosine + 1j * channel.sine) ** 2
-        double += channel.strength * doubled
-        fourfold += channel.strength * doubled * doubled
-    harmonics = np.stack([strength, double.real, double.imag, fourfold.real, fourfold.imag])
-    doubled = (pairs.directions[:, 0] + 1j * pairs.directions[:, 1]) ** 2
-    rotations = np.stack([doubled.real, doubled.imag, (doubled**2).real, (doubled**2).imag], axis=1)
-    sums = np.zeros(strength.shape, np.float32)
-    add_color(harmonics, pairs, rotations.astype(np.float32), sums)
     return sums
 
 
