@@ -53,28 +53,6 @@ def test_hdf5_and_csv(extracted, run, tmp_path):
         np.testing.assert_array_equal(file["000.png/image_size"], [96, 64])
 
 
-def test_opencv_reads_what_is_for_it(extracted, run, tmp_path):
-    paths, out = extracted
-    assert run("convert", out, "cv", "--to", "opencv")[0] == 0
-    file = cv2.FileStorage(str(tmp_path / "cv" / "005.png.yml.gz"), cv2.FILE_STORAGE_READ)
-    rows, descriptors = file.getNode("keypoints").mat(), file.getNode("descriptors").mat()
-    points = exchange.from_opencv(
-        [cv2.KeyPoint(*row[:5], int(row[5]), int(row[6])) for row in rows.tolist()], descriptors
-    )
-    assert_same(points, Sift()(read_image(paths[5])), ("xy", "size", "octave", "descriptors"))
-
-
-@pytest.mark.peer
-def test_colmap_opens_it(extracted, run, tmp_path):
-    pytest.importorskip("pycolmap")
-    paths, out = extracted
-    assert run("convert", out, "x.db")[0] == 0
-    found = exchange.read_colmap(tmp_path / "x.db")
-    assert found.shapes == {path.name: (64, 96) for path in paths}
-    for path in paths:
-        assert_same(found.keypoints[path.name], Sift()(read_image(path)), ("descriptors",))
-
-
 def test_what_holds_no_points_is_named(run, tmp_path):
     code, _, err = run("find", "--in", tmp_path)
     assert code == 2

@@ -189,7 +189,7 @@ def test_processes_find_the_same_as_one_and_change_no_setting_of_it(folder, tmp_
 def test_a_shard_that_kills_its_process_costs_no_other():
     shards = [Shard(str(number), [Item(f"{number}.png", "")]) for number in range(8)]
     reports = list(Processes(2).run(deadly, iter(shards)))
-    assert sorted(each.rows for each in reports if each.done) == [0, 1, 2, 4, 5, 6, 7]
+    assert sorted(each.unchanged for each in reports if each.done) == [0, 1, 2, 4, 5, 6, 7]
     ((name, why),) = [lost for each in reports for lost in each.lost]
     assert name == "3.png"
     assert "died" in why

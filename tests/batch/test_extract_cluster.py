@@ -61,34 +61,3 @@ def test_a_scheduler_that_is_not_there_is_named(run, tmp_path, monkeypatch):
     code, _, err = run("extract", tmp_path / "photos", "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "scheduler: expected one at tcp://127.0.0.1:9, found none" in err
-
-
-BATCH_SYSTEM = {
-    "sbatch": """#!/bin/sh
-cp "$1" "$(dirname "$0")/job.sh"
-setsid sh "$(dirname "$0")/job.sh" >"$(dirname "$0")/log" 2>&1 </dev/null &
-echo "Submitted batch job $!"
-""",
-    "scancel": '#!/bin/sh\nkill -- "-$1"\ntouch "$(dirname "$0")/cancelled"\n',
-}
-"""Commands of Slurm for a job that starts at once, on this machine."""
-
-
-def test_jobs_of_a_batch_system_do_the_work(run, tmp_path, monkeypatch):
-    """All but the queue is real: dask-jobqueue's script is submitted, run and cancelled."""
-    pytest.importorskip("dask_jobqueue")
-    system, source = tmp_path / "system", tmp_path / "photos"
-    system.mkdir()
-    for name, script in BATCH_SYSTEM.items():
-        (system / name).write_text(script)
-        (system / name).chmod(0o755)
-    monkeypatch.setenv("PATH", str(system), prepend=os.pathsep)
-    photographs(source, 4)
-    code, printed, err = run("extract", source, "--out", "out", "--cluster", "slurm", "--json")
-    assert code == 0, err
-    assert '"images": 4' in printed
-    script = (system / "job.sh").read_text()
-    assert "#SBATCH --cpus-per-task=1" in script
-    assert "--nthreads 1" in script
-    assert (system / "cancelled").exists()
-    check_complete(source, tmp_path / "out")

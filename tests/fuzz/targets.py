@@ -427,11 +427,11 @@ def _matched(folder: Path) -> None:
 
 
 def _rematched(folder: Path) -> object:
-    from saccade.batch.matching import read_keys, read_matches
+    from saccade.batch.matching import read_matches
     from saccade.batch.sources import Store
 
     store = Store(str(folder / "out"))
-    return [list(read_matches(store, file)) for file, _ in read_keys(store)]
+    return [read_matches(store, file) for file in store.list_files("matches")]
 
 
 def _pairs(folder: Path) -> object:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade import Must, MustConfig, Sift, SymRoid, SymRoidConfig
+from saccade import Must, MustConfig, Sift, SiftConfig, SymRoid, SymRoidConfig
 from saccade.errors import ImageError
 from support.sift_images import PRESETS, assert_same
 from support.symmetric_images import texture
@@ -57,6 +57,13 @@ def test_the_strongest_are_first_and_the_image_is_left_alone(name):
     assert (np.diff(strength) <= 0).all()
 
 
+@pytest.mark.parametrize("shape", [(16, 400), (301, 17), (64, 64, 3), (64, 64, 4)])
+def test_noise_of_any_shape_is_described_again_to_the_same_bytes(rng, shape):
+    image = rng.integers(0, 256, shape).astype(np.uint8)
+    found = Sift(SiftConfig(max_keypoints=300))(image)
+    assert_same(Sift().describe(image, found), found)
+
+
 @pytest.mark.parametrize("detect", [Sift(), Must()])
 def test_a_mask_keeps_the_points_under_it(detect):
     image = texture(3, (120, 150))
@@ -67,6 +74,8 @@ def test_a_mask_keeps_the_points_under_it(detect):
     assert_same(detect(image, mask), every[(column >= 30) & (column < 90)])
     with pytest.raises(ImageError, match=r"mask: expected.*\(120, 150\), found \(150, 120\)"):
         detect(image, mask.T)
+    with pytest.raises(ImageError, match="image: expected finite values, found NaN"):
+        detect(np.full((20, 20), np.nan))
 
 
 @pytest.mark.parametrize("shape", [(80, 80), (1, 1), (5, 300)])

@@ -38,17 +38,6 @@ def test_our_own_points_are_described_to_the_same_bytes(rng, photo, preset):
         assert_same(sift.describe(image, some), some)
 
 
-def test_the_octave_of_a_size_is_that_of_the_detector(photo):
-    """Without their octaves, as COLMAP has them, points are described alike."""
-    sift = Sift()
-    found = sift(photo)
-    unknown = dataclasses.replace(found, octave=np.full(len(found), 99, np.int32))
-    again = sift.describe(photo, unknown)
-    same = (again.descriptors == found.descriptors).all(axis=1)
-    assert same.mean() > 0.95
-    assert cosines(again.descriptors, found.descriptors).min() > 0.9
-
-
 def test_opencvs_points_are_described_as_opencv_does(photo):
     theirs, descriptors = cv2.SIFT_create().detectAndCompute(photo, None)
     given = exchange.from_opencv(theirs, descriptors)
@@ -94,30 +83,6 @@ def test_an_upright_configuration_orients_upright(rng):
     upright = Sift(SiftConfig(upright=True))
     assert not upright.describe(image, given, orient=True).angle.any()
     np.testing.assert_array_equal(upright.describe(image, given).angle, given.angle)
-
-
-def test_a_turned_point_in_a_turned_image_looks_the_same(rng):
-    image = texture(rng, (121, 121))
-    grid = np.stack(np.meshgrid(np.arange(30, 91, 10), np.arange(30, 91, 10)), axis=-1)
-    xy = grid.reshape(-1, 2).astype(float)
-    here = Sift().describe(image, Keypoints.at(xy, 7.0, 0.3))
-    turned = np.c_[xy[:, 1], 120 - xy[:, 0]]
-    there = Sift().describe(np.rot90(image), Keypoints.at(turned, 7.0, 0.3 - np.pi / 2))
-    assert np.abs(here.descriptors.astype(int) - there.descriptors).max() <= 6
-
-
-def test_the_size_says_how_much_is_described():
-    """A step is seen by a point 6 sizes wide, and not by one that ends before it."""
-    image = np.zeros((200, 200), np.float32)
-    image[:, 130:] = 1
-    sizes = np.array([4.0, 6, 8, 14, 20, 40])
-    points = Sift(SiftConfig(first_octave=0)).describe(
-        image, Keypoints.at(np.tile([100, 100], (6, 1)), sizes)
-    )
-    reach = 15 / 4 * sizes + 4 * sizes / 2  # outer subregions, and the blur
-    seen = points.descriptors.any(axis=1)
-    assert not seen[reach < 30].any()
-    assert seen[3 * sizes > 30].all()
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -13,7 +13,6 @@ from saccade.keypoints._gradient_kernels import (
     normalize,
 )
 from saccade.keypoints.descriptor import (
-    assign_orientations,
     describe_points,
     histogram_peaks,
     max_samples,
@@ -149,9 +148,6 @@ def test_a_roof_has_two_orientations():
     np.testing.assert_array_equal(index, [0, 0])
     np.testing.assert_allclose(np.sort(np.abs(angle)), [0, np.pi], atol=1e-3)
     np.testing.assert_allclose(height, 1, rtol=1e-3)
-    both, _ = assign_orientations([roof], point(30, 30, 2), dense(smoothing=2))
-    one, _ = assign_orientations([roof], point(30, 30, 2), dense(smoothing=2), 1)
-    assert (len(both), len(one)) == (2, 1)
 
 
 def as_bytes(raw, *, root):

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from saccade import Sift, SiftConfig
-from saccade.keypoints.detection import nearest_before, spread_out
-from support.sift_images import UNBIASED, assert_same
+from saccade.keypoints.detection import spread_out
+from support.sift_images import UNBIASED
 
 ROCKET = str(files("saccade") / "data" / "rocket.jpg")
 
@@ -41,17 +41,6 @@ def test_the_kept_have_the_greatest_radii(seed, n, count, levels):
         assert radii[kept].min() >= radii[~kept].max()
         border = np.flatnonzero(radii == radii[kept].min())
         assert (np.diff(kept[border].astype(int)) <= 0).all()  # of equal ones the first
-
-
-@pytest.mark.parametrize("n", [0, 1, 2, 6, 7, 8, 100, 515])
-def test_the_nearest_of_the_points_before(rng, n):
-    xy = rng.random((n, 2))
-    for ends in (np.sort(rng.integers(0, n + 1, n)), np.arange(n), np.full(n, n), np.zeros(n, int)):
-        expected = [
-            np.hypot(*(xy[:end] - place).T).min(initial=np.inf)
-            for place, end in zip(xy, ends, strict=True)
-        ]
-        np.testing.assert_allclose(nearest_before(xy, ends), expected, rtol=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -88,14 +77,6 @@ def test_without_a_threshold_there_are_as_many_as_asked_for(photo):
     assert len(capped) == above
 
 
-def test_the_strongest_few_are_not_all_large(photo):
-    """By their signal-to-noise ratio alone they are."""
-    every = Sift()(photo)
-    few = Sift(SiftConfig(max_keypoints=100))(photo)
-    print(f"\nmedian diameter {np.median(every[:100].size):.1f} -> {np.median(few.size):.1f} px")
-    assert np.median(few.size) < np.median(every[:100].size)
-
-
 @pytest.mark.parametrize("count", [50, 150])
 def test_spread_points_cover_the_image(photo, count):
     """No place is as far from a point as without spread, and more cells of a grid have one."""
@@ -124,8 +105,3 @@ def test_of_noise_no_octave_is_stronger_than_another(rng):
     print(f"\n|D| {np.round(response, 4)}, |D| sigma {np.round(ratio, 3)}")
     assert max(response) > 5 * min(response)
     assert max(ratio) < 1.2 * min(ratio)
-
-
-def test_with_room_for_all_spread_changes_nothing(photo):
-    all_of_them = SiftConfig(max_keypoints=10**6, contrast_threshold=0.016)
-    assert_same(Sift(replace(all_of_them, spread=True))(photo), Sift(all_of_them)(photo))

@@ -10,4 +10,4 @@ def deadly(shard: Shard) -> ShardReport:
     """What kills the process that works on the fourth shard."""
     if shard.name == "3":
         os.kill(os.getpid(), signal.SIGKILL)
-    return ShardReport(done=1, rows=int(shard.name))
+    return ShardReport(done=1, unchanged=int(shard.name))

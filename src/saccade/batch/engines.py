@@ -18,7 +18,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -40,17 +40,6 @@ BYTES_PER_PIXEL = 120
 """Peak memory of the most demanding algorithm."""
 DEFAULT_PIXELS = 12_000_000
 """Assumed of an image whose header does not tell."""
-BATCH_SYSTEMS = {
-    "slurm": "SLURMCluster",
-    "pbs": "PBSCluster",
-    "sge": "SGECluster",
-    "lsf": "LSFCluster",
-    "htcondor": "HTCondorCluster",
-    "oar": "OARCluster",
-}
-"""Names of batch systems, and their classes in dask-jobqueue."""
-JOB_DEFAULTS = {"cores": 1, "memory": "2GB"}
-"""Resources of a job, unless the configuration of dask-jobqueue sets them."""
 TIMEOUT = 20.0
 """Seconds in which a scheduler must answer."""
 
@@ -73,8 +62,6 @@ class ShardReport(NamedTuple):
     """Items processed, without those that failed."""
     unchanged: int = 0
     """Items done before, likewise."""
-    rows: int = 0
-    """Rows added to the table."""
     failed: int = 0
     """Images that failed, now or before."""
     lost: Sequence[tuple[str, str]] = ()
@@ -187,36 +174,6 @@ def connect(address: str) -> Iterator[DaskEngine]:
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigError(f"scheduler: expected one at {address}, found none: {error}") from error
     with client:
-        yield DaskEngine(client)
-
-
-@contextmanager
-def submit_jobs(system: str, jobs: int) -> Iterator[DaskEngine]:
-    """Workers in jobs of a batch system, configured by the file of dask-jobqueue.
-
-    Args:
-        system: one of `BATCH_SYSTEMS`.
-        jobs: how many to submit; work starts with the first.
-
-    Raises:
-        ConfigError: the system is unknown, dask-jobqueue is not installed, or its configuration
-            is incomplete.
-    """
-    if system not in BATCH_SYSTEMS:
-        raise ConfigError(f"cluster: expected one of {', '.join(BATCH_SYSTEMS)}, found {system!r}")
-    jobqueue = import_optional("dask_jobqueue", "cluster")
-    dask = import_optional("dask", "cluster")
-    distributed = import_optional("distributed", "cluster")
-    with ExitStack() as stack:
-        configured = dask.config.get(f"jobqueue.{system}", {})
-        resources = {k: value for k, value in JOB_DEFAULTS.items() if configured.get(k) is None}
-        try:
-            cluster = stack.enter_context(getattr(jobqueue, BATCH_SYSTEMS[system])(**resources))
-            cluster.scale(jobs=jobs)
-        except (OSError, RuntimeError, ValueError) as error:
-            raise ConfigError(f"cluster: {system} cannot be used: {error}") from error
-        client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
-        client.wait_for_workers(1)
         yield DaskEngine(client)
 
 

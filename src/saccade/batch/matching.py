@@ -3,7 +3,8 @@
 The folder that it writes:
 
     features/      the data set of keypoints, as `saccade.batch.extract` writes it
-    matches/       a row for every pair of images; a pair is matched again if an image has changed
+    matches/       a row for every pair of images, in blocks that are matched again if an image of
+                   theirs or the settings have changed
     pairs.txt      the pairs
     pairs.csv      their numbers of matches and inliers
     features.h5, matches.h5    in hloc's layout; database.db for COLMAP
@@ -12,7 +13,7 @@ The folder that it writes:
 import csv
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import combinations, takewhile
@@ -23,7 +24,6 @@ import numpy as np
 import pyarrow as pa
 
 from saccade.batch.dataset import (
-    SUFFIX,
     read_points,
     read_record,
     read_shard,
@@ -33,7 +33,7 @@ from saccade.batch.dataset import (
     write_table,
 )
 from saccade.batch.engines import Engine, InProcess, Shard, ShardReport
-from saccade.batch.extraction import Extraction, extract
+from saccade.batch.extraction import MIN_SHARDS, Extraction, extract
 from saccade.batch.job import POINTS, Job
 from saccade.batch.sources import Source, Store, image_files, open_source, open_store
 from saccade.batch.tables import record_batch
@@ -55,8 +55,8 @@ Format: TypeAlias = Literal["hdf5", "colmap"]
 FOLDER = "matches"
 FEATURES = "features"
 """Folder of the data set of keypoints."""
-MIN_IMAGES, MAX_IMAGES, SHARDS = 4, 32, 32
-"""Images in a shard of features, of which a worker has two in memory; shards of a small job."""
+MAX_IMAGES = 32
+"""Images in a shard of features: a worker has two shards in memory."""
 MAX_PAIRS = 256
 """Pairs in a shard of matches."""
 
@@ -93,14 +93,9 @@ class PairKey(NamedTuple):
     """Fingerprint of the settings."""
 
     @property
-    def pair(self) -> Pair:
-        """The names of the images."""
-        return self.first, self.second
-
-    @property
     def name(self) -> str:
         """Name of the pair in reports."""
-        return " ".join(self.pair)
+        return f"{self.first} {self.second}"
 
 
 SCHEMA = pa.schema(
@@ -182,7 +177,10 @@ def match_images(
     config, job = config or MatchConfig(), job or Job("sift", SiftConfig(), exact=True)
     require(len(formats) > 0, "formats", "hdf5 or colmap", formats)
     require(job.what in POINTS, "job", f"one of {', '.join(POINTS)}", job.what)
-    require_libraries(formats)
+    if "colmap" in formats:  # to fail before any work is done
+        import_pycolmap()
+    if "hdf5" in formats:
+        import_optional("h5py", "hdf5")
     images, wanted = images_and_pairs(source, None if pairs is None else Path(pairs))
     run_on, out = engine(images), Path(out)
     features = str(out / FEATURES)
@@ -192,7 +190,7 @@ def match_images(
         features,
         run_on,
         source_name=source,
-        shard_size=min(max(len(images) // SHARDS, MIN_IMAGES), MAX_IMAGES),
+        shard_size=MAX_IMAGES if len(images) > MIN_SHARDS * MAX_IMAGES else None,
         redo=redo,
         should_stop=should_stop,
         on_report=partial(on_report, "images", len(images)),
@@ -201,64 +199,44 @@ def match_images(
         return MatchRun(extraction, len(wanted), 0, 0, (), False, {})
     store = open_store(str(out))
     with store.locked():
-        keys, file_of = _keys(open_store(features), wanted, config.fingerprint(job))
-        present = (
-            set() if redo else set(keys) & {key for _, held in read_keys(store) for key in held}
-        )
-        todo = [key for key in keys if key not in present]
+        shards = list(_shards(open_store(features), wanted, config.fingerprint(job)))
+        present = set() if redo else set(store.list_files(FOLDER))
+        todo = [shard for shard in shards if shard_file(shard.name) not in present]
+        total, done = sum(len(shard.items) for shard in todo), 0
+        unchanged = sum(len(shard.items) for shard in shards) - total
         work = partial(match_shard, config, job.what, features, str(out))
-        shards, done = _shards(todo, file_of), 0
-        for report in run_on.run(work, takewhile(lambda _: not should_stop(), shards)):
+        for report in run_on.run(work, takewhile(lambda _: not should_stop(), iter(todo))):
             if report.lost:
                 raise OutputError(report.lost[0][1])
             done += report.done
-            on_report("pairs", len(todo), report)
-        complete = done == len(todo)
-        found = _current(store, set(keys)) if complete else {}
+            on_report("pairs", total, report)
+        complete = done == total
+        found: dict[Pair, MatchedPair] = {}
+        for shard in shards if complete else ():
+            found |= {each.pair: each for each in read_matches(store, shard_file(shard.name))}
         matched = [found[pair] for pair in wanted if pair in found]
         files = write_files(out, features, matched, formats) if complete else {}
-    return MatchRun(extraction, len(wanted), done, len(present), matched, complete, files)
+    return MatchRun(extraction, len(wanted), done, unchanged, matched, complete, files)
 
 
-def _keys(
-    features: Store, wanted: Sequence[Pair], fingerprint: str
-) -> tuple[list[PairKey], dict[str, str]]:
-    """The keys of the pairs of images that have features, and the record of each image."""
+def _shards(features: Store, wanted: Sequence[Pair], fingerprint: str) -> Iterator[Shard]:
+    """Blocks of pairs whose features are in the same two files, named by all they depend on."""
     content_of: dict[str, str] = {}
     file_of: dict[str, str] = {}
     for file in record_files(features):
         for row in read_record(features, file, ("image", "content", "error")).to_pylist():
             if row["error"] is None:
                 content_of[row["image"]], file_of[row["image"]] = row["content"], file
-    keys = [
-        PairKey(first, second, content_of[first], content_of[second], fingerprint)
-        for first, second in wanted
-        if first in content_of and second in content_of
-    ]
-    return keys, file_of
-
-
-def _shards(keys: Sequence[PairKey], file_of: Mapping[str, str]) -> Iterator[Shard]:
-    """Blocks of the pairs whose features are in the same two files."""
     blocks: dict[tuple[str, str], list[PairKey]] = {}
-    for key in keys:
-        blocks.setdefault((file_of[key.first], file_of[key.second]), []).append(key)
+    for first, second in wanted:
+        if first in content_of and second in content_of:
+            key = PairKey(first, second, content_of[first], content_of[second], fingerprint)
+            blocks.setdefault((file_of[first], file_of[second]), []).append(key)
     for files, block in blocks.items():
         for start in range(0, len(block), MAX_PAIRS):
             pairs = block[start : start + MAX_PAIRS]
             digest = hashlib.blake2b(json.dumps(pairs).encode(), digest_size=12)
             yield Shard(digest.hexdigest(), pairs, files)
-
-
-def _current(store: Store, keys: Set[PairKey]) -> dict[Pair, MatchedPair]:
-    """The matches of these keys."""
-    return {
-        found.pair: found
-        for file, held in read_keys(store)
-        if held & keys
-        for key, found in read_matches(store, file)
-        if key in keys
-    }
 
 
 def read_pairs(path: Path) -> list[Pair]:
@@ -352,33 +330,22 @@ def match_shard(
         for key in shard.items
     ]
     name = f"{FOLDER}/{shard_file(shard.name)}"
-    try:
-        write_table(open_store(out), name, [record_batch(rows, SCHEMA)], SCHEMA)
-    except OutputError as error:
-        return ShardReport.of_lost(shard.items, str(error))
-    return ShardReport(len(rows), rows=sum(len(row["pairs"]) // 8 for row in rows))
+    write_table(open_store(out), name, [record_batch(rows, SCHEMA)], SCHEMA)
+    return ShardReport(done=len(rows))
 
 
-def read_keys(store: Store) -> Iterator[tuple[str, set[PairKey]]]:
-    """Each file of matches, and the keys of its rows."""
-    for file in store.list_files(FOLDER):
-        if file.endswith(SUFFIX):
-            table = read_table(store, f"{FOLDER}/{file}", SCHEMA, PairKey._fields)
-            yield file, {PairKey(**row) for row in table.to_pylist()}
-
-
-def read_matches(store: Store, file: str) -> Iterator[tuple[PairKey, MatchedPair]]:
-    """Each row of a file: its key, and the matches.
+def read_matches(store: Store, file: str) -> list[MatchedPair]:
+    """The matches in a file.
 
     Raises:
-        KeypointsError: the file is broken.
+        KeypointsError: it is broken.
     """
-    for row in read_table(store, f"{FOLDER}/{file}", SCHEMA).to_pylist():
-        try:
-            yield PairKey(*(row[name] for name in PairKey._fields)), _matched_pair(row)
-        except ValueError as error:
-            place = f"{store.location}/{FOLDER}/{file}"
-            raise KeypointsError(f"{place}: expected matches: {error}; remove it") from error
+    rows = read_table(store, f"{FOLDER}/{file}", SCHEMA).to_pylist()
+    try:
+        return [_matched_pair(row) for row in rows]
+    except ValueError as error:
+        place = f"{store.location}/{FOLDER}/{file}"
+        raise KeypointsError(f"{place}: expected matches: {error}; remove it") from error
 
 
 def _match(config: MatchConfig, first: Keypoints, second: Keypoints) -> dict[str, Any]:
@@ -425,18 +392,6 @@ def _matched_pair(row: dict[str, Any]) -> MatchedPair:
         np.frombuffer(row["similarity"], "<f4").astype(np.float32),
         verification,
     )
-
-
-def require_libraries(formats: Sequence[str]) -> None:
-    """Import the libraries of the formats, to fail before any work is done.
-
-    Raises:
-        ConfigError: one is not installed.
-    """
-    if "colmap" in formats:
-        import_pycolmap()
-    if "hdf5" in formats:
-        import_optional("h5py", "hdf5")
 
 
 def write_files(

@@ -101,9 +101,8 @@ def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> 
         write_table(store, f"{RECORDS}/{file}", [record_batch(rows, RECORD_SCHEMA)], RECORD_SCHEMA)
     except OutputError as error:
         return report._replace(lost=ShardReport.of_lost(todo, str(error)).lost)
-    num_rows, failed_now = sum(row["rows"] for row in rows[kept:]), _count_failed(rows[kept:])
-    done = len(todo) - failed_now
-    return report._replace(done=done, rows=num_rows, failed=failed + failed_now)
+    failed_now = _count_failed(rows[kept:])
+    return report._replace(done=len(todo) - failed_now, failed=failed + failed_now)
 
 
 def kept_rows(job: Job, record: Sequence[Row], shard: Shard, redo: bool) -> list[Row]:

@@ -75,9 +75,7 @@ def open_source(source: str, every: int = 1) -> Source:
     with reading(source, ImageError):
         images = _open_remote(source) if is_url(source) else _open_local(source, every)
     if not len(images):
-        expected = ", ".join(IMAGE_SUFFIXES)
-        hint = f"; for those of its folders: '{source}/**/*'" if Path(source).is_dir() else ""
-        raise ImageError(f"{source}: expected images ({expected}), found none{hint}")
+        raise ImageError(f"{source}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
     return images
 
 
@@ -174,25 +172,20 @@ def remote_filesystem(url: str) -> tuple[Any, str]:
 
 
 def _open_local(source: str, every: int) -> Source:
-    path = Path(source)
-    if path.is_dir():
-        with os.scandir(source) as entries:
-            found = [entry.name for entry in entries]
-        from saccade.io.image import warn_of_unread
+    from saccade.io.image import find_images
 
-        warn_of_unread(found, source)
-        names = [name for name in found if _is_image(name)]
-        return image_files(f"{source.rstrip('/')}/", names)
-    if not path.exists() and _is_pattern(source):
-        root = _root_of_pattern(source)
-        matches = Path(root).glob(source.removeprefix(root))
-        names = [match.relative_to(root).as_posix() for match in matches if not match.is_dir()]
-        return _open_files(sorted(_supported(names, source)), root, every)
-    if not path.exists():
-        raise ImageError(f"{source}: cannot be read: no such file or folder")
-    if source.lower().endswith(LIST_SUFFIXES):
+    path = Path(source)
+    if source.lower().endswith(LIST_SUFFIXES) and not path.is_dir():
         return _listed(read_text(path).splitlines(), str(path.parent))
-    return _open_files([path.name], source[: source.rfind("/") + 1], every)
+    if path.is_dir():
+        root = f"{source.rstrip('/')}/"
+    elif path.exists() or not _is_pattern(source):
+        path.stat()  # an error where there is none
+        return _open_files([path.name], source[: source.rfind("/") + 1], every)
+    else:
+        root = _root_of_pattern(source)
+    names = [each.relative_to(root).as_posix() for each in find_images(source)]
+    return _open_files(_supported(names, source), root, every)
 
 
 def _open_remote(url: str) -> Source:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import monotonic
@@ -20,7 +20,7 @@ from saccade.cli.output import (
     resumable,
     stop_on_interrupt,
 )
-from saccade.errors import ConfigError, require
+from saccade.errors import require
 from saccade.extras import import_optional
 from saccade.settings import load_model
 
@@ -65,10 +65,6 @@ class ExtractOptions(SettingsOptions, JsonOption):
     """Images per shard; at most 256 by default."""
     scheduler: str | None = option(None, metavar="ADDRESS")
     """Address of a Dask scheduler: tcp://host:8786."""
-    cluster: str | None = option(None, metavar="SYSTEM")
-    """Batch system for Dask jobs: slurm, pbs, sge, lsf, htcondor or oar."""
-    jobs: int = option(1, min=1)
-    """With --cluster: number of jobs."""
 
     def settings_of(self, what: What) -> Any:
         """The configuration of a kind of features, or the fitted model."""
@@ -78,24 +74,6 @@ class ExtractOptions(SettingsOptions, JsonOption):
         given = self.preset or self.config
         require(given is None, "model", "no --preset and --config with a fitted model", given)
         return load_model(self.model)
-
-    @contextmanager
-    def engine(self, images: "Source") -> Iterator["Engine"]:
-        """Where the work is done."""
-        from saccade.batch.engines import connect, submit_jobs
-
-        if self.scheduler is not None and self.cluster is not None:
-            raise ConfigError("cluster: expected --scheduler or --cluster, found both")
-        if self.scheduler is not None:
-            with connect(self.scheduler) as engine:
-                yield engine
-        elif self.cluster is not None:
-            count = f"{self.jobs} {'job' if self.jobs == 1 else 'jobs'}"
-            print_message(f"submitting {count} to {self.cluster}; waiting for the first")
-            with submit_jobs(self.cluster, self.jobs) as engine:
-                yield engine
-        else:
-            yield local_engine(images, self.workers)
 
 
 def extract(options: ExtractOptions) -> Result:
@@ -108,11 +86,12 @@ def extract(options: ExtractOptions) -> Result:
 
     Ctrl-C stops after the shards in progress; pressed twice, at once.
     """
-    if not (options.scheduler or options.cluster):
+    if options.scheduler is None:
         preload(options.source, options.workers)
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
+    from saccade.batch.engines import connect
 
     out = options.out
     kinds: list[What] = list(dict.fromkeys(options.what or ["sift"]))
@@ -128,7 +107,13 @@ def extract(options: ExtractOptions) -> Result:
     }
     images = open_source(options.source, options.every)
     results: dict[str, Extraction] = {}
-    with options.engine(images) as engine, stop_on_interrupt() as stopped:
+    with ExitStack() as stack:
+        engine: Engine = (
+            local_engine(images, options.workers)
+            if options.scheduler is None
+            else stack.enter_context(connect(options.scheduler))
+        )
+        stopped = stack.enter_context(stop_on_interrupt())
         for folder, job in made.items():
             with (
                 resumable(Path(folder) / "manifest.json"),

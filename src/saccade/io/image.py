@@ -275,7 +275,9 @@ def find_images(source: str | Path) -> list[Path]:
             return [path]
         files = sorted(entry for entry in paths if not entry.is_dir())
     if not files:
-        raise ImageError(f"{source}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
+        hint = f"; for those of its folders: '{source}/**/*.jpg'" if path.is_dir() else ""
+        expected = ", ".join(IMAGE_SUFFIXES)
+        raise ImageError(f"{source}: expected images ({expected}), found none{hint}")
     return files
 
 
