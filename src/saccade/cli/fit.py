@@ -6,7 +6,7 @@ from pathlib import Path
 from saccade.cli.fixation_tables import FixationOptions
 from saccade.cli.group import option
 from saccade.cli.options import FaceOptions, ReportOptions, face_detector
-from saccade.cli.output import Result, facts_table, progress_bar, tracked, write_text
+from saccade.cli.output import Result, facts_table, tracked, write_text
 from saccade.evaluation.conditional import summary
 from saccade.evaluation.fitting import FITTED, FittingConfig, study
 from saccade.evaluation.fixations import FixationScores
@@ -42,7 +42,6 @@ def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> R
         *(data, settings, fitting, face_detector(options.faces)),
         ceiling=options.people,
         progress=tracked,
-        bar=progress_bar,
     )
     scores = {name: each.estimate() for name, each in found.results.items()}
     own = found.results[FITTED]

@@ -6,14 +6,13 @@ the likelihood is convex (a conditional logit, McFadden 1974). A quadratic penal
 standardized weights small. Without the functions of the way it is the static density.
 
 The fit is cross-validated: each fixation belongs to a fold, by its image or by its viewer, and is
-scored by weights that were fitted to the other folds.
+scored by weights that were fitted to the other folds. Weights are one array: of the k features, of
+the e features that count more for the first fixations, and of the functions of `saccade_tables`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cached_property
-from itertools import count as count_from
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,56 +83,41 @@ class FittingData:
     names: Sequence[str]
     """(k,) names of the features."""
     values: Sequence[Float32Array]
-    """(k, h, w) features of each image."""
+    """(k, h, w) features of each image, in the order of `people.sizes`."""
     attention: AttentionConfig
     """Settings of the maps."""
-
-    @cached_property
-    def images(self) -> list[str]:
-        """(n,) names."""
-        return list(self.people.sizes)
-
-    @cached_property
-    def sizes(self) -> list[tuple[int, int]]:
-        """(H, W) of each image."""
-        return list(self.people.sizes.values())
-
-    @cached_property
-    def fixations(self) -> list[FloatArray]:
-        """(m, 2) fixations on each image in pixels, those of a viewer in their order."""
-        return [self.people.on(name).xy for name in self.images]
-
-    @cached_property
-    def viewers(self) -> list[IntArray]:
-        """(m,) their viewers."""
-        return [self.people.on(name).viewer for name in self.images]
 
     @cached_property
     def steps(self) -> list[Steps]:
         """The fixations of each image, those of a viewer after a first one in the center."""
         found = []
-        pairs = zip(self.fixations, self.viewers, self.values, self.sizes, strict=True)
-        for xy, viewers, values, size in pairs:
-            shape = values.shape[1:]
+        for (name, size), values in zip(self.people.sizes.items(), self.values, strict=True):
+            seen, shape = self.people.on(name), values.shape[1:]
             rows = []
-            for viewer in np.unique(viewers):
-                own = xy[viewers == viewer]
+            for viewer in np.unique(seen.viewer):
+                own = seen.xy[seen.viewer == viewer]
                 path = np.vstack([[(size[1] - 1) / 2, (size[0] - 1) / 2], own])
                 rows += [path_terms(path[: k + 1], shape, size) for k in range(len(own))]
             anchors, factors = (np.array(column) for column in zip(*rows, strict=True))
-            found.append(Steps(cells_of(xy, size, shape), anchors, factors))
+            found.append(Steps(cells_of(seen.xy, size, shape), anchors, factors))
         return found
 
     @cached_property
     def early(self) -> IntArray:
-        """Numbers of the features that count more for the first fixations."""
+        """(e,) numbers of the features that count more for the first fixations."""
         return np.array([i for i, name in enumerate(self.names) if name in EARLY], np.int64)
 
     @cached_property
-    def tables(self) -> dict[tuple[int, ...], FloatArray]:
+    def shapes(self) -> list[tuple[int, int, int, int]]:
+        """(h, w, H, W) of each image."""
+        cells = [values.shape for values in self.values]
+        pairs = zip(cells, self.people.sizes.values(), strict=True)
+        return [(h, w, *size) for (_, h, w), size in pairs]
+
+    @cached_property
+    def tables(self) -> dict[tuple[int, int, int, int], FloatArray]:
         """`saccade_tables` by (h, w, H, W)."""
-        shapes = {(*v.shape[1:], *size) for v, size in zip(self.values, self.sizes, strict=True)}
-        return {each: saccade_tables(each[:2], each[2:]) for each in sorted(shapes)}
+        return {each: saccade_tables(each[:2], each[2:]) for each in sorted({*self.shapes})}
 
     @property
     def moments(self) -> tuple[FloatArray, FloatArray]:
@@ -145,34 +129,20 @@ class FittingData:
         return mean, np.where(deviation > 1e-9, deviation, np.inf)  # constant in these images
 
 
-@dataclass(frozen=True, eq=False)
-class Weights:
-    """Weights of a conditional density."""
-
-    features: FloatArray
-    """(k,) of the features."""
-    early: FloatArray
-    """(e,) of those that are `FittingData.early`, over the number of the fixation."""
-    saccade: FloatArray
-    """(m,) of the functions of `saccade_tables`."""
-
-
 def fit(
     data: FittingData,
     config: FittingConfig,
+    kept: Sequence[BoolArray] | None = None,
     *,
     ordered: bool = True,
-    kept: Sequence[BoolArray] | None = None,
-    progress: Callable[[int], None] = lambda _iterations: None,
-) -> Weights:
+) -> FloatArray:
     """The weights of highest penalized likelihood.
 
     Args:
         data: features and fixations.
         config: the penalty.
-        ordered: whether a fixation depends on those before; otherwise on the image alone.
         kept: of each image, (m,) which of its fixations count; None for all.
-        progress: called after each iteration of the optimization, with their number.
+        ordered: whether a fixation depends on those before; otherwise on the image alone.
     """
     k, e = len(data.names), len(data.early)
     mean, deviation = data.moments
@@ -194,33 +164,29 @@ def fit(
         tables = {n: np.ascontiguousarray(t @ weights[k + e :]) for n, t in data.tables.items()}
         slopes = {n: np.zeros_like(t) for n, t in tables.items()}
         for i, steps in parts:
-            shape = data.values[i].shape[1:]
-            size, x = (*shape, *data.sizes[i]), flat[i]
+            size, x = data.shapes[i], flat[i]
             fields = np.stack([weights[:k] @ x, weights[k : k + e] @ x[data.early]])
-            slope = np.zeros((2, *shape))
+            slope = np.zeros((2, *size[:2]))
             factors = steps.factors if ordered else np.zeros_like(steps.factors)
             total += add_likelihood(
-                *(fields.reshape(2, *shape), tables[size], steps.anchors, factors, steps.cells),
+                *(fields.reshape(slope.shape), tables[size], steps.anchors, factors, steps.cells),
                 *(slope, slopes[size]),
             )
             first, second = slope.reshape(2, -1)
             gradient[:k] += x @ first
             gradient[k : k + e] += x[data.early] @ second
-        for name, of_table in slopes.items():
-            gradient[k + e :] += np.tensordot(of_table, data.tables[name], 3)
+        for size, of_table in slopes.items():
+            gradient[k + e :] += np.tensordot(of_table, data.tables[size], 3)
         value = total / count + config.penalty / 2 * scaled @ scaled
         return float(value), gradient / scale / count + config.penalty * scaled
 
-    number = count_from(1)
     found = minimize(
         *(objective, np.zeros(len(scale))),
         jac=True,
         method="L-BFGS-B",
-        callback=lambda _weights: progress(next(number)),
         options={"maxiter": config.iterations},
     )
-    weights = found.x / scale
-    return Weights(weights[:k], weights[k : k + e], weights[k + e :])
+    return np.asarray(found.x / scale)
 
 
 def split(count: int, folds: int, seed: int) -> IntArray:
@@ -232,69 +198,53 @@ def split(count: int, folds: int, seed: int) -> IntArray:
 
 def folds_by_image(data: FittingData, config: FittingConfig) -> list[IntArray]:
     """Of each image, (m,) the fold of its fixations: that of the image."""
-    folds = split(len(data.images), config.folds, config.seed)
-    return [np.full(len(xy), fold) for xy, fold in zip(data.fixations, folds, strict=True)]
+    folds = split(len(data.values), config.folds, config.seed)
+    return [np.full(len(each.cells), fold) for each, fold in zip(data.steps, folds, strict=True)]
 
 
 def folds_by_viewer(data: FittingData, config: FittingConfig) -> list[IntArray]:
     """Of each image, (m,) the fold of its fixations: that of the viewer."""
-    people = np.unique(data.people.table.viewer)
-    folds = split(len(people), config.folds, config.seed)
-    return [folds[np.searchsorted(people, viewers)] for viewers in data.viewers]
+    viewers = np.unique(data.people.table.viewer)
+    folds = split(len(viewers), config.folds, config.seed)
+    seen = (data.people.on(name).viewer for name in data.people.sizes)
+    return [folds[np.searchsorted(viewers, each)] for each in seen]
 
 
 def cross_validate(
-    data: FittingData,
-    folds: Sequence[IntArray],
-    config: FittingConfig,
-    *,
-    ordered: bool = True,
-    progress: Callable[[int], None] = lambda _iterations: None,
-) -> list[Weights]:
-    """The weights of each fold, fitted to the others; `progress` counts the iterations of all."""
-    found = []
+    data: FittingData, folds: Sequence[IntArray], config: FittingConfig, *, ordered: bool = True
+) -> Iterator[FloatArray]:
+    """The weights of each fold, fitted to the others."""
     for fold in range(1 + max(each.max() for each in folds)):
-
-        def iterated(count: int, before: int = fold * config.iterations) -> None:
-            progress(before + count)
-
-        kept = [each != fold for each in folds]
-        found.append(fit(data, config, ordered=ordered, kept=kept, progress=iterated))
-    return found
+        yield fit(data, config, [each != fold for each in folds], ordered=ordered)
 
 
 def score_held_out(
-    data: FittingData, folds: Sequence[IntArray], weights: Sequence[Weights]
+    data: FittingData, folds: Sequence[IntArray], weights: Sequence[FloatArray]
 ) -> Iterator[tuple[str, FixationScores]]:
     """The scores of the static densities of cross-validation, each on the fixations of its fold.
 
     Yields:
         The name of an image, and the mean over the folds of its fixations.
     """
-    for i, (name, of_image) in enumerate(zip(data.images, folds, strict=True)):
-        rows = [
-            data.people.score(
-                name,
-                saliency_of(data, i, weights[fold].features),
-                data.fixations[i][of_image == fold],
-            )
-            for fold in np.unique(of_image)
-        ]
+    for i, (name, of_image) in enumerate(zip(data.people.sizes, folds, strict=True)):
+        xy, rows = data.people.on(name).xy, []
+        for fold in np.unique(of_image):
+            saliency = saliency_of(data, i, weights[fold])
+            rows.append(data.people.score(name, saliency, xy[of_image == fold]))
         yield name, PredictionScores([name] * len(rows), rows).mean()
 
 
 def saliency_of(data: FittingData, image: int, weights: FloatArray) -> Float32Array:
     """(H, W) saliency of an image, as `FittedModel.maps` and `resize` have it."""
-    values = data.values[image]
-    logits = np.tensordot(weights, values, 1)
-    return resize(np.exp(logits - logits.max()).astype(np.float32), data.sizes[image])
+    logits = np.tensordot(weights[: len(data.names)], data.values[image], 1)
+    return resize(np.exp(logits - logits.max()).astype(np.float32), data.shapes[image][2:])
 
 
 STATIC, ORDERED, ORDER, REST = "static", "with the order", "order", "the other viewers"
 
 
 def score_steps(
-    data: FittingData, folds: Sequence[IntArray], weights: Mapping[str, Sequence[Weights]]
+    data: FittingData, folds: Sequence[IntArray], weights: Mapping[str, Sequence[FloatArray]]
 ) -> Iterator[FixationRow]:
     """How each next fixation is predicted, also by the other viewers of the image, the ceiling.
 
@@ -306,69 +256,51 @@ def score_steps(
     Yields:
         The fixations scored by each, and what the order adds, the difference of their scores.
     """
-    for i, name in enumerate(data.images):
-        seen, shape = data.people.on(name), data.values[i].shape[1:]
-        baseline, rest = people_densities(name, data.people, shape)
+    for i, (name, size) in enumerate(data.people.sizes.items()):
+        seen = data.people.on(name)
+        baseline, rest = people_densities(name, data.people, data.shapes[i][:2])
         predictions: dict[str, Iterable[FloatArray]] = {
             model: step_densities(data, i, of_folds[folds[i][0]])
             for model, of_folds in weights.items()
         }
         if len(rest) > 1:
             predictions[REST] = (rest[viewer] for viewer in seen.viewer.tolist())
-        rows = [*score_predictions(name, seen, data.sizes[i], predictions, baseline)]
+        rows = [*score_predictions(name, seen, size, predictions, baseline)]
         yield from rows
         static, ordered = ([row for row in rows if row.model == of] for of in (STATIC, ORDERED))
         for before, row in zip(static, ordered, strict=True):
-            gain = (getattr(row.scores, key) - getattr(before.scores, key) for key in STEP_SCORES)
-            yield row._replace(model=ORDER, scores=FixationPrediction(*gain))
+            gain = np.subtract(astuple(row.scores), astuple(before.scores))
+            yield row._replace(model=ORDER, scores=FixationPrediction(*gain.tolist()))
 
 
-STEP_SCORES = tuple(FixationPrediction.__dataclass_fields__)
-
-
-def step_densities(data: FittingData, image: int, weights: Weights) -> Iterator[FloatArray]:
+def step_densities(data: FittingData, image: int, weights: FloatArray) -> Iterator[FloatArray]:
     """(h, w) the distribution of each fixation of an image, given those before."""
-    values, steps = data.values[image], data.steps[image]
-    shape = values.shape[1:]
-    tables = data.tables[(*shape, *data.sizes[image])] @ weights.saccade
-    fields = np.stack(
-        [
-            np.tensordot(weights.features, values, 1),
-            np.tensordot(weights.early, values[data.early], 1),
-        ]
-    )
+    k, e = len(data.names), len(data.early)
+    values, steps, size = data.values[image], data.steps[image], data.shapes[image]
+    of_all = np.tensordot(weights[:k], values, 1)
+    of_early = np.tensordot(weights[k : k + e], values[data.early], 1)
+    fields, tables = np.stack([of_all, of_early]), data.tables[size] @ weights[k + e :]
     for anchors, factors in zip(steps.anchors, steps.factors, strict=True):
-        density = np.empty(shape)
+        density = np.empty(size[:2])
         fill_logits(fields, tables, anchors, factors, density)
         density = np.exp(density - density.max())
         yield density / density.sum()
 
 
 def as_model(
-    data: FittingData, static: FloatArray, ordered: Weights | None = None, fitted_to: str = ""
+    data: FittingData, static: FloatArray, ordered: Sequence[float] = (), fitted_to: str = ""
 ) -> FittedModel:
     """The model of the weights of the static density, and of those of the next fixation."""
-    scanpath = () if ordered is None else (*ordered.features, *ordered.early, *ordered.saccade)
-    return FittedModel(
-        tuple(data.names),
-        _rounded(static),
-        fitted_to,
-        data.attention,
-        _rounded(scanpath),
+    rounded = (
+        tuple(float(f"{weight:.6g}") for weight in weights)
+        for weights in (static[: len(data.names)], ordered)
     )
-
-
-def _rounded(weights: Sequence[float] | FloatArray) -> tuple[float, ...]:
-    return tuple(float(f"{weight:.6g}") for weight in weights)
+    features, scanpath = rounded
+    return FittedModel(tuple(data.names), features, fitted_to, data.attention, scanpath)
 
 
 FITTED, BY_VIEWER, UNFITTED = "fitted, by image", "fitted, by viewer", "unfitted"
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
-
-Progress = Callable[[Iterable[Any], str, int], Iterable[Any]]
-"""Passes items on, with a description and their number."""
-Bar = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
-"""Shows how far something is: from a description and a total to a function of what is done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,8 +323,7 @@ def study(
     faces: FaceDetector | None = None,
     *,
     ceiling: bool = True,
-    progress: Progress = lambda items, _description, _count: items,
-    bar: Bar = lambda _description, _total: nullcontext(lambda _done: None),
+    progress: Callable[[Iterable[Any], str, int], Iterable[Any]] = lambda items, *_: items,
 ) -> FitStudy:
     """Fit a model to all images, and score it by cross-validation.
 
@@ -402,14 +333,13 @@ def study(
         config: of the cross-validation.
         faces: finds faces, so that they are a feature; None for a model without.
         ceiling: whether people are scored, each against the others.
-        progress: shows how far it is.
-        bar: shows the iterations of the fits.
+        progress: passes items on, with a description and their number.
 
     Raises:
         LogError: there are too few images.
         ImageError: an image cannot be read or used.
     """
-    count = len(people.sizes)
+    count, viewers = len(people.sizes), len(np.unique(people.table.viewer))
     if count < 4:
         raise LogError(f"fixations: expected at least four images to fit to, found {count}")
     names = feature_names(attention, faces=faces is not None)
@@ -418,51 +348,45 @@ def study(
         for name in people.sizes
     )
     data = FittingData(people, names, [*progress(values, "features", count)], attention)
-    images, viewers = folds_by_image(data, config), folds_by_viewer(data, config)
-    (static, static_of_all), (ordered, ordered_of_all) = (
-        _fits(data, images, config, each, bar) for each in (False, True)
-    )
+    by_image, by_viewer = folds_by_image(data, config), folds_by_viewer(data, config)
+    found = {
+        model: [
+            *progress(
+                cross_validate(data, by_image, config, ordered=model == ORDERED),
+                f"fitting {model}",
+                min(config.folds, count),
+            )
+        ]
+        for model in (STATIC, ORDERED)
+    }
+    fits = (fit(data, config, ordered=ordered) for ordered in (False, True))
+    static, ordered = progress(fits, "fitting to all images", 2)
 
     def unfitted(name: str) -> Float32Array:
         saliency = attention_saliency(people.read(name), attention, faces=faces).saliency
         return resize(saliency, people.sizes[name])
 
-    results: dict[str, PredictionScores] = {}
+    def scores_of(model: Model) -> Iterator[tuple[str, FixationScores]]:
+        return ((image, of["model"]) for image, of in score_models({"model": model}, people))
 
-    def add(name: str, scored: Iterator[tuple[str, FixationScores]]) -> None:
-        found = [*progress(scored, name, count)]
-        if found:
-            results[name] = PredictionScores(*zip(*found, strict=True))
-
-    add(FITTED, score_held_out(data, images, static))
-    if len(np.unique(people.table.viewer)) > 1:
-        of_viewers = cross_validate(data, viewers, config, ordered=False)
-        add(BY_VIEWER, score_held_out(data, viewers, of_viewers))
-    references: dict[str, Model] = {
-        UNFITTED: unfitted,
-        CENTER: people.center,
-        SHUFFLED: people.shuffled,
+    scored = {FITTED: score_held_out(data, by_image, found[STATIC])}
+    if viewers > 1:
+        of_viewers = [*cross_validate(data, by_viewer, config, ordered=False)]
+        scored[BY_VIEWER] = score_held_out(data, by_viewer, of_viewers)
+    scored |= {
+        UNFITTED: scores_of(unfitted),
+        CENTER: scores_of(people.center),
+        SHUFFLED: scores_of(people.shuffled),
     }
-    for name, model in references.items():
-        add(name, ((image, of[name]) for image, of in score_models({name: model}, people)))
-    if ceiling:
-        add(PEOPLE, score_people(people))
-    seen = len(np.unique(people.table.viewer))
+    if ceiling and viewers > 1:
+        scored[PEOPLE] = score_people(people)
+    results = {name: [*progress(each, name, count)] for name, each in scored.items()}
     return FitStudy(
-        as_model(data, static_of_all.features, ordered_of_all, f"{count} images, viewers: {seen}"),
-        results,
-        [*score_steps(data, images, {STATIC: static, ORDERED: ordered})],
+        as_model(data, static, ordered, f"{count} images, viewers: {viewers}"),
+        {
+            name: PredictionScores(*zip(*rows, strict=True))
+            for name, rows in results.items()
+            if rows
+        },
+        [*score_steps(data, by_image, found)],
     )
-
-
-def _fits(
-    data: FittingData, folds: Sequence[IntArray], config: FittingConfig, ordered: bool, bar: Bar
-) -> tuple[list[Weights], Weights]:
-    """Weights of each fold, fitted to the others, and those fitted to all."""
-    before = min(config.folds, len(data.images)) * config.iterations
-    description = "fitting scanpaths" if ordered else "fitting maps"
-    with bar(description, before + config.iterations) as update:
-        of_others = cross_validate(data, folds, config, ordered=ordered, progress=update)
-        of_all = fit(data, config, ordered=ordered, progress=lambda n: update(before + n))
-        update(before + config.iterations)
-    return of_others, of_all
