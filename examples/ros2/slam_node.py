@@ -86,7 +86,6 @@ class ScanQueue:
     """Brings messages into the order of their stamps, and passes them to the filter."""
 
     filter: slam.Slam
-    """With `motion=slam.compose`."""
     config: NodeConfig = field(default_factory=NodeConfig)
     dropped: int = 0
     """Scans that came after a later one had been processed."""
@@ -297,7 +296,7 @@ def main() -> None:
     node = Node("saccade_slam")
     known = node.declare_parameter("known", False).value
     config = slam.EkfConfig(association="known" if known else "mutual")
-    queue = ScanQueue(slam.Slam(config, motion=slam.compose))
+    queue = ScanQueue(slam.Slam(config))
     poses = node.create_publisher(PoseWithCovarianceStamped, "pose", 10)
     landmarks = node.create_publisher(MarkerArray, "landmarks", 1)
     broadcaster = TransformBroadcaster(node)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from saccade.errors import LogError
 from saccade.types import FloatArray, LandmarkLog
 
 
@@ -55,22 +54,8 @@ def point_covariance(observation: FloatArray, covariance: FloatArray) -> FloatAr
     return np.asarray(A @ covariance @ A.transpose(0, 2, 1))
 
 
-def require_motion_model(log: LandmarkLog) -> None:
-    """Raise `LogError` if the controls are those of a custom motion model."""
-    if log.motion == "custom":
-        raise LogError(
-            f"{log.name}: expected controls of drive or compose, found those of a "
-            "custom motion model"
-        )
-
-
 def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
-    """The controls of a log as relative poses (t, 3), and their covariance (t, 3, 3).
-
-    Raises:
-        LogError: the controls are those of a custom motion model.
-    """
-    require_motion_model(log)
+    """The controls of a log as relative poses (t, 3), and their covariance (t, 3, 3)."""
     if log.motion == "compose":
         return log.control, log.control_covariance
     A = np.zeros((len(log.control), 3, 2))

@@ -389,18 +389,17 @@ class LandmarkLog:
     """(3,) initial pose."""
     time: FloatArray
     """(t + 1,) of each pose, in seconds; the number of the pose where the log has no clock."""
-    motion: Literal["turn_then_translate", "compose", "custom"]
-    """Kind of the controls: "turn_then_translate" (distance, turn) as in C.5; "compose"
-    (forward, left, turn), the next pose in the frame of the last; "custom" for any other motion
-    model."""
+    motion: Literal["turn_then_translate", "compose"]
+    """Kind of the controls: "turn_then_translate" (distance, turn) as in C.5, or "compose"
+    (forward, left, turn), the next pose in the frame of the last."""
     control: FloatArray
-    """(t, c) from pose i to pose i + 1: c is 2, 3 or the model's."""
+    """(t, c) from pose i to pose i + 1: c is 2 or 3."""
     control_covariance: FloatArray
     """(t, c, c)."""
     observation_pose: IntArray
     """(k,) number of the pose of each observation, ascending."""
     observation: FloatArray
-    """(k, 2) range in meters, bearing in radians; or those of another sensor model."""
+    """(k, 2) range in meters, bearing in radians."""
     observation_covariance: FloatArray
     """(k, 2, 2)."""
     landmark: IntArray
@@ -419,7 +418,7 @@ class LandmarkLog:
         numbers = number_names(self.landmark, self.text_names, name=f"{self.name}: landmark")
         for field_name, value in zip(("landmark", "text_names"), numbers, strict=True):
             object.__setattr__(self, field_name, value)
-        sizes = {"turn_then_translate": 2, "compose": 3, "custom": self.control.shape[-1]}
+        sizes = {"turn_then_translate": 2, "compose": 3}
         if self.motion not in sizes:
             raise LogError(
                 f"{self.name}: motion: expected one of {', '.join(sizes)}, found {self.motion!r}"

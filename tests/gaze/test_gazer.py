@@ -11,14 +11,14 @@ from saccade.errors import ConfigError
 from saccade.gaze import POLICIES, Gazer
 from saccade.gaze.gazer import BEARING_SIGMA, HORIZON, INHIBITION, RANGE_SIGMA
 from saccade.slam import EkfConfig, Slam
-from saccade.slam.models import compose, observe
+from saccade.slam.models import observe
 
 CONFIG = EkfConfig(filter="standard", association="known", huber=np.inf, recover=False)
 
 
 def robot(landmarks=(), names=None, motion_sigma=0.0, **options):
     """At the origin, with landmarks known to a centimetre, and then a pose less certain."""
-    slam = Slam(CONFIG, motion=compose, **options)
+    slam = Slam(CONFIG, **options)
     xy = np.array(landmarks, float).reshape(-1, 2)
     if len(xy):
         R = np.tile(np.diag([1e-4, 1e-5]), (len(xy), 1, 1))
@@ -71,7 +71,7 @@ def test_the_bearings_of_a_scan_tell_the_heading_no_better_than_the_pan_is_measu
 @pytest.mark.parametrize("sigma", [0.01, 1.0])
 def test_a_landmark_that_was_seen_from_here_tells_nothing_of_an_uncertain_pose(sigma):
     """It tells its own range and bearing, how certain the pose may be."""
-    slam = Slam(CONFIG, motion=compose)
+    slam = Slam(CONFIG)
     slam.step(1.0, np.zeros(3), sigma**2 * np.diag([1.0, 1.0, 0.1]))
     R = np.array([0.05, 0.02]) ** 2
     slam.step(2.0, z=np.array([[3.0, 0.0]]), R=np.diag(R)[None], names=np.array([0]))

@@ -8,7 +8,6 @@ from hypothesis.extra.numpy import arrays
 
 from saccade.errors import LogError
 from saccade.slam import (
-    RANGE_BEARING,
     EkfSlam,
     KnownIdentity,
     NearestNeighbor,
@@ -24,7 +23,6 @@ from saccade.slam.association._kernels import (
     squared_distance,
 )
 from saccade.slam.association.nearest_neighbor import mahalanobis_squared
-from saccade.slam.models import RangeBearing
 
 R = np.diag([0.01, 1e-4])
 UNKNOWN = np.full(9, -1)
@@ -108,28 +106,6 @@ def test_distance_is_normalized_by_the_covariance(v, root):
     found = [squared_distance(*each) for each in parts]
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-12)
     assert np.isinf(squared_distance(1.0, 2.0, 0.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize("retraction", Retraction)
-def test_a_sensor_of_ones_own_finds_the_same_distances(retraction):
-    z, noise = _scan(WORLD + np.array([0.1, -0.05]))
-    filters = []
-    for sensor in (RANGE_BEARING, type("Own", (RangeBearing,), {})()):
-        ekf = EkfSlam(np.zeros(3), 1e-2 * np.eye(3), sensor=sensor, retraction=retraction)
-        for landmark in WORLD:
-            ekf.augment(observe(np.zeros(3), landmark)[0], R)
-        ekf.predict(np.array([0.3, 0.2]), 1e-2 * np.eye(2))
-        ekf.update(observe(ekf.pose, WORLD[1])[0], R, 1)
-        ekf.predict(np.array([0.3, -0.1]), 1e-2 * np.eye(2))
-        filters.append(ekf)
-    compiled, own = filters
-    own.from_arrays(compiled.to_arrays())  # its own updates are of first order
-    assert compiled.models.compiled
-    assert not own.models.compiled
-    expected = mahalanobis_squared(compiled, z, noise)
-    np.testing.assert_allclose(mahalanobis_squared(own, z, noise), expected, rtol=1e-9)
-    near = mahalanobis_squared(own, z, noise, 9.0)
-    np.testing.assert_array_equal(np.isinf(near), expected > 9)
 
 
 def test_distance_is_the_nis_of_an_update_where_range_and_bearing_correlate():

@@ -10,12 +10,11 @@ from saccade.slam import (
     INVARIANT,
     STANDARD,
     EkfSlam,
-    compose,
-    difference,
-    inverse_observe,
     observe,
     turn_then_translate,
 )
+from saccade.slam.filter._range_bearing_kernels import augment_range_bearing
+from saccade.slam.filter.models import predict, update
 
 U, NOISE = np.diag([1e-4, 1e-5]), np.diag([0.01, 0.0004])
 every = pytest.mark.parametrize("retraction", [STANDARD, INVARIANT])
@@ -53,20 +52,20 @@ def test_a_local_map_is_the_whole_filter(retraction, rng):
             u = u + rng.normal(size=2) * np.sqrt(U.diagonal())
             whole.predict(u, U)
             small.reserve()
-            small.models.predict(small.view, u, U)
+            predict(small.view, u, U)
             for local in rng.integers(8, size=2).tolist():
                 z = observe(pose, world[inside[local]])[0] + rng.normal(size=2) * [0.1, 0.02]
                 one, number = whole.update(z, NOISE, int(inside[local])), np.array([local])
                 small.reserve()
                 place.observed[number] = True
-                v, _, nis = small.models.update(small.view, z[None], NOISE[None], number)
+                v, _, nis = update(small.view, z[None], NOISE[None], number)
                 np.testing.assert_allclose(v[0], one.value, atol=1e-9)
                 assert nis[0] == pytest.approx(one.nis, abs=1e-6)
         for bearing in range(6 if visit == 1 else 0):  # more than there was room for
             z = np.array([4.0, bearing])
             whole.augment(z, NOISE)
             small.reserve()
-            small.models.augment(small.view, z, NOISE)
+            augment_range_bearing(small.view, z, NOISE)
         np.testing.assert_allclose(small.pose, whole.pose, atol=1e-9)
         np.testing.assert_allclose(small.pose_covariance, whole.pose_covariance, atol=1e-9)
         assert small.local_map is place
@@ -91,16 +90,13 @@ def _numbered(seen):
 
 
 @every
-@pytest.mark.parametrize(
-    "model", [turn_then_translate, lambda pose, control: turn_then_translate(pose, control)]
-)
-def test_a_scan_is_its_observations(retraction, model, rng):
-    """In compiled code, and with a model that cannot be; those of no landmark are left out."""
+def test_a_scan_is_its_observations(retraction, rng):
+    """Those of no landmark are left out."""
     control, seen = _avenue(rng)
     step, z, which = _numbered(seen)
     new = np.unique(which, return_index=True)[1]
     which[np.setdiff1d(np.arange(0, len(which), 7), new)] = -1
-    one = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), model, retraction=retraction)
+    one = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction)
     two = copy.deepcopy(one)
     for i, u in enumerate(control):
         rows = np.flatnonzero(step == i)
@@ -122,38 +118,3 @@ def test_a_scan_is_its_observations(retraction, model, rng):
         np.testing.assert_allclose(one.pose_covariance, two.pose_covariance, atol=1e-9)
     assert len(one) > 20
     np.testing.assert_allclose(one.covariance, two.covariance, atol=1e-9)
-
-
-def test_a_robot_may_have_more_states_than_its_pose(rng):
-    """A scale of the odometry, found from landmarks that are seen over and over."""
-
-    def scaled(state, control):
-        moved, Fx, Fu = compose(state[:3], np.array([control[0] * state[3], 0.0, control[1]]))
-        F, G = np.eye(4), np.zeros((4, 2))
-        F[:3, :3], F[:3, 3] = Fx, Fu[:, 0] * control[0]
-        G[:3] = Fu[:, [0, 2]] * [state[3], 1.0]
-        return np.append(moved, state[3]), F, G
-
-    class Sensor:
-        difference = staticmethod(difference)
-
-        def observe(self, state, landmarks):
-            z, H = observe(state[:3], landmarks)
-            return z, np.insert(H, 3, 0.0, -1)
-
-        def inverse_observe(self, state, z):
-            xy, Gx, Gz = inverse_observe(state[:3], z)
-            return xy, np.insert(Gx, 3, 0.0, -1), Gz
-
-    for retraction in (STANDARD, INVARIANT):
-        start = np.array([0.0, 0.0, 0.0, 1.0])
-        ekf = EkfSlam(start, np.diag([0, 0, 0, 0.04]), scaled, Sensor(), retraction)
-        world, truth = rng.uniform([-6, -3], [6, 9], (6, 2)), np.zeros(3)
-        for landmark in world:
-            ekf.augment(observe(truth, landmark)[0], NOISE)
-        for _ in range(120):
-            ekf.predict(np.array([0.2, 0.1]), np.diag([1e-6, 1e-6]))
-            truth = compose(truth, np.array([0.2 * 1.15, 0.0, 0.1]))[0]
-            for number, landmark in enumerate(world):
-                ekf.update(observe(truth, landmark)[0], NOISE, number)
-        assert ekf.state[3] == pytest.approx(1.15, abs=0.02)

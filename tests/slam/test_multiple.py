@@ -130,7 +130,7 @@ def test_alternatives_are_those_of_all_joint_associations(seed):
             rows, columns = (list(each) for each in zip(*pairs, strict=True))
             predicted, S = ekf.predict_jointly(np.array(columns))
             noise = np.kron(np.eye(len(pairs)), R[0])
-            v = ekf.sensor.difference(z[rows], predicted).ravel()
+            v = slam.difference(z[rows], predicted).ravel()
             cost += v @ np.linalg.solve(S + noise, v)
             cost += np.linalg.slogdet(S + noise)[1] - np.linalg.slogdet(noise)[1]
         costs[which] = cost

@@ -46,7 +46,6 @@ def test_bias_changes_the_pose_as_its_slope_says(rng, motion):
     ekf = slam.EkfSlam(
         np.append(log.start, BIAS),
         np.diag([0, 0, 0, *sigma**2]),
-        motion=getattr(slam, motion),
     )
 
     def end(bias):

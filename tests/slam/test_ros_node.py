@@ -92,7 +92,7 @@ def recorded(bag):
 
 
 def feed(received, config=KNOWN, **settings):
-    queue = node.ScanQueue(slam.Slam(config, motion=slam.compose), node.NodeConfig(**settings))
+    queue = node.ScanQueue(slam.Slam(config), node.NodeConfig(**settings))
     updates = []
     for topic, message in received:
         take = queue.on_odometry if topic == "/odom" else queue.on_detections

@@ -49,7 +49,7 @@ from saccade.slam import (
 )
 from saccade.slam.consistency import chi_square_band
 from saccade.slam.merging import merge_maps
-from saccade.slam.run import find_start, motion_of, slam_for
+from saccade.slam.run import find_start, slam_for
 from saccade.types import (
     FloatArray,
     IntArray,
@@ -124,7 +124,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput):
             raise ConfigError("--save-map: expected --mode continue, found localize")
         given = any(each is not None for each in (self.association, self.preset, self.config))
         own = settings if given else None
-        load = partial(Slam.load, self.map_file, self.mode, own, motion=motion_of(log, None))
+        load = partial(Slam.load, self.map_file, self.mode, own)
         if self.first == "last":
             return load()
         load = partial(load, odometry_bias=log.odometry_bias)

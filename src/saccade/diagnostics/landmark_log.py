@@ -118,7 +118,7 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
     """Check the units, signs, axes, order, clock and noise of a log, before it is mapped.
 
     Args:
-        log: of range and bearing, with controls of any motion model.
+        log: the log.
 
     Returns:
         What is wrong, the likeliest cause first; empty for a log without controls or observations
@@ -134,11 +134,9 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
             "2 pi: they are in degrees; multiply bearings, turns and headings by pi / 180, and "
             "their variances by its square"
         )
-    findings = [*_check_gap(log)]
-    if log.motion != "custom":
-        readings = _readings_of(log)
-        findings = [*_check_readings(log, readings), *findings]
-        findings += _check_repeated_names(log, readings.control)
+    readings = _readings_of(log)
+    findings = [*_check_readings(log, readings), *_check_gap(log)]
+    findings += _check_repeated_names(log, readings.control)
     median = float(np.median(log.observation[:, 0])) if len(bearing) else 0.0
     if median > FAR and not any("millimetres" in finding.check for finding in findings):
         what = f"half of the ranges are over {median:.0f} m, which is far for a sensor"

@@ -27,7 +27,7 @@ from saccade.plane import steps_between
 from saccade.simulation import DriveConfig, PanCamera, WorldConfig, simulate_drive, simulate_world
 from saccade.simulation.drive import ENCODER_SIGMA
 from saccade.slam import EkfConfig, Recorder, Slam
-from saccade.slam.models import compose, observe, wrap
+from saccade.slam.models import observe, wrap
 from saccade.types import LandmarkLog, Trajectory
 from saccade.visual import VisualConfig, VisualResult
 from saccade.visual.config import EgomotionSource
@@ -173,7 +173,7 @@ def drive_by_landmarks(
 def _robot(log: LandmarkLog, known: bool) -> Slam:
     """At the start of a log, with all landmarks in its map if it is known."""
     config = EkfConfig(association="known", recover=False)
-    slam = Slam(config, start=log.start, motion=compose, odometry_bias=log.odometry_bias)
+    slam = Slam(config, start=log.start, odometry_bias=log.odometry_bias)
     if known:
         assert log.landmark_truth is not None
         z = observe(log.start, log.landmark_truth.xy)[0]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from saccade.errors import require
 from saccade.slam import Slam
-from saccade.slam.models import wrap
+from saccade.slam.models import MOTIONS, observe, wrap
 from saccade.types import BoolArray, FloatArray, IntArray
 
 POLICIES = ("fixed", "sweep", "random", "salient", "active")
@@ -215,7 +215,7 @@ class Gazer:
 
     def _roll_out(self) -> "View":
         """The next `HORIZON` seconds: the robot follows its plan, the camera turns to each pan."""
-        ekf, motion, r = self.slam.ekf, self.slam.motion, len(self.slam.ekf.robot_state)
+        ekf, r = self.slam.ekf, len(self.slam.ekf.robot_state)
         steps = np.minimum(np.arange(ceil(HORIZON / self.period)), len(self.plan) - 1)
         controls = self.plan[steps] if len(self.plan) else np.zeros((0, 2))
         poses, F, Q = [ekf.pose], np.eye(r), np.zeros((r, r))
@@ -224,7 +224,7 @@ class Gazer:
                 poses.append(poses[-1])
                 continue
             u = u.sum(0)
-            moved, Fx, Fu = motion(poses[-1], u)
+            moved, Fx, Fu = MOTIONS[len(u)](poses[-1], u)
             poses.append(moved)
             if i < SAMPLES // 2:
                 A = np.eye(r)
@@ -267,7 +267,7 @@ class Gazer:
         P[:, :r] = P[:, :r] @ view.F.T
         P[:r, :r] += view.Q
         robot[:3] = view.pose
-        z, H = ekf.sensor.observe(robot, ekf.landmarks[landmarks])
+        z, H = observe(robot, ekf.landmarks[landmarks])
         by_landmark = np.zeros((k, 2, k, 2))
         by_landmark[np.arange(k), :, np.arange(k)] = H[..., r:]
         J = np.hstack([H[..., :r].reshape(2 * k, r), by_landmark.reshape(2 * k, 2 * k)])

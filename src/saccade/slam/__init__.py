@@ -11,9 +11,6 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import INVARIANT, STANDARD, Retraction
 from saccade.slam.merging import MergedMaps, merge_maps
 from saccade.slam.models import (
-    RANGE_BEARING,
-    MotionModel,
-    Sensor,
     compose,
     difference,
     inverse_observe,
@@ -32,7 +29,6 @@ __all__ = [
     "DROPPED",
     "INVARIANT",
     "NEW",
-    "RANGE_BEARING",
     "STANDARD",
     "Association",
     "Checkpoint",
@@ -43,13 +39,11 @@ __all__ = [
     "Innovation",
     "KnownIdentity",
     "MergedMaps",
-    "MotionModel",
     "NearestNeighbor",
     "PoseHypotheses",
     "Recorder",
     "Relocalizer",
     "Retraction",
-    "Sensor",
     "Slam",
     "SlamResult",
     "SmoothResult",

@@ -5,6 +5,7 @@ import numpy as np
 from saccade.io.checkpoint import Arrays, attribute_arrays, restore_attributes
 from saccade.slam.association._kernels import DROPPED
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.models import observe
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MAX_AMBIGUOUS = 0.5
@@ -138,7 +139,7 @@ class Culling:
             return None
         f = ekf.view
         points = f.state[f.robot_size :][: 2 * f.now.landmarks].reshape(-1, 2)
-        return ekf.sensor.observe(f.state[: f.robot_size], points)[0]
+        return observe(f.state[: f.robot_size], points)[0]
 
     def count_scan(
         self,

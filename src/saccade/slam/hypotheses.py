@@ -22,9 +22,13 @@ from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives, log_determinant
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.culling import Culling, numbers_of_kept
-from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
+from saccade.slam.filter._range_bearing_kernels import (
+    Innovations,
+    augment_range_bearing,
+    write_pose,
+)
 from saccade.slam.filter.ekf import EkfSlam, join_landmarks
-from saccade.slam.filter.models import new_innovations
+from saccade.slam.filter.models import new_innovations, predict
 from saccade.slam.models import wrap
 from saccade.slam.scans import Scan
 from saccade.types import FloatArray, IntArray
@@ -96,7 +100,7 @@ class Hypothesis:
     def predict(self, scan: Scan) -> None:
         """Move the robot (C.5-C.9)."""
         if scan.control is not None:
-            self.ekf.models.predict(self.ekf.view, *scan.control)
+            predict(self.ekf.view, *scan.control)
 
     def observe(
         self,
@@ -128,7 +132,7 @@ class Hypothesis:
         mapped = len(ekf)
         for k in np.flatnonzero(association == NEW).tolist():  # candidates
             association[k] = len(ekf)
-            ekf.models.augment(ekf.view, z[k], R[k])
+            augment_range_bearing(ekf.view, z[k], R[k])
         return self.culling.count_scan(ekf, predicted, mapped, association)
 
     def split(

@@ -27,8 +27,7 @@ def write_map(path: str | Path, config: EkfConfig, models: dict[str, Any], array
     Args:
         path: the file.
         config: settings of the filter that made the map.
-        models: names of the motion model, the sensor model and the association rule, and the
-            further arguments of `Slam`.
+        models: name of the association rule, and the further arguments of `Slam`.
         arrays: state of the parts of the `Slam`, and its `sessions` and `descriptors`.
 
     Raises:

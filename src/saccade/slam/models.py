@@ -1,12 +1,7 @@
-"""Motion, observation and inverse observation models, each with its Jacobians (appendix C).
-
-A motion model is a function of pose and control; a sensor model is a `Sensor`. Custom models are
-passed to `run` or `EkfSlam`.
-"""
+"""Motion, observation and inverse observation models, each with its Jacobians (appendix C)."""
 
 from collections.abc import Callable
 from math import cos, sin
-from typing import Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,34 +10,6 @@ from saccade.slam.filter._kernels import wrapped
 from saccade.slam.filter._range_bearing_kernels import MIN_RANGE
 from saccade.slam.filter.validation import as_numbers, check_vector
 from saccade.types import FloatArray
-
-MotionModel: TypeAlias = Callable[
-    [FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]
-]
-"""(pose (3,), control (c,)) -> next pose (3,), Jacobians by pose (3, 3) and control (3, c)."""
-
-
-class Sensor(Protocol):
-    """A sensor model."""
-
-    def observe(self, pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Predicted observations of landmarks (..., 2) from a pose (3,).
-
-        Returns:
-            (..., 2), and its Jacobian (..., 2, 5) by the pose and the landmark.
-        """
-
-    def inverse_observe(
-        self, pose: FloatArray, z: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions of landmarks observed (..., 2) from a pose (3,).
-
-        Returns:
-            (..., 2), and its Jacobians by the pose (..., 2, 3) and by z (..., 2, 2).
-        """
-
-    def difference(self, z: FloatArray, expected: FloatArray) -> FloatArray:
-        """Innovations (..., 2): observed minus predicted, angles wrapped."""
 
 
 def wrap(angle: npt.ArrayLike) -> FloatArray:
@@ -168,17 +135,8 @@ def difference(z: FloatArray, expected: FloatArray) -> FloatArray:
     return innovation
 
 
-MOTIONS: dict[str, MotionModel] = {"turn_then_translate": turn_then_translate, "compose": compose}
-"""The motion model of each kind of control of a log."""
-
-
-class RangeBearing:
-    """Range in metres and bearing in radians, from the robot's position and heading."""
-
-    observe = staticmethod(observe)
-    inverse_observe = staticmethod(inverse_observe)
-    difference = staticmethod(difference)
-
-
-RANGE_BEARING = RangeBearing()
-"""The default sensor model."""
+MOTIONS: dict[int, Callable[..., tuple[FloatArray, FloatArray, FloatArray]]] = {
+    2: turn_then_translate,
+    3: compose,
+}
+"""The motion model of controls of so many numbers."""

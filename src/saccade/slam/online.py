@@ -32,15 +32,6 @@ from saccade.slam.filter.validation import (
 from saccade.slam.hypotheses import Hypotheses, Hypothesis
 from saccade.slam.local_map_choice import LocalMapChoice
 from saccade.slam.map_file import read_map, write_map
-from saccade.slam.models import (
-    MOTIONS,
-    RANGE_BEARING,
-    MotionModel,
-    RangeBearing,
-    Sensor,
-    compose,
-    turn_then_translate,
-)
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import PoseHypotheses, StepResult, check_diverged
 from saccade.slam.scans import NO_SCAN, Scan
@@ -65,9 +56,6 @@ class Slam:
     Args:
         config: filter, association and noise.
         start: (3,) first pose.
-        motion: the motion model; by default `turn_then_translate`, of distance and
-            turn.
-        sensor: the sensor model; by default range and bearing.
         association: a custom association rule instead of the one in `config`.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
         mode: "localize" adds and culls no landmarks; the estimates of those in the map (see `load`)
@@ -96,8 +84,6 @@ class Slam:
         config: EkfConfig = EkfConfig(),
         *,
         start: FloatArray | tuple[float, float, float] = (0.0, 0.0, 0.0),
-        motion: MotionModel = turn_then_translate,
-        sensor: Sensor = RANGE_BEARING,
         association: Association | None = None,
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
         mode: Literal["continue", "localize"] = "continue",
@@ -105,16 +91,13 @@ class Slam:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
         is_rule = association is None or isinstance(association, Association)
         require(is_rule, "association", "an Association", type(association).__name__)
-        built_in = motion in (turn_then_translate, compose) and sensor is RANGE_BEARING
-        estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
+        estimated = config.estimate_odometry_bias and any(odometry_bias)
         bias = odometry_bias if estimated else ()
         self.config = config
         built_in_rule = association is None or isinstance(association, GatedIdentity)
         ekf = EkfSlam(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
-            motion=motion,
-            sensor=sensor,
             retraction=RETRACTIONS[config.filter],
             huber=config.huber,
         )
@@ -126,15 +109,14 @@ class Slam:
         culling = Culling(
             doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
         )
-        ranges = type(sensor) is RangeBearing
-        self.recovery = Recovery(config.recover and ranges, config.new_gate, motion)
+        self.recovery = Recovery(config.recover, config.new_gate)
         gate = (
             float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
         )
-        submaps = config.submaps if built_in and built_in_rule else "never"
+        submaps = config.submaps if built_in_rule else "never"
         self._choice = LocalMapChoice(submaps, gate)
         several = association is None and config.association in ("auto", "multiple")
-        self._may_branch = several and built_in and adds and config.max_hypotheses > 1
+        self._may_branch = several and adds and config.max_hypotheses > 1
         self.hypotheses = Hypotheses(
             *(Hypothesis(ekf, culling), config.gate, config.new_gate, config.huber),
             most=config.max_hypotheses,
@@ -150,11 +132,6 @@ class Slam:
         self.descriptors: npt.NDArray[Any] | None = None
         """(m, d) of the first m landmarks, if their user gives any; removed with the landmarks."""
         self._odometry_bias = odometry_bias
-        self.motion = motion
-        """The motion model."""
-        self._control_size = (
-            2 if motion is turn_then_translate else 3 if motion is compose else None
-        )
 
     @property
     def ekf(self) -> EkfSlam:
@@ -179,8 +156,9 @@ class Slam:
 
         Args:
             time: of the pose, in any unit; not before that of the last step.
-            control: (c,) from the last pose to this one; None where the robot has not moved, as
-                at the first pose.
+            control: (c,) from the last pose to this one: distance and turn (`turn_then_translate`)
+                or forward, left and turn (`compose`); None where the robot has not moved, as at the
+                first pose.
             U: (c, c) its covariance.
             z: (k, 2) range in metres, bearing in radians within 2 pi; None without observations.
             R: (k, 2, 2) their covariances.
@@ -213,7 +191,7 @@ class Slam:
         if seconds < self._time:
             raise LogError(f"time: expected {self._time:g} or later, found {seconds:g}")
         if control is not None:
-            c = self._control_size or np.size(control)
+            c = 3 if np.size(control) == 3 else 2
             u = np.array(as_array("control", (c,), control), np.float64)
             U = np.array(as_array("covariance of the control", (c, c), U), np.float64)
             check_noise("control", u[None], U[None], self.config.motion_noise_scale**2)
@@ -228,8 +206,7 @@ class Slam:
         R = as_array("covariances of the observations", (k, 2, 2), R).astype(np.float64)
         if k == 0:
             return Scan(seconds, motion, *NO_SCAN), text_names
-        if self.ekf.models.observes_ranges:
-            check_range_bearing(z)
+        check_range_bearing(z)
         check_noise("observation", z, R, self.config.sensor_noise_scale**2, MIN_SIGMA)
         return Scan(seconds, motion, z, R, identity.astype(np.int64)), text_names
 
@@ -393,18 +370,16 @@ class Slam:
             Hypotheses of the pose with probabilities; `association` has numbers of landmarks.
 
         Raises:
-            ConfigError: the sensor model is a custom one, or the map has no landmarks.
+            ConfigError: the map has no landmarks.
             LogError: an argument is invalid.
         """
-        found = type(self.ekf.sensor).__name__
-        require(self.ekf.models.observes_ranges, "sensor", "range and bearing", found)
         confirmed = self.confirmed
         scan, _ = self._validated(max(self._time, 0.0), None, None, z, R, names)
         require(bool(confirmed.any()), "map", "landmarks to find the robot among", "none")
         return self.recovery.locate(self.ekf, confirmed, scan, self.known_landmarks(scan.names))
 
     def save(self, path: str | Path) -> None:
-        """Save the whole state as a map file, for `load`; custom models by name only.
+        """Save the whole state as a map file, for `load`; a custom association rule by name only.
 
         Raises:
             ConfigError: the mode is "localize", or a part has a state that cannot be saved.
@@ -412,7 +387,8 @@ class Slam:
         """
         if self.mode == "localize":
             raise ConfigError("mode: expected continue for a map to be saved, found localize")
-        models = {**self._model_names(), "odometry_bias": self._odometry_bias}
+        rule = type(self.associate).__qualname__
+        models = {"association": rule, "odometry_bias": self._odometry_bias}
         write_map(path, self.config, models, self.to_arrays() | self._session_arrays())
 
     @classmethod
@@ -424,8 +400,6 @@ class Slam:
         *,
         start: FloatArray | tuple[float, float, float] | None = None,
         covariance: FloatArray | None = None,
-        motion: MotionModel | None = None,
-        sensor: Sensor = RANGE_BEARING,
         association: Association | None = None,
         odometry_bias: tuple[float, float, float] | None = None,
     ) -> Self:
@@ -439,20 +413,15 @@ class Slam:
                 has not moved since: all goes on as if there were no file between.
             covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma` or, where
                 this is zero, of `START_SIGMA`: half a meter and a tenth of a radian.
-            motion: as for `Slam`, like the other models; by default as saved.
-            sensor: the sensor model.
             association: a custom association rule.
             odometry_bias: with a start, as for `Slam`; by default as saved.
 
         Raises:
             LogError: the file cannot be read, is damaged, no map, or of a later version.
-            ConfigError: the settings or models do not suit the map.
+            ConfigError: the settings or the association rule do not suit the map.
         """
         saved, names, arrays = read_map(path)
         settings = config or saved
-        if motion is None:
-            require(names["motion"] in MOTIONS, "motion", f"the model of {path}", None)
-            motion = MOTIONS[names["motion"]]
         same = settings.filter == saved.filter
         require(same, "filter", f"{saved.filter!r}, as in {path}", settings.filter)
         if start is None or odometry_bias is None:
@@ -460,15 +429,13 @@ class Slam:
         slam = cls(
             settings,
             start=(0.0, 0.0, 0.0) if start is None else start,
-            motion=motion,
-            sensor=sensor,
             association=association,
             odometry_bias=odometry_bias,
             mode=mode,
         )
-        for name, found in slam._model_names().items():
-            if name != "motion":
-                require(found == names[name], name, f"{names[name]}, as in {path}", found)
+        rule = type(slam.associate).__qualname__
+        same = rule == names["association"]
+        require(same, "association", f"{names['association']}, as in {path}", rule)
         if start is None:
             size, robot_size = len(slam.ekf.robot_state), int(arrays["robot_size"])
             as_saved = f"{robot_size > 3}, as in {path}"
@@ -506,14 +473,6 @@ class Slam:
         candidates = np.flatnonzero(~confirmed[:landmarks] & (self.identities < 0))
         self.culling.remove_culled(candidates)
         self.remove(candidates)
-
-    def _model_names(self) -> dict[str, str]:
-        motions = [name for name, model in MOTIONS.items() if model is self.motion]
-        return {
-            "motion": motions[0] if motions else "custom",
-            "sensor": type(self.ekf.sensor).__qualname__,
-            "association": type(self.associate).__qualname__,
-        }
 
     def _session_arrays(self) -> Arrays:
         numbers = {

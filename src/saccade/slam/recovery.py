@@ -25,7 +25,7 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.slam.culling import Culling
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import numbers_of, set_numbers
-from saccade.slam.models import MotionModel, wrap
+from saccade.slam.models import wrap
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import PoseHypotheses
 from saccade.slam.scans import Scan
@@ -52,7 +52,6 @@ class PoseSearch:
     Args:
         ekf: the filter, whose map stays as it is.
         landmarks: (n,) numbers of those among which the pose is searched, ascending.
-        motion: the motion model.
         anywhere: whether nothing is known of the pose; else that of the filter is a hypothesis.
         min_matched: observed points that must be landmarks of the map for the robot to be found.
         scans: in a row after which one hypothesis must be right for the robot to be found.
@@ -63,7 +62,6 @@ class PoseSearch:
         self,
         ekf: EkfSlam,
         landmarks: IntArray,
-        motion: MotionModel,
         *,
         anywhere: bool,
         min_matched: int = 3,
@@ -74,7 +72,7 @@ class PoseSearch:
         self._min_matched, self._scans, self._found = min_matched, scans, found
         self._agreeing = 0
         covariance = ekf.marginal(landmarks)[len(ekf.robot_state) :, len(ekf.robot_state) :]
-        self._search = Relocalizer(ekf.landmarks[landmarks], covariance, motion=motion)
+        self._search = Relocalizer(ekf.landmarks[landmarks], covariance)
         if not anywhere:
             self._search.propose(ekf.pose)
         self.hypotheses: PoseHypotheses | None = None
@@ -152,13 +150,11 @@ class Recovery:
     Args:
         enabled: whether this is tested at all.
         gate: probability with which an observation of a landmark is inside its gate.
-        motion: the motion model.
     """
 
-    def __init__(self, enabled: bool, gate: float, motion: MotionModel) -> None:
+    def __init__(self, enabled: bool, gate: float) -> None:
         self.rule = LostRule(enabled, LIMIT, chi_square_gate(2, gate))
         self.evidence = _new_evidence()
-        self._motion = motion
         self._search: PoseSearch | None = None
         self._scans = 0  # in a row without evidence against the belief
 
@@ -199,7 +195,7 @@ class Recovery:
         if now.total < self.rule.limit:
             return False
         now.total, self._scans = self.rule.limit, 0
-        self._search = PoseSearch(ekf, np.flatnonzero(confirmed), self._motion, anywhere=False)
+        self._search = PoseSearch(ekf, np.flatnonzero(confirmed), anywhere=False)
         self._search.add(scan.z, scan.R, named)
         return True
 
@@ -208,7 +204,7 @@ class Recovery:
     ) -> PoseHypotheses:
         """Hypotheses of a robot that is anywhere among `confirmed` landmarks (N,)."""
         if self._search is None:
-            self._search = PoseSearch(ekf, np.flatnonzero(confirmed), self._motion, anywhere=True)
+            self._search = PoseSearch(ekf, np.flatnonzero(confirmed), anywhere=True)
         return self._search.add(scan.z, scan.R, named)
 
     def follow(self, ekf: EkfSlam, culling: Culling, scan: Scan, named: IntArray) -> IntArray:
@@ -261,7 +257,7 @@ class Recovery:
         set_numbers(self.evidence.now, arrays["now"])
         self._scans, self._search = int(arrays["scans"]), None
         if search := select(arrays, "search"):
-            self._search = PoseSearch(ekf, search["landmarks"], self._motion, anywhere=True)
+            self._search = PoseSearch(ekf, search["landmarks"], anywhere=True)
             self._search.from_arrays(search)
 
 

@@ -19,7 +19,7 @@ from saccade.plane import rotations
 from saccade.slam._relocalization_kernels import Grid, add_support, select_distinct
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
-from saccade.slam.models import RANGE_BEARING, MotionModel, compose, wrap
+from saccade.slam.models import MOTIONS, inverse_observe, observe, wrap
 from saccade.slam.results import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -59,7 +59,6 @@ class Relocalizer:
         landmarks: (N, 2) metres.
         covariance: (N, 2, 2) of each landmark or, better, (2N, 2N) of all: with correlations the
             errors that neighboring landmarks share are left out.
-        motion: motion model of the controls between scans.
         max_proposals: proposed poses whose support is computed, after those of the first few pairs.
         max_hypotheses: proposed poses that are refined, those with the most support.
 
@@ -83,7 +82,6 @@ class Relocalizer:
         self,
         landmarks: FloatArray,
         covariance: FloatArray,
-        motion: MotionModel = compose,
         max_proposals: int = 50_000,
         max_hypotheses: int = 50,
     ) -> None:
@@ -93,7 +91,7 @@ class Relocalizer:
         require(landmarks.shape == (n, 2), "landmarks", "(N, 2)", landmarks.shape)
         known = covariance.shape in ((n, 2, 2), (2 * n, 2 * n))
         require(known, "covariance", f"({n}, 2, 2) or ({2 * n}, {2 * n})", covariance.shape)
-        self._landmarks, self._motion = landmarks, motion
+        self._landmarks = landmarks
         self._max_proposals, self._max_hypotheses = max_proposals, max_hypotheses
         self._tree = cKDTree(landmarks)
         self._errors = _local_errors(self._tree, landmarks, covariance)
@@ -108,17 +106,18 @@ class Relocalizer:
         """Predict the motion between two scans.
 
         Args:
-            u: (c,) control of the motion model.
+            u: (c,) control, as of `EkfSlam.predict`.
             U: (c, c) its covariance.
         """
-        moved, _, Fu = self._motion(np.zeros(3), u)
+        motion = MOTIONS[len(u)]
+        moved, _, Fu = motion(np.zeros(3), u)
         Q = Fu @ U @ Fu.T  # (3, 3)
         rotation = rotations(moved[2:])[0].T
         self._points = (self._points - moved[:2]) @ rotation.T
         J = pose_jacobians(self._points)
         J[:, :, :2] = rotation
         self._covariances = rotation @ self._covariances @ rotation.T + J @ Q @ J.transpose(0, 2, 1)
-        poses = [self._motion(pose, u)[0] for pose in self._tracked]
+        poses = [motion(pose, u)[0] for pose in self._tracked]
         self._tracked = np.array(poses).reshape(-1, 3)
 
     def propose(self, pose: FloatArray) -> None:
@@ -157,7 +156,7 @@ class Relocalizer:
     @property
     def observations(self) -> tuple[FloatArray, FloatArray]:
         """The k points observed in the last scans: (k, 2) range, bearing; (k, 2, 2) covariances."""
-        z, H = RANGE_BEARING.observe(np.zeros(3), self._points)
+        z, H = observe(np.zeros(3), self._points)
         J = H[..., 3:]
         return z, J @ self._covariances @ J.swapaxes(-1, -2)
 
@@ -174,7 +173,7 @@ class Relocalizer:
         kept = self._age < MEMORY
         points, covariances = self._points[kept], self._covariances[kept]
         old, age = self._named[kept], self._age[kept] + 1
-        xy, _, Gz = RANGE_BEARING.inverse_observe(np.zeros(3), z)
+        xy, _, Gz = inverse_observe(np.zeros(3), z)
         C = Gz @ R @ Gz.transpose(0, 2, 1)
         differ = (named[:, None] != old) & (named[:, None] >= 0) & (old >= 0)
         same = _same_points(points, covariances, xy, C, differ)

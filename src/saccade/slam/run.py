@@ -8,13 +8,13 @@ import numpy as np
 from saccade.errors import LogError
 from saccade.io.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.landmark_names import FIRST_TEXT
+from saccade.plane import rotations
 from saccade.slam.association.identities import KnownIdentity
 from saccade.slam.association.rule import Association
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.culling import numbers_of_kept
 from saccade.slam.filter.models import new_innovations
-from saccade.slam.models import MOTIONS, RANGE_BEARING, MotionModel, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.recovery import PoseSearch
 from saccade.slam.results import StepResult
@@ -95,8 +95,6 @@ def run(
     config: EkfConfig = EkfConfig(),
     progress: Callable[[int, int], None] | None = None,
     *,
-    motion: MotionModel | None = None,
-    sensor: Sensor = RANGE_BEARING,
     associate: Association | None = None,
     recorder: Recorder | None = None,
     checkpoint: Checkpoint | None = None,
@@ -112,23 +110,21 @@ def run(
         config: filter, association and noise.
         progress: called with the number of poses done and of all poses, some
             hundred times in all.
-        motion: the motion model; by default that of the log's controls.
-        sensor: the sensor model; by default range and bearing.
         associate: a custom association rule instead of the one in `config`.
         recorder: records snapshots of the map while it grows.
         checkpoint: where the run saves its state, and from where it resumes.
         initial: a `Slam` that takes the steps of the log, as `Slam.load` or `slam_for` gives it;
-            then `config`, `motion`, `sensor` and `associate` are its own, and the first pose of
+            then `config` and `associate` are its own, and the first pose of
             the log is the one at which it is. Without one, the log begins a map.
 
     Returns:
         Trajectory, map, consistency and association.
 
     Raises:
-        LogError: known association of a log that does not identify its landmarks, a custom
-            motion model that is missing, or an estimate that diverges; names the pose.
+        LogError: known association of a log that does not identify its landmarks, or an estimate
+            that diverges; names the pose.
     """
-    slam = initial or slam_for(log, config, motion, sensor, associate)
+    slam = initial or slam_for(log, config, associate)
     if isinstance(slam.associate, KnownIdentity) and (log.landmark < 0).all() and len(log.landmark):
         raise LogError(
             "association: expected nearest, found known, but the log does not name "
@@ -136,9 +132,7 @@ def run(
         )
     config, poses = slam.config, len(log.time)
     removed_before = slam.culling.removed
-    if motion_of(log, motion or (slam.motion if log.motion == "custom" else None)) != slam.motion:
-        raise LogError(f"motion: expected controls of the model of the map, found {log.motion}")
-    odometry = dead_reckon(replace(log, start=slam.ekf.pose), config, motion)
+    odometry = dead_reckon(replace(log, start=slam.ekf.pose), config)
     k = len(log.observation)
     pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
     lost, refused = np.zeros(poses, np.bool_), np.zeros(k, np.bool_)
@@ -153,7 +147,7 @@ def run(
         "results": StoredArrays(arrays),
         "recorder": recorder,
     }
-    identity = (log, config, motion, sensor, associate, initial and initial.to_arrays())
+    identity = (log, config, associate, initial and initial.to_arrays())
     done = 0 if checkpoint is None else checkpoint.resume(identity, parts)
     hundredth, start = poses // 100 + 1, int((log.observation_pose < done).sum())
     slam.num_steps = max(slam.num_steps - (done == 0), 0)  # at the first pose it is already
@@ -204,8 +198,7 @@ def _steps(
     slam: Slam, log: LandmarkLog, names: IntArray, done: int
 ) -> Iterator[tuple[int, StepResult]]:
     """Take the steps of a log from a pose on; gives their numbers and results."""
-    ranges = slam.ekf.models.observes_ranges
-    scans = scans_of(log, slam.config, names, observes_ranges=ranges)
+    scans = scans_of(log, slam.config, names)
     return ((i, slam.process(scan)) for i, scan in enumerate(scans) if i >= done)
 
 
@@ -228,28 +221,18 @@ def _doubt(association: IntArray, slam: Slam) -> str:
 def slam_for(
     log: LandmarkLog,
     config: EkfConfig = EkfConfig(),
-    motion: MotionModel | None = None,
-    sensor: Sensor = RANGE_BEARING,
     associate: Association | None = None,
 ) -> Slam:
-    """The `Slam` that `run` takes through a log: with its start and motion model.
-
-    Raises:
-        LogError: as `run`.
-    """
+    """The `Slam` that `run` takes through a log: with its start and odometry biases."""
     return Slam(
         config,
         start=log.start,
-        motion=motion_of(log, motion),
-        sensor=sensor,
         association=associate,
-        odometry_bias=(0.0, 0.0, 0.0) if motion is not None else log.odometry_bias,
+        odometry_bias=log.odometry_bias,
     )
 
 
-def dead_reckon(
-    log: LandmarkLog, config: EkfConfig = EkfConfig(), motion: MotionModel | None = None
-) -> Trajectory:
+def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory:
     """Dead reckoning: the trajectory by the controls alone, with its growing covariance."""
     none = slice(0)
     blind = replace(
@@ -259,25 +242,12 @@ def dead_reckon(
         observation_covariance=log.observation_covariance[none],
         landmark=log.landmark[none],
     )
-    slam = slam_for(blind, config, motion)
+    slam = slam_for(blind, config)
     results = [result for _, result in _steps(slam, blind, blind.landmark, 0)]
     pose, covariance = (
         np.array([getattr(r, name) for r in results]) for name in ("pose", "covariance")
     )
     return Trajectory(log.time, pose, covariance)
-
-
-def motion_of(log: LandmarkLog, custom: MotionModel | None) -> MotionModel:
-    """The motion model of a log.
-
-    Raises:
-        LogError: its controls are of a custom model, which is not given.
-    """
-    if custom is not None:
-        return custom
-    if log.motion not in MOTIONS:
-        raise LogError(f"motion: expected the model of {log.motion} controls, found none given")
-    return MOTIONS[log.motion]
 
 
 def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
@@ -296,15 +266,11 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
     Raises:
         LogError: no pose is certain.
     """
-    ekf = slam.ekf
-    landmarks = np.arange(len(ekf))
-    search = PoseSearch(ekf, landmarks, slam.motion, anywhere=True, found=FOUND, scans=1)
-    moved, moved_covariance, scans, best = np.zeros(3), np.zeros((3, 3)), 0, 0.0
+    ekf, scans, best = slam.ekf, 0, 0.0
+    search = PoseSearch(ekf, np.arange(len(ekf)), anywhere=True, found=FOUND, scans=1)
     for step in range(len(log.time)):
         if step > 0:
-            u, U = log.control[step - 1], log.control_covariance[step - 1]
-            search.predict(u, U)
-            moved, moved_covariance = _moved(slam.motion, moved, moved_covariance, u, U)
+            search.predict(log.control[step - 1], log.control_covariance[step - 1])
         scan = log.observation_pose == step
         if not scan.any() or scans == MAX_SCANS:
             continue
@@ -316,19 +282,14 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
             association, covariance = found.association[0], found.covariance[0].copy()
             used = association[association >= 0]
             covariance[:2, :2] += ekf.landmark_covariances[used].mean(0)
-            return _before(found.pose[0], covariance, moved, moved_covariance)
+            blind = replace(log, start=np.zeros(3), odometry_bias=(0.0, 0.0, 0.0))
+            moved = dead_reckon(blind, EkfConfig(filter="standard"))
+            assert moved.covariance is not None
+            return _before(found.pose[0], covariance, moved.pose[step], moved.covariance[step])
     raise LogError(
         f"start: expected a pose in the map that is certain, found a probability of {best:.2f} "
         f"after {scans} scans; give the start"
     )
-
-
-def _moved(
-    motion: MotionModel, pose: FloatArray, P: FloatArray, u: FloatArray, U: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Dead reckoning by one control."""
-    pose, Fx, Fu = motion(pose, u)
-    return pose, Fx @ P @ Fx.T + Fu @ U @ Fu.T
 
 
 def _before(
@@ -336,8 +297,7 @@ def _before(
 ) -> tuple[FloatArray, FloatArray]:
     """The pose from which a motion (3,) with its covariance leads to a pose."""
     heading = pose[2] - moved[2]
-    c, s = np.cos(heading), np.sin(heading)
-    R = np.array([[c, -s], [s, c]])
+    R = rotations(heading)
     arm = R @ moved[:2]
     J, K = np.eye(3), np.zeros((3, 3))
     J[:2, 2] = arm[1], -arm[0]

@@ -32,16 +32,13 @@ class Scan(NamedTuple):
     """(k,) landmark identities, -1 where unknown."""
 
 
-def scans_of(
-    log: LandmarkLog, config: EkfConfig, names: IntArray, *, observes_ranges: bool = True
-) -> Iterator[Scan]:
+def scans_of(log: LandmarkLog, config: EkfConfig, names: IntArray) -> Iterator[Scan]:
     """The steps of a log, the first without a motion.
 
     Args:
         log: controls and observations.
         config: whose noise scales apply.
         names: (k,) numbers of the landmarks' names, -1 where unknown.
-        observes_ranges: whether observations are ranges and bearings.
 
     Raises:
         LogError: before the first of them, a control or an observation is invalid.
@@ -50,8 +47,7 @@ def scans_of(
     z, R = np.array(log.observation, np.float64), np.array(log.observation_covariance, np.float64)
     check_noise("control", u, U, config.motion_noise_scale**2)
     check_noise("observation", z, R, config.sensor_noise_scale**2, MIN_SIGMA)
-    if observes_ranges:
-        check_range_bearing(z)
+    check_range_bearing(z)
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1)).tolist()
     times = log.time.tolist()
 

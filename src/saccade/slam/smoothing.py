@@ -14,8 +14,8 @@ from saccade.errors import LogError
 from saccade.extras import import_optional
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.models import unbiased
-from saccade.slam.models import MotionModel, heading_rotation
-from saccade.slam.run import SlamResult, motion_of
+from saccade.slam.models import MOTIONS, heading_rotation
+from saccade.slam.run import SlamResult
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MIN_SIGMA = 1e-4
@@ -48,7 +48,6 @@ def smooth(
     log: LandmarkLog,
     filtered: SlamResult,
     config: EkfConfig = EkfConfig(),
-    motion: MotionModel | None = None,
 ) -> SmoothResult:
     """Smooth a log over the filter's association.
 
@@ -58,8 +57,6 @@ def smooth(
         log: controls and observations of range and bearing.
         filtered: result of the same log; the initial estimate.
         config: settings of the filter, of which the noise, the start and `huber` apply.
-        motion: the motion model; by default that of the log's controls. It must be invariant to
-            the initial pose.
 
     Returns:
         Trajectory, map, and the weight of each observation.
@@ -69,7 +66,7 @@ def smooth(
         ConfigError: GTSAM is not installed.
     """
     gtsam = import_optional("gtsam", "smooth")
-    problem = _Problem(gtsam, log, filtered, config, motion_of(log, motion))
+    problem = _Problem(gtsam, log, filtered, config)
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(MAX_ITERATIONS)
     parameters.setRelativeErrorTol(RELATIVE_CHANGE)
@@ -106,7 +103,6 @@ class _Problem:
         log: LandmarkLog,
         filtered: SlamResult,
         config: EkfConfig,
-        motion: MotionModel,
     ) -> None:
         self.gtsam, self.log, self.filtered, self.config = gtsam, log, filtered, config
         self.used = np.flatnonzero(filtered.association >= 0)
@@ -119,7 +115,7 @@ class _Problem:
         self.pose_keys = [gtsam.symbol("x", number) for number in range(len(self.first))]
         self.landmark_keys = [gtsam.symbol("l", number) for number in range(len(filtered.map))]
         self.graph = gtsam.NonlinearFactorGraph()
-        self._add_controls(np.flatnonzero(moves), motion)
+        self._add_controls(np.flatnonzero(moves))
         self._add_observations()
 
     def estimates(self) -> Any:
@@ -159,13 +155,13 @@ class _Problem:
         seen = int((self.filtered.association == number).sum())
         return f"landmark {self.filtered.map.names[number]} (seen {seen} time{'s' * (seen != 1)})"
 
-    def _add_controls(self, steps: IntArray, motion: MotionModel) -> None:
+    def _add_controls(self, steps: IntArray) -> None:
         start, bias = self.gtsam.Pose2(*self.log.start), self.filtered.odometry_bias
         control = self.log.control if bias is None else unbiased(self.log.control, bias)
         Q = np.diag(np.square(self.config.start_sigma))
         self.graph.add(self.gtsam.PriorFactorPose2(self.pose_keys[0], start, self._noise(Q)))
         for step in steps.tolist():
-            moved, _, Fu = motion(np.zeros(3), control[step])
+            moved, _, Fu = MOTIONS[control.shape[1]](np.zeros(3), control[step])
             A = heading_rotation(-moved[2]) @ Fu  # errors in the frame of the later pose
             Q = A @ self.log.control_covariance[step] @ A.T
             along, left, turn = Q.diagonal()

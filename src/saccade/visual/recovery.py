@@ -4,7 +4,6 @@ import numpy as np
 
 from saccade.io.checkpoint import Arrays, Checkpointed, select
 from saccade.plane import steps_between
-from saccade.slam.models import compose
 from saccade.slam.recovery import PoseSearch
 from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray
@@ -144,7 +143,7 @@ class Recovery(Checkpointed):
     def _new_search(self) -> PoseSearch:
         ekf = self._map.ekf
         return PoseSearch(
-            *(ekf, np.arange(len(ekf)), compose),
+            *(ekf, np.arange(len(ekf))),
             anywhere=False,
             min_matched=MIN_MATCHED,
             scans=FRAMES_IN_AGREEMENT,

@@ -8,7 +8,7 @@ from saccade.io.checkpoint import Checkpointed
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import PredictedObservations
-from saccade.slam.models import compose
+from saccade.slam.models import difference
 from saccade.slam.online import Slam
 from saccade.slam.scans import NO_SCAN, Scan
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -50,7 +50,7 @@ class VisualMap(Checkpointed):
         )
         by_wheels = config.egomotion == "wheels"
         bias = drive.odometry_bias if by_wheels else (0.0, 0.0, 0.0)
-        self.slam = Slam(settings, start=drive.start, motion=compose, odometry_bias=bias)
+        self.slam = Slam(settings, start=drive.start, odometry_bias=bias)
         """Steps the filter; the names of its landmarks are their ids."""
         self.landmarks = Landmarks()
         self.next_id = 0
@@ -115,7 +115,7 @@ class VisualMap(Checkpointed):
             Innovations (k, 2) and their covariances (k, 2, 2), NaN where nothing was corrected.
         """
         reidentified = points.reidentified
-        innovation = self.ekf.sensor.difference(observations.z, expected.z)
+        innovation = difference(observations.z, expected.z)
         S = expected.covariance + self._covariance(observations, 1)
         innovation[~reidentified], S[~reidentified] = np.nan, np.nan
         rows = self.landmarks.rows(points.landmark)
@@ -128,8 +128,8 @@ class VisualMap(Checkpointed):
             landmarks = self.landmarks
             landmarks.observations[rows] += 1
             landmarks.last_observed[rows] = number
-            difference = observations.height - landmarks.height[rows]
-            landmarks.height[rows] += difference / landmarks.observations[rows]
+            higher = observations.height - landmarks.height[rows]
+            landmarks.height[rows] += higher / landmarks.observations[rows]
         return innovation, S
 
     def correct(self, rows: IntArray, z: FloatArray, R: FloatArray) -> None:
@@ -168,7 +168,7 @@ class VisualMap(Checkpointed):
         fraction, bearing = self._shared_error_sigma
         shared = np.zeros((2, 2 * len(rows)))
         shared[0, ::2], shared[1, 1::2] = fraction * observations.z[:, 0], bearing
-        return self.ekf.sensor.difference(observations.z, z), (
+        return difference(observations.z, z), (
             S + shared.T @ shared + block_diag(*observations.covariance)
         )
 

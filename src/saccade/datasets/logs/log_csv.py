@@ -40,7 +40,6 @@ from saccade.datasets.tables import (
 )
 from saccade.errors import LogError, LogWarning
 from saccade.landmark_names import parse_name
-from saccade.plane import require_motion_model
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, invalid_range_bearing
 
 ROUNDING = 1e-9
@@ -65,10 +64,8 @@ def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
     """Write a log with every digit; ground truth is not part of it.
 
     Raises:
-        LogError: the controls are those of a custom motion model.
         OutputError: the file cannot be written.
     """
-    require_motion_model(log)
     control = _CONTROLS[log.motion]
     poses, observations = np.arange(len(log.time)), np.arange(len(log.observation))
     pose_row = poses + np.searchsorted(log.observation_pose, poses)

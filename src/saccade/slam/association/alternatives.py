@@ -11,6 +11,7 @@ from saccade.slam.association._kernels import DROPPED, NEW
 from saccade.slam.association.nearest_neighbor import mahalanobis_squared
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.models import difference
 from saccade.types import FloatArray, IntArray
 
 
@@ -98,7 +99,7 @@ class Alternatives:
         best_assignments(
             np.append(0, np.cumsum(inside.sum(1))),
             pair,
-            ekf.sensor.difference(z[row], predicted[pair]),
+            difference(z[row], predicted[pair]),
             S,
             noise[row],
             self.huber,

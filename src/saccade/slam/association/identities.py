@@ -22,6 +22,7 @@ from saccade.slam.association.rule import Association
 from saccade.slam.config import ASSOCIATION_RULES, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.models import inverse_observe
 from saccade.types import FloatArray, IntArray
 
 UNDECIDED = -3
@@ -419,7 +420,7 @@ class _Positions:
     def position(self, i: int) -> tuple[FloatArray, FloatArray]:
         """Position (2,) of observation i, and the covariance (2, 2) of its noise."""
         if self._positions is None:
-            xy, _, Gz = self.ekf.sensor.inverse_observe(self.ekf.pose, self._z)  # C.15
+            xy, _, Gz = inverse_observe(self.ekf.pose, self._z)  # C.15
             self._positions = xy, Gz @ self._R @ Gz.transpose(0, 2, 1)
         return self._positions[0][i], self._positions[1][i]
 
@@ -434,13 +435,7 @@ def _compare(
         prediction over that of the observation, the larger of the two.
     """
     nis, looseness = np.full(len(z), np.inf), np.zeros(len(z))
-    if ekf.models.observes_ranges:
-        compare_identities(ekf.view, z, R, ekf.to_view(landmark), nis, looseness)
-    else:
-        known = np.flatnonzero(landmark >= 0)
-        expected, S = ekf.models.expected(ekf.view, landmark[known])
-        nis[known] = squared_distances(ekf.sensor.difference(z[known], expected), S + R[known])
-        looseness[known] = (S.diagonal(0, 1, 2) / R[known].diagonal(0, 1, 2)).max(1)
+    compare_identities(ekf.view, z, R, ekf.to_view(landmark), nis, looseness)
     return nis.tolist(), looseness.tolist()
 
 

@@ -9,12 +9,10 @@ from saccade.slam.association._kernels import (
     Gates,
     associate_nearest,
     mahalanobis_distances,
-    select_pairs,
 )
 from saccade.slam.association.rule import Association
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.models import RangeBearing
 from saccade.types import FloatArray, IntArray
 
 
@@ -42,13 +40,9 @@ class NearestNeighbor(Association):
     def associate(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, taken: IntArray) -> IntArray:
         """Associate a scan of which other observations are of the landmarks `taken` (n,)."""
         paired = np.empty(len(z), np.int64)
-        if ekf.models.observes_ranges:
-            taken, confirmed = ekf.to_view(taken), ekf.confirmed_in_view
-            associate_nearest(ekf.view, z, R, self.gates, taken, confirmed, paired)
-            return ekf.from_view(paired)
-        distance = mahalanobis_squared(ekf, z, R, self.gates.new_gate)  # (m, N)
-        select_pairs(distance, self.gates, taken, ekf.confirmed, paired)
-        return paired
+        taken, confirmed = ekf.to_view(taken), ekf.confirmed_in_view
+        associate_nearest(ekf.view, z, R, self.gates, taken, confirmed, paired)
+        return ekf.from_view(paired)
 
     @cached_property
     def gates(self) -> Gates:
@@ -70,14 +64,9 @@ def mahalanobis_squared(
     Returns:
         (m, N); infinite over the gate and where the innovation covariance is singular.
     """
-    predicted = ekf.predict_observations()
-    distance = np.full((len(z), len(ekf)), np.inf)
-    if type(ekf.sensor) is RangeBearing:
-        mahalanobis_distances(*predicted, z, R, gate, distance)
-        return distance
-    v = ekf.sensor.difference(z[:, None], predicted.z)  # (m, N, 2)
-    distance = squared_distances(v, predicted.covariance + R[:, None])
-    return np.where(distance <= gate, distance, np.inf)
+    distance = np.empty((len(z), len(ekf)))
+    mahalanobis_distances(*ekf.predict_observations(), z, R, gate, distance)
+    return distance
 
 
 def squared_distances(v: FloatArray, S: FloatArray) -> FloatArray:

@@ -7,9 +7,14 @@ import numpy as np
 from saccade.errors import LogError
 from saccade.io.checkpoint import Arrays
 from saccade.slam.filter._kernels import retract, whiten
-from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
+from saccade.slam.filter._range_bearing_kernels import (
+    Innovations,
+    augment_range_bearing,
+    linearize_range_bearing,
+    write_pose,
+)
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
-from saccade.slam.filter.models import PredictedObservations, models_of
+from saccade.slam.filter.models import BIASES, PredictedObservations, expected, predict, update
 from saccade.slam.filter.state import (
     STANDARD,
     Retraction,
@@ -33,7 +38,7 @@ from saccade.slam.filter.state import (
 )
 from saccade.slam.filter.validation import check_all, check_covariance, check_landmark, check_vector
 from saccade.slam.local_map import LocalMap, enter, leave
-from saccade.slam.models import RANGE_BEARING, MotionModel, Sensor, turn_then_translate, wrap
+from saccade.slam.models import observe, wrap
 from saccade.slam.results import Innovation
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -45,12 +50,9 @@ class EkfSlam:
     is one buffer that doubles when it is full; see `_kernels` for its parametrization.
 
     Args:
-        pose: (3,) x, y in metres, heading in radians; further numbers are further states of the
-            robot: the biases of its odometry (see `odometry_bias`) for the models of this
-            package, or whatever custom motion and sensor models use.
-        covariance: (3, 3) of the pose; zero where the pose defines the frame.
-        motion: the motion model; by default `turn_then_translate` (C.5-C.9).
-        sensor: the sensor model; by default range and bearing (C.14-C.18).
+        pose: (3,) x, y in metres, heading in radians; or (6,) with the biases of the odometry (see
+            `odometry_bias`).
+        covariance: (3, 3) of the pose, or (6, 6); zero where the pose defines the frame.
         retraction: the error parametrization; by default `STANDARD`, the source's.
         huber: root of the normalized innovation squared beyond which an observation has less
             weight, after Huber (1964): its covariance is multiplied by their ratio.
@@ -64,15 +66,11 @@ class EkfSlam:
         self,
         pose: FloatArray,
         covariance: FloatArray,
-        motion: MotionModel = turn_then_translate,
-        sensor: Sensor = RANGE_BEARING,
         retraction: Retraction = STANDARD,
         huber: float = inf,
     ) -> None:
-        robot = check_vector("pose", pose, max(3, np.size(pose)))
+        robot = check_vector("pose", pose, 3 + BIASES if np.size(pose) > 3 else 3)
         P = check_covariance("covariance of the pose", covariance, len(robot))
-        self.models = models_of(motion, sensor, len(robot))
-        """The motion and the sensor model, as the filter applies them."""
         self.local_map: LocalMap | None = None
         """Where the filter works at present, if not in the whole map."""
         self._whole = new_state(robot, P, error_state=int(Retraction(retraction)), huber=huber)
@@ -85,14 +83,15 @@ class EkfSlam:
         """Move the robot (C.5-C.9).
 
         Args:
-            u: (c,) control of the motion model; (distance, turn) for `turn_then_translate`.
+            u: (c,) control: distance and turn for `turn_then_translate`, or forward, left and turn
+                for `compose`.
             U: (c, c) its covariance.
         """
-        u = check_vector("control", u)
+        u = check_vector("control", u, 3 if np.size(u) == 3 else 2)
         U = check_covariance("covariance of the control", U, len(u))
         self.inflate_heading_covariance()
         self.reserve()
-        self.models.predict(self.filter_state, u, U)
+        predict(self.filter_state, u, U)
 
     def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
         """Update by an observation of a landmark of the map (C.10-C.14).
@@ -112,7 +111,7 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self.reserve()
-        v, S, nis = self.models.update(self.filter_state, z[None], R[None], np.array([landmark]))
+        v, S, nis = update(self.filter_state, z[None], R[None], np.array([landmark]))
         return Innovation(v[0], S[0], float(nis[0]))
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -127,9 +126,10 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         f = self.filter_state
-        v, H, noise = self.models.linearize(f, z, R, landmark)  # C.14
-        S, A, D = np.empty((2, 2)), np.empty((2, 2)), np.empty(H.shape)
-        whiten(f, f.robot_size + 2 * landmark, H, noise, 1.0, S, D, A)  # C.12
+        m, v, H = f.robot_size + 2 * landmark, np.empty(2), np.empty((2, f.robot_size + 2))
+        noise, S, A, D = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2)), np.empty(H.shape)
+        linearize_range_bearing(f, m, z, R, v, H, noise)  # C.14
+        whiten(f, m, H, noise, 1.0, S, D, A)  # C.12
         whitened = A @ v
         return Innovation(v, S, float(whitened @ whitened))
 
@@ -151,7 +151,7 @@ class EkfSlam:
                 f"found {int(landmark[landmark > free][0])}"
             )
         self.reserve(len(z))
-        return self.models.update(self.filter_state, z, R, np.asarray(landmark, np.int64))
+        return update(self.filter_state, z, R, np.asarray(landmark, np.int64))
 
     def update_in_parts(
         self, z: FloatArray, R: FloatArray, landmark: IntArray, looseness: float
@@ -175,16 +175,16 @@ class EkfSlam:
         Source: Zanetti (2012), "Recursive update filtering for nonlinear estimation".
         """
         if looseness <= 1:
-            return self.models.update(self.view, z, R, landmark)
+            return update(self.view, z, R, landmark)
 
-        def update(R: FloatArray, landmark: IntArray) -> Innovations:
+        def part(R: FloatArray, landmark: IntArray) -> Innovations:
             self.reserve(len(z))
-            return self.models.update(self.view, z, R, landmark)
+            return update(self.view, z, R, landmark)
 
         mapped, parts = self.view.now.landmarks, ceil(log2(looseness))
         weights = 0.5 ** np.append(parts, np.arange(parts, 0, -1))
-        each = [update(R / weight, np.where(landmark < mapped, landmark, -1)) for weight in weights]
-        new = update(R, np.where(landmark < mapped, -1, landmark))
+        each = [part(R / weight, np.where(landmark < mapped, landmark, -1)) for weight in weights]
+        new = part(R, np.where(landmark < mapped, -1, landmark))
         first = each[0]
         first.covariance[:] -= R / weights[0] - R
         first.nis[:] = sum(part.nis for part in each)
@@ -205,7 +205,7 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self.reserve()
-        self.models.augment(self.filter_state, z, R)
+        augment_range_bearing(self.filter_state, z, R)
         return len(self) - 1
 
     def remove(self, landmarks: IntArray) -> None:
@@ -249,13 +249,13 @@ class EkfSlam:
 
     def predict_observations(self) -> PredictedObservations:
         """Predicted observations of every landmark from the present pose."""
-        return self.models.expected(self.filter_state, np.arange(len(self)))
+        return expected(self.filter_state, np.arange(len(self)))
 
     def predict_jointly(self, landmarks: IntArray) -> PredictedObservations:
         """Predicted observations z (c, 2) of landmarks (c,), with joint covariance (2c, 2c)."""
         robot, c = self.robot_state, len(landmarks)
         r = len(robot)
-        predicted, H = self.sensor.observe(robot, self.landmarks[landmarks])
+        predicted, H = observe(robot, self.landmarks[landmarks])
         J = np.zeros((c, 2, r + 2 * c))
         J[..., :r] = H[..., :r]
         for k in range(c):
@@ -365,9 +365,8 @@ class EkfSlam:
 
     @property
     def odometry_bias(self) -> FloatArray | None:
-        """(3,) see `odometry_bias.BIASES`; None where they are no part of the state."""
-        estimated = self.models.compiled and self.view.robot_size > 3
-        return self.robot_state[3:] if estimated else None
+        """(3,) see `filter.models.BIASES`; None where they are no part of the state."""
+        return self.robot_state[3:] if self.view.robot_size > 3 else None
 
     @property
     def nonlinearity(self) -> float:
@@ -424,11 +423,6 @@ class EkfSlam:
     def covariance(self) -> FloatArray:
         """(3 + 2N, 3 + 2N) of the whole state (C.4)."""
         return dense(self.filter_state)
-
-    @property
-    def sensor(self) -> Sensor:
-        """The sensor model."""
-        return self.models.sensor
 
     def __len__(self) -> int:
         if self.local_map is None:

@@ -347,13 +347,6 @@ def symmetric(upper: FloatArray) -> FloatArray:
     return triangle + np.triu(triangle, 1).T
 
 
-def robot_rows(f: FilterState) -> FloatArray:
-    """The covariance of e of the robot with the whole state (r, n)."""
-    r, n, a = f.robot_size, state_size(f), f.heading_lever
-    half = f.P[:r, :n] + np.outer(f.P[:r, 2], a[:n])
-    return np.asarray(half + np.outer(a[:r], half[2]))
-
-
 def landmark_blocks(f: FilterState) -> FloatArray:
     """The covariance of e of each landmark (N, 2, 2)."""
     r, n = f.robot_size, state_size(f)

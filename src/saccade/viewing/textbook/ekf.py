@@ -64,12 +64,11 @@ def trace_filter(log: LandmarkLog, ekf_slam: Any) -> FilterTrace:
         ekf_slam: the class `EkfSlam`.
 
     Raises:
-        LogError: the log has no landmark identities, or another motion model.
+        LogError: the log has no landmark identities.
     """
-    if log.motion == "custom" or (log.landmark < 0).any() or len(log.landmark) == 0:
+    if (log.landmark < 0).any() or len(log.landmark) == 0:
         raise LogError(
-            f"{log.name}: expected observations that name their landmarks, and controls that are "
-            "distance and turn, as appendix C has them"
+            f"{log.name}: expected observations that name their landmarks, as appendix C has them"
         )
 
     def current() -> State:
