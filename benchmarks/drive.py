@@ -23,8 +23,7 @@ import numpy as np
 
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
-from saccade.datasets.drives.published import read_kitti_drive
-from saccade.datasets.drives.tracks import read_tracks_drive
+from saccade.datasets import load_drive
 from saccade.evaluation.runs import score_drive
 from saccade.frames import Drive
 from saccade.visual.optical_flow import gray_bytes
@@ -77,7 +76,7 @@ def main() -> None:
     config = visual.VisualConfig(
         detect_interval=given.detect_interval, max_tracked=given.max_tracked
     )
-    recorded = (read_tracks_drive if given.tracks else read_kitti_drive)(given.folder)
+    recorded = load_drive("tracks" if given.tracks else "kitti", given.folder)
     rows = []
     for seed in range(1 if given.tracks else given.seeds):
         drive, reference = recorded, float("nan")

@@ -87,7 +87,7 @@ def test_what_does_not_fit_is_named(folder):
     with refuses(DriveError, "a principal point inside the images of 32 x 24 px, found 45.5"):
         load_drive("kitti", folder)
     path.write_text("P0: 1 2 3\n")
-    with refuses(DriveError, "calib.txt, line 1: expected 12 numbers, found 3"):
+    with refuses(DriveError, "calib.txt: expected (3, 4) projections", "found 3 numbers"):
         load_drive("kitti", folder)
 
 

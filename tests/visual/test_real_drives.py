@@ -11,8 +11,7 @@ import pytest
 
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
-from saccade.datasets.drives.published import read_kitti_drive
-from saccade.datasets.drives.tracks import read_tracks_drive
+from saccade.datasets import load_drive
 from saccade.evaluation.trajectory import position_rmse
 
 
@@ -27,7 +26,7 @@ def within_3sigma(result, drive):
 @pytest.mark.shared
 def test_a_drive_does_not_depend_on_the_robots_frame(shared):
     """Start elsewhere, and the whole run is moved there: trajectory, map and what it observed."""
-    drive = read_tracks_drive(shared / "data/drives/kitti07/stereo_tracks_clean.npz").until(30)
+    drive = load_drive("tracks", shared / "data/drives/kitti07/stereo_tracks_clean.npz").until(30)
     start = np.array([40.0, -7.0, 2.0])
     here, there = visual.run(drive), visual.run(replace(drive, start=start))
     c, s = np.cos(start[2] - drive.start[2]), np.sin(start[2] - drive.start[2])
@@ -47,7 +46,7 @@ def test_a_drive_does_not_depend_on_the_robots_frame(shared):
 @pytest.mark.shared
 def test_one_camera_comes_back_to_where_it_began(shared):
     drive = out_and_back(
-        read_kitti_drive(shared / "data/drives/kitti07"), OutAndBackConfig(frames=48)
+        load_drive("kitti", shared / "data/drives/kitti07"), OutAndBackConfig(frames=48)
     )
     result = visual.run(drive)
     inside_3sigma, returned = within_3sigma(result, drive)
@@ -61,7 +60,7 @@ def test_one_camera_comes_back_to_where_it_began(shared):
 @pytest.mark.shared
 def test_stereo_tracks_are_mapped(shared):
     tracks = shared / "data/drives/kitti07/stereo_tracks_clean.npz"
-    drive = read_tracks_drive(tracks).until(150)
+    drive = load_drive("tracks", tracks).until(150)
     result = visual.run(drive, visual.VisualConfig(detect_interval=1))
     inside_3sigma, _ = within_3sigma(result, drive)
     assert position_rmse(result.trajectory, drive.truth) < 0.8
@@ -71,7 +70,7 @@ def test_stereo_tracks_are_mapped(shared):
 @pytest.mark.nightly
 @pytest.mark.shared
 def test_a_robot_that_speeds_up_is_not_left_behind(shared):
-    drive = read_kitti_drive(shared / "data/drives/kitti07").until(64)
+    drive = load_drive("kitti", shared / "data/drives/kitti07").until(64)
     inside_3sigma, error = within_3sigma(visual.run(drive), drive)
     assert error < 0.6  # of 22 m
     assert inside_3sigma >= 0.95

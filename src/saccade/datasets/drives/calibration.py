@@ -22,6 +22,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from saccade.datasets.tables import Archive
 from saccade.errors import ConfigError, DriveError, Settings, require, setting
 from saccade.frames import Camera
 from saccade.io.files import atomic_write, read_toml
@@ -116,6 +117,23 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     values = {n: np.asarray(v).tolist() if np.ndim(v) else v for n, v in known.items()}
     with atomic_write(path) as temporary:
         temporary.write_text(tomli_w.dumps(values), encoding="utf-8")
+
+
+KITTI_HEIGHT = 1.65
+"""Metres of KITTI's cameras above the road."""
+
+
+def kitti_extrinsics(file: Path) -> dict[str, Any]:
+    """Position (3,) and rotation (3, 3) of KITTI's camera on the robot, by a `calib.npz` if any.
+
+    Its `cam_T_imu` has the rotation from the frame of the inertial unit to that of the camera, but
+    its translation is the position of the camera in the frame of the unit. The height is KITTI's.
+    """
+    if not file.exists():
+        return {"position": np.array([0.0, 0.0, KITTI_HEIGHT])}
+    matrix = Archive(file).array("cam_T_imu", (4, 4)).astype(np.float64)
+    position = np.array([matrix[0, 3], matrix[1, 3], KITTI_HEIGHT])
+    return {"position": position, "rotation": np.ascontiguousarray(matrix[:3, :3].T)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,20 +1,25 @@
-"""Drives from a folder of images, or from a video, with a calibration beside it.
+"""Drives from a folder of images, as KITTI's, or from a video, with a calibration beside it.
 
-    camera.toml              see `calibration`; without it the camera is guessed
+    camera.toml              see `calibration`; without it calib.txt, else the camera is guessed
+    calib.txt                one or more (3, 4) projections, a (3, 3) matrix, or fx, fy, cx, cy and
+                             perhaps a baseline, in any number of rows that may begin with a name;
+                             of KITTI's P0 to P3 those of the cameras
     the images               in the folder or its subfolder images/: sorted by the numbers in
                              their names, or by name; or the video, in the folder of the rest
     right/, depth/           optional, with the names of the images; not with a video
     times.txt                optional: seconds, one line a frame; else `rate` of camera.toml, or
                              the frame rate of the video
 
-and odometry and ground truth as in `sidecar_files`.
+and odometry and ground truth as in `sidecar_files`. The images of a pair of cameras are in two
+subfolders, see `PAIR_NAMES`. Without a calibration the focal length is that of EXIF, where the
+images have it, else 1.2 times the width; the principal point is the center.
 
-Without a calibration the focal length is that of EXIF, where the images have it, else 1.2 times the
-width; the principal point is the center. The images of a pair of cameras are in two subfolders, see
-`PAIR_NAMES`; a calib.txt may have the projections or the intrinsics, with or without row names.
+In KITTI's layout the numbers in the names of images are those of the lines of times.txt, which is
+required; some may be missing. The camera is mounted as on KITTI's car, and by the optional
+calib.npz, see `kitti_extrinsics`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +28,12 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image as Pillow
 
-from saccade.datasets.drives.calibration import CAMERA_FILE, Calibration, read_calibration
+from saccade.datasets.drives.calibration import (
+    CAMERA_FILE,
+    Calibration,
+    kitti_extrinsics,
+    read_calibration,
+)
 from saccade.datasets.drives.frames import (
     FrameTimes,
     SourceImage,
@@ -49,6 +59,8 @@ PAIR_NAMES = (
     *(("l", "r"), ("left_images", "right_images"), ("camera_left", "camera_right")),
 )
 """Names of the folders of the left and right images."""
+PROJECTIONS = {"image_0": ("P0", "P1"), "image_2": ("P2", "P3")}
+"""Names of KITTI's projections by the folder of the left images."""
 FOCAL_FACTOR = 1.2
 """Guessed focal length over the width of the image: a field of view of 45 degrees."""
 GUESSED_RATE = 10.0
@@ -144,7 +156,8 @@ def calibration_beside(
     if options.intrinsics is not None:
         values = options.intrinsics
     elif (folder / "calib.txt").exists():
-        values, found = read_intrinsics(folder / "calib.txt")
+        left = "image_0" if image is None else image.parent.name
+        values, found = read_intrinsics(folder / "calib.txt", PROJECTIONS.get(left, ()))
         baseline = options.baseline or found
     else:
         focal = None if image is None else exif_focal_length(image, width)
@@ -182,26 +195,28 @@ def exif_focal_length(image: Path, width: int) -> float | None:
     return focal if 0.2 * width < focal < 20 * width else None
 
 
-def read_intrinsics(path: Path) -> tuple[tuple[float, float, float, float], float]:
+def read_intrinsics(
+    path: Path, names: tuple[str, ...] = ()
+) -> tuple[tuple[float, float, float, float], float]:
     """Intrinsics fx, fy, cx, cy and baseline (0 if unknown) of a calib.txt.
 
-    Its numbers are one or more (3, 4) projections, a (3, 3) matrix, or fx, fy, cx, cy and perhaps
-    a baseline, in any number of rows that may begin with a name.
+    Of rows with the `names` these alone are read; see the module for the forms of the numbers.
     """
+    rows = list(read_rows(path))
+    wanted = [row for row in rows if row.cells[0].removesuffix(":") in names]
     values = list[float]()
-    for row in read_rows(path):
-        named = not is_number(row.cells[0])
-        values += row.numbers(slice(1, None)) if named else row.numbers()
+    for row in wanted or rows:
+        values += row.numbers(slice(0 if is_number(row.cells[0]) else 1, None))
     if len(values) in (4, 5):
         fx, fy, cx, cy = values[:4]
         return (fx, fy, cx, cy), values[4] if len(values) == 5 else 0.0
-    rows = 4 if len(values) > 0 and len(values) % 12 == 0 else 3
-    if len(values) != 9 and rows == 3:
+    columns = 4 if len(values) > 0 and len(values) % 12 == 0 else 3
+    if len(values) != 9 and columns == 3:
         raise DriveError(
             f"{path}: expected (3, 4) projections, a (3, 3) matrix or fx, fy, cx, cy; found "
             f"{len(values)} numbers"
         )
-    matrices: FloatArray = np.array(values).reshape(-1, 3, rows)
+    matrices: FloatArray = np.array(values).reshape(-1, 3, columns)
     K = matrices[0]
     baseline = 0.0
     if len(matrices) > 1:
@@ -219,28 +234,42 @@ HELD_SCALE = _NO_SCALE + "metres are units, of which it moves one a second in th
 ASSUMED_SCALE = _NO_SCALE + "metres are units, and a constant speed of one a second is assumed"
 
 
-def read_folder_drive(path: Path, options: CameraOptions | None = None) -> Drive:
+def read_folder_drive(
+    path: Path, options: CameraOptions | None = None, *, is_kitti: bool = False
+) -> Drive:
     """A drive from a folder of images."""
     folder, right = image_folders(path)
     images = list_images(folder)
-    if are_numbered(images):
+    numbered = are_numbered(images)
+    if numbered:
         images.sort(key=lambda image: int(image.stem))
     size = image_size(images[0])
-    calibration, assumptions, is_guess = calibration_beside(path, size, options, image=images[0])
+    calibration, assumptions, is_guess = calibration_beside(path, size, options, images[0])
+    if is_kitti and not (path / CAMERA_FILE).exists():
+        mounted = replace(calibration.camera, **kitti_extrinsics(path / "calib.npz"))
+        calibration = replace(calibration, camera=mounted)
     if right is not None and calibration.camera.baseline == 0:
         assumptions += (f"{right}: not used, since the baseline is unknown; --baseline gives it",)
         right = None
-    frames = _frame_times(path, len(images), calibration.rate)
+    numbers = [int(image.stem) for image in images] if is_kitti and numbered else range(len(images))
+    left = dict(zip(numbers, images, strict=True))
+    frames = _frame_times(path, left, calibration.rate, is_required=is_kitti)
     read = frame_reader(
         calibration,
         frames.recorded,
-        left=image_files(images.__getitem__),
-        right=image_files(_same_names(right, images)),
-        depth=image_files(_same_names(path / "depth", images), calibration.depth_unit),
+        left=image_files(left.get),
+        right=image_files(_same_names(right, left)),
+        depth=image_files(_same_names(path / "depth", left), calibration.depth_unit),
     )
     name = path.resolve().name
     drive = assemble_drive(name, path, calibration, frames, read, assumptions=assumptions)
     return drive if (path / "depth").is_dir() else assume_speed(drive, is_guess)
+
+
+def _same_names(folder: Path | None, images: Mapping[int, Path]) -> Callable[[int], Path | None]:
+    """The image of a folder with the name of another, by its number; None where there is none."""
+    others = {path.stem: path for path in list_images(folder)} if folder and folder.is_dir() else {}
+    return lambda number: others.get(images[number].stem)
 
 
 def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
@@ -250,7 +279,7 @@ def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
     calibration, assumptions, is_guess = calibration_beside(
         path.parent, (width, height), options, source=path
     )
-    frames = _frame_times(path.parent, len(video), video.rate)
+    frames = _frame_times(path.parent, dict.fromkeys(range(len(video)), path), video.rate)
     if video.declared > len(video):
         remark = (
             f"{path}: {video.declared} frames are announced, {len(video)} can be decoded: "
@@ -294,19 +323,25 @@ def assumed_increments(duration: FloatArray) -> OdometryIncrements:
     return OdometryIncrements(control, np.square(sigma)[:, :, None] * np.eye(3))
 
 
-def _frame_times(folder: Path, count: int, rate: float) -> FrameTimes:
-    path = folder / "times.txt"
-    if not path.exists():
-        return FrameTimes.sort(np.arange(count) / rate, str(path))
-    recorded = read_table(path, ("seconds",))[:, 0]
-    if len(recorded) < count:
+def _frame_times(
+    folder: Path, files: Mapping[int, Path], rate: float, *, is_required: bool = False
+) -> FrameTimes:
+    """Times of frames by their numbers: those of times.txt, or by the rate without it."""
+    available, path = np.array(sorted(files), np.int64), folder / "times.txt"
+    last = int(available[-1])
+    recorded = np.arange(last + 1) / rate
+    if is_required or path.exists():
+        recorded = read_table(path, ("seconds",))[:, 0]
+    if last >= len(recorded):
         raise DriveError(
-            f"{path}: expected a time for each of {count} frames, found {len(recorded)}"
+            f"{files[last]}: expected one of {len(recorded)} frames as there are times in {path}, "
+            f"found number {last}"
         )
-    return FrameTimes.sort(recorded[:count], str(path))
-
-
-def _same_names(folder: Path | None, images: list[Path]) -> Callable[[int], Path | None]:
-    """The image of a folder with the name of another, by its number; None where there is none."""
-    others = {path.stem: path for path in list_images(folder)} if folder and folder.is_dir() else {}
-    return lambda number: others.get(images[number].stem)
+    frames = FrameTimes.sort(recorded, str(path), available)
+    gaps = np.diff(available) - 1
+    if not gaps.any():
+        return frames
+    missing = f"{int(gaps.sum())} image{' is' if gaps.sum() == 1 else 's are'} missing"
+    first = available[np.argmax(gaps > 0)] + 1
+    remark = f"{files[last].parent}: {missing}, first number {first}"
+    return replace(frames, remarks=(*frames.remarks, remark))

@@ -1,22 +1,19 @@
 """Reads camera drives of every layout."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Literal, TypeAlias, cast, get_args
 
 from saccade.datasets.drives.calibration import CAMERA_FILE
 from saccade.datasets.drives.folder import (
+    PROJECTIONS,
     CameraOptions,
     has_images,
     read_folder_drive,
     read_video_drive,
 )
-from saccade.datasets.drives.published import (
-    PAIRS,
-    read_euroc_drive,
-    read_kitti_drive,
-    read_tum_drive,
-)
+from saccade.datasets.drives.published import read_euroc_drive, read_tum_drive
 from saccade.datasets.drives.tracks import TRACK_FILES, read_tracks_drive
 from saccade.datasets.ros.drives import read_rosbag_drive
 from saccade.datasets.tables import read_rows
@@ -29,13 +26,13 @@ DriveKind: TypeAlias = Literal[
 ]
 """The layouts; "auto" detects the layout from the files in the folder."""
 _READERS: dict[DriveKind, Callable[[Path], Drive]] = {
-    "kitti": read_kitti_drive,
     "tum-rgbd": read_tum_drive,
     "euroc": read_euroc_drive,
     "rosbag": read_rosbag_drive,
     "tracks": read_tracks_drive,
 }
 _BARE_READERS: dict[DriveKind, Callable[[Path, CameraOptions], Drive]] = {
+    "kitti": partial(read_folder_drive, is_kitti=True),
     "folder": read_folder_drive,
     "video": read_video_drive,
 }
@@ -89,7 +86,7 @@ def detect_layout(path: Path) -> DriveKind:
             raise DriveError(f"{path}: expected a folder, a video, a .bag or an .npz, found none")
         return cast("DriveKind", kind)
     marks: tuple[tuple[DriveKind, tuple[str, ...]], ...] = (
-        ("kitti", tuple(left for left, _ in PAIRS if _is_kitti(path))),
+        ("kitti", tuple(left for left in PROJECTIONS if _is_kitti(path))),
         ("tum-rgbd", ("rgb.txt",)),
         ("euroc", ("mav0", "cam0/sensor.yaml", "cam0/data.csv")),
         ("rosbag", ("metadata.yaml",)),

@@ -5,7 +5,7 @@
                              uvlr (k, 4) pixels: u left, v left, u right, v right; u right is u
                              left where the depth is unknown;
                              descriptors (k, 128) uint8, optional: SIFT descriptors
-    calib.npz                K (3, 3), b the baseline in metres, cam_T_imu (see `read_extrinsics`);
+    calib.npz                K (3, 3), b the baseline in metres, cam_T_imu (see `kitti_extrinsics`);
                              or camera.toml, see `calibration`
     times.txt                seconds, one line a frame; later frames are dropped
 
@@ -24,11 +24,11 @@ import numpy as np
 from saccade.datasets.drives.calibration import (
     CAMERA_FILE,
     Calibration,
+    kitti_extrinsics,
     pinhole,
     read_calibration,
 )
 from saccade.datasets.drives.frames import FrameTimes, image_size, list_images
-from saccade.datasets.drives.published import read_extrinsics
 from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import DriveError
@@ -113,4 +113,4 @@ def _camera(folder: Path, xy: FloatArray) -> Camera:
     size = int(extent[0]), int(extent[1])
     if (folder / "image_0").is_dir():
         size = image_size(list_images(folder / "image_0")[0])
-    return pinhole(K, size, baseline=float(baseline.reshape(())), **read_extrinsics(archive))
+    return pinhole(K, size, baseline=float(baseline.reshape(())), **kitti_extrinsics(archive.path))
