@@ -79,7 +79,8 @@ def test_a_calib_without_row_names_is_read(tmp_path, text, baseline):
     values, found = read_intrinsics(tmp_path / "calib.txt")
     assert values == GIVEN.intrinsics
     assert found == pytest.approx(baseline)
-    assert load_drive("auto", tmp_path).camera.fx == 90
+    drive = load_drive("auto", tmp_path)
+    assert (drive.camera.fx, drive.camera.baseline, drive.scale) == (90, 0, "held")
     (tmp_path / "calib.txt").write_text("1 2 3")
     with pytest.raises(DriveError, match=r"calib.txt: expected .* found 3 numbers"):
         load_drive("auto", tmp_path)

@@ -281,7 +281,7 @@ def with_field(points, **fields):
         ({"size": np.ones(2)}, r"size: expected shape \(3,\), found \(2,\)"),
         ({"angle": np.array(["a"] * 3)}, "angle: expected numbers, found <U1"),
         ({"octave": np.array([1, 1.5, 2])}, "octave: expected int32, found 1.5"),
-        ({"descriptors": np.zeros((2, 128))}, r"descriptors: expected shape \(3, d\)"),
+        ({"descriptors": np.zeros((2, 128))}, r"descriptors: expected shape \(3, 128\)"),
         ({"descriptors": np.full((3, 128), 0.5)}, "whole numbers from 0 to 255, found 0.5"),
         ({"descriptors": np.full((3, 128), 256)}, "whole numbers from 0 to 255, found 256"),
         ({"descriptors": np.full((3, 128), np.nan)}, "whole numbers from 0 to 255, found nan"),

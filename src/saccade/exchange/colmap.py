@@ -6,7 +6,7 @@ of their size; angle and order of descriptors are the same.
 
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError, OutputError
-from saccade.exchange.fields import check_name, checked, keypoints_from, reading
+from saccade.exchange.fields import check_name, checked, keypoints_from
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write
+from saccade.io.files import atomic_write, check_file, reading
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 PIXEL_CENTER = np.float32(0.5)
@@ -119,10 +119,9 @@ def read_colmap(path: str | Path) -> ColmapFeatures:
     """
     path = Path(path)
     uri = f"{path.resolve().as_uri()}?mode=ro"
-    with (
-        reading(path, "a COLMAP database", sqlite3.Error, UnicodeDecodeError),
-        closing(sqlite3.connect(uri, uri=True)) as database,
-    ):
+    with reading(path, KeypointsError, "a COLMAP database", sqlite3.Error), ExitStack() as stack:
+        check_file(path)
+        database = stack.enter_context(closing(sqlite3.connect(uri, uri=True)))
         _check_tables(database)
         images = {
             image_id: (name, (height, width))

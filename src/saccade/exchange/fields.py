@@ -1,16 +1,13 @@
 """The fields of keypoints, checked wherever they come in or go out."""
 
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError
-from saccade.io.files import one_line, open_file
 from saccade.types import Keypoints
 
 
@@ -60,11 +57,11 @@ def keypoints_from(
         values = fields.get(name)
         filled = np.full(n, default) if values is None else np.asarray(values)
         columns[name] = _convert(source, name, filled, (n,), dtype)
-    return Keypoints(
-        xy=_convert(source, "xy", positions, (n, 2), np.float32),
-        descriptors=None if descriptors is None else _to_bytes(source, np.asarray(descriptors), n),
-        **columns,
-    )
+    if descriptors is not None:
+        rows = np.asarray(descriptors)
+        shape = (n, rows.shape[1] if rows.ndim == 2 else 128)
+        columns["descriptors"] = _convert(source, "descriptors", rows, shape, np.uint8)
+    return Keypoints(xy=_convert(source, "xy", positions, (n, 2), np.float32), **columns)
 
 
 def keypoints_from_columns(
@@ -101,34 +98,6 @@ def check_name(name: str) -> str:
     return name
 
 
-@contextmanager
-def reading(path: Path, expected: str, *errors: type[Exception]) -> Iterator[None]:
-    """Turn the exceptions of a library into one line that names the file.
-
-    Args:
-        path: the file.
-        expected: its format.
-        errors: what the library raises, besides OSError, for another format.
-
-    Raises:
-        KeypointsError: the file cannot be read, or is of another format.
-    """
-    try:
-        with open_file(path):
-            pass  # the libraries' own messages are long
-    except IsADirectoryError:
-        pass
-    except OSError as error:
-        raise KeypointsError(f"{path}: cannot be read: {error.strerror}") from error
-    foreign: tuple[type[Exception], ...] = (OSError, *errors)
-    try:
-        yield
-    except (KeypointsError, MemoryError):
-        raise
-    except foreign as error:
-        raise KeypointsError(f"{path}: expected {expected}: {one_line(error)}") from error
-
-
 def _convert(
     source: str, name: str, values: npt.NDArray[Any], shape: tuple[int, ...], dtype: type[Any]
 ) -> npt.NDArray[Any]:
@@ -142,23 +111,6 @@ def _convert(
     # A real number that overflows float32 becomes infinite, a whole one another number.
     lost = ~np.isfinite(converted) if dtype is np.float32 else converted != values
     if lost.any():
-        worst = values[lost].flat[0]
-        raise KeypointsError(f"{source}: {name}: expected {np.dtype(dtype)}, found {worst}")
-    return converted
-
-
-def _to_bytes(source: str, values: npt.NDArray[Any], count: int) -> npt.NDArray[np.uint8]:
-    if values.ndim != 2 or len(values) != count:
-        raise KeypointsError(
-            f"{source}: descriptors: expected shape ({count}, d), found {values.shape}"
-        )
-    if values.dtype.kind not in "fiu":
-        raise KeypointsError(f"{source}: descriptors: expected numbers, found {values.dtype}")
-    with np.errstate(invalid="ignore"):
-        converted = np.array(values, np.uint8)
-    if (converted != values).any():
-        worst = values[converted != values].flat[0]
-        raise KeypointsError(
-            f"{source}: descriptors: expected whole numbers from 0 to 255, found {worst}"
-        )
+        expected = "whole numbers from 0 to 255" if dtype is np.uint8 else np.dtype(dtype)
+        raise KeypointsError(f"{source}: {name}: expected {expected}, found {values[lost].flat[0]}")
     return converted

@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError
-from saccade.exchange.fields import check_name, checked, keypoints_from, reading
+from saccade.exchange.fields import check_name, checked, keypoints_from
 from saccade.extras import import_optional
-from saccade.io.files import FORMATS, atomic_write, check_format
+from saccade.io.files import FORMATS, atomic_write, check_file, check_format, reading
 from saccade.io.npz import check_unpacked
 from saccade.types import Float32Array, IntArray, Keypoints, check_pairs
 
@@ -112,8 +112,20 @@ def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
             descriptors have negative entries, which SIFT's have not.
         ConfigError: h5py is not installed.
     """
-    h5py = import_optional("h5py", "hdf5")
     path = Path(path)
+    with _opened(path, "features") as (file, datasets):
+        if VERSION_ATTRIBUTE in file.attrs:
+            check_format("points", file.attrs[VERSION_ATTRIBUTE].tolist(), path, KeypointsError)
+        groups = [name.rpartition("/")[0] for name in datasets if name.endswith("/keypoints")]
+        if len(file) and not groups:
+            raise KeypointsError(f"{path}: expected groups with keypoints, found none")
+        return {name: _read_group(f"{path}: {name}", file[name]) for name in groups}
+
+
+@contextmanager
+def _opened(path: Path, content: str) -> Iterator[tuple[Any, list[str]]]:
+    """An HDF5 file for reading, and the names of its data sets."""
+    h5py = import_optional("h5py", "hdf5")
     sizes: dict[str, int] = {}
 
     def visit(name: str, item: Any) -> None:
@@ -121,15 +133,12 @@ def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
             sizes[name] = item.nbytes
 
     # h5py raises anything for a broken file.
-    with reading(path, "an HDF5 file of features", Exception), h5py.File(path, "r") as file:
-        if VERSION_ATTRIBUTE in file.attrs:
-            check_format("points", file.attrs[VERSION_ATTRIBUTE].tolist(), path, KeypointsError)
-        file.visititems(visit)
-        check_unpacked(path.stat().st_size, sum(sizes.values()))
-        groups = [name.rpartition("/")[0] for name in sizes if name.endswith("/keypoints")]
-        if len(file) and not groups:
-            raise KeypointsError(f"{path}: expected groups with keypoints, found none")
-        return {name: _read_group(f"{path}: {name}", file[name]) for name in groups}
+    with reading(path, KeypointsError, f"an HDF5 file of {content}", Exception):
+        check_file(path)
+        with h5py.File(path, "r") as file:
+            file.visititems(visit)
+            check_unpacked(path.stat().st_size, sum(sizes.values()))
+            yield file, [*sizes]
 
 
 def _datasets(points: Keypoints) -> dict[str, npt.NDArray[Any]]:
@@ -232,15 +241,9 @@ def read_hloc_matches(path: str | Path) -> dict[str, tuple[IntArray, Float32Arra
         KeypointsError: the file is missing or something else.
         ConfigError: h5py is not installed.
     """
-    h5py = import_optional("h5py", "hdf5")
-    path = Path(path)
     found: dict[str, tuple[IntArray, Float32Array]] = {}
-    # h5py raises anything for a broken file.
-    with reading(path, "an HDF5 file of matches", Exception), h5py.File(path, "r") as file:
-        groups = [f"{one}/{two}" for one in file for two in file[one]]
-        size = sum(each.nbytes for group in groups for each in file[group].values())
-        check_unpacked(path.stat().st_size, size)
-        for group in groups:
+    with _opened(Path(path), "matches") as (file, _):
+        for group in [f"{one}/{two}" for one in file for two in file[one]]:
             partners = np.asarray(file[group]["matches0"][()], np.int64)
             matched = np.flatnonzero(partners != NONE)
             scores = np.asarray(file[group]["matching_scores0"][()], np.float32)

@@ -23,10 +23,9 @@ from saccade.exchange.fields import (
     columns_of,
     keypoints_from,
     keypoints_from_columns,
-    reading,
 )
 from saccade.extras import import_optional
-from saccade.io.files import FORMATS, atomic_write, check_file, check_format, read_text
+from saccade.io.files import FORMATS, atomic_write, check_file, check_format, read_text, reading
 from saccade.io.npz import check_unpacked, read_arrays, save_arrays
 from saccade.types import Keypoints
 
@@ -61,11 +60,8 @@ def read_csv(path: str | Path) -> Keypoints:
         KeypointsError: the file is missing, lacks a column, or a cell is no number.
     """
     path = Path(path)
-    with (
-        reading(path, "CSV text", UnicodeDecodeError, csv.Error),
-        StringIO(read_text(path), newline="") as file,
-    ):
-        reader = csv.DictReader(file)
+    with reading(path, KeypointsError, "CSV text", csv.Error):
+        reader = csv.DictReader(StringIO(read_text(path), newline=""))
         missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
         if missing:
             raise KeypointsError(f"{path}: expected a column {missing[0]}, found none")
@@ -105,7 +101,7 @@ def read_npz(path: str | Path) -> Keypoints:
         KeypointsError: the file is missing, is something else, or holds no points.
     """
     path = Path(path)
-    with reading(path, "a NumPy .npz file", ValueError):
+    with reading(path, KeypointsError, "a NumPy .npz file", ValueError):
         arrays = read_arrays(path)
     if "format" in arrays:
         check_format("points", arrays["format"].tolist(), path, KeypointsError)
@@ -181,7 +177,9 @@ def read_parquet(path: str | Path) -> dict[str, Keypoints]:
     pa = import_optional("pyarrow", "parquet")
     pq = import_optional("pyarrow.parquet", "parquet")
     path = Path(path)
-    with reading(path, "a Parquet file", pa.ArrowException, ValueError, AttributeError):
+    with reading(
+        path, KeypointsError, "a Parquet file", pa.ArrowException, ValueError, AttributeError
+    ):
         check_unpacked(*_sizes(pq, path))
         table = pq.read_table(path)
         for name in ("image", *COLUMNS, "descriptor"):

@@ -118,17 +118,20 @@ def reading(
         path: the file or folder that is read.
         error: to raise.
         expected: format of the file.
-        foreign: what is raised for a file of another format, beside bytes that are not UTF-8.
+        foreign: what is raised for a file of another format, beside bytes that are not UTF-8; an
+            OSError among them is one that a library raises without an error of the system.
     """
-    other: tuple[type[Exception], ...] = (UnicodeDecodeError, *foreign)
+    expectable: tuple[type[Exception], ...] = (OSError, UnicodeDecodeError, *foreign)
     try:
         yield
     except (SaccadeError, MemoryError):
         raise
-    except OSError as caught:
-        raise error(f"{path}: cannot be read: {one_line(caught)}") from caught
-    except other as caught:
-        raise error(f"{path}: expected {expected}: {one_line(caught)}") from caught
+    except expectable as caught:
+        of_system = isinstance(caught, OSError) and (
+            caught.strerror is not None or not isinstance(caught, foreign)
+        )
+        failed = "cannot be read" if of_system else f"expected {expected}"
+        raise error(f"{path}: {failed}: {one_line(caught)}") from caught
 
 
 @contextmanager

@@ -140,11 +140,14 @@ def calibration_beside(
     options: CameraOptions | None,
     image: Path | None = None,
     source: Path | None = None,
+    *,
+    is_pair: bool = False,
 ) -> BareCamera:
     """The calibration of camera.toml, or for images of a width and height one without it.
 
     That is given by the options, by a calib.txt, by the EXIF tags of an `image`, or guessed; what
-    is assumed names the `source`, if that is not the folder.
+    is assumed names the `source`, if that is not the folder. Only a pair of cameras has the
+    baseline of a calib.txt.
     """
     file, options = folder / CAMERA_FILE, options or CameraOptions()
     if file.exists():
@@ -158,7 +161,7 @@ def calibration_beside(
     elif (folder / "calib.txt").exists():
         left = "image_0" if image is None else image.parent.name
         values, found = read_intrinsics(folder / "calib.txt", PROJECTIONS.get(left, ()))
-        baseline = options.baseline or found
+        baseline = options.baseline or (found if is_pair else 0.0)
     else:
         focal = None if image is None else exif_focal_length(image, width)
         is_guess = focal is None
@@ -244,7 +247,9 @@ def read_folder_drive(
     if numbered:
         images.sort(key=lambda image: int(image.stem))
     size = image_size(images[0])
-    calibration, assumptions, is_guess = calibration_beside(path, size, options, images[0])
+    calibration, assumptions, is_guess = calibration_beside(
+        path, size, options, images[0], is_pair=right is not None
+    )
     if is_kitti and not (path / CAMERA_FILE).exists():
         mounted = replace(calibration.camera, **kitti_extrinsics(path / "calib.npz"))
         calibration = replace(calibration, camera=mounted)
