@@ -1,7 +1,10 @@
 """Published logs: MRCLAM and Victoria Park."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +17,7 @@ from saccade.datasets.logs.pose_graph import read_pose_graph
 from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import LogError, require
-from saccade.io.files import atomic_write, results_in
+from saccade.io.files import atomic_write, reading, results_in
 from saccade.plane import rotated, to_relative_poses
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
@@ -164,8 +167,6 @@ def read_mrclam(
 def _read_tables(path: Path, robot: int) -> dict[str, FloatArray]:
     """The tables of a robot; optional ones may be missing."""
     archive = Archive(path) if path.is_file() else None
-    if archive is None and not path.is_dir():
-        raise LogError(f"{path}: expected a folder with Barcodes.dat or an .npz, found nothing")
     tables = {}
     for name, (file, columns) in _TABLES.items():
         dat, key = path / f"{file.format(robot)}.dat", name.format(robot)
@@ -190,8 +191,8 @@ def _integers(path: Path, name: str, table: FloatArray) -> IntArray:
     return table.astype(np.int64)
 
 
-def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
-    """Write the files of one robot.
+def write_mrclam(folder: str | Path, log: LandmarkLog) -> None:
+    """Write the files of robot 1.
 
     The format stores velocities: a step that is not an arc becomes a turn, a straight line and
     another turn, each in a third of its time. It stores no noise, and the start pose only as part
@@ -200,14 +201,11 @@ def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
     Args:
         folder: of the files; created if it is missing.
         log: with a clock and the number of every landmark.
-        robot: 1 to 5.
 
     Raises:
         LogError: a motion takes no time, or an observation has no landmark number.
         OutputError: a file cannot be written.
-        ConfigError: no such robot.
     """
-    require(1 <= robot <= ROBOTS, "robot", f"a number from 1 to {ROBOTS}", robot)
     require_numbered(log, "mrclam")
     surveyed = np.empty(0, np.int64) if log.landmark_truth is None else log.landmark_truth.id
     landmarks = np.union1d(log.landmark, surveyed)
@@ -234,7 +232,7 @@ def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
         )
     with results_in(Path(folder)):
         for name, (header, table) in tables.items():
-            file = f"{_TABLES[name][0].format(robot)}.dat"
+            file = f"{_TABLES[name][0].format(1)}.dat"
             lines = [f"# {header}", *("\t".join(map(_number, row)) for row in table.tolist())]
             with atomic_write(Path(folder) / file) as temporary:
                 temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -283,8 +281,8 @@ VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.06, turn=0.06, drift=0.0125)
 VICTORIA_PARK_BIAS = (0.05, 0.02, 0.02)
 """See `LandmarkLog.odometry_bias`; a steering offset of one degree turns the car by 0.006 rad per
 metre."""
-MAX_SPEED, MAX_TIME = 1e6, 1e15
-"""Bounds of valid values, in metres per second and milliseconds."""
+LARGEST_VALUE = 1e15
+"""Bound of valid values, in metres, metres per second, radians and milliseconds."""
 VICTORIA_PARK_SENSOR = (0.2, 0.015)
 """Standard deviations of range (m) and bearing (rad) of a tree, whose trunk is not a point."""
 
@@ -319,24 +317,20 @@ def read_victoria_park(
     if path.suffix.lower() != ".mat":
         return read_pose_graph(path)
     variables = read_matlab(path, ("time", "u", "TLsr", "zt"))
-    time = _ascending(path, "time", variables["time"])
-    scan_time = _ascending(path, "TLsr", variables["TLsr"])
-    u = _array(path, "u", variables["u"])
+    time, scan_time = (_times(path, name, variables) for name in ("time", "TLsr"))
     scans = variables["zt"]
-    if u.shape != (2, len(time)) or len(scans) != len(scan_time) or len(scan_time) == 0:
-        raise LogError(
-            f"{path}: expected u of shape (2, {len(time)}) and {len(scan_time)} scans in zt, "
-            f"found {u.shape} and {len(scans)}"
-        )
-    if not (np.abs(u) < MAX_SPEED).all():
-        raise LogError(
-            f"{path}: expected speeds and steering angles under {MAX_SPEED:g} in u, found others"
-        )
+    u = _numbers(path, "u", variables["u"], (2, len(time)))
+    if not len(scans) == len(scan_time) > 0:
+        raise LogError(f"{path}: expected {len(scan_time)} scans in zt, found {len(scans)}")
     speed, turn_rate = center_motion(u[0], u[1])
     control, control_covariance = integrate(time, speed, turn_rate, scan_time, odometry_noise)
-    trees = [_trees(path, number, scan) for number, scan in enumerate(scans)]
-    observation = np.concatenate(trees)  # (k, 2) range and bearing from the laser
-    scan_of = np.repeat(np.arange(len(scan_time), dtype=np.int64), [len(t) for t in trees])
+    trees = [
+        _numbers(path, f"scan {i} of zt", scan, (3, np.size(scan) // 3))
+        for i, scan in enumerate(scans)
+    ]
+    distance, bearing, _ = np.concatenate(trees, 1)  # (k,) each, from the laser, and the diameter
+    observation = np.stack([distance, bearing - np.pi / 2], 1)  # the scan starts at the right
+    scan_of = np.repeat(np.arange(len(scan_time)), [trees_of.shape[1] for trees_of in trees])
     covariance = np.tile(np.diag(np.square(sensor_sigma)), (len(observation), 1, 1))
     control, control_covariance = _to_laser(control, control_covariance)
     return LandmarkLog(
@@ -364,33 +358,25 @@ def center_motion(speed: FloatArray, steering: FloatArray) -> tuple[FloatArray, 
     return center, center * np.tan(steering) / WHEEL_BASE
 
 
-def _array(path: Path, name: str, values: object) -> FloatArray:
-    """Values of a variable as float64."""
-    try:
-        return np.asarray(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise LogError(f"{path}: expected numbers in {name}, found something else") from error
-
-
-def _ascending(path: Path, name: str, values: object) -> FloatArray:
-    """Times (n,) of a variable, finite and ascending."""
-    time = _array(path, name, values).ravel()
-    if not (np.abs(time) < MAX_TIME).all() or (np.diff(time) < 0).any():
-        raise LogError(f"{path}: expected {name} to be finite and ascending, found that it is not")
-    return time
-
-
-def _trees(path: Path, number: int, scan: object) -> FloatArray:
-    """Range and bearing (n, 2) of the trees in a scan."""
-    trees = _array(path, f"scan {number}", scan)
-    if trees.size == 0:
-        return np.empty((0, 2))
-    if trees.ndim != 2 or len(trees) != 3 or not np.isfinite(trees).all():
+def _numbers(path: Path, name: str, values: object, shape: tuple[int, ...]) -> FloatArray:
+    """Finite numbers of a variable; an empty array has any shape."""
+    with reading(path, LogError, f"numbers in {name}", TypeError, ValueError):
+        array = np.asarray(values, np.float64)
+    array = array.reshape(shape) if array.size == prod(shape) == 0 else array
+    if array.shape != shape or not (np.abs(array) < LARGEST_VALUE).all():
         raise LogError(
-            f"{path}, scan {number}: expected finite rows of range, bearing and diameter, "
-            f"found shape {trees.shape}"
+            f"{path}: expected finite numbers of shape {shape} in {name}, found {array.shape} with "
+            f"{int((~(np.abs(array) < LARGEST_VALUE)).sum())} others"
         )
-    return np.stack([trees[0], trees[1] - np.pi / 2], 1)  # the scan starts at the right
+    return array
+
+
+def _times(path: Path, name: str, variables: Mapping[str, Any]) -> FloatArray:
+    """Ascending times (n,) of a variable."""
+    time = np.ravel(_numbers(path, name, variables[name], np.shape(variables[name])))
+    if (np.diff(time) < 0).any():
+        raise LogError(f"{path}: expected {name} to be ascending, found that it is not")
+    return time
 
 
 def _to_laser(control: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -407,8 +393,7 @@ def _gps(path: Path) -> Trajectory | None:
     if not path.exists():
         return None
     variables = read_matlab(path, ("timeGps", "La_m", "Lo_m"))
-    time = _ascending(path, "timeGps", variables["timeGps"]) / 1000
-    x, y = (_array(path, name, variables[name]).ravel() for name in ("Lo_m", "La_m"))
-    if len(x) != len(time) or len(y) != len(time) or not np.isfinite(x + y).all():
-        raise LogError(f"{path}: expected one finite position for each of the {len(time)} times")
+    time = _times(path, "timeGps", variables) / 1000
+    x, y = (np.ravel(variables[name]) for name in ("Lo_m", "La_m"))
+    x, y = (_numbers(path, "La_m and Lo_m", each, time.shape) for each in (x, y))
     return Trajectory(time, np.stack([x, y, np.full(len(time), np.nan)], 1))
