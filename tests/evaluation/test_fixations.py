@@ -14,7 +14,6 @@ from scipy.stats import mannwhitneyu, pearsonr
 from saccade.datasets.fixations import read_fixations
 from saccade.errors import ImageError
 from saccade.evaluation import fixations as metrics
-from support.processes import run_python
 
 MAPS = arrays(np.float64, (12, 16), elements=st.floats(0, 1, width=16))
 PLACES = arrays(np.float64, (7, 2), elements=st.floats(0, 11))
@@ -171,43 +170,3 @@ def test_the_osie_table(shared):
     table = read_fixations(shared / "data/eyes/osie/fixations.csv")
     assert repr(table) == f"FixationTable({len(table)} fixations on 140 images)"
     assert (table.index > 0).sum() == 17752
-
-
-@pytest.mark.peer
-def test_a_model_of_ours_runs_inside_pysaliency():
-    """In a process of its own: the package warns, and imports torch for models we never use."""
-    script = """
-import importlib.machinery, sys, unittest.mock
-import numpy as np
-from saccade import contrast_saliency
-from saccade.evaluation.fixations import auc, nss
-from saccade.evaluation.prediction import as_pysaliency
-from saccade.scale.pyramid import resize
-
-sys.modules["torch"] = unittest.mock.MagicMock(
-    __spec__=importlib.machinery.ModuleSpec("torch", None)
-)
-np.trapz = getattr(np, "trapezoid", None) or np.trapz  # its old name
-import pysaliency
-
-rng = np.random.default_rng(0)
-images = [rng.integers(0, 255, (90, 120, 3), np.uint8) for _ in range(2)]
-places = [rng.integers(0, 90, (20, 2)) for _ in images]
-predict = lambda image: resize(contrast_saliency(image).saliency, image.shape[:2])
-stimuli = pysaliency.Stimuli(images)
-fixations = pysaliency.Fixations.create_without_history(
-    x=np.concatenate([xy[:, 0] for xy in places]),
-    y=np.concatenate([xy[:, 1] for xy in places]),
-    n=np.repeat([0, 1], 20),
-)
-model = as_pysaliency(predict)
-print(model.AUC(stimuli, fixations, average="image"), model.NSS(stimuli, fixations))
-for metric in (auc, nss):
-    print(np.mean([metric(predict(i), xy) for i, xy in zip(images, places)]), end=" ")
-"""
-    if importlib.util.find_spec("pysaliency") is None:
-        pytest.skip("pysaliency, the peer, is not installed")
-    done = run_python("-W", "ignore", "-c", script)
-    assert done.returncode == 0, done.stderr
-    theirs, ours = (np.array(line.split(), float) for line in done.stdout.splitlines())
-    np.testing.assert_allclose(ours, theirs, atol=1e-6)

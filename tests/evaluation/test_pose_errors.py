@@ -100,10 +100,10 @@ def test_relative_errors_are_those_of_evo(files, delta, unit, all_pairs, relatio
     metric = metrics.RPE(RELATIONS[relation], delta, Unit[unit], all_pairs=all_pairs)
     expected = _statistics(metric, (reference, estimate))
     config = PoseErrorConfig(delta=delta, unit=unit, all_pairs=all_pairs)
-    found = score_poses(*map(read_poses, files), config).relative
+    found = score_poses(*map(read_poses, files), config)
     np.testing.assert_array_equal(found.second, metric.delta_ids)
     np.testing.assert_allclose(
-        statistics(getattr(found.errors, relation)), expected, rtol=1e-6, atol=1e-6
+        statistics(getattr(found.relative, relation)), expected, rtol=1e-6, atol=1e-6
     )
 
 

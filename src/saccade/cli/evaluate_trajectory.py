@@ -96,7 +96,6 @@ def trajectory(config: PoseErrorConfig, options: TrajectoryOptions) -> Result:
 
 def _errors(scores: PoseScores) -> dict[str, FloatArray]:
     """The errors by their names in `LABELS`."""
-    relative, segments = scores.relative.errors, scores.segments
     return {
         "ate_aligned_m": scores.aligned.translation,
         "ate_first_pose_m": scores.first_aligned.translation,
@@ -104,10 +103,10 @@ def _errors(scores: PoseScores) -> dict[str, FloatArray]:
         "rotation_aligned_deg": scores.aligned.rotation,
         "rotation_first_pose_deg": scores.first_aligned.rotation,
         "rotation_unaligned_deg": scores.unaligned.rotation,
-        "rpe_m": relative.translation,
-        "rpe_deg": relative.rotation,
-        "segments_percent": segments.translation,
-        "segments_deg_per_100m": segments.rotation,
+        "rpe_m": scores.relative.translation,
+        "rpe_deg": scores.relative.rotation,
+        "segments_percent": scores.segments.translation,
+        "segments_deg_per_100m": scores.segments.rotation,
     }
 
 
@@ -124,7 +123,7 @@ def _summary(scores: PoseScores) -> dict[str, Any]:
 
     row: dict[str, Any] = {
         "poses": len(scores.estimate.time),
-        "pairs": len(scores.relative.first),
+        "pairs": len(scores.first),
         "scale": scores.scale,
     }
     for key, errors in _errors(scores).items():
@@ -143,9 +142,9 @@ def _write_csv(path: Path, scores: Mapping[str, PoseScores]) -> None:
         columns["time"] = each.estimate.time
         columns |= dict(zip("xyz", each.estimate.position.T, strict=True))
         columns |= {key: errors for key, errors in _errors(each).items() if "segments" not in key}
-        for key, errors in zip(("rpe_m", "rpe_deg"), each.relative.errors, strict=True):
+        for key, errors in zip(("rpe_m", "rpe_deg"), each.relative, strict=True):
             columns[key] = np.full(n, np.nan)
-            columns[key][each.relative.second] = errors
+            columns[key][each.second] = errors
         parts.append(columns)
     write_table(path, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]})
 

@@ -52,8 +52,14 @@ def score(
     others: FloatArray,
     sigma: float = 24.0,
     baseline: Map | None = None,
+    *,
+    density: bool = False,
 ) -> FixationScores:
     """Score one saliency map by every metric.
+
+    A density has for each metric the map that is optimal for it: the density itself for AUC, NSS
+    and information gain; over the density of the other images' fixations for shuffled AUC; and
+    blurred as the fixation density is for CC, SIM and KL (for SIM about optimal).
 
     Args:
         saliency: (H, W) of the size of the image.
@@ -62,86 +68,36 @@ def score(
             shuffled AUC and, blurred, the baseline of the information gain.
         sigma: standard deviation of the blur in pixels; about one degree of visual angle.
         baseline: (H, W) fixation density of `others`, to compute it once for many maps.
+        density: whether the map is a density, not negative, of any scale.
 
     Raises:
         ImageError: the map is not finite, or a fixation lies outside it.
-    """
-    shape = _checked_shape(saliency)
-    if baseline is None:
-        baseline = fixation_density(others, shape, sigma)
-    observed = fixation_density(fixations, shape, sigma)
-    return _score_maps(saliency, saliency, saliency, fixations, others, observed, baseline)
 
-
-def score_density(
-    density: Map,
-    fixations: FloatArray,
-    others: FloatArray,
-    sigma: float = 24.0,
-    baseline: Map | None = None,
-) -> FixationScores:
-    """Score one predicted density, each metric by the map that is optimal for it.
-
-    That is the density itself for AUC, NSS and information gain; over the density of the other
-    images' fixations for shuffled AUC; and blurred as the fixation density is for CC, SIM and KL
-    (for SIM about optimal).
-
-    Args:
-        density: (H, W) of the size of the image; not negative, of any scale.
-        fixations: as of `score`; so are the other arguments.
-        others: negatives of the shuffled AUC.
-        sigma: standard deviation of the blur in pixels.
-        baseline: (H, W) fixation density of `others`, to compute it once for many maps.
-
-    Source: Kummerer, Wallis & Bethge, *Saliency benchmarking made easy: separating models, maps
-    and metrics* (ECCV 2018).
-    """
-    shape = _checked_shape(density)
-    if baseline is None:
-        baseline = fixation_density(others, shape, sigma)
-    observed = fixation_density(fixations, shape, sigma)
-    p = distribution(density)
-    relative = p / (distribution(baseline) + BASELINE_FLOOR / p.size)
-    blurred = gaussian_filter(p, sigma, mode="constant", truncate=4.0)
-    return _score_maps(density, relative, blurred, fixations, others, observed, baseline)
-
-
-def _checked_shape(saliency: Map) -> tuple[int, int]:
-    """(H, W) of a map.
-
-    Raises:
-        ImageError: it has other dimensions, or is not finite.
+    Source: of densities Kummerer, Wallis & Bethge, *Saliency benchmarking made easy: separating
+    models, maps and metrics* (ECCV 2018).
     """
     if saliency.ndim != 2:
         raise ImageError(f"saliency map: expected shape (H, W), found {saliency.shape}")
     if not np.isfinite(saliency).all():
         raise ImageError("saliency map: expected finite values, found NaN or infinity")
     height, width = saliency.shape
-    return height, width
-
-
-def _score_maps(
-    plain: Map,
-    relative: Map,
-    blurred: Map,
-    fixations: FloatArray,
-    others: FloatArray,
-    observed: Map,
-    baseline: Map,
-) -> FixationScores:
-    """Scores of a prediction (H, W), of it relative to the other images' fixations, and blurred.
-
-    Shuffled AUC takes the second; CC, SIM and KL take the third, and compare it with the fixation
-    density `observed`; the other metrics take the first.
-    """
+    if baseline is None:
+        baseline = fixation_density(others, (height, width), sigma)
+    observed = fixation_density(fixations, (height, width), sigma)
+    relative: Map = saliency
+    blurred: Map = saliency
+    if density:
+        p = distribution(saliency)
+        relative = p / (distribution(baseline) + BASELINE_FLOOR / p.size)
+        blurred = gaussian_filter(p, sigma, mode="constant", truncate=4.0)
     return FixationScores(
-        auc=auc(plain, fixations),
+        auc=auc(saliency, fixations),
         shuffled_auc=shuffled_auc(relative, fixations, others),
-        nss=nss(plain, fixations),
+        nss=nss(saliency, fixations),
         cc=correlation(blurred, observed),
         sim=similarity(blurred, observed),
         kl=divergence(blurred, observed),
-        information_gain=information_gain(plain, baseline, fixations),
+        information_gain=information_gain(saliency, baseline, fixations),
     )
 
 

@@ -20,14 +20,13 @@ from saccade.evaluation.fixations import (
     inside,
     ranks,
     score,
-    score_density,
     values_at,
 )
 from saccade.evaluation.intervals import ScoreSet
 from saccade.io.image import as_gray, read_image, read_stored
 from saccade.io.npz import map_array
 from saccade.scale.pyramid import resize
-from saccade.types import FixationTable, Float32Array, FloatArray, Image
+from saccade.types import FixationTable, Float32Array, FloatArray
 
 
 def _read_tiff(path: Path) -> npt.NDArray[Any]:
@@ -43,7 +42,7 @@ ARRAYS: dict[str, Callable[[Path], npt.NDArray[Any]]] = {
 }
 """Readers of maps of numbers, by suffix."""
 MAX_SALIENCY = 1e15
-"""Largest magnitude in a map from a file: squares of float32 can be summed up to it."""
+"""Largest magnitude in a map: squares of float32 can be summed up to it."""
 
 
 Model = Callable[[str], Float32Array]
@@ -125,15 +124,12 @@ class FixationData:
         others = self.elsewhere(name)
         return others, self.density(name, others)
 
-    def score(self, name: str, saliency: Map, xy: FloatArray) -> FixationScores:
-        """The scores of a map (H, W) of an image by fixations (n, 2) on it."""
+    def score(
+        self, name: str, saliency: Map, xy: FloatArray, *, density: bool = False
+    ) -> FixationScores:
+        """The scores of a map (H, W), or density, of an image by fixations (n, 2) on it."""
         others, baseline = self.negatives(name)
-        return score(saliency, xy, others, self.sigma, baseline)
-
-    def score_density(self, name: str, density: Map, xy: FloatArray) -> FixationScores:
-        """The scores of a predicted density (H, W), each by the map that is optimal for it."""
-        others, baseline = self.negatives(name)
-        return score_density(density, xy, others, self.sigma, baseline)
+        return score(saliency, xy, others, self.sigma, baseline, density=density)
 
     def center(self, name: str) -> Float32Array:
         """A Gaussian in the center of an image, of which it sees nothing."""
@@ -156,7 +152,7 @@ def score_models(
     Args:
         models: by name, each maps the name of an image to its (H, W) saliency.
         data: the fixations.
-        densities: names of the models that are scored by `score_density`.
+        densities: names of the models whose maps are densities, see `fixations.score`.
 
     Yields:
         The name of each image, and the scores of each model on it.
@@ -167,17 +163,13 @@ def score_models(
     for name in data.sizes:
         xy = data.on(name).xy
         try:
-            yield (
-                name,
-                {
-                    label: (data.score_density if label in densities else data.score)(
-                        name, model(name), xy
-                    )
-                    for label, model in models.items()
-                },
-            )
+            scores = {
+                label: data.score(name, model(name), xy, density=label in densities)
+                for label, model in models.items()
+            }
         except ImageError as error:
             raise ImageError(f"{name}: {error}") from error
+        yield name, scores
 
 
 def score_people(data: FixationData) -> Iterator[tuple[str, FixationScores]]:
@@ -238,18 +230,21 @@ def fixation_rows(name: str, maps: Mapping[str, Map], data: FixationData) -> Ite
 
 
 def checked_map(values: Any, name: str) -> Float32Array:
-    """The map of a model of the user's, checked.
+    """A map of a file or of a model of the user's, checked.
 
     Raises:
-        ImageError: not finite numbers of shape (h, w).
+        ImageError: not finite numbers of shape (h, w); names the map.
     """
+    expected = f"{name}: expected finite numbers of shape (h, w)"
     try:
-        array = np.asarray(values, np.float32)
+        array = np.asarray(values)
     except (TypeError, ValueError) as error:
-        raise ImageError(f"{name}: expected a map of numbers: {error}") from error
-    if array.ndim != 2 or array.size == 0 or not np.isfinite(array).all():
-        raise ImageError(f"{name}: expected finite numbers of shape (h, w), found {array.shape}")
-    return array
+        raise ImageError(f"{expected}: {error}") from error
+    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":
+        raise ImageError(f"{expected}, found {array.dtype} of shape {array.shape}")
+    if not (np.abs(array.astype(np.float64)) < MAX_SALIENCY).all():
+        raise ImageError(f"{expected} under {MAX_SALIENCY:g}, found NaN or others")
+    return array.astype(np.float32)
 
 
 def saliency_from_files(images: Path, maps: Path) -> Model:
@@ -293,36 +288,4 @@ def read_saliency_array(path: Path) -> Float32Array:
         raise ImageError(str(error)) from error
     except (OSError, ValueError) as error:
         raise ImageError(f"{path}: expected a map as .npy, found another file") from error
-    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":
-        raise ImageError(
-            f"{path}: expected numbers of shape (h, w), found {array.dtype} of shape {array.shape}"
-        )
-    if not (np.abs(array.astype(np.float64)) < MAX_SALIENCY).all():
-        raise ImageError(
-            f"{path}: expected finite numbers under {MAX_SALIENCY:g}, found NaN or others"
-        )
-    return array.astype(np.float32)
-
-
-def as_pysaliency(predict: Callable[[Image], Float32Array]) -> Any:
-    """A saliency model as pysaliency's `SaliencyMapModel`.
-
-    Args:
-        predict: from an (H, W, 3) uint8 image to its (H, W) saliency map, such as
-            `lambda image: resize(contrast_saliency(image).saliency, image.shape[:2])`
-            with `saccade.scale.pyramid.resize`.
-
-    Returns:
-        An object with pysaliency's methods: `saliency_map`, `AUC`, `NSS`, `CC` and so on.
-
-    Raises:
-        ImportError: pysaliency is not installed.
-    """
-    from pysaliency.saliency_map_models import SaliencyMapModel
-
-    class Model(SaliencyMapModel):  # type: ignore[misc]
-        def _saliency_map(self, stimulus: Image) -> Float32Array:
-            image = stimulus if stimulus.ndim == 2 else stimulus[:, :, :3]
-            return np.asarray(predict(np.asarray(image)))
-
-    return Model()
+    return checked_map(array, str(path))

@@ -311,16 +311,21 @@ def score_paths(
     shape = people[name].shape
     seen = _cut(people[name].paths, settings.fixations)
     everyone = list(seen.values())
+
+    def row(source: str, number: int, path: GazePath, viewers: Sequence[GazePath]) -> PathRow:
+        scores = path_scores(path, viewers, shape, settings.similarity)
+        return PathRow(name, source, number, path, scores)
+
     for viewer, path in seen.items():
         others = [each for other, each in seen.items() if other != viewer]
-        yield _row(name, PEOPLE, viewer, path, others, shape, settings)
+        yield row(PEOPLE, viewer, path, others)
     names = list(people)
     stranger = people[names[(names.index(name) + 1) % len(names)]]
     scale = np.array(shape[::-1]) / stranger.shape[::-1]
     seed = settings.seed * len(names) + names.index(name)
     for viewer, path in _cut(stranger.paths, settings.fixations).items():
         moved = GazePath((path.xy + 0.5) * scale - 0.5, path.duration)
-        yield _row(name, OTHERS, viewer, moved, everyone, shape, settings)
+        yield row(OTHERS, viewer, moved, everyone)
     for source, values, model in (
         (WALK, np.ones_like(saliency), walk_model(settings.model)),
         (SAMPLED, saliency, settings.model),
@@ -329,16 +334,14 @@ def score_paths(
         drawn = sample_scanpaths(
             values, shape, settings.samples, settings.fixations, model, seed=seed
         )
-        for number in range(len(drawn)):
-            path = GazePath(drawn.xy[number], drawn.duration[number])
-            yield _row(name, source, number, path, everyone, shape, settings)
-    probable = most_probable_scanpath(saliency, shape, settings.fixations)
-    path = GazePath(probable.xy, durations_of(probable))
-    yield _row(name, MOST_PROBABLE, 0, path, everyone, shape, settings)
-    winners = scanpath(saliency, shape, settings.fixations, settings.network)
-    if len(winners):
-        path = GazePath(winners.xy, durations_of(winners))
-        yield _row(name, DETERMINISTIC, 0, path, everyone, shape, settings)
+        for number, each in enumerate(zip(drawn.xy, drawn.duration, strict=True)):
+            yield row(source, number, GazePath(*each), everyone)
+    for source, found in (
+        (MOST_PROBABLE, most_probable_scanpath(saliency, shape, settings.fixations)),
+        (DETERMINISTIC, scanpath(saliency, shape, settings.fixations, settings.network)),
+    ):
+        if len(found):
+            yield row(source, 0, GazePath(found.xy, durations_of(found)), everyone)
 
 
 def walk_model(model: ScanpathModelConfig) -> ScanpathModelConfig:
@@ -362,25 +365,18 @@ def _cut(paths: Mapping[int, GazePath], count: int) -> dict[int, GazePath]:
     return {name: GazePath(path.xy[:count], path.duration[:count]) for name, path in paths.items()}
 
 
-def _row(
-    name: str,
-    source: str,
-    number: int,
-    path: GazePath,
-    people: Sequence[GazePath],
-    shape: tuple[int, int],
-    settings: PathSettings,
-) -> PathRow:
-    """A path with its scores; the means of MultiMatch are over the pairs that have it."""
+def path_scores(
+    path: GazePath, people: Sequence[GazePath], shape: tuple[int, int], config: ScanMatchConfig
+) -> PathScores:
+    """The scores of a path; the means of MultiMatch are over the pairs that have it."""
     copies = [path] * len(people)
     dimensions = multimatch(copies, people, shape)
     step = np.diff(path.xy, axis=0)
-    similarity = scanmatch(copies, people, shape, settings.similarity)
+    similarity = scanmatch(copies, people, shape, config)
     horizontal = np.abs(step[:, 0]) > np.abs(step[:, 1])
     movements = np.hypot(*step.T), horizontal.astype(np.float64), path.duration
     known = [similarity, *dimensions.T, *movements, np.array([float(len(path.xy))])]
-    scores = PathScores(*(_mean(values) for values in known))
-    return PathRow(name, source, number, path, scores)
+    return PathScores(*(_mean(values) for values in known))
 
 
 def _mean(values: FloatArray) -> float:

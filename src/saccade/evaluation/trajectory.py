@@ -13,7 +13,7 @@ import numpy as np
 from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses
 from saccade.errors import LogError, Settings, require, setting
 from saccade.landmark_names import renumber
-from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
+from saccade.types import FloatArray, IntArray, LandmarkMap, Trajectory
 
 TRIMMED_ITERATIONS = 30
 """Iterations of the trimmed alignment."""
@@ -59,18 +59,6 @@ def umeyama(points: FloatArray, onto: FloatArray, with_scale: bool = False) -> S
     return Similarity(rotation, target_mean - scale * rotation @ mean, scale, rank)
 
 
-def align(points: FloatArray, onto: FloatArray, inliers: BoolArray | None = None) -> FloatArray:
-    """Points (n, 2) after rigid least-squares alignment with their correspondences (n, 2).
-
-    Args:
-        points: points to be moved.
-        onto: their correspondences.
-        inliers: (n,) mask of the pairs that determine the alignment; None for all.
-    """
-    inliers = np.ones(len(points), bool) if inliers is None else inliers
-    return umeyama(points[inliers], onto[inliers])(points)
-
-
 def position_rmse(
     trajectory: Trajectory, truth: Trajectory, keep: float = 1.0, aligned: bool = True
 ) -> float:
@@ -92,7 +80,11 @@ def position_rmse(
     end = min(trajectory.time[-1], truth.time[-1])
     coarse = min(trajectory, truth, key=len)
     time = coarse.time[(coarse.time >= start) & (coarse.time <= end)]
-    return _rmse(_positions(trajectory, time), _positions(truth, time), keep, aligned)
+    points, true = (
+        np.stack([np.interp(time, each.time, each.pose[:, i]) for i in (0, 1)], 1)
+        for each in (trajectory, truth)
+    )
+    return _rmse(points, true, keep, aligned)
 
 
 def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap, aligned: bool = True) -> float:
@@ -113,17 +105,12 @@ def none_if_nan(value: float) -> float | None:
     return value if isfinite(value) else None
 
 
-def _positions(trajectory: Trajectory, time: FloatArray) -> FloatArray:
-    columns = [np.interp(time, trajectory.time, trajectory.pose[:, i]) for i in (0, 1)]
-    return np.stack(columns, 1)
-
-
 def _rmse(points: FloatArray, truth: FloatArray, keep: float = 1.0, aligned: bool = True) -> float:
     if len(points) < 2:
         return float("nan")
     inliers = np.ones(len(points), bool)
     for _ in range(TRIMMED_ITERATIONS if keep < 1 else 1):
-        moved = align(points, truth, inliers) if aligned else points
+        moved = umeyama(points[inliers], truth[inliers])(points) if aligned else points
         error = np.hypot(*(moved - truth).T)
         inliers = error <= np.quantile(error, keep)
     return float(np.sqrt(np.square(error[inliers]).mean()))
@@ -162,32 +149,13 @@ class PoseErrorConfig(Settings):
 
 
 class Errors(NamedTuple):
-    """Errors of n poses or pairs."""
+    """Errors of n poses, pairs or segments."""
 
     translation: FloatArray
-    """(n,) metres."""
+    """(n,) metres; of segments per cent of the length."""
     rotation: FloatArray
-    """(n,) degrees; NaN where the alignment does not determine it (see `score_poses`)."""
-
-
-class RelativeErrors(NamedTuple):
-    """Errors of the motion from one pose to a later one."""
-
-    first: IntArray
-    """(m,) number of the pose from which each leads."""
-    second: IntArray
-    """(m,) number of the pose to which it leads."""
-    errors: Errors
-    """(m,) of each."""
-
-
-class SegmentErrors(NamedTuple):
-    """Errors of the motion over segments of 100 to 800 m of the true path."""
-
-    translation: FloatArray
-    """(m,) per cent of the length."""
-    rotation: FloatArray
-    """(m,) degrees per 100 m."""
+    """(n,) degrees, of segments per 100 m; NaN where the alignment does not determine it (see
+    `score_poses`)."""
 
 
 class PoseScores(NamedTuple):
@@ -205,10 +173,14 @@ class PoseScores(NamedTuple):
     """Errors without alignment, for an estimate in the frame of the truth."""
     scale: float
     """Scale of the alignment; 1 where it is not estimated."""
-    relative: RelativeErrors
-    """Errors from pose to pose (RPE)."""
-    segments: SegmentErrors
-    """KITTI's; empty for paths under 100 m."""
+    first: IntArray
+    """(m,) number of the pose from which each relative error leads."""
+    second: IntArray
+    """(m,) number of the pose to which it leads."""
+    relative: Errors
+    """(m,) of the motion between the two (RPE)."""
+    segments: Errors
+    """Of the motion over 100 to 800 m of the true path (KITTI's); empty for paths under 100 m."""
 
 
 class Statistics(NamedTuple):
@@ -274,7 +246,9 @@ def score_poses(
         first_aligned=_absolute(Poses(estimate.time, turn @ estimate.rotation, position), truth),
         unaligned=_absolute(estimate, truth),
         scale=fit.scale,
-        relative=RelativeErrors(first, second, _relative(scaled, truth, first, second)),
+        first=first,
+        second=second,
+        relative=_relative(scaled, truth, first, second),
         segments=_segment_errors(scaled, truth),
     )
 
@@ -361,19 +335,14 @@ def _motion(poses: Poses, first: IntArray, second: IntArray) -> tuple[FloatArray
     return back @ poses.rotation[second], shift
 
 
-def _segment_errors(estimate: Poses, truth: Poses) -> SegmentErrors:
+def _segment_errors(estimate: Poses, truth: Poses) -> Errors:
     reached = path_length(truth.position)
-    starts = np.arange(0, len(reached), 10)
-    first, second, length = [], [], []
-    for segment in SEGMENTS:
-        end = np.searchsorted(reached, reached[starts] + segment, side="right")
-        inside = end < len(reached)
-        first.append(starts[inside])
-        second.append(end[inside])
-        length.append(np.full(inside.sum(), segment))
-    meters = np.concatenate(length)
-    errors = _relative(estimate, truth, np.concatenate(first), np.concatenate(second))
-    return SegmentErrors(100 * errors.translation / meters, 100 * errors.rotation / meters)
+    start, length = (grid.ravel() for grid in np.meshgrid(np.arange(0, len(reached), 10), SEGMENTS))
+    end = np.searchsorted(reached, reached[start] + length, side="right")
+    inside = end < len(reached)
+    meters = length[inside]
+    errors = _relative(estimate, truth, start[inside], end[inside])
+    return Errors(100 * errors.translation / meters, 100 * errors.rotation / meters)
 
 
 def rotation_angle(rotation: FloatArray) -> FloatArray:
