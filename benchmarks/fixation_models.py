@@ -3,10 +3,9 @@
 Every row is scored on the same images as `saccade evaluate fixations` does, with 95 % bootstrap
 intervals over the images, shuffled AUC first, since the center gains nothing in it: the presets of
 this package, peers, a Gaussian in the center and the other images' fixations, which see nothing of
-the image, and people. The peers are written here from their papers: Boolean maps (Zhang &
-Sclaroff 2016, the preset `zhang2016`) and GBVS (Harel, Koch & Perona, *Graph-based visual
-saliency*, NIPS 2006; feature maps of 32 pixels, sigma .15 and .06 of their width). People are the
-fixations of the other viewers, blurred: one against the others.
+the image, and people. GBVS is written here from its paper (Harel, Koch & Perona, *Graph-based
+visual saliency*, NIPS 2006; feature maps of 32 pixels, sigma .15 and .06 of their width). People
+are the fixations of the other viewers, blurred: one against the others.
 """
 
 import argparse
@@ -18,7 +17,6 @@ import numpy as np
 
 from saccade.attention import (
     AttentionConfig,
-    BooleanConfig,
     ContrastConfig,
     attention_saliency,
     boolean_saliency,
@@ -52,9 +50,6 @@ MODELS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     ),
     "SaliencyToolbox 2": lambda image: (
         contrast_saliency(image, ContrastConfig.saliencytoolbox2()).saliency
-    ),
-    "BMS (Zhang & Sclaroff)": lambda image: (
-        boolean_saliency(image, BooleanConfig.zhang2016()).saliency
     ),
     "GBVS (Harel et al.)": lambda image: gbvs(image),
 }

@@ -54,7 +54,6 @@ ALONE = {
     (ContrastConfig, "gabor_size"): (3, 99),
     (SymmetryConfig, "inner"): (1,),
     (SymmetryConfig, "outer"): (100,),
-    (BooleanConfig, "opening"): (1, 99),
     (BooleanConfig, "dilation"): (1, 99),
     (ScanpathConfig, "time_step"): (1e-9,),
     **{(ScanpathConfig, f"{name}_time_constant"): (1e300,) for name in ("map", "winner")},

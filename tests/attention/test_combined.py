@@ -2,11 +2,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.stats import rankdata
 
 from saccade.attention import (
     AttentionConfig,
-    BooleanMaps,
     ContrastConfig,
     SymmetryConfig,
     attention_saliency,
@@ -102,9 +100,3 @@ def test_pop_out(shared, map_level):
     print(f"\nmap level {map_level}: {rank}")
     assert rank.pop("conjunction") > 1
     assert set(rank.values()) == {1}, rank
-
-
-def test_ranks_are_those_of_scipy():
-    values = np.random.default_rng(0).integers(0, 9, (7, 9)).astype(np.float32)
-    expected = (rankdata(values).reshape(values.shape) - 0.5) / values.size
-    np.testing.assert_allclose(BooleanMaps(values, (70, 90)).ranks, expected, atol=1e-6)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from saccade.attention import ContrastConfig, contrast_pyramids, contrast_saliency
+from saccade.attention import ContrastConfig, contrast_saliency
 from saccade.attention.channels import Color
 from saccade.attention.contrast import sharpen, smooth
 from saccade.attention.normalize import Normalization, normalize
@@ -125,9 +125,9 @@ def test_pop_out(shared, preset, map_level):
 def test_pyramids_are_those_of_the_channels():
     rgb = noise(2, (80, 64)) / np.float32(255)
     config = replace(SOURCE, color="linear")
-    pyramids = contrast_pyramids(rgb, config)
-    features = contrast_saliency(rgb, config, keep_features=True).features
-    assert list(pyramids) == list(dict.fromkeys(each.channel for each in features))
+    maps = contrast_saliency(rgb, config, keep_features=True)
+    pyramids = maps.pyramids
+    assert list(pyramids) == list(dict.fromkeys(each.channel for each in maps.features))
     red, green, blue = (rgb[..., i] for i in range(3))
     for (name, _), plane in {
         ("intensity", None): rgb.mean(axis=2),
@@ -139,9 +139,8 @@ def test_pyramids_are_those_of_the_channels():
         assert sorted(found) == [2, 3, 5, 6]
         for number, level in found.items():
             np.testing.assert_allclose(level, levels[number], atol=1e-6)
-    assert "red-green" not in {
-        channel.name for channel in contrast_pyramids(rgb, replace(config, color_weight=0))
-    }
+    colorless = contrast_saliency(rgb, replace(config, color_weight=0), keep_features=True)
+    assert "red-green" not in {channel.name for channel in colorless.pyramids}
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from saccade.attention.combined import attention_saliency as attention_saliency
 from saccade.attention.contrast import ContrastConfig as ContrastConfig
 from saccade.attention.contrast import ContrastMaps as ContrastMaps
 from saccade.attention.contrast import FeatureMap as FeatureMap
-from saccade.attention.contrast import contrast_pyramids as contrast_pyramids
 from saccade.attention.contrast import contrast_saliency as contrast_saliency
 from saccade.attention.fitted import FittedMaps as FittedMaps
 from saccade.attention.fitted import FittedModel as FittedModel

@@ -61,13 +61,13 @@ class Grid(NamedTuple):
     height: float
 
 
-class AliasTable(NamedTuple):
-    """Walker's table of a distribution over cells; each array is (n,)."""
+class Cumulative(NamedTuple):
+    """A distribution over cells for drawing by inversion; each array is (n,)."""
 
-    keep: FloatArray
-    """Probability of a column to give its own number."""
-    other: IntArray
-    """The number that it gives otherwise."""
+    sums: FloatArray
+    """Probability of each cell and those before it; the last is 1."""
+    first: IntArray
+    """The cell that is drawn by each multiple of 1 / n: no later number draws one before it."""
 
 
 @kernel()
@@ -117,23 +117,10 @@ def fill_density(model: Dynamics, grid: Grid, path: FloatArray, density: FloatAr
 
 
 @kernel()
-def log_probabilities(
-    model: Dynamics, grid: Grid, path: FloatArray, cells: IntArray, first: int
-) -> FloatArray:
-    """Logarithm of the probability of each cell of a path (n,) from row `first` of `path` on."""
-    density = np.empty(len(grid.mass))
-    result = np.empty(len(path) - first)
-    for k in range(first, len(path)):
-        fill_density(model, grid, path[:k], density)
-        result[k - first] = np.log(density[cells[k]])
-    return result
-
-
-@kernel()
 def draw_paths(
     model: Dynamics,
     grid: Grid,
-    table: AliasTable,
+    cumulative: Cumulative,
     rng: np.random.Generator,
     max_trials: int,
     paths: FloatArray,
@@ -153,7 +140,10 @@ def draw_paths(
             path = paths[p, :k]
             cell = -1
             for _ in range(max_trials):
-                proposed = draw_cell(table, rng.random())
+                u = rng.random()
+                proposed = cumulative.first[int(u * len(density))]
+                while cumulative.sums[proposed] <= u:
+                    proposed += 1
                 x, y = grid.x[proposed], grid.y[proposed]
                 u = rng.random()
                 dx, dy = x - path[k - 1, 0], y - path[k - 1, 1]
@@ -165,44 +155,8 @@ def draw_paths(
                     break
             if cell < 0:
                 fill_density(model, grid, path, density)
-                cell = draw_cell(alias_table(density), rng.random())
+                drawn = int(np.searchsorted(np.cumsum(density), rng.random()))
+                cell = min(drawn, len(density) - 1)
             cells[p, k] = cell
             paths[p, k, 0] = grid.x[cell] + (rng.random() - 0.5) * grid.width
             paths[p, k, 1] = grid.y[cell] + (rng.random() - 0.5) * grid.height
-
-
-@kernel()
-def alias_table(probability: FloatArray) -> AliasTable:
-    """Table of a distribution over cells, whose sum is 1 (Vose 1991)."""
-    n = len(probability)
-    keep, other = np.empty(n), np.empty(n, np.int64)
-    small, large = np.empty(n, np.int64), np.empty(n, np.int64)
-    num_small, num_large = 0, 0
-    for i in range(n):
-        keep[i], other[i] = probability[i] * n, i
-        if keep[i] < 1:
-            small[num_small] = i
-            num_small += 1
-        else:
-            large[num_large] = i
-            num_large += 1
-    while num_small > 0 and num_large > 0:
-        num_small -= 1
-        low, high = small[num_small], large[num_large - 1]
-        other[low] = high
-        keep[high] -= 1 - keep[low]
-        if keep[high] < 1:
-            num_large -= 1
-            small[num_small] = high
-            num_small += 1
-    for i in range(num_small):
-        keep[small[i]] = 1  # but for rounding
-    return AliasTable(keep, other)
-
-
-@kernel(inline=True)
-def draw_cell(table: AliasTable, u: float) -> int:
-    """The cell of a uniform number in [0, 1): its column of the table, or the alias of that."""
-    scaled = u * len(table.keep)
-    column = int(scaled)
-    return column if scaled - column < table.keep[column] else table.other[column]

@@ -3,11 +3,11 @@
 After Zhang & Sclaroff (2013, 2016): the color channels of an image, decorrelated and of equal
 variance, are thresholded at many values. In each of these Boolean maps the regions of either
 value that do not touch the border of the image are figure, all else is ground. A map with little
-figure counts more, by a power of its area.
+figure counts more: it is divided by its Euclidean norm, the root of its area.
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,26 +33,15 @@ class BooleanConfig(Settings):
     """Pixels to which the longer side of a larger image is reduced."""
     thresholds: int = setting(24, 1, 256, slider=(4, 64, 1))
     """Thresholds of each channel, evenly spaced between its extremes."""
-    opening: int = setting(1, 1, 99, slider=(1, 15, 2))
-    """Diameter in pixels of the disc by which a Boolean map is opened; 1 leaves it as it is."""
     dilation: int = setting(3, 1, 99, slider=(1, 15, 2))
-    """Diameter in pixels of the disc by which the surrounded regions are dilated, likewise."""
-    area_exponent: float = setting(0.5, 0, 2, slider=(0, 1, 0.05))
-    """A Boolean map counts by its surrounded area to minus this power: 0.5 divides it by its
-    Euclidean norm, as in the source."""
+    """Diameter in pixels of the disc by which the surrounded regions are dilated, odd; 1 leaves
+    them as they are."""
     smoothing: float = setting(0.03, 0, 1, slider=(0, 0.2, 0.005))
     """Standard deviation of the Gaussian that smooths the sum, as a fraction of the longer side."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("opening", "dilation"):
-            size = getattr(self, name)
-            require(size % 2 == 1, name, "an odd size", size)
-
-    @classmethod
-    def zhang2016(cls) -> Self:
-        """The sizes of Zhang & Sclaroff (2016), whose thresholds are 8 of 255 apart."""
-        return cls(longer_side=400, thresholds=32, opening=5, dilation=7, smoothing=0.0225)
+        require(self.dilation % 2 == 1, "dilation", "an odd size", self.dilation)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,25 +85,19 @@ def boolean_maps(pixels: npt.NDArray[Any], config: BooleanConfig) -> BooleanMaps
         for threshold in low + steps * (high - low) if high > low else ():
             above = plane > threshold
             for boolean_map in (above, ~above):
-                figure = surrounded(boolean_map.view(np.uint8), config)
+                figure = surrounded(boolean_map.view(np.uint8), config.dilation)
                 area = cv2.countNonZero(figure)
                 if area > 0:
-                    summed += figure * np.float32(area**-config.area_exponent)
+                    summed += figure * np.float32(area**-0.5)
     sigma = config.smoothing * max(shape)
     if sigma > 0:
         summed = cv2.GaussianBlur(summed, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
     return BooleanMaps(rescale(summed), (height, width))
 
 
-def surrounded(boolean_map: npt.NDArray[Any], config: BooleanConfig) -> npt.NDArray[Any]:
+def surrounded(boolean_map: npt.NDArray[Any], dilation: int) -> npt.NDArray[Any]:
     """The regions of ones, of a map (h, w) of 0 and 1, that do not touch the border; dilated."""
-    if config.opening > 1:
-        boolean_map = cv2.morphologyEx(boolean_map, cv2.MORPH_OPEN, _disc(config.opening))
     framed = cv2.copyMakeBorder(boolean_map, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
     cv2.floodFill(framed, None, (0, 0), 0, flags=8)
-    figure = framed[1:-1, 1:-1]
-    return cv2.dilate(figure, _disc(config.dilation)) if config.dilation > 1 else figure
-
-
-def _disc(diameter: int) -> npt.NDArray[Any]:
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (dilation, dilation))
+    return cv2.dilate(framed[1:-1, 1:-1], disc)

@@ -3,8 +3,8 @@
 After Itti, Koch & Niebur (1998) and Itti & Koch (2001); equations A.1-A.14.
 """
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -25,7 +25,6 @@ __all__ = [
     "ContrastConfig",
     "ContrastMaps",
     "FeatureMap",
-    "contrast_pyramids",
     "contrast_saliency",
 ]
 
@@ -78,6 +77,9 @@ class ContrastMaps(SaliencyMaps):
     """(h, w) conspicuity (A.13), from 0 to the number of orientations, 4."""
     features: tuple[FeatureMap, ...] = ()
     """The feature maps; empty without `keep_features`."""
+    pyramids: Mapping[Channel, Mapping[int, FloatMap]] = field(default_factory=dict)
+    """By channel and number of the level, 0 for the size of the image: the levels (h, w) that are
+    compared (A.1-A.6); empty without `keep_features`."""
 
     @property
     def layers(self) -> dict[str, FloatMap]:
@@ -97,7 +99,7 @@ def contrast_saliency(
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         config: channels, scales and normalization; presets name their source.
-        keep_features: whether the result holds the feature maps.
+        keep_features: whether the result holds the feature maps and the pyramids.
         bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
 
     Returns:
@@ -150,30 +152,8 @@ def contrast_maps(
         orientation=orientation,
         image_shape=shape,
         features=tuple(features),
+        pyramids=pyramids if keep_features else {},
     )
-
-
-def contrast_pyramids(
-    image: Image, config: ContrastConfig | None = None
-) -> dict[Channel, dict[int, FloatMap]]:
-    """The pyramids of the channels whose levels `contrast_saliency` compares (A.1-A.6).
-
-    Args:
-        image: as for `contrast_saliency`.
-        config: as for `contrast_saliency`.
-
-    Returns:
-        By channel and number of the level, 0 for the size of the image, the (h, w) level. Levels
-        that no scale compares are absent, and so are channels without weight.
-
-    Raises:
-        ImageError: as for `contrast_saliency`.
-    """
-    pixels = check_image(image)
-    config = (config or ContrastConfig()).at_size(pixels.shape[:2])
-    arithmetic = ARITHMETICS[config.arithmetic](config)
-    scales = existing_scales(pixels.shape[:2], config, arithmetic)
-    return channel_pyramids(pixels, scales, arithmetic)
 
 
 def existing_scales(

@@ -23,7 +23,7 @@ KINDS = {name: name for name in ("attention", "contrast", "symmetry", "boolean")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SaliencyMaps(NotebookTable):
-    """Base of the results of the models: saliency by size, by name and by rank.
+    """Base of the results of the models: saliency by size and by name.
 
     The cells of a map tile the image: see `saccade.scale.pyramid.cell_centers`.
     """
@@ -44,18 +44,6 @@ class SaliencyMaps(NotebookTable):
         from saccade.scale.pyramid import resize
 
         return {name: resize(layer, self.image_shape) for name, layer in self.layers.items()}
-
-    @property
-    def ranks(self) -> "Float32Array":
-        """(h, w) in (0, 1): the fraction of cells of lower saliency, equal ones counted half.
-
-        Saliency has no unit and no scale that models and presets share; ranks can be compared.
-        """
-        import numpy as np
-
-        _, position, count = np.unique(self.saliency, return_inverse=True, return_counts=True)
-        fraction = (np.cumsum(count) - count / 2) / self.saliency.size
-        return fraction[position].reshape(self.saliency.shape).astype(np.float32)
 
     def summary(self) -> dict[str, str]:
         """Sizes and key numbers, by name."""

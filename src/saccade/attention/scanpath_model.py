@@ -27,12 +27,11 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention._scanpath_model_kernels import (
+    Cumulative,
     Dynamics,
     Grid,
-    alias_table,
     draw_paths,
     fill_density,
-    log_probabilities,
 )
 from saccade.attention.normalize import position_prior
 from saccade.attention.scanpath import checked_map
@@ -185,7 +184,9 @@ def sample_scanpaths(
     paths[:, 0] = _positions(_start(start, shape), shape)
     cells = np.zeros((count, fixations + 1), np.int64)
     rng_xy, rng_duration = (np.random.default_rng(each) for each in (seed, (seed, 1)))
-    draw_paths(config.dynamics, grid, alias_table(grid.mass), rng_xy, MAX_TRIALS, paths, cells)
+    sums = np.append(grid.mass.cumsum()[:-1], 1)
+    first = np.searchsorted(sums, np.arange(len(sums)) / len(sums), side="right")
+    draw_paths(config.dynamics, grid, Cumulative(sums, first), rng_xy, MAX_TRIALS, paths, cells)
     scale = config.duration_mean / config.duration_shape
     duration = rng_duration.gamma(config.duration_shape, scale, (count, fixations + 1))
     return ScanpathSamples(
@@ -315,13 +316,13 @@ def scanpath_log_likelihood(
     saliency = checked_map(saliency, image_shape)
     shape = (int(image_shape[0]), int(image_shape[1]))
     fixations = np.asarray(xy, np.float64).reshape(-1, 2)
-    path = np.vstack([_start(start, shape), fixations])
-    cells = _cells(path, saliency.shape, shape)
-    logs = log_probabilities(
-        config.dynamics, _grid(saliency, shape, config), _positions(path, shape), cells, 1
-    )
+    path = _positions(np.vstack([_start(start, shape), fixations]), shape)
+    grid, density, logs = _grid(saliency, shape, config), np.empty(saliency.size), []
+    for k, cell in enumerate(_cells(fixations, saliency.shape, shape), start=1):
+        fill_density(config.dynamics, grid, path[:k], density)
+        logs.append(np.log(density[cell]))
     pixels_per_cell = shape[0] * shape[1] / saliency.size
-    return np.asarray(logs - np.log(pixels_per_cell))
+    return np.asarray(np.array(logs, np.float64) - np.log(pixels_per_cell))
 
 
 def _grid(saliency: FloatArray, shape: tuple[int, int], config: ScanpathModelConfig) -> Grid:

@@ -13,7 +13,6 @@ from saccade.attention.channels import Channel
 from saccade.attention.contrast import (
     ContrastConfig,
     FeatureMap,
-    contrast_pyramids,
     contrast_saliency,
 )
 from saccade.attention.models import KINDS, AttentionModel
@@ -217,7 +216,7 @@ def feature_data(image: Image, config: ContrastConfig) -> list[dict[str, Any]]:
     maps = contrast_saliency(image, config, keep_features=True)
     channels = [
         {"name": channel_name(channel), "rows": _rows(levels, maps.features, channel)}
-        for channel, levels in contrast_pyramids(image, config).items()
+        for channel, levels in maps.pyramids.items()
     ]
     sums = [{"name": name, "address": heat(values)} for name, values in maps.layers.items()]
     return [*channels, {"name": "all channels", "rows": [{"name": "conspicuity", "maps": sums}]}]
@@ -233,7 +232,7 @@ def channel_name(channel: Channel) -> str:
 
 
 def _rows(
-    levels: dict[int, FloatMap], features: tuple[FeatureMap, ...], channel: Channel
+    levels: Mapping[int, FloatMap], features: tuple[FeatureMap, ...], channel: Channel
 ) -> list[dict[str, Any]]:
     own = [each for each in features if each.channel == channel]
     pyramid = [

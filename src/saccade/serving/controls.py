@@ -51,7 +51,7 @@ SHOWN_FIRST = {
     "attention": ("contrast_weight", "symmetry_weight", "boolean_weight", "center_prior"),
     "contrast": ("intensity_weight", "color_weight", "orientation_weight", "sharpening"),
     "symmetry": ("kind", "outer", "sigma", "gain"),
-    "boolean": ("thresholds", "area_exponent", "smoothing"),
+    "boolean": ("thresholds", "dilation", "smoothing"),
     "scanpath": ("inhibition_sigma", "inhibition_time_constant"),
     "sift": ("contrast_threshold", "edge_ratio", "max_keypoints", "spread"),
     "must": ("contrast_threshold", "radius", "falloff", "max_keypoints"),
