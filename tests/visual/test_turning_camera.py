@@ -21,7 +21,6 @@ from saccade.visual.egomotion import (
     estimate_motion,
     robot_motion,
 )
-from saccade.visual.second_camera import measure_odometry
 
 CAMERA = Camera(320, 240, 340, 340, 160, 120, 0.1, np.array([0.2, 0.05, 0.7]), AHEAD)
 CONTROL = np.array([0.2, 0.03, 0.1])
@@ -141,7 +140,7 @@ def test_tracks_of_a_turning_camera_know_its_turn(pan_drive):
 
 def test_a_second_camera_that_is_fixed_measures_the_motion_of_a_robot_that_looks_around(pan_drive):
     second = simulate_drive(replace(SMALL, field_of_view=70.0), 1)
-    measured = measure_odometry(pan_drive, second)
+    measured = visual.measure_odometry(pan_drive, second)
     steps = steps_between(pan_drive.truth.pose)
     wheels, error = (drive.control - steps for drive in (pan_drive, measured))
     assert abs(error[:, 2].sum()) < abs(wheels[:, 2].sum()) / 3

@@ -27,7 +27,7 @@ class SimulateOptions(SettingsOptions, JsonOption):
     """Seed of the random number generator."""
     preset: str | None = option(None, "--preset", "-p")
     """Of a world loop, slippery, coarse or car; of a drive ring, mono, repeated, mirror, dark,
-    flicker, crossing or rooms."""
+    flicker or rooms."""
     frames: int | None = option(None, min=2)
     """Frames of a drive; a lap has 300, and there are two laps."""
     gaze: str | None = None

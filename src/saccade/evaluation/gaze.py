@@ -29,10 +29,9 @@ from saccade.simulation.drive import ENCODER_SIGMA
 from saccade.slam import EkfConfig, Recorder, Slam
 from saccade.slam.models import observe, wrap
 from saccade.types import LandmarkLog, Trajectory
-from saccade.visual import VisualConfig, VisualResult
+from saccade.visual import VisualConfig, VisualResult, measure_odometry
 from saccade.visual.config import EgomotionSource
 from saccade.visual.gaze_control import GazeControl
-from saccade.visual.second_camera import measure_odometry
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -8,7 +8,7 @@ import numpy as np
 from saccade.errors import Settings, require, setting
 from saccade.frames import Camera
 
-WorldName: TypeAlias = Literal["ring", "crossing", "rooms"]
+WorldName: TypeAlias = Literal["ring", "rooms"]
 """Floor plans."""
 
 
@@ -52,8 +52,8 @@ class DriveConfig(Settings):
     """Corridors or rooms with posters on their walls, and a robot with a camera that laps them."""
 
     world: WorldName = "ring"
-    """A corridor around a central block; two corridors that cross; or two rooms joined by a door.
-    Size, corridor, turning radius and sway are those of the ring."""
+    """A corridor around a central block, or two rooms joined by a door. Size, corridor, turning
+    radius and sway are those of the ring."""
     size: tuple[float, float] = setting((11.0, 8.5), 3, 20)
     """Metres between the outer walls, along the first side of the lap and across it."""
     corridor: float = 2.2
@@ -146,11 +146,6 @@ class DriveConfig(Settings):
     def mirror(cls) -> "DriveConfig":
         """The ring with posters that are symmetric about their vertical axis."""
         return cls(mirrored_posters=True)
-
-    @classmethod
-    def crossing(cls) -> "DriveConfig":
-        """Once into each arm of two corridors that cross, with a narrow view."""
-        return cls(world="crossing", frames=300, field_of_view=50.0)
 
     @classmethod
     def rooms(cls) -> "DriveConfig":

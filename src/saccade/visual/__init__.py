@@ -2,9 +2,8 @@
 
 from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import dedicated_process
-from saccade.visual.pipeline import Pipeline, run
+from saccade.visual.pipeline import Pipeline, measure_odometry, run
 from saccade.visual.result import LandmarkObservations, ObservationKind, VisualResult
-from saccade.visual.second_camera import measure_odometry
 from saccade.visual.track_recorder import TrackRecorder
 
 __all__ = [

@@ -27,6 +27,7 @@ from saccade.visual.frontend import (
 from saccade.visual.gaze_control import GazeControl
 from saccade.visual.lost import LandmarkCounts
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
+from saccade.visual.motion_prior import TOTAL_RELATIVE_SIGMA
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.recovery import Recovery
 from saccade.visual.reidentification import count_rematches, reidentify
@@ -316,3 +317,30 @@ class Pipeline(Checkpointed):
             removed = (landmark >= 0) & (self.map.landmarks.rows(landmark) < 0)
             self.tracked = replace(self.tracked, landmark=landmark)[~removed]
         self.log.add_observations(number, ObservationKind.INITIALIZED, points, observations)
+
+
+def measure_odometry(drive: Drive, second: Drive, config: VisualConfig | None = None) -> Drive:
+    """A drive whose odometry is measured by a second camera, with the odometry of that camera's.
+
+    Args:
+        drive: of the camera that turns.
+        second: the same drive by the second camera, with frames at the same times.
+        config: settings of the egomotion of the second camera; it maps no landmarks.
+
+    Returns:
+        The drive, to be mapped with `VisualConfig(egomotion="second-camera")`.
+    """
+    settings = replace(
+        config or VisualConfig(),
+        egomotion="camera",
+        new_per_frame=0,
+        relative_motion_sigma=TOTAL_RELATIVE_SIGMA,
+    )
+    steps = []
+    with Pipeline(second, settings) as pipeline:
+        for number in range(len(second)):
+            pipeline.step(number)
+            steps.append(pipeline.control)
+    control, covariance = (np.array(each) for each in zip(*steps[1:], strict=True))
+    unbiased = (0.0, 0.0, 0.0)  # the covariances include calibration errors
+    return replace(drive, control=control, control_covariance=covariance, odometry_bias=unbiased)
