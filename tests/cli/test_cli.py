@@ -232,9 +232,8 @@ def test_evaluate_fixations_of_maps_that_a_user_brings(run, gazes):
     assert found["mean"]["auc"] > 0.95
     assert found["mean"]["shuffled_auc"] == 1.0
     assert found["low"]["nss"] <= found["mean"]["nss"] <= found["high"]["nss"]
-    code, out, _ = run(*words, "--per-image", "--report", "scores.html")
+    code, out, _ = run(*words, "--report", "scores.html")
     assert code == 0
-    assert "0.jpg" in out
     assert "0.jpg" in Path("scores.html").read_text()
 
 

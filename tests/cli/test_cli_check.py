@@ -16,7 +16,7 @@ def sequence(filmed, tmp_path):
 def test_a_clean_drive_ends_with_0_and_one_with_findings_with_1(run, sequence):
     code, out, err = run("check", sequence)
     assert (code, err) == (0, "")
-    assert out.startswith("wall: 40 frames, no problems\n")
+    assert out.split()[:7] == ["wall:", "40", "frames,", "40", "inspected,", "no", "problems"]
     for i in (3, 4):
         cv2.imwrite(str(sequence / "image_0" / f"{i:06d}.png"), np.zeros((120, 160), np.uint8))
     code, out, _ = run("check", sequence, "--format", "kitti")

@@ -2,14 +2,10 @@
 
 from dataclasses import asdict, dataclass
 
-from rich.console import Console
-from rich.padding import Padding
-from rich.text import Text
-
 from saccade.cli.group import option
 from saccade.cli.options import JsonOption, SequenceOptions
-from saccade.cli.output import Result, progress_bar
-from saccade.diagnostics import CheckReport, check_drive
+from saccade.cli.output import Result, Table, progress_bar
+from saccade.diagnostics import check_drive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +28,6 @@ def check(source: SequenceOptions, options: CheckOptions) -> Result:
     drive = source.load()
     with progress_bar("checking") as update:
         report = check_drive(drive, options.frames, update)
-    if not options.as_json:
-        _print(report)
     row = {
         "sequence": report.name,
         "frames": report.frames,
@@ -42,21 +36,9 @@ def check(source: SequenceOptions, options: CheckOptions) -> Result:
         "findings": [asdict(finding) for finding in report.findings],
         "figures": report.figures,
     }
-    return Result(row, code=int(not report.clean))
-
-
-def _print(report: CheckReport) -> None:
-    console = Console(highlight=False)
-    problems = sum(finding.severity != "note" for finding in report.findings)
-    count = f"{report.frames} frames"
-    if report.inspected < report.frames:
-        count += f", {report.inspected} inspected"
+    problems = sum(each.severity != "note" for each in report.findings)
+    count = f"{report.frames} frames, {report.inspected} inspected"
     verdict = f"{problems or 'no'} problem{'' if problems == 1 else 's'}"
-    console.print(Text(f"{report.name}: {count}, {verdict}", style="bold"), soft_wrap=True)
-    styles = {"error": "bold red", "warning": "yellow", "note": "dim"}
-    for finding in report.findings:
-        heading = Text(f"{finding.severity:8}", style=styles[finding.severity])
-        heading.append(finding.check, style="bold")
-        console.print()
-        console.print(heading)
-        console.print(Padding(Text(str(finding)), (0, 0, 0, 8)))
+    cells = [[f"{each.severity}: {each.check}", str(each)] for each in report.findings]
+    table = Table(f"{report.name}: {count}, {verdict}", ["", ""], cells)
+    return Result(row, [table], code=int(not report.clean))

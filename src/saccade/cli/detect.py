@@ -66,6 +66,11 @@ class DetectorOptions(SettingsOptions):
         return DETECTORS[self.detector](settings)
 
 
+def keypoints_of(detections: Keypoints | Regions) -> Keypoints:
+    """The keypoints themselves, or those of regions."""
+    return detections.keypoints if isinstance(detections, Regions) else detections
+
+
 @dataclass(frozen=True, kw_only=True)
 class DetectOptions(JsonOption):
     """Options of `saccade detect`."""
@@ -152,8 +157,7 @@ def detect_in(
     """Detect in one image: write the figure `out`.png and its files, return the row for --json."""
     image = read_image(path)
     detections = detector(image)
-    regions = isinstance(detections, Regions)
-    keypoints = detections.keypoints if regions else detections
+    regions, keypoints = isinstance(detections, Regions), keypoints_of(detections)
     figure = region_figure(image, detections) if regions else keypoint_figure(image, keypoints)
     drawn = figure_formats(formats)
     row: dict[str, Any] = {
@@ -186,8 +190,7 @@ def detect_in_frames(frames: Frames, out: Path, detector: Any) -> dict[str, Any]
     rows = list[FloatArray]()
 
     def analyze(time: float, image: Image) -> tuple[Image, dict[str, Any]]:
-        found = detector(image)
-        found = found.keypoints if isinstance(found, Regions) else found
+        found = keypoints_of(detector(image))
         columns = (found.xy, found.size, found.angle, found.response)
         count = np.full(len(found), len(rows)), np.full(len(found), time)
         rows.append(np.column_stack([*count, *columns]))

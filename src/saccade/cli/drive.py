@@ -14,8 +14,9 @@ from saccade.cli.group import option
 from saccade.cli.mapping import (
     SNAPSHOTS,
     RunOutput,
-    averaging_window,
-    lost_text,
+    pose_table,
+    run_facts,
+    time_charts,
     write_film,
     write_run,
 )
@@ -36,7 +37,6 @@ from saccade.cli.output import (
     resumable,
     write_arrays,
 )
-from saccade.cli.slam import pose_table
 from saccade.datasets import load_drive, save_drive, write_landmarks, write_table, write_tum
 from saccade.datasets.drives.writing import LiveDrive, require_writable
 from saccade.diagnostics import drop_repeated
@@ -45,20 +45,13 @@ from saccade.evaluation.runs import summarize_drive
 from saccade.frames import Drive, Frame
 from saccade.io.files import FORMATS, results_in
 from saccade.slam import Checkpoint, Recorder
-from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.types import Float32Array, Image, MapSnapshot
 from saccade.viewing import drive_frames, map_figure
 from saccade.viewing.film import Eye
 from saccade.viewing.live import LiveMap
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
-from saccade.viewing.report_map import (
-    Chart,
-    ObservedLandmarks,
-    innovation_charts,
-    map_part,
-    uncertainty_charts,
-)
+from saccade.viewing.report_map import ObservedLandmarks, map_part
 from saccade.visual import VisualConfig, VisualResult
 
 
@@ -125,34 +118,8 @@ def drive(source: SequenceOptions, options: DriveOptions) -> Result:
 def drive_tables(row: dict[str, Any], title: str) -> list[Table]:
     """The errors and the figures of a drive."""
     tables = [] if row["ate_m"] is None else [_error_table(row, title)]
-    facts = {
-        "frames": str(row["frames"]),
-        "landmarks": str(row["landmarks"]),
-        "observations": str(row["observations"]),
-        "re-identifications": str(row["reidentified"]),
-        "ms per frame": f"{row['ms_per_frame']:.1f}",
-        **{f"  {step}": f"{value:.1f}" for step, value in row["ms"].items()},
-    }
-    if row["self_calibration"] is not None:
-        facts |= calibration_facts(row["self_calibration"])
-    if row["lost"]:
-        facts["lost"] = lost_text(row["lost"])
-    if row["association_precision"] is not None:
-        facts["association precision"] = f"{row['association_precision']:.1%}"
-    return [*tables, facts_table("" if tables else title, facts)]
-
-
-def calibration_facts(report: dict[str, Any]) -> dict[str, str]:
-    """What was corrected of the calibration, and what no image tells, with their labels."""
-    units = {"distortion": "", "disparity_slope": " px", "disparity_offset": " px"}
-    facts = {
-        name.replace("_", " "): f"{report[name]:.3f}{unit} (sigma {sigma:.3f})"
-        for (name, unit), sigma in zip(units.items(), report["sigma"], strict=True)
-    }
-    if report["scale_by_offset"] > 0:
-        by_tenth = 10 * report["scale_by_offset"]
-        facts["scale"] = f"hangs on the baseline; {by_tenth:.1f} % a tenth of a pixel of disparity"
-    return facts
+    figures = run_facts(row | (row["self_calibration"] or {}))
+    return [*tables, facts_table("" if tables else title, figures)]
 
 
 def _error_table(row: dict[str, Any], title: str) -> Table:
@@ -375,39 +342,20 @@ def drive_part(
     trajectories |= {} if drive.truth is None else {"truth": drive.truth}
     observed = result.observations
     return map_part(
-        Section(f"{drive.name}: the growing map", DRIVE_TEXT, facts=_facts(summary)),
+        Section(f"{drive.name}: the growing map", DRIVE_TEXT, facts=run_facts(summary)),
         trajectories,
         snapshots,
         ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind),
-        [*_innovations(result), *uncertainty_charts(result.trajectory, drive.truth)],
+        time_charts(
+            result.trajectory,
+            drive.truth,
+            observed.frame,
+            observed.innovation,
+            observed.innovation_covariance,
+        ),
         image_at=image_loader(drive),
         lost=summary["lost"],
     )
-
-
-def _innovations(result: VisualResult) -> list[Chart]:
-    """Charts of the innovations of the observations that updated the map."""
-    observed = result.observations
-    used = np.isfinite(observed.innovation).all(1)
-    v, S = observed.innovation[used], observed.innovation_covariance[used]
-    nis = normalized_squared(v, S)
-    window = averaging_window(nis)
-    time = result.trajectory.time[observed.frame[used]]
-    return innovation_charts(time, v, S, nis, chi_square_band(2, window), window)
-
-
-def _facts(summary: Mapping[str, Any]) -> dict[str, str]:
-    """The figures of a drive, formatted, with their labels."""
-    shown = {name: str(summary[name]) for name in ("frames", "landmarks", "observations")}
-    shown["re-identifications"] = str(summary["reidentified"])
-    if summary["lost"]:
-        shown["lost"] = lost_text(summary["lost"])
-    if summary["ate_m"] is not None:
-        shown["ATE"] = f"{summary['ate_m']:.3f} m"
-        if summary["odometry"]["ate_m"] is not None:
-            shown["ATE of odometry"] = f"{summary['odometry']['ate_m']:.3f} m"
-    shown["time per frame"] = f"{summary['ms_per_frame']:.1f} ms"
-    return shown
 
 
 def image_loader(drive: Drive) -> Callable[[int], Image | None]:

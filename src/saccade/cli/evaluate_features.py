@@ -1,13 +1,12 @@
 """`saccade evaluate features`: repeatability and matching on image pairs."""
 
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import product
 from pathlib import Path
 
 from saccade.cli.group import option
 from saccade.cli.options import ReportOptions, SettingsOptions
-from saccade.cli.output import Result, interval_rows, progress_bar, side_by_side
+from saccade.cli.output import Result, comparison, progress_bar
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.evaluation.detectors import OURS, find_detector
 from saccade.evaluation.features import Degradation, FeatureScores, PairScores, score_detector
@@ -23,12 +22,7 @@ SCORES = {
     "AUC@1/3/5/10": ("auc_1", "auc_3", "auc_5", "auc_10"),
 }
 """Columns of the table, and their scores."""
-COLUMNS = ["", "points", *SCORES]
-PRINTED = (
-    ("", "points", "rep.", "error", "AUC@1/3/5/10"),
-    ("", "MMA@1/3/5", "ratio@1/3/5", "score"),
-)
-"""Columns of the two tables that are printed."""
+COLUMNS = ["points", *SCORES]
 MEANING = (
     "Rep.: repeatability, the fraction of the locations visible in both images that both detect; "
     "error: their mean distance in px. MMA: fraction of the mutual nearest neighbors correct "
@@ -59,8 +53,6 @@ class FeatureOptions(SettingsOptions, ReportOptions):
     """Maximum distance of a repeated keypoint."""
     ratio: float = option(0.8, min=0.01, max=1)
     """Threshold of the ratio test."""
-    per_sequence: bool = False
-    """List every sequence."""
 
 
 def features(options: FeatureOptions) -> Result:
@@ -97,27 +89,19 @@ def features(options: FeatureOptions) -> Result:
         if first.setdefault((count, degradation), scores) is not scores:
             differences[row] = scores.minus(first[count, degradation])
     title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
-    means, by_sequence = [], []
-    for name, scores in results.items():
-        means += interval_rows(name, scores.estimate(), _cells)
-        of_each = [[each, *_cells(scores.of(each).mean())] for each in sequences]
-        means += [[f"  {each}", *cells] for each, *cells in of_each] if options.per_sequence else []
-        by_sequence += [[f"{name}, {each}", *cells] for each, *cells in of_each]
-    table = Table(title, COLUMNS, means, MEANING, "detector")
-    gains = Table(
-        f"Paired difference from {names[0]}",
+    tables = comparison(
+        title,
+        {name: scores.estimate() for name, scores in results.items()},
+        f"paired differences from {names[0]}",
+        differences,
         COLUMNS,
-        [
-            row
-            for name, each in differences.items()
-            for row in interval_rows(name, each, partial(_cells, sign="+"))
-        ],
-        first="detector",
+        _cells,
+        MEANING,
     )
-    report = [
-        table._replace(title="Mean over the pairs"),
-        gains,
-        Table("Each sequence", COLUMNS, by_sequence, first="detector, sequence"),
+    by_sequence = [
+        [f"{name}, {each}", *_cells(scores.of(each).mean())]
+        for name, scores in results.items()
+        for each in sequences
     ]
     row_of = {
         name: scores.estimate().as_dict()
@@ -127,15 +111,15 @@ def features(options: FeatureOptions) -> Result:
     minus_first = {name: each.as_dict() for name, each in differences.items()}
     return Result(
         {"pairs": len(found), "detectors": row_of, "differences": minus_first},
-        [part for each in (table, gains) if each.rows for part in side_by_side(each, *PRINTED)],
+        tables,
         lead=f"Repeatability and matching of keypoints: {title}.",
-        report=report,
+        report=[*tables, Table("Each sequence", ["", *COLUMNS], by_sequence, first="sequence")],
     )
 
 
-def _cells(scores: PairScores, sign: str = "") -> list[str]:
+def _cells(scores: PairScores) -> list[str]:
     cells = [
-        " ".join(f"{getattr(scores, field):{sign}.3f}".replace("0.", ".", 1) for field in fields)
+        " ".join(f"{getattr(scores, field):.3f}".replace("0.", ".", 1) for field in fields)
         for fields in SCORES.values()
     ]
-    return [f"{scores.keypoints:{sign}.0f}", *cells]
+    return [f"{scores.keypoints:.0f}", *cells]

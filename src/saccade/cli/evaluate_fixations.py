@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from saccade.attention.models import KINDS
-from saccade.cli.fixation_tables import FixationOptions
+from saccade.cli.fixation_tables import MEANING, SCORES, FixationOptions, score_cells
 from saccade.cli.group import option
 from saccade.cli.options import (
     DEFAULT_MODEL,
@@ -17,7 +17,7 @@ from saccade.cli.options import (
     attention_model,
     figure_files,
 )
-from saccade.cli.output import Result, interval_rows, side_by_side, tracked
+from saccade.cli.output import Result, comparison, tracked
 from saccade.datasets import write_table
 from saccade.errors import ConfigError, require
 from saccade.evaluation.fixations import FixationScores
@@ -40,19 +40,6 @@ from saccade.viewing.evaluation import Bar, fixation_score_figure
 from saccade.viewing.report import Table
 from saccade.viewing.style import save_figure
 
-COLUMNS = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)"]
-PRINTED = (["", "AUC", "sAUC", "NSS", "CC"], ["", "SIM", "KL", "IG (bit)"])
-"""Columns of the two tables that are printed where a name is longer than `LONGEST`."""
-LONGEST = 16
-"""Characters of a name beside which all columns fit into 80 characters."""
-MEANING = (
-    "AUC: probability that a fixation is more salient than a pixel of the image; sAUC: than a "
-    "fixation of another image. Both are 0.5 by chance. NSS: saliency at the fixations in standard "
-    "deviations above the mean of the map. CC, SIM and KL: correlation with the fixation density, "
-    "histogram intersection with it, and divergence from it. IG: information gain over the center, "
-    "the density of all other images' fixations, in bits per fixation. Higher is better, except "
-    "for KL."
-)
 DRAWN = {"sAUC": "shuffled_auc", "AUC": "auc", "NSS": "nss", "CC": "cc"}
 """Titles of the panels of the figure, and their scores."""
 
@@ -72,8 +59,6 @@ class ScoreOptions(FaceOptions, ReportOptions):
     references: bool = False
     """Also score the center, other images' fixations, and people: each viewer against the others,
     the ceiling. It takes a few minutes."""
-    per_image: bool = False
-    """List every image."""
     figure: list[Path] | None = figure_files()
     csv: Path | None = option(None, metavar="DIR")
     """Also write images.csv and fixations.csv: a row for each image, and for each fixation, of each
@@ -90,72 +75,44 @@ def fixations(seen: FixationOptions, options: ScoreOptions) -> Result:
     """
     data, references, csv = seen.data(options.sigma), options.references, options.csv
     models = chosen_models(data, options)
-    label = f"{len(models)} models" if len(models) > 1 or references else next(iter(models))
     results, rows_of_fixations = score(data, models, references, by_fixation=csv is not None)
     first, *others = results
     gains = {name: results[name].minus(results[first]) for name in others}
-    title = f"{len(results[first].name)} images, {label}"
-    means = Table(
+    title = f"{len(results[first].name)} images"
+    tables = comparison(
         title,
-        COLUMNS,
-        [
-            row
-            for name, result in results.items()
-            for row in interval_rows(name if others else "mean", result.estimate(), _cells)
-        ],
+        {name: result.estimate() for name, result in results.items()},
+        f"paired differences from {first}",
+        gains,
+        SCORES,
+        score_cells,
         MEANING,
-        "score",
-    )
-    differences = Table(
-        f"Paired differences from {first}",
-        COLUMNS,
-        [row for name, each in gains.items() for row in interval_rows(name, each, _cells)],
-        first="score",
     )
     image_rows = [
-        [f"{image}, {name}" if others else image, *_cells(scores)]
+        [f"{image}, {name}", *score_cells(scores)]
         for name, result in results.items()
         for image, scores in zip(result.name, result.scores, strict=True)
-    ]
-    report = [
-        means._replace(title="Mean over the images"),
-        differences,
-        Table("Each image", COLUMNS, image_rows, first="image"),
     ]
     for path in options.figure or []:
         draw(results, path)
     if csv is not None:
         with results_in(csv):
             write_csv(csv, results, rows_of_fixations)
-    if options.per_image:
-        means = means._replace(rows=[*means.rows, *image_rows])
-    tables = {
+    rows = {
         name: result.estimate().as_dict()
         | {"images": dict(zip(result.name, map(asdict, result.scores), strict=True))}
         for name, result in results.items()
     }
-    row = tables[first]
+    row = rows[first]
     if others:
         of_others = {name: each.as_dict() for name, each in gains.items()}
-        row = row | {"models": tables, "differences": of_others}
+        row = row | {"models": rows, "differences": of_others}
     return Result(
         row,
-        [part for each in (means, differences) for part in _fitting(each)],
+        tables,
         lead=f"Prediction of human fixations by saliency maps: {title}.",
-        report=report,
+        report=[*tables, Table("Each image", ["", *SCORES], image_rows, first="image")],
     )
-
-
-def _fitting(table: Table) -> list[Table]:
-    """One table, or two where names are long; none without rows."""
-    if not table.rows:
-        return []
-    long = max(len(name) for name, *_ in table.rows) > LONGEST
-    return side_by_side(table, *PRINTED) if long else [table]
-
-
-def _cells(scores: FixationScores) -> list[str]:
-    return [f"{value:.3f}" for value in astuple(scores)]
 
 
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"

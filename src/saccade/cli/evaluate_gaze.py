@@ -68,7 +68,7 @@ def gaze(options: GazeOptions) -> Result:
         by_world = _world_table(rows)
         tables.append(Table("ATE relative to fixed, by world", *by_world, BY_WORLD, "policy", []))
     row = {"map": options.known, "seeds": seeds, "first_seed": first_seed, "rows": rows}
-    return Result(row, tables, lead=LEAD, report=tables)
+    return Result(row, tables, lead=LEAD)
 
 
 def _table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:

@@ -120,7 +120,7 @@ def scanpaths(seen: FixationOptions, options: ScanpathOptions) -> Result:
     ]
     lead = f"Scanpaths of models and people: {title}. {MEANING}"
     row = {"paths": _as_dict(paths), "fixations": _as_dict(predicted)}
-    return Result(row, tables, lead=lead, report=tables)
+    return Result(row, tables, lead=lead)
 
 
 def _write(

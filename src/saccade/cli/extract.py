@@ -169,17 +169,15 @@ def _as_row(result: "Extraction", out: str) -> dict[str, Any]:
 
 def _table(result: "Extraction", what: str, out: str) -> Table:
     totals = result.totals
-    return facts_table(
-        f"{what} -> {Path(out) if '://' not in out else out}",
-        {
-            "images done now": f"{result.done:,}",
-            "images done before": f"{result.unchanged:,}",
-            "images in total": f"{totals.images:,}",
-            "rows in total": f"{totals.rows:,}",
-            "errors": f"{totals.errors:,}",
-            "shards": f"{totals.shards:,}",
-        },
-    )
+    row = {
+        "images done now": result.done,
+        "images done before": result.unchanged,
+        "images in total": totals.images,
+        "rows in total": totals.rows,
+        "errors": totals.errors,
+        "shards": totals.shards,
+    }
+    return facts_table(f"{what} -> {Path(out) if '://' not in out else out}", row)
 
 
 def preload(source: str, workers: int | None) -> None:

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from saccade.cli.detect import DETECTORS
+from saccade.cli.detect import DETECTORS, keypoints_of
 from saccade.cli.group import argument, option
 from saccade.cli.options import JsonOption
 from saccade.cli.output import Result, Table, facts_table, print_message
@@ -12,8 +12,8 @@ from saccade.extras import import_optional
 from saccade.io.image import read_image
 from saccade.settings import settings_from
 
-if TYPE_CHECKING:
-    from saccade.batch.index import Index
+CANDIDATES = 30
+"""Images that are verified geometrically."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,8 +26,6 @@ class FindOptions(JsonOption):
     """Data set of keypoints, of saccade extract."""
     top: int = option(10, min=1)
     """Maximum number of results."""
-    candidates: int = option(30, min=1)
-    """Candidates that are verified geometrically."""
     min_inliers: int = option(15, min=8)
     """Minimum number of epipolar inliers."""
     points: int | None = option(None, min=1)
@@ -48,20 +46,18 @@ def find(options: FindOptions) -> Result:
     import_optional("faiss", "find")
     from saccade.batch.index import FOLDER, Index, build_index
 
-    image, folder, points = options.image, options.folder, options.points
+    image, folder = options.image, options.folder
     query = None if image is None else read_image(image)
-    if query is None or points is not None or not (folder / FOLDER).exists():
-        row = build_index(folder, points or 1000)
+    if query is None or options.points is not None or not (folder / FOLDER).exists():
+        row = build_index(folder, options.points or 1000)
         if query is None:
-            facts = {name: f"{value:,}" for name, value in row.items()}
-            return Result(row, [facts_table(f"index -> {folder / FOLDER}", facts)])
+            return Result(row, [facts_table(f"index -> {folder / FOLDER}", row)])
         print_message(f"index of {row['images']:,} images -> {folder / FOLDER}")
     data = Index(folder)
-    found = data.find(
-        _keypoints(data, query),
-        candidates=max(options.candidates, options.top),
-        min_inliers=options.min_inliers,
-    )
+    detector = DETECTORS[data.what](settings_from(data.what, data.settings, "index"))
+    points = keypoints_of(detector(query))
+    candidates = max(CANDIDATES, options.top)
+    found = data.find(points, candidates=candidates, min_inliers=options.min_inliers)
     confirmed = [each for each in found if each.inliers is not None]
     rows: list[dict[str, Any]] = [
         {"image": each.image, "inliers": each.inliers, "similarity": float(each.similarity)}
@@ -72,9 +68,3 @@ def find(options: FindOptions) -> Result:
     cells = [[row["image"], str(row["inliers"]), f"{row['similarity']:.1f}"] for row in rows]
     table = Table(f"{image} in {folder}", ["image", "inliers", "similarity"], cells)
     return Result({"image": str(image), "found": rows}, [table] if rows else [], int(not rows))
-
-
-def _keypoints(data: "Index", image: Any) -> Any:
-    """Keypoints of an image, detected with the settings of the data set."""
-    detections = DETECTORS[data.what](settings_from(data.what, data.settings, "index"))(image)
-    return getattr(detections, "keypoints", detections)

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from saccade.cli.fixation_tables import FixationOptions
+from saccade.cli.fixation_tables import MEANING, SCORES, FixationOptions, score_cells
 from saccade.cli.group import option
 from saccade.cli.options import FaceOptions, ReportOptions, face_detector
-from saccade.cli.output import Result, facts_table, tracked, write_text
+from saccade.cli.output import Result, comparison, print_message, tracked, write_text
 from saccade.evaluation.conditional import summary
 from saccade.evaluation.fitting import FITTED, FittingConfig, study
-from saccade.evaluation.fixations import FixationScores
-from saccade.evaluation.intervals import Estimate
 from saccade.io.files import results_in
 from saccade.settings import as_toml
 from saccade.viewing.report import Table
@@ -48,17 +46,14 @@ def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> R
     gains = {name: own.minus(each) for name, each in found.results.items() if each is not own}
     steps = summary(found.steps)
     tables = [
-        Table(
-            f"{len(data.sizes)} images: mean, half of the 95 % interval",
-            ["", *COLUMNS],
-            [[name, *_cells(each)] for name, each in scores.items()],
+        *comparison(
+            f"{len(data.sizes)} images",
+            scores,
+            f"{FITTED}, minus:",
+            gains,
             SCORES,
-        ),
-        Table(
-            "paired differences",
-            ["", *COLUMNS],
-            [[f"{FITTED} - {name}", *_cells(each)] for name, each in gains.items()],
-            first="models",
+            score_cells,
+            f"{MEANING} {FOLDS}",
         ),
         Table(
             "each next fixation",
@@ -74,11 +69,8 @@ def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> R
     out = options.out
     with results_in(out, is_file=True):
         write_text(out, as_toml(found.model))
-    facts = {
-        "features": len(found.model.features),
-        "fitted to": found.model.fitted_to,
-        "model": out,
-    }
+    count, fitted_to = len(found.model.features), found.model.fitted_to
+    print_message(f"{count} features fitted to {fitted_to} -> {out}")
     row = {
         "model": str(out),
         "scores": {name: each.as_dict() for name, each in scores.items()},
@@ -88,33 +80,21 @@ def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> R
             for name, of_model in steps.items()
         },
     }
-    return Result(row, [*tables, facts_table("fitted model", facts)], lead=LEAD, report=tables)
+    return Result(row, tables, lead=LEAD)
 
 
 LEAD = "A model of fixations, fitted to photographs and people, and its cross-validated scores."
-COLUMNS = {
-    "sAUC": "shuffled_auc",
-    "AUC": "auc",
-    "NSS": "nss",
-    "CC": "cc",
-    "IG (bit)": "information_gain",
-}
 STEP_COLUMNS = {"NSS": "nss", "IG (bit)": "information_gain"}
-SCORES = (
+FOLDS = (
     "By image: on images that the model was not fitted to; by viewer: on viewers that it was not "
-    "fitted to. IG: information gain over the center, the density of all other images' fixations, "
-    "in bits per fixation. People: each viewer against the fixations of the others. With few "
-    "viewers at a time, as by viewer and of people, CC is lower: their density is coarser."
+    "fitted to. People: each viewer against the fixations of the others. With few viewers at a "
+    "time, as by viewer and of people, CC is lower: their density is coarser."
 )
 STEPS = (
     "Each fixation, on images that the model was not fitted to, on the cells of the map; order: "
     "what those before it tell beyond the image. The other viewers, without order, are the "
     "ceiling of static models. IG is over the fixations on other images, in bits per fixation."
 )
-
-
-def _cells(scores: Estimate[FixationScores]) -> list[str]:
-    return [_cell(*(getattr(each, key) for each in scores)) for key in COLUMNS.values()]
 
 
 def _cell(mean: float, low: float, high: float) -> str:

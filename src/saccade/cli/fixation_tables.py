@@ -1,6 +1,6 @@
 """The fixations that commands score, and how they are to be read."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from math import inf
 from pathlib import Path
 
@@ -8,10 +8,26 @@ from saccade.cli.group import option
 from saccade.cli.output import print_message
 from saccade.datasets.fixations import FixationFormat, read_fixations
 from saccade.errors import ConfigError, LogError
+from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import FixationData
 
 LARGEST = 1e6
 """Bound on pixels of a screen."""
+SCORES = ("AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)")
+"""Columns of tables: the fields of `FixationScores`."""
+MEANING = (
+    "AUC: probability that a fixation is more salient than a pixel of the image; sAUC: than a "
+    "fixation of another image. Both are 0.5 by chance. NSS: saliency at the fixations in standard "
+    "deviations above the mean of the map. CC, SIM and KL: correlation with the fixation density, "
+    "histogram intersection with it, and divergence from it. IG: information gain over the center, "
+    "the density of all other images' fixations, in bits per fixation. Higher is better, except "
+    "for KL."
+)
+
+
+def score_cells(scores: FixationScores) -> list[str]:
+    """A row of `SCORES`."""
+    return [f"{value:.3f}" for value in astuple(scores)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -42,7 +42,7 @@ PANELS = {
         *("rrd", "save_tracks", "checkpoint", "csv", "report", "per_image", "per_sequence"),
         "as_json",
     ),
-    "Execution": ("workers", "size", "scheduler"),
+    "Execution": ("workers", "size", "scheduler", "jobs"),
 }
 """Headings in the help of a command, and the parameters below each."""
 MIN_GROUPED = 10

@@ -1,7 +1,7 @@
 """What `saccade slam` and `saccade drive` write alike: films, reports and run.json."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,15 @@ from matplotlib.figure import Figure
 import saccade
 from saccade.cli.group import option
 from saccade.cli.options import FigureFormat, JsonOption, figure_formats, output_folder
-from saccade.cli.output import Progress, write_text
+from saccade.cli.output import Progress, facts, write_text
+from saccade.datasets import symmetric_columns
 from saccade.io.files import FORMATS, atomic_write
 from saccade.io.video import video_writer
-from saccade.types import FloatArray, Image
+from saccade.slam.consistency import chi_square_band, normalized_squared
+from saccade.types import FloatArray, Image, IntArray, Trajectory
 from saccade.viewing import save_figures
 from saccade.viewing.report import Part, ReportBuilder
+from saccade.viewing.report_map import Chart, innovation_charts, uncertainty_charts
 
 FRAME_RATE = 24
 """Frames per second of a film."""
@@ -91,17 +94,49 @@ def write_run(
     return row
 
 
-def lost_text(times: Sequence[tuple[float, float | None]]) -> str:
-    """When a robot was lost, in words."""
-    return ", ".join(_interval(*each) for each in times)
+def run_facts(summary: Mapping[str, Any]) -> dict[str, str]:
+    """The figures of run.json in words."""
+    words = dict(summary)
+    if summary.get("nis_mean") is not None:
+        words["nis_band"] = "{:.2f} to {:.2f} in 95 % of consistent filters".format(
+            *summary["nis_band"]
+        )
+    words["lost"] = ", ".join(
+        f"from {lost:.1f} s on" if found is None else f"{lost:.1f} to {found:.1f} s"
+        for lost, found in summary["lost"]
+    )
+    return {name: text for name, text in facts(words).items() if name not in ("format", "version")}
 
 
-def _interval(lost: float, found: float | None) -> str:
-    """Times in seconds."""
-    return f"from {lost:.1f} s on" if found is None else f"{lost:.1f} to {found:.1f} s"
+def pose_table(trajectory: Trajectory) -> dict[str, FloatArray]:
+    """Each pose with its covariance, as columns."""
+    axes = ("x", "y", "heading")
+    columns = {"time": trajectory.time}
+    columns |= dict(zip(axes, trajectory.pose.T, strict=True))
+    if trajectory.covariance is not None:
+        columns |= symmetric_columns(axes, trajectory.covariance)
+    return columns
 
 
 def averaging_window(nis: FloatArray) -> int:
     """Number of observations in the running mean of the NIS (k,), NaN where one was not used."""
     used = int(np.isfinite(nis).sum())
     return int(np.clip(used // 50, 5, 500))
+
+
+def time_charts(
+    trajectory: Trajectory,
+    truth: Trajectory | None,
+    step: IntArray,
+    innovation: FloatArray,
+    covariance: FloatArray,
+    dof: int = 2,
+) -> list[Chart]:
+    """Charts of the innovations (k, 2) at steps (k,), NaN without update, and of the pose."""
+    used = np.isfinite(innovation).all(1)
+    v, S = innovation[used], covariance[used]
+    nis = normalized_squared(v, S)
+    window = averaging_window(nis)
+    band = chi_square_band(dof, window)
+    charts = innovation_charts(trajectory.time[step[used]], v, S, nis, band, window)
+    return [*charts, *uncertainty_charts(trajectory, truth)]

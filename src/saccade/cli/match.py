@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 
-from saccade.cli.detect import DetectorOptions
+from saccade.cli.detect import DetectorOptions, keypoints_of
 from saccade.cli.extract import batch_progress, local_engine, preload
 from saccade.cli.group import argument, option
 from saccade.cli.options import FigureFormat, JsonOption, figure_formats, output_folder
@@ -29,7 +29,6 @@ from saccade.io.image import read_image
 from saccade.keypoints import Verification, verify
 from saccade.keypoints import match as nearest_matches
 from saccade.keypoints.two_view_fit import Geometry
-from saccade.types import Float32Array, Keypoints, Regions
 from saccade.viewing import Section, match_figure, save_figures
 from saccade.viewing.report import ReportBuilder, match_part
 
@@ -126,7 +125,7 @@ def match_images(
     first, out, geometry = Path(options.first), options.out, options.verification
     figures = figure_formats(options.formats)
     images = (read_image(first), read_image(second))
-    keypoints = (detected(detector, images[0]), detected(detector, images[1]))
+    keypoints = (keypoints_of(detector(images[0])), keypoints_of(detector(images[1])))
     pairs = nearest_matches(*keypoints, ratio=options.ratio, mutual=options.mutual)
     verified = None
     if geometry is not None:
@@ -180,12 +179,6 @@ def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None
     return float(np.sqrt(np.linalg.eigvalsh(verified.projection_covariance(corners)).max()))
 
 
-def detected(detector: Any, image: Float32Array) -> Keypoints:
-    """The keypoints of an image, or those of its regions."""
-    detections = detector(image)
-    return detections.keypoints if isinstance(detections, Regions) else detections
-
-
 def match_many(detector: DetectorOptions, options: MatchOptions, formats: Sequence[str]) -> Result:
     """Match many images, with a progress bar for the images, then one for the pairs."""
     find = detector.make()
@@ -226,13 +219,7 @@ def match_many(detector: DetectorOptions, options: MatchOptions, formats: Sequen
             f"{run.extraction.failed} images failed, and {run.pairs - len(run.matched)} pairs are "
             f"left out; see {options.out / FEATURES}/errors.parquet"
         )
-    names = {"done": "pairs matched now", "already_done": "pairs matched before"}
-    facts = {
-        names.get(name, name.replace("_", " ")): value
-        for name, value in row.items()
-        if not isinstance(value, bool | dict)
-    }
-    table = facts_table(f"{options.first} -> {options.out}", facts | row["files"])
+    table = facts_table(f"{options.first} -> {options.out}", row | row["files"])
     return Result(row, [table], code)
 
 

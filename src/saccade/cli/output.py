@@ -118,23 +118,6 @@ def print_json(result: Mapping[str, Any]) -> None:
     print(json.dumps(result, indent=2, allow_nan=False))
 
 
-def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table on stdout, without a header where no column has a name."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(
-        title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_header=any(columns)
-    )
-    for number, column in enumerate(columns):
-        table.add_column(Text(column), justify="left" if number == 0 else "right")
-    for row in rows:
-        table.add_row(*map(Text, row))  # brackets are no markup
-    Console().print(table)
-
-
 class Table(NamedTuple):
     """A table on the terminal."""
 
@@ -144,30 +127,36 @@ class Table(NamedTuple):
     rows: Sequence[Sequence[str]]
 
 
-def facts_table(title: str, facts: Mapping[str, object]) -> Table:
-    """A table of names and values."""
-    return Table(title, ["", ""], [(name, str(value)) for name, value in facts.items()])
+MAX_NAME = 32
+"""Characters of a name in the first column of a table before it is wrapped."""
 
 
-def interval_rows(
-    name: str, estimate: "Estimate[Scores]", cells: "Callable[[Scores], Sequence[str]]"
-) -> list[list[str]]:
-    """A row of means, and below it the ends of their intervals."""
-    names = name, "  95 % from", "  95 % to"
-    return [[label, *cells(scores)] for label, scores in zip(names, estimate, strict=True)]
+def print_table(table: "Table | ReportTable") -> None:
+    """Print a table on stdout; of one that is too wide some columns stand below the others."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table as RichTable
+    from rich.text import Text
 
-
-def side_by_side(table: "ReportTable", *parts: Sequence[str]) -> "list[ReportTable]":
-    """A table as several of some of its columns each, which fit into 80 characters."""
-    indices = [[table.columns.index(name) for name in part] for part in parts]
-    return [
-        table._replace(
-            title="" if number else table.title,
-            columns=part,
-            rows=[[row[i] for i in chosen] for row in table.rows],
+    console = Console()
+    title, columns, rows = table[:3]
+    widths = [max(map(len, cells)) + 3 for cells in zip(columns, *rows, strict=True)]
+    parts: list[list[int]] = [[0]]
+    for column in range(1, len(columns)):
+        others = sum(widths[each] for each in (*parts[-1][1:], column))
+        if len(parts[-1]) > 1 and min(widths[0], MAX_NAME) + others >= console.width:
+            parts.append([0])
+        parts[-1].append(column)
+    for part in parts:
+        shown = RichTable(
+            title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_header=any(columns)
         )
-        for number, (part, chosen) in enumerate(zip(parts, indices, strict=True))
-    ]
+        for each in part:
+            shown.add_column(Text(columns[each]), justify="right" if each else "left")
+        for row in rows:
+            shown.add_row(*(Text(row[each]) for each in part))  # brackets are no markup
+        console.print(shown)
+        title = ""
 
 
 @dataclass(frozen=True)
@@ -176,13 +165,66 @@ class Result:
 
     row: Mapping[str, Any]
     """Figures, for --json."""
-    tables: "Sequence[Table | ReportTable]" = ()
+    tables: Sequence[Any] = ()
+    """Each a `Table`, or the one of a report."""
     code: int = 0
     """Exit code."""
     lead: str = ""
     """First paragraph of the page of --report."""
-    report: "Sequence[ReportTable]" = ()
-    """Tables of that page."""
+    report: "Sequence[ReportTable] | None" = None
+    """Tables of that page, if they are others."""
+
+
+def facts(row: Mapping[str, Any]) -> dict[str, str]:
+    """The numbers and texts of a row for --json, formatted, by their names in words.
+
+    The end of a name is its unit: "odometry_rmse_m" is in metres. What is None, empty, true or
+    false, or has parts, is left out.
+    """
+    shown = {}
+    for name, value in row.items():
+        unit = " m" if name.endswith("_m") else ""
+        words = name.removesuffix("_m").replace("_", " ")
+        if isinstance(value, float):
+            shown[words] = f"{value:.3f}{unit}"
+        elif isinstance(value, str | Path) and str(value):
+            shown[words] = str(value)
+        elif isinstance(value, int) and not isinstance(value, bool):
+            shown[words] = f"{value:,}"
+    return shown
+
+
+def facts_table(title: str, row: Mapping[str, Any]) -> Table:
+    """The facts of a row as a table."""
+    return Table(title, ["", ""], [*facts(row).items()])
+
+
+def comparison(
+    title: str,
+    means: "Mapping[str, Estimate[Scores]]",
+    difference: str,
+    gains: "Mapping[str, Estimate[Scores]]",
+    columns: Iterable[str],
+    cells: "Callable[[Scores], Sequence[str]]",
+    text: str,
+) -> "list[ReportTable]":
+    """Tables of means and, titled `difference`, of paired differences, each with its interval."""
+    from saccade.viewing.report import Table as ReportTable
+
+    tables = {title: means} | ({difference: gains} if gains else {})
+    return [
+        ReportTable(
+            heading,
+            ["", *columns],
+            [
+                [label, *cells(scores)]
+                for name, each in estimates.items()
+                for label, scores in zip((name, "  95 % from", "  95 % to"), each, strict=True)
+            ],
+            text if estimates is means else "",
+        )
+        for heading, estimates in tables.items()
+    ]
 
 
 def emit(result: Result, command: str, *, as_json: bool, report: Path | None = None) -> None:
@@ -190,12 +232,12 @@ def emit(result: Result, command: str, *, as_json: bool, report: Path | None = N
     if report is not None:
         from saccade.viewing.report import write_tables
 
-        write_tables(report, f"saccade {command}", result.lead, result.report)
+        write_tables(report, f"saccade {command}", result.lead, result.report or result.tables)
     if as_json:
         print_json(result.row)
         return
     for table in result.tables:
-        print_table(table.title, table.columns, table.rows)
+        print_table(table)
 
 
 def write_text(path: Path, text: str) -> None:

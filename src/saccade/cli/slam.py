@@ -14,7 +14,9 @@ from saccade.cli.mapping import (
     SNAPSHOTS,
     RunOutput,
     averaging_window,
-    lost_text,
+    pose_table,
+    run_facts,
+    time_charts,
     write_film,
     write_run,
 )
@@ -56,18 +58,12 @@ from saccade.types import (
     LandmarkLog,
     LandmarkMap,
     MapSnapshot,
-    Trajectory,
 )
 from saccade.viewing import innovation_figure, map_figure, map_frames
 from saccade.viewing.live import LiveMap, save_rrd
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
-from saccade.viewing.report_map import (
-    ObservedLandmarks,
-    innovation_charts,
-    map_part,
-    uncertainty_charts,
-)
+from saccade.viewing.report_map import ObservedLandmarks, map_part
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +155,7 @@ def slam(options: SlamOptions) -> Result:
             print_message(f"warning: {row['warning']}")
         if row["remark"]:
             print_message(row["remark"])
-    return Result(row, [facts_table(f"{log.name} -> {options.out}", facts(row))])
+    return Result(row, [facts_table(f"{log.name} -> {options.out}", run_facts(row))])
 
 
 LEAD = "The trajectory of a robot and the map of its landmarks, by an extended Kalman filter."
@@ -223,7 +219,7 @@ def map_log(
         out,
         f"saccade slam: {log.name}",
         LEAD,
-        lambda: slam_part(log, result, smoothed, snapshots, facts(summary), slam.sessions[-1]),
+        lambda: slam_part(log, result, smoothed, snapshots, summary, slam.sessions[-1]),
         files,
         {
             **summary,
@@ -280,16 +276,6 @@ def write_tables(
     return files
 
 
-def pose_table(trajectory: Trajectory) -> dict[str, np.ndarray[Any, Any]]:
-    """Each pose with its covariance, as columns."""
-    axes = ("x", "y", "heading")
-    columns = {"time": trajectory.time}
-    columns |= dict(zip(axes, trajectory.pose.T, strict=True))
-    if trajectory.covariance is not None:
-        columns |= symmetric_columns(axes, trajectory.covariance)
-    return columns
-
-
 def innovation_table(log: LandmarkLog, result: SlamResult) -> dict[str, np.ndarray[Any, Any]]:
     """Each observation with its innovation, as columns; NaN where it was not used."""
     landmark = np.append(result.map.id, -1)[result.association]
@@ -344,53 +330,6 @@ SLAM_TEXT = (
     "landmark to see the poses from which it was observed; click a chart to go to that time."
 )
 LOADED = " Blue landmarks are of the map that was loaded, black ones are new."
-COUNT, NUMBER, METERS = "{:,}", "{:.3f}", "{:.3f} m"
-LABELS = {
-    "poses": ("poses", COUNT),
-    "observations": ("observations of landmarks", COUNT),
-    "observations_used": ("observations used", COUNT),
-    "landmarks": ("landmarks in the map", COUNT),
-    "map_landmarks": ("landmarks of the map that was loaded", COUNT),
-    "map_landmarks_observed": ("of them, observed again", COUNT),
-    "map_landmarks_new": ("new landmarks", COUNT),
-    "landmarks_culled": ("landmarks culled", COUNT),
-    "names_refused": ("names refused", COUNT),
-    "odometry_end_error_m": ("error of odometry at the end", METERS),
-    "odometry_end_from_estimate_m": ("odometry at the end, from the filter's estimate", METERS),
-    "nis_mean": ("mean normalized innovation squared", NUMBER),
-    "nonlinearity": ("share of second-order terms, root mean", NUMBER),
-    "smoothing_iterations": ("iterations of the smoother", COUNT),
-    "odometry_rmse_m": ("odometry, position RMSE", METERS),
-    "odometry_unaligned_rmse_m": ("odometry, unaligned", METERS),
-    "position_rmse_m": ("filter, position RMSE", METERS),
-    "position_unaligned_rmse_m": ("filter, unaligned", METERS),
-    "smoothed_position_rmse_m": ("smoother, position RMSE", METERS),
-    "smoothed_position_unaligned_rmse_m": ("smoother, unaligned", METERS),
-    "odometry_gps_rmse_m": ("odometry, RMSE to GPS", METERS),
-    "position_gps_rmse_m": ("filter, RMSE to GPS", METERS),
-    "smoothed_position_gps_rmse_m": ("smoother, RMSE to GPS", METERS),
-    "landmark_rmse_m": ("landmarks, RMSE", METERS),
-    "landmark_unaligned_rmse_m": ("landmarks, unaligned", METERS),
-    "smoothed_landmark_rmse_m": ("smoothed landmarks, RMSE", METERS),
-    "smoothed_landmark_unaligned_rmse_m": ("smoothed landmarks, unaligned", METERS),
-}
-"""Names and formats of the figures of run.json on the page and in the terminal."""
-
-
-def facts(summary: Mapping[str, Any]) -> dict[str, str]:
-    """The figures of run.json, formatted, with their labels; those that are None are left out."""
-    shown = {"warning": summary["warning"]} if summary.get("warning") else {}
-    shown |= {
-        label: text.format(summary[name])
-        for name, (label, text) in LABELS.items()
-        if summary.get(name) is not None
-    }
-    if summary.get("lost"):
-        shown["lost"] = lost_text(summary["lost"])
-    if summary["nis_mean"] is not None:
-        label, (low, high) = LABELS["nis_mean"][0], summary["nis_band"]
-        shown[label] += f"; {low:.2f} to {high:.2f} in 95 % of consistent filters"
-    return shown
 
 
 def slam_part(
@@ -398,8 +337,8 @@ def slam_part(
     result: SlamResult,
     smoothed: SmoothResult | None,
     snapshots: Sequence[MapSnapshot],
-    facts: Mapping[str, str],
-    loaded: int = 0,
+    summary: Mapping[str, Any],
+    loaded: int,
 ) -> Part:
     """The map of a log as a part of a report; landmarks with an id under `loaded` were loaded."""
     truth = log.truth if log.truth is not None and has_headings(log.truth) else None
@@ -410,24 +349,24 @@ def slam_part(
     texts = result.map.text_names and dict(
         zip(ids.tolist(), map(str, result.map.names), strict=True)
     )
-    consistency, window = result.consistency, averaging_window(result.consistency.nis)
-    charts = innovation_charts(
-        log.time[log.observation_pose],
+    charts = time_charts(
+        result.trajectory,
+        truth,
+        log.observation_pose,
         result.innovation,
         result.innovation_covariance,
-        consistency.nis,
-        chi_square_band(consistency.dof, window),
-        window,
+        result.consistency.dof,
     )
     return map_part(
-        Section(f"{log.name}: the growing map", SLAM_TEXT + LOADED * (loaded > 0), facts=facts),
+        Section(
+            f"{log.name}: the growing map",
+            SLAM_TEXT + LOADED * (loaded > 0),
+            facts=run_facts(summary),
+        ),
         trajectories,
         snapshots,
-        ObservedLandmarks(
-            log.observation_pose[used],
-            ids[result.association[used]],
-        ),
-        [*charts, *uncertainty_charts(result.trajectory, truth)],
+        ObservedLandmarks(log.observation_pose[used], ids[result.association[used]]),
+        charts,
         log.landmark_truth,
         loaded=loaded,
         lost=lost_times(result.trajectory, result.lost),
