@@ -21,7 +21,7 @@ import numpy as np
 from saccade.attention.channels import intensity
 from saccade.attention.combined import attention_saliency
 from saccade.attention.contrast import existing_scales
-from saccade.attention.contrast_config import ContrastConfig, Scales
+from saccade.attention.contrast_config import ContrastConfig
 from saccade.attention.contrast_steps import MirroredArithmetic
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import smooth
@@ -107,6 +107,15 @@ def moved(
     return np.asarray(result, np.float32)
 
 
+CHANGES = ContrastConfig(scales=((1, 3), (2, 4), (3, 5)), scale_weights=(1.0, 1.0, 1.0))
+"""Scales and normalization of flicker and motion."""
+SEMISATURATION = 0.05
+"""Change of the luminance, which is in [0, 1], that has half the largest response: the
+normalization alone would raise noise to the height of motion."""
+DELAY = 0.04
+"""Seconds between the two frames that are compared: the earlier is the nearest to that."""
+TIME_CONSTANT = 0.1
+"""Seconds of the low-pass filter of the saliency."""
 POOLING = 2.0
 """Standard deviation in cells of the neighborhood over which correlations are averaged."""
 REACH = 2
@@ -117,39 +126,17 @@ MEMORY = 20
 
 @dataclass(frozen=True)
 class VideoConfig(Settings):
-    """Flicker, motion and gaze; times are in seconds and hold at any frame rate."""
+    """Static saliency and gaze; times are in seconds and hold at any frame rate."""
 
-    flicker_weight: float = setting(1.0, 0, 2**31)
-    """Weight of flicker in the saliency; that of the static saliency is 1."""
-    motion_weight: float = setting(1.0, 0, 2**31)
-    """Weight of motion in the saliency, likewise."""
-    scales: Scales = ((1, 3), (2, 4), (3, 5))
-    """Pyramid levels of center and surround, as those of `ContrastConfig`."""
-    semisaturation: float = setting(0.05, 1e-4, 1)
-    """Change of the luminance, which is in [0, 1], that has half the largest response: the
-    normalization alone would raise noise to the height of motion."""
     static_interval: float = setting(0.1, 0, 2**31)
     """Time after which the static saliency is computed again, which takes longer than all else;
     until then it moves with the scene. 0 computes it at each frame."""
-    delay: float = setting(0.04, 0, 10)
-    """Time between the two frames that are compared: the earlier is the nearest to that."""
-    time_constant: float = setting(0.1, 0, 10)
-    """Time constant of the low-pass filter of the saliency; 0 for none."""
     scanpath: ScanpathModelConfig = field(default_factory=lambda: ScanpathModelConfig(exponent=2))
     """Model of the gaze. The exponent is not fitted: past its onset, people's gazes differ more in
     a photograph than in a video (Dorr, Martinetz, Gegenfurtner & Barth 2010, *Variability of eye
     movements when viewing dynamic natural scenes*)."""
     seed: int = setting(0, 0, 2**31)
     """Seed of the random numbers of the gaze."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _ = self.contrast
-
-    @property
-    def contrast(self) -> ContrastConfig:
-        """Scales and normalization of flicker and motion, checked."""
-        return ContrastConfig(scales=self.scales, scale_weights=(1.0,) * len(self.scales))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -199,7 +186,7 @@ class VideoSaliency:
     what was fixated.
 
     Args:
-        config: flicker, motion and gaze.
+        config: static saliency and gaze.
         static: computes the saliency (h, w) of a frame by itself, not negative, which is scaled
             to a maximum of 1 if it is above; None for that of `attention_saliency`.
 
@@ -237,12 +224,12 @@ class VideoSaliency:
             ImageError: as `attention_saliency`; or the size has changed.
             ConfigError: the time is not finite, or not later.
         """
-        config, pixels = self.config, check_image(frame)
+        pixels = check_image(frame)
         shape = pixels.shape[0], pixels.shape[1]
         if self._shape and shape != self._shape:
             raise ImageError(f"frame: expected {self._shape} px as before, found {shape}")
         require(np.isfinite(time), "time", "a finite number of seconds", time)
-        contrast = config.contrast.at_size(shape)
+        contrast = CHANGES.at_size(shape)
         luminance = luminance_at(pixels, min(center for center, _ in contrast.scales))
         if not self._shape:  # the first frame is compared with itself
             self._past = deque([_Past(-np.inf, luminance, np.eye(3))])
@@ -250,13 +237,12 @@ class VideoSaliency:
         require(time > last.time, "time", "later than the frame before", time)
 
         camera = camera_motion(last.luminance, luminance)
-        before = self._compared(time - config.delay, camera, luminance)
+        before = self._compared(time - DELAY, camera, luminance)
         static = self._static_map(frame, time, camera)
-        changes = change_maps(before, luminance, contrast, config.semisaturation, shape, static)
-        weights = np.array([config.flicker_weight, *4 * [config.motion_weight]], np.float32)
-        summed = static + np.tensordot(weights, changes, 1)
-        if config.time_constant > 0 and self._summed.shape == summed.shape:
-            remaining = np.exp((last.time - time) / config.time_constant)
+        changes = change_maps(before, luminance, contrast, shape, static.shape)
+        summed = static + changes.sum(0)
+        if self._summed.shape == summed.shape:
+            remaining = np.exp((last.time - time) / TIME_CONSTANT)
             filtered = moved(self._summed, camera, luminance.shape)
             summed += np.float32(remaining) * (filtered - summed)
         saliency = summed / np.float32(max(1.0, summed.max()))
@@ -350,9 +336,8 @@ def change_maps(
     before: Float32Array,
     now: Float32Array,
     contrast: ContrastConfig,
-    semisaturation: float,
     image_shape: tuple[int, int],
-    static: Float32Array,
+    map_shape: tuple[int, int],
 ) -> Float32Array:
     """Flicker, and motion to the right, down, to the left and up: (5, h, w) in [0, 1].
 
@@ -360,9 +345,8 @@ def change_maps(
         before: luminance at the finest level of the scales.
         now: the same, later.
         contrast: the scales, `at_size` of the image, and the normalization.
-        semisaturation: see `VideoConfig`.
         image_shape: (H, W).
-        static: (h, w), a map of the size that is wanted.
+        map_shape: (h, w).
     """
     arithmetic = MirroredArithmetic(contrast)
     scales = existing_scales(image_shape, contrast, arithmetic)["intensity"]
@@ -373,14 +357,14 @@ def change_maps(
         bands = (a - resize(b, a.shape) for a, b in zip((before, now), coarser, strict=True))
         changes.append([abs(now - before), *opponent_motion(*bands)])
         before, now = coarser
-    maps = np.zeros((5, *static.shape), np.float32)
+    maps = np.zeros((5, *map_shape), np.float32)
     for center, surround, weight in scales:
         pairs = zip(changes[center - first], changes[surround - first], strict=True)
         for total, pair in zip(maps, pairs, strict=True):
-            values = arithmetic.center_surround(*pair, static.shape)  # A.7-A.10
+            values = arithmetic.center_surround(*pair, map_shape)  # A.7-A.10
             values = arithmetic.normalize(smooth(values, contrast.smoothing))
             peak = float(pair[0].max())
-            total += weight * peak**2 / (peak**2 + semisaturation**2) * values
+            total += weight * peak**2 / (peak**2 + SEMISATURATION**2) * values
     maps /= sum(scale.weight for scale in scales)
     return np.asarray(maps**contrast.sharpening, np.float32)
 
