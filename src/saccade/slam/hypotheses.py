@@ -28,7 +28,7 @@ from saccade.slam.filter._range_bearing_kernels import (
     write_pose,
 )
 from saccade.slam.filter.ekf import EkfSlam, join_landmarks
-from saccade.slam.filter.models import new_innovations, predict
+from saccade.slam.filter.models import new_innovations, predict, update
 from saccade.slam.models import wrap
 from saccade.slam.scans import Scan
 from saccade.types import FloatArray, IntArray
@@ -109,7 +109,6 @@ class Hypothesis:
         association: IntArray,
         *,
         may_cull: bool = True,
-        looseness: float = 1.0,
     ) -> IntArray:
         """Process a scan: update (C.10-C.14), augment (C.15-C.18), count what was missed.
 
@@ -119,7 +118,6 @@ class Hypothesis:
             association: (k,) numbers of landmarks, `NEW` and `DROPPED`; those of new landmarks are
                 filled in.
             may_cull: whether there may be a landmark to cull.
-            looseness: see `EkfSlam.update_in_parts`.
 
         Returns:
             (g,) landmarks that are to be culled.
@@ -128,7 +126,7 @@ class Hypothesis:
         predicted = self.culling.predict_visible(ekf, z, may_cull=may_cull)
         local = ekf.to_view(association)
         ekf.mark_observed(local)
-        self.innovations = ekf.update_in_parts(z, R, local, looseness)
+        self.innovations = update(ekf.view, z, R, local)
         mapped = len(ekf)
         for k in np.flatnonzero(association == NEW).tolist():  # candidates
             association[k] = len(ekf)

@@ -244,9 +244,7 @@ class Slam:
         association = self._associate(scan)
         new = np.flatnonzero(association == NEW)
         best = self.hypotheses.best
-        missed = best.observe(  # C.10-C.18
-            *(scan.z, scan.R, association), may_cull=rule.has_unnamed, looseness=rule.looseness
-        )
+        missed = best.observe(scan.z, scan.R, association, may_cull=rule.has_unnamed)  # C.10-C.18
         for i in new.tolist():
             rule.added(int(association[i]), int(scan.names[i]))
         culled = self._cull(missed, association)

@@ -16,7 +16,6 @@ from saccade.io.checkpoint import (
     select,
 )
 from saccade.slam.association._kernels import DROPPED, NEW, compare_identities
-from saccade.slam.association.consistent_names import consistent_names
 from saccade.slam.association.nearest_neighbor import NearestNeighbor, squared_distances
 from saccade.slam.association.rule import Association
 from saccade.slam.config import ASSOCIATION_RULES, EkfConfig
@@ -72,7 +71,8 @@ JOINT = 3
 WINDOW = 10
 """Identified observations for which a refused one is remembered."""
 FAR = 100.0
-"""Normalized innovation squared up to which a wrong filter is likelier than swapped identities."""
+"""Normalized innovation squared up to which a wrong filter is likelier than swapped identities; and
+the gate before a long loop is closed, where the heading is too uncertain for a linear one."""
 LOOSE, LOOP, LONG_LOOP = 4.0, 100.0, 1000.0
 """Ratio of predicted variance to noise from which the identities of a scan are checked in pairs,
 and from which one observation of a landmark of few, or of any number, does not close a loop."""
@@ -105,8 +105,6 @@ class GatedIdentity(Association):
         """Those that have lost their identity."""
         self.has_unnamed = False
         self.refused = np.zeros(0, np.bool_)
-        self.looseness = 1.0
-        """Over 1 where an identity contradicts an uncertain prediction."""
         self._clock = self._streak = 0  # identified observations; refused since the last accepted
         self._believed_until = -1
         self._gate = chi_square_gate(2, self.gate)
@@ -114,7 +112,7 @@ class GatedIdentity(Association):
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
         """Associate a scan; see `Association`."""
         names = identity.tolist()
-        self.refused, self.looseness = np.zeros(len(names), np.bool_), 1.0
+        self.refused = np.zeros(len(names), np.bool_)
         self.has_unnamed = self.has_unnamed or min(names) < 0
         if max(names) < 0:
             return self.geometry(ekf, z, R, identity)
@@ -141,16 +139,11 @@ class GatedIdentity(Association):
         if not known:
             return association
         nis, looseness = _compare(ekf, z, R, np.array(number, np.int64))
-        refused = {i for i in known if not nis[i] <= self._gate}
+        gate = [FAR if each > LOOP else self._gate for each in looseness]
+        refused = {i for i in known if not nis[i] <= gate[i]}
         scan = _Positions(ekf, z, R)
         if any(looseness[i] > LOOSE for i in known.keys() - refused):
             self._refuse_inconsistent(scan, known, refused)
-        if any(looseness[i] > LOOP for i in refused):  # the linear gate is wrong there
-            rows, landmark = list(known), np.array([name.landmark for name in known.values()])
-            xy, C = (np.stack(each) for each in zip(*map(scan.position, rows), strict=True))
-            agree = consistent_names(ekf, xy, C, landmark, self.gate)
-            refused = {i for i, agrees in zip(rows, agree.tolist(), strict=True) if not agrees}
-            self.looseness = max(looseness[i] for i in known)
         closing = sum(looseness[i] > LOOP for i in known if i not in refused)
         num_accepted, start = 0, self._clock
         for i, name in known.items():

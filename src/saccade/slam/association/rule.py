@@ -16,8 +16,6 @@ class Association:
     one that uses identities, the methods that are about them.
     """
 
-    looseness: float = 1.0
-    """Of the last scan, see `EkfSlam.update_in_parts`."""
     has_unnamed: bool = True
     """Whether there may be a landmark without an identity. The others are not culled: it is an
     identity that tells a landmark that is gone from one that is not detected."""

@@ -1,6 +1,6 @@
 """EKF-SLAM: predict, update, augment (C.1-C.18)."""
 
-from math import ceil, inf, log2
+from math import inf
 
 import numpy as np
 
@@ -152,45 +152,6 @@ class EkfSlam:
             )
         self.reserve(len(z))
         return update(self.filter_state, z, R, np.asarray(landmark, np.int64))
-
-    def update_in_parts(
-        self, z: FloatArray, R: FloatArray, landmark: IntArray, looseness: float
-    ) -> Innovations:
-        """Update `view` by a valid scan, linearized anew on the way to the result.
-
-        An observation of weight w, that is of covariance R / w, moves the estimate a part of the
-        way; the weights of all parts sum to one, and each is as large as those before it together.
-
-        Args:
-            z: (k, 2).
-            R: (k, 2, 2) their covariances.
-            landmark: (k,) number in `view` of the landmark of each, as for `update_scan`.
-            looseness: ratio of the predicted variance to that of the observations: the parts begin
-                with its inverse. At most 1 for an update at once.
-
-        Returns:
-            The innovations before any part; the normalized square is the sum of those of the parts,
-            which is the same one where the observation is linear.
-
-        Source: Zanetti (2012), "Recursive update filtering for nonlinear estimation".
-        """
-        if looseness <= 1:
-            return update(self.view, z, R, landmark)
-
-        def part(R: FloatArray, landmark: IntArray) -> Innovations:
-            self.reserve(len(z))
-            return update(self.view, z, R, landmark)
-
-        mapped, parts = self.view.now.landmarks, ceil(log2(looseness))
-        weights = 0.5 ** np.append(parts, np.arange(parts, 0, -1))
-        each = [part(R / weight, np.where(landmark < mapped, landmark, -1)) for weight in weights]
-        new = part(R, np.where(landmark < mapped, -1, landmark))
-        first = each[0]
-        first.covariance[:] -= R / weights[0] - R
-        first.nis[:] = sum(part.nis for part in each)
-        for old, added in zip(first, new, strict=True):
-            old[np.isnan(old)] = added[np.isnan(old)]
-        return first
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
         """Add a new landmark to the map (C.15-C.18).
