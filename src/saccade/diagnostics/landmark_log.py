@@ -5,9 +5,10 @@ axis, order or clock predicts the later ones much better than the numbers as the
 No filter is run: gates and wrong associations have no part in it.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -79,24 +80,18 @@ class Readings:
             observation_covariance=self.observation_covariance * np.outer(z, z),
         )
 
-    def with_bearing(self, bearing: FloatArray) -> "Readings":
-        """Other bearings (k,)."""
-        return replace(self, observation=np.stack([self.observation[:, 0], bearing], 1))
-
-    def driven(self, turns: float) -> "Readings":
-        """Translations in a frame that is turned by a multiple of the turn of the step."""
-        xy = rotated(self.control[:, :2], turns * self.control[:, 2])
-        return replace(self, control=np.column_stack([xy, self.control[:, 2]]))
+    def observing(self, distance: FloatArray, bearing: FloatArray) -> "Readings":
+        """Other ranges (k,) and bearings (k,), of the same covariances."""
+        return replace(self, observation=np.stack([distance, bearing], 1))
 
 
-@dataclass(frozen=True)
-class Rival:
+class Rival(NamedTuple):
     """Another reading of a log."""
 
     check: str
     what: str
     advice: str
-    read: Callable[[Readings], Readings]
+    readings: Readings
     min_gain: float = MIN_GAIN
 
 
@@ -134,9 +129,13 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
             "2 pi: they are in degrees; multiply bearings, turns and headings by pi / 180, and "
             "their variances by its square"
         )
-    readings = _readings_of(log)
+    control, covariance = to_relative_poses(log)
+    readings = Readings(
+        *(control, covariance, log.observation, log.observation_covariance),
+        *(log.time, log.time[log.observation_pose]),
+    )
     findings = [*_check_readings(log, readings), *_check_gap(log)]
-    findings += _check_repeated_names(log, readings.control)
+    findings += _check_repeated_names(log, control)
     median = float(np.median(log.observation[:, 0])) if len(bearing) else 0.0
     if median > FAR and not any("millimetres" in finding.check for finding in findings):
         what = f"half of the ranges are over {median:.0f} m, which is far for a sensor"
@@ -170,10 +169,8 @@ def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Fin
     a, b = a[twice], b[twice]
     if len(a) == 0 or len(control) == 0:
         return
-    xy, C = (
-        to_points(log.observation),
-        point_covariance(log.observation, log.observation_covariance),
-    )
+    xy = to_points(log.observation)
+    C = point_covariance(log.observation, log.observation_covariance)
     square, _ = _normalized(xy[b] - xy[a], C[a] + C[b])
     distance = np.hypot(*(xy[b] - xy[a]).T)
     step = np.hypot(*control[:, :2].T) + np.abs(control[:, 2]) * np.median(log.observation[:, 0])
@@ -194,107 +191,77 @@ def _check_readings(log: LandmarkLog, readings: Readings) -> Iterator[Finding]:
     least, most = NOISE_FACTORS
     believed = FACTORS[(least <= FACTORS) & (most >= FACTORS)]
     stated, _ = _gains(readings, *pairs, believed)
-    best, best_gains = None, recorded
+    best, size = None, 0.0
     order = np.argsort(readings.observed[pairs[0]], kind="stable")
     for rival in _rivals(readings):
-        gains, _ = _gains(rival.read(readings), *pairs)
-        wins = np.mean(
-            [tenth.mean() > 0 for tenth in np.array_split((gains - recorded)[order], 10)]
-        )
-        better = gains.mean() > best_gains.mean() and wins >= MIN_WINS
-        if better and gains.mean() - recorded.mean() > rival.min_gain:
-            best, best_gains = rival, gains
+        gain = _gains(rival.readings, *pairs)[0] - recorded
+        wins = np.mean([tenth.mean() > 0 for tenth in np.array_split(gain[order], 10)])
+        if gain.mean() > max(size, rival.min_gain) and wins >= MIN_WINS:
+            best, size = rival, float(gain.mean())
     if best is not None:
-        size = float(best_gains.mean() - recorded.mean())
         yield Finding("error", best.check, best.what, best.advice, size, "nats")
     elif recorded.mean() - stated.mean() > MIN_NOISE_GAIN:
-        word, verb, times = "small", "Multiply", factor
-        if factor < 1:
-            word, verb, times = "large", "Divide", 1 / factor
+        word, verb, times = (
+            ("large", "Divide", 1 / factor) if factor < 1 else ("small", "Multiply", factor)
+        )
         noun = "log" if of_odometry == factor else "observations"
         what = f"the standard deviations of the {noun} are about {times:.0f} times too {word}"
         yield Finding("error", "noise", what, f"{verb} them by {times:.0f}", factor, "times")
 
 
-def _rivals(readings: Readings) -> Iterator[Rival]:
+def _rivals(log: Readings) -> Iterator[Rival]:
     """Other readings, each with what it would mean."""
-    mm = MILLIMETRE
+    mm, (distance, bearing) = MILLIMETRE, log.observation.T
     what, advice = "turns of odometry are in degrees", "Multiply them by pi / 180"
-    yield Rival("degrees", what, advice, lambda log: log.scaled((1, 1, DEGREE), (1, 1)))
+    yield Rival("degrees", what, advice, log.scaled((1, 1, DEGREE), (1, 1)))
     what, advice = "ranges are in millimetres", "Divide them by 1000"
-    yield Rival("millimetres", what, advice, lambda log: log.scaled((1, 1, 1), (mm, 1)))
-    yield Rival(
-        "millimetres",
-        what,
-        advice,
-        lambda log: replace(log, observation=log.observation * np.array([mm, 1])),
-    )
-    what, advice = "odometry is in millimetres and ranges are not", "Divide its distances by 1000"
-    yield Rival(
-        "odometry in millimetres", what, advice, lambda log: log.scaled((mm, mm, 1), (1, 1))
-    )
-    yield Rival(
-        "mirrored bearings",
-        "bearings and turns have opposite signs",
-        "Both are positive to the left (counter-clockwise): change the sign of the bearings",
-        lambda log: log.scaled((1, 1, 1), (1, -1)),
+    yield Rival("millimetres", what, advice, log.scaled((1, 1, 1), (mm, 1)))
+    yield Rival("millimetres", what, advice, log.observing(mm * distance, bearing))
+    what = "odometry is in millimetres and ranges are not"
+    advice, readings = "Divide its distances by 1000", log.scaled((mm, mm, 1), (1, 1))
+    yield Rival("odometry in millimetres", what, advice, readings)
+    what = "bearings and turns have opposite signs"
+    advice = "Both are positive to the left (counter-clockwise): change the sign of the bearings"
+    yield Rival("mirrored bearings", what, advice, log.scaled((1, 1, 1), (1, -1)))
+    what = "turn and translation of a step are in the wrong order"
+    advice = (
+        "The columns distance, turn turn first and then drive; forward, left are in the frame "
+        "of the last pose, before the turn"
     )
     for turns in (-1.0, 1.0):
-        yield Rival(
-            "motion order",
-            "turn and translation of a step are in the wrong order",
-            "The columns distance, turn turn first and then drive; forward, left are in the frame "
-            "of the last pose, before the turn",
-            lambda log, turns=turns: log.driven(turns),  # type: ignore[misc]
-            min_gain=0.16,
-        )
+        xy = rotated(log.control[:, :2], turns * log.control[:, 2])
+        readings = replace(log, control=np.column_stack([xy, log.control[:, 2]]))
+        yield Rival("motion order", what, advice, readings, min_gain=0.16)
+    expected = "Bearings are 0 straight ahead and positive to the left: "
     for degrees in (90, -90, 180):
-        yield Rival(
-            "turned sensor",
-            f"the frame of the observations is turned by {degrees} degrees",
-            "Bearings are 0 straight ahead and positive to the left: "
-            f"{'subtract' if degrees > 0 else 'add'} {abs(degrees)} degrees",
-            lambda log, degrees=degrees: log.with_bearing(  # type: ignore[misc]
-                log.observation[:, 1] - np.deg2rad(degrees)
-            ),
-        )
-    yield Rival(
-        "swapped axes",
-        "the axes of the observations are swapped: bearings are clockwise from the left",
-        "Bearings are 0 straight ahead and positive to the left: pi / 2 minus these",
-        lambda log: log.with_bearing(np.pi / 2 - log.observation[:, 1]),
-    )
-    yield Rival(
-        "absolute bearings",
-        "bearings are relative to the map, not to the heading of the robot",
-        "Subtract the heading of the robot",
-        lambda log: log.with_bearing(
-            log.observation[:, 1] - np.interp(log.observed, log.time, path_of(log.control)[:, 2])
-        ),
-        min_gain=1.0,
-    )
-    yield Rival(
-        "lost steps",
+        what = f"the frame of the observations is turned by {degrees} degrees"
+        advice = f"{expected}{'subtract' if degrees > 0 else 'add'} {abs(degrees)} degrees"
+        readings = log.observing(distance, bearing - np.deg2rad(degrees))
+        yield Rival("turned sensor", what, advice, readings)
+    what = "the axes of the observations are swapped: bearings are clockwise from the left"
+    readings = log.observing(distance, np.pi / 2 - bearing)
+    yield Rival("swapped axes", what, f"{expected}pi / 2 minus these", readings)
+    what = "bearings are relative to the map, not to the heading of the robot"
+    heading = np.interp(log.observed, log.time, path_of(log.control)[:, 2])
+    readings = log.observing(distance, bearing - heading)
+    advice = "Subtract the heading of the robot"
+    yield Rival("absolute bearings", what, advice, readings, min_gain=1.0)
+    what = (
         "steps are lost with their odometry: where the time has gaps the robot moves farther than "
-        "odometry does",
-        "Keep every step of odometry, or sum those between two poses",
-        _filled,
-        min_gain=0.08,
+        "odometry does"
     )
-    spacing = max(0.5, float(np.median(np.diff(readings.time))))
+    advice = "Keep every step of odometry, or sum those between two poses"
+    yield Rival("lost steps", what, advice, _filled(log), min_gain=0.08)
+    spacing = max(0.5, float(np.median(np.diff(log.time))))
     for shift in spacing * np.arange(1, 11):
-        for delay in (shift, -shift):
-            yield Rival(
-                "clock offset",
-                f"the clock of the observations is {shift:g} s {'late' if delay > 0 else 'early'} "
-                "against that of odometry",
-                f"{'Subtract' if delay > 0 else 'Add'} {shift:g} s {'from' if delay > 0 else 'to'} "
-                "the times of the observations",
-                lambda log, delay=delay: replace(  # type: ignore[misc]
-                    log, observed=log.observed - delay
-                ),
-                min_gain=0.3,
-            )
+        for delay, late, cure in (
+            (shift, "late", f"Subtract {shift:g} s from"),
+            (-shift, "early", f"Add {shift:g} s to"),
+        ):
+            what = f"the clock of the observations is {shift:g} s {late} against that of odometry"
+            readings = replace(log, observed=log.observed - delay)
+            advice = f"{cure} the times of the observations"
+            yield Rival("clock offset", what, advice, readings, min_gain=0.3)
 
 
 def _filled(log: Readings) -> Readings:
@@ -311,19 +278,6 @@ def _filled(log: Readings) -> Readings:
         log,
         control=np.where(short[:, None], expected, log.control),
         control_covariance=log.control_covariance * factor[:, None, None],
-    )
-
-
-def _readings_of(log: LandmarkLog) -> Readings:
-    """The numbers of a log, with controls as relative poses."""
-    control, covariance = to_relative_poses(log)
-    return Readings(
-        control=control,
-        control_covariance=covariance,
-        observation=log.observation,
-        observation_covariance=log.observation_covariance,
-        time=log.time,
-        observed=log.time[log.observation_pose],
     )
 
 

@@ -24,62 +24,46 @@ def drop_repeated(drive: Drive) -> Drive:
     raises `ImageError` when it is read, as an unreadable one does; without odometry it is kept.
     """
     first = Frame(float(drive.time[0]))
-    read = lru_cache(maxsize=2)(drive.load)  # with each image the one before is compared
     with suppress(ImageError):
-        first = read(0)
-    moves = drive.control.any(1) & (drive.scale == "metric")
+        first = drive.load(0)
+    moves = np.append(False, drive.control.any(1) & (drive.scale == "metric"))
     if first.tracks is None:
-        return replace(drive, load=_without_repeated_images(read, np.append(False, moves)))
-    moves = np.asarray(moves | (not drive.control.any()))
-    numbers, last = list[int](), _tracks(drive, 0)
-    for i in range(1, len(drive)):
-        tracks = _tracks(drive, i)
-        if moves[i - 1] and repeated_observations(last, tracks) is not None:
-            numbers.append(i)
-        last = tracks
-    if not numbers:
+        return replace(drive, load=_without_repeated_images(drive, moves))
+    moves[1:] |= not drive.control.any()
+    copies, last, stride = dict[int, IntArray](), Tracks(), 1
+    for i in range(len(drive)):
+        tracks = drive.load(i).tracks or Tracks()
+        repeated = repeated_observations(last, tracks) if moves[i] else None
+        if repeated is not None:
+            copies[i] = repeated
+        last, stride = tracks, max(stride, 1 + int(tracks.id.max(initial=0)))
+    if not copies:
         return drive
-    remark = (
-        f"{counted(len(numbers), 'frame repeats', 'frames repeat')} the points of the frame "
-        f"before, first number {numbers[0]}: the copies are dropped, tracks begin anew, and "
-        "odometry bridges the step"
-    )
-    load = _restarted_tracks(drive, np.array(numbers))
-    return replace(drive, load=load, remarks=(*drive.remarks, remark))
-
-
-def _restarted_tracks(drive: Drive, numbers: IntArray) -> Callable[[int], Frame]:
-    """Frames without repeated observations, whose tracks have other ids after each repetition."""
-    stride = 1 + max(int(_tracks(drive, i).id.max(initial=0)) for i in range(len(drive)))
+    numbers = np.array(list(copies))
 
     def load(i: int) -> Frame:
         frame = drive.load(i)
         if frame.tracks is None:
             return frame
-        tracks, keep = frame.tracks, np.ones(len(frame.tracks), np.bool_)
-        if i in numbers:
-            repeated = repeated_observations(_tracks(drive, i - 1), tracks)
-            if repeated is not None:
-                keep[repeated] = False
+        rows = np.arange(len(frame.tracks))
+        tracks = frame.tracks[np.delete(rows, copies[i]) if i in copies else rows]
         epoch = int(np.searchsorted(numbers, i, side="right"))
-        tracks = tracks[keep]
         return replace(frame, tracks=replace(tracks, id=tracks.id + epoch * stride))
 
-    return load
+    remark = (
+        f"{counted(len(numbers), 'frame repeats', 'frames repeat')} the points of the frame "
+        f"before, first number {numbers[0]}: the copies are dropped, tracks begin anew, and "
+        "odometry bridges the step"
+    )
+    return replace(drive, load=load, remarks=(*drive.remarks, remark))
 
 
-def _tracks(drive: Drive, number: int) -> Tracks:
-    """The tracks of a frame; none where it has none."""
-    return drive.load(number).tracks or Tracks()
-
-
-def _without_repeated_images(
-    read: Callable[[int], Frame], moves: BoolArray
-) -> Callable[[int], Frame]:
-    """Frames as `read`; raises `ImageError` for a repeated image.
+def _without_repeated_images(drive: Drive, moves: BoolArray) -> Callable[[int], Frame]:
+    """Frames as `drive` loads them; raises `ImageError` for a repeated image.
 
     `moves` (n,) tells whether odometry moves since the frame before.
     """
+    read = lru_cache(maxsize=2)(drive.load)  # with each image the one before is compared
 
     def load(i: int) -> Frame:
         before = None
