@@ -7,7 +7,6 @@ from the x axis.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from html import escape
 from typing import Any, Literal, Self, TypeAlias, cast
 
 import numpy as np
@@ -94,21 +93,6 @@ def column(*shape: int, dtype: npt.DTypeLike = np.float64) -> Any:
     return field(default_factory=lambda: np.zeros((0, *shape), dtype))
 
 
-class NotebookTable:
-    """Base of results that notebooks show as a table of their sizes and key numbers."""
-
-    def summary(self) -> Mapping[str, str]:
-        """Sizes and key numbers, by name."""
-        raise NotImplementedError
-
-    def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th style='text-align:left'>{escape(name)}</th><td>{escape(value)}</td></tr>"
-            for name, value in self.summary().items()
-        )
-        return f"<table><caption>{type(self).__name__}</caption>{rows}</table>"
-
-
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""
 
@@ -122,7 +106,7 @@ THREE_SIGMA_2D = 11.829
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Keypoints(NotebookTable, Table):
+class Keypoints(Table):
     """Interest points of one image, the strongest first unless a detector says otherwise."""
 
     xy: Float32Array
@@ -168,12 +152,6 @@ class Keypoints(NotebookTable, Table):
             response=np.zeros(n, np.float32),
             octave=np.zeros(n, np.int32),
         )
-
-    def summary(self) -> dict[str, str]:
-        """Sizes and key numbers, by name."""
-        sizes = f"{self.size.min():.1f} to {self.size.max():.1f} pixels" if len(self) else "none"
-        described = "none" if self.descriptors is None else f"{self.descriptors.shape[1]} numbers"
-        return {"points": str(len(self)), "diameter": sizes, "descriptors": described}
 
     def __repr__(self) -> str:
         described = "without descriptors" if self.descriptors is None else "with descriptors"

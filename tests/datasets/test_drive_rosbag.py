@@ -12,7 +12,7 @@ from saccade.datasets import load_drive
 from saccade.errors import DriveError, ImageError
 from saccade.frames import AHEAD
 from support.error_checks import refuses
-from support.landmark_bags import START, TRANSFORMS, odometry, transforms
+from support.landmark_bags import START, TRANSFORMS, odometry
 from support.ros_bags import FRAMES, pictures, stereo, write_bag
 
 
@@ -73,13 +73,13 @@ def turning(messages, rotation_at, arm=0.0):
     `rotation_at` is that of the mount at a time in seconds; the camera is `arm` ahead of its axis.
     """
     optical = ("head", "camera", *(Rotation.from_matrix(AHEAD), (arm, 0.0, 0.0)), START)
-    yield "/tf_static", TRANSFORMS, START, transforms(messages, optical)
+    yield "/tf_static", TRANSFORMS, START, messages.transforms(optical)
     yield from odometry(messages)
     for i in range(-1, 24):
         seconds, turn = 0.07 * i, Rotation.from_euler("z", 0.1 * i)
         head = ("base_link", "head", rotation_at(seconds), (0.1, 0.0, 0.9), START + seconds)
         robot = ("odom", "base_link", turn, (0.1 * i, 0.0, 0.0), START + seconds)
-        yield "/tf", TRANSFORMS, START + seconds, transforms(messages, robot, head)
+        yield "/tf", TRANSFORMS, START + seconds, messages.transforms(robot, head)
     for i in range(FRAMES):
         time = START + i / 5
         image = messages.image(time, pictures()[0, i], "mono8")

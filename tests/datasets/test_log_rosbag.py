@@ -55,14 +55,14 @@ def test_the_transforms_of_a_mast_that_turns_are_those_at_the_time_of_a_message(
 
     def make(messages):
         build = Builder(messages)
-        camera = bags.transforms(messages, ("mast", "camera", *bags.OPTICAL, START))
+        camera = messages.transforms(("mast", "camera", *bags.OPTICAL, START))
         yield "/tf_static", TRANSFORMS, START, camera
         yield from bags.odometry(messages)
         rotation, position = bags.MOUNTED
         for i in range(21):
             turned = rotation * Rotation.from_euler("z", 0.5 * 0.21 * i)
             mast = ("base_link", "mast", turned, position, START + 0.21 * i)
-            yield "/tf", TRANSFORMS, START + 0.21 * i, bags.transforms(messages, mast)
+            yield "/tf", TRANSFORMS, START + 0.21 * i, messages.transforms(mast)
         for i in range(8):
             turn = Rotation.from_euler("z", 0.25 * i)
             points = bags.in_camera(bags.on_robot(i / 2), turn)
@@ -81,7 +81,7 @@ def test_landmarks_in_the_frame_of_odometry_are_transformed_by_tf(bag):
             x, y, heading = bags.pose_at(i / 10)
             turn, time = Rotation.from_euler("z", heading), START + i / 10
             robot = ("odom", "base_link", turn, (x, y, 0.0), time)
-            yield "/tf", TRANSFORMS, time, bags.transforms(messages, robot)
+            yield "/tf", TRANSFORMS, time, messages.transforms(robot)
         for i in range(8):
             time = START + i / 2
             scan = build.array("markers", time, bags.LANDMARKS, frame="odom")
@@ -129,9 +129,9 @@ def test_the_noise_of_ranges_and_angles_is_that_of_their_message(bag):
 
     def make(messages):
         yield from bags.odometry(messages)
-        header = messages.header(START, "base_link")
-        points = zip(bags.on_robot(0.0) * [1, 1, 0], NAMES.tolist(), [None] * 4, strict=True)
-        scan = Builder(messages).ranges(header, points, sigma=(0.2, 0.03, 0.5))
+        points = bags.on_robot(0.0) * [1, 1, 0]
+        sigma = {"sensor_std_range": 0.2, "sensor_std_yaw": 0.03, "sensor_std_pitch": 0.5}
+        scan = Builder(messages).array("ranges", START, points, frame="base_link", **sigma)
         yield *KINDS["ranges"], START, scan
 
     R = load("auto", bag(make)).observation_covariance
@@ -209,11 +209,11 @@ def test_markers_whose_ids_only_count_have_no_identity(bag):
         yield "/tf_static", TRANSFORMS, START, bags.static(messages)
         yield from bags.odometry(messages)
         for i in range(4):
-            time, header = START + i, messages.header(START + i, "camera")
-            points = bags.in_camera(bags.on_robot(i))[: i + 1]
+            time, points = START + i, bags.in_camera(bags.on_robot(i))[: i + 1]
             scan = build.array("markers", time, points, np.arange(i + 1))
-            scan.markers.append(build.marker(header, points[0], 9, action=3))
-            scan.markers.append(build.marker(header, points[0], 9, type=9))
+            deleted, text = build.array("markers", time, points[[0, 0]], np.array([9, 9])).markers
+            deleted.action, text.type = 3, 9
+            scan.markers += [deleted, text]
             yield *KINDS["markers"], time, scan
 
     log = load("auto", bag(make))

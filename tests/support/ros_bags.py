@@ -5,6 +5,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.spatial.transform import Rotation
 
 FRAMES = 6
 SECOND = 10**9
@@ -19,21 +20,22 @@ class Messages:
         self.old = store is STORES[1]
 
     def __call__(self, kind, **values):
-        """A message of a type (package/Name), whose other fields are empty."""
-        name = kind.replace("/", "/msg/")
+        """A message of a type (package/Name); those inside may be dicts, what is left out is 0."""
+        name = kind if "/msg/" in kind else kind.replace("/", "/msg/")
         fields = self.store.fielddefs[name][1]
-        return self.kinds[name](**{each: self.empty(*of) for each, of in fields} | values)
+        return self.kinds[name](**{each: self.field(*of, values.get(each)) for each, of in fields})
 
-    def empty(self, node, of):
-        """What a field holds by default."""
-        if node == Nodetype.NAME:
-            return self(of.replace("/msg/", "/"))
-        if node == Nodetype.BASE:
-            return {"string": "", "bool": False}.get(of[0], 0.0 if "float" in of[0] else 0)
+    def field(self, node, of, value):
+        """What a field holds; `value` is None by default."""
+        if node == Nodetype.NAME and (value is None or isinstance(value, dict)):
+            return self(of, **(value or {}))
+        if node in (Nodetype.NAME, Nodetype.BASE):
+            empty = {"string": "", "bool": False}.get(of[0], 0.0 if "float" in of[0] else 0)
+            return empty if value is None else value
         (inner, kind), length = of
         if inner == Nodetype.BASE:
-            return np.zeros(length, kind[0])
-        return [self.empty(inner, kind) for _ in range(length)]
+            return np.zeros(length, kind[0]) if value is None else value
+        return [self.field(inner, kind, each) for each in value or [None] * length]
 
     def header(self, seconds, frame="camera"):
         whole = int(seconds)
@@ -62,36 +64,37 @@ class Messages:
         values |= {"header": self.header(seconds), "distortion_model": model}
         return self("sensor_msgs/CameraInfo", height=48, width=64, **values)
 
-    def vector(self, xyz, kind="Vector3"):
-        return self(f"geometry_msgs/{kind}", **dict(zip("xyz", map(float, xyz), strict=True)))
-
-    def quaternion(self, xyzw):
-        named = dict(zip("xyzw", map(float, xyzw), strict=True))
-        return self("geometry_msgs/Quaternion", **named)
-
     def pose(self, x, y, heading):
-        turn = self.quaternion((0.0, 0.0, np.sin(heading / 2), np.cos(heading / 2)))
-        place = self.vector((x, y, 0.0), "Point")
-        return self("geometry_msgs/Pose", position=place, orientation=turn)
+        turn = (0.0, 0.0, np.sin(heading / 2), np.cos(heading / 2))
+        return {"position": xyzw(x, y, 0.0), "orientation": xyzw(*turn)}
 
     def odometry(self, seconds, x, y, heading):
-        pose = self("geometry_msgs/PoseWithCovariance", pose=self.pose(x, y, heading))
-        header = self.header(seconds, "odom")
-        return self("nav_msgs/Odometry", header=header, child_frame_id="base_link", pose=pose)
-
-    def transform(self, parent, child, place, turn):
-        moved = self(
-            "geometry_msgs/Transform",
-            translation=self.vector(place),
-            rotation=self.quaternion(turn),
-        )
-        header = self.header(0.0, parent)
-        kind = "geometry_msgs/TransformStamped"
-        return self(kind, header=header, child_frame_id=child, transform=moved)
+        values = {
+            "header": self.header(seconds, "odom"),
+            "pose": {"pose": self.pose(x, y, heading)},
+        }
+        return self("nav_msgs/Odometry", child_frame_id="base_link", **values)
 
     def true(self, seconds, x, y, heading):
         header = self.header(seconds, "world")
         return self("geometry_msgs/PoseStamped", header=header, pose=self.pose(x, y, heading))
+
+    def transforms(self, *stamped):
+        """A TFMessage of (parent, child, rotation, position, seconds)."""
+        made = [
+            {
+                "header": self.header(seconds, parent),
+                "child_frame_id": child,
+                "transform": {"translation": xyzw(*position), "rotation": xyzw(*turn.as_quat())},
+            }
+            for parent, child, turn, position, seconds in stamped
+        ]
+        return self("tf2_msgs/TFMessage", transforms=made)
+
+
+def xyzw(*values):
+    """Coordinates by name."""
+    return dict(zip("xyzw", map(float, values), strict=False))
 
 
 STORES = {1: get_typestore(Stores.ROS1_NOETIC), 2: get_typestore(Stores.ROS2_HUMBLE)}
@@ -123,9 +126,9 @@ def pictures():
 
 def mounted(make):
     """On a mast that is turned to the left, a camera whose z axis is the mast's x axis."""
-    mast = make.transform("base_link", "mast", (0.2, 0.0, 0.7), (0, 0, np.sqrt(0.5), np.sqrt(0.5)))
-    camera = make.transform("mast", "camera", (0.0, 0.1, 0.0), (-0.5, 0.5, -0.5, 0.5))
-    return make("tf2_msgs/TFMessage", transforms=[mast, camera])
+    left, ahead = Rotation.from_euler("z", np.pi / 2), Rotation.from_quat((-0.5, 0.5, -0.5, 0.5))
+    mast = ("base_link", "mast", left, (0.2, 0.0, 0.7), 0.0)
+    return make.transforms(mast, ("mast", "camera", ahead, (0.0, 0.1, 0.0), 0.0))
 
 
 def stereo(make):

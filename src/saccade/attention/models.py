@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from saccade.types import NotebookTable
-
 if TYPE_CHECKING:
     import numpy.typing as npt
 
@@ -22,7 +20,7 @@ KINDS = {name: name for name in ("attention", "contrast", "symmetry", "boolean")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SaliencyMaps(NotebookTable):
+class SaliencyMaps:
     """Base of the results of the models: saliency by size and by name.
 
     The cells of a map tile the image: see `saccade.scale.pyramid.cell_centers`.

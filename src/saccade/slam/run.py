@@ -26,7 +26,6 @@ from saccade.types import (
     IntArray,
     LandmarkLog,
     LandmarkMap,
-    NotebookTable,
     Trajectory,
 )
 
@@ -42,7 +41,7 @@ MAX_SCANS = 50
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SlamResult(NotebookTable):
+class SlamResult:
     """Trajectory, map and consistency of a filtered log."""
 
     trajectory: Trajectory
@@ -74,17 +73,6 @@ class SlamResult(NotebookTable):
     """(t + 1,) whether the robot found itself lost at each pose: that is by odometry alone."""
     session: IntArray | None = None
     """(n,) in which session each landmark of the map was added, from 0, see `Slam.load`."""
-
-    def summary(self) -> dict[str, str]:
-        """Sizes and key numbers, by name."""
-        used = int((self.association >= 0).sum())
-        return {
-            "trajectory": self.trajectory.size,
-            "landmarks": str(len(self.map)),
-            "observations": f"{used} of {len(self.association)} used",
-            "consistency": repr(self.consistency),
-            "warning": self.warning or "none",
-        }
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"

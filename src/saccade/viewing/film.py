@@ -23,7 +23,6 @@ from saccade.viewing.report_map import ObservedLandmarks
 from saccade.viewing.slam import (
     ELLIPSE,
     ELLIPSE_LABEL,
-    ELLIPSE_SCALE,
     bounds,
     ellipse_outlines,
     map_axes,
@@ -50,8 +49,6 @@ ROBOT = [(14, 0), (-9, 8), (-5, 0), (-9, -8), (14, 0)]
 """Outline of an arrowhead that points along x."""
 LAST_FRAMES = 36
 """Number of times the last frame of a map is repeated."""
-MAX_GROWTH = 0.2
-"""Fraction of its sides by which earlier ellipses may enlarge the map."""
 RADIUS = 4
 """Pixels, of the circle around a landmark in the camera image."""
 KINDS = (("new", ORANGE), ("tracked", GREEN), ("re-identified", RED))
@@ -138,7 +135,7 @@ def map_frames(
     """One frame for each snapshot, the last one repeated.
 
     Each shows the trajectory so far, the robot and the landmarks with their ellipses, lines to the
-    observed landmarks, and dead reckoning.
+    observed landmarks, and dead reckoning. All of the trajectory and of the last ellipses fits in.
 
     Args:
         snapshots: of one log, in order.
@@ -151,7 +148,10 @@ def map_frames(
     """
     if not snapshots:
         return
-    canvas = _MapCanvas(_extent(snapshots), has_odometry=dead_reckoning is not None)
+    last = snapshots[-1]
+    outlines = ellipse_outlines(last.landmarks, last.landmark_covariance).reshape(-1, 2)
+    box = bounds(np.concatenate([*(each.path[:, :2] for each in snapshots), outlines]))
+    canvas = _MapCanvas(box, has_odometry=dead_reckoning is not None)
     odometry = np.empty((0, 2)) if dead_reckoning is None else dead_reckoning.pose[:, :2]
     begin = 0
     for snapshot in snapshots:
@@ -267,23 +267,6 @@ class _MapCanvas:
         for artist in self.moving:
             self.figure.draw_artist(artist)
         return np.array(self.canvas.buffer_rgba())[:, :, :3]
-
-
-def _extent(snapshots: Sequence[MapSnapshot]) -> FloatArray:
-    """The box (2, 2) of the trajectory, the final landmarks and their ellipses.
-
-    Earlier ellipses may be much larger; they enlarge it by `MAX_GROWTH` at most.
-    """
-    last = snapshots[-1]
-    path = np.concatenate([each.path[:, :2] for each in snapshots])
-    outlines = ellipse_outlines(last.landmarks, last.landmark_covariance).reshape(-1, 2)
-    low, high = bounds(np.concatenate([path, outlines]))
-    centers = np.concatenate([each.landmarks for each in snapshots])
-    covariance = np.concatenate([each.landmark_covariance for each in snapshots])
-    extent = ELLIPSE_SCALE * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2).clip(0))  # (n, 2)
-    all_low, all_high = bounds(np.concatenate([path, centers - extent, centers + extent]))
-    growth = MAX_GROWTH * (high - low)
-    return np.array([all_low.clip(low - growth, low), all_high.clip(high, high + growth)])
 
 
 def _camera_panel(

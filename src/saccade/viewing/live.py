@@ -29,12 +29,16 @@ MAX_POINTS = 2000
 class LiveMap:
     """A rerun viewer, opened at once, that shows each snapshot of a map.
 
+    The ground is z = 0, since rerun's 2D view has y down.
+
     Args:
         name: of the log.
         time: (t,) of each pose of the log.
         dead_reckoning: from odometry alone; None without odometry.
         in_browser: open the viewer as a page in the browser, which this process serves.
         image_at: gives the image of a pose, (H, W) or (H, W, 3) uint8, or None; None shows none.
+        box: (2, 2) metres that are shown; by default those of dead reckoning.
+        file: written in place of a viewer.
 
     Raises:
         ConfigError: rerun is not installed, or its viewer cannot be started.
@@ -48,113 +52,22 @@ class LiveMap:
         *,
         in_browser: bool = False,
         image_at: Callable[[int], Image | None] | None = None,
+        box: FloatArray | None = None,
+        file: Path | None = None,
     ) -> None:
-        self._recording = _MapRecording(name, time, dead_reckoning, image_at)
-        _open_viewer(self._recording.rerun, self._recording.stream, in_browser)
-        area = UNKNOWN_AREA if dead_reckoning is None else bounds(dead_reckoning.pose[:, :2])
-        self._recording.begin(area)
-        self._num_shown = 0
+        self.rerun, self.stream = _open_recording("saccade_slam", name, in_browser, file)
+        self.time, self.dead_reckoning, self.image_at = time, dead_reckoning, image_at
+        self.path, self.num_shown = np.empty((0, 2)), 0
+        if box is None:
+            box = UNKNOWN_AREA if dead_reckoning is None else bounds(dead_reckoning.pose[:, :2])
+        self.arrow_length = ARROW_FRACTION * float((box[1] - box[0]).max())
+        self._lay_out(box)
 
-    def __call__(self, snapshots: Sequence[MapSnapshot]) -> None:
-        """Show the snapshots that are new."""
-        for snapshot in snapshots[self._num_shown :]:
-            self._recording.log(snapshot)
-        self._num_shown = len(snapshots)
-
-
-class LiveImages:
-    """A rerun viewer, opened at once, that shows the images of a camera and what is found in them.
-
-    Args:
-        name: of the camera.
-        in_browser: open the viewer as a page in the browser, which this process serves.
-
-    Raises:
-        ConfigError: rerun is not installed, or its viewer cannot be started.
-    """
-
-    def __init__(self, name: str, *, in_browser: bool = False) -> None:
-        self._rerun = import_optional("rerun", "live")
-        self._stream = self._rerun.RecordingStream("saccade")
-        _open_viewer(self._rerun, self._stream, in_browser)
-        self._stream.send_recording_name(name)
-
-    def __call__(
-        self, time: float, image: Image, heat: Image | None = None, points: FloatArray | None = None
-    ) -> None:
-        """Show a frame.
-
-        Args:
-            time: in seconds.
-            image: (H, W, 3) uint8.
-            heat: (H, W, 3) uint8, such as saliency in colors.
-            points: (k, 3) x, y and radius of interest points in pixels.
-        """
-        rerun, stream = self._rerun, self._stream
-        stream.set_time("time", duration=time)
-        stream.log("camera", rerun.Image(image).compress())
-        if heat is not None:
-            stream.log("saliency", rerun.Image(heat).compress())
-        if points is not None:
-            shown = rerun.Points2D(points[:, :2], radii=points[:, 2], colors=rgb_levels(ORANGE))
-            stream.log("camera/keypoints", shown)
-
-
-def save_rrd(
-    path: str | Path,
-    name: str,
-    snapshots: Sequence[MapSnapshot],
-    time: FloatArray,
-    dead_reckoning: Trajectory,
-) -> Path:
-    """Write a file that the rerun viewer plays.
-
-    Args:
-        path: the file.
-        name: of the log.
-        snapshots: of one log, in order.
-        time: (t,) of each pose of the log.
-        dead_reckoning: from odometry alone.
-
-    Raises:
-        ConfigError: rerun is not installed.
-        OutputError: the file cannot be written.
-    """
-    recording = _MapRecording(name, time, dead_reckoning)
-    with atomic_write(path) as temporary:
-        recording.stream.save(temporary)
-        paths = [each.path[:, :2] for each in snapshots]
-        recording.begin(bounds(np.concatenate([np.empty((0, 2)), *paths])))
-        for snapshot in snapshots:
-            recording.log(snapshot)
-        recording.stream.flush()
-        recording.stream.disconnect()
-    return Path(path)
-
-
-class _MapRecording:
-    """A rerun recording of a map; the ground is z = 0, since rerun's 2D view has y down."""
-
-    def __init__(
-        self,
-        name: str,
-        time: FloatArray,
-        dead_reckoning: Trajectory | None,
-        image_at: Callable[[int], Image | None] | None = None,
-    ) -> None:
-        self.rerun = import_optional("rerun", "live")
-        self.stream = self.rerun.RecordingStream("saccade_slam")
-        self.name, self.time, self.dead_reckoning = name, time, dead_reckoning
-        self.image_at = image_at
-        self.path = np.empty((0, 2))
-        self.frame, self.size = -1, 1.0
-
-    def begin(self, box: FloatArray) -> None:
-        """Lay out the views, the map seen from above a box (2, 2)."""
-        self.stream.send_recording_name(self.name)
+    def _lay_out(self, box: FloatArray) -> None:
+        """Lay out the views, the map seen from above."""
         layout = self.rerun.blueprint
-        (x, y), self.size = box.mean(0).tolist(), float((box[1] - box[0]).max())
-        position = [x, y - 0.01 * self.size, 1.1 * self.size]
+        (x, y), size = box.mean(0).tolist(), float((box[1] - box[0]).max())
+        position = [x, y - 0.01 * size, 1.1 * size]
         camera = layout.EyeControls3D(
             position=position, look_target=[x, y, 0.0], eye_up=[0.0, 1.0, 0.0]
         )
@@ -175,12 +88,17 @@ class _MapRecording:
         )
         self.stream.log("map", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
-    def log(self, snapshot: MapSnapshot) -> None:
-        """Add a snapshot."""
+    def __call__(self, snapshots: Sequence[MapSnapshot]) -> None:
+        """Show the snapshots that are new."""
+        for snapshot in snapshots[self.num_shown :]:
+            self._log(snapshot)
+            self.num_shown += 1
+
+    def _log(self, snapshot: MapSnapshot) -> None:
+        rerun, log = self.rerun, self.stream.log
         step, landmarks, pose = snapshot.step, snapshot.landmarks, snapshot.path[-1]
-        self.frame += 1
         self.path = np.concatenate([self.path, snapshot.path[:, :2]])
-        self.stream.set_time("frame", sequence=self.frame)
+        self.stream.set_time("frame", sequence=self.num_shown)
         self.stream.set_time("pose", sequence=step)
         self.stream.set_time("time", duration=float(self.time[step] - self.time[0]))
         paths = [("map/trajectory", self.path, BLUE)]
@@ -198,35 +116,26 @@ class _MapRecording:
         ):
             outlines = ellipse_outlines(centers, covariances)
             self._log_lines(entity, np.concatenate([outlines, outlines[:, :1]], 1), color)
-        radius = self.rerun.Radius.ui_points(3)
-        points = self.rerun.Points3D(_on_ground(landmarks), colors=[0, 0, 0], radii=radius)
-        self.stream.log("map/landmarks", points)
+        radius = rerun.Radius.ui_points(3)
+        log("map/landmarks", rerun.Points3D(_on_ground(landmarks), colors=[0, 0, 0], radii=radius))
         image = None if self.image_at is None else self.image_at(step)
         if image is not None:
-            self.stream.log("camera", self.rerun.Image(image).compress())
-        heading = np.array([[np.cos(pose[2]), np.sin(pose[2])]])
-        arrow = _on_ground(ARROW_FRACTION * self.size * heading)
-        origin, red = _on_ground(pose[None, :2]), rgb_levels(RED)
-        arrows = self.rerun.Arrows3D(origins=origin, vectors=arrow, colors=red)
-        self.stream.log("map/robot", arrows)
-        self._log_hypotheses(snapshot.hypotheses)
+            log("camera", rerun.Image(image).compress())
+        self._log_arrows("map/robot", pose[None], colors=rgb_levels(RED))
+        probability = snapshot.hypotheses[:, 3]
+        opacity = (55 + 200 * np.clip(probability, 0, 1)).astype(np.int64).tolist()
+        colors = [[*rgb_levels(GREEN), each] for each in opacity]
+        labels = [f"{each:.2f}" for each in probability.tolist()]
+        self._log_arrows("map/hypotheses", snapshot.hypotheses, colors=colors, labels=labels)
         largest = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
-        self.stream.log("plots/sigma", self.rerun.Scalars(largest))
-        self.stream.log("plots/landmarks", self.rerun.Scalars(len(landmarks)))
+        log("plots/sigma", rerun.Scalars(largest))
+        log("plots/landmarks", rerun.Scalars(len(landmarks)))
 
-    def _log_hypotheses(self, hypotheses: FloatArray) -> None:
-        """Arrows at the poses that a lost robot may have, as opaque as they are probable."""
-        heading, probability = hypotheses[:, 2], hypotheses[:, 3]
-        vectors = ARROW_FRACTION * self.size * np.stack([np.cos(heading), np.sin(heading)], 1)
-        opacity = (55 + 200 * np.clip(probability, 0, 1)).astype(np.int64)
-        colors = [[*rgb_levels(GREEN), each] for each in opacity.tolist()]
-        arrows = self.rerun.Arrows3D(
-            origins=_on_ground(hypotheses[:, :2]),
-            vectors=_on_ground(vectors),
-            colors=colors,
-            labels=[f"{each:.2f}" for each in probability.tolist()],
-        )
-        self.stream.log("map/hypotheses", arrows)
+    def _log_arrows(self, entity: str, poses: FloatArray, **style: Any) -> None:
+        """Arrows at poses (n, 3 or more)."""
+        heading = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], 1)
+        origins, vectors = _on_ground(poses[:, :2]), _on_ground(self.arrow_length * heading)
+        self.stream.log(entity, self.rerun.Arrows3D(origins=origins, vectors=vectors, **style))
 
     def _log_lines(self, entity: str, lines: Iterable[FloatArray], color: str) -> None:
         strips = [_on_ground(each) for each in lines]
@@ -235,17 +144,83 @@ class _MapRecording:
         self.stream.log(entity, lines3d)
 
 
-def _open_viewer(rerun: Any, stream: Any, in_browser: bool) -> None:
-    """Open a window of the viewer, or a page with it."""
-    try:
-        if in_browser:
-            rerun.serve_web_viewer(connect_to=stream.serve_grpc())
-            return
-        with _interpreter_folder_on_path():
-            stream.spawn()
-    except (RuntimeError, OSError) as error:
-        reason = str(error).splitlines()[0]
-        raise ConfigError(f"rerun: its viewer cannot be started: {reason}") from error
+class LiveImages:
+    """A rerun viewer, opened at once, that shows the images of a camera and what is found in them.
+
+    Args:
+        name: of the camera.
+        in_browser: open the viewer as a page in the browser, which this process serves.
+
+    Raises:
+        ConfigError: rerun is not installed, or its viewer cannot be started.
+    """
+
+    def __init__(self, name: str, *, in_browser: bool = False) -> None:
+        self.rerun, self.stream = _open_recording("saccade", name, in_browser)
+
+    def __call__(
+        self, time: float, image: Image, heat: Image | None = None, points: FloatArray | None = None
+    ) -> None:
+        """Show a frame.
+
+        Args:
+            time: in seconds.
+            image: (H, W, 3) uint8.
+            heat: (H, W, 3) uint8, such as saliency in colors.
+            points: (k, 3) x, y and radius of interest points in pixels.
+        """
+        rerun, stream = self.rerun, self.stream
+        stream.set_time("time", duration=time)
+        stream.log("camera", rerun.Image(image).compress())
+        if heat is not None:
+            stream.log("saliency", rerun.Image(heat).compress())
+        if points is not None:
+            shown = rerun.Points2D(points[:, :2], radii=points[:, 2], colors=rgb_levels(ORANGE))
+            stream.log("camera/keypoints", shown)
+
+
+def save_rrd(
+    path: str | Path,
+    name: str,
+    snapshots: Sequence[MapSnapshot],
+    time: FloatArray,
+    dead_reckoning: Trajectory,
+) -> Path:
+    """Write a file that the rerun viewer plays; arguments as of `LiveMap`.
+
+    Raises:
+        ConfigError: rerun is not installed.
+        OutputError: the file cannot be written.
+    """
+    box = bounds(np.concatenate([np.empty((0, 2)), *(each.path[:, :2] for each in snapshots)]))
+    with atomic_write(path) as temporary:
+        written = LiveMap(name, time, dead_reckoning, box=box, file=temporary)
+        written(snapshots)
+        written.stream.flush()
+        written.stream.disconnect()
+    return Path(path)
+
+
+def _open_recording(
+    application: str, name: str, in_browser: bool, file: Path | None = None
+) -> tuple[Any, Any]:
+    """The module rerun, and a recording that a window, a page or a file receives."""
+    rerun = import_optional("rerun", "live")
+    stream = rerun.RecordingStream(application)
+    if file is not None:
+        stream.save(file)
+    else:
+        try:
+            if in_browser:
+                rerun.serve_web_viewer(connect_to=stream.serve_grpc())
+            else:
+                with _interpreter_folder_on_path():
+                    stream.spawn()
+        except (RuntimeError, OSError) as error:
+            reason = str(error).splitlines()[0]
+            raise ConfigError(f"rerun: its viewer cannot be started: {reason}") from error
+    stream.send_recording_name(name)
+    return rerun, stream
 
 
 def _on_ground(xy: FloatArray) -> FloatArray:

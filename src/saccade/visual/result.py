@@ -16,7 +16,6 @@ from saccade.types import (
     FloatArray,
     IntArray,
     LandmarkMap,
-    NotebookTable,
     Table,
     Trajectory,
     column,
@@ -70,7 +69,7 @@ class LandmarkObservations(Table):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VisualResult(NotebookTable):
+class VisualResult:
     """Trajectory, map and observations of a drive of n frames."""
 
     trajectory: Trajectory
@@ -102,16 +101,6 @@ class VisualResult(NotebookTable):
     """What was learnt of the calibration; None where no window of frames is adjusted."""
     remarks: tuple[str, ...]
     """Warnings, one sentence each."""
-
-    def summary(self) -> dict[str, str]:
-        """Sizes and key numbers, by name."""
-        return {
-            "trajectory": self.trajectory.size,
-            "landmarks": str(len(self.map)),
-            "observations": repr(self.observations),
-            "frames lost": str(int(self.lost.sum())),
-            "remarks": "; ".join(self.remarks) or "none",
-        }
 
     def __repr__(self) -> str:
         return f"VisualResult({self.trajectory!r}, {self.map!r}, {self.observations!r})"
