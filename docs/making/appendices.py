@@ -30,9 +30,9 @@ def steps_markdown(appendix: str) -> str:
     code = Implementation.of_textbook(appendix).code
     parts = []
     for step in load_steps(appendix):
-        picture = f"![{step.alt}](pictures/appendix-{step.name}.webp){{ .wide }}"
-        equations = equations_html(step.equations, code, code)
-        parts += [f"### {step.title}", step.text, equations, picture, f"*{step.caption}*"]
-        if step.default:
-            parts.append(f'!!! info "Where the default differs"\n    {step.default}')
+        picture = f"![{step['alt']}](pictures/appendix-{step['name']}.webp){{ .wide }}"
+        equations = equations_html(step["equations"], code, code)
+        parts += [f"### {step['title']}", step["text"], equations, picture, f"*{step['caption']}*"]
+        if "default" in step:
+            parts.append(f'!!! info "Where the default differs"\n    {step["default"]}')
     return "\n\n".join(parts)

@@ -17,7 +17,7 @@ FORMULAS = Path(str(files("saccade.viewing") / "web" / "formulas.json"))
 def formulas_json() -> str:
     """MathML of every formula, by its TeX."""
     formulas = [
-        equation.tex for each in "ABC" for step in load_steps(each) for equation in step.equations
+        equation[1] for each in "ABC" for step in load_steps(each) for equation in step["equations"]
     ]
     table = {tex: mathml_of(tex) for tex in formulas}
     return json.dumps(table, indent=1, ensure_ascii=False) + "\n"

@@ -12,6 +12,7 @@ from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import read_image
 from saccade.viewing.page import shrunk
 from saccade.viewing.textbook import (
+    ENTRY_POINTS,
     Implementation,
     load_implementations,
     simulated_log,
@@ -65,22 +66,23 @@ def textbook(options: TextbookOptions) -> Result:
         if appendix not in appendices:
             raise ConfigError(f"{each.path}: {each.name} needs an image, found the log {source}")
         print_message(f"{each.name} is that of {each.path}")
-    walkthroughs = [
-        walk_through(replacements.get(each) or Implementation.of_textbook(each), image, log)
-        for each in appendices
-    ]
+    sections, results = [], {}
+    for appendix in appendices:
+        implementation = replacements.get(appendix) or Implementation.of_textbook(appendix)
+        section, results[appendix] = walk_through(implementation, image, log)
+        sections.append(section)
     page, lead = options.out / "report.html", LEAD.format(source=source.name)
-    write_text(page, walkthrough_page(f"saccade textbook: {source.name}", lead, walkthroughs))
+    write_text(page, walkthrough_page(f"saccade textbook: {source.name}", lead, sections))
     row = {
         "source": str(source),
         "report": str(page),
         "implementations": {
-            each.implementation.name: str(each.implementation.path)
-            if each.implementation.appendix in replacements
+            ENTRY_POINTS[appendix]: str(replacements[appendix].path)
+            if appendix in replacements
             else "saccade.textbook"
-            for each in walkthroughs
+            for appendix in appendices
         },
-        "results": {each.implementation.appendix: each.results for each in walkthroughs},
+        "results": results,
     }
-    rows = [row for each in walkthroughs for step in each.results.values() for row in step.items()]
+    rows = [row for steps in results.values() for step in steps.values() for row in step.items()]
     return Result(row, [Table(f"{source.name} -> {page}", ["", ""], rows)])

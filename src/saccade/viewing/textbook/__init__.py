@@ -2,6 +2,7 @@
 
 from saccade.viewing.textbook.ekf import simulated_log
 from saccade.viewing.textbook.walkthrough import (
+    ENTRY_POINTS,
     Implementation,
     equations_html,
     load_implementations,
@@ -13,6 +14,7 @@ from saccade.viewing.textbook.walkthrough import (
 )
 
 __all__ = [
+    "ENTRY_POINTS",
     "Implementation",
     "equations_html",
     "load_implementations",

@@ -15,6 +15,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from io import BytesIO
 from pathlib import Path
 from textwrap import dedent
+from traceback import walk_tb
 from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
@@ -147,6 +148,11 @@ def _text(lines: Sequence[str], numbers: Sequence[int]) -> str:
 
 ENTRY_POINTS = {"A": "contrast_saliency", "B": "sift", "C": "EkfSlam"}
 """By appendix: the function or class that implements it."""
+TITLES = {
+    "A": "A. The contrast-saliency model",
+    "B": "B. The Scale-Invariant Feature Transform",
+    "C": "C. EKF-SLAM",
+}
 Figures = dict[str, Figure]
 """By step."""
 Results = dict[str, dict[str, str]]
@@ -182,25 +188,6 @@ class Implementation:
         """The code of each equation by its number, and of each function by its name."""
         return equation_code(self.source, self.path.name)
 
-    def diff(self, other: "Implementation") -> str:
-        """Unified diff from another file to this one; empty where they are equal."""
-        names = (other.path.name, self.path.name)
-        sources = (other.source.splitlines(), self.source.splitlines())
-        return "\n".join(difflib.unified_diff(*sources, *names, lineterm="", n=1))
-
-
-@dataclass(frozen=True)
-class Walkthrough:
-    """The result of one appendix, run on data."""
-
-    implementation: Implementation
-    text: str
-    """File that computed it."""
-    diff: str
-    """Difference of that file from the textbook's; empty for the textbook's own."""
-    figures: Figures
-    results: Results
-
 
 def load_implementations(path: Path) -> list[Implementation]:
     """The entry points of the textbook that a Python file defines.
@@ -230,7 +217,7 @@ def load_implementations(path: Path) -> list[Implementation]:
 
 def walk_through(
     implementation: Implementation, image: Image | None, log: LandmarkLog
-) -> Walkthrough:
+) -> tuple[str, Results]:
     """Run an implementation, and compare its results with the textbook's.
 
     Args:
@@ -238,34 +225,43 @@ def walk_through(
         image: (H, W, 3) in [0, 1]; not needed for appendix C.
         log: for appendix C.
 
+    Returns:
+        A section of the page, as HTML, and the results.
+
     Raises:
         ConfigError: a file of the user failed.
         LogError: the log has no landmark identities, or another motion model.
     """
-    textbook, path = Implementation.of_textbook(implementation.appendix), implementation.path
+    appendix, path, name = implementation.appendix, implementation.path, implementation.name
+    textbook, diff = Implementation.of_textbook(appendix), ""
     if path == textbook.path:
         figures, results = run_appendix(implementation, image, log)
         text = (
             f"Computed by `{path}`. To try an equation of your own, copy this file, change it, "
-            f"and pass the copy as `--module`: its `{implementation.name}` then replaces this one."
+            f"and pass the copy as `--module`: its `{name}` then replaces this one."
         )
-        diff = ""
     else:
         with _errors_located_in(path):
             figures, results = run_appendix(implementation, image, log)
         _, expected = run_appendix(textbook, image, log, draw=False)
         for step, values in results.items():
-            for name, value in values.items():
-                if value != (usual := expected.get(step, {}).get(name)):
-                    values[name] = f"{value} (textbook: {usual})"
+            for key, value in values.items():
+                if value != (usual := expected.get(step, {}).get(key)):
+                    values[key] = f"{value} (textbook: {usual})"
         text = f"Computed by `{path}` in place of the textbook. Its lines that differ:"
-        diff = implementation.diff(textbook) or "none"
-    if implementation.appendix == "C" and log.motion == "compose":
+        sources = (textbook.source.splitlines(), implementation.source.splitlines())
+        names = (textbook.path.name, path.name)
+        diff = "\n".join(difflib.unified_diff(*sources, *names, lineterm="", n=1)) or "none"
+    if appendix == "C" and log.motion == "compose":
         text += (
             " The controls of this log translate before they turn: each becomes two, (d, φ) of the "
             "translation and of the remaining turn, without the lateral uncertainty."
         )
-    return Walkthrough(implementation, text, diff, figures, results)
+    parts = [f"<section>\n<h2>{TITLES[appendix]}</h2>\n<p>{_prose_html(text)}</p>"]
+    if diff:
+        parts.append(f'<pre class="changed"><code>{escape(diff)}</code></pre>')
+    parts += [_step_html(each, implementation, figures, results) for each in load_steps(appendix)]
+    return "\n".join([*parts, "</section>"]), results
 
 
 def run_appendix(
@@ -297,77 +293,37 @@ def _errors_located_in(path: Path) -> Iterator[None]:
     except SaccadeError:
         raise
     except (Exception, SystemExit) as error:
-        line = getattr(error, "lineno", None) if isinstance(error, SyntaxError) else None
-        trace = error.__traceback__
-        while trace is not None:
-            if Path(trace.tb_frame.f_code.co_filename) == path.resolve():
-                line = trace.tb_lineno
-            trace = trace.tb_next
+        line, message = None, str(error)
+        if isinstance(error, SyntaxError):
+            line, message = error.lineno, error.msg
+        for frame, number in walk_tb(error.__traceback__):
+            if Path(frame.f_code.co_filename) == path.resolve():
+                line = number
         location = f"{path}, line {line}" if line else f"{path}: its result cannot be shown"
-        message = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
+        message = " ".join(message.split())
         raise ConfigError(f"{location}: {type(error).__name__}: {message}") from error
 
 
-TITLES = {
-    "A": "A. The contrast-saliency model",
-    "B": "B. The Scale-Invariant Feature Transform",
-    "C": "C. EKF-SLAM",
-}
 WIDE_TEX = 36
 """Characters of TeX from which a formula may be wider than a phone."""
 
 
-@dataclass(frozen=True)
-class Equation:
-    """A formula, and how to look up its code."""
-
-    number: str
-    """Number in the source; empty where it has none."""
-    tex: str
-    function: str | None = None
-    """The function that computes it, where no comment cites its number."""
-
-    def code_in(self, code: Mapping[str, Code]) -> Code | None:
-        """Its lines in the code of an implementation; None where it has none."""
-        return code.get(self.function or self.number)
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step of an appendix as `web/appendices.toml` describes it."""
-
-    appendix: str
-    name: str
-    title: str
-    text: str
-    equations: Sequence[Equation]
-    alt: str
-    """Its figure in words."""
-    caption: str
-    default: str = ""
-    """Difference of the default of `saccade` from the source, and its reason."""
-
-
-def load_steps(appendix: str) -> list[Step]:
-    """The steps of an appendix, in order."""
+def load_steps(appendix: str) -> list[dict[str, Any]]:
+    """The steps of an appendix, in order, as `web/appendices.toml` describes them."""
     steps = tomllib.loads(web_file("appendices.toml"))["step"]
-    return [
-        Step(**step | {"equations": [Equation(*each) for each in step["equations"]]})
-        for step in steps
-        if step["appendix"] == appendix
-    ]
+    return [step for step in steps if step["appendix"] == appendix]
 
 
-def walkthrough_page(title: str, lead: str, walkthroughs: Sequence[Walkthrough]) -> str:
+def walkthrough_page(title: str, lead: str, sections: Sequence[str]) -> str:
     """The page as the text of one HTML file without scripts.
 
     Args:
         title: of the page.
         lead: its first paragraph.
-        walkthroughs: one for each appendix.
+        sections: HTML, one for each appendix.
     """
-    body = "\n".join(map(_walkthrough_html, walkthroughs))
-    return standalone_page(title, lead, body, [web_file("page.css"), web_file("steps.css")])
+    styles = [web_file("page.css"), web_file("steps.css")]
+    return standalone_page(title, lead, "\n".join(sections), styles)
 
 
 def save_webp(figure: Figure, file: BytesIO | Path) -> None:
@@ -383,18 +339,19 @@ def save_webp(figure: Figure, file: BytesIO | Path) -> None:
 
 
 def equations_html(
-    equations: Sequence[Equation], code: Mapping[str, Code], textbook: Mapping[str, Code]
+    equations: Sequence[Sequence[str]], code: Mapping[str, Code], textbook: Mapping[str, Code]
 ) -> str:
     """Number and formula on the left, the lines of code on the right.
 
     Args:
-        equations: of one step.
+        equations: of one step: number, TeX and, where no comment cites the number, the function.
         code: of the implementation.
         textbook: code of the textbook; lines that differ from it are marked.
     """
     rows = (
-        _equation_html(equation, equation.code_in(code), equation.code_in(textbook))
-        for equation in equations
+        _equation_html(number, tex, code.get(key), textbook.get(key))
+        for number, tex, *function in equations
+        for key in (function or [number])
     )
     return f'<div class="equations">\n{"".join(rows)}</div>'
 
@@ -406,42 +363,33 @@ def mathml() -> dict[str, str]:
     return formulas
 
 
-def _walkthrough_html(walkthrough: Walkthrough) -> str:
-    appendix = walkthrough.implementation.appendix
-    heading = f"<section>\n<h2>{TITLES[appendix]}</h2>"
-    parts = [f"{heading}\n<p>{_prose_html(walkthrough.text)}</p>"]
-    if walkthrough.diff:
-        parts.append(f'<pre class="changed"><code>{escape(walkthrough.diff)}</code></pre>')
-    parts += [_step_html(step, walkthrough) for step in load_steps(appendix)]
-    return "\n".join([*parts, "</section>"])
-
-
-def _step_html(step: Step, walkthrough: Walkthrough) -> str:
+def _step_html(
+    step: Mapping[str, Any], implementation: Implementation, figures: Figures, results: Results
+) -> str:
     """Heading, text, equations beside code, figure, results and remark."""
-    implementation = walkthrough.implementation
-    textbook = Implementation.of_textbook(step.appendix).code
+    code, name = Implementation.of_textbook(implementation.appendix).code, step["name"]
     parts = [
-        f"<h3>{escape(step.title)}</h3>\n<p>{_prose_html(step.text)}</p>",
-        equations_html(step.equations, implementation.code, textbook),
+        f"<h3>{escape(step['title'])}</h3>\n<p>{_prose_html(step['text'])}</p>",
+        equations_html(step["equations"], implementation.code, code),
     ]
-    if (figure := walkthrough.figures.get(step.name)) is not None:
+    if name in figures:
         with BytesIO() as file:
-            save_webp(figure, file)
+            save_webp(figures[name], file)
             source = data_uri("webp", file.getvalue())
-        parts.append(picture_html(Picture(source, step.alt, step.caption, wide=True)))
-    if results := walkthrough.results.get(step.name):
-        rows = (f"<dt>{escape(name)}</dt><dd>{escape(each)}</dd>" for name, each in results.items())
+        parts.append(picture_html(Picture(source, step["alt"], step["caption"], wide=True)))
+    if name in results:
+        rows = (f"<dt>{escape(n)}</dt><dd>{escape(each)}</dd>" for n, each in results[name].items())
         parts.append(f"<dl>{''.join(rows)}</dl>")
-    if step.default:
-        parts.append(f'<p class="default">{_prose_html(step.default)}</p>')
+    if "default" in step:
+        parts.append(f'<p class="default">{_prose_html(step["default"])}</p>')
     return "\n".join(parts)
 
 
-def _equation_html(equation: Equation, code: Code | None, textbook: Code | None) -> str:
-    formula, number = mathml()[equation.tex], escape(equation.number)
+def _equation_html(number: str, tex: str, code: Code | None, textbook: Code | None) -> str:
+    formula, number = mathml()[tex], escape(number)
     name = f"equation {number}" if number else "formula"
     scrollable = f' tabindex="0" role="group" aria-label="{name}"'
-    wide = scrollable if "<mtable" in formula or len(equation.tex) > WIDE_TEX else ""
+    wide = scrollable if "<mtable" in formula or len(tex) > WIDE_TEX else ""
     if code is None:
         lines = "<p>No line cites it.</p>"
     else:
