@@ -43,17 +43,6 @@ class SaliencyMaps:
 
         return {name: resize(layer, self.image_shape) for name, layer in self.layers.items()}
 
-    def summary(self) -> dict[str, str]:
-        """Sizes and key numbers, by name."""
-        (h, w), (height, width) = self.saliency.shape, self.image_shape
-        row, column = divmod(int(self.saliency.argmax()), w)
-        x, y = (column + 0.5) * width / w - 0.5, (row + 0.5) * height / h - 0.5
-        return {
-            "image": f"{width} x {height} pixels",
-            "maps": f"{w} x {h} cells: {', '.join(self.layers)}",
-            "most salient": f"x {x:.0f}, y {y:.0f}",
-        }
-
     def __repr__(self) -> str:
         (h, w), (height, width) = self.saliency.shape, self.image_shape
         return f"{type(self).__name__}({w} x {h} cells of a {width} x {height} image)"
