@@ -260,16 +260,3 @@ def test_colmap_opens_matches_and_two_view_geometries(photos, tmp_path, geometry
         assert residuals[0].max() < 10
     database.close()
     assert verified >= 2
-
-
-def test_regions_of_symmetry_are_matched_too(run, photos):
-    words = ["match", f"{photos}/*.png", "--detector", "symroid", "--max", 40, "--workers", 1]
-    code, out, _ = run(*words, "--json")
-    assert code == 0
-    images = [saccade.read_image(photos / name) for name in ("one.png", "part.png")]
-    detect = saccade.SymRoid(saccade.SymRoidConfig(max_keypoints=40))
-    first, second = (detect(image).keypoints for image in images)
-    pairs = saccade.match(first, second)
-    row = json.loads(out)
-    assert row["matches"] == len(pairs) > 10
-    assert row["inliers"] == saccade.verify(first, second, pairs).inliers.sum()

@@ -18,6 +18,7 @@ from saccade.keypoints.descriptor import (
     max_samples,
     orientation_histograms,
     quantized,
+    smoothed,
 )
 from saccade.keypoints.scale_space_points import Points
 from support import oracles_keypoints as oracles
@@ -42,8 +43,9 @@ def dense(**settings):
 
 def orientations(octave, points, **settings):
     """Index, angle and relative height of the peaks."""
-    histograms = orientation_histograms(octave, points, dense(**settings))
-    return histogram_peaks(histograms, every_bin=False)
+    config = dense(**settings)
+    histograms = orientation_histograms(octave, points, config)
+    return histogram_peaks(smoothed(histograms, config.smoothing), every_bin=False)
 
 
 def ramp(angle, shape=(41, 41)):

@@ -22,7 +22,6 @@ ADDED_SETTINGS: dict[str, dict[str, Any]] = {
         "ranking": "response",
     },
     "MustConfig": {"descriptor": DescriptorConfig()},
-    "SymRoidConfig": {"descriptor": DescriptorConfig()},
 }
 """Settings that release 0.1 did not have, and the values by which it worked. At these they are left
 out of the description of a job, so that data sets of that release keep their fingerprint."""

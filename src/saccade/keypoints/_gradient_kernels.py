@@ -79,21 +79,6 @@ def fill_orientation_histograms(
         histograms[i, 1] += bins[ORIENTATION_BINS + 1]
 
 
-@kernel()
-def smooth_histograms(histograms: Float32Array, passes: int) -> None:
-    """Pass [1 2 1] / 4 over each row of (n, m) circular histograms."""
-    count = histograms.shape[1]
-    padded = np.empty(count + 2, np.float32)
-    quarter, half = np.float32(0.25), np.float32(0.5)
-    for i in range(len(histograms)):
-        for _ in range(passes):
-            padded[0], padded[count + 1] = histograms[i, count - 1], histograms[i, 0]
-            for k in range(count):
-                padded[k + 1] = histograms[i, k]
-            for k in range(count):
-                histograms[i, k] = quarter * (padded[k] + padded[k + 2]) + half * padded[k + 1]
-
-
 @kernel(fastmath=("nnan", "nsz", "contract"))
 def _interpolate_directions(
     samples: Float32Array, count: int, linear: bool, lower: Int32Array, weights: Float32Array

@@ -2,17 +2,19 @@
 
 from dataclasses import dataclass, field, fields
 from math import inf
-from typing import Literal, Self
+from typing import Self
 
 from saccade.errors import Settings, setting
-from saccade.keypoints.sift_config import MIN_RESPONSE, DescriptorConfig, SiftConfig
-
-CONTRAST_THRESHOLD = 0.05
-"""Smallest symmetry, where neither it nor the number of keypoints is given."""
+from saccade.keypoints.sift_config import (
+    MIN_RESPONSE,
+    DescriptorConfig,
+    SelectionConfig,
+    SiftConfig,
+)
 
 
 @dataclass(frozen=True)
-class MustConfig(Settings):
+class MustConfig(SelectionConfig):
     """Settings of the detector; `saccade.keypoints.must` says why these are the defaults."""
 
     first_octave: int = setting(-1, -1, 0, slider=1)
@@ -37,33 +39,16 @@ class MustConfig(Settings):
     contrast_threshold: float | None = setting(None, 0, below=1000, slider=(0, 0.5, 0.005))
     """Smallest symmetry: the weighted mean over the pairs of strength and phase weight. None for
     0.05, or with `max_keypoints` for as little as it takes to have so many."""
-    neighbors: Literal[10, 26] = 10
-    """Samples that a maximum is compared with: all 26 around it, or 10 as `SiftConfig` has it."""
     edge_ratio: float = setting(50.0, 1, inf, slider=(1, 100, 1))
     """Largest ratio of the principal curvatures of the symmetry, as B.10 has it for D."""
-    border: int = setting(5, 2, slider=(2, 20, 1))
-    """Samples at the edge of every octave that are not searched."""
-    max_orientations: int | None = setting(None, 1, slider=(0, 8, 1))
-    """Strongest orientations to keep at a position; None for all over 80 % of the highest."""
-    upright: bool = False
-    """Give every keypoint the angle 0."""
-    max_keypoints: int | None = setting(None, 1, slider=(0, 10_000, 50))
-    """Number of keypoints to keep, the strongest; None for all."""
-    spread: bool = False
-    """Keep as many, but rather those that are far from any clearly stronger one."""
     descriptor: DescriptorConfig = field(default_factory=DescriptorConfig)
     """How orientations are assigned and keypoints described."""
+
+    default_threshold = 0.05
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.sift()  # checks combinations
-
-    @property
-    def min_response(self) -> float:
-        """Smallest symmetry of a keypoint."""
-        if self.contrast_threshold is not None:
-            return self.contrast_threshold
-        return CONTRAST_THRESHOLD if self.max_keypoints is None else MIN_RESPONSE
 
     @classmethod
     def kootstra2010(cls) -> Self:

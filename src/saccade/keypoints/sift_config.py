@@ -60,26 +60,19 @@ class DescriptorConfig(Settings):
         )
 
 
-CONTRAST_THRESHOLD = 0.016
-"""Smallest |D| of a keypoint, where neither it nor the number of keypoints is given."""
 MIN_RESPONSE = 1e-4
 """Response that passes all but rounding errors."""
 
 
 @dataclass(frozen=True)
-class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
-    """Settings of scale space, detector and descriptor; the default is `recommended`.
-
-    Thresholds are for images in [0, 1].
-    """
+class SelectionConfig(Settings):
+    """Which extrema of a scale space become keypoints; the default is `Sift`'s."""
 
     border: int = setting(5, 2, slider=(2, 20, 1))
     """Samples at the edge of every octave that are not searched."""
     contrast_threshold: float | None = setting(None, 0, below=1, slider=(0, 0.1, 0.001))
     """Smallest |D| at an extremum, tau_c (B.6). None for 0.016, or with `max_keypoints` for as
     little as it takes to have so many."""
-    candidate_fraction: float = setting(0.7, 0, 1, slider=0.05)
-    """Fraction of `contrast_threshold` that a sample must exceed before the fit."""
     neighbors: Literal[10, 26] = 10
     """Samples that an extremum is compared with: all 26 around it, as Lowe has it, or the 8 in its
     plane and the 2 above and below. Where samples are sparse one of the other 16 often belongs to
@@ -87,37 +80,51 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
     tells extrema from saddles."""
     edge_ratio: float = setting(15.0, 1, inf, slider=(1, 50, 0.5))
     """Largest ratio of the principal curvatures, tau_r (B.10)."""
-    fit: Literal["lagrange", "quadratic", "once"] = "lagrange"
-    """"once" is B.5 alone. "quadratic" fits again from the neighboring sample while that is
-    nearer to the extremum, as Lowe does. "lagrange" continues with the polynomial through 9
-    samples each way, which localizes a blob's center within 0.003 samples rather than 0.07, and
-    keeps the extrema halfway between two samples, where the quadratic goes back and forth."""
     max_orientations: int | None = setting(None, 1, slider=(0, 8, 1))
     """Strongest orientations to keep at a position; None for all over 80 % of the highest."""
     upright: bool = False
     """Give every keypoint the angle 0."""
     max_keypoints: int | None = setting(None, 1, slider=(0, 10_000, 50))
     """Number of keypoints to keep, the strongest; None for all."""
+    spread: bool = False
+    """Keep as many, but rather those that are far from any clearly stronger one: they cover
+    the image (adaptive non-maximal suppression)."""
+
+    default_threshold = 0.016
+    """The threshold where neither it nor the number of keypoints is given."""
+
+    @property
+    def min_response(self) -> float:
+        """Smallest response of a keypoint."""
+        if self.contrast_threshold is not None:
+            return self.contrast_threshold
+        return self.default_threshold if self.max_keypoints is None else MIN_RESPONSE
+
+
+@dataclass(frozen=True)
+class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
+    """Settings of scale space, detector and descriptor; the default is `recommended`.
+
+    Thresholds are for images in [0, 1].
+    """
+
+    candidate_fraction: float = setting(0.7, 0, 1, slider=0.05)
+    """Fraction of `contrast_threshold` that a sample must exceed before the fit."""
+    fit: Literal["lagrange", "quadratic", "once"] = "lagrange"
+    """"once" is B.5 alone. "quadratic" fits again from the neighboring sample while that is
+    nearer to the extremum, as Lowe does. "lagrange" continues with the polynomial through 9
+    samples each way, which localizes a blob's center within 0.003 samples rather than 0.07, and
+    keeps the extrema halfway between two samples, where the quadratic goes back and forth."""
     ranking: Literal["signal-to-noise", "response"] = "signal-to-noise"
     """What makes a keypoint strong: "response" is |D|; "signal-to-noise" is |D| times the scale
     in pixels, which is proportional to that ratio: white noise of the pixels has in D a standard
     deviation that falls as 1 / sigma. With `max_keypoints` scales level off at a fiftieth of it:
     the strongest few would else all be large, and large ones are localized coarsely."""
-    spread: bool = False
-    """Keep as many, but rather those that are far from any clearly stronger one: they cover
-    the image (adaptive non-maximal suppression)."""
 
     def __post_init__(self) -> None:
         ScaleSpaceConfig.__post_init__(self)  # checks the ranges of the descriptor too
         limited = self.max_keypoints is not None
         require(limited or not self.spread, "spread", "max_keypoints with it", self.max_keypoints)
-
-    @property
-    def min_response(self) -> float:
-        """Smallest |D| of a keypoint."""
-        if self.contrast_threshold is not None:
-            return self.contrast_threshold
-        return CONTRAST_THRESHOLD if self.max_keypoints is None else MIN_RESPONSE
 
     @classmethod
     def recommended(cls) -> Self:

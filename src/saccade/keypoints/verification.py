@@ -1,6 +1,6 @@
 """Geometric verification of matches by a fundamental or essential matrix, or a homography."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -168,17 +168,28 @@ def verify_positions(
     intrinsics: FloatArray | None = None,
 ) -> Verification:
     """`verify` of (m, 4) rows x1, y1, x2, y2 and (m, 2) standard deviations of both positions."""
-    if geometry == "essential":
+    if geometry == "essential":  # in the planes z = 1
         K = np.zeros(0) if intrinsics is None else np.asarray(intrinsics, np.float64)
         require(K.shape == (3, 3), "intrinsics", "a (3, 3) camera matrix", intrinsics)
         focal, inverse = np.sqrt(K[0, 0] * K[1, 1]), np.asarray(np.linalg.inv(K), np.float64)
         matched = np.hstack([project(inverse, matched[:, :2]), project(inverse, matched[:, 2:])])
         sigma, tolerance = sigma / focal, tolerance / focal
-    unique, row = np.unique(matched, axis=0, return_inverse=True)
-    smallest = np.full((len(unique), 2), np.inf)
+    none = Verification(geometry, None, np.zeros(len(matched), np.bool_))
+    matched, row = np.unique(matched, axis=0, return_inverse=True)
+    smallest = np.full((len(matched), 2), np.inf)
     np.minimum.at(smallest, row.ravel(), sigma)
-    found = estimate(unique, smallest, geometry, tolerance, min_inliers)
-    return replace(found, inliers=found.inliers[row.ravel()])
+    matrix, inliers = sample_consensus(matched, geometry, tolerance)
+    if matrix is None or inliers.sum() < min_inliers:
+        return none
+    fit = best_fit(matrix, inliers, geometry, matched, smallest, tolerance)
+    if fit is not None:
+        matrix = fit.matrix
+        inliers = match_errors(matrix, geometry, matched) < tolerance
+    if inliers.sum() < min_inliers:
+        return none
+    covariance = None if fit is None else fit.covariance
+    pose = pose_of(matrix, matched[inliers], covariance) if geometry == "essential" else None
+    return Verification(geometry, matrix, inliers[row.ravel()], covariance, pose)
 
 
 def position_sigma(keypoints: Keypoints) -> FloatArray:
@@ -195,26 +206,15 @@ def position_sigma(keypoints: Keypoints) -> FloatArray:
     return sigma
 
 
-def estimate(
+def best_fit(
+    matrix: FloatArray,
+    inliers: BoolArray,
+    geometry: Geometry,
     matched: FloatArray,
     sigma: FloatArray,
-    geometry: Geometry,
     tolerance: float,
-    min_inliers: int,
-) -> Verification:
-    """The geometry of distinct matches.
-
-    Args:
-        matched: (m, 4) rows x1, y1, x2, y2, in pixels; for an essential matrix in planes z = 1.
-        sigma: (m, 2) standard deviations of both positions along each axis, likewise.
-        geometry: its kind.
-        tolerance: inlier threshold, likewise.
-        min_inliers: inliers of a geometry that is accepted.
-    """
-    none = Verification(geometry, None, np.zeros(len(matched), np.bool_))
-    matrix, inliers = sample_consensus(matched, geometry, tolerance)
-    if matrix is None or inliers.sum() < min_inliers:
-        return none
+) -> Fit | None:
+    """The refined model of distinct matches; None where they do not determine it."""
     starts = [matrix]
     if geometry == "essential":  # where most points are on one plane, samples rarely determine it
         plane, on_plane = sample_consensus(matched, "homography", tolerance)
@@ -222,21 +222,16 @@ def estimate(
             starts += essentials_of_plane(plane)
     refined = [refine_repeatedly(start, geometry, matched, sigma, tolerance) for start in starts]
     fits = [fit for fit in refined if fit is not None]
-    covariance = None
-    if fits:
-        scale = max(min(fit.scale for fit in fits), MIN_SIGMA * float(sigma.min()))
+    if len(fits) < 2:
+        return fits[0] if fits else None
+    scale = max(min(fit.scale for fit in fits), MIN_SIGMA * float(sigma.min()))
 
-        def cost(fit: Fit) -> float:
-            """Truncated Cauchy loss of all matches."""
-            z = match_sigmas(fit.matrix, geometry, matched, sigma) / scale
-            return float(np.log1p(np.minimum(z, REFINED_SIGMAS) ** 2).sum())
+    def cost(fit: Fit) -> float:
+        """Truncated Cauchy loss of all matches."""
+        z = match_sigmas(fit.matrix, geometry, matched, sigma) / scale
+        return float(np.log1p(np.minimum(z, REFINED_SIGMAS) ** 2).sum())
 
-        matrix, covariance, _ = min(fits, key=cost)
-        inliers = match_errors(matrix, geometry, matched) < tolerance
-    if inliers.sum() < min_inliers:
-        return none
-    pose = pose_of(matrix, matched[inliers], covariance) if geometry == "essential" else None
-    return Verification(geometry, matrix, inliers, covariance, pose)
+    return min(fits, key=cost)
 
 
 def refine_repeatedly(
