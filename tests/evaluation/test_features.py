@@ -81,18 +81,6 @@ def test_means_and_intervals():
     assert result.of("a").mean() == scores(1.5)
 
 
-def test_differences_are_paired():
-    """A difference that every pair shows is certain, however much the pairs differ."""
-
-    def scores(*values):
-        rows = [PairScores(*[value] * 14) for value in values]
-        return FeatureScores([("a", str(i)) for i in range(len(rows))], rows)
-
-    difference = scores(2, 21, 601).minus(scores(1, 20, 600))
-    for end in difference:
-        assert end.auc_5 == pytest.approx(1)
-
-
 def test_an_image_shared_by_pairs_is_detected_in_once(scene):
     (scene / "3.png").write_bytes((scene / "2.png").read_bytes())
     np.savetxt(scene / "H_1_3.txt", SHIFT)

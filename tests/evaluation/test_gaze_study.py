@@ -82,8 +82,8 @@ def test_a_robot_that_decides_where_to_look_errs_less_than_half_of_one_that_look
     assert active["inside_3sigma"] > 0.8
 
 
-def test_a_constant_pan_and_a_view_of_everything_are_runs(tmp_path):
-    ahead, zero, around = (
-        result_of(GazeRun("pond", policy, 3), tmp_path) for policy in ("fixed", "0", "360")
-    )
+def test_a_policy_of_the_user_and_a_view_of_everything_are_driven():
+    world = landmark_world("pond")
+    ahead, zero = (drive_by_landmarks(world, policy, 3) for policy in ("fixed", lambda _: 0.0))
+    around = drive_by_landmarks(world, "fixed", 3, fov=2 * np.pi)
     assert zero["ate_m"] == ahead["ate_m"] > around["ate_m"]

@@ -1,14 +1,9 @@
 import numpy as np
-import pytest
-from evo.core import metrics
-from evo.core.trajectory import PoseTrajectory3D
 
 from out_and_back import OutAndBackConfig, out_and_back
-from saccade.datasets import load_drive
 from saccade.frames import Camera, Drive, Frame
 from saccade.plane import steps_between
 from saccade.types import Trajectory
-from support.odometry_alone import followed
 
 EXACT = OutAndBackConfig(20, 0, 0, 0, 0)
 
@@ -49,29 +44,3 @@ def test_covariances_are_those_of_the_errors_that_are_drawn():
     heading = errors[..., 2].sum(1)
     reached = np.sqrt(np.square(heading).mean())
     np.testing.assert_allclose(reached, np.sqrt(expected[:, 2, 2].sum()), rtol=0.15)
-
-
-@pytest.mark.shared
-def test_on_kitti_odometry_alone_is_as_poor_as_it_should_be(shared):
-    drive = load_drive("kitti", shared / "data" / "drives" / "kitti07")
-    errors = []
-    for seed in range(4):
-        there = out_and_back(drive, seed=seed)
-        ours, true = (
-            _for_evo(there.time, pose)
-            for pose in (followed(there.start, there.control), there.truth.pose)
-        )
-        ours.align(true)
-        ape = metrics.APE(metrics.PoseRelation.translation_part)
-        ape.process_data((true, ours))
-        errors.append(ape.get_statistic(metrics.StatisticsType.rmse))
-    assert len(there) == 160
-    assert 2.1 < min(errors) < 2.3
-    assert 4.8 < max(errors) < 5.0
-
-
-def _for_evo(time, pose):
-    half = pose[:, 2] / 2
-    nothing = np.zeros(len(pose))
-    turned = np.stack([np.cos(half), nothing, nothing, np.sin(half)], 1)
-    return PoseTrajectory3D(np.column_stack([pose[:, :2], nothing]), turned, time)

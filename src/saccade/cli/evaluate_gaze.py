@@ -18,8 +18,7 @@ MEANING = (
     "ATE: absolute trajectory error, the median. Relative to fixed and to sweep: geometric mean "
     "over worlds and seeds of its ratio to that of the policy, with the 95 % interval over the "
     "seeds; lower is better. Closed: drives that saw known landmarks again in a later lap. Inside: "
-    "poses whose true position lies in the 99.7 % ellipse. A number is a constant pan in degrees, "
-    "360 a view in all directions."
+    "poses whose true position lies in the 99.7 % ellipse."
 )
 BY_WORLD = "Geometric mean over the seeds. Worst drive: greatest ratio of a single drive."
 
@@ -36,8 +35,7 @@ class GazeOptions(ReportOptions):
     """pond, clover, island, park, yard or campus, uneven worlds of 62 to 114 m. Several with
     commas."""
     policies: list[str] | None = option(None, "--policy", show_default="all names")
-    """fixed, sweep, random, salient, active, a constant pan in degrees, or 360. Several with
-    commas."""
+    """fixed, sweep, random, salient or active. Several with commas."""
     seeds: int = option(10, min=1)
     """Number of drives of each, with consecutive seeds."""
     first_seed: int = option(0, min=0)

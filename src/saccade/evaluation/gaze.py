@@ -6,7 +6,6 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from math import tau
 from multiprocessing import get_context
 from pathlib import Path
 from types import NoneType
@@ -184,8 +183,6 @@ def _robot(log: LandmarkLog, known: bool) -> Slam:
 
 SCORES = "ate_m", "closed", "inside_3sigma"
 """Scores that are stored of each run."""
-ALL_AROUND = "360"
-"""A view in all directions at once: the bound."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +196,7 @@ class GazeRun(Settings):
     world: str
     """A name of `COURSES`."""
     policy: str
-    """A name of `POLICIES`, degrees to the left of a constant pan, or `ALL_AROUND`."""
+    """A name of `POLICIES`."""
     seed: int
     """Of the world's noise, and of what the policy draws."""
     map: Literal["new", "known"] = "new"
@@ -208,9 +205,8 @@ class GazeRun(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.world in COURSES, "world", f"one of {', '.join(COURSES)}", self.world)
-        policies = (*POLICIES, "a pan in degrees", ALL_AROUND)
-        known = self.policy in policies or self.policy.lstrip("-").isdecimal()
-        require(known, "policy", f"one of {', '.join(policies)}", self.policy)
+        expected = f"one of {', '.join(POLICIES)}"
+        require(self.policy in POLICIES, "policy", expected, self.policy)
 
     def path(self, out: Path) -> Path:
         """The file of the run; each version of the package has its own."""
@@ -223,15 +219,8 @@ def result_of(run: GazeRun, out: Path) -> dict[str, Any]:
     path, names = run.path(out), {"world": run.world, "policy": run.policy, "seed": run.seed}
     if path.exists():
         return read_run(path, names, SCORES)
-    policy: str | Policy = run.policy
-    fov = FIELD_OF_VIEW
-    if run.policy == ALL_AROUND:
-        policy, fov = "fixed", tau
-    elif run.policy not in POLICIES:
-        pan = float(np.radians(float(run.policy)))
-        policy = lambda _: pan  # noqa: E731
     world = landmark_world(run.world)
-    row = names | drive_by_landmarks(world, policy, run.seed, run.map == "known", fov)
+    row = names | drive_by_landmarks(world, run.policy, run.seed, run.map == "known")
     write_run(path, row)
     return row
 
