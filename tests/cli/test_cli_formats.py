@@ -12,11 +12,10 @@ from scipy.io import loadmat
 
 import saccade
 from saccade.attention.models import AttentionModel
-from saccade.datasets.fixations import read_fixations, write_fixations
 from saccade.scale.pyramid import resize
-from saccade.types import FixationTable
 from saccade.viewing import save_figure
 from support.circular_log import simulate
+from support.commands import json_of
 
 DATA = Path(str(files("saccade") / "data"))
 HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
@@ -108,17 +107,9 @@ def test_maps_at_the_size_of_the_image_are_those_of_the_model(run, photos, tmp_p
 @pytest.fixture(scope="module")
 def looked(photos, tmp_path_factory):
     """The folder and the rows of `look` with both tables."""
-    import sys
-
-    from typer.testing import CliRunner
-
-    from saccade.cli import app
-
     out = tmp_path_factory.mktemp("looked")
-    words = ["look", str(photos), "--format", "csv", "--format", "mat", "--fixations", "4"]
-    done = CliRunner().invoke(app, [*words, "--out", str(out), "--json"])
-    assert done.exit_code == 0, (done.output, sys.exc_info())
-    return out, json.loads(done.stdout)
+    words = ["look", photos, "--format", "csv", "--format", "mat", "--fixations", 4]
+    return out, json_of(*words, "--out", out)
 
 
 def test_scanpaths_are_a_tidy_table(looked):
@@ -159,24 +150,6 @@ def test_matlab_reads_the_same_fixations(looked, stem):
                 for k in numbers
             ]
     pandas.testing.assert_frame_equal(pandas.DataFrame(rows, columns=table.columns), table)
-
-
-def test_fixations_come_back_from_either_file(tmp_path, rng):
-    n = 12
-    table = FixationTable(
-        np.array(["é漢.jpg"] * 5 + ["b c.jpg"] * 7),
-        np.array([3] * 2 + [14] * 3 + [0] * 7),
-        np.array([*range(2), *range(3), *range(7)]),
-        rng.uniform(0, 500, (n, 2)),
-        rng.uniform(0.1, 0.5, n),
-    )
-    order = np.lexsort((table.index, table.viewer, table.image))
-    for kind in ("csv", "mat"):
-        write_fixations(tmp_path / f"a.{kind}", table, pupil=rng.random(n))
-        found = read_fixations(tmp_path / f"a.{kind}")
-        for field in ("image", "viewer", "index", "xy"):
-            np.testing.assert_array_equal(getattr(found, field), getattr(table, field)[order])
-        np.testing.assert_allclose(found.duration, table.duration[order], rtol=1e-14)
 
 
 def test_fixations_on_absent_images_can_be_left_out(run, photos, tmp_path):

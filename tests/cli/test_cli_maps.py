@@ -5,22 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import saccade
 from saccade import slam
-from saccade.cli import app
 from saccade.datasets import load
 from saccade.errors import ConfigError
+from support.commands import json_of
 
 PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
-
-
-def ran(*arguments):
-    done = CliRunner().invoke(app, [*map(str, arguments)])
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    return json.loads(done.stdout)
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +22,7 @@ def folder(tmp_path_factory):
     lines = PARK.read_text().splitlines(keepends=True)
     (folder / "park.txt").write_text("".join(lines[:300]))
     map_file = folder / "park.npz"
-    row = ran(
-        *("slam", folder / "park.txt", "--out", folder / "first", "--save-map", map_file),
-        *("--no-film", "--json"),
-    )
+    row = json_of("slam", folder / "park.txt", "--out", folder / "first", "--save-map", map_file)
     assert row["map"] is None
     assert row["files"]["map"] == str(map_file)
     return folder
@@ -41,9 +30,9 @@ def folder(tmp_path_factory):
 
 @pytest.mark.parametrize("mode", ["continue", "localize"])
 def test_a_run_begins_with_a_map(folder, mode, tmp_path):
-    row = ran(
+    row = json_of(
         *("slam", folder / "park.txt", "--map", folder / "park.npz", "--start", "log"),
-        *("--mode", mode, "--out", tmp_path, "--no-film", "--json"),
+        *("--mode", mode, "--out", tmp_path),
     )
     saved = slam.Slam.load(folder / "park.npz")
     assert row["map"] == str(folder / "park.npz")
@@ -58,9 +47,9 @@ def test_a_run_begins_with_a_map(folder, mode, tmp_path):
 def test_a_start_is_typed(folder, tmp_path):
     log = load("auto", folder / "park.txt")
     start = ",".join(map(str, log.start))
-    ran(
+    json_of(
         *("slam", folder / "park.txt", "--map", folder / "park.npz", "--start", start),
-        *("--out", tmp_path, "--no-film", "--json"),
+        *("--out", tmp_path),
     )
     x = float((tmp_path / "poses.csv").read_text().splitlines()[1].split(",")[1])
     assert x == pytest.approx(log.start[0], abs=0.5)
@@ -76,7 +65,7 @@ def test_a_start_is_typed(folder, tmp_path):
 )
 def test_options_that_contradict_are_named(folder, options, message, tmp_path):
     with pytest.raises(ConfigError, match=message):
-        ran(
+        json_of(
             *("slam", folder / "park.txt", "--map", folder / "park.npz", "--out", tmp_path),
             *options,
         )
@@ -85,10 +74,10 @@ def test_options_that_contradict_are_named(folder, options, message, tmp_path):
 def test_maps_are_merged(folder, tmp_path):
     out = tmp_path / "both.npz"
     both = f"{folder / 'park.npz'},{folder / 'park.npz'}"
-    row = ran("slam", "--merge", both, "--save-map", out, "--json")
+    row = json_of("slam", "--merge", both, "--save-map", out)
     (merged,) = row["merged"]
     assert row["landmarks"] == merged["common"] == len(slam.Slam.load(out).ekf)
     np.testing.assert_allclose(merged["transform"], 0, atol=1e-6)
     for words in (["--merge", folder / "park.npz", "--save-map", out], ["--merge", both]):
         with pytest.raises(ConfigError, match="--merge: expected two maps or more, --save-map"):
-            ran("slam", *words)
+            json_of("slam", *words)

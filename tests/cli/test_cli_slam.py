@@ -1,6 +1,5 @@
 """`saccade slam` as a person runs it: what it writes, and what becomes of it when it is stopped."""
 
-import csv
 import json
 import signal
 import subprocess
@@ -10,14 +9,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pyarrow.parquet
+import pandas
 import pytest
 from evo.tools import file_interface
-from typer.testing import CliRunner
 
 import saccade
 from saccade import slam
-from saccade.cli import app
 from saccade.cli.mapping import run_facts
 from saccade.datasets import load
 from saccade.evaluation.runs import summarize_run
@@ -26,6 +23,7 @@ from saccade.io.video import read_video
 from saccade.types import Trajectory
 from support import interrupted_run
 from support.circular_log import simulate
+from support.commands import json_of
 from support.limits import TIMEOUT
 
 PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
@@ -43,18 +41,7 @@ def short(tmp_path_factory):
 def made(short, tmp_path_factory):
     """What one run with everything printed and wrote."""
     folder = tmp_path_factory.mktemp("made")
-    done = CliRunner().invoke(app, ["slam", str(short), "--film", "--out", str(folder), "--json"])
-    assert done.exit_code == 0, done.output
-    return json.loads(done.stdout), folder
-
-
-def _rows(path):
-    with Path(path).open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def _column(rows, name):
-    return np.array([float(row[name] or "nan") for row in rows])
+    return json_of("slam", short, "--film", "--out", folder), folder
 
 
 def test_a_run_writes_all_that_is_known(made, short):
@@ -68,17 +55,17 @@ def test_a_run_writes_all_that_is_known(made, short):
     assert {*map(Path, files.values()), folder / "run.json"} == {*folder.iterdir()}
     trajectory = file_interface.read_tum_trajectory_file(files["trajectory"])
     assert trajectory.num_poses == row["poses"] == len(result.trajectory)
-    landmarks = _rows(files["landmarks"])
+    landmarks, poses, seen = (
+        pandas.read_csv(files[each]) for each in ("landmarks", "poses", "innovations")
+    )
     assert len(landmarks) == row["landmarks"] == len(result.map)
-    assert {"id", "x", "y", "cov_xx", "cov_xy", "cov_yy"} <= set(landmarks[0])
-    poses = _rows(files["poses"])
+    assert {"id", "x", "y", "cov_xx", "cov_xy", "cov_yy"} <= set(landmarks)
     same = np.testing.assert_array_equal
-    same(_column(poses, "x"), result.trajectory.pose[:, 0])
-    same(_column(poses, "cov_x_heading"), result.trajectory.covariance[:, 0, 2])
-    seen = _rows(files["innovations"])
-    same(_column(seen, "nis"), result.consistency.nis)
-    v = np.stack([_column(seen, "innovation_1"), _column(seen, "innovation_2")], 1)
-    a, b, d = (_column(seen, f"cov_{name}") for name in ("1_1", "1_2", "2_2"))
+    same(poses.x, result.trajectory.pose[:, 0])
+    same(poses.cov_x_heading, result.trajectory.covariance[:, 0, 2])
+    same(seen.nis, result.consistency.nis)
+    v = seen[["innovation_1", "innovation_2"]].to_numpy()
+    a, b, d = (seen[f"cov_{name}"] for name in ("1_1", "1_2", "2_2"))
     square = (d * v[:, 0] ** 2 - 2 * b * v[:, 0] * v[:, 1] + a * v[:, 1] ** 2) / (a * d - b * b)
     np.testing.assert_allclose(square, result.consistency.nis, rtol=1e-6)
 
@@ -123,12 +110,8 @@ def test_the_truth_may_end_before_the_log(rng):
 def test_parquet_has_what_csv_has(made):
     files = made[0]["files"]
     for name in ("poses", "innovations"):
-        table = pyarrow.parquet.read_table(files[f"{name}_parquet"])
-        rows = _rows(files[name])
-        assert table.column_names == list(rows[0])
-        for column in table.column_names:
-            ours = table[column].to_numpy(zero_copy_only=False)
-            np.testing.assert_array_equal(ours, _column(rows, column))
+        table = pandas.read_parquet(files[f"{name}_parquet"])
+        pandas.testing.assert_frame_equal(table, pandas.read_csv(files[name]), check_exact=True)
 
 
 def test_pictures_and_film_are_there(made):

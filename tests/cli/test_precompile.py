@@ -1,6 +1,5 @@
 """Compiling in another process while this one works."""
 
-import importlib.util
 import subprocess
 import sys
 from functools import partial
@@ -10,31 +9,8 @@ import numpy as np
 import pytest
 
 from saccade import _jit
-from saccade._jit import needs_compiling
 from saccade.cli import precompile
 from saccade.slam import Slam
-
-SOURCE = """
-from saccade._jit import kernel
-
-@kernel()
-def doubled(x):
-    return 2 * x
-"""
-
-
-def test_a_kernel_is_to_compile_until_it_was_called(tmp_path):
-    file = tmp_path / "fresh.py"
-    file.write_text(SOURCE)
-    for was in (True, False):  # the second time it comes from the cache
-        spec = importlib.util.spec_from_file_location("fresh", file)
-        module = importlib.util.module_from_spec(spec)
-        sys.modules["fresh"] = module
-        spec.loader.exec_module(module)
-        assert needs_compiling(module.doubled) is was
-        assert module.doubled(3) == 6
-        assert not needs_compiling(module.doubled)
-    assert not needs_compiling(module.doubled.py_func)
 
 
 @pytest.mark.parametrize("cold", [True, False])

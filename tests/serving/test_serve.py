@@ -9,25 +9,23 @@ import socket
 import subprocess
 import sys
 import threading
-import tomllib
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal, get_type_hints
+from typing import get_type_hints
 
 import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from saccade.errors import ConfigError, ImageError, setting
+from saccade.errors import ConfigError, ImageError
 from saccade.serving import controls as snippets
 from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
 from saccade.serving.controls import (
     HIDDEN,
     controls,
-    setting_controls,
 )
-from saccade.settings import NONE, load_settings, preset_names, settings_from
+from saccade.settings import load_settings, preset_names, settings_from
 from support.limits import TIMEOUT
 from support.pictures import png
 
@@ -273,7 +271,13 @@ def test_the_maps_of_a_photograph_are_never_those_of_one_that_is_gone():
 CHANGED = {
     "attention": {"contrast_weight": 0.5},
     "contrast": {"map_level": 5, "scales": [[1, 2], [2, 4], [3, 5]], "color": "quotient"},
-    "symmetry": {"kind": "isotropic", "gain": 3, "levels": [2, 3], "level_weights": [1, 0.5]},
+    "symmetry": {
+        "viewing_size": None,
+        "kind": "isotropic",
+        "gain": 3,
+        "levels": [2, 3],
+        "level_weights": [1, 0.5],
+    },
     "scanpath": {"inhibition_sigma": 0.1},
     "must": {"contrast_threshold": 0.1, "upright": True},
 }
@@ -326,18 +330,13 @@ def test_the_copied_command_has_the_settings(tmp_path):
     assert not (tmp_path / "no").exists()
 
 
-def test_a_preset_is_named_by_what_it_changes():
-    sift = load_settings("sift", "kootstra2010")
-    text = snippets.detection_command("a.jpg", "sift", sift)
-    table = tomllib.loads(text.split("<<'END'\n")[1].split("END\n")[0])
-    assert settings_from("sift", table, "sift") == sift
-    assert text.endswith("saccade detect a.jpg --config sift.toml")
-    for preset, option in (("free_viewing", ""), ("default", " --bare")):
-        settings = load_settings("attention", preset)
-        plain = snippets.attention_command(
-            "a.jpg", "attention", settings, load_settings("scanpath"), 10
-        )
-        assert plain == f"saccade look a.jpg --scanpath winner-take-all{option}"
+@pytest.mark.parametrize(("preset", "option"), [("free_viewing", ""), ("default", " --bare")])
+def test_a_preset_is_named_by_what_it_changes(preset, option):
+    settings = load_settings("attention", preset)
+    plain = snippets.attention_command(
+        "a.jpg", "attention", settings, load_settings("scanpath"), 10
+    )
+    assert plain == f"saccade look a.jpg --scanpath winner-take-all{option}"
 
 
 def test_every_setting_is_on_the_page_and_every_preset_in_its_range():
@@ -378,58 +377,6 @@ def test_every_slider_stays_where_the_configuration_allows(group):
             free |= {"grid": "centered"} if kind == "sift" else {}
             settings_from(kind, free | {name: value}, kind)
         assert not field.get("optional") or settings_from(kind, {name: None}, kind)
-
-
-@dataclass(frozen=True)
-class _Inner:
-    a: int = 1
-
-
-@dataclass(frozen=True)
-class _Sample:
-    """Has a setting of each type."""
-
-    count: int = setting(3, 0, 9, slider=1)
-    """How many."""
-    limit: int | None = setting(None, slider=(0, 900, 50))
-    """At most, or None."""
-    factor: float | None = setting(2.0, slider=(0.5, 8, 0))
-    weight: float = 1.0
-    flag: bool = False
-    mode: Literal["a", "b"] = "a"
-    border: Literal["c", "d"] | None = None
-    levels: tuple[int, ...] | None = None
-    inner: _Inner = _Inner()
-    other: _Inner | None = None
-
-
-def test_a_control_follows_from_the_type_of_its_setting():
-    by_name = {each["name"]: each for each in setting_controls(_Sample, ("weight",))}
-    assert list(by_name)[:2] == ["weight", "count"]
-    assert by_name["count"] == {
-        **{"name": "count", "help": "How many."},
-        **{"input": "range", "low": 0, "high": 9, "step": 1},
-    }
-    assert by_name["limit"] == {
-        **{"name": "limit", "help": "At most, or None.", "optional": True},
-        **{"input": "range", "low": 50, "high": 900, "step": 50},
-    }
-    kinds = {name: (each["input"], each.get("optional", False)) for name, each in by_name.items()}
-    assert kinds == {
-        **{"weight": ("number", False), "count": ("range", False), "limit": ("range", True)},
-        **{"factor": ("range", True), "flag": ("check", False), "mode": ("choice", False)},
-        **{"border": ("choice", True), "levels": ("list", True)},
-    }
-    assert by_name["border"]["choices"] == ["c", "d"]
-
-
-def test_a_setting_of_none_is_copied_as_none():
-    sample = _Sample(factor=None, limit=4)
-    assert snippets.changes(sample) == {"factor": None, "limit": 4}
-    assert "saccade._Sample(limit=4, factor=None)" in snippets.detection_python("sift", sample)
-    command = snippets.detection_command("a.jpg", "sift", sample)
-    table = tomllib.loads(command.split("<<'END'\n")[1].split("END\n")[0])
-    assert table == {"limit": 4, "factor": NONE}
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """The local page in a real browser: drop, slide, switch, play, copy, and errors."""
 
 import base64
-import json
 import re
 import socket
 import threading
@@ -278,47 +277,3 @@ def test_the_page_is_accessible(opened):
     _drop(page, b"", "<nothing>")
     page.locator("#photograph .alarm").wait_for()
     assert_accessible(page)
-
-
-SETTING = """(field) => {
-  const values = { sample: { ...field.start } };
-  const presets = { default: { sample: field.start } };
-  window.last = undefined;
-  const sample = {
-    kind: "sample", title: "Sample", first: 9, presets, initial: "default", fields: field.fields,
-  };
-  const changed = () => { window.last = JSON.stringify(group.values.sample); };
-  const group = settingsGroups([sample], changed);
-  document.body.replaceChildren(...group.elements);
-  document.querySelector("details").open = true;
-}"""
-
-
-def test_an_optional_setting_is_switched_off_and_on(browser):
-    page = browser.new_page()
-    for package, name in (("viewing", "report.js"), ("serving", "controls.js")):
-        page.add_script_tag(content=(files("saccade") / package / "web" / name).read_text("utf-8"))
-    field = {"input": "range", "low": 50, "high": 900, "step": 50, "help": "", "optional": True}
-    fields = [
-        {**field, "name": "limit"},
-        {"name": "mode", "input": "choice", "choices": ["a", "b"], "help": "", "optional": True},
-        {"name": "weight", "input": "number", "help": ""},
-    ]
-    start = {"limit": None, "mode": "b", "weight": 2}
-    page.evaluate(SETTING, {"fields": fields, "start": start})
-    slider, none = page.get_by_role("slider", name="limit"), page.get_by_text("none").first
-    assert slider.is_disabled()
-    assert none.is_visible()
-    page.get_by_role("checkbox", name="limit").check()
-    assert slider.is_enabled()
-    assert none.is_hidden()
-    slider.fill("200")
-    assert json.loads(page.evaluate("last")) == {"limit": 200, "mode": "b", "weight": 2}
-    page.get_by_role("checkbox", name="mode").uncheck()
-    page.get_by_role("spinbutton", name="weight").fill("3.5")
-    page.get_by_role("spinbutton", name="weight").press("Enter")
-    assert json.loads(page.evaluate("last")) == {"limit": 200, "mode": None, "weight": 3.5}
-    page.get_by_role("button", name="Reset").click()
-    assert json.loads(page.evaluate("last")) == start
-    assert slider.is_disabled()
-    page.close()

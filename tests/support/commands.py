@@ -1,6 +1,9 @@
 """Every command of `saccade`, with words that have it do some of its work soon."""
 
+import json
+
 import typer
+from typer.testing import CliRunner
 
 from fuzz.targets import TARGETS
 from saccade import slam
@@ -55,6 +58,15 @@ def words_of(name, folder, port):
     """The words of a command whose inputs are in a folder."""
     rest = COMMANDS[name].format(**{"in": folder, "port": port})
     return [*name.split(), *rest.split()]
+
+
+def json_of(*words):
+    """What a command prints with --json; errors are raised."""
+    done = CliRunner().invoke(app, [*map(str, words), "--json"])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
 
 
 def make_inputs(folder):

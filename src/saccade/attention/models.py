@@ -56,8 +56,6 @@ class AttentionModel:
     """One of `KINDS`, or `FITTED`."""
     settings: Any
     """Settings of the kind that `KINDS` names, or a FittedModel."""
-    keep_features: bool = False
-    """Whether the maps of contrast hold their feature maps."""
     faces: "FaceDetector | None" = None
     """Finds faces, for the attention model and fitted ones; None for none."""
 
@@ -71,12 +69,9 @@ class AttentionModel:
             return attention.symmetry_saliency(image, self.settings)
         if self.model == "boolean":
             return attention.boolean_saliency(image, self.settings)
-        keep = self.keep_features
         if self.model == "contrast":
-            return attention.contrast_saliency(image, self.settings, keep_features=keep)
-        return attention.attention_saliency(
-            image, self.settings, keep_features=keep, faces=self.faces
-        )
+            return attention.contrast_saliency(image, self.settings)
+        return attention.attention_saliency(image, self.settings, faces=self.faces)
 
     def pairs(self, image: "Float32Array", xy: "npt.NDArray[Any]") -> "list[SymmetricPairs]":
         """The strongest symmetric pairs at each of (n, 2) positions; none without symmetry."""
@@ -96,8 +91,3 @@ def bare_saliency(maps: Any) -> "FloatMap":
     """The saliency (h, w) of a model's maps, without a prior of the position."""
     bare: FloatMap = getattr(maps, "bare", maps.saliency)
     return bare
-
-
-def contrast_of(maps: Any) -> Any:
-    """The ContrastMaps in ContrastMaps or AttentionMaps."""
-    return getattr(maps, "contrast", maps)

@@ -9,7 +9,13 @@ from saccade.cli.options import ReportOptions, SettingsOptions
 from saccade.cli.output import Result, comparison, progress_bar
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.evaluation.detectors import OURS, find_detector
-from saccade.evaluation.features import Degradation, FeatureScores, PairScores, score_detector
+from saccade.evaluation.features import (
+    RADIUS,
+    Degradation,
+    FeatureScores,
+    PairScores,
+    score_detector,
+)
 from saccade.evaluation.intervals import Estimate
 from saccade.viewing.report import Table
 
@@ -49,10 +55,6 @@ class FeatureOptions(SettingsOptions, ReportOptions):
     degrade: list[str] | None = option(None, metavar="KIND:AMOUNT")
     """Degrade the second image of each pair by noise:20 (gray levels), contrast:0.5 or blur:2 (px),
     or leave it clean; several with commas."""
-    radius: float = option(3.0, min=0.1, max=100, metavar="PX")
-    """Maximum distance of a repeated keypoint."""
-    ratio: float = option(0.8, min=0.01, max=1)
-    """Threshold of the ratio test."""
 
 
 def features(options: FeatureOptions) -> Result:
@@ -68,7 +70,7 @@ def features(options: FeatureOptions) -> Result:
     """
     found = homography_pairs(options.pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))
-    names, radius, preset = options.detector or ["sift"], options.radius, options.preset
+    names, preset = options.detector or ["sift"], options.preset
     degradations = [
         None if text == CLEAN else Degradation.parse(text) for text in options.degrade or [CLEAN]
     ]
@@ -80,7 +82,7 @@ def features(options: FeatureOptions) -> Result:
         settings = options.settings(name) if name in OURS else None
         detect = find_detector(name, settings, count)
         with progress_bar(f"{name} {degradation or ''}", len(found)) as progress:
-            scores = score_detector(detect, found, degradation, options.ratio, radius, progress)
+            scores = score_detector(detect, found, degradation, progress=progress)
         words = f"{name} {preset}" if name in OURS and preset else name
         row = ", ".join(
             filter(None, [words, f"{count} points" if count else "", str(degradation or "")])
@@ -88,7 +90,7 @@ def features(options: FeatureOptions) -> Result:
         results[row] = scores
         if first.setdefault((count, degradation), scores) is not scores:
             differences[row] = scores.minus(first[count, degradation])
-    title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
+    title = f"{len(found)} pairs in {len(sequences)} sequences, within {RADIUS:g} px"
     tables = comparison(
         title,
         {name: scores.estimate() for name, scores in results.items()},

@@ -17,7 +17,6 @@ from saccade.evaluation.scanpaths import (
     OTHERS,
     PathRow,
     PathSettings,
-    ScanMatchConfig,
     mean_fixations,
     score_paths,
     viewings,
@@ -64,12 +63,6 @@ class ScanpathOptions(ModelOptions, ReportOptions):
     """Fixations of each path, and the most of a person's; people's mean by default."""
     samples: int = option(15, min=1, max=1000)
     """Paths drawn for each image."""
-    grid_columns: int = option(12, min=1, max=100)
-    """Columns of ScanMatch's grid."""
-    grid_rows: int = option(8, min=1, max=100)
-    """Rows of ScanMatch's grid."""
-    threshold: float = option(3.5, min=0.1, max=100)
-    """Distance in cells at which ScanMatch scores 0."""
     degree: float = option(24.0, min=0.1, max=1000, metavar="PX")
     """Pixels to a degree of visual angle; also the blur of people's fixations."""
     seed: int = option(0, min=0)
@@ -92,8 +85,7 @@ def scanpaths(seen: FixationOptions, options: ScanpathOptions) -> Result:
         options.samples,
         chosen,
         scanpath_network(preset),
-        ScanMatchConfig(options.grid_columns, options.grid_rows, options.threshold),
-        options.seed,
+        seed=options.seed,
     )
     attention = attention_model(model, preset, config)
     path_rows: list[PathRow] = []
@@ -107,10 +99,7 @@ def scanpaths(seen: FixationOptions, options: ScanpathOptions) -> Result:
         with results_in(options.out):
             _write(options.out, path_rows, fixation_rows, degree)
     title = f"{len(people)} images, {model}, {preset or config or 'default settings'}"
-    similarity = (
-        f"{title}: paths of {settings.fixations} fixations, {options.grid_columns} x "
-        f"{options.grid_rows} cells"
-    )
+    similarity = f"{title}: paths of {settings.fixations} fixations"
     tables = [
         Table(similarity, ["", *SIMILARITIES.values()], _cells(paths, SIMILARITIES, degree)),
         Table("Movements", ["", *MOVEMENTS.values()], _cells(paths, MOVEMENTS, degree)),

@@ -37,19 +37,6 @@ MEANING = (
     "later one. Segments: the same over 100 to 800 m of the true path, by its length, as in "
     "KITTI's benchmark. Definitions as in evo."
 )
-LABELS = {
-    "ate_aligned_m": "ATE aligned [m]",
-    "ate_first_pose_m": "ATE first pose [m]",
-    "ate_unaligned_m": "ATE unaligned [m]",
-    "rotation_aligned_deg": "rotation aligned [deg]",
-    "rotation_first_pose_deg": "rotation first pose [deg]",
-    "rotation_unaligned_deg": "rotation unaligned [deg]",
-    "rpe_m": "RPE translation [m]",
-    "rpe_deg": "RPE rotation [deg]",
-    "segments_percent": "segments [%]",
-    "segments_deg_per_100m": "segments [deg / 100 m]",
-}
-"""Errors in the JSON output, and in tables."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +82,7 @@ def trajectory(config: PoseErrorConfig, options: TrajectoryOptions) -> Result:
 
 
 def _errors(scores: PoseScores) -> dict[str, FloatArray]:
-    """The errors by their names in `LABELS`."""
+    """The errors by their names in the JSON output."""
     return {
         "ate_aligned_m": scores.aligned.translation,
         "ate_first_pose_m": scores.first_aligned.translation,
@@ -113,7 +100,7 @@ def _errors(scores: PoseScores) -> dict[str, FloatArray]:
 def _rows(scores: PoseScores) -> list[list[str]]:
 
     return [
-        [LABELS[key], *("" if isnan(x) else f"{x:.3f}" for x in statistics(errors))]
+        [key.replace("_", " "), *("" if isnan(x) else f"{x:.3f}" for x in statistics(errors))]
         for key, errors in _errors(scores).items()
         if len(errors)
     ]

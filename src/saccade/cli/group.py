@@ -36,7 +36,7 @@ PANELS = {
         *("kind", "robot", "topic", "frames", "every", "intrinsics", "baseline", "anyway"),
         *("camera", "columns", "xy", "offset", "drop", "only_present", "preset", "config"),
     ),
-    "Map": ("map_file", "save_map", "mode", "start", "merge", "min_common"),
+    "Map": ("map_file", "save_map", "mode", "start", "merge"),
     "Output": (
         *("out", "formats", "maps", "figures", "figure", "film", "scanpath_film", "live", "page"),
         *("rrd", "save_tracks", "checkpoint", "csv", "report", "per_image", "per_sequence"),

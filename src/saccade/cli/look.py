@@ -2,20 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from saccade.attention.models import AttentionModel, bare_saliency, contrast_of
-from saccade.attention.scanpath import ScanpathConfig, proto_object, scanpath
+from saccade.attention.models import AttentionModel, bare_saliency
+from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
 from saccade.cli.films import CAMERA, Frames, camera_frames, make_film, video_frames
 from saccade.cli.group import argument, option
 from saccade.cli.options import (
-    DEFAULT_MODEL,
     PUBLISHED,
     CameraOptions,
     FaceOptions,
@@ -35,7 +33,7 @@ from saccade.cli.output import (
     write_arrays,
 )
 from saccade.cli.precompile import compiled_ahead
-from saccade.errors import ConfigError, ImageError
+from saccade.errors import ImageError
 from saccade.io.files import FORMATS, results_in
 from saccade.io.image import find_images, read_image
 from saccade.io.video import is_video
@@ -74,9 +72,6 @@ class LookOptions(ModelOptions, FaceOptions, JsonOption):
     )
     """The most probable path of the scanpath model, or that of the winner-take-all network, the
     default with --preset kootstra2010, itti1998 and saliencytoolbox2."""
-    inhibition: Literal["disc", "shape"] = "disc"
-    """Inhibition of return in the winner-take-all network: of a disc, or of the shape of a
-    proto-object."""
     scanpath_film: bool = False
     """Also animate each scanpath: NAME.scanpath.gif."""
     formats: list[Format] | None = option(None, "--format", "-f")
@@ -87,11 +82,6 @@ class LookOptions(ModelOptions, FaceOptions, JsonOption):
     bits; several with commas."""
     every: int = option(1, min=1)
     """Use every Nth frame of a video."""
-
-    @property
-    def by_shape(self) -> bool:
-        """Whether proto-objects are inhibited rather than discs."""
-        return self.inhibition == "shape"
 
     @property
     def tables(self) -> list[str]:
@@ -119,19 +109,13 @@ def look(camera: CameraOptions, options: LookOptions) -> Result:
     in --out. Ctrl-C stops after the image in progress.
     """
     sources = camera.instead_of(options.images)
-    model, by_shape = options.model, options.by_shape
-    if by_shape and options.scanpath == "most-probable":
-        raise ConfigError("inhibition: a shape needs --scanpath winner-take-all")
-    if by_shape and model not in (DEFAULT_MODEL, "contrast"):
-        raise ConfigError(f"inhibition: a shape needs --model attention or contrast, found {model}")
     attention = attention_model(
-        *(model, options.preset, options.config),
-        keep_features=by_shape,
+        *(options.model, options.preset, options.config),
         faces=options.faces,
         free_viewing=not options.bare,
     )
     out, published = options.out, options.scanpath is None and options.preset in PUBLISHED
-    by_network = by_shape or published or options.scanpath == "winner-take-all"
+    by_network = published or options.scanpath == "winner-take-all"
     network = scanpath_network(options.preset) if by_network else None
     builder = ReportBuilder("saccade look", LEAD)
     paths = dict[Path, tuple[Scanpath, ScanpathSamples]]()
@@ -213,9 +197,7 @@ def analyze_image(
     if network is None:
         scan = most_probable_scanpath(bare, image.shape, options.fixations)
     else:
-        region = partial(proto_object, contrast_of(maps)) if options.by_shape else None
-        count = options.fixations
-        scan = scanpath(maps.saliency, image.shape, count, network, region=region)
+        scan = scanpath(maps.saliency, image.shape, options.fixations, network)
     samples = sample_scanpaths(bare, image.shape, SAMPLES, options.fixations)
     layers = maps.layers
     pairs = attention.pairs(image, scan.xy)

@@ -206,7 +206,6 @@ def attention_model(
     preset: str | None = None,
     config: Path | None = None,
     *,
-    keep_features: bool = False,
     faces: str | None = None,
     free_viewing: bool = False,
 ) -> "AttentionModel":
@@ -216,7 +215,6 @@ def attention_model(
         model: name or file.
         preset: name of a preset, or None.
         config: file of settings, or None.
-        keep_features: whether the maps of contrast hold their feature maps.
         faces: detector of faces, or None.
         free_viewing: whether the default of the attention model is its preset of that name.
 
@@ -236,7 +234,7 @@ def attention_model(
     if free_viewing and model == DEFAULT_MODEL:
         preset = preset or FREE_VIEWING
     settings = load_settings(KINDS[model], preset, config)
-    return AttentionModel(model, settings, keep_features, detector)
+    return AttentionModel(model, settings, detector)
 
 
 def face_detector(faces: str | None) -> "FaceDetector | None":

@@ -91,8 +91,6 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput):
     merge: list[Path] | None = option(None, metavar="MAP")
     """Instead of a LOG: merge these maps, in the frame of the first, into --save-map; several with
     commas."""
-    min_common: int = option(5, min=2)
-    """Landmarks that two maps to be merged must have in common."""
     live: bool = False
     """Show the run in the rerun viewer (needs rerun-sdk)."""
     rrd: Path | None = None
@@ -403,7 +401,7 @@ def _merge_maps(options: SlamOptions, maps: Sequence[Path]) -> Result:
     slam, merged = Slam.load(maps[0], "continue"), []
     for path in maps[1:]:
         try:
-            result = merge_maps(slam, Slam.load(path, "continue"), options.min_common)
+            result = merge_maps(slam, Slam.load(path, "continue"))
         except LogError as error:
             raise LogError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
         slam = result.slam

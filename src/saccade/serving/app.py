@@ -240,18 +240,14 @@ class _Guard:
 
 
 async def _body(request: Request, max_bytes: int) -> bytes:
-    """The body of a request, with or without a declared length."""
-    message = f"too large: expected at most {max_bytes / 1e6:g} MB"
-    too_large = HTTPException(413, message, {"Connection": "close"})
-    length = request.headers.get("content-length", "")
-    if length.isascii() and length.isdigit() and int(length[:20]) > max_bytes:
-        raise too_large
+    """The body of a request, whatever length it declares."""
     body = bytearray()
     try:
         async for chunk in request.stream():
             body += chunk
             if len(body) > max_bytes:
-                raise too_large
+                message = f"too large: expected at most {max_bytes / 1e6:g} MB"
+                raise HTTPException(413, message, {"Connection": "close"})
     except ClientDisconnect as error:
         raise HTTPException(CLIENT_CLOSED_REQUEST) from error
     return bytes(body)

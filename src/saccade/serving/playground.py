@@ -133,7 +133,9 @@ class Session:
         self.world.add(landmarks)
         self.num_steps = 0
         self.filters = {name: Slam(_config(name), start=START) for name in RETRACTIONS}
-        self.scores = {name: _Score() for name in RETRACTIONS}
+        self.scores: dict[str, list[tuple[float, bool]]] = {name: [] for name in RETRACTIONS}
+        """By filter, the NEES of each pose, NaN where it is certain, and whether the true position
+        was in its 99.7 % ellipse."""
 
     def step(self, command: FloatArray | None, noise: PlaygroundNoise) -> dict[str, Any]:
         """Take a step with every filter; returns what was observed, and each filter's estimate."""
@@ -145,13 +147,17 @@ class Session:
             error = result.pose - truth
             error[2] = wrap(error[2])
             estimate = Trajectory(np.zeros(1), result.pose[None], result.covariance[None])
-            nees = pose_nees(estimate, Trajectory(np.zeros(1), truth[None]), RETRACTIONS[name])
-            self.scores[name].add(error, result.covariance, float(nees[0]))
+            true = Trajectory(np.zeros(1), truth[None])
+            nees = float(pose_nees(estimate, true, RETRACTIONS[name])[0])
+            inside = not np.isnan(nees) and bool(
+                normalized_squared(error[:2], result.covariance[:2, :2]) <= THREE_SIGMA_2D
+            )
+            self.scores[name].append((nees, inside))
             estimates[name] = {
                 "pose": result.pose.tolist(),
                 "error": error.tolist(),
                 "sigma": np.sqrt(np.diagonal(result.covariance).clip(0)).tolist(),
-                "nees": float(nees[0]),
+                "nees": nees,
             }
         self.num_steps += 1
         return {"truth": truth.tolist(), "observed": scan.names.tolist(), "filters": estimates}
@@ -177,33 +183,20 @@ class Session:
         error = truth - slam.ekf.landmarks[known]
         squared = normalized_squared(error, slam.ekf.landmark_covariances[known])
         inside = int((squared <= THREE_SIGMA_2D).sum())
-        return {**self.scores[name].as_table(), "landmarks": len(known), "inside_landmarks": inside}
-
-
-class _Score:
-    """Counts how often the true pose was where a filter expected it."""
-
-    def __init__(self) -> None:
-        self.steps = self.inside = 0
-        self.total = 0.0
-        self.last = float("nan")
-
-    def add(self, error: FloatArray, covariance: FloatArray, nees: float) -> None:
-        """Count a pose, unless its covariance is singular: `nees` is then NaN."""
-        self.last = nees
-        if np.isnan(nees):
-            return
-        self.steps += 1
-        self.total += nees
-        self.inside += bool(normalized_squared(error[:2], covariance[:2, :2]) <= THREE_SIGMA_2D)
-
-    def as_table(self) -> dict[str, Any]:
-        """The counts as the page shows them; None before the first."""
+        nees, in_ellipse = np.array(self.scores[name]).T
+        scored = np.isfinite(nees)
+        mean, percent = (
+            (float(nees[scored].mean()), 100 * float(in_ellipse[scored].mean()))
+            if scored.any()
+            else (None, None)
+        )
         return {
-            "nees": self.last,
-            "mean_nees": self.total / self.steps if self.steps else None,
-            "inside_percent": 100 * self.inside / self.steps if self.steps else None,
-            "wrong": self.last > chi_square_gate(3, SURE_AND_WRONG),
+            "nees": float(nees[-1]),
+            "mean_nees": mean,
+            "inside_percent": percent,
+            "wrong": bool(nees[-1] > chi_square_gate(3, SURE_AND_WRONG)),
+            "landmarks": len(known),
+            "inside_landmarks": inside,
         }
 
 
@@ -226,7 +219,7 @@ class Playground:
         seed = request.get("seed", 0)
         require(type(seed) is int and 0 <= seed < 2**31, "seed", "0 to 2147483647", seed)
         landmarks = positions(request.get("landmarks", rings()), "landmarks")
-        noise, name = noise_from(request.get("noise", {})), _filter_name(request)
+        noise, name = _noise(request), _filter_name(request)
         token, session = secrets.token_urlsafe(12), Session(seed, landmarks)
         steps = [session.step(None, noise)]
         self._sessions[token] = session
@@ -253,7 +246,7 @@ class Playground:
         self._sessions.move_to_end(token)
         session = self._sessions[token]
         commands = commands_from(request.get("commands", []))
-        noise, name = noise_from(request.get("noise", {})), _filter_name(request)
+        noise, name = _noise(request), _filter_name(request)
         added = positions(request.get("add", []), "add")
         removed = request.get("remove", [])
         is_known = isinstance(removed, list) and all(
@@ -279,41 +272,36 @@ class Playground:
         playground.step({"session": token, "commands": [[0.5, 0.05], None]})
 
 
-def noise_from(table: Any) -> PlaygroundNoise:
-    """The noise in a request.
-
-    Raises:
-        ConfigError: an unknown name, or a value outside its range.
-    """
-    noise: PlaygroundNoise = update_settings(PlaygroundNoise(), table, "noise")
-    return noise
-
-
 def commands_from(value: Any) -> list[FloatArray | None]:
     """The commands in a request, None for those that stand still."""
-    words = f"at most {MAX_STEPS_AT_ONCE} pairs of numbers, or null to stand still"
-    is_list = isinstance(value, list) and len(value) <= MAX_STEPS_AT_ONCE
-    require(
-        is_list and all(each is None or _is_pair(each) for each in value), "commands", words, value
-    )
-    commands = [None if each is None else np.array(each, np.float64) for each in value]
-    limits = f"at most {MAX_DISTANCE:g} m and half a turn"
-    for each in commands:
-        if each is not None:
-            inside = abs(each[0]) <= MAX_DISTANCE and abs(each[1]) <= MAX_TURN
-            require(bool(inside), "commands", limits, each.tolist())
-    return commands
+    limits = f"at most {MAX_DISTANCE:g} m and half a turn, or null to stand still"
+    is_list = isinstance(value, list)
+    moves = [each for each in value if each is not None] if is_list else value
+    pairs = iter(_pairs("commands", moves, MAX_STEPS_AT_ONCE, (MAX_DISTANCE, MAX_TURN), limits))
+    require(len(value) <= MAX_STEPS_AT_ONCE, "commands", f"at most {MAX_STEPS_AT_ONCE}", len(value))
+    return [None if each is None else next(pairs) for each in value]
 
 
 def positions(value: Any, name: str) -> FloatArray:
     """(n, 2) positions in a request."""
-    is_list = isinstance(value, list) and len(value) <= MAX_LANDMARKS
-    words = f"at most {MAX_LANDMARKS} pairs of numbers"
-    require(is_list and all(_is_pair(each) for each in value), name, words, value)
-    xy = np.array(value, np.float64).reshape(-1, 2)
-    limit = f"positions within {MAX_COORDINATE:g} m along each axis"
-    require(bool((np.abs(xy) <= MAX_COORDINATE).all()), name, limit, value)
-    return xy
+    limits = f"positions within {MAX_COORDINATE:g} m along each axis"
+    return _pairs(name, value, MAX_LANDMARKS, (MAX_COORDINATE, MAX_COORDINATE), limits)
+
+
+def _pairs(
+    name: str, value: Any, count: int, largest: tuple[float, float], limits: str
+) -> FloatArray:
+    """(n, 2) pairs of numbers, each within its limit on either side of 0."""
+    is_list = isinstance(value, list) and all(
+        isinstance(pair, list) and [type(each) in (int, float) for each in pair] == [True, True]
+        for pair in value
+    )
+    require(is_list and len(value) <= count, name, f"at most {count} pairs of numbers", value)
+    inside = all(
+        abs(each) <= end for pair in value for each, end in zip(pair, largest, strict=True)
+    )
+    require(inside, name, limits, value)
+    return np.array(value, np.float64).reshape(-1, 2)
 
 
 def _config(name: str) -> EkfConfig:
@@ -336,16 +324,12 @@ def _state(session: Session, steps: Sequence[Mapping[str, Any]], name: str) -> d
     }
 
 
+def _noise(request: Mapping[str, Any]) -> PlaygroundNoise:
+    noise: PlaygroundNoise = update_settings(PlaygroundNoise(), request.get("noise", {}), "noise")
+    return noise
+
+
 def _filter_name(request: Mapping[str, Any]) -> str:
     name = request.get("filter", "standard")
     require(name in list(RETRACTIONS), "filter", f"one of {', '.join(RETRACTIONS)}", name)
     return str(name)
-
-
-def _is_pair(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value))
-
-
-def _is_number(value: Any) -> bool:
-    """Whether a value of JSON is a number of everyday size."""
-    return type(value) in (int, float) and abs(value) < 1e9
