@@ -171,17 +171,7 @@ def test_options_for_several_values_take_them_with_commas_and_repeated(run, tmp_
                 expected = ["a, c", "d", "a,b"] if is_file else ["a", "c", "d", "a,b"]
                 assert values[option.name] == expected, (name, flag)
                 checked.add(flag)
-    assert checked > {"--what", "--format", "--world", "--figure"}
+    assert checked > {"--model", "--format", "--world", "--figure"}
     code, _, err = run("detect", HALLWAY[0], "--detector", "sift", "--detector", "must")
     assert code == 2
     assert "'--detector': expected a single value, found several" in err
-
-
-def test_several_features_are_extracted_into_a_folder_each(run):
-    words = ("extract", HALLWAY[0], "--workers", 1, "--json")
-    code, out, _ = run(*words, "--what", "sift,must", "--out", "both")
-    assert code == 0
-    rows = json.loads(out)["data_sets"]
-    assert [row["out"] for row in rows] == ["both/sift", "both/must"]
-    _, out, _ = run(*words, "--what", "must", "--out", "alone")
-    assert json.loads(out)["rows"] == rows[1]["rows"] != rows[0]["rows"]

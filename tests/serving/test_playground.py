@@ -137,7 +137,7 @@ def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
     [
         ({"session": None}, "no longer in memory"),
         ({"filter": "none"}, "filter: expected one of invariant, standard"),
-        ({"commands": 3}, "commands: expected at most 50 pairs of numbers, or null"),
+        ({"commands": 3}, "commands: expected at most 50 pairs of numbers"),
         ({"commands": [None] * 51}, "commands: expected at most 50"),
         ({"commands": [[1, True]]}, "commands: expected at most 50"),
         ({"commands": [[2.1, 0]]}, "commands: expected at most 2 m and half a turn"),

@@ -11,24 +11,23 @@ import numpy as np
 
 from saccade import exchange
 from saccade.attention import SymmetryConfig, symmetric_pairs
-from saccade.cli.films import CAMERA, Frames, camera_frames, make_film, video_frames
-from saccade.cli.group import argument, option
+from saccade.cli.films import Frames, Row, analyze_each, make_film
+from saccade.cli.group import option
 from saccade.cli.options import (
-    CameraOptions,
     FigureFormat,
     JsonOption,
     SettingsOptions,
+    SourceOptions,
     figure_formats,
     output_folder,
 )
-from saccade.cli.output import Result, Table, for_each_image, relative_names
+from saccade.cli.output import Result, Table, relative_names
 from saccade.datasets import write_table
 from saccade.errors import require
 from saccade.exchange.colmap import import_pycolmap
 from saccade.extras import import_optional
 from saccade.io.files import results_in
-from saccade.io.image import find_images, read_image
-from saccade.io.video import is_video
+from saccade.io.image import read_image
 from saccade.keypoints import Must, MustConfig, Sift, SymRoid, SymRoidConfig
 from saccade.types import Float32Array, FloatArray, Image, Keypoints, Regions, SymmetricPairs
 from saccade.viewing import keypoint_figure, pair_figure, region_figure, save_figures
@@ -75,15 +74,13 @@ def keypoints_of(detections: Keypoints | Regions) -> Keypoints:
 class DetectOptions(JsonOption):
     """Options of `saccade detect`."""
 
-    images: list[str] | None = argument("IMAGE", None)
-    """Images, videos, folders, or quoted patterns."""
     out: Path = output_folder("saccade-detect")
     formats: list[Format] | None = option(None, "--format", "-f")
     """Output format: of the keypoints, npz by default, and of the figures, png by default; several
     with commas."""
 
 
-def detect(detector: DetectorOptions, camera: CameraOptions, options: DetectOptions) -> Result:
+def detect(detector: DetectorOptions, source: SourceOptions, options: DetectOptions) -> Result:
     """Detect and describe keypoints.
 
     For each image --out receives a figure (NAME.keypoints.png), for points and
@@ -97,31 +94,26 @@ def detect(detector: DetectorOptions, camera: CameraOptions, options: DetectOpti
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
     """
-    sources, out = camera.instead_of(options.images), options.out
+    paths, out = source.paths(), options.out
     chosen = list(dict.fromkeys(options.formats or []))
     if all(each in get_args(FigureFormat) for each in chosen):
         chosen.append("npz")
     require_libraries(chosen)
     find = detector.make()
-    paths = [path for source in sources for path in find_images(source)]
     shared = [each for each in chosen if each in SHARED_FILES]
     detections: dict[Path, Detections] = {}
 
-    def process(path: Path, name: str) -> dict[str, Any]:
-        if is_video(path):
-            with video_frames(path) as frames:
-                return detect_in_frames(frames, out / f"{name}.keypoints", find)
+    def of_image(path: Path, name: str) -> Row:
         row, keypoints = detect_in(path, out / f"{name}.keypoints", find, chosen)
         if shared:
             detections[path] = keypoints
         return row
 
+    def of_frames(frames: Frames, name: str) -> Row:
+        return detect_in_frames(frames, out / f"{name}.keypoints", find)
+
     with results_in(out):
-        if camera.camera is None:
-            rows, code = for_each_image(paths, out, process)
-        else:
-            with camera_frames(camera) as frames:
-                rows, code = [detect_in_frames(frames, out / f"{CAMERA}.keypoints", find)], 0
+        rows, code = analyze_each(source, paths, out, of_image, of_frames)
         files = write_shared(detections, out, shared)
     cells = [[row["image"], str(row["points"]), f"{row['median_size']:.1f}"] for row in rows]
     table = Table(f"keypoints -> {out}", ["image", "points", "median size [px]"], cells)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import isnan
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,21 @@ MEANING = (
     "later one. Segments: the same over 100 to 800 m of the true path, by its length, as in "
     "KITTI's benchmark. Definitions as in evo."
 )
+
+
+ERRORS = {
+    "ate_aligned_m": ("ATE aligned [m]", "aligned.translation"),
+    "ate_first_pose_m": ("ATE first pose [m]", "first_aligned.translation"),
+    "ate_unaligned_m": ("ATE unaligned [m]", "unaligned.translation"),
+    "rotation_aligned_deg": ("rotation aligned [deg]", "aligned.rotation"),
+    "rotation_first_pose_deg": ("rotation first pose [deg]", "first_aligned.rotation"),
+    "rotation_unaligned_deg": ("rotation unaligned [deg]", "unaligned.rotation"),
+    "rpe_m": ("RPE translation [m]", "relative.translation"),
+    "rpe_deg": ("RPE rotation [deg]", "relative.rotation"),
+    "segments_percent": ("segments [%]", "segments.translation"),
+    "segments_deg_per_100m": ("segments [deg / 100 m]", "segments.rotation"),
+}
+"""Errors in the JSON output: their names in tables, and where `PoseScores` has them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,24 +99,13 @@ def trajectory(config: PoseErrorConfig, options: TrajectoryOptions) -> Result:
 
 def _errors(scores: PoseScores) -> dict[str, FloatArray]:
     """The errors by their names in the JSON output."""
-    return {
-        "ate_aligned_m": scores.aligned.translation,
-        "ate_first_pose_m": scores.first_aligned.translation,
-        "ate_unaligned_m": scores.unaligned.translation,
-        "rotation_aligned_deg": scores.aligned.rotation,
-        "rotation_first_pose_deg": scores.first_aligned.rotation,
-        "rotation_unaligned_deg": scores.unaligned.rotation,
-        "rpe_m": scores.relative.translation,
-        "rpe_deg": scores.relative.rotation,
-        "segments_percent": scores.segments.translation,
-        "segments_deg_per_100m": scores.segments.rotation,
-    }
+    return {name: attrgetter(path)(scores) for name, (_, path) in ERRORS.items()}
 
 
 def _rows(scores: PoseScores) -> list[list[str]]:
 
     return [
-        [key.replace("_", " "), *("" if isnan(x) else f"{x:.3f}" for x in statistics(errors))]
+        [ERRORS[key][0], *("" if isnan(x) else f"{x:.3f}" for x in statistics(errors))]
         for key, errors in _errors(scores).items()
         if len(errors)
     ]

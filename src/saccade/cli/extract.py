@@ -13,7 +13,6 @@ from saccade.cli.options import JsonOption, SettingsOptions
 from saccade.cli.output import (
     INTERRUPTED,
     Result,
-    Table,
     facts_table,
     print_message,
     progress_bar,
@@ -25,7 +24,6 @@ from saccade.extras import import_optional
 from saccade.settings import load_model
 
 if TYPE_CHECKING:
-    from saccade.batch import Extraction
     from saccade.batch.engines import Engine, ShardReport
     from saccade.batch.sources import Source
 
@@ -42,9 +40,8 @@ class ExtractOptions(SettingsOptions, JsonOption):
 
     source: str = argument("SOURCE")
     """Folder, quoted pattern, list (.txt), video, tar, or a URL of one of these."""
-    what: list[What] | None = option(None, metavar="KIND", show_default="sift")
-    """Features to extract: sift, must, symroid, saliency, contrast, symmetry or scanpath; several
-    with commas, each in a folder of its own in --out."""
+    what: What = "sift"
+    """Features to extract."""
     out: str = option("saccade-extract", "--out", "-o", metavar="DIR")
     """Folder or URL of the data set."""
     model: Path | None = None
@@ -93,91 +90,55 @@ def extract(options: ExtractOptions) -> Result:
     from saccade.batch import extract as extract_all
     from saccade.batch.engines import connect
 
-    out = options.out
-    kinds: list[What] = list(dict.fromkeys(options.what or ["sift"]))
-    made = {
-        out if len(kinds) == 1 else f"{out}/{each}": Job(
-            each,
-            options.settings_of(each),
-            fixations=options.fixations,
-            exact=options.exact,
-            maps=options.maps,
-        )
-        for each in kinds
-    }
+    out, what = options.out, options.what
+    job = Job(
+        what,
+        options.settings_of(what),
+        fixations=options.fixations,
+        exact=options.exact,
+        maps=options.maps,
+    )
     images = open_source(options.source, options.every)
-    results: dict[str, Extraction] = {}
     with ExitStack() as stack:
         engine: Engine = (
             local_engine(images, options.workers)
             if options.scheduler is None
             else stack.enter_context(connect(options.scheduler))
         )
-        stopped = stack.enter_context(stop_on_interrupt())
-        for folder, job in made.items():
-            with (
-                resumable(Path(folder) / "manifest.json"),
-                batch_progress("images", len(images)) as watch,
-            ):
-                results[folder] = extract_all(
-                    images,
-                    job,
-                    folder,
-                    engine,
-                    source_name=options.source,
-                    shard_size=options.size,
-                    redo=options.redo,
-                    should_stop=stopped,
-                    on_report=watch,
-                )
-            if stopped():
-                break
-    rows = [_as_row(result, folder) for folder, result in results.items()]
-    tables = [_table(result, made[folder].what, folder) for folder, result in results.items()]
-    codes = [_tell(result, folder, len(images)) for folder, result in results.items()]
-    row = rows[0] if len(kinds) == 1 else {"data_sets": rows}
-    return Result(row, tables, max(codes, default=0))
-
-
-def _tell(result: "Extraction", out: str, images: int) -> int:
-    """Print what is wrong with a data set; returns the exit code."""
-    others = result.totals.by_other_versions
-    if others:
+        stack.enter_context(resumable(Path(out) / "manifest.json"))
+        result = extract_all(
+            images,
+            job,
+            out,
+            engine,
+            source_name=options.source,
+            shard_size=options.size,
+            redo=options.redo,
+            should_stop=stack.enter_context(stop_on_interrupt()),
+            on_report=stack.enter_context(batch_progress("images", len(images))),
+        )
+    totals, code = result.totals, 0
+    if totals.by_other_versions:
         print_message(
-            f"{others} images were processed by another version; --redo processes them again"
+            f"{totals.by_other_versions} images were processed by another version; --redo "
+            "processes them again"
         )
     if not result.complete:
-        done = result.done + result.unchanged + result.failed
-        print_message(f"stopped after {done} of {images} images; run it again to resume")
-        return INTERRUPTED
-    if result.totals.errors:
-        print_message(f"{result.totals.errors} of {images} images failed; see {out}/errors.parquet")
-        return 1
-    return 0
-
-
-def _as_row(result: "Extraction", out: str) -> dict[str, Any]:
-    return {
+        done, code = result.done + result.unchanged + result.failed, INTERRUPTED
+        print_message(f"stopped after {done} of {len(images)} images; run it again to resume")
+    elif totals.errors:
+        code = 1
+        print_message(f"{totals.errors} of {len(images)} images failed; see {out}/errors.parquet")
+    row = {
         "out": out,
         "done": result.done,
         "already_done": result.unchanged,
         "failed": result.failed,
-        **asdict(result.totals),
+        **asdict(totals),
         "complete": result.complete,
     }
-
-
-def _table(result: "Extraction", what: str, out: str) -> Table:
-    totals = result.totals
-    row = {
-        "images done now": result.done,
-        "images done before": result.unchanged,
-        "images in total": totals.images,
-        "rows in total": totals.rows,
-        "errors": totals.errors,
-        "shards": totals.shards,
-    }
-    return facts_table(f"{what} -> {Path(out) if '://' not in out else out}", row)
+    title = f"{what} -> {Path(out) if '://' not in out else out}"
+    return Result(row, [facts_table(title, row)], code)
 
 
 def preload(source: str, workers: int | None) -> None:

@@ -11,14 +11,14 @@ from saccade.attention.models import AttentionModel, bare_saliency
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
-from saccade.cli.films import CAMERA, Frames, camera_frames, make_film, video_frames
-from saccade.cli.group import argument, option
+from saccade.cli.films import Frames, Row, analyze_each, make_film
+from saccade.cli.group import option
 from saccade.cli.options import (
     PUBLISHED,
-    CameraOptions,
     FaceOptions,
     JsonOption,
     ModelOptions,
+    SourceOptions,
     attention_model,
     figure_formats,
     output_folder,
@@ -28,15 +28,13 @@ from saccade.cli.output import (
     Result,
     Table,
     facts_table,
-    for_each_image,
     relative_names,
     write_arrays,
 )
 from saccade.cli.precompile import compiled_ahead
 from saccade.errors import ImageError
 from saccade.io.files import FORMATS, results_in
-from saccade.io.image import find_images, read_image
-from saccade.io.video import is_video
+from saccade.io.image import read_image
 from saccade.keypoints import Sift, SiftConfig
 from saccade.types import FixationTable, Float32Array, FloatArray, Image, Scanpath, ScanpathSamples
 from saccade.viewing import (
@@ -59,8 +57,6 @@ MapFormat = Literal["npy", "mat", "png", "tiff"]
 class LookOptions(ModelOptions, FaceOptions, JsonOption):
     """Options of `saccade look`."""
 
-    images: list[str] | None = argument("IMAGE", None)
-    """Images, videos, folders, or quoted patterns."""
     out: Path = output_folder("saccade-look")
     bare: bool = False
     """Saliency of the content alone: without the prior of the position, by which people look at the
@@ -89,7 +85,7 @@ class LookOptions(ModelOptions, FaceOptions, JsonOption):
         return [each for each in dict.fromkeys(self.formats or ()) if each in ("csv", "mat")]
 
 
-def look(camera: CameraOptions, options: LookOptions) -> Result:
+def look(source: SourceOptions, options: LookOptions) -> Result:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
     The map shows where people look at a photograph on a screen; with --bare it
@@ -108,7 +104,7 @@ def look(camera: CameraOptions, options: LookOptions) -> Result:
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
     """
-    sources = camera.instead_of(options.images)
+    found = source.paths()
     attention = attention_model(
         *(options.model, options.preset, options.config),
         faces=options.faces,
@@ -120,21 +116,16 @@ def look(camera: CameraOptions, options: LookOptions) -> Result:
     builder = ReportBuilder("saccade look", LEAD)
     paths = dict[Path, tuple[Scanpath, ScanpathSamples]]()
 
-    def process(path: Path, name: str) -> dict[str, Any]:
+    def of_image(path: Path, name: str) -> Row:
         file = out / f"{name}.look"
-        if is_video(path):
-            with video_frames(path, options.every) as frames:
-                return look_at_frames(frames, file, attention)
         row, paths[path] = analyze_image(path, file, attention, options, builder, network)
         return row
 
-    found = [path for source in sources for path in find_images(source)]
+    def of_frames(frames: Frames, name: str) -> Row:
+        return look_at_frames(frames, out / f"{name}.look", attention)
+
     with results_in(out), compiled_ahead("points"):
-        if camera.camera is None:
-            rows, code = for_each_image(found, out, process)
-        else:
-            with camera_frames(camera) as frames:
-                rows, code = [look_at_frames(frames, out / f"{CAMERA}.look", attention)], 0
+        rows, code = analyze_each(source, found, out, of_image, of_frames, options.every)
         report = builder.write(out / "report.html") if len(builder) else None
         written = write_scanpaths(out, options.tables, paths)
     row: dict[str, Any] = {"images": rows, "report": None if report is None else str(report)}

@@ -10,6 +10,7 @@ from typer import BadParameter
 from saccade.cli.group import argument, option
 from saccade.cli.output import print_message
 from saccade.errors import ConfigError, require
+from saccade.io.image import find_images
 from saccade.settings import FREE_VIEWING, load_model, load_settings, preset_names
 
 if TYPE_CHECKING:
@@ -131,22 +132,24 @@ class LiveOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraOptions(LiveOptions):
-    """A camera in place of images."""
+class SourceOptions(LiveOptions):
+    """Images and videos, or a camera."""
 
+    images: list[str] | None = argument("IMAGE", None)
+    """Images, videos, folders, or quoted patterns."""
     frames: int = option(MAX_CAMERA_FRAMES, min=2)
     """Of a camera take at most N frames."""
 
-    def instead_of(self, images: list[str] | None) -> list[str]:
-        """The images, if there is no camera.
+    def paths(self) -> list[Path]:
+        """The images and videos; none with a camera.
 
         Raises:
             ConfigError: there are both, or neither.
         """
-        if bool(images) == (self.camera is not None):
-            found = "both" if images else "neither"
+        if bool(self.images) == (self.camera is not None):
+            found = "both" if self.images else "neither"
             raise ConfigError(f"IMAGE: expected images or --camera, found {found}")
-        return images or []
+        return [path for each in self.images or () for path in find_images(each)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TextIO, TypeVar
 
-from saccade.errors import ImageWarning, LogWarning, OutputError, SaccadeError
+from saccade.errors import ImageWarning, LogWarning
 from saccade.io.files import as_text, atomic_write
 
 if TYPE_CHECKING:
@@ -277,45 +277,3 @@ def relative_names(paths: Sequence[Path]) -> dict[Path, str]:
         path: as_text(each.relative_to(root).as_posix())
         for path, each in zip(paths, absolute, strict=True)
     }
-
-
-def for_each_image(
-    paths: Sequence[Path], out: Path, process: Callable[[Path, str], dict[str, Any]]
-) -> tuple[list[dict[str, Any]], int]:
-    """Process every image, with a progress bar; errors of single images do not stop the others.
-
-    Ctrl-C stops after the image in progress.
-
-    Args:
-        paths: the images.
-        out: the output folder, for messages.
-        process: gets a path and its unique name, and returns the row of the result.
-
-    Returns:
-        The rows, and the exit code with which the command ends.
-
-    Raises:
-        SaccadeError: no image could be processed, or the results cannot be written.
-    """
-    if len(paths) == 1:
-        return [process(paths[0], paths[0].stem)], 0
-    rows: list[dict[str, Any]] = []
-    failed = 0
-    with stop_on_interrupt("stopping after this image") as stopped:
-        for path, name in tracked(names_for(paths).items(), f"{len(paths)} images", len(paths)):
-            try:
-                rows.append(process(path, name))
-            except OutputError:
-                raise
-            except SaccadeError as error:
-                failed += 1
-                print_message(str(error))
-            if stopped():
-                break
-    if failed and not rows:
-        raise SaccadeError(f"none of {failed} images could be used")
-    if failed:
-        print_message(f"{failed} of {len(paths)} images left out; the others are in {out}")
-    if stopped():
-        print_message(f"stopped after {len(rows) + failed} of {len(paths)} images")
-    return rows, INTERRUPTED if stopped() else int(failed > 0)
