@@ -32,7 +32,7 @@ def write_film(path: Path) -> None:
     result = visual.run(drive, SETTINGS, recorder=recorder)
     frames = [
         PIL.Image.fromarray(cv2.resize(frame, SIZE, interpolation=cv2.INTER_AREA))
-        for frame in film_frames(drive, recorder.snapshots, result, SETTINGS)
+        for frame in film_frames(drive, recorder.snapshots, result)
     ]
     first, *others = frames[: len(recorder.snapshots) + 12]
     first.save(

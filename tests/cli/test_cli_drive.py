@@ -9,9 +9,9 @@ import numpy as np
 
 def test_options_override_the_configuration(run, tmp_path):
     assert run("simulate", "drive", "--frames", 8, "--out", "ring")[0] == 0
-    (tmp_path / "mine.toml").write_text("max_landmarks = 50\nselection = 'strength'\n")
+    (tmp_path / "mine.toml").write_text("max_landmarks = 50\nselection = 'random'\n")
     words = ("drive", "ring", "--no-film", "--json", "--config", "mine.toml")
-    code, out, _ = run(*words, "--max-landmarks", 5, "--selection", "random")
+    code, out, _ = run(*words, "--max-landmarks", 5)
     assert code == 0
     row = json.loads(out)
     assert row["settings"]["max_landmarks"] == 5
@@ -26,6 +26,7 @@ def test_options_override_the_configuration(run, tmp_path):
     truth = np.loadtxt("ring/groundtruth.tum")[:8]
     end = np.hypot(*(trajectory[-1, 1:3] - truth[-1, 1:3]))
     np.testing.assert_allclose(row["end_m"], end, atol=1e-3)
-    code, _, err = run(*words, "--selection", "luck")
+    (tmp_path / "mine.toml").write_text("selection = 'luck'\n")
+    code, _, err = run(*words)
     assert code == 2
     assert "selection: expected 'strength' or" in err

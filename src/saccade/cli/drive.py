@@ -1,14 +1,15 @@
 """`saccade drive`: visual SLAM from camera frames and odometry."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from saccade import visual
-from saccade.attention import attention_saliency, contrast_saliency, symmetry_saliency
+from saccade.attention import attention_saliency
 from saccade.cli.films import opened
 from saccade.cli.group import option
 from saccade.cli.mapping import (
@@ -62,9 +63,6 @@ class DriveOptions(SettingsOptions, LiveOptions, RunOutput):
     out: Path = output_folder("saccade-drive")
     frames: int | None = option(None, min=1)
     """Process only the first N frames."""
-    selection: str | None = None
-    """Landmark selection criterion: strength, random, contrast, symmetry or
-    rematch-rate-range."""
     max_landmarks: int | None = option(None, min=1)
     """Maximum number of landmarks in the map."""
     anyway: bool = False
@@ -89,11 +87,8 @@ def drive(source: SequenceOptions, options: DriveOptions) -> Result:
     whose camera.toml is its calibration; Ctrl-C ends the drive.
     """
     settings: VisualConfig = options.settings("visual")
-    given: dict[str, Any] = {
-        "selection": options.selection,
-        "max_landmarks": options.max_landmarks,
-    }
-    settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
+    if options.max_landmarks is not None:
+        settings = replace(settings, max_landmarks=options.max_landmarks)
     if options.camera is not None:
         name, known = f"camera {options.camera}", 0
         with results_in(options.out), progress_bar(name) as progress:
@@ -225,7 +220,7 @@ def write_results(
     out = output.out
     files = write_tables(out, result) | write_figure(output, drive, result)
     if output.film:
-        frames = film_frames(drive, snapshots, result, settings)
+        frames = film_frames(drive, snapshots, result)
         count = len(snapshots)
         files |= write_film(out / "drive.mp4", frames, count, progress, still=60 * count // 100)
     summary = summarize_drive(drive, result)
@@ -304,23 +299,24 @@ def film_frames(
     drive: Drive,
     snapshots: list[MapSnapshot],
     result: VisualResult,
-    settings: VisualConfig,
 ) -> Iterator[Image]:
     """Frames of a film: the camera image with landmarks and saliency, and the growing map."""
 
     def saliency(image: Image) -> Float32Array:
-        if settings.selection == "contrast":
-            return contrast_saliency(image).saliency
-        if settings.selection == "symmetry":
-            return symmetry_saliency(image).saliency
         return attention_saliency(image).saliency
 
-    observed = result.observations
-    observations = ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind)
+    def eye(number: int) -> Eye | None:
+        frame = read_frame(drive, number)
+        if frame is None or frame.turn is None:
+            return None
+        field_of_view = 2 * float(np.arctan(drive.camera.width / 2 / drive.camera.fx))
+        return Eye(frame.gaze.pan, field_of_view, frame.gaze.reason)
+
     odometry = result.odometry if drive.has_odometry else None
     return drive_frames(
-        *(snapshots, drive.time, odometry, image_loader(drive), saliency, observations),
-        eye_at=eye_loader(drive),
+        *(snapshots, drive.time, odometry, partial(image_of, drive), saliency),
+        observed_landmarks(result),
+        eye_at=eye if eye(0) is not None else None,
     )
 
 
@@ -345,7 +341,7 @@ def drive_part(
         Section(f"{drive.name}: the growing map", DRIVE_TEXT, facts=run_facts(summary)),
         trajectories,
         snapshots,
-        ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind),
+        observed_landmarks(result),
         time_charts(
             result.trajectory,
             drive.truth,
@@ -353,34 +349,26 @@ def drive_part(
             observed.innovation,
             observed.innovation_covariance,
         ),
-        image_at=image_loader(drive),
+        image_at=partial(image_of, drive),
         lost=summary["lost"],
     )
 
 
-def image_loader(drive: Drive) -> Callable[[int], Image | None]:
-    """A function from the number of a frame to its image, or None where that cannot be read."""
-
-    def load(number: int) -> Image | None:
-        try:
-            return drive.load(number).image
-        except ImageError:
-            return None
-
-    return load
+def observed_landmarks(result: VisualResult) -> ObservedLandmarks:
+    """The landmarks that were observed in each frame, as they are drawn."""
+    observed = result.observations
+    return ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind)
 
 
-def eye_loader(drive: Drive) -> Callable[[int], Eye | None] | None:
-    """A function from the number of a frame to where its camera looks; None for a fixed one."""
+def read_frame(drive: Drive, number: int) -> Frame | None:
+    """A frame; None where it cannot be read."""
+    try:
+        return drive.load(number)
+    except ImageError:
+        return None
 
-    def load(number: int) -> Eye | None:
-        try:
-            frame = drive.load(number)
-        except ImageError:
-            return None
-        if frame.turn is None:
-            return None
-        field_of_view = 2 * float(np.arctan(drive.camera.width / 2 / drive.camera.fx))
-        return Eye(frame.gaze.pan, field_of_view, frame.gaze.reason)
 
-    return load if load(0) is not None else None
+def image_of(drive: Drive, number: int) -> Image | None:
+    """The image of a frame; None where there is none."""
+    frame = read_frame(drive, number)
+    return None if frame is None else frame.image
