@@ -39,12 +39,3 @@ def test_the_sum_of_surrounded_regions_by_labels(seed):
                 summed += figure / max(np.sqrt(figure.sum()), 1)
     expected = (summed - summed.min()) / np.ptp(summed)
     np.testing.assert_allclose(boolean_saliency(image, config).saliency, expected, atol=1e-5)
-
-
-def test_a_disc_is_figure_and_a_half_plane_is_ground():
-    y, x = np.mgrid[:120, :160]
-    image = np.where(x < 60, 0.2, 0.5)
-    image[np.hypot(x - 110, y - 60) < 12] = 0.8
-    saliency = boolean_saliency(image).saliency
-    assert np.unravel_index(saliency.argmax(), saliency.shape) == pytest.approx((60, 110), abs=2)
-    assert saliency[60, :60].max() < 0.05

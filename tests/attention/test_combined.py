@@ -72,17 +72,6 @@ def test_maps_of_different_sizes_are_added():
     assert maps.symmetry.saliency.shape == (13, 25)
 
 
-def test_the_source_has_both_models_count_the_same():
-    image = noise(5, (300, 400))
-    config = AttentionConfig.kootstra2010()
-    maps = attention_saliency(image, config)
-    assert config.contrast_weight == config.symmetry_weight
-    expected = contrast_saliency(image, ContrastConfig.kootstra2010()).saliency
-    np.testing.assert_array_equal(maps.contrast.saliency, expected)
-    expected = symmetry_saliency(image, SymmetryConfig.kootstra2010()).saliency
-    np.testing.assert_array_equal(maps.symmetry.saliency, expected)
-
-
 @pytest.mark.shared
 @pytest.mark.parametrize("map_level", [3, 4])
 def test_pop_out(shared, map_level):

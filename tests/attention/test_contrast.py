@@ -177,17 +177,6 @@ def test_conspicuity_is_summed_from_the_normalized_features(scene, preset):
     np.testing.assert_allclose(maps.orientation, orientation, atol=1e-6)  # A.13
 
 
-def test_smoothing_is_a_gaussian_of_its_cells():
-    impulse = np.zeros((61, 65), np.float32)
-    impulse[30, 32] = 1
-    smoothed = smooth(impulse, 3.5)
-    y, x = np.mgrid[:61, :65]
-    assert smoothed.sum() == pytest.approx(1, abs=1e-5)
-    assert (smoothed * (y - 30) ** 2).sum() == pytest.approx(3.5**2, rel=0.02)
-    assert (smoothed * (x - 32) ** 2).sum() == pytest.approx(3.5**2, rel=0.02)
-    np.testing.assert_array_equal(smooth(impulse, 0), impulse)
-
-
 def test_a_small_map_is_smoothed_by_an_eighth_of_its_sides_at_most():
     impulse = np.zeros((16, 80), np.float32)
     impulse[8, 40] = 1

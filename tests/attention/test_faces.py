@@ -28,12 +28,6 @@ def test_a_face_is_a_gaussian_of_its_box():
     assert np.unravel_index(coarse.argmax(), coarse.shape) == (4, 6)
 
 
-def test_the_higher_of_two_faces_counts():
-    both = face_map(np.vstack([BOX, BOX + np.array([50, 0, 0, 0])]), (120, 160), (15, 20))
-    each = [face_map(BOX + np.array([shift, 0, 0, 0]), (120, 160), (15, 20)) for shift in (0, 50)]
-    np.testing.assert_array_equal(both, np.maximum(*each))
-
-
 def test_no_face_is_an_empty_map():
     for none in (np.zeros((0, 4)), [], ()):
         assert not face_map(none, (12, 16), (3, 4)).any()

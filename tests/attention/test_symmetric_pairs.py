@@ -1,4 +1,3 @@
-import cv2
 import numpy as np
 import pytest
 
@@ -62,19 +61,6 @@ def test_within_a_radius_the_most_symmetric_place_is_taken():
 
 def test_nothing_is_symmetric_on_a_flat_ground():
     assert len(symmetric_pairs(np.full((80, 80), 0.5), (40, 40))) == 0
-
-
-def test_an_enlarged_image_has_the_enlarged_pairs():
-    """The levels follow the size of the image, and so do the places."""
-    image = cv2.GaussianBlur(spot(100, 60, (300, 400)), (0, 0), 2)
-    large = cv2.resize(image, None, fx=8, fy=8, interpolation=cv2.INTER_CUBIC)
-    here = symmetric_pairs(image, (100, 60), max_pairs=1)
-    there = symmetric_pairs(large, (803.5, 483.5), max_pairs=1)
-    assert (np.sort(there.level) == np.sort(here.level) + 3).all()
-    span_here, span_there = (
-        np.hypot(*(p.first - p.second).T)[np.argsort(p.level)][:3] for p in (here, there)
-    )
-    np.testing.assert_allclose(span_there / span_here, 8, rtol=0.3)
 
 
 @pytest.mark.parametrize("xy", [(-1, 5), (5, 40), (50, 5), (np.nan, 5)])

@@ -1,7 +1,5 @@
 """Synthetic gray-level images with known structure, for the tests of appendix B."""
 
-import math
-
 import numpy as np
 
 
@@ -14,12 +12,6 @@ def blob(side, x, y, wide, high=None, background=0.0, amplitude=1.0):
     )
 
 
-def ramp(a, b, side=41):
-    """A plane that rises by a along x and by b along y."""
-    y, x = np.mgrid[:side, :side]
-    return a * x + b * y
-
-
 def scene(side=65, seed=0):
     """Blobs of several sizes, none of them round, on gray."""
     rng = np.random.default_rng(seed)
@@ -30,15 +22,3 @@ def scene(side=65, seed=0):
         image += blob(side, x, y, wide, high, amplitude=rng.choice([-0.5, 0.5]))
     image += 0.02 * rng.normal(size=image.shape)
     return np.clip(image, 0, 1)
-
-
-def lines(side=65):
-    """Lines across one another on noise: extrema of every status, saddles among them."""
-    rng = np.random.default_rng(2)
-    image = np.full((side, side), 0.5)
-    for _ in range(5):
-        turn, (x, y) = rng.uniform(0, math.pi), rng.uniform(0, side, 2)
-        across = ramp(-math.sin(turn), math.cos(turn), side) + x * math.sin(turn)
-        across -= y * math.cos(turn)
-        image += rng.choice([-0.4, 0.4]) * np.exp(-(across**2) / 8)
-    return np.clip(image + 0.05 * rng.normal(size=image.shape), 0, 1)

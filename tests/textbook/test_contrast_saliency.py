@@ -1,6 +1,5 @@
 """Appendix A against numbers worked by hand, closed forms and invariants."""
 
-import itertools
 import math
 
 import numpy as np
@@ -10,13 +9,11 @@ from hypothesis import strategies as st
 
 from saccade.errors import ImageError
 from saccade.textbook.contrast_saliency import (
-    across_scale_difference,
     blue_yellow,
     build_pyramid,
     contrast_saliency,
     gabor_kernel,
     intensity,
-    low_pass,
     normalize,
     oriented_pyramid,
     red_green,
@@ -44,16 +41,6 @@ def test_channels_of_one_pixel(rgb, expected):
     close([float(channel(pixel)[0, 0]) for channel in CHANNELS.values()], expected, atol=1e-12)
 
 
-def test_a_pyramid_has_nine_levels_and_each_is_every_second_sample_of_the_last():
-    channel = np.random.default_rng(1).random((256, 300))
-    pyramid = build_pyramid(channel)
-    rows, columns = (256, 128, 64, 32, 16, 8, 4, 2, 1), (300, 150, 75, 38, 19, 10, 5, 3, 2)
-    assert [level.shape for level in pyramid] == list(zip(rows, columns, strict=True))
-    np.testing.assert_array_equal(pyramid[0], channel)
-    for finer, coarser in itertools.pairwise(pyramid):
-        close(coarser, low_pass(finer)[::2, ::2])
-
-
 @pytest.mark.parametrize("degrees", DIRECTIONS)
 def test_orientation(degrees):
     """One signed convolution, with a kernel that has no mean and prefers its own direction."""
@@ -76,23 +63,6 @@ def test_orientation(degrees):
     ]
     assert DIRECTIONS[int(np.argmax(answers))] == degrees
     assert answers[DIRECTIONS.index((degrees + 90) % 180)] < 0.5 * max(answers)
-
-
-def test_center_and_surround():
-    """An absolute difference, interpolated where the pyramid took its samples."""
-    center, surround = np.full((9, 12), 0.75), np.full((2, 2), 0.25)
-    for sign in (1, -1):
-        close(across_scale_difference(sign * center, sign * surround), np.full((9, 12), 0.5))
-    surround = np.random.default_rng(3).uniform(1, 2, (4, 5))
-    large = across_scale_difference(np.zeros((32, 38)), surround)
-    assert surround.min() - 1e-12 <= large.min() < large.max() <= surround.max() + 1e-12
-    assert len(np.unique(large)) > 100
-    ramp = np.tile(np.arange(256.0), (256, 1))
-    for c, s in SCALES[:4]:
-        center, surround = ramp[:: 2**c, :: 2**c], ramp[:: 2**s, :: 2**s]
-        inside = slice(2 ** (s - c), -(2 ** (s - c)))
-        close(across_scale_difference(center, surround)[:, inside], 0, atol=1e-9)
-        close(across_scale_difference(center.T, surround.T)[inside], 0, atol=1e-9)
 
 
 def test_a_flat_top_is_one_maximum_and_a_flat_map_has_none():
