@@ -235,7 +235,7 @@ def inhibit(
 ) -> None:
     """Raise the conductance in a region, or in a disc less a little in its surround."""
     jump, fixation = events.jump[event], events.fixation[event]
-    if fixation < len(regions) and _is_filled(regions[fixation]):
+    if fixation < len(regions) and regions[fixation].any():
         region = regions[fixation]
         for i in range(len(g)):
             if region[cells.row[i], cells.column[i]]:
@@ -247,16 +247,6 @@ def inhibit(
         wide = vertical[cells.row[i]] * horizontal[cells.column[i]]
         narrow = wide**16
         g[i] += jump * (narrow - net.surround * wide)
-
-
-@kernel(inline=True)
-def _is_filled(region: npt.NDArray[np.bool_]) -> bool:
-    """Whether a region (h, w) has any cell."""
-    for i in range(region.shape[0]):
-        for j in range(region.shape[1]):
-            if region[i, j]:
-                return True
-    return False
 
 
 @kernel()

@@ -3,7 +3,7 @@
 After Itti, Koch & Niebur (1998) and Itti & Koch (2001); equations A.1-A.14.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias, get_args
 
@@ -185,34 +185,27 @@ def existing_scales(
 def channel_pyramids(
     pixels: npt.NDArray[Any], scales: Scales, arithmetic: MirroredArithmetic
 ) -> dict[Channel, dict[int, FloatMap]]:
-    """The levels that the scales need, by channel and level number (A.1-A.6)."""
-    needed = {
-        name: {level for scale in scales.get(name, ()) for level in (scale.center, scale.surround)}
-        for name in CONSPICUITY
+    """The levels that the scales compare, by channel and level number (A.1-A.6)."""
+    compared = {
+        name: {level for scale in channel for level in (scale.center, scale.surround)}
+        for name, channel in scales.items()
     }
-    finest = min(level for levels in needed.values() for level in levels)
-    first, planes = arithmetic.split_channels(pixels, finest)  # A.1-A.3
-
-    def pyramid(level: FloatMap, numbers: Collection[int]) -> dict[int, FloatMap]:
-        levels = {}
-        for number in range(first, max(numbers, default=-1) + 1):
-            if number > first:
-                level = arithmetic.halve(level)
-            if number in numbers:
-                levels[number] = level
-        return levels
-
-    oriented = needed.pop("orientation")
-    intensities = pyramid(planes["intensity"], needed["intensity"] | oriented)
+    numbers = set[int]().union(*compared.values())
+    first, planes = arithmetic.split_channels(pixels, min(numbers))  # A.1-A.3
+    levels = dict[ChannelName, dict[int, FloatMap]]()
+    for name, plane in planes.items():
+        if name in scales or name == "intensity":
+            levels[name] = {first: plane}
+            for number in range(first + 1, max(numbers) + 1):  # A.4-A.5
+                levels[name][number] = arithmetic.halve(levels[name][number - 1])
+    oriented = compared.pop("orientation", set())
     pyramids = {
-        Channel(name): intensities if name == "intensity" else pyramid(planes[name], levels)
-        for name, levels in needed.items()
-        if levels
-    }  # A.4-A.5
-    responses = {level: arithmetic.orientation_responses(intensities[level]) for level in oriented}
-    angles = arithmetic.config.orientations if oriented else ()
-    for i, angle in enumerate(angles):
+        Channel(name): {number: levels[name][number] for number in compared[name]}
+        for name in compared
+    }
+    responses = {n: arithmetic.orientation_responses(levels["intensity"][n]) for n in oriented}
+    for i, angle in enumerate(arithmetic.config.orientations if oriented else ()):
         pyramids[Channel("orientation", angle)] = {
-            level: response[i] for level, response in responses.items()
+            n: each[i] for n, each in responses.items()
         }  # A.6
     return pyramids
