@@ -50,16 +50,14 @@ def busy(tmp_path_factory):
     "words",
     [
         ("look", PHOTOS[0]),
-        ("detect", *PHOTOS, "--detector", "must"),
         ("extract", PHOTOS[0], "--workers", 1),
         ("match", *PHOTOS),
         ("slam", DATA / "victoria_park.txt"),
         ("drive", "frames"),
         ("simulate", "world"),
         ("evaluate", "gaze", "--seeds", 1),
-        ("demo",),
     ],
-    ids=lambda words: " ".join(map(str, words[:2])) if words[0] == "evaluate" else words[0],
+    ids=lambda words: words[0],
 )
 def test_a_folder_that_another_run_writes_to_is_refused(run, tmp_path, busy, words):
     (tmp_path / "frames").mkdir()
