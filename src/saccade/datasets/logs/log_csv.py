@@ -19,7 +19,7 @@ either, they are assumed. Metres and radians.
 
 import warnings
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -40,12 +40,18 @@ from saccade.datasets.tables import (
 )
 from saccade.errors import LogError, LogWarning
 from saccade.landmark_names import parse_name
-from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, invalid_range_bearing
+from saccade.types import FloatArray, IntArray, LandmarkLog, invalid_range_bearing
 
 ROUNDING = 1e-9
 """Eigenvalue of a covariance, as a fraction of the largest, that rounding may make negative."""
 LOG_FILE = "log.csv"
 """Name of the log in a folder."""
+ASSUMED = (
+    f"{ASSUMED_ODOMETRY.distance:g} m and {ASSUMED_ODOMETRY.drift:g} rad after 1 m, "
+    f"{ASSUMED_ODOMETRY.turn:g} rad after a turn by 1 rad",
+    f"{ASSUMED_SENSOR[0]:.0%} of the range, {ASSUMED_SENSOR[1]:g} rad of the bearing",
+)
+"""Standard deviations of controls and of observations, in words."""
 _START = ("x", "y", "heading")
 _OBSERVATION = ("range", "bearing")
 _CONTROLS = {"compose": ("forward", "left", "turn"), "turn_then_translate": ("distance", "turn")}
@@ -103,57 +109,52 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
     source = path = Path(path)
     if path.is_dir():
         path = path / LOG_FILE
-    rows = read_rows(path, delimiter=",")
-    header = next(rows, Row(path, 1, []))
+    lines = read_rows(path, delimiter=",")
+    header = next(lines, Row(path, 1, []))
     motion: Literal["turn_then_translate", "compose"] = (
         "turn_then_translate" if "distance" in header.cells else "compose"
     )
     control = _CONTROLS[motion]
     _check_header(header, motion)
-    records = [row.require_cells(len(header.cells)) for row in rows]
-    if not records:
+    rows = [row.require_cells(len(header.cells)) for row in lines]
+    if not rows:
         raise LogError(f"{path}: expected a row for the first pose, found none")
-    columns = {name: np.full(len(records), np.nan) for name in columns_of(motion)}
+    values = dict.fromkeys(columns_of(motion), np.full(len(rows), np.nan))
     for i, name in enumerate(header.cells):
         if name != "landmark":
-            columns[name][:] = [row.numbers(slice(i, i + 1), blank=np.nan)[0] for row in records]
-    is_control, is_observation = (
-        np.asarray(np.isfinite([columns[name] for name in names]).any(0))
-        for names in (control, _OBSERVATION)
-    )
-    _check_rows(header.cells, records, control, is_control, is_observation)
-    controls, observations = np.flatnonzero(is_control), np.flatnonzero(is_observation)
-    poses = np.flatnonzero(~is_observation)
-    time = _cells(records, columns, np.arange(len(records)), ("time",))
-    require_ascending(time[poses], lambda i: f"{path}, line {records[poses[i]].line}")
-    time, pose_time = time[:, 0], time[poses, 0]
-    observation_pose = np.cumsum(~is_observation)[observations] - 1
-    for k in np.flatnonzero(time[observations] != pose_time[observation_pose])[:1].tolist():
-        raise records[int(observations[k])].error(
-            f"an observation at the time of the pose above, {pose_time[observation_pose[k]]:g}",
-            f"{time[observations[k]]:g}",
+            cells = [row.numbers(slice(i, i + 1), blank=np.nan)[0] for row in rows]
+            values[name] = np.array(cells)
+    table = _Table(header, rows, values)
+    controls, observations = _rows_of_each(table, control)
+    poses = np.setdiff1d(np.arange(len(rows)), observations)
+    time = table.cells(np.arange(len(rows)), ("time",))
+    require_ascending(time[poses], lambda i: f"{path}, line {rows[poses[i]].line}")
+    observation_pose = np.searchsorted(poses, observations) - 1
+    observed, expected = time[observations, 0], time[poses[observation_pose], 0]
+    for k in np.flatnonzero(observed != expected)[:1].tolist():
+        raise rows[int(observations[k])].error(
+            f"an observation at the time of the pose above, {expected[k]:g}", f"{observed[k]:g}"
         )
-    step = _cells(records, columns, controls, control)
-    observation = _cells(records, columns, observations, _OBSERVATION)
+    step = table.cells(controls, control)
+    observation = table.cells(observations, _OBSERVATION)
     invalid = invalid_range_bearing(observation)
     if invalid is not None:
-        raise records[int(observations[invalid[0]])].error(*invalid[1:])
+        raise rows[int(observations[invalid[0]])].error(*invalid[1:])
     along, heading = ASSUMED_ODOMETRY.variances(np.linalg.norm(step[:, :-1], axis=1), step[:, -1])
     assumed = np.stack([*[along] * (len(control) - 1), heading], 1)
-    control_covariance = _covariances(header, records, columns, controls, control, assumed)
-    assumed = sensor_variances(observation[:, 0], ASSUMED_SENSOR)
-    covariance = _covariances(header, records, columns, observations, _OBSERVATION, assumed)
     return LandmarkLog(
         name=source.stem,
-        start=np.array([np.nan_to_num(columns[name][0]) for name in _START]),
-        time=pose_time,
+        start=np.array([np.nan_to_num(values[name][0]) for name in _START]),
+        time=time[poses, 0],
         motion=motion,
         control=step,
-        control_covariance=control_covariance,
+        control_covariance=table.covariances(controls, control, assumed),
         observation_pose=observation_pose.astype(np.int64),
         observation=observation,
-        observation_covariance=covariance,
-        landmark=_landmarks(header.cells, records, observations),
+        observation_covariance=table.covariances(
+            observations, _OBSERVATION, sensor_variances(observation[:, 0], ASSUMED_SENSOR)
+        ),
+        landmark=_landmarks(header.cells, rows, observations),
     )
 
 
@@ -162,80 +163,71 @@ def _check_header(header: Row, motion: str) -> None:
     for sign, found_sign in ((";", "semicolons"), ("\t", "tabs")):
         if len(names) == 1 and sign in names[0]:
             raise header.error("commas between cells, and decimal points", found_sign)
-    unknown = [name for name in names if name not in known]
     required = ["time", *_CONTROLS[motion], *_OBSERVATION]
     for group in (_CONTROLS[motion], _OBSERVATION):
         if set(covariance_names(group)) & set(names):
             required += [f"cov_{name}_{name}" for name in group]
-    missing = [name for name in required if name not in names]
-    if unknown or missing or len(set(names)) < len(names):
-        found = f"no {', '.join(missing)}" if missing else "one twice"
-        raise header.error(
-            f"the columns {', '.join(known)}, each once",
-            repr(unknown[0][:40]) if unknown else found,
-        )
+    found = [repr(name[:40]) for name in names if name not in known]
+    found += [f"no {name}" for name in required if name not in names]
+    found += ["one twice"] if len(set(names)) < len(names) else []
+    if found:
+        raise header.error(f"the columns {', '.join(known)}, each once", found[0])
 
 
-def _check_rows(
-    header: list[str],
-    records: list[Row],
-    control: tuple[str, ...],
-    is_control: BoolArray,
-    is_observation: BoolArray,
-) -> None:
-    """Check that the first row is a pose, and every other one a control or an observation."""
+def _rows_of_each(table: "_Table", control: tuple[str, ...]) -> tuple[IntArray, IntArray]:
+    """Indices of the rows with a control and of those with an observation; the first has none."""
+    is_control, is_observation = (
+        np.asarray(np.isfinite([table.values[name] for name in names]).any(0))
+        for names in (control, _OBSERVATION)
+    )
     if is_control[0] or is_observation[0]:
-        found = [n for n, cell in zip(header, records[0].cells, strict=True) if cell]
-        raise records[0].error("the first pose", ", ".join(found))
+        row = table.rows[0]
+        given = [n for n, cell in zip(table.header.cells, row.cells, strict=True) if cell]
+        raise row.error("the first pose", ", ".join(given))
     for i in (np.flatnonzero(is_control[1:] == is_observation[1:])[:1] + 1).tolist():
-        found_both = "both" if is_control[i] else "neither"
-        raise records[i].error(f"{', '.join(control)} or {', '.join(_OBSERVATION)}", found_both)
+        found = "both" if is_control[i] else "neither"
+        raise table.rows[i].error(f"{', '.join(control)} or {', '.join(_OBSERVATION)}", found)
+    return np.flatnonzero(is_control), np.flatnonzero(is_observation)
 
 
-def _cells(
-    records: list[Row], columns: dict[str, FloatArray], rows: IntArray, names: tuple[str, ...]
-) -> FloatArray:
-    """Cells (len(rows), len(names)), none of which may be empty."""
-    values = np.stack([columns[name][rows] for name in names], 1)
-    for i, k in np.argwhere(np.isnan(values))[:1].tolist():
-        raise records[int(rows[i])].error(f"a finite number for {names[k]}", "nothing")
-    return values
+class _Table(NamedTuple):
+    """The rows of a file, and the numbers (n,) in its columns, NaN where a cell is empty."""
 
+    header: Row
+    rows: list[Row]
+    values: dict[str, FloatArray]
 
-def _covariances(
-    header: Row,
-    records: list[Row],
-    columns: dict[str, FloatArray],
-    rows: IntArray,
-    names: tuple[str, ...],
-    assumed: FloatArray,
-) -> FloatArray:
-    """Covariances (len(rows), d, d); variances (len(rows), d) are assumed if there is no column."""
-    if not set(covariance_names(names)) & set(header.cells):
-        sigma = ASSUMED_SENSOR
-        meaning = (
-            f"{sigma[0]:.0%} of the range, {sigma[1]:g} rad of the bearing"
-            if names == _OBSERVATION
-            else f"{ASSUMED_ODOMETRY.distance:g} m and {ASSUMED_ODOMETRY.drift:g} rad after 1 m, "
-            f"{ASSUMED_ODOMETRY.turn:g} rad after a turn by 1 rad"
-        )
-        warnings.warn(
-            f"{header.path}: no covariance of {', '.join(names)}: assumed standard deviations of "
-            f"{meaning}; columns cov_{names[0]}_{names[0]}, ... give the true ones",
-            LogWarning,
-            stacklevel=4,
-        )
-        return assumed[:, :, None] * np.eye(len(names))
-    _cells(records, columns, rows, tuple(f"cov_{name}_{name}" for name in names))
-    entries = np.stack([columns[name][rows] for name in covariance_names(names)], 1)
-    covariances = from_upper_triangle(np.nan_to_num(entries))
-    values = np.linalg.eigvalsh(covariances)  # ascending
-    for k in np.flatnonzero(values[:, 0] < -ROUNDING * values[:, -1].clip(0))[:1].tolist():
-        raise records[int(rows[k])].error(
-            f"a covariance of {', '.join(names)} (no negative variance)",
-            str(covariances[k].tolist()),
-        )
-    return covariances
+    def cells(self, chosen: IntArray, names: tuple[str, ...]) -> FloatArray:
+        """Numbers (len(chosen), len(names)), none of which may be missing."""
+        values = np.stack([self.values[name][chosen] for name in names], 1)
+        for i, k in np.argwhere(np.isnan(values))[:1].tolist():
+            raise self.rows[int(chosen[i])].error(f"a finite number for {names[k]}", "nothing")
+        return values
+
+    def covariances(
+        self, chosen: IntArray, names: tuple[str, ...], assumed: FloatArray
+    ) -> FloatArray:
+        """Covariances (k, d, d) of rows; variances (k, d) are assumed if there is no column."""
+        if not set(covariance_names(names)) & set(self.header.cells):
+            warnings.warn(
+                f"{self.header.path}: no covariance of {', '.join(names)}: assumed standard "
+                f"deviations of {ASSUMED[names == _OBSERVATION]}; columns "
+                f"cov_{names[0]}_{names[0]}, ... give the true ones",
+                LogWarning,
+                stacklevel=4,
+            )
+            return assumed[:, :, None] * np.eye(len(names))
+        self.cells(chosen, tuple(f"cov_{name}_{name}" for name in names))
+        entries = np.stack([self.values[name][chosen] for name in covariance_names(names)], 1)
+        covariances = from_upper_triangle(np.nan_to_num(entries))
+        eigenvalues = np.linalg.eigvalsh(covariances)  # ascending
+        negative = eigenvalues[:, 0] < -ROUNDING * eigenvalues[:, -1].clip(0)
+        for k in np.flatnonzero(negative)[:1].tolist():
+            raise self.rows[int(chosen[k])].error(
+                f"a covariance of {', '.join(names)} (no negative variance)",
+                str(covariances[k].tolist()),
+            )
+        return covariances
 
 
 def _landmarks(header: list[str], records: list[Row], rows: IntArray) -> npt.NDArray[Any]:
