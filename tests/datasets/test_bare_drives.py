@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from PIL import Image as Pillow
@@ -84,17 +83,6 @@ def test_a_calib_without_row_names_is_read(tmp_path, text, baseline):
     (tmp_path / "calib.txt").write_text("1 2 3")
     with pytest.raises(DriveError, match=r"calib.txt: expected .* found 3 numbers"):
         load_drive("auto", tmp_path)
-
-
-def test_a_bare_video_is_read(tmp_path):
-    file = str(tmp_path / "drive.avi")
-    writer = cv2.VideoWriter(file, cv2.VideoWriter.fourcc(*"MJPG"), 10, (80, 60))
-    for i in range(4):
-        writer.write(np.random.default_rng(i).integers(0, 255, (60, 80, 3), np.uint8))
-    writer.release()
-    drive = load_drive("auto", file)
-    assert (len(drive), drive.camera.fx, drive.scale) == (4, 96, "assumed")
-    assert drive.assumptions[0].startswith(f"{file}: no camera.toml: guessed a focal length")
 
 
 def test_intrinsics_are_four_numbers():

@@ -259,10 +259,12 @@ class TestFolder:
         folder = self.write(tmp_path)
         wrong = {
             "fz = 3\n": "found 'fz'",
-            "place = [1, 2]\n": "place: expected finite numbers of shape (3,), found [1, 2]",
+            "place = [1, 2]\n": "position: expected three numbers in metres, found [1.0, 2.0]",
             "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\n": "rotation: expected a rotation",
             "distortion = [0.1]\n": "distortion: expected k1, k2, p1, p2",
-            "place = 'here'\n": "place: expected finite numbers of shape (3,), found 'here'",
+            "distortion = 0.1\n": "camera.toml: ",
+            "start = [1, 2]\n": "start: expected 3 numbers",
+            "place = 'here'\n": "camera.toml: expected numbers, and lists of numbers: ",
             "rate = ": "camera.toml: expected TOML",
         }
         for line, message in wrong.items():

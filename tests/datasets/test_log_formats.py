@@ -167,8 +167,6 @@ def test_formats_that_do_not_exist_are_named(tmp_path):
         save(tmp_path / "a.bag", a_log(), "rosbag")
     with pytest.raises(ConfigError, match=r"ends in \.csv, \.g2o"):
         save(tmp_path / "a.bag", a_log())
-    with pytest.raises(ConfigError, match="dialect"):
-        write_pose_graph(tmp_path / "a.txt", a_log(), "g3o")
 
 
 @pytest.mark.parametrize("motion", ["compose", "turn_then_translate"])
@@ -279,21 +277,3 @@ def test_broken_csv_is_named(tmp_path, old, new, message):
         load("auto", path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
-
-
-MRCLAM = {
-    "Barcodes.dat": "1 5\n2 14\n6 72\n7 27\n",
-    "Robot1_Odometry.dat": "100.0 1.0 0.0\n101.0 1.0 0.5\n102.0 0.0 0.0\n",
-    "Robot1_Measurement.dat": "101.0 72 2.0 0.5\n101.3 27 1.0 0.0\n",
-    "Robot1_Groundtruth.dat": "99.0 1.0 1.0 0.0\n101.0 1.0 1.0 0.2\n",
-    "Landmark_Groundtruth.dat": "6 3.0 1.0 0.001 0.002\n7 9 9 0.1 0.1\n",
-}
-
-
-@pytest.mark.parametrize("subject", ["999999999999999999999", "6.5", "-1e90"])
-def test_a_subject_that_is_no_number_of_one_is_one_line(tmp_path, subject):
-    for name, text in MRCLAM.items():
-        (tmp_path / name).write_text(text)
-    (tmp_path / "Barcodes.dat").write_text(f"1 5\n{subject} 72\n")
-    with pytest.raises(LogError, match="barcodes, row 2: expected whole numbers"):
-        read_mrclam(tmp_path)

@@ -98,8 +98,3 @@ def test_cells_in_cells_have_an_end(tmp_path):
         content = _matrix(1, (1, 1), content)
     with pytest.raises(LogError, match="x"):
         read_matlab(_file(tmp_path, HEAD + content), ("x",))
-
-
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(LogError, match=r"nothing\.mat: cannot be read"):
-        read_matlab(tmp_path / "nothing.mat", ("x",))

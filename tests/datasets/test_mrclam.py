@@ -72,6 +72,13 @@ def test_broken_lines_are_named(folder, name, text, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("subject", ["999999999999999999999", "6.5", "-1e90"])
+def test_a_subject_that_is_no_number_of_one_is_one_line(folder, subject):
+    (folder / "Barcodes.dat").write_text(f"1 5\n{subject} 72\n")
+    with pytest.raises(LogError, match="barcodes, row 2: expected whole numbers"):
+        load("mrclam", folder)
+
+
 def test_a_time_from_another_age_is_refused(folder):
     (folder / "Robot1_Measurement.dat").write_text("1e12 72 2 0.1\n")
     with pytest.raises(LogError, match="expected times within 1000000 s"):

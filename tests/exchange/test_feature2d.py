@@ -104,19 +104,6 @@ def test_points_of_another_detector_are_described(ours, images):
     assert (np.abs(again - descriptors) <= 1).mean() > 0.999  # angles in float32 degrees
 
 
-def test_several_images_at_once(ours, images):
-    several = ours.detect(images, [None, None])
-    assert several == tuple(several)
-    assert [len(each) for each in several] == [len(ours.detect(image)) for image in images]
-    kept, rows = ours.compute(images, several)
-    assert [len(each) for each in kept] == [len(each) for each in rows] == [*map(len, several)]
-    theirs = cv2.SIFT_create()
-    for feature in (ours, theirs):
-        points = feature.detect(images)
-        shapes = [each.shape for each in feature.compute(images, points)[1]]
-        assert shapes == [(len(each), 128) for each in points]
-
-
 def test_a_flat_image_has_what_opencv_says_of_it(ours):
     flat = np.full((60, 80), 7, np.uint8)
     theirs = cv2.SIFT_create()

@@ -171,36 +171,28 @@ class Feature2D:
         keypoints = self._detector(self._rgb(image), _mask(mask))
         return _points(keypoints), _rows(keypoints)
 
-    def detect(self, image: Any, mask: Any = None) -> Points | tuple[Points, ...]:
-        """Keypoints of an image, or of each of several with masks or None."""
-        if not _is_image(image):
-            masks = [None] * len(image) if mask is None else mask
-            pairs = zip(image, masks, strict=True)
-            return tuple(cast("Points", self.detect(*pair)) for pair in pairs)
+    def detect(self, image: Any, mask: Any = None) -> Points:
+        """Keypoints of an image."""
         return _points(self._detector(self._rgb(image), _mask(mask), describe=False))
 
     def compute(
         self, image: Any, keypoints: Sequence[Any], descriptors: None = None
-    ) -> tuple[tuple[Any, ...], Any]:
+    ) -> tuple[Points, Float32Array | None]:
         """Descriptors of keypoints from anywhere, along their angles (0 where OpenCV has -1).
 
         Args:
-            image: an image, or several.
-            keypoints: n `cv2.KeyPoint`s, or as many sequences of them as there are images.
+            image: see `detectAndCompute`.
+            keypoints: n `cv2.KeyPoint`s.
             descriptors: not used; OpenCV's output array.
 
         Returns:
             The keypoints without those outside of the image or of no size, and their descriptors
-            as `detectAndCompute` gives them; of several images, a tuple of either for each.
+            as `detectAndCompute` gives them.
 
         Raises:
             ImageError: not an image.
             ConfigError: the detector describes no points of others.
         """
-        if not _is_image(image):
-            pairs = zip(image, keypoints, strict=True)
-            kept, rows = zip(*(self.compute(*pair) for pair in pairs), strict=True)
-            return kept, rows
         describe = getattr(self._detector, "describe", None)
         require(describe is not None, "detector", "one with `describe`", self._detector)
         pixels = self._rgb(image)
@@ -244,10 +236,6 @@ class Feature2D:
         if not self._bgr or pixels.ndim != 3:
             return pixels
         return pixels[:, :, [2, 1, 0, 3][: pixels.shape[2]]]
-
-
-def _is_image(image: Any) -> bool:
-    return isinstance(image, np.ndarray | cv2.UMat)
 
 
 def _mask(mask: Any) -> Any:

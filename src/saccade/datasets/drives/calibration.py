@@ -25,7 +25,7 @@ import numpy as np
 from saccade.datasets.tables import Archive
 from saccade.errors import ConfigError, DriveError, Settings, require, setting
 from saccade.frames import Camera
-from saccade.io.files import atomic_write, read_toml
+from saccade.io.files import atomic_write, read_toml, reading
 from saccade.types import Float32Array, FloatArray, Image
 
 CAMERA_FILE = "camera.toml"
@@ -34,8 +34,6 @@ _EXTRINSICS = {"baseline": "baseline", "place": "position", "rotation": "rotatio
 _CAMERA = {name: name for name in _INTRINSICS} | _EXTRINSICS
 """Attributes of `Camera` by their names in the file."""
 _OTHERS = ("distortion", "rate", "depth_unit", "odometry_bias", "start")
-_SHAPES = {"place": (3,), "rotation": (3, 3), "odometry_bias": (3,), "start": (3,)}
-"""Shapes of the values that are not scalars; the distortion has any number of coefficients."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +48,15 @@ class Calibration(Settings):
     """Frames per second, where no file has their times."""
     depth_unit: float = setting(0.001, above=0, below=1e6)
     """Metres per step of a depth image."""
-    odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    odometry_bias: tuple[float, float, float] = setting((0.0, 0.0, 0.0), 0, below=1e6)
     """Standard deviations of systematic odometry errors, as in `Drive`."""
-    start: tuple[float, float, float] | None = None
+    start: tuple[float, float, float] | None = setting(None, -1e9, 1e9)
     """Pose at the first frame; None where it is not known."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        known = len(self.distortion) in (0, 4, 5)
-        require(known, "distortion", "k1, k2, p1, p2 and perhaps k3", self.distortion)
+        known = len(self.distortion) in (0, 4, 5) and np.isfinite(self.distortion).all()
+        require(bool(known), "distortion", "k1, k2, p1, p2 and perhaps k3", self.distortion)
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -75,31 +73,16 @@ def read_calibration(path: Path) -> Calibration:
     if unknown or missing:
         found = f"{unknown[0]!r}" if unknown else f"no {', '.join(missing)}"
         raise DriveError(f"{path}: expected {', '.join(known)}; found {found}")
-    numbers = {name: _numbers(path, name, value) for name, value in values.items()}
-    camera: dict[str, Any] = {
-        attribute: numbers.pop(name) for name, attribute in _CAMERA.items() if name in numbers
-    }
+    with reading(path, DriveError, "numbers, and lists of numbers", TypeError, ValueError):
+        arrays = {name: np.array(value, np.float64) for name, value in values.items()}
+    numbers = {n: tuple(each.tolist()) if each.ndim else float(each) for n, each in arrays.items()}
+    camera: dict[str, Any] = {_CAMERA[name]: numbers[name] for name in _CAMERA if name in numbers}
+    camera |= {_CAMERA[name]: arrays[name] for name in ("place", "rotation") if name in arrays}
+    others: dict[str, Any] = {name: numbers[name] for name in _OTHERS if name in numbers}
     try:
-        camera |= {name: int(camera[name]) for name in ("width", "height")}
-        return Calibration(Camera(**camera), **numbers)
-    except ConfigError as error:
+        return Calibration(Camera(**camera), **others)
+    except (ConfigError, TypeError) as error:  # TypeError: a number in place of several
         raise DriveError(f"{path}: {error}") from error
-
-
-def _numbers(path: Path, name: str, value: Any) -> Any:
-    """A value as a float, a tuple of floats, or an array for `Camera`."""
-    try:
-        array: FloatArray = np.array(value, np.float64)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
-    shape = (array.size,) if name == "distortion" else _SHAPES.get(name, ())
-    if array.shape != shape or not np.isfinite(array).all():
-        raise DriveError(
-            f"{path}: {name}: expected finite numbers of shape {shape}, found {value!r}"
-        )
-    if shape == ():
-        return float(array)
-    return array if name in _EXTRINSICS else tuple(array.tolist())
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:

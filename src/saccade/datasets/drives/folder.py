@@ -67,11 +67,8 @@ GUESSED_RATE = 10.0
 """Frames per second, without times."""
 FILM_WIDTH = 36.0
 """Millimetres to which EXIF's FocalLengthIn35mmFilm refers."""
-EXIF_FOLDER, FOCAL_LENGTH, FOCAL_LENGTH_35MM = 0x8769, 0x920A, 0xA405
+EXIF_FOLDER, FOCAL_LENGTH_35MM = 0x8769, 0xA405
 """Numbers of EXIF tags."""
-FOCAL_PLANE_WIDTH, FOCAL_PLANE_UNIT = 0xA20E, 0xA210
-"""EXIF's pixels per unit of the sensor, and the unit: 2 inches, 3 centimetres, 4 millimetres."""
-UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
 
 
 class CameraOptions(NamedTuple):
@@ -187,13 +184,8 @@ def exif_focal_length(image: Path, width: int) -> float | None:
     try:
         with Pillow.open(image) as opened:
             tags = opened.getexif().get_ifd(EXIF_FOLDER)
-        film = float(tags.get(FOCAL_LENGTH_35MM, 0) or 0)
-        focal = film * width / FILM_WIDTH
-        if not film:
-            unit = UNIT_MM.get(int(tags.get(FOCAL_PLANE_UNIT, 2)), 25.4)
-            density = float(tags.get(FOCAL_PLANE_WIDTH, 0) or 0)
-            focal = float(tags.get(FOCAL_LENGTH, 0) or 0) * density / unit
-    except (OSError, ValueError, TypeError, ZeroDivisionError, SyntaxError):
+        focal = float(tags.get(FOCAL_LENGTH_35MM, 0) or 0) * width / FILM_WIDTH
+    except (OSError, ValueError, TypeError, SyntaxError):
         return None
     return focal if 0.2 * width < focal < 20 * width else None
 

@@ -70,22 +70,14 @@ def associate(time: FloatArray, others: FloatArray, tolerance: float) -> IntArra
     Returns:
         (n,) indices in `others`; -1 without a neighbor within the tolerance, in seconds.
     """
+    from scipy.spatial import KDTree  # slow to import
+
     if len(others) == 0:
         return np.full(len(time), -1)
-    forward, distance = _nearest(time, others)
-    backward, _ = _nearest(others, time)
-    mutual = time[backward[forward]] == time
+    distance, forward = KDTree(others[:, None]).query(time[:, None])
+    _, backward = KDTree(time[:, None]).query(others[:, None])
+    mutual = time[np.asarray(backward)[forward]] == time
     return np.asarray(np.where(mutual & (distance <= tolerance), forward, -1), np.int64)
-
-
-def _nearest(time: FloatArray, others: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Index of the other time (m,) nearest to each time (n,), and its distance."""
-    order = np.argsort(others, kind="stable")
-    after = np.searchsorted(others[order], time)
-    neighbors = order[np.stack([after - 1, after]).clip(0, len(others) - 1)]  # (2, n)
-    distance = np.abs(others[neighbors] - time)
-    nearest = distance.argmin(0), np.arange(len(time))
-    return np.asarray(neighbors[nearest], np.int64), np.asarray(distance[nearest])
 
 
 class SourceImage(NamedTuple):

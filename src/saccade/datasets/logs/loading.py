@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -91,14 +92,6 @@ _TABLES: dict[str, Kind] = {"barcodes": "mrclam", "observations": "dlr"}
 _FILES: dict[str, Kind] = {".csv": "csv", ".bag": "rosbag", ".mat": "victoria-park"}
 """Formats by a file in a folder, by an array of an .npz, and by the suffix of other files."""
 _SUFFIXES = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro"}
-_OPTIONS = {
-    "g2o": {"matrix_form"},
-    "isam": {"matrix_form"},
-    "mrclam": {"robot", "odometry_noise", "sensor_sigma"},
-    "victoria-park": {"odometry_noise", "sensor_sigma"},
-    "rosbag": {"topic", "odometry_noise", "sensor_sigma"},
-}
-"""The options of each format; of Victoria Park they apply to the raw .mat alone."""
 
 
 def load(
@@ -128,7 +121,8 @@ def load(
 
     Raises:
         LogError: the file is missing, broken, or of another format; one line that names it.
-        ConfigError: no such kind, or an option that this kind does not have.
+        ConfigError: no such kind, an option that this kind does not have, or a standard deviation
+            that is not positive.
     """
     require(kind in get_args(Kind), "kind", f"one of {', '.join(get_args(Kind))}", kind)
     path = Path(path)
@@ -144,10 +138,14 @@ def load(
         "topic": topic,
     }
     options = {name: value for name, value in options.items() if value is not None}
-    converted = kind == "victoria-park" and path.suffix.lower() != ".mat"
-    for name in options.keys() - (set() if converted else _OPTIONS.get(kind, set())):
+    reader = _READERS[kind]
+    if kind == "victoria-park" and path.suffix.lower() != ".mat":
+        reader = read_pose_graph
+    for name in options.keys() - signature(reader).parameters.keys():
         raise ConfigError(f"{name}: {path} read as {kind} does not have it; leave it out")
-    log = _READERS[kind](path, **options)
+    if sensor_sigma is not None:
+        require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
+    log = reader(path, **options)
     invalid = invalid_range_bearing(log.observation)
     if invalid is not None:
         number, expected, found = invalid

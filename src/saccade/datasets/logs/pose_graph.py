@@ -219,9 +219,7 @@ def write_pose_graph(path: str | Path, log: LandmarkLog, dialect: Dialect) -> No
     Raises:
         LogError: an observation has no landmark number, or no exact representation.
         OutputError: the file cannot be written.
-        ConfigError: no such dialect.
     """
-    require(dialect in get_args(Dialect), "dialect", f"one of {get_args(Dialect)}", dialect)
     require_numbered(log, dialect)
     edge, observation, vertex, form = _DIALECTS[dialect]
     landmark_offset = len(log.time) if dialect == "g2o" else 0

@@ -13,7 +13,6 @@ from saccade.datasets.logs.conversions import (
     integrate,
     require_numbered,
 )
-from saccade.datasets.logs.pose_graph import read_pose_graph
 from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import LogError, require
@@ -104,10 +103,9 @@ def read_mrclam(
 
     Raises:
         LogError: a file is missing or broken; names the file and the line.
-        ConfigError: no such robot, or a standard deviation that is not positive.
+        ConfigError: no such robot.
     """
     require(1 <= robot <= ROBOTS, "robot", f"a number from 1 to {ROBOTS}", robot)
-    require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
     path = Path(path)
     tables = _read_tables(path, robot)
     time, speed, turn_rate = tables["robot{}_odometry"].T
@@ -292,30 +290,26 @@ def read_victoria_park(
     odometry_noise: OdometryNoise = VICTORIA_PARK_ODOMETRY,
     sensor_sigma: tuple[float, float] = VICTORIA_PARK_SENSOR,
 ) -> LandmarkLog:
-    """Read the Victoria Park log, raw or as GTSAM distributes it.
+    """Read the raw Victoria Park log; that of GTSAM is a pose graph.
 
-    The raw .mat has speed and steering angle at 40 Hz and the trees detected in each laser scan.
+    The .mat has speed and steering angle at 40 Hz and the trees detected in each laser scan.
     There is a pose at the time of each scan; between scans the motion of the rear axle is
     integrated by `integrate` and transformed to the laser, beside the GPS antenna. Trees have no
     identity. The log starts at the origin.
 
     Args:
-        path: the .mat, or the .txt with known identities, which includes its own noise.
-        odometry_noise: see `load`; of the .mat.
-        sensor_sigma: see `load`; of the .mat.
+        path: the .mat.
+        odometry_noise: see `load`.
+        sensor_sigma: see `load`.
 
     Returns:
-        The log; of the .mat with the GPS of `aa3_gpsx.mat` beside it, if it exists, as ground
+        The log, with the GPS of `aa3_gpsx.mat` beside it, if it exists, as ground
         truth: its headings are NaN and its frame is not that of the log.
 
     Raises:
         LogError: no such file, or not this log.
-        ConfigError: a standard deviation that is not positive.
     """
-    require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
     path = Path(path)
-    if path.suffix.lower() != ".mat":
-        return read_pose_graph(path)
     variables = read_matlab(path, ("time", "u", "TLsr", "zt"))
     time, scan_time = (_times(path, name, variables) for name in ("time", "TLsr"))
     scans = variables["zt"]

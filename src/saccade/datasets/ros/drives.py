@@ -22,7 +22,7 @@ those of the messages' headers, from the first image on. Without odometry the mo
 from dataclasses import replace
 from pathlib import Path
 from posixpath import commonpath
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -60,7 +60,7 @@ from saccade.datasets.ros.bags import (
     finite,
 )
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.frames import CameraTurn, Drive, Frame
+from saccade.frames import Camera, CameraTurn, Drive, Frame
 from saccade.io.files import reading
 from saccade.io.image import decode_stored
 from saccade.types import FloatArray, Image, IntArray
@@ -94,19 +94,6 @@ MAX_SHIFT = 0.01
 """Metres by which its optical center may move on the robot without a remark."""
 
 
-class Mounting(NamedTuple):
-    """Pose of a camera in the frame of the robot, and its turns from there."""
-
-    position: FloatArray
-    """(3,) meters."""
-    rotation: FloatArray
-    """(3, 3) from the frame of the camera into that of the robot."""
-    turns: tuple[CameraTurn, ...] = ()
-    """Turn of the camera in each frame; empty where it does not turn."""
-    assumptions: tuple[str, ...] = ()
-    """Assumptions that do not hold exactly, one line each."""
-
-
 def read_rosbag_drive(path: Path) -> Drive:
     """A drive from a bag."""
     with reading(str(path), DriveError, *FIELDS):
@@ -116,10 +103,11 @@ def read_rosbag_drive(path: Path) -> Drive:
         zero = float(seconds.min())
         frames = FrameTimes.sort(seconds - zero, f"{path}, {left}")
         calibration = _calibration(bag, left, right)
-        camera = calibration.camera
-        mounting = _mounting(bag, left, seconds) or Mounting(camera.position, camera.rotation)
-        camera = replace(camera, position=mounting.position, rotation=mounting.rotation)
-        calibration = replace(calibration, camera=camera)
+        turns, assumptions = list[CameraTurn](), tuple[str, ...]()
+        poses = _camera_poses(bag, left, seconds)
+        if poses is not None:
+            camera, turns, assumptions = mounted(calibration.camera, poses, f"{path}, {left}")
+            calibration = replace(calibration, camera=camera)
         read = frame_reader(
             calibration,
             frames.recorded,
@@ -129,14 +117,14 @@ def read_rosbag_drive(path: Path) -> Drive:
         )
 
         def read_turned(number: int) -> Frame:
-            frame, turns = read(number), mounting.turns
+            frame = read(number)
             return replace(frame, turn=turns[number]) if turns else frame
 
         topic = bag.truth_topic()
         truth = Truth() if topic is None else robot_truth(bag.poses(topic, zero))
         return assemble_drive(
             *(path.stem, path.parent, calibration, frames, read_turned),
-            *(_increments(bag, frames.time, zero), truth, mounting.assumptions),
+            *(_increments(bag, frames.time, zero), truth, assumptions),
         )
 
 
@@ -193,16 +181,15 @@ def _calibration(bag: Bag, left: str, right: str | None) -> Calibration:
     return calibration_of(message, right_message, f"{bag.path}, {info}")
 
 
-def _mounting(bag: Bag, image: str, time: FloatArray) -> Mounting | None:
-    """Mounting of the camera of a topic, by the transforms of the bag, if it has them."""
+def _camera_poses(bag: Bag, image: str, time: FloatArray) -> Poses | None:
+    """Poses on the robot of the camera of a topic, by the transforms of the bag, if it has them."""
     odometry = bag.odometry_topic()
     if odometry is None or (bag.path.parent / CAMERA_FILE).exists():
         return None
     first = next(bag.messages(odometry))[1]
     part = next(bag.messages(image))[1].header.frame_id
     on_robot = Transforms.read(bag).without(bare(first.header.frame_id))
-    poses = on_robot.poses(bare(first.child_frame_id), bare(part), time)
-    return None if poses is None else mounting_of(poses, f"{bag.path}, {image}")
+    return on_robot.poses(bare(first.child_frame_id), bare(part), time)
 
 
 def _increments(bag: Bag, frame_time: FloatArray, zero: float) -> OdometryIncrements:
@@ -218,27 +205,34 @@ def _closest(topics: list[str], image: str) -> str:
     return max(topics, key=lambda topic: len(commonpath([topic, image])))
 
 
-def mounting_of(poses: Poses, name: str) -> Mounting:
-    """Mounting of a camera by its poses in the frame of the robot.
+def mounted(
+    camera: Camera, poses: Poses, name: str
+) -> tuple[Camera, list[CameraTurn], tuple[str, ...]]:
+    """A camera as it is mounted on the robot, its turns from there, and what is assumed.
 
     Pan and tilt are the azimuth and elevation of the optical axis, so that without them the
     camera faces ahead.
 
     Args:
-        poses: at each frame of the drive.
+        camera: with any extrinsics.
+        poses: of the camera in the frame of the robot, at each frame of the drive.
         name: of the recording, for messages.
+
+    Returns:
+        The camera, a turn for each frame or none where it does not turn, and a line where its
+        optical center moves.
 
     Raises:
         DriveError: the camera also rolls about its optical axis.
     """
     R = poses.rotation
     if _angle(R, R[0]) < STILL:
-        return Mounting(poses.position[0].copy(), R[0].copy())
+        return replace(camera, position=poses.position[0].copy(), rotation=R[0].copy()), [], ()
     x, y, z = R[:, :, 2].T  # of the optical axis
     directions = zip(np.arctan2(y, x).tolist(), np.arcsin(z.clip(-1, 1)).tolist(), strict=True)
-    turns = tuple(CameraTurn(pan, tilt) for pan, tilt in directions)
-    mounted = np.stack([turn.rotation for turn in turns]).transpose(0, 2, 1) @ R
-    roll = _angle(mounted, mounted[0])
+    turns = [CameraTurn(pan, tilt) for pan, tilt in directions]
+    rotation = np.stack([turn.rotation for turn in turns]).transpose(0, 2, 1) @ R
+    roll = _angle(rotation, rotation[0])
     if roll > MAX_ROLL:
         raise DriveError(
             f"{name}: expected a camera that pans and tilts, found one that also rolls about its "
@@ -246,13 +240,12 @@ def mounting_of(poses: Poses, name: str) -> Mounting:
         )
     center = poses.position.mean(0)
     shift = float(np.linalg.norm(poses.position - center, axis=1).max())
-    assumptions: tuple[str, ...] = ()
-    if shift > MAX_SHIFT:
-        assumptions = (
-            f"{name}: the optical center moves by up to {shift:.2f} m on the robot while the "
-            "camera turns; its mean position is used",
-        )
-    return Mounting(center, mounted[0], turns, assumptions)
+    assumption = (
+        f"{name}: the optical center moves by up to {shift:.2f} m on the robot while the camera "
+        "turns; its mean position is used"
+    )
+    camera = replace(camera, position=center, rotation=rotation[0])
+    return camera, turns, (assumption,) if shift > MAX_SHIFT else ()
 
 
 def _angle(rotations: FloatArray, other: FloatArray) -> float:

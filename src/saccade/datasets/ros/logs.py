@@ -54,7 +54,7 @@ from saccade.datasets.ros.bags import (
     stamp_of,
 )
 from saccade.datasets.tables import LARGEST
-from saccade.errors import LogError, LogWarning, require
+from saccade.errors import LogError, LogWarning
 from saccade.io.files import reading
 from saccade.plane import path_of, steps_between
 from saccade.types import BoolArray, FloatArray, LandmarkLog, Trajectory
@@ -381,9 +381,8 @@ def read_rosbag_log(
 
     Raises:
         LogError: the file is no bag, or lacks landmarks, odometry, or transforms between them.
-        ConfigError: a standard deviation that is not positive; the extra is not installed.
+        ConfigError: the extra is not installed.
     """
-    require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
     path = Path(path)
     with reading(str(path), LogError, *FIELDS):
         bag = Bag(path)
