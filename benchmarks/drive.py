@@ -94,7 +94,6 @@ def main() -> None:
             (*table(result, drive), rate, median, reference, rate / reference, len(result.map))
         )
         print(f"{seed:4}" + line(rows[-1]))
-        print("     ms", {k: round(1000 * v / len(drive), 1) for k, v in result.seconds.items()})
     print("mean" + line(np.mean(rows, 0)))
 
 

@@ -15,7 +15,7 @@ from saccade.slam import Checkpoint
 from saccade.slam.consistency import normalized_squared
 from saccade.types import THREE_SIGMA_2D, Trajectory
 from saccade.visual import VisualConfig
-from saccade.visual.lost import LIMIT, LandmarkCounts, LostTest
+from saccade.visual.lost import LIMIT, LostTest
 from saccade.visual.optical_flow import PreparedFrame
 from support.interrupted_run import interrupt_at
 from support.short_ring import short_ring
@@ -208,12 +208,12 @@ def test_a_view_that_resembles_the_last_one_is_no_evidence(rng):
 def test_missed_landmarks_add_to_other_evidence_and_found_ones_refute_it(rng):
     test, _ = driven(rng)
     for _ in range(100):
-        test.add_landmarks(LandmarkCounts(expected=20, found=0, elsewhere=0))
+        test.add_landmarks(expected=20, found=0, elsewhere=0)
     assert test.evidence == 0.0
-    test.add_landmarks(LandmarkCounts(expected=20, found=0, elsewhere=9))
-    test.add_landmarks(LandmarkCounts(expected=20, found=0, elsewhere=9))
+    test.add_landmarks(expected=20, found=0, elsewhere=9)
+    test.add_landmarks(expected=20, found=0, elsewhere=9)
     assert 0 < test.evidence < LIMIT
     test.add_motion(seen(scenery(rng)), (STEP, SMALL), None, 0.1, 10, 0)
     assert test.is_lost
-    test.add_landmarks(LandmarkCounts(expected=20, found=8, elsewhere=0))
+    test.add_landmarks(expected=20, found=8, elsewhere=0)
     assert test.evidence == 0.0

@@ -7,59 +7,11 @@ from hypothesis import strategies as st
 
 from saccade.evaluation.runs import correct_associations
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.slam.consistency import chi_square_gate
 from saccade.visual.config import VisualConfig
 from saccade.visual.motion_prior import Planarity
-from saccade.visual.reidentification import consistent_layout, consistent_subset, reidentify
+from saccade.visual.reidentification import consistent_layout, reidentify
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
-
-GATE = 0.99
-
-
-def drawn(seed, count):
-    """Innovations (count, 2) with a covariance that they have, as every pair depends."""
-    random = np.random.default_rng(seed)
-    A = random.normal(size=(2 * count, 2 * count + 3))
-    S = A @ A.T / 10 + 0.01 * np.eye(2 * count)
-    return random.multivariate_normal(np.zeros(2 * count), S).reshape(-1, 2), S
-
-
-def nis_given_others(v, S, i):
-    """NIS of one observation, conditional on the others."""
-    own = np.arange(2 * i, 2 * i + 2)
-    others = np.setdiff1d(np.arange(v.size), own)
-    gain = np.linalg.solve(S[np.ix_(others, others)], S[np.ix_(others, own)]).T
-    missed = v[i] - gain @ np.delete(v, i, 0).ravel()
-    left = S[np.ix_(own, own)] - gain @ S[np.ix_(others, own)]
-    return missed @ np.linalg.solve(left, missed)
-
-
-@given(st.integers(0, 10**6), st.integers(2, 6), st.integers(0, 5), st.floats(-9, 9))
-def test_what_the_others_contradict_is_eliminated(seed, count, which, by):
-    v, S = drawn(seed, count)
-    v[which % count] += by
-    kept = consistent_subset(v, S, GATE)
-    nis = [nis_given_others(v, S, i) for i in range(count)]
-    limit = chi_square_gate(2, GATE)
-    if max(nis) < limit:
-        assert kept.all()
-    else:
-        assert not kept[np.argmax(nis)]
-    left = np.flatnonzero(kept)
-    rows = (2 * left[:, None] + (0, 1)).ravel()
-    for i in range(len(left) if len(left) > 1 else 0):
-        assert nis_given_others(v[left], S[np.ix_(rows, rows)], i) < limit
-
-
-def test_correct_associations_are_kept_as_often_as_the_gate_says():
-    kept = [consistent_subset(*drawn(seed, 2), GATE).all() for seed in range(2000)]
-    assert 0.97 < np.mean(kept) < 0.995  # each of two is outside once in a hundred
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_a_single_association_is_kept(count):
-    assert consistent_subset(np.full((count, 2), 99.0), np.eye(2 * count), GATE).all()
 
 
 @given(st.integers(0, 10**6), st.integers(0, 4))
@@ -101,6 +53,6 @@ def test_points_that_are_no_landmarks_hide_none(rng):
     assert usable.all()
     visual_map.initialize(observations, points.descriptor, 0)
     elsewhere = TrackedPoints.zeros(3, landmark=np.full(3, -1))
-    found = reidentify(points, visual_map, elsewhere, drive.camera, config)
+    found = reidentify(points, visual_map, elsewhere, config)
     assert found.points.tolist() == found.rows.tolist() == [0, 1, 2, 3, 4, 5]
     assert len(found.missed) == found.elsewhere == 0

@@ -78,7 +78,7 @@ def test_normal_equations_are_those_of_the_formulas(rng, known):
     expected = normal_equations(pairs, at, R, t)
     information, gradient, square, found = np.zeros((6, 6)), np.zeros(6), np.zeros(k), at.copy()
     accumulate_normal_equations(
-        pairs, VIEW, R, t, np.full(k, PIXEL), SOFT, found, information, gradient, square
+        pairs, VIEW, R, t, PIXEL, SOFT, found, information, gradient, square
     )
     for ours, theirs in zip((information, gradient, square, found), expected, strict=True):
         assert_allclose(ours, theirs, rtol=1e-5, atol=1e-5 * np.abs(theirs).max())
@@ -92,9 +92,9 @@ def test_a_point_behind_the_camera_has_no_weight():
     )
     sums, square = (np.zeros((6, 6)), np.zeros(6)), np.zeros(1)
     back = np.array([0.0, 0.0, -3.0])
-    sigma, inverse_depth = np.full(1, PIXEL), pairs.inverse_depth.copy()
+    inverse_depth = pairs.inverse_depth.copy()
     accumulate_normal_equations(
-        pairs, VIEW, np.eye(3), back, sigma, SOFT, inverse_depth, *sums, square
+        pairs, VIEW, np.eye(3), back, PIXEL, SOFT, inverse_depth, *sums, square
     )
     assert np.isinf(square[0])
     assert not sums[0].any()

@@ -221,7 +221,6 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
         "missed": result.missed,
         "lost": lost_times(result.trajectory, result.lost),
         "ms_per_frame": 1000 * float(result.frame_seconds.mean()),
-        "ms": {step: 1000 * seconds / n for step, seconds in result.seconds.items()},
     }
 
 

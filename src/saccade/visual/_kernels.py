@@ -35,7 +35,7 @@ def accumulate_normal_equations(
     intrinsics: Intrinsics,
     R: FloatArray,
     t: FloatArray,
-    pixel_sigma: FloatArray,
+    pixel_sigma: float,
     kernel_width: float,
     inverse_depth: FloatArray,
     information: FloatArray,
@@ -53,7 +53,7 @@ def accumulate_normal_equations(
         intrinsics: of the camera.
         R: (3, 3) of the `CameraPose`.
         t: (3,) of it.
-        pixel_sigma: (k,) standard deviations of the pixels, in each axis.
+        pixel_sigma: standard deviation of a pixel, in each axis.
         kernel_width: width of the robust kernel, in standard deviations.
         inverse_depth: (k,) linearization points; overwritten by the estimates for this motion.
         information: (6, 6) by rotation and translation, added to.
@@ -79,7 +79,7 @@ def accumulate_normal_equations(
         residual[0] = points.current[i, 0] - (fx * x + cx)
         residual[1] = points.current[i, 1] - (fy * y + cy)
         residual[2] = points.current_inverse_depth[i] - predicted if measured else 0.0
-        weight[0] = weight[1] = 1 / (2 * pixel_sigma[i] ** 2)  # A^-1; the pixels of both frames err
+        weight[0] = weight[1] = 1 / (2 * pixel_sigma**2)  # A^-1; the pixels of both frames err
         weight[2] = 1 / points.current_inverse_depth_sigma[i] ** 2 if measured else 1.0
         P[0, 0], P[0, 2], P[1, 1], P[1, 2] = fx / z, -fx * x / z, fy / z, -fy * y / z
         P[2, 2] = -predicted / z  # P: Jacobian by the point, divided by its previous depth

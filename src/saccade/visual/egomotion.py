@@ -95,7 +95,7 @@ def correspondences_of(
 def estimate_motion(
     camera: Camera,
     points: Correspondences,
-    pixel_sigma: float | FloatArray,
+    pixel_sigma: float,
     prior: MotionEstimate | None,
     before: Camera | None = None,
 ) -> Egomotion | None:
@@ -104,7 +104,7 @@ def estimate_motion(
     Args:
         camera: the calibration.
         points: k correspondences.
-        pixel_sigma: standard deviation of a pixel in each axis, or (k,) one for each.
+        pixel_sigma: standard deviation of a pixel, in each axis.
         prior: the expected control, which becomes part of the estimate; None where measured
             depths determine the whole motion.
         before: the camera as it was turned in the first frame; None if as in the second.
@@ -122,7 +122,6 @@ def estimate_motion(
         return None
     R, t = initial
     inverse_depth, squared = points.inverse_depth.copy(), np.empty(len(points.previous))
-    sigmas = np.full(len(squared), pixel_sigma, np.float64)
     weight = np.zeros((6, 6)) if prior is None else _prior_information(camera, prior[1], R, before)
     widths = KERNEL_WIDTHS[-2:] if prior is None else KERNEL_WIDTHS
     for i in range(MAX_ITERATIONS):
@@ -130,7 +129,7 @@ def estimate_motion(
         information, gradient = weight + 1e-9 * np.eye(6), -weight @ offset
         width = widths[min(i, len(widths) - 1)]
         accumulate_normal_equations(
-            *(points, Intrinsics.of(camera), R, t, sigmas, width),
+            *(points, Intrinsics.of(camera), R, t, float(pixel_sigma), width),
             *(inverse_depth, information, gradient, squared),
         )
         step = np.linalg.solve(information, gradient)

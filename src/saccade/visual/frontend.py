@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import Generic, Self, TypeVar, cast
 
 import numpy as np
@@ -60,8 +59,6 @@ class FrameFeatures:
     """(h, w) contrast of the whole image, where points were detected and a gaze is decided."""
     remarks: list[str]
     """Why the frame could not be read, if so."""
-    seconds: dict[str, float]
-    """Computation time by step."""
 
 
 class FeatureExtractor:
@@ -83,22 +80,29 @@ class FeatureExtractor:
     ) -> None:
         self._drive, self._config, self._attends = drive, config, attends
         self._read = dict(read or {})
-        self._sift = _detector(config, drive.camera)
+        upsampled = drive.camera.width * drive.camera.height <= MAX_UPSAMPLED
+        self._sift = Sift(
+            SiftConfig(
+                max_keypoints=config.max_points,
+                contrast_threshold=0.016,
+                ranking="response",  # the ranking with which drives were measured
+                spread=True,
+                first_octave=-1 if upsampled else 0,
+            )
+        )
 
     def __call__(self, number: int) -> FrameFeatures:
         """A frame and its points; an empty frame where it cannot be read."""
-        start, remarks = perf_counter(), list[str]()
+        remarks = list[str]()
         try:
             frame = self._read.pop(number, None) or self._drive.load(number)
         except ImageError as error:
             frame, remarks = Frame(float(self._drive.time[number])), [str(error)]
         prepared, detected = prepare_frame(frame, self._drive.camera), None
-        read = perf_counter()
         if frame.tracks is not None or number % self._config.detect_interval == 0:
             detected = self._detect(prepared, number)
         saliency = self._saliency(prepared, detected)
-        seconds = {"read": read - start, "detect": perf_counter() - read}
-        return FrameFeatures(prepared, detected, saliency, remarks, seconds)
+        return FrameFeatures(prepared, detected, saliency, remarks)
 
     def detect(self, features: FrameFeatures, number: int) -> FrameFeatures:
         """The same frame with points detected in it, though its number does not ask for them."""
@@ -125,7 +129,9 @@ class FeatureExtractor:
             depth = depth_of(camera, tracks.disparity)
             sigma = depth_sigma(camera, depth, self._config)
         elif prepared.left is not None:
-            points = _keypoints(prepared.left, self._sift)
+            points = self._sift(prepared.left)
+            _, first = np.unique(points.xy, axis=0, return_index=True)
+            points = points[np.sort(first)]  # of points with several orientations
             descriptors, track = cast("ByteArray", points.descriptors), np.full(len(points), -1)
             depth, sigma = measure_depth(camera, prepared, points.xy, self._config)
         else:
@@ -144,27 +150,6 @@ class FeatureExtractor:
             response=points.response,
             descriptor=descriptors,
         )
-
-
-def _keypoints(image: ByteArray, sift: Sift) -> Keypoints:
-    """Keypoints of an image, one for each position."""
-    points = sift(image)
-    _, first = np.unique(points.xy, axis=0, return_index=True)
-    return points[np.sort(first)]  # of points with several orientations
-
-
-def _detector(config: VisualConfig, camera: Camera) -> Sift:
-    """The detector of a drive."""
-    upsampled = camera.width * camera.height <= MAX_UPSAMPLED
-    return Sift(
-        SiftConfig(
-            max_keypoints=config.max_points,
-            contrast_threshold=0.016,
-            ranking="response",  # the ranking with which drives were measured
-            spread=True,
-            first_octave=-1 if upsampled else 0,
-        )
-    )
 
 
 class Prefetcher(Generic[T]):
@@ -250,12 +235,11 @@ def track(
         depth, sigma = measure_depth(camera, current, xy, config, tracked.depth)
     else:
         return TrackedPoints(), None
-    pixel_sigma = np.full(len(tracked), config.pixel_sigma)
     has_depth = measures_depth(camera, current.frame)
     previous_depth = tracked.depth if has_depth else np.full(len(tracked), np.nan)
     points = correspondences_of(tracked.xy, xy, previous_depth, tracked.depth_sigma, depth, sigma)
     expected = None if has_depth and current.frame.turn is None else prior
-    motion = estimate_motion(camera, points, pixel_sigma, expected, before)
+    motion = estimate_motion(camera, points, config.pixel_sigma, expected, before)
     if motion is None:
         return TrackedPoints(), None
     motion = motion._replace(includes_prior=not has_depth)

@@ -9,7 +9,6 @@ drive so far, and their sum is one test (CUSUM, Page 1954).
 
 from dataclasses import dataclass, field
 from math import dist, log, nan
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -61,17 +60,6 @@ MAX_MISSED = 3.0
 agree on another pose may show that the filter is overconfident."""
 MIN_ELSEWHERE, ELSEWHERE = 6, 2.5
 """Landmarks that agree on a pose outside of all gates, and the evidence of such a frame."""
-
-
-class LandmarkCounts(NamedTuple):
-    """Lost landmarks in a frame in which points are detected."""
-
-    expected: int
-    """Expected in view."""
-    found: int
-    """Re-identified."""
-    elsewhere: int
-    """That agree on another pose than the believed one."""
 
 
 @dataclass
@@ -180,17 +168,22 @@ class LostTest(Checkpointed):
             self.view, self.turned = view, False
         return continued
 
-    def add_landmarks(self, counts: LandmarkCounts) -> None:
-        """Add the evidence of the landmarks expected in a frame."""
-        if counts.found >= MIN_FOUND and counts.found > counts.elsewhere:
+    def add_landmarks(self, expected: int, found: int, elsewhere: int) -> None:
+        """Add the evidence of the lost landmarks in a frame in which points are detected.
+
+        Args:
+            expected: number of them that are expected in view.
+            found: that are re-identified.
+            elsewhere: that agree on another pose than the believed one.
+        """
+        if found >= MIN_FOUND and found > elsewhere:
             self.evidence = self.missed = self.blind = 0.0
-        elif counts.elsewhere >= MIN_ELSEWHERE and counts.elsewhere > 2 * counts.found:
+        elif elsewhere >= MIN_ELSEWHERE and elsewhere > 2 * found:
             self._add_missed(ELSEWHERE)
-        elif counts.found == 0 and counts.expected >= MIN_EXPECTED and self.evidence > 0:
+        elif found == 0 and expected >= MIN_EXPECTED and self.evidence > 0:
             self._add_missed(-log(max(self.without, RAREST)))
-        if counts.expected >= MIN_EXPECTED:
-            missing = float(counts.found == 0)
-            self.without += (missing - self.without) / LANDMARK_MEMORY
+        if expected >= MIN_EXPECTED:
+            self.without += (float(found == 0) - self.without) / LANDMARK_MEMORY
 
     def _add_missed(self, evidence: float) -> None:
         """Add evidence of landmarks, which are not enough by themselves."""

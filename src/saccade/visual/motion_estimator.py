@@ -33,9 +33,6 @@ class MotionEstimator(Checkpointed):
         config: standard deviations of the other errors.
     """
 
-    uses_tracks = False
-    """Whether the pixels of tracked points measure the motion, and so cannot correct the map."""
-
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         self._drive, self._config = drive, config
         _, turn_per_metre, _ = drive.odometry_bias
@@ -161,8 +158,6 @@ class MotionEstimator(Checkpointed):
 
 class StereoMotionEstimator(MotionEstimator):
     """The motion by odometry and a camera that measures depth, adjusted over a sliding window."""
-
-    uses_tracks = True
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         super().__init__(drive, config)

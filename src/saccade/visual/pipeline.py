@@ -25,7 +25,6 @@ from saccade.visual.frontend import (
     track,
 )
 from saccade.visual.gaze_control import GazeControl
-from saccade.visual.lost import LandmarkCounts
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
 from saccade.visual.motion_prior import TOTAL_RELATIVE_SIGMA
 from saccade.visual.optical_flow import PreparedFrame
@@ -36,7 +35,7 @@ from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.single_camera import SingleCameraMotionEstimator
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.track_recorder import TrackRecorder
-from saccade.visual.visual_map import BearingMap, VisualMap
+from saccade.visual.visual_map import VisualMap
 
 MIN_POINTS = 0.4
 """Fraction of the most tracked points under which a camera that turns detects new ones."""
@@ -132,8 +131,7 @@ class Pipeline(Checkpointed):
             self.motion = (StereoMotionEstimator if has_depth else SingleCameraMotionEstimator)(
                 drive, config
             )
-        kind = VisualMap if has_depth else BearingMap
-        self.map = kind(drive, config, self.motion.planarity)
+        self.map = VisualMap(drive, config, self.motion.planarity, has_depth)
         self.recovery = Recovery(self.map, self.motion, config)
         self.tracked = TrackedPoints()
         self.detected: TrackedPoints | None = None
@@ -158,7 +156,8 @@ class Pipeline(Checkpointed):
     def step(self, number: int) -> None:
         """Process a frame: detect, track, predict, update, associate, attend, initialize."""
         start, previous_pose, was_lost = perf_counter(), self.map.ekf.pose, self.recovery.lost
-        features = self._detect(number)
+        features = self._features(number)
+        self.log.remarks.extend(features.remarks)
         frame, found = features.frame, False
         self.turn = frame.frame.turn
         self.motion.turn_camera(self.turn)
@@ -179,14 +178,14 @@ class Pipeline(Checkpointed):
             if frame.frame.tracks is not None:
                 described = detected[np.flatnonzero(detected.descriptor.any(1))]
             if len(described) and self.recovery.lost:
-                found = self._relocalize(described)
+                known = np.isfinite(described.depth).any()
+                found = self.recovery.search(described if known else self.tracked)
             elif len(described):
                 reidentified = self._associate(described)
                 self._update(number, ObservationKind.REIDENTIFIED, reidentified)
             self.tracked = extend(self.tracked, detected, reidentified, self.config)
         if scheduled and not self.recovery.lost:
-            chosen = self._attend(number, frame)
-            self._initialize(number, chosen)
+            self._initialize(number, self._attend(number, frame))
         if self.recovery.lost != was_lost:
             self.motion.restart()
         if number > 0 and not found:
@@ -218,13 +217,6 @@ class Pipeline(Checkpointed):
             self.motion.turn_camera(self._previous.frame.turn)
             self.map.turn_camera(self._previous.frame.turn)
 
-    def _detect(self, number: int) -> FrameFeatures:
-        """The frame, and in every `detect_interval`-th the points detected in it."""
-        with self.log.timed("wait"):
-            features = self._features(number)
-        self.log.add_features(features)
-        return features
-
     def _detect_if_few(self, number: int, features: FrameFeatures) -> FrameFeatures:
         """Detect points ahead of time where a camera that turns has left most of them behind."""
         if features.detected is not None or self.turn is None:
@@ -235,87 +227,71 @@ class Pipeline(Checkpointed):
         leaves = self._gaze is not None and self._gaze.is_leaving
         if many and not turned and not leaves:
             return features
-        with self.log.timed("detect"):
-            return self._extract.detect(features, number)
+        return self._extract.detect(features, number)
 
     def _move(self, number: int, frame: PreparedFrame) -> Egomotion | None:
         """Track points into a frame, and predict its pose; returns the egomotion."""
         expected, before, model = self.motion.predict(number), self.tracked, self.motion
-        with self.log.timed("track"):
-            self.tracked, motion = track(
-                self.drive.camera, self._previous, frame, before, expected, self.config
-            )
-            if motion is not None:
-                motion = model.refine(motion, before, self.tracked)
-        self.log.add_motion(model.measured(expected, motion), motion)
-        with self.log.timed("adjust"):
-            points, frames = (before, self.tracked), (self._previous, frame)
-            control, motion = model.join(expected, motion, points, frames)
-            self.tracked = model.with_depth(self.tracked)
-        if model.drift is not None:
-            self.log.add_drift(model.drift)
-        with self.log.timed("predict"):
-            self.map.rescale(model.scale)
-            self.map.move(number, control)
-        self.control = control
+        self.tracked, motion = track(
+            self.drive.camera, self._previous, frame, before, expected, self.config
+        )
+        if motion is not None:
+            motion = model.refine(motion, before, self.tracked)
+        measured = model.measured(expected, motion)
+        points, frames = (before, self.tracked), (self._previous, frame)
+        self.control, motion = model.join(expected, motion, points, frames)
+        self.tracked = model.with_depth(self.tracked)
+        self.log.add_motion(measured, motion, model.drift)
+        self.map.rescale(model.scale)
+        self.map.move(number, self.control)
         return motion
 
     def _update(self, number: int, kind: ObservationKind, points: TrackedPoints) -> None:
         """Observe landmarks, and update the filter."""
-        with self.log.timed("update"):
-            rows = self.map.landmarks.rows(points.landmark)
-            expected = self.map.predict_observations(rows)
-            observations, usable = self.map.observe(points, expected)
-            points, observations = points[usable], observations[usable]
-            expected = PredictedObservations(expected.z[usable], expected.covariance[usable])
-            innovation = self.map.update(points, observations, expected, number)
+        rows = self.map.landmarks.rows(points.landmark)
+        expected = self.map.predict_observations(rows)
+        observations, usable = self.map.observe(points, expected)
+        points, observations = points[usable], observations[usable]
+        expected = PredictedObservations(expected.z[usable], expected.covariance[usable])
+        innovation = self.map.update(points, observations, expected, number)
         self.log.add_observations(number, kind, points, observations, innovation)
 
     def _associate(self, detected: TrackedPoints) -> TrackedPoints:
         """Re-identify lost landmarks; returns the points that are."""
         config, landmarks = self.config, self.map.landmarks
-        with self.log.timed("associate"):
-            if config.selection == "rematch-rate-range":
-                self.tracked = count_rematches(self.tracked, detected, config.ratio)
-            detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
-            found = reidentify(detected, self.map, self.tracked, self.map.camera, config)
-            count = len(found.rows)
-            expected = count + len(found.missed)
-            landmark = landmarks.id[found.rows]
-            if self.recovery.add_landmarks(LandmarkCounts(expected, count, found.elsewhere)):
-                self.tracked = self.tracked.without_landmarks()
-                return TrackedPoints()
-            landmarks.missed[found.missed] += 1
-            self.log.missed += len(found.missed)
-            flags = np.ones(count, np.bool_)
-            return replace(detected[found.points], landmark=landmark, reidentified=flags)
-
-    def _relocalize(self, detected: TrackedPoints) -> bool:
-        """Search a lost robot by the points whose depth is known; whether it was found."""
-        with self.log.timed("relocalize"):
-            known = np.isfinite(detected.depth).any()
-            return self.recovery.search(detected if known else self.tracked)
+        if config.selection == "rematch-rate-range":
+            self.tracked = count_rematches(self.tracked, detected, config.ratio)
+        detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
+        found = reidentify(detected, self.map, self.tracked, config)
+        count = len(found.rows)
+        expected = count + len(found.missed)
+        landmark = landmarks.id[found.rows]
+        if self.recovery.add_landmarks(expected, count, found.elsewhere):
+            self.tracked = self.tracked.without_landmarks()
+            return TrackedPoints()
+        landmarks.missed[found.missed] += 1
+        self.log.missed += len(found.missed)
+        flags = np.ones(count, np.bool_)
+        return replace(detected[found.points], landmark=landmark, reidentified=flags)
 
     def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
         """(m,) indices of the tracked points that become landmarks."""
-        with self.log.timed("attend"):
-            tracked, config = self.tracked, self.config
-            saliency = saliency_at(frame.frame.image, tracked, config)
-            observations, usable = self.map.observe(tracked)
-            return select_landmarks(tracked, observations, usable, saliency, config, number)
+        tracked, config = self.tracked, self.config
+        saliency = saliency_at(frame.frame.image, tracked, config)
+        observations, usable = self.map.observe(tracked)
+        return select_landmarks(tracked, observations, usable, saliency, config, number)
 
     def _initialize(self, number: int, chosen: IntArray) -> None:
         """Initialize landmarks from tracked points (m,), within the budget of the map."""
-        with self.log.timed("initialize"):
-            points = self.tracked[chosen]
-            observations, _ = self.map.observe(points)
-            landmark = self.tracked.landmark.copy()
-            landmark[chosen] = self.map.initialize(observations, points.descriptor, number)
-            points = replace(points, landmark=landmark[chosen])
-            self.tracked.reidentified[chosen] = not self.motion.uses_tracks
-            self.map.enforce_budget(landmark[landmark >= 0], number)
-            removed = (landmark >= 0) & (self.map.landmarks.rows(landmark) < 0)
-            self.tracked = replace(self.tracked, landmark=landmark)[~removed]
+        points = self.tracked[chosen]
+        observations, _ = self.map.observe(points)
+        landmark = self.tracked.landmark.copy()
+        landmark[chosen] = self.map.initialize(observations, points.descriptor, number)
+        points = replace(points, landmark=landmark[chosen])
+        self.tracked.reidentified[chosen] = self.config.egomotion != "camera"
+        self.map.enforce_budget(landmark[landmark >= 0], number)
+        removed = (landmark >= 0) & (self.map.landmarks.rows(landmark) < 0)
+        self.tracked = replace(self.tracked, landmark=landmark)[~removed]
         self.log.add_observations(number, ObservationKind.INITIALIZED, points, observations)
 
 

@@ -9,7 +9,7 @@ from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion
-from saccade.visual.lost import LandmarkCounts, LostTest
+from saccade.visual.lost import LostTest
 from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.reidentification import descriptor_matches, has_same_height
@@ -110,11 +110,11 @@ class Recovery(Checkpointed):
             self._begin_if_lost()
         return self.lost
 
-    def add_landmarks(self, counts: LandmarkCounts) -> bool:
-        """Test the landmarks in a frame with detections; returns whether the robot is lost."""
+    def add_landmarks(self, expected: int, found: int, elsewhere: int) -> bool:
+        """`LostTest.add_landmarks`; returns whether the robot is lost."""
         if self.test.evidence == 0.0:
             self._first_doubtful = self._map.next_id
-        self.test.add_landmarks(counts)
+        self.test.add_landmarks(expected, found, elsewhere)
         if self.test.evidence == 0.0:
             self._blind = 0.0
         self._begin_if_lost()

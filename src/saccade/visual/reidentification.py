@@ -1,11 +1,10 @@
-"""Re-identification of lost landmarks: by descriptor, validation gate, and joint consistency."""
+"""Re-identification of lost landmarks: by descriptor, validation gate, and layout."""
 
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from saccade.frames import Camera
 from saccade.keypoints.matching import match
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.models import PredictedObservations
@@ -40,14 +39,10 @@ class Reidentification(NamedTuple):
 
 
 def reidentify(
-    points: TrackedPoints,
-    visual_map: VisualMap,
-    tracked: TrackedPoints,
-    camera: Camera,
-    config: VisualConfig,
+    points: TrackedPoints, visual_map: VisualMap, tracked: TrackedPoints, config: VisualConfig
 ) -> Reidentification:
     """Find lost landmarks among k detected points."""
-    landmarks, lost = visual_map.landmarks, _expected_in_view(visual_map, tracked, camera, config)
+    landmarks, lost = visual_map.landmarks, _expected_in_view(visual_map, tracked, config)
     if len(lost) == 0 or len(points) == 0:
         none = np.zeros(0, np.int64)
         return Reidentification(none, none, none, 0)
@@ -63,19 +58,17 @@ def reidentify(
         layout = visual_map.ekf.landmarks[rows[same_height]]
         agree = consistent_layout(observations.z[same_height], layout, tolerance)
         elsewhere = int((agree & ~keep[same_height]).sum())
-    index, rows, observations = index[keep], rows[keep], observations[keep]
-    keep = consistent_layout(observations.z, visual_map.ekf.landmarks[rows], tolerance)
-    index, rows, observations = index[keep], rows[keep], observations[keep]
-    keep = consistent_subset(*visual_map.joint_innovation(rows, observations), config.gate)
+    index, rows = index[keep], rows[keep]
+    keep = consistent_layout(observations.z[keep], visual_map.ekf.landmarks[rows], tolerance)
     index, rows = index[keep], rows[keep]
     return Reidentification(index, rows, lost[~np.isin(lost, rows)], elsewhere)
 
 
 def _expected_in_view(
-    visual_map: VisualMap, tracked: TrackedPoints, camera: Camera, config: VisualConfig
+    visual_map: VisualMap, tracked: TrackedPoints, config: VisualConfig
 ) -> IntArray:
     """(m,) rows of landmarks that are not tracked and within 3 sigma of the field of view."""
-    landmarks = visual_map.landmarks
+    landmarks, camera = visual_map.landmarks, visual_map.camera
     if len(landmarks) == 0:
         return np.zeros(0, np.int64)
     z, S = visual_map.ekf.predict_observations()
@@ -137,27 +130,6 @@ def consistent_layout(
     inliers = error < tolerance * z[:, 0] + tolerance
     best = inliers[np.argmax(inliers.sum(1))]
     return best if best.sum() >= min(MIN_CONSISTENT, m) else np.zeros(m, np.bool_)
-
-
-def consistent_subset(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
-    """(m,) joint compatibility of innovations v (m, 2) with their covariance S (2m, 2m).
-
-    The observation that deviates most from its prediction by the others is eliminated, until all
-    are inside the gate. The predictions follow from the inverse of S.
-    """
-    kept = np.arange(len(v))
-    while len(kept) > 1:
-        columns = (2 * kept[:, None] + (0, 1)).ravel()
-        Q = np.linalg.inv(S[np.ix_(columns, columns)])
-        i = np.arange(len(kept))
-        diagonal_blocks = Q.reshape(len(kept), 2, -1, 2)[i, :, i]  # of each, given the others
-        weighted = (Q @ v[kept].ravel()).reshape(-1, 2)
-        distance = normalized_squared(weighted, diagonal_blocks)
-        worst = int(distance.argmax())
-        if distance[worst] < chi_square_gate(2, gate):
-            break
-        kept = np.delete(kept, worst)
-    return np.isin(np.arange(len(v)), kept)
 
 
 def count_rematches(tracked: TrackedPoints, detected: TrackedPoints, ratio: float) -> TrackedPoints:

@@ -1,10 +1,7 @@
 """Results of visual SLAM, and the log of a run from which they are made."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import IntEnum
-from time import perf_counter
 
 import numpy as np
 
@@ -21,7 +18,6 @@ from saccade.types import (
     column,
 )
 from saccade.visual.egomotion import Egomotion, MotionEstimate
-from saccade.visual.frontend import FrameFeatures
 from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.self_calibration import CalibrationDrift, CalibrationReport
@@ -91,8 +87,6 @@ class VisualResult:
     odometry; NaN where it failed."""
     missed: int
     """Times that a lost landmark was expected in view and not re-identified."""
-    seconds: dict[str, float]
-    """Computation time by step; "read" and "detect" run in parallel to the others."""
     frame_seconds: FloatArray
     """(n,) computation time of each frame."""
     lost: BoolArray
@@ -112,7 +106,6 @@ class RunLog(Checkpointed):
 
     drive: Drive
     remarks: list[str] = field(default_factory=list)
-    seconds: dict[str, float] = field(default_factory=dict)
     missed: int = 0
     last_visible: int | None = None
     """Number of the last frame that was not blank."""
@@ -129,21 +122,6 @@ class RunLog(Checkpointed):
         self._visual_covariance = [np.zeros((3, 3))]
         self._visual_drift = [np.zeros((3, 3))]
         self._off_plane = [np.full(3, np.nan)]
-
-    @contextmanager
-    def timed(self, step: str) -> Iterator[None]:
-        """Add the time of a block to that of its step."""
-        start = perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[step] = self.seconds.get(step, 0.0) + (perf_counter() - start)
-
-    def add_features(self, features: FrameFeatures) -> None:
-        """Log computation times and remarks of a frame's features."""
-        for step, seconds in features.seconds.items():
-            self.seconds[step] = self.seconds.get(step, 0.0) + seconds
-        self.remarks.extend(features.remarks)
 
     def add_observations(
         self,
@@ -170,19 +148,22 @@ class RunLog(Checkpointed):
         if len(self._observations) == MAX_TABLES:
             self._observations = [LandmarkObservations.concatenate(self._observations)]
 
-    def add_motion(self, step: MotionEstimate, motion: Egomotion | None) -> None:
-        """Log the step from the last frame by the camera; by odometry where there is no motion."""
+    def add_motion(
+        self, step: MotionEstimate, motion: Egomotion | None, drift: CalibrationDrift | None
+    ) -> None:
+        """Log the step from the last frame by the camera; by odometry where there is no motion.
+
+        Errors of the calibration add to its covariance what they have done to the pose so far.
+        """
         pose, Fx, Fu = compose(self._visual_pose[-1], step[0])
         self._visual_pose.append(pose)
         covariance = Fx @ self._visual_covariance[-1] @ Fx.T + Fu @ step[1] @ Fu.T
         self._visual_covariance.append(covariance)
-        self._visual_drift.append(np.zeros((3, 3)))
+        by_errors = np.zeros((3, 3))
+        if drift is not None:
+            by_errors = drift.covariance(float(pose[2]), is_corrected=False)
+        self._visual_drift.append(by_errors)
         self._off_plane.append(np.full(3, np.nan) if motion is None else motion.off_plane)
-
-    def add_drift(self, drift: CalibrationDrift) -> None:
-        """Log what errors of the calibration add to the covariance of visual odometry."""
-        heading = float(self._visual_pose[-1][2])
-        self._visual_drift[-1] = drift.covariance(heading, is_corrected=False)
 
     def add_pose(
         self, pose: FloatArray, covariance: FloatArray, seconds: float, lost: bool
@@ -217,7 +198,6 @@ class RunLog(Checkpointed):
             observations=LandmarkObservations.concatenate(self._observations),
             off_plane=np.array(self._off_plane),
             missed=self.missed,
-            seconds=dict(self.seconds),
             frame_seconds=np.array(self._frame_seconds),
             lost=np.array(self._lost, np.bool_),
             calibration=motion.drift.report() if motion.drift else None,

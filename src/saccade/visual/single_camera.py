@@ -42,8 +42,6 @@ class SingleCameraMotionEstimator(MotionEstimator):
         config: standard deviations.
     """
 
-    uses_tracks = True
-
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         super().__init__(drive, config)
         self._trajectory = CameraTrajectory()

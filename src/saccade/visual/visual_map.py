@@ -1,7 +1,6 @@
 """The map of a drive: the filter, its landmarks, and how the camera observes them."""
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from saccade.frames import CameraTurn, Drive
 from saccade.io.checkpoint import Checkpointed
@@ -24,19 +23,25 @@ MIN_RESCALE = 1e-3
 
 
 class VisualMap(Checkpointed):
-    """EKF-SLAM over the landmarks of a drive, whose camera measures their ranges.
+    """EKF-SLAM over the landmarks of a drive.
 
     Args:
         drive: start, camera and odometry.
         config: standard deviations and budget.
         planarity: tilt of the robot.
+        measures_range: whether an observation tells the range of a landmark; that of a single
+            camera is a bearing, since its ranges follow from the motion itself.
     """
 
-    measures_range = True
-    """Whether an observation tells the range of a landmark."""
-
-    def __init__(self, drive: Drive, config: VisualConfig, planarity: Planarity) -> None:
+    def __init__(
+        self,
+        drive: Drive,
+        config: VisualConfig,
+        planarity: Planarity,
+        measures_range: bool = True,
+    ) -> None:
         self._drive, self._config, self._planarity = drive, config, planarity
+        self.measures_range = measures_range
         self.camera = drive.camera
         self._turn_sigma = 0.0
         self._scale = 1.0
@@ -92,7 +97,11 @@ class VisualMap(Checkpointed):
             points: the points.
             expected: observations of the landmarks that they are, if they are in the map.
         """
-        return observe(self.camera, points, self._config, self._planarity.tilt)
+        tilt = self._planarity.tilt
+        if expected is None or self.measures_range:
+            return observe(self.camera, points, self._config, tilt)
+        bearings = observe_bearings(self.camera, points, expected.z[:, 0], self._config, tilt)
+        return bearings, np.ones(len(points), np.bool_)
 
     def predict_observations(self, rows: IntArray) -> PredictedObservations:
         """Predicted observations of landmarks (k,)."""
@@ -124,17 +133,14 @@ class VisualMap(Checkpointed):
             if number > 0:  # observations of a track share the error of its first one
                 seconds = float(self._drive.time[number] - self._drive.time[number - 1])
                 R = R * correlation_factor(seconds, self._config)
-            self.correct(rows[reidentified], observations.z[reidentified], R[reidentified])
+            ids, z = points.landmark[reidentified], observations.z[reidentified]
+            self._observe(ids, z, R[reidentified])
             landmarks = self.landmarks
             landmarks.observations[rows] += 1
             landmarks.last_observed[rows] = number
             higher = observations.height - landmarks.height[rows]
             landmarks.height[rows] += higher / landmarks.observations[rows]
         return innovation, S
-
-    def correct(self, rows: IntArray, z: FloatArray, R: FloatArray) -> None:
-        """Update the filter by observations z (k, 2), R (k, 2, 2) of landmarks (k,)."""
-        self._observe(self.landmarks.id[rows], z, R)
 
     def _observe(self, ids: IntArray, z: FloatArray, R: FloatArray) -> None:
         """Process observations of landmarks (k,) at the present pose; unknown ones are added."""
@@ -159,18 +165,6 @@ class VisualMap(Checkpointed):
         self.next_id += k
         self.landmarks = Landmarks.concatenate([self.landmarks, new])
         return new.id
-
-    def joint_innovation(
-        self, rows: IntArray, observations: RangeBearings
-    ) -> tuple[FloatArray, FloatArray]:
-        """Innovations (k, 2) of landmarks (k,), and their joint covariance (2k, 2k)."""
-        z, S = self.ekf.predict_jointly(rows)
-        fraction, bearing = self._shared_error_sigma
-        shared = np.zeros((2, 2 * len(rows)))
-        shared[0, ::2], shared[1, 1::2] = fraction * observations.z[:, 0], bearing
-        return difference(observations.z, z), (
-            S + shared.T @ shared + block_diag(*observations.covariance)
-        )
 
     def enforce_budget(self, tracked: IntArray, number: int) -> None:
         """Remove the least useful landmarks beyond `max_landmarks`, but none that is tracked."""
@@ -200,20 +194,3 @@ class VisualMap(Checkpointed):
         fraction, degrees = self._config.shared_error_sigma
         bearing = float(np.radians(degrees))
         return fraction, float(np.hypot(bearing, self._turn_sigma)) if self._turn_sigma else bearing
-
-
-class BearingMap(VisualMap):
-    """EKF-SLAM over the landmarks of a single camera: its ranges follow from the motion itself."""
-
-    measures_range = False
-
-    def observe(
-        self, points: TrackedPoints, expected: PredictedObservations | None = None
-    ) -> tuple[RangeBearings, BoolArray]:
-        """Observations of k points; those of landmarks of the map are bearings alone."""
-        if expected is None:
-            return super().observe(points)
-        bearings = observe_bearings(
-            *(self.camera, points, expected.z[:, 0], self._config, self._planarity.tilt)
-        )
-        return bearings, np.ones(len(points), np.bool_)
