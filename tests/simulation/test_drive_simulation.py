@@ -10,13 +10,11 @@ import pytest
 
 from saccade import datasets
 from saccade.errors import ConfigError
-from saccade.evaluation.trajectory import position_rmse
 from saccade.settings import as_toml
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
 from saccade.simulation.drive import Illumination, render
 from saccade.simulation.scene import Ground, Walls, all_posters, build_scene, poster_images
 from saccade.slam.filter.models import unbiased
-from saccade.types import Trajectory
 from support.odometry_alone import followed
 
 TEXELS = 180.0
@@ -95,19 +93,6 @@ def test_a_board_is_where_a_pinhole_puts_it(board, pose):
         assert np.abs(shift_between(ours, exact, near)).max() < 0.05
 
 
-@pytest.mark.parametrize("right", [False, True])
-def test_corners_are_found_where_they_are_projected(board, right):
-    scene, points = board
-    camera, pose = DriveConfig().camera, np.array([0, 0, np.pi / 2])  # a finder errs at a slant
-    xy, depth = project(camera, pose, points, right)
-    xy = xy[((xy > 14) & (xy < (camera.width - 14, camera.height - 14))).all(1) & (depth > 0)]
-    image = cv2.GaussianBlur(render(scene, camera, pose, right).astype(np.float32), (0, 0), 2)
-    corners = np.ascontiguousarray(xy, np.float32).reshape(-1, 1, 2)
-    found = cv2.cornerSubPix(image, corners, (5, 5), (-1, -1), (3, 100, 1e-4)).reshape(-1, 2)
-    assert len(xy) > 80
-    assert np.abs(found - xy).max() < 0.05
-
-
 def test_two_views_agree_where_depth_and_poses_say():
     drive = simulate_drive(replace(SMALL, light=STILL, depth=True, image_size=(160, 120)))
     camera, first, second = drive.camera, drive.load(0), drive.load(1)
@@ -163,16 +148,6 @@ def test_the_errors_of_odometry_are_those_it_tells():
     signs = [np.array([a, b, 0]) for a in (-1, 1) for b in (-1, 1)]
     mended = [unbiased(drive.control, sign * drive.odometry_bias) for sign in signs]
     assert min(np.abs(each - true).max() for each in mended) < 1e-12
-
-
-def test_odometry_alone_goes_astray_as_far_as_the_page_says():
-    found = []
-    for seed in range(5):
-        drive = simulate_drive(seed=seed)
-        alone = Trajectory(drive.time, followed(drive.start, drive.control))
-        end = np.hypot(*(alone.pose[-1] - drive.truth.pose[-1])[:2])
-        found.append((position_rmse(alone, drive.truth), end))
-    assert np.mean(found, 0) == pytest.approx([1.5, 3.7], abs=0.2)
 
 
 def test_frames_are_the_same_in_any_order_and_thread():

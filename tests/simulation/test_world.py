@@ -140,22 +140,6 @@ def test_curved_uncertainty_is_not_overconfident():
     assert trials.landmark_anees < 4
 
 
-def test_the_scores_of_trials_are_what_they_are_called():
-    trials = MonteCarloRuns(
-        np.array([[np.nan, 1.0, 5.0], [np.nan, 3.0, 15.0]]),
-        np.full((2, 3), 4.0),
-        np.array([1.0, 5.0]),
-        np.array([0.0, 0.5]),
-    )
-    assert trials.anees == 6
-    assert trials.median == 6
-    assert trials.rmse == 2
-    assert trials.landmark_anees == 3
-    assert trials.mean_nonlinearity == 0.25
-    assert trials.band == pytest.approx((0.618, 7.225), abs=1e-3)  # chi-square of six, halved
-    assert trials.in_band == 0.5
-
-
 def test_a_world_from_the_command_line_is_read_by_slam(run, tmp_path):
     code, out, _ = run("simulate", "world", "--seed", 5, "--out", "made", "--json")
     assert code == 0

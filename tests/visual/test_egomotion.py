@@ -15,7 +15,6 @@ from saccade.visual.egomotion import (
     camera_motion,
     correspondences_of,
     estimate_motion,
-    robot_motion,
 )
 from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.motion_prior import MotionPrior, fuse
@@ -40,14 +39,6 @@ def scene(rng, k=80):
     turned = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     now, deep = to_pixels(CAMERA, (before - np.append(CONTROL[:2], 0)) @ turned.T)
     return xy, depth, now, deep, R, t
-
-
-def test_points_come_back_through_the_camera():
-    rng = np.random.default_rng(0)
-    xy, depth = rng.uniform(0, 300, (50, 2)), rng.uniform(1, 50, 50)
-    again, deep = to_pixels(CAMERA, from_pixels(CAMERA, xy, depth))
-    assert_allclose(again, xy, atol=1e-9)
-    assert_allclose(deep, depth)
 
 
 def test_the_covariance_of_an_observation_is_that_of_many_draws():
@@ -101,31 +92,6 @@ def test_a_bearing_only_observation_lies_on_the_ray():
     )
     assert_allclose(seen.z[:, 0], (8.0, 30.0))
     assert_allclose(to_pixels(CAMERA, place)[0], xy, atol=1e-4)
-
-
-def test_robot_and_camera_move_together():
-    control, tilt, _ = robot_motion(CAMERA, *camera_motion(CAMERA, CONTROL))
-    assert_allclose(control, CONTROL, atol=1e-12)
-    assert_allclose(tilt, 0, atol=1e-12)
-
-
-def test_the_jacobian_of_the_robots_motion_is_that_of_finite_differences():
-    import cv2
-
-    R, t = camera_motion(CAMERA, CONTROL)
-    slope, step = robot_motion(CAMERA, R, t).jacobian, 1e-6
-    for k in range(6):
-        change = np.zeros(6)
-        change[k] = step
-        ends = [
-            np.concatenate(
-                robot_motion(CAMERA, cv2.Rodrigues(s * change[:3])[0] @ R, t + s * e)[:2]
-            )
-            for s, e in ((1, change[3:]), (-1, change[3:]))
-        ]
-        found = (ends[0] - ends[1]) / (2 * step)
-        assert_allclose(slope[:4, k], found[:4], atol=1e-7)
-        assert_allclose(slope[4:, k], found[4:], atol=abs(CONTROL[2]))  # small angles
 
 
 @pytest.mark.parametrize("wrong", [0, 15])

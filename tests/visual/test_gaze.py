@@ -17,6 +17,13 @@ from saccade.visual.egomotion import camera_motion, correspondences_of, estimate
 from saccade.visual.gaze_control import MAX_ASIDE, GazeControl
 
 
+def panning(frames, image_size):
+    """A camera that pans, and the drive that it records."""
+    pan = PanCamera()
+    config = {"world": "rooms", "frames": frames, "image_size": image_size}
+    return pan, simulate_drive(DriveConfig(frames_per_lap=200, **config), 0, pan)
+
+
 def test_a_view_to_the_side_tells_an_advance_from_a_turn_worse_than_one_ahead():
     camera = Camera(320, 240, 340, 340, 160, 120, 0.15)
     angle, rng = np.arctan2(camera.cx, camera.fx), np.random.default_rng(0)
@@ -42,9 +49,7 @@ def test_a_view_to_the_side_tells_an_advance_from_a_turn_worse_than_one_ahead():
 
 @pytest.mark.parametrize("egomotion", ["camera", "wheels"])
 def test_a_camera_that_measures_the_motion_looks_no_further_aside_than_it_can(egomotion):
-    config = DriveConfig(world="rooms", frames=30, frames_per_lap=200, image_size=(96, 72))
-    pan = PanCamera()
-    drive = simulate_drive(config, 0, pan)
+    pan, drive = panning(30, (96, 72))
     control = GazeControl("active", drive.camera, pan.limits, pan.turn_to)
     visual.run(drive, visual.VisualConfig(egomotion=egomotion), gaze=control)
     widest = max(abs(decision.pan) for decision in control.decisions)
@@ -62,9 +67,7 @@ def test_a_pan_camera_has_latency_rate_and_range_and_no_foresight():
 
 
 def test_the_next_frame_is_seen_where_the_policy_looked(tmp_path):
-    config = DriveConfig(world="rooms", frames=16, frames_per_lap=200, image_size=(96, 72))
-    pan = PanCamera()
-    drive = simulate_drive(config, 0, pan)
+    pan, drive = panning(16, (96, 72))
     control = GazeControl(lambda gazer: 0.4, drive.camera, pan.limits, pan.turn_to)
     seen = []
     load = drive.load
@@ -80,9 +83,7 @@ def test_the_next_frame_is_seen_where_the_policy_looked(tmp_path):
 
 
 def test_the_gazer_of_a_drive_knows_its_motion_its_landmarks_and_their_salience():
-    config = DriveConfig(world="rooms", frames=20, frames_per_lap=200, image_size=(160, 120))
-    pan = PanCamera()
-    drive = simulate_drive(config, 0, pan)
+    pan, drive = panning(20, (160, 120))
     found = []
 
     def look(gazer):

@@ -28,64 +28,56 @@ def drive():
     return short_ring(FRAMES)
 
 
-def kidnapped(drive, kept, carried=0, blind=0):
-    """The `kept` frames of a drive; odometry knows nothing of those left out.
+def kidnapped(drive, kept, still=(), black=()):
+    """The `kept` frames of a drive, some of them black; odometry knows nothing of those left out.
 
-    The last `carried` steps before the gap, and so many black frames in place of the last `blind`
-    of those before it, are unknown to odometry, too.
+    Nor of `still` steps: it reports that there was none.
     """
-    kept = np.asarray(kept)
-    gap = int(np.flatnonzero(np.diff(kept) != 1)[0]) if (np.diff(kept) != 1).any() else len(kept)
-    control = drive.control[kept[:-1]].copy()
-    control[gap - carried : gap + (carried > 0)] = 0.0
-    time = drive.time[: len(kept)]
+    kept, still = np.asarray(kept), list(still)
+    control, covariance = drive.control[kept[:-1]], drive.control_covariance[kept[:-1]]
+    control[still] = covariance[still] = 0.0
+    time = 0.1 * np.arange(len(kept))
 
     def load(number):
-        frame = drive.load(int(kept[number]))
-        if gap - blind < number <= gap:
-            black = np.zeros_like(frame.image)
-            frame = replace(frame, image=black, right=black)
-        return replace(frame, time=float(time[number]))
+        frame = replace(drive.load(int(kept[number])), time=float(time[number]))
+        dark = np.zeros_like(frame.image)
+        return replace(frame, image=dark, right=dark) if number in black else frame
 
-    return gap + 1, replace(
-        drive,
-        time=time,
-        control=control,
-        control_covariance=drive.control_covariance[kept[:-1]],
-        load=load,
-        truth=Trajectory(time, drive.truth.pose[kept]),
-    )
+    truth = Trajectory(time, drive.truth.pose[kept])
+    made = {"time": time, "control": control, "control_covariance": covariance}
+    return replace(drive, load=load, truth=truth, **made)
 
 
 def error_at_the_end(result, drive):
     return score_drive(result.trajectory, drive.truth).end_m
 
 
-JUMP = [*range(40), *range(50, FRAMES)]
+JUMP, AFTER = [*range(40), *range(50, FRAMES)], 40
 
 
 @pytest.fixture(scope="module")
 def carried(drive):
-    """The first frame after the robot was carried away on its way back, the drive, its result."""
-    after, moved = kidnapped(drive, JUMP)
-    return after, moved, visual.run(moved)
+    """The drive of a robot that was carried away on its way back, and its result."""
+    moved = kidnapped(drive, JUMP)
+    return moved, visual.run(moved)
 
 
 def test_a_robot_that_was_carried_away_is_found_in_its_map(drive, carried):
-    after, moved, result = carried
+    moved, result = carried
     distance = np.hypot(*(drive.truth.pose[50] - drive.truth.pose[40])[:2])
     assert distance > 1.5
-    assert not result.lost[:after].any()
-    assert result.lost[after]
+    assert not result.lost[:AFTER].any()
+    assert result.lost[AFTER]
     assert not result.lost[-1]
     assert error_at_the_end(result, moved) < 0.1
     sigma = np.sqrt(result.trajectory.covariance[:, 0, 0])
-    assert 3 * sigma[after] > distance > 10 * sigma[after - 1]
+    assert 3 * sigma[AFTER] > distance > 10 * sigma[AFTER - 1]
     assert sigma[-1] < 0.1
 
 
 def test_a_robot_that_was_carried_in_the_dark_is_found(drive):
-    after, moved = kidnapped(drive, [*range(44), *range(54, FRAMES)], carried=8, blind=8)
+    kept, after = [*range(44), *range(54, FRAMES)], 44
+    moved = kidnapped(drive, kept, still=range(35, 44), black=range(36, 44))
     result = visual.run(moved)
     assert result.lost[after]
     assert not result.lost[-1]
@@ -96,23 +88,7 @@ def test_a_robot_that_was_carried_in_the_dark_is_found(drive):
 
 def test_a_robot_that_stands_in_the_dark_goes_on_where_it_stood(drive):
     kept = [*range(44), *([43] * 11), *range(44, FRAMES)]
-    control = np.insert(drive.control, [43], np.zeros((11, 3)), axis=0)
-    covariance = np.insert(drive.control_covariance, [43], np.zeros((11, 3, 3)), axis=0)
-    time = 0.1 * np.arange(len(kept))
-
-    def load(number):
-        frame = replace(drive.load(kept[number]), time=float(time[number]))
-        black = np.zeros_like(frame.image)
-        return replace(frame, image=black, right=black) if 44 <= number < 54 else frame
-
-    stood = replace(
-        drive,
-        time=time,
-        control=control,
-        control_covariance=covariance,
-        load=load,
-        truth=Trajectory(time, drive.truth.pose[kept]),
-    )
+    stood = kidnapped(drive, kept, still=range(43, 54), black=range(44, 54))
     result = visual.run(stood)
     assert result.lost[53]
     assert not result.lost[54:].any()
@@ -122,9 +98,9 @@ def test_a_robot_that_stands_in_the_dark_goes_on_where_it_stood(drive):
 
 def test_a_robot_in_an_unknown_place_stays_lost_and_keeps_its_map():
     ring = simulate_drive(DriveConfig(frames=130))
-    after, moved = kidnapped(ring, [*range(24), *range(110, 130)])
+    moved = kidnapped(ring, [*range(24), *range(110, 130)])
     result = visual.run(moved)
-    assert result.lost[after:].all()
+    assert result.lost[24:].all()
     assert result.map.xy[:, 0].max() < 8  # nothing was added beyond the first corner
     error = (result.trajectory.pose - moved.truth.pose)[-1:, :2]
     inside = normalized_squared(error, result.trajectory.covariance[-1:, :2, :2])
@@ -133,13 +109,13 @@ def test_a_robot_in_an_unknown_place_stays_lost_and_keeps_its_map():
 
 
 def test_an_interrupted_search_resumes_to_the_same_bits(carried, tmp_path):
-    after, moved, whole = carried
+    moved, whole = carried
     kept = Checkpoint(tmp_path / "c.npz", 0)
     with pytest.raises(KeyboardInterrupt):
-        visual.run(moved, None, interrupt_at(after + 1), checkpoint=kept)
+        visual.run(moved, None, interrupt_at(AFTER + 1), checkpoint=kept)
     kept = Checkpoint(tmp_path / "c.npz", 0)
     resumed = visual.run(moved, checkpoint=kept)
-    assert kept.resumed == after + 1
+    assert kept.resumed == AFTER + 1
     assert whole.lost.tolist() == resumed.lost.tolist()
     for one, two in (
         (whole.trajectory.pose, resumed.trajectory.pose),
@@ -150,20 +126,20 @@ def test_an_interrupted_search_resumes_to_the_same_bits(carried, tmp_path):
 
 
 def test_the_times_at_which_it_was_lost_are_reported(carried, run, tmp_path):
-    after, moved, _ = carried
+    moved, _ = carried
     datasets.save_drive(tmp_path / "carried", moved)
     code, out, _ = run("drive", tmp_path / "carried", "--no-film", "--out", tmp_path / "out")
     assert code == 0
     (times,) = json.loads((tmp_path / "out" / "run.json").read_text())["lost"]
-    assert times[0] == pytest.approx(moved.time[after])
+    assert times[0] == pytest.approx(moved.time[AFTER])
     assert times[0] < times[1] < times[0] + 1
     assert f"{times[0]:.1f} to {times[1]:.1f} s" in out
     assert f"{times[0]:.1f} to {times[1]:.1f} s" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_robot_that_shall_not_recover_is_never_lost(carried):
-    after, moved, _ = carried
-    assert not visual.run(moved.until(after + 4), VisualConfig(recover=False)).lost.any()
+    moved, _ = carried
+    assert not visual.run(moved.until(AFTER + 4), VisualConfig(recover=False)).lost.any()
 
 
 STEP = np.array([0.1, 0.0, 0.0])

@@ -133,28 +133,19 @@ def test_what_an_offset_of_the_disparities_does_to_the_pose_is_known():
     np.testing.assert_allclose(window.drift.by_errors[:2, 2], change[:2], rtol=0.1, atol=0.02)
     longer = window.drift.report().scale_by_offset
     assert longer == pytest.approx(abs(change[0]) / (20 * CONTROL[0]), rel=0.15)
-
-
-def test_an_offset_that_is_not_corrected_widens_the_covariance_of_the_pose():
-    _, _, window = drive(20, pixel=0.1, offset=0.05)
-    by_offset = window.drift.by_errors[:, 2]
     spread = window.drift.covariance(0.0)
-    assert spread[0, 0] > (0.04 * by_offset[0]) ** 2
-    turned = window.drift.covariance(np.pi / 2)
-    assert turned[1, 1] == pytest.approx(spread[0, 0])
+    assert spread[0, 0] > (0.04 * window.drift.by_errors[0, 2]) ** 2
+    assert window.drift.covariance(np.pi / 2)[1, 1] == pytest.approx(spread[0, 0])
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.8])
 def test_an_offset_of_all_disparities_is_found_and_none_where_there_is_none(offset):
     _, _, window = drive(40, pixel=0.3, disparity=0.2, offset=offset)
     assert window.calibration.error[2] == pytest.approx(-offset, abs=0.15 if offset else 0)
-
-
-def test_the_covariance_of_egomotion_has_the_whole_offset():
-    _, _, window = drive(40, pixel=0.3, disparity=0.2, offset=0.8)
-    spread = window.drift.covariance(0.0, is_corrected=False)
-    assert spread[0, 0] > (0.7 * window.drift.by_errors[0, 2]) ** 2
-    assert window.drift.covariance(0.0)[0, 0] < spread[0, 0]
+    egomotion = window.drift.covariance(0.0, is_corrected=False)[0, 0]  # has the whole offset
+    if offset:
+        assert egomotion > (0.7 * window.drift.by_errors[0, 2]) ** 2
+        assert window.drift.covariance(0.0)[0, 0] < egomotion
 
 
 @pytest.mark.parametrize("column", [3, 4])

@@ -25,10 +25,10 @@ from saccade.visual.frontend import (
     track,
 )
 from saccade.visual.gaze_control import GazeControl
+from saccade.visual.lost import Recovery
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
 from saccade.visual.motion_prior import TOTAL_RELATIVE_SIGMA
 from saccade.visual.optical_flow import PreparedFrame
-from saccade.visual.recovery import Recovery
 from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
