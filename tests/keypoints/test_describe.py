@@ -124,6 +124,8 @@ def test_fields_of_any_kind_of_array(rng):
             r"position in the image of 30 x 20 px, found \[-1.0, 5.0\] at poi",
         ),
         ({"xy": [[3, 3], [5, 19.6]]}, r"found \[5.0, 19.6.*\] at point 1"),
+        ({"xy": [[29.6, 3], [5, 5]]}, r"found \[29.6.*\] at point 0"),
+        ({"xy": [[3, -0.6], [5, 5]]}, r"found \[3.0, -0.6.*\] at point 0"),
         ({"xy": [[3, 3], [np.nan, 5]]}, r"found \[nan, 5.0\] at point 1"),
         ({"size": [4, 0]}, "a size over 0 px, found 0.0 at point 1"),
         ({"size": [np.inf, 4]}, "a size over 0 px, found inf at point 0"),
@@ -170,3 +172,18 @@ def test_a_point_lies_in_the_octave_of_its_size(first_octave):
     blur = config.density * config.base_sigma * 2 ** (level / config.intervals)
     assert (np.abs(np.log2(blur / sigma)) * config.intervals <= 0.5 + 1e-9).all()
     assert ((plane >= 1) & (plane <= config.intervals + np.where(octave > 0, 0, extra))).all()
+
+
+@pytest.mark.parametrize("own", [0, 1])
+def test_a_point_stays_in_its_own_octave_while_that_has_a_plane_of_its_size(own):
+    """The first octave has two intervals more."""
+    config = SiftConfig()
+    space = gaussian_scale_space(np.zeros((200, 200), np.float32), config)
+    level = np.arange(7 if own == 0 else 5) + (0 if own == 0 else 5)  # of its planes
+    level = np.append(level, level[-1] + 1)
+    sizes = 2 * config.base_sigma * 2 ** (level / 3 + config.first_octave)
+    points = Keypoints.at(np.full((len(sizes), 2), 90.0), sizes)
+    points.octave[:] = own + config.first_octave
+    octave = locate(points, space, config).octave
+    assert (octave[:-1] == own).all()
+    assert octave[-1] == own + 1
