@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from multiprocessing import get_context
@@ -239,14 +238,10 @@ def map_in_processes(
         jobs: number of processes; with several, each has a single OpenCV thread.
         progress: called with the items done and their number.
     """
-    results = []
-    with ExitStack() as stack:
-        mapped: Any = map
-        if jobs > 1:
-            one_thread = partial(cv2.setNumThreads, 1)  # in each child process alone
-            pool = ProcessPoolExecutor(jobs, get_context("spawn"), one_thread)
-            mapped = stack.enter_context(pool).map
-        for result in mapped(work, items):
+    results: list[Result] = []
+    one_thread = partial(cv2.setNumThreads, 1)  # in each child process alone
+    with ProcessPoolExecutor(jobs, get_context("spawn"), one_thread) as pool:
+        for result in (pool.map if jobs > 1 else map)(work, items):
             results.append(result)
             if progress is not None:
                 progress(len(results), len(items))
