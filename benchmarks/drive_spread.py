@@ -21,7 +21,7 @@ from saccade.evaluation.runs import score_drive
 from saccade.frames import Drive
 from saccade.slam.models import compose
 from saccade.types import Trajectory
-from saccade.visual.camera import Intrinsics, directions
+from saccade.visual.camera import directions, intrinsics_of
 from saccade.visual.depth import depth_of
 from saccade.visual.egomotion import robot_motion
 
@@ -42,7 +42,7 @@ def variations() -> list[tuple[str, visual.VisualConfig]]:
 
 def peer(drive: Drive) -> Trajectory:
     """OpenCV's stereo PnP from each frame to the next."""
-    K = Intrinsics.of(drive.camera).matrix
+    K = intrinsics_of(drive.camera).matrix
     control, pose, last = np.zeros(3), [drive.start], drive.load(0).tracks
     for number in range(1, len(drive)):
         tracks = drive.load(number).tracks

@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import numba
 import pytest
@@ -132,43 +131,6 @@ def test_a_kernel_that_is_shipped_is_not_compiled(probe, tmp_path):
     assert run(probe, NUMBA_CACHE_DIR=str(tmp_path / "used")) == (True, 8.0)
 
 
-class Nested(NamedTuple):
-    """A type that annotations name by text, as `from __future__ import annotations` makes them."""
-
-    left: "Inner"
-    right: float
-
-
-class Inner(NamedTuple):
-    x: float
-    y: float
-
-
-@pytest.mark.parametrize(
-    "annotation", ["Nested", "tuple[Nested, float]", "Nested | None", tuple["Nested", "Inner"]]
-)
-def test_fields_of_types_that_are_named_by_text_are_in_the_stamp(annotation, monkeypatch):
-    def f(nested):
-        return nested
-
-    f.__annotations__ = {"nested": annotation}
-    before = _jit.kernel_stamp(f)
-    assert _jit.kernel_stamp(f) == before
-    for changed in (Nested, Inner):
-        with monkeypatch.context() as patch:
-            patch.setattr(changed, "_fields", changed._fields[::-1])
-            assert _jit.kernel_stamp(f) != before, changed
-
-
-def test_a_type_that_only_type_checkers_import_is_refused():
-    def f(camera):
-        return camera
-
-    f.__annotations__ = {"camera": "Intrinsics"}
-    with pytest.raises(TypeError, match=r"f: expected annotations .*Intrinsics"):
-        _jit.kernel()(f)
-
-
 @pytest.mark.parametrize("missing", ["_cache", "_cache_file", "_source_stamp", "_load_index"])
 def test_without_numbas_private_attributes_kernels_are_cached_plainly(missing, monkeypatch):
     class File:
@@ -200,4 +162,5 @@ def test_this_numba_has_the_attributes():
         return x
 
     assert _jit._cache_file(same) is not None
-    assert _jit.kernel_stamp(same.py_func) in same._cache._cache_file._source_stamp
+    stamp = _jit._hash_kernels(_jit._package(Path(__file__)))
+    assert stamp in same._cache._cache_file._source_stamp

@@ -1,17 +1,12 @@
 """Every setting takes what its message says that it takes, up to the limits and no further."""
 
 import dataclasses
-import importlib
-import pkgutil
 from math import inf, nan, nextafter
 from typing import Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
 
-import saccade.attention
-import saccade.keypoints
-import saccade.slam
 from saccade.attention import (
     AttentionConfig,
     BooleanConfig,
@@ -170,23 +165,6 @@ def test_a_step_is_at_most_a_tenth_of_the_shortest_time():
             ScanpathConfig(**constants, time_step=over(0.05))
     with pytest.raises(ConfigError, match="time_step"):
         ScanpathConfig(time_step=0.0)
-
-
-def dataclasses_of(room):
-    for info in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
-        module = importlib.import_module(info.name)
-        for each in vars(module).values():
-            if dataclasses.is_dataclass(each) and each.__module__ == info.name:
-                yield each
-
-
-@pytest.mark.parametrize("room", [saccade.attention, saccade.keypoints, saccade.slam])
-def test_settings_and_results_are_frozen(room):
-    own_state = {"KnownIdentity", "GatedIdentity", "LocalMap", "Identity", "Hypothesis"}
-    thawed = {
-        each.__name__ for each in dataclasses_of(room) if not each.__dataclass_params__.frozen
-    }
-    assert thawed <= own_state
 
 
 CONTRAST = ContrastConfig(

@@ -1,8 +1,8 @@
 """The decorator for compiled kernels; only here is Numba.
 
-Kernels stand in files named `_*kernels.py`, and call others of their package or of such a file at
-the top level. A kernel that is cached on disk is compiled again when one of these files changes,
-and no other.
+Kernels stand in files named `_*kernels.py` with the types that they take, and call others of their
+package or of such a file at the top level. A kernel that is cached on disk is compiled again when
+one of these files changes, and no other.
 """
 
 import copy
@@ -19,7 +19,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast, dataclass_transform, get_args, get_type_hints
+from typing import Any, TypeVar, cast, dataclass_transform
 
 import numpy as np
 
@@ -92,8 +92,9 @@ def kernel(fastmath: Iterable[str] = (), *, inline: bool = False) -> Callable[[F
                 inline="always" if inline else "never",
             )
             if cache:
-                _stamp_cache(dispatcher, kernel_stamp(function))
-                _add_shipped(dispatcher, Path(inspect.getfile(function)))
+                source = Path(inspect.getfile(function))
+                _stamp_cache(dispatcher, _hash_kernels(_package(source)))
+                _add_shipped(dispatcher, source)
                 _compile_once(dispatcher)
             return cast("F", dispatcher)
 
@@ -152,41 +153,6 @@ def _record(structure: ctypes.Structure) -> Any:
     return np.frombuffer(cast("Any", structure), dtype).view(np.recarray)[0]
 
 
-def kernel_stamp(function: Callable[..., Any]) -> str:
-    """A hash of what a compiled kernel depends on.
-
-    The kernel files of its package and of the top level, and the names of the fields of the
-    NamedTuples it takes: compiled code has their positions only.
-
-    Raises:
-        TypeError: an annotation cannot be evaluated yet, such as one that is imported for type
-            checkers only; its layout would be unknown.
-    """
-    source = Path(inspect.getfile(function))
-    layouts = [_layout(each) for each in _evaluated(function).values()]
-    return hashlib.sha256(f"{_hash_kernels(_package(source))}{layouts}".encode()).hexdigest()
-
-
-def _evaluated(annotated: Callable[..., Any]) -> dict[str, Any]:
-    """The annotations of a function or class, those evaluated that are text."""
-    try:
-        return get_type_hints(annotated)
-    except NameError as error:
-        name = annotated.__qualname__
-        raise TypeError(f"{name}: expected annotations defined before it: {error}") from error
-
-
-def _layout(annotation: Any) -> list[object]:
-    """The names of a NamedTuple's fields, each with the layout of its own type.
-
-    Of a tuple or another type with parameters, the layouts of these.
-    """
-    if hasattr(annotation, "_fields"):
-        types = _evaluated(annotation)
-        return [(name, _layout(types.get(name))) for name in annotation._fields]
-    return [layout for each in get_args(annotation) if (layout := _layout(each))]
-
-
 def _package(source: Path) -> Path:
     """The package of `saccade` that holds a file, or its folder."""
     home = Path(__file__).parent
@@ -195,6 +161,7 @@ def _package(source: Path) -> Path:
 
 @cache
 def _hash_kernels(package: Path) -> str:
+    """A hash of the kernel files of a package and of the top level."""
     digest = hashlib.sha256()
     files = {*package.rglob("_*kernels.py"), *Path(__file__).parent.glob("_*kernels.py")}
     for path in sorted(files):

@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Callable
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, distribution
+from pkgutil import resolve_name
 from typing import Any
 
 from saccade.errors import ConfigError
@@ -53,11 +54,8 @@ def import_function(what: str, name: str) -> Callable[..., Any]:
     Raises:
         ConfigError: there is no such function; names what it was to be.
     """
-    module, _, path = name.partition(":")
     try:
-        found: Any = import_module(module)
-        for part in path.split("."):
-            found = getattr(found, part)
+        found = resolve_name(name)
     except Exception as error:  # whatever the module raises
         raise ConfigError(f"{what}: {name}: cannot be imported: {error}") from error
     if not callable(found):

@@ -14,15 +14,19 @@ from threadpoolctl import threadpool_info
 from saccade import visual
 from saccade.frames import Camera
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.visual._kernels import MAX_INVERSE_DEPTH, accumulate_normal_equations, warp_ground
-from saccade.visual.camera import Intrinsics
+from saccade.visual._kernels import (
+    MAX_INVERSE_DEPTH,
+    ImageGradients,
+    accumulate_normal_equations,
+    warp_ground,
+)
+from saccade.visual.camera import intrinsics_of
 from saccade.visual.egomotion import camera_motion, correspondences_of
 from saccade.visual.frontend import Prefetcher
 from saccade.visual.ground_scale import GroundTracker
-from saccade.visual.optical_flow import ImageGradients
 
 CAMERA = Camera(640, 360, 500, 480, 320, 120, position=np.array([0.2, 0.1, 1.5]))
-VIEW = Intrinsics.of(CAMERA)
+VIEW = intrinsics_of(CAMERA)
 PIXEL, SOFT, STEP = 0.4, 3.0, 1e-6
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from saccade.errors import ImageError
 from saccade.frames import Camera, Drive, Frame, Tracks
 from saccade.types import BoolArray, FloatArray, Image, IntArray, Table, column
-from saccade.visual.camera import Intrinsics, directions, reduced_camera
+from saccade.visual.camera import directions, intrinsics_of, reduced_camera
 from saccade.visual.depth import depth_of
 from saccade.visual.egomotion import (
     MAX_REPROJECTION_ERROR,
@@ -340,7 +340,7 @@ def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> C
         return None
     if np.median(np.hypot(*(second - first).T)) < STANDSTILL:
         return np.eye(3), np.zeros(3)
-    K = Intrinsics.of(camera).matrix
+    K = intrinsics_of(camera).matrix
     E, inliers = cv2.findEssentialMat(first, second, K, cv2.RANSAC, 0.999, MAX_REPROJECTION_ERROR)
     if E is None or E.shape != (3, 3):
         return None

@@ -1,7 +1,7 @@
 """Figures of attention: saliency maps, scanpaths and symmetric pairs."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -35,18 +35,9 @@ MIN_WIDTH, MAX_WIDTH = 0.5, 1.6
 """Line widths in points: of a pair of strength 0, and of the strongest of its point."""
 
 
-class LayeredMaps(Protocol):
-    """Maps of an attention model."""
-
-    @property
-    def layers(self) -> Mapping[str, Float32Array]:
-        """The maps by name, the saliency first."""
-        ...
-
-
 def attention_figure(
     image: Float32Array,
-    maps: Mapping[str, Float32Array] | LayeredMaps,
+    maps: Any,
     path: Scanpath | None = None,
     pairs: Sequence[SymmetricPairs] = (),
 ) -> Figure:
@@ -60,9 +51,9 @@ def attention_figure(
             image alone.
         pairs: symmetric pairs of each fixation, drawn in a panel of their own.
     """
-    maps = maps if isinstance(maps, Mapping) else maps.layers
+    layers: Mapping[str, Float32Array] = getattr(maps, "layers", maps)
     height, width = image.shape[:2]
-    count = 1 + len(maps) + bool(maps) + bool(pairs)
+    count = 1 + len(layers) + bool(layers) + bool(pairs)
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
     figure = figure_for(width, height, columns, rows)
@@ -73,12 +64,12 @@ def attention_figure(
         draw_scanpath(panels[0], path)
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
     options: dict[str, Any] = {"cmap": HEAT, "extent": extent, "interpolation": "bilinear"}
-    for axes, (title, values) in zip(panels[1:], maps.items(), strict=False):
+    for axes, (title, values) in zip(panels[1:], layers.items(), strict=False):
         draw_panel(axes, values, title, vmin=0, **options)
-    if maps:
-        title, saliency = next(iter(maps.items()))
+    if layers:
+        title, saliency = next(iter(layers.items()))
         weighted, title = weighted_by(image, saliency), f"image weighted by {title}"
-        draw_panel(panels[1 + len(maps)], weighted, title, interpolation="antialiased")
+        draw_panel(panels[1 + len(layers)], weighted, title, interpolation="antialiased")
     if pairs:
         draw_pairs(panels[count - 1], image, pairs, "symmetric pairs at the fixations")
     for axes in panels[count:]:

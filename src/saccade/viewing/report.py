@@ -29,8 +29,8 @@ SCRIPTS: dict[str, tuple[str, ...]] = {
 }
 """Scripts of each kind of part, besides those of every page."""
 STYLES = ("page.css", "report.css")
-MAX_PART_LENGTH, MAX_LENGTH = 4_500_000, 4_700_000
-"""Characters of one part and of all parts together: the page stays under 5 MB."""
+MAX_LENGTH = 4_700_000
+"""Characters of all parts together: the page stays under 5 MB."""
 MAX_TABLE_LENGTH = 3_000_000
 """Characters of all cells of a table."""
 MAX_POINTS, MAX_MATCHES = 400, 5000
@@ -233,9 +233,9 @@ def points_data(points: Keypoints) -> dict[str, Any]:
     return data
 
 
-def stride(count: int, limit: float) -> int:
+def stride(count: int, limit: int) -> int:
     """The smallest stride that takes at most `limit` of `count` items."""
-    return max(1, -(-count // max(1, int(limit))))
+    return max(1, -(-count // limit))
 
 
 def with_notes(section: Section, thinned: Mapping[str, tuple[int, int]]) -> Section:

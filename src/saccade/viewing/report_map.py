@@ -8,24 +8,22 @@ import numpy as np
 
 from saccade.types import FloatArray, Image, IntArray, LandmarkMap, MapSnapshot, Trajectory
 from saccade.viewing.page import Section, camera_image
-from saccade.viewing.report import MAX_PART_LENGTH, Part, stride, with_notes
+from saccade.viewing.report import Part, stride, with_notes
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE, running_mean
 from saccade.viewing.style import SIGMAS
 
 MAX_POSES, MAX_DOTS = 6000, 3000
 """Poses of each trajectory, and values of each chart."""
-MAX_ROWS = 40_000
+MAX_ROWS = 24_000
 """Landmarks in all snapshots together; where there are more, snapshots are left out."""
-MAX_INTERVALS = 60_000
+MAX_INTERVALS = 30_000
 """Intervals in which a landmark was observed without a gap."""
 MAX_GAP = 2
 """Largest difference of pose numbers between two observations of one interval."""
-MAX_IMAGES, MAX_IMAGE_LENGTH, IMAGE_WIDTH = 160, 1_600_000, 280
+MAX_IMAGES, MAX_IMAGE_LENGTH, IMAGE_WIDTH = 160, 1_100_000, 280
 """Camera images, characters of all of them, and pixels of the width of each."""
-MAX_IMAGE_POINTS = 50_000
-"""Landmarks marked in the camera images."""
-BUDGETS = (1.0, 0.7, 0.4, 0.2)
-"""Fractions of these limits, tried in turn until the part is short enough."""
+MAX_IMAGE_POINTS = 25_000
+"""Landmarks marked in the camera images. With all these limits reached a part has 4.5 MB."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +93,13 @@ def map_part(
     start = float(time[0])
     time = time - start
     last = float(time[-1])
+    images = [] if image_at is None else _images([each.step for each in snapshots], image_at)
+    length = sum(len(each["source"]["address"]) for each in images)
+    shown = _thinned(images, stride(length, MAX_IMAGE_LENGTH))
+    intervals = _intervals(observed, time)
+    interval_step = stride(len(intervals["id"]), MAX_INTERVALS)
+    step = stride(sum(len(each.landmarks) for each in snapshots), MAX_ROWS)
+    dots = max((len(chart.time) for chart in charts if chart.dots), default=0)
     data: dict[str, Any] = {
         "ellipse_scale": ELLIPSE_SCALE,
         "ellipse_label": ELLIPSE_LABEL,
@@ -103,33 +108,19 @@ def map_part(
         "lost": [[begin, last if end is None else end] for begin, end in lost],
         "trajectories": [_trajectory(*each, start) for each in trajectories.items()],
         "charts": [_chart(chart, start) for chart in charts],
+        "snapshots": _snapshots(_thinned(snapshots, step), time),
+        "intervals": {name: each[::interval_step] for name, each in intervals.items()},
+        "image_points": _image_points(observed, shown),
+        "images": shown,
     }
     if landmark_truth is not None:
         data["truth"] = landmark_truth.xy.ravel()
-    dots = max((len(chart.time) for chart in charts if chart.dots), default=0)
-    intervals = _intervals(observed, time)
-    images = [] if image_at is None else _images([each.step for each in snapshots], image_at)
-    rows = sum(len(each.landmarks) for each in snapshots)
-    image_length = sum(len(each["source"]["address"]) for each in images)
-    for budget in BUDGETS:
-        step = stride(rows, MAX_ROWS * budget)
-        interval_step = stride(len(intervals["id"]), MAX_INTERVALS * budget)
-        shown = _thinned(images, stride(image_length, MAX_IMAGE_LENGTH * budget))
-        data |= {
-            "snapshots": _snapshots(_thinned(snapshots, step), time),
-            "intervals": {name: each[::interval_step] for name, each in intervals.items()},
-            "image_points": _image_points(observed, shown, MAX_IMAGE_POINTS * budget),
-            "images": shown,
-        }
-        notes = {
-            "states of the map": (len(snapshots), step),
-            "intervals in which a landmark was observed": (len(intervals["id"]), interval_step),
-            "innovations (none where a landmark begins)": (dots, stride(dots, MAX_DOTS)),
-        }
-        part = Part(with_notes(section, notes), "map", dict(data))
-        if len(part.html) <= MAX_PART_LENGTH:
-            break
-    return part
+    notes = {
+        "states of the map": (len(snapshots), step),
+        "intervals in which a landmark was observed": (len(intervals["id"]), interval_step),
+        "innovations (none where a landmark begins)": (dots, stride(dots, MAX_DOTS)),
+    }
+    return Part(with_notes(section, notes), "map", data)
 
 
 def uncertainty_charts(estimate: Trajectory, truth: Trajectory | None) -> list[Chart]:
@@ -259,13 +250,13 @@ def _images(steps: Sequence[int], image_at: Callable[[int], Image | None]) -> li
 
 
 def _image_points(
-    observed: ObservedLandmarks, images: Sequence[Mapping[str, Any]], limit: float
+    observed: ObservedLandmarks, images: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any] | None:
     """The landmarks in the camera images."""
     if observed.xy is None or observed.kind is None:
         return None
     rows = np.flatnonzero(np.isin(observed.step, [each["step"] for each in images]))
-    rows = rows[:: stride(len(rows), limit)]
+    rows = rows[:: stride(len(rows), MAX_IMAGE_POINTS)]
     return {
         "step": observed.step[rows],
         "id": observed.id[rows],

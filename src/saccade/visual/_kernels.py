@@ -1,18 +1,45 @@
 """Compiled loops over points: normal equations of the egomotion, and warping of the ground."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade._jit import kernel
 from saccade.types import FloatArray
-from saccade.visual.camera import Intrinsics
-from saccade.visual.optical_flow import ImageGradients, ShortArray
 
 MIN_DEPTH_RATIO = 0.05
 """Least depth after the motion as a fraction of that before; points below it are ignored."""
 MAX_INVERSE_DEPTH = 1.0
 """Upper bound of the estimated inverse depths, in 1 / metres."""
+
+
+ShortArray: TypeAlias = npt.NDArray[np.int16]
+
+
+class Intrinsics(NamedTuple):
+    """Focal lengths and principal point, in pixels."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3) camera matrix."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+
+class ImageGradients(NamedTuple):
+    """An image and its derivatives (Sobel)."""
+
+    intensity: ShortArray
+    """(h, w) gray levels."""
+    dx: ShortArray
+    """(h, w) eight times the derivative along a row."""
+    dy: ShortArray
+    """(h, w) eight times the derivative along a column."""
 
 
 class Correspondences(NamedTuple):

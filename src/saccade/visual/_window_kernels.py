@@ -8,8 +8,7 @@ import numpy as np
 
 from saccade._jit import kernel
 from saccade.types import FloatArray, IntArray
-from saccade.visual._kernels import _times_transposed, robot_motion_kernel
-from saccade.visual.camera import Intrinsics
+from saccade.visual._kernels import Intrinsics, _times_transposed, robot_motion_kernel
 
 MIN_DEPTH_RATIO = 0.05
 """Least depth in a frame as a fraction of that in the reference frame; nearer observations are

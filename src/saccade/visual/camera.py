@@ -1,12 +1,12 @@
 """Camera geometry: projection, and range-bearing observations with their covariances."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import BoolArray, Float32Array, FloatArray
+from saccade.visual._kernels import Intrinsics
 from saccade.visual.config import VisualConfig
 from saccade.visual.tables import RangeBearings, TrackedPoints
 
@@ -16,23 +16,9 @@ UNKNOWN_DEPTH_SIGMA = 30.0
 """Standard deviation of the depth of a bearing-only observation, as a fraction of it."""
 
 
-class Intrinsics(NamedTuple):
-    """Focal lengths and principal point, in pixels."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-
-    @classmethod
-    def of(cls, camera: Camera) -> "Intrinsics":
-        """The intrinsics of a camera."""
-        return cls(camera.fx, camera.fy, camera.cx, camera.cy)
-
-    @property
-    def matrix(self) -> FloatArray:
-        """(3, 3) camera matrix."""
-        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+def intrinsics_of(camera: Camera) -> Intrinsics:
+    """The intrinsics of a camera, as kernels take them."""
+    return Intrinsics(camera.fx, camera.fy, camera.cx, camera.cy)
 
 
 def reduced_camera(camera: Camera, reduction: int) -> Camera:

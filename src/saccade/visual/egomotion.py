@@ -12,7 +12,7 @@ from saccade.visual._kernels import (
     accumulate_normal_equations,
     robot_motion_kernel,
 )
-from saccade.visual.camera import Intrinsics, directions
+from saccade.visual.camera import directions, intrinsics_of
 
 MotionEstimate: TypeAlias = tuple[FloatArray, FloatArray]
 """Expected control (3,), and its covariance (3, 3)."""
@@ -129,7 +129,7 @@ def estimate_motion(
         information, gradient = weight + 1e-9 * np.eye(6), -weight @ offset
         width = widths[min(i, len(widths) - 1)]
         accumulate_normal_equations(
-            *(points, Intrinsics.of(camera), R, t, float(pixel_sigma), width),
+            *(points, intrinsics_of(camera), R, t, float(pixel_sigma), width),
             *(inverse_depth, information, gradient, squared),
         )
         step = np.linalg.solve(information, gradient)
@@ -208,7 +208,7 @@ def perspective_n_point(
         confidence: probability of an outlier-free sample.
     """
     solved, rotation, translation, inliers = cv2.solvePnPRansac(
-        *(points, xy, Intrinsics.of(camera).matrix, None),
+        *(points, xy, intrinsics_of(camera).matrix, None),
         iterationsCount=MAX_TRIALS,
         reprojectionError=MAX_REPROJECTION_ERROR,
         confidence=confidence,

@@ -9,10 +9,10 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import FloatArray, IntArray
-from saccade.visual._kernels import warp_ground
-from saccade.visual.camera import Intrinsics, directions
+from saccade.visual._kernels import ImageGradients, Intrinsics, warp_ground
+from saccade.visual.camera import directions, intrinsics_of
 from saccade.visual.egomotion import Egomotion
-from saccade.visual.optical_flow import ByteArray, ImageGradients, image_gradients
+from saccade.visual.optical_flow import ByteArray, image_gradients
 
 NEAR, FAR, HALF_WIDTH = 6.0, 16.0, 1.3
 """Region of the ground that is sampled: metres in front of the camera, and to each side."""
@@ -63,7 +63,7 @@ class GroundTracker:
         before, (left, top) = _smoothed_crop(previous, self._pixels, PREVIOUS_MARGIN)
         intensity = before[self._pixels[:, 1] - top, self._pixels[:, 0] - left].astype(np.float64)
         after, (left, top) = _smoothed_crop(current, self._pixels, CURRENT_MARGIN)
-        camera = Intrinsics.of(self._camera)
+        camera = intrinsics_of(self._camera)
         crop = camera._replace(cx=camera.cx - left, cy=camera.cy - top)
         state = self._align(intensity, image_gradients(after), crop, motion)
         if state is None or (np.abs(state[1:]) > 1.5 * TILT_SIGMA).any():

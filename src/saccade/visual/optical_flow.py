@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -12,9 +12,9 @@ from saccade.errors import DriveError
 from saccade.frames import Camera, Frame
 from saccade.io.image import as_gray
 from saccade.types import BoolArray, Float32Array, FloatArray, Image
+from saccade.visual._kernels import ImageGradients
 
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
-ShortArray: TypeAlias = npt.NDArray[np.int16]
 
 MIN_CONTRAST = 4.0
 """Standard deviation of the gray levels below which an image is blank."""
@@ -107,17 +107,6 @@ def reduced_image(image: Image, reduction: int) -> Image:
     h, w = (size // reduction for size in image.shape[:2])
     whole = image[: h * reduction, : w * reduction]
     return cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA)
-
-
-class ImageGradients(NamedTuple):
-    """An image and its derivatives (Sobel)."""
-
-    intensity: ShortArray
-    """(h, w) gray levels."""
-    dx: ShortArray
-    """(h, w) eight times the derivative along a row."""
-    dy: ShortArray
-    """(h, w) eight times the derivative along a column."""
 
 
 def image_gradients(image: ByteArray) -> ImageGradients:

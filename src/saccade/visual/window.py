@@ -12,7 +12,7 @@ from saccade.frames import Camera
 from saccade.io.checkpoint import Checkpointed
 from saccade.types import FloatArray, IntArray
 from saccade.visual._window_kernels import add_motion_factors, eliminate_points, step_motion
-from saccade.visual.camera import Intrinsics, directions
+from saccade.visual.camera import directions, intrinsics_of
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import (
     DEFAULT_DEPTH,
@@ -185,7 +185,7 @@ class SlidingWindow(Checkpointed):
         for _ in range(ITERATIONS):
             information, gradient = np.zeros((errors.stop,) * 2), np.zeros(errors.stop)
             eliminate_points(
-                *(corrected, sigma, reference, Intrinsics.of(camera)),
+                *(corrected, sigma, reference, intrinsics_of(camera)),
                 *((self._rotation, self._translation), (R0, t0), disparity_scale, KERNEL_WIDTH),
                 *(points, information, gradient, gain, offset),
             )
