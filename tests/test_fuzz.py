@@ -97,8 +97,8 @@ def test_files_broken_as_coverage_guides():
     pytest.importorskip("atheris")
     words = ["--seconds", TIMEOUT, "--runs", 240, "--seed", 1]
     done = run_python(RUN, "npz", "camera-toml", *words, timeout=2 * TIMEOUT)
-    assert done.returncode == 0, done.stdout
-    assert done.stdout.count(": Done ") == 2
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("\nDone ") == 2
 
 
 @pytest.mark.parametrize("name", TARGETS)

@@ -6,10 +6,10 @@ raise anything but a SaccadeError, run too long or take too much is kept as test
 
 import argparse
 import os
-import subprocess
 import sys
 import tempfile
 import zipfile
+from multiprocessing import get_context
 from pathlib import Path
 
 QUICK = (
@@ -27,22 +27,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("targets", nargs="*", default=QUICK)
     parser.add_argument("--seconds", type=int, default=20, help="for all targets together")
-    parser.add_argument("--here", action="store_true", help="one target, in this process")
     parser.add_argument("--runs", type=int, default=-1, help="at most, of each target")
     parser.add_argument("--seed", type=int, default=0, help="of chance; 0: another every time")
     asked = parser.parse_args()
-    chosen = [f"-runs={asked.runs}", f"-seed={asked.seed}"]
-    if asked.here:
-        fuzz(asked.targets[0], [f"-max_total_time={asked.seconds}", *chosen])
     share = max(1, asked.seconds // len(asked.targets))
+    chosen = [f"-max_total_time={share}", f"-runs={asked.runs}", f"-seed={asked.seed}"]
     for name in asked.targets:
-        words = [sys.executable, __file__, name, "--seconds", str(share), "--here"]
-        words += ["--runs", str(asked.runs), "--seed", str(asked.seed)]
-        done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
-        runs = [line for line in done.stderr.splitlines() if line.startswith("Done ")]
-        print(f"{name}: {runs[0] if runs else done.stderr[-3000:]}", flush=True)
-        if done.returncode != 0:
-            return done.returncode
+        print(name, flush=True)
+        process = get_context("spawn").Process(target=fuzz, args=(name, chosen))
+        process.start()
+        process.join()
+        if process.exitcode:
+            return process.exitcode
     return 0
 
 
