@@ -12,7 +12,7 @@ import pytest
 
 import saccade
 from saccade import exchange
-from saccade.batch import Job, MatchConfig, match_images
+from saccade.batch import Job, MatchConfig, extraction, match_images
 from saccade.batch.engines import Processes
 from saccade.batch.matching import read_pairs, write_pairs
 from saccade.errors import ConfigError
@@ -70,7 +70,9 @@ def as_expected(run, expected, pairs=None):
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_all_pairs_are_those_of_match_and_verify(photos, expected, tmp_path, workers):
+def test_all_pairs_are_those_of_match_and_verify(photos, expected, tmp_path, workers, monkeypatch):
+    """The images of a pair may be in two shards."""
+    monkeypatch.setattr(extraction, "MIN_SHARD_SIZE", 3)
     engine = {} if workers == 1 else {"engine": lambda images: Processes(2)}
     run = match_images(f"{photos}/**/*", tmp_path, job=JOB, **engine)
     assert as_expected(run, expected)
