@@ -10,8 +10,8 @@ from typing import Self, TypeAlias
 
 import numpy as np
 
-from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_maps
-from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_maps
+from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
+from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
 from saccade.attention.contrast_config import MAX_WEIGHT
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import (
@@ -21,7 +21,7 @@ from saccade.attention.normalize import (
     rescale,
     sharpen,
 )
-from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_maps
+from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
 from saccade.errors import ImageError, Settings, setting
 from saccade.io.image import check_image
 from saccade.scale.pyramid import FloatMap, resize
@@ -154,12 +154,12 @@ def attention_saliency(
     """
     config = config or AttentionConfig()
     pixels = check_image(image, bgr=bgr)
-    contrast = contrast_maps(pixels, config.contrast, keep_features=keep_features)
-    symmetry = symmetry_maps(pixels, config.symmetry)
+    contrast = contrast_saliency(pixels, config.contrast, keep_features=keep_features)
+    symmetry = symmetry_saliency(pixels, config.symmetry)
     shape = contrast.saliency.shape
     boolean = BooleanMaps(np.zeros(shape, np.float32), contrast.image_shape)
     if config.boolean_weight > 0:
-        boolean = boolean_maps(pixels, config.boolean)
+        boolean = boolean_saliency(pixels, config.boolean)
     models = (
         (config.contrast_weight, contrast.saliency),
         (config.symmetry_weight, resize(symmetry.saliency, shape)),

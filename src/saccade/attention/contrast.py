@@ -112,15 +112,8 @@ def contrast_saliency(
     Source: Itti, Koch & Niebur (1998); equations A.1-A.14.
     """
     pixels = check_image(image, bgr=bgr)
-    return contrast_maps(pixels, config or ContrastConfig(), keep_features=keep_features)
-
-
-def contrast_maps(
-    pixels: npt.NDArray[Any], config: ContrastConfig, *, keep_features: bool
-) -> ContrastMaps:
-    """`contrast_saliency` of a checked image (H, W) or (H, W, 3)."""
     shape = pixels.shape[:2]
-    config = config.at_size(shape)
+    config = (config or ContrastConfig()).at_size(shape)
     arithmetic = ARITHMETICS[config.arithmetic](config)
     scales = existing_scales(shape, config, arithmetic)
     zeros = np.zeros(arithmetic.level_shape(shape, config.map_level), arithmetic.dtype)  # (h, w)

@@ -204,13 +204,9 @@ def symmetry_saliency(
     Source: Kootstra, de Boer & Schomaker (2011); the phase weight is that of Reisfeld,
     Wolfson & Yeshurun (1995).
     """
-    return symmetry_maps(check_image(image, bgr=bgr), config or SymmetryConfig())
-
-
-def symmetry_maps(pixels: npt.NDArray[Any], config: SymmetryConfig) -> SymmetryMaps:
-    """`symmetry_saliency` of a checked image (H, W) or (H, W, 3)."""
+    pixels = check_image(image, bgr=bgr)
     shape = pixels.shape[:2]
-    config = config.at_size(shape)
+    config = (config or SymmetryConfig()).at_size(shape)
     pairs = pair_kernel(config.inner, config.outer, config.sigma)
     symmetry = {
         number: symmetry_at(gradients, pairs, config)
