@@ -1,7 +1,4 @@
-import dataclasses
-
 import numpy as np
-import pytest
 
 from saccade.attention import (
     AttentionConfig,
@@ -11,9 +8,8 @@ from saccade.attention import (
     contrast_saliency,
     symmetry_saliency,
 )
-from saccade.io.image import read_image
 from saccade.scale.pyramid import resize
-from support.saliency_images import noise, rank_of_the_odd_item
+from support.saliency_images import noise
 
 
 def test_each_model_is_as_it_is_alone():
@@ -70,22 +66,3 @@ def test_maps_of_different_sizes_are_added():
     maps = attention_saliency(noise(4, (400, 800)), config)
     assert maps.saliency.shape == maps.contrast.saliency.shape == (50, 100)
     assert maps.symmetry.saliency.shape == (13, 25)
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize("map_level", [3, 4])
-def test_pop_out(shared, map_level):
-    """Symmetry alone misses the odd orientation, for its items are all as symmetric."""
-    config = AttentionConfig()
-    config = dataclasses.replace(
-        config, contrast=dataclasses.replace(config.contrast, map_level=map_level)
-    )
-    rank = {}
-    for display in ("orientation", "intensity", "color", "color_gray", "conjunction"):
-        file = shared / "reference" / "saliency" / "images" / f"popout_{display}.png"
-        image = read_image(file)
-        maps = attention_saliency(image, config)
-        rank[display] = rank_of_the_odd_item(maps.saliency, image)
-    print(f"\nmap level {map_level}: {rank}")
-    assert rank.pop("conjunction") > 1
-    assert set(rank.values()) == {1}, rank

@@ -67,8 +67,8 @@ def test_local_maxima_are_their_definition(values, radius):
 @given(st.tuples(sides, sides), st.integers(0, 2**32 - 1))
 def test_lateral_inhibition_is_its_formula(shape, seed):
     values = np.random.default_rng(seed).random(shape)
-    expected = oracles.difference_of_gaussians_step(values)
-    np.testing.assert_allclose(inhibit_laterally(values, 1), expected, atol=1e-9)
+    expected = oracles.difference_of_gaussians_step(oracles.difference_of_gaussians_step(values))
+    np.testing.assert_allclose(inhibit_laterally(values, 2), expected, atol=1e-9)
 
 
 @given(steps, st.sampled_from(get_args(Normalization)), st.floats(0.1, 100), st.floats(-5, 5))

@@ -1,10 +1,7 @@
 """The scanpath model against its formula, its own samples, and closed forms."""
 
-import json
-import os
 from itertools import product
 
-import numba
 import numpy as np
 import pytest
 from scipy.stats import chisquare, kstest
@@ -14,7 +11,6 @@ import saccade.scale.pyramid
 from saccade.attention import scanpath_model
 from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.errors import ConfigError, ImageError
-from support.processes import run_python
 
 SHAPE = (60, 80)
 CONFIG = ScanpathModelConfig(
@@ -148,23 +144,13 @@ def test_durations_are_gamma_distributed_and_times_their_sums(saliency):
     assert len(path) == 5
 
 
-def test_equal_seeds_give_equal_paths_whatever_the_count_and_the_threads(saliency):
+def test_equal_seeds_give_equal_paths_whatever_the_count(saliency):
     few = saccade.sample_scanpaths(saliency, SHAPE, 5, 4, CONFIG, seed=3)
     many = saccade.sample_scanpaths(saliency, SHAPE, 50, 4, CONFIG, seed=3)
     for name in ("xy", "time", "duration", "saliency"):
         np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:5])
     other = saccade.sample_scanpaths(saliency, SHAPE, 5, 4, CONFIG, seed=4)
     assert (few.xy != other.xy).any()
-    script = (
-        "import numpy as np, saccade\n"
-        "saliency = np.random.default_rng(5).random((6, 8)) ** 2\n"
-        "print(saccade.sample_scanpaths(saliency, (60, 80), 5, 4, seed=3).xy.tolist())"
-    )
-    threads = "2" if numba.get_num_threads() == 1 else "1"
-    environment = {**os.environ, "NUMBA_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
-    printed = run_python("-c", script, env=environment, check=True).stdout
-    here = saccade.sample_scanpaths(saliency, SHAPE, 5, 4, seed=3).xy
-    np.testing.assert_array_equal(json.loads(printed), here)
 
 
 def test_an_empty_map_and_no_paths():

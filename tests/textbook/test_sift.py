@@ -1,5 +1,6 @@
 """Appendix B against closed forms of blobs and ramps, known quadratics and single gradients."""
 
+import itertools
 import math
 
 import numpy as np
@@ -15,6 +16,7 @@ from saccade.textbook.sift import (
     build_scale_space,
     descriptor,
     dominant_orientations,
+    find_extrema,
     gradient_and_hessian,
     orientation_histogram,
     refine,
@@ -24,6 +26,18 @@ from saccade.textbook.sift import (
 from support.gray_scenes import blob, scene
 
 close = np.testing.assert_allclose
+
+
+def test_extrema_are_those_of_a_search():
+    D = np.random.default_rng(3).integers(0, 60, (5, 14, 12)).astype(float)
+    expected = []
+    for i, row, column in itertools.product(range(1, 4), range(1, 13), range(1, 11)):
+        block = D[i - 1 : i + 2, row - 1 : row + 2, column - 1 : column + 2]
+        others = np.delete(block.ravel(), 13)
+        if D[i, row, column] > others.max() or D[i, row, column] < others.min():
+            expected.append((i, row, column))
+    assert len(expected) > 5
+    assert sorted(find_extrema(tuple(D))) == expected
 
 
 def quadratic(constant, g, H):
@@ -87,6 +101,15 @@ def histogram_of(theta, x, y, at=(20.0, 20.0), magnitude=1.0):
     return orientation_histogram(m, angles, *at, 2.0)
 
 
+@pytest.mark.parametrize("b", range(0, 36, 5))
+def test_a_gradient_votes_for_the_bin_that_it_lies_in(b):
+    for degrees in (10 * b - 4, 10 * b + 4):
+        theta = math.remainder(math.radians(degrees), math.tau)
+        histogram = histogram_of(theta, 20, 20)
+        assert histogram.shape == (36,)
+        assert np.flatnonzero(histogram).tolist() == [b]
+
+
 @pytest.mark.parametrize(
     ("x", "y", "at", "magnitude", "share"),
     [
@@ -134,3 +157,13 @@ def test_a_quarter_turn_permutes_the_descriptor_and_light_does_not_change_it():
     with_it = described(np.rot90(L), angle=-math.pi / 2).subregions
     close(with_it, upright.subregions, atol=atol)
     close(described(0.4 * L + 0.3).vector, upright.vector, atol=1e-12)
+
+
+def test_samples_of_the_descriptor_fade_and_its_vector_is_clipped():
+    found = described(scene(41, seed=5))
+    y, x = np.mgrid[:16, :16] - 7.5
+    close(found.weights, np.exp(-(x**2 + y**2) / (2 * 24**2)))
+    whole = found.subregions.ravel() / np.linalg.norm(found.subregions)
+    assert whole.max() > 0.25
+    clipped = whole.clip(max=0.2)
+    close(found.vector, clipped / np.linalg.norm(clipped))
