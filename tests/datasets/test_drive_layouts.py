@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from saccade.datasets import load_drive
 from saccade.errors import ConfigError, DriveError, ImageError
@@ -197,7 +198,7 @@ class TestEuroc:
         rows = []
         for i in range(5):
             turn, _ = cv2.Rodrigues(np.array([0, 0, 0.1 * i]))
-            x, y, z, w = quaternion(turn @ upright)
+            x, y, z, w = Rotation.from_matrix(turn @ upright).as_quat().tolist()
             rows.append([self.STAMP + 50_000_000 * i, 0, 0.3 * i, 1, w, x, y, z, *np.zeros(9)])
         path = folder / "mav0" / "state_groundtruth_estimate0" / "data.csv"
         path.parent.mkdir()
@@ -217,14 +218,6 @@ class TestEuroc:
         (folder / "mav0" / "cam0" / "data.csv").write_text("now,1.png\n")
         with refuses(DriveError, "data.csv, line 1: expected nanoseconds", "found 'now'"):
             load_drive("euroc", folder)
-
-
-def quaternion(R):
-    """x, y, z, w of a rotation."""
-    vector = cv2.Rodrigues(R)[0].ravel()
-    angle = np.linalg.norm(vector)
-    axis = vector / angle if angle > 0 else np.array([1.0, 0, 0])
-    return [*(axis * np.sin(angle / 2)).tolist(), float(np.cos(angle / 2))]
 
 
 CAMERA = "width = 64\nheight = 48\nfx = 50\nfy = 50\ncx = 32\ncy = 24\nrate = 20\n"

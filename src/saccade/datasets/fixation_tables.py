@@ -406,12 +406,8 @@ def _images(trial: _Trial, wanted: str | None) -> list[_Shown]:
         for name, value in trial.variables.items()
         if (name == wanted if wanted else name.casefold().replace("_", "") in NAMES["image"])
     ]
-    names = names or [word for word in trial.label.split() if _names_image(word)]
+    names = names or [word for word in trial.label.split() if word.lower().endswith(IMAGE_SUFFIXES)]
     return [_Shown(-np.inf, PureWindowsPath(name).name, None) for name in names[:1]]
-
-
-def _names_image(word: str) -> bool:
-    return word.lower().endswith(IMAGE_SUFFIXES)
 
 
 def _eye(trials: Iterable[_Trial]) -> str:

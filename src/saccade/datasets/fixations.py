@@ -403,18 +403,16 @@ def _mat_rows(path: Path) -> list[RawFixation]:
             for place, eye in enumerate(image["subjects"])
             for viewer in [int(eye.get("viewer", np.array(place)).item())]
             for index, (x, y, milliseconds) in enumerate(
-                zip(eye["fix_x"].ravel(), eye["fix_y"].ravel(), _durations(eye), strict=True)
+                zip(
+                    eye["fix_x"].ravel(),
+                    eye["fix_y"].ravel(),
+                    eye.get("fix_duration", np.full(eye["fix_x"].size, np.nan)).ravel(),
+                    strict=True,
+                )
             )
         ]
     except (TypeError, KeyError, IndexError, AttributeError, ValueError) as error:
         raise LogError(f"{path}: expected the fixations of OSIE, found another file") from error
-
-
-def _durations(eye: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """The durations of a viewer's fixations in milliseconds, NaN where the file has none."""
-    if "fix_duration" not in eye:
-        return np.full(eye["fix_x"].size, np.nan)
-    return eye["fix_duration"].ravel()
 
 
 def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArray[Any]) -> None:

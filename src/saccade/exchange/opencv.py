@@ -1,9 +1,9 @@
 """OpenCV's keypoints, and the interface of `cv2.Feature2D` for programs that are written for it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from saccade.errors import OutputError, require
 from saccade.exchange.fields import checked, keypoints_from
 from saccade.io.files import atomic_write
-from saccade.types import Float32Array, Image, Keypoints
+from saccade.types import Float32Array, Keypoints
 
 INTERVALS, BASE_SIGMA = 3, 1.6
 """Settings of `cv2.SIFT_create()` that relate the size of a point to the layer of its octave."""
@@ -113,15 +113,6 @@ Points: TypeAlias = tuple[cv2.KeyPoint, ...]
 DESCRIPTOR_SIZE = 128
 
 
-class Detector(Protocol):
-    """`saccade.Sift`, or `saccade.Must`, which has no `describe`."""
-
-    def __call__(
-        self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
-    ) -> Keypoints:
-        """Detect keypoints where the mask is not zero."""
-
-
 class Feature2D:
     """A detector of this package with the methods of `cv2.Feature2D`.
 
@@ -129,8 +120,9 @@ class Feature2D:
     `cv2.AffineFeature`, do not take it.
 
     Args:
-        detector: such as `saccade.Sift()`. Its descriptors are RootSIFT unless it is configured
-            otherwise (`SiftConfig(descriptor="sift")`), as float32.
+        detector: called with an image, a mask and `describe=`, as `saccade.Sift()`. Its
+            descriptors are RootSIFT unless it is configured otherwise
+            (`SiftConfig(descriptor="sift")`), as float32.
         bgr: whether color images have OpenCV's order of colors.
 
     Examples:
@@ -138,7 +130,7 @@ class Feature2D:
         >>> keypoints, descriptors = sift.detectAndCompute(cv2.imread("photo.jpg"), None)
     """
 
-    def __init__(self, detector: Detector, *, bgr: bool = True) -> None:
+    def __init__(self, detector: Callable[..., Keypoints], *, bgr: bool = True) -> None:
         self._detector = detector
         self._bgr = bgr
 

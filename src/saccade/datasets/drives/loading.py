@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Literal, TypeAlias, cast, get_args
 
@@ -25,14 +26,12 @@ DriveKind: TypeAlias = Literal[
     "auto", "kitti", "tum-rgbd", "euroc", "rosbag", "tracks", "folder", "video"
 ]
 """The layouts; "auto" detects the layout from the files in the folder."""
-_READERS: dict[DriveKind, Callable[[Path], Drive]] = {
+_READERS: dict[DriveKind, Callable[..., Drive]] = {
+    "kitti": partial(read_folder_drive, is_kitti=True),
     "tum-rgbd": read_tum_drive,
     "euroc": read_euroc_drive,
     "rosbag": read_rosbag_drive,
     "tracks": read_tracks_drive,
-}
-_BARE_READERS: dict[DriveKind, Callable[[Path, CameraOptions], Drive]] = {
-    "kitti": partial(read_folder_drive, is_kitti=True),
     "folder": read_folder_drive,
     "video": read_video_drive,
 }
@@ -59,16 +58,16 @@ def load_drive(kind: DriveKind, path: str | Path, camera: CameraOptions | None =
         raise DriveError(f"{path}: expected a camera drive, found no such file or folder")
     if kind == "auto":
         kind = detect_layout(path)
-    camera = camera or CameraOptions()
+    reader = _READERS[kind]
     try:
-        if kind in _BARE_READERS:
-            return _BARE_READERS[kind](path, camera)
-        if camera != CameraOptions():
+        if "options" in signature(reader).parameters:
+            return reader(path, camera)
+        if camera not in (None, CameraOptions()):
             raise DriveError(
                 f"{path}: has the calibration of its layout ({kind}); expected no --intrinsics or "
                 "--baseline"
             )
-        return _READERS[kind](path)
+        return reader(path)
     except (ImageError, LogError) as error:
         raise DriveError(str(error)) from error
 
