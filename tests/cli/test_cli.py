@@ -214,7 +214,7 @@ def gazes(tmp_path, rng):
 
 def test_evaluate_fixations_of_maps_that_a_user_brings(run, gazes):
     words = ["evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv"]
-    code, out, _ = run(*words, "--maps", gazes, "--json")
+    code, out, _ = run(*words, "--model", gazes, "--json")
     assert code == 0
     found = json.loads(out)
     assert set(found["images"]) == {"0.jpg", "1.jpg"}
@@ -234,7 +234,7 @@ def test_many_models_stand_in_one_table_one_figure_and_two_files(run, gazes, tmp
     for path in gazes.glob("*.npy"):
         savemat(mat / f"{path.stem}.mat", {"map": np.load(path)})
     models = ["--model", "ours=mine.toml", "--model", "contrast:itti1998", "--model", "numpy:mean"]
-    maps = ["--maps", f"told={gazes}", "--maps", mat]
+    maps = ["--model", f"told={gazes}", "--model", mat]
     code, _, err = run(*words, *models, *maps)
     assert (code, err.count("\n")) == (2, 1)
     assert "numpy:mean: expected finite numbers of shape (h, w)" in err
@@ -341,7 +341,7 @@ def test_evaluate_fixations_names_what_is_missing(run, gazes):
     assert "nowhere.csv" in run(*words, "nowhere.csv")[2]
     (gazes / "1.npy").unlink()
     (gazes / "1.jpg").unlink()
-    code, _, err = run(*words, "gazes.csv", "--maps", gazes)
+    code, _, err = run(*words, "gazes.csv", "--model", gazes)
     assert code == 2
     assert "1.jpg" in err
 

@@ -39,7 +39,7 @@ READS = {
     "config {}": ("toml",),
     "evaluate fixations --images . --fixations {}": ("csv", "mat"),
     "evaluate fixations --images {} --fixations fixations.csv": ("png",),
-    "evaluate fixations --images . --maps {} --fixations fixations.csv": ("npy", "mat"),
+    "evaluate fixations --images . --model {} --fixations fixations.csv": ("npy", "mat"),
     "fit --images . --fixations {}": ("csv", "mat"),
     "look a.png --model {}": ("toml",),
     "look a.png --faces {}": ("onnx", "xml"),

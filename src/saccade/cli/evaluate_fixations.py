@@ -48,12 +48,10 @@ DRAWN = {"sAUC": "shuffled_auc", "AUC": "auc", "NSS": "nss", "CC": "cc"}
 class ScoreOptions(FaceOptions, ReportOptions):
     """Options of `saccade evaluate fixations`."""
 
-    maps: list[str] | None = option(None, metavar="[NAME=]DIR")
-    """Folder of saliency maps to score: .npy, .mat, or images named as the images. Several with
-    commas."""
     model: list[str] | None = option(None, metavar="[NAME=]MODEL")
     """attention, contrast, symmetry or boolean, with :PRESET where wished, a file of saccade fit
-    (.toml), or module:function. Several with commas; attention by default."""
+    (.toml), module:function, or a folder of saliency maps: .npy, .mat, or images named as the
+    images. Several with commas; attention by default."""
     sigma: float = option(24.0, min=0.1, max=1000, metavar="PX")
     """Standard deviation of the fixation density: one degree of visual angle."""
     references: bool = False
@@ -127,21 +125,20 @@ def chosen_models(data: FixationData, options: ScoreOptions) -> dict[str, Model]
     Raises:
         ConfigError: no such model, or a name that is given twice.
     """
-    models, maps = options.model or [], options.maps or []
     given = options.preset or options.config
-    if not (models or maps or given):
+    if not (options.model or given):
         return default_models(data, options.faces)
     chosen: dict[str, Model] = {}
-    words = models if models or maps else [DEFAULT_MODEL]
+    words = options.model or [DEFAULT_MODEL]
     single = len(words) == 1
     require(single or not given, "preset", "--model KIND:PRESET of several", options.preset)
     for word in words:
-        name, source = _named(word)
-        label = name or (f"{source}, {given}" if given else source)
-        _add(chosen, label, _model(data, source, options))
-    for word in maps:
-        name, folder = (None, word) if Path(word).is_dir() else _named(word)
-        _add(chosen, name or folder, saliency_from_files(data.folder, Path(folder)))
+        name, equals, source = word.partition("=")
+        if not equals or Path(word).is_dir():
+            name, source = f"{word}, {given}" if given else word, word
+        taken = {*chosen, CENTER, SHUFFLED, PEOPLE}
+        require(name not in taken, "model", "another name for each: NAME=MODEL", name)
+        chosen[name] = lru_cache(maxsize=1)(_model(data, source, options))
     return chosen
 
 
@@ -165,18 +162,9 @@ def default_models(data: FixationData, faces: str | None) -> dict[str, Model]:
     }
 
 
-def _named(word: str) -> tuple[str | None, str]:
-    name, equals, source = word.partition("=")
-    return (name, source) if equals else (None, word)
-
-
-def _add(chosen: dict[str, Model], name: str, model: Model) -> None:
-    taken = {*chosen, CENTER, SHUFFLED, PEOPLE}
-    require(name not in taken, "model", "another name for each: NAME=MODEL", name)
-    chosen[name] = lru_cache(maxsize=1)(model)
-
-
 def _model(data: FixationData, source: str, options: ScoreOptions) -> Model:
+    if source not in KINDS and Path(source).is_dir():
+        return saliency_from_files(data.folder, Path(source))
     kind, colon, rest = source.partition(":")
     if colon and kind not in KINDS:
         predict = import_function("model", source)

@@ -94,6 +94,10 @@ def write_run(
     return row
 
 
+NOT_SHOWN = ("log", "sequence", "remark", "format", "version")
+"""What of run.json is not among the figures: it is said elsewhere."""
+
+
 def run_facts(summary: Mapping[str, Any]) -> dict[str, str]:
     """The figures of run.json in words."""
     words = dict(summary)
@@ -105,7 +109,7 @@ def run_facts(summary: Mapping[str, Any]) -> dict[str, str]:
         f"from {lost:.1f} s on" if found is None else f"{lost:.1f} to {found:.1f} s"
         for lost, found in summary["lost"]
     )
-    return {name: text for name, text in facts(words).items() if name not in ("format", "version")}
+    return facts({name: each for name, each in words.items() if name not in NOT_SHOWN})
 
 
 def pose_table(trajectory: Trajectory) -> dict[str, FloatArray]:
