@@ -24,6 +24,8 @@ import numpy as np
 from saccade import slam
 from saccade.errors import SaccadeError
 from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam.association._kernels import DROPPED
+from saccade.slam.association.identities import Association
 from saccade.slam.consistency import chi_square_gate
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
@@ -107,7 +109,7 @@ FAULTS: dict[str, Callable[[LandmarkLog, np.random.Generator], LandmarkLog]] = {
 }
 
 
-class PlainGate(slam.KnownIdentity):
+class PlainGate(Association):
     """Names, where the observation is inside the 99 % gate of their landmark."""
 
     def __call__(
@@ -117,7 +119,7 @@ class PlainGate(slam.KnownIdentity):
         association = super().__call__(ekf, z, R, identity)
         for i in np.flatnonzero((association >= 0) & (association < len(ekf))):
             if ekf.innovation(z[i], R[i], int(association[i])).nis > chi_square_gate(2, 0.99):
-                association[i] = slam.DROPPED
+                association[i] = DROPPED
         return association
 
 
@@ -132,11 +134,18 @@ def batch(log: LandmarkLog) -> slam.SmoothResult:
     return slam.smooth(log, replace(believed, trajectory=result.trajectory))
 
 
+def gated(log: LandmarkLog) -> slam.SlamResult:
+    """The filter with a plain gate on believed names."""
+    robot = slam.slam_for(log, KNOWN)
+    robot.associate = PlainGate(KNOWN)
+    return slam.run(log, initial=robot)
+
+
 KNOWN = slam.EkfConfig(association="known")
 ESTIMATORS: dict[str, Callable[[LandmarkLog], slam.SlamResult | slam.SmoothResult]] = {
     "default": slam.run,
     "believed": lambda log: slam.run(log, KNOWN),
-    "gate": lambda log: slam.run(log, KNOWN, associate=PlainGate()),
+    "gate": gated,
     "batch": batch,
 }
 

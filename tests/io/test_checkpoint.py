@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from saccade import slam
-from saccade.errors import ConfigError
 from saccade.slam import Checkpoint, EkfConfig, Recorder
 from support.circular_log import simulate
 from support.interrupted_run import interrupt_at
@@ -75,29 +74,3 @@ def test_a_broken_checkpoint_is_said_and_left(rng, tmp_path, caplog, damage):
     path.write_bytes(damage(path.read_bytes()))
     _same(slam.run(log, checkpoint=Checkpoint(path)), slam.run(log))
     assert "no checkpoint, or a broken one; beginning anew" in caplog.text
-
-
-class _Stateful(slam.KnownIdentity):
-    """A user's own rule, with a generator that no array describes."""
-
-    def to_arrays(self):
-        return {"lines": iter([])}
-
-
-def test_a_state_that_cannot_be_saved_is_named(rng, tmp_path):
-    log, _, _ = simulate(rng, steps=10)
-    checkpoint = Checkpoint(tmp_path / "run.npz", None)
-    with pytest.raises(ConfigError, match=r"checkpoint: .*associate\.lines.*list_iterator"):
-        slam.run(log, associate=_Stateful(), checkpoint=checkpoint)
-
-
-class _Bare:
-    """A rule that is a function, and says nothing of its state or of identities."""
-
-    def __call__(self, ekf, z, R, identity):
-        return np.full(len(z), -2)
-
-
-def test_a_rule_that_is_no_association_is_named():
-    with pytest.raises(ConfigError, match=r"association: expected an Association.*_Bare"):
-        slam.Slam(association=_Bare())

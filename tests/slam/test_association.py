@@ -8,9 +8,8 @@ from hypothesis.extra.numpy import arrays
 
 from saccade.errors import LogError
 from saccade.slam import (
+    EkfConfig,
     EkfSlam,
-    KnownIdentity,
-    NearestNeighbor,
     Retraction,
     observe,
 )
@@ -22,10 +21,10 @@ from saccade.slam.association._kernels import (
     prefilter_landmarks,
     squared_distance,
 )
-from saccade.slam.association.nearest_neighbor import mahalanobis_squared
+from saccade.slam.association.identities import Association
+from saccade.slam.association.nearest_neighbor import NearestNeighbor, mahalanobis_squared
 
 R = np.diag([0.01, 1e-4])
-UNKNOWN = np.full(9, -1)
 WORLD = np.array([[5.0, 1.0], [6.0, -2.0], [8.0, 0.0], [-3.0, 4.0]])
 
 
@@ -43,7 +42,7 @@ def _scan(places):
 
 def test_a_landmark_takes_the_nearer_of_two_observations():
     z, noise = _scan([WORLD[0] + [0.15, 0], WORLD[0] + [0.02, 0]])
-    assert NearestNeighbor()(_filter(), z, noise, UNKNOWN[:2]).tolist() == [DROPPED, 0]
+    assert NearestNeighbor()(_filter(), z, noise).tolist() == [DROPPED, 0]
 
 
 def test_near_is_taken_far_is_new_and_between_is_dropped():
@@ -51,7 +50,7 @@ def test_near_is_taken_far_is_new_and_between_is_dropped():
     sigma = np.sqrt(ekf.predict_observations().covariance[0, 0, 0] + R[0, 0])
     z, noise = _scan(WORLD[[0, 0, 0]])
     z[:, 0] += np.array([2.5, 3.5, 5.0]) * sigma  # gates at 3.03 and 4.29 sigma
-    found = [int(NearestNeighbor()(ekf, z[i : i + 1], noise[:1], UNKNOWN[:1])[0]) for i in range(3)]
+    found = [int(NearestNeighbor()(ekf, z[i : i + 1], noise[:1])[0]) for i in range(3)]
     assert found == [0, DROPPED, NEW]
 
 
@@ -59,15 +58,15 @@ def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too
     """Two landmarks a little over a sigma to either side of where something is seen."""
     rule, pair = NearestNeighbor(mutual=True), np.array([[5.0, -0.1], [5.0, 0.12]])
     z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
-    assert rule(_filter(pair), z[:1], noise[:1], UNKNOWN[:1]).tolist() == [DROPPED]
-    assert rule(_filter(pair), z, noise, UNKNOWN[:2]).tolist() == [0, 1]
+    assert rule(_filter(pair), z[:1], noise[:1]).tolist() == [DROPPED]
+    assert rule(_filter(pair), z, noise).tolist() == [0, 1]
     for confirmed, expected in (([1, 1], DROPPED), ([1, 0], 0), ([0, 0], DROPPED)):
         ekf = _filter(pair)
         ekf.confirmed_in_view = np.array(confirmed, bool)
-        assert rule(ekf, z[:1], noise[:1], UNKNOWN[:1]).tolist() == [expected]
+        assert rule(ekf, z[:1], noise[:1]).tolist() == [expected]
     far = pair * [1.0, 9.0]
     z, noise = _scan(far[0])
-    assert rule(_filter(far), z, noise, UNKNOWN[:1]).tolist() == [0]
+    assert rule(_filter(far), z, noise).tolist() == [0]
 
 
 @given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
@@ -87,7 +86,7 @@ def test_pairs_exclude_each_other_and_no_better_pair_is_left(distance, limit):
 
 
 def test_known_identities_are_looked_up():
-    associate, ekf = KnownIdentity(), _filter([])
+    associate, ekf = Association(EkfConfig(association="known")), _filter([])
     z, noise = _scan(WORLD)
     identity = np.array([7, 7, -1, 0])
     assert associate(ekf, z, noise, identity).tolist() == [0, DROPPED, DROPPED, 1]

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from saccade import datasets, slam
-from saccade.slam import DROPPED, EkfConfig, EkfSlam, observe
+from saccade.slam import EkfConfig, EkfSlam, observe
+from saccade.slam.association._kernels import DROPPED
 from saccade.slam.culling import Culling
 from support.circular_log import simulate
 from support.logs import between, with_observations, without_names

@@ -43,13 +43,13 @@ def compile_association() -> None:
     import numpy as np
 
     from saccade._jit import compile_for
-    from saccade.slam import NearestNeighbor, Slam
+    from saccade.slam import Slam
     from saccade.slam._recovery_kernels import contradicts
     from saccade.slam.association._kernels import associate_nearest, compare_identities
 
     slam, z, R = Slam(), np.zeros((1, 2)), np.zeros((1, 2, 2))
     f, names, confirmed = slam.ekf.view, np.zeros(1, np.int64), np.zeros(1, np.bool_)
-    recovery, gates = slam.recovery, NearestNeighbor().gates
+    recovery, gates = slam.recovery, slam.associate.geometry.gates
     evidence = recovery.evidence, recovery.rule
     compile_for(contradicts, f, *evidence, z, R, confirmed, names, 0)
     compile_for(associate_nearest, f, z, R, gates, names, confirmed, names)

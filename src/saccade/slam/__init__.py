@@ -1,10 +1,6 @@
 """Range-bearing landmark SLAM; independent of images."""
 
 from saccade.io.checkpoint import Checkpoint
-from saccade.slam.association._kernels import DROPPED, NEW
-from saccade.slam.association.identities import GatedIdentity, KnownIdentity
-from saccade.slam.association.nearest_neighbor import NearestNeighbor
-from saccade.slam.association.rule import Association
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
@@ -26,20 +22,14 @@ from saccade.slam.smoothing import SmoothResult, smooth
 from saccade.slam.snapshots import Recorder
 
 __all__ = [
-    "DROPPED",
     "INVARIANT",
-    "NEW",
     "STANDARD",
-    "Association",
     "Checkpoint",
     "Consistency",
     "EkfConfig",
     "EkfSlam",
-    "GatedIdentity",
     "Innovation",
-    "KnownIdentity",
     "MergedMaps",
-    "NearestNeighbor",
     "PoseHypotheses",
     "Recorder",
     "Relocalizer",

@@ -1,16 +1,12 @@
 """Settings of EKF-SLAM."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from math import inf
 from typing import Literal, Self
 
 import numpy as np
 
 from saccade.errors import Settings, require, setting
-from saccade.slam.association.nearest_neighbor import NearestNeighbor
-from saccade.slam.association.rule import Association
 from saccade.slam.filter.state import INVARIANT, STANDARD, Retraction
 
 RETRACTIONS: dict[str, Retraction] = {
@@ -18,11 +14,6 @@ RETRACTIONS: dict[str, Retraction] = {
     "standard": STANDARD,
 }
 """The error parametrization of each kind of filter."""
-ASSOCIATION_RULES: dict[str, Callable[[float, float], Association]] = {
-    "nearest": NearestNeighbor,
-    "mutual": partial(NearestNeighbor, mutual=True),
-}
-"""The rules of unknown association, given two gates."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +64,7 @@ class EkfConfig(Settings):
 
     submaps: Literal["auto", "always", "never"] = "auto"
     """Whether steps change the landmarks around the robot only, and the others later: with "auto"
-    in maps of 1000 landmarks and more. The estimate is the same up to rounding. Custom models and
-    association rules always work on the whole map."""
+    in maps of 1000 landmarks and more. The estimate is the same up to rounding."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

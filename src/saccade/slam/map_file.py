@@ -7,7 +7,6 @@ Plain arrays, named after the part of the `Slam` and the array in it: `associate
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,13 +20,15 @@ KIND = "landmark map of saccade slam"
 """What the file says it is."""
 
 
-def write_map(path: str | Path, config: EkfConfig, models: dict[str, Any], arrays: Arrays) -> None:
+def write_map(
+    path: str | Path, config: EkfConfig, odometry_bias: tuple[float, float, float], arrays: Arrays
+) -> None:
     """Write a map file, whole or not at all.
 
     Args:
         path: the file.
         config: settings of the filter that made the map.
-        models: name of the association rule, and the further arguments of `Slam`.
+        odometry_bias: as for `Slam`.
         arrays: state of the parts of the `Slam`, and its `sessions` and `descriptors`.
 
     Raises:
@@ -38,15 +39,15 @@ def write_map(path: str | Path, config: EkfConfig, models: dict[str, Any], array
         "kind": np.array(KIND),
         "format": np.array(FORMATS["slam_map"]),
         "config": np.array(json.dumps(asdict(config))),
-        "models": np.array(json.dumps(models)),
+        "models": np.array(json.dumps({"odometry_bias": odometry_bias})),
     }
     arrays["checksum"] = np.array(checksum(arrays))
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         save_arrays(file, arrays, compressed=False)
 
 
-def read_map(path: str | Path) -> tuple[EkfConfig, dict[str, Any], Arrays]:
-    """Read what `write_map` wrote: settings, models and arrays.
+def read_map(path: str | Path) -> tuple[EkfConfig, tuple[float, float, float], Arrays]:
+    """Read what `write_map` wrote: settings, odometry biases and arrays.
 
     Raises:
         LogError: it cannot be read, is damaged, no map, or of another version.
@@ -68,4 +69,5 @@ def read_map(path: str | Path) -> tuple[EkfConfig, dict[str, Any], Arrays]:
     settings["start_sigma"] = tuple(settings["start_sigma"])
     known = {field.name for field in fields(EkfConfig)}  # those of an older version may be gone
     config = EkfConfig(**{name: value for name, value in settings.items() if name in known})
-    return config, json.loads(str(arrays["models"])), arrays
+    distance, turn, loss = json.loads(str(arrays["models"]))["odometry_bias"]
+    return config, (distance, turn, loss), arrays

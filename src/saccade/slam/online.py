@@ -11,8 +11,7 @@ from saccade.errors import ConfigError, LogError, require
 from saccade.io.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.landmark_names import name_texts, number_names, renumber, stored_texts
 from saccade.slam.association._kernels import DROPPED, NEW
-from saccade.slam.association.identities import GatedIdentity, KnownIdentity, association_rule
-from saccade.slam.association.rule import Association
+from saccade.slam.association.identities import Association
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.culling import Culling, numbers_of_kept
@@ -56,14 +55,13 @@ class Slam:
     Args:
         config: filter, association and noise.
         start: (3,) first pose.
-        association: a custom association rule instead of the one in `config`.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
         mode: "localize" adds and culls no landmarks; the estimates of those in the map (see `load`)
             still change, as their covariance lets them.
 
     Raises:
         LogError: here and in `step`, an argument that is no number, not finite or of another shape.
-        ConfigError: a mode that there is not, or a rule that is no `Association`.
+        ConfigError: a mode that there is not.
 
     Examples:
         >>> import numpy as np
@@ -84,28 +82,24 @@ class Slam:
         config: EkfConfig = EkfConfig(),
         *,
         start: FloatArray | tuple[float, float, float] = (0.0, 0.0, 0.0),
-        association: Association | None = None,
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
         mode: Literal["continue", "localize"] = "continue",
     ) -> None:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
-        is_rule = association is None or isinstance(association, Association)
-        require(is_rule, "association", "an Association", type(association).__name__)
         estimated = config.estimate_odometry_bias and any(odometry_bias)
         bias = odometry_bias if estimated else ()
         self.config = config
-        built_in_rule = association is None or isinstance(association, GatedIdentity)
         ekf = EkfSlam(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
             retraction=RETRACTIONS[config.filter],
             huber=config.huber,
         )
-        self.associate = association or association_rule(config)
+        self.associate = Association(config)
         """The association rule."""
         self.mode = mode
         adds = mode == "continue"
-        doubted = adds and not isinstance(self.associate, KnownIdentity)
+        doubted = adds and config.association != "known"
         culling = Culling(
             doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
         )
@@ -113,9 +107,8 @@ class Slam:
         gate = (
             float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
         )
-        submaps = config.submaps if built_in_rule else "never"
-        self._choice = LocalMapChoice(submaps, gate)
-        several = association is None and config.association in ("auto", "multiple")
+        self._choice = LocalMapChoice(config.submaps, gate)
+        several = config.association in ("auto", "multiple")
         self._may_branch = several and adds and config.max_hypotheses > 1
         self.hypotheses = Hypotheses(
             *(Hypothesis(ekf, culling), config.gate, config.new_gate, config.huber),
@@ -221,6 +214,8 @@ class Slam:
         Raises:
             LogError: the estimate diverged; names the step.
         """
+        if self.config.association not in ("auto", "known"):
+            scan = scan._replace(names=np.full(len(scan.z), -1))
         named, ekf, k = self.known_landmarks(scan.names), self.ekf, len(scan.z)
         rule, may_cull = self.associate, self.culling.enabled and self.associate.has_unnamed
         self._choose_hypotheses(scan)
@@ -242,11 +237,8 @@ class Slam:
             best = self.hypotheses.best
             return self._result(scan, best.association[-k:].copy(), best.innovations, best.culled)
         association = self._associate(scan)
-        new = np.flatnonzero(association == NEW)
         best = self.hypotheses.best
         missed = best.observe(scan.z, scan.R, association, may_cull=rule.has_unnamed)  # C.10-C.18
-        for i in new.tolist():
-            rule.added(int(association[i]), int(scan.names[i]))
         culled = self._cull(missed, association)
         return self._result(scan, association, best.innovations, culled)
 
@@ -377,7 +369,7 @@ class Slam:
         return self.recovery.locate(self.ekf, confirmed, scan, self.known_landmarks(scan.names))
 
     def save(self, path: str | Path) -> None:
-        """Save the whole state as a map file, for `load`; a custom association rule by name only.
+        """Save the whole state as a map file, for `load`.
 
         Raises:
             ConfigError: the mode is "localize", or a part has a state that cannot be saved.
@@ -385,9 +377,8 @@ class Slam:
         """
         if self.mode == "localize":
             raise ConfigError("mode: expected continue for a map to be saved, found localize")
-        rule = type(self.associate).__qualname__
-        models = {"association": rule, "odometry_bias": self._odometry_bias}
-        write_map(path, self.config, models, self.to_arrays() | self._session_arrays())
+        arrays = self.to_arrays() | self._session_arrays()
+        write_map(path, self.config, self._odometry_bias, arrays)
 
     @classmethod
     def load(
@@ -398,7 +389,6 @@ class Slam:
         *,
         start: FloatArray | tuple[float, float, float] | None = None,
         covariance: FloatArray | None = None,
-        association: Association | None = None,
         odometry_bias: tuple[float, float, float] | None = None,
     ) -> Self:
         """Load a map that `save` wrote, and begin a session in it.
@@ -411,29 +401,24 @@ class Slam:
                 has not moved since: all goes on as if there were no file between.
             covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma` or, where
                 this is zero, of `START_SIGMA`: half a meter and a tenth of a radian.
-            association: a custom association rule.
             odometry_bias: with a start, as for `Slam`; by default as saved.
 
         Raises:
             LogError: the file cannot be read, is damaged, no map, or of a later version.
-            ConfigError: the settings or the association rule do not suit the map.
+            ConfigError: the settings do not suit the map.
         """
-        saved, names, arrays = read_map(path)
+        saved, saved_bias, arrays = read_map(path)
         settings = config or saved
         same = settings.filter == saved.filter
         require(same, "filter", f"{saved.filter!r}, as in {path}", settings.filter)
         if start is None or odometry_bias is None:
-            odometry_bias = tuple(names["odometry_bias"])
+            odometry_bias = saved_bias
         slam = cls(
             settings,
             start=(0.0, 0.0, 0.0) if start is None else start,
-            association=association,
             odometry_bias=odometry_bias,
             mode=mode,
         )
-        rule = type(slam.associate).__qualname__
-        same = rule == names["association"]
-        require(same, "association", f"{names['association']}, as in {path}", rule)
         if start is None:
             size, robot_size = len(slam.ekf.robot_state), int(arrays["robot_size"])
             as_saved = f"{robot_size > 3}, as in {path}"
@@ -466,7 +451,7 @@ class Slam:
     def remove_candidates(self) -> None:
         """Remove the landmarks that are not in the map yet."""
         landmarks, confirmed = len(self.ekf), self.culling.is_confirmed
-        if isinstance(self.associate, KnownIdentity) or len(confirmed) < landmarks:
+        if self.config.association == "known" or len(confirmed) < landmarks:
             return
         candidates = np.flatnonzero(~confirmed[:landmarks] & (self.identities < 0))
         self.culling.remove_culled(candidates)

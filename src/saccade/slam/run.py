@@ -9,8 +9,6 @@ from saccade.errors import LogError
 from saccade.io.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.landmark_names import FIRST_TEXT
 from saccade.plane import rotations
-from saccade.slam.association.identities import KnownIdentity
-from saccade.slam.association.rule import Association
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.culling import numbers_of_kept
@@ -83,7 +81,6 @@ def run(
     config: EkfConfig = EkfConfig(),
     progress: Callable[[int, int], None] | None = None,
     *,
-    associate: Association | None = None,
     recorder: Recorder | None = None,
     checkpoint: Checkpoint | None = None,
     initial: Slam | None = None,
@@ -98,11 +95,10 @@ def run(
         config: filter, association and noise.
         progress: called with the number of poses done and of all poses, some
             hundred times in all.
-        associate: a custom association rule instead of the one in `config`.
         recorder: records snapshots of the map while it grows.
         checkpoint: where the run saves its state, and from where it resumes.
         initial: a `Slam` that takes the steps of the log, as `Slam.load` or `slam_for` gives it;
-            then `config` and `associate` are its own, and the first pose of
+            then `config` is its own, and the first pose of
             the log is the one at which it is. Without one, the log begins a map.
 
     Returns:
@@ -112,8 +108,8 @@ def run(
         LogError: known association of a log that does not identify its landmarks, or an estimate
             that diverges; names the pose.
     """
-    slam = initial or slam_for(log, config, associate)
-    if isinstance(slam.associate, KnownIdentity) and (log.landmark < 0).all() and len(log.landmark):
+    slam = initial or slam_for(log, config)
+    if slam.config.association == "known" and (log.landmark < 0).all() and len(log.landmark):
         raise LogError(
             "association: expected nearest, found known, but the log does not name "
             "the landmarks it sees"
@@ -135,7 +131,7 @@ def run(
         "results": StoredArrays(arrays),
         "recorder": recorder,
     }
-    identity = (log, config, associate, initial and initial.to_arrays())
+    identity = (log, config, initial and initial.to_arrays())
     done = 0 if checkpoint is None else checkpoint.resume(identity, parts)
     hundredth, start = poses // 100 + 1, int((log.observation_pose < done).sum())
     slam.num_steps = max(slam.num_steps - (done == 0), 0)  # at the first pose it is already
@@ -206,18 +202,9 @@ def _doubt(association: IntArray, slam: Slam) -> str:
     )
 
 
-def slam_for(
-    log: LandmarkLog,
-    config: EkfConfig = EkfConfig(),
-    associate: Association | None = None,
-) -> Slam:
+def slam_for(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Slam:
     """The `Slam` that `run` takes through a log: with its start and odometry biases."""
-    return Slam(
-        config,
-        start=log.start,
-        association=associate,
-        odometry_bias=log.odometry_bias,
-    )
+    return Slam(config, start=log.start, odometry_bias=log.odometry_bias)
 
 
 def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory:

@@ -17,8 +17,7 @@ from saccade.io.checkpoint import (
 )
 from saccade.slam.association._kernels import DROPPED, NEW, compare_identities
 from saccade.slam.association.nearest_neighbor import NearestNeighbor, squared_distances
-from saccade.slam.association.rule import Association
-from saccade.slam.config import ASSOCIATION_RULES, EkfConfig
+from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.models import inverse_observe
@@ -77,13 +76,12 @@ LOOSE, LOOP, LONG_LOOP = 4.0, 100.0, 1000.0
 """Ratio of predicted variance to noise from which the identities of a scan are checked in pairs,
 and from which one observation of a landmark of few, or of any number, does not close a loop."""
 STATE = ("stale", "has_unnamed", "_clock", "_streak", "_believed_until")
-"""Attributes of `GatedIdentity` that change from scan to scan, beside `known`."""
+"""Attributes of `Association` that change from scan to scan, beside `known`."""
 PAIR_GATE = 10.83
 """Squared deviation, in standard deviations, of the distance of two landmarks: 99.9 %."""
 
 
-@dataclass
-class GatedIdentity(Association):
+class Association:
     """Association by identity where there is one, if it agrees with the map; else by geometry.
 
     An identity is refused if the observation is outside the gate of its landmark. It is believed
@@ -91,37 +89,70 @@ class GatedIdentity(Association):
     is so uncertain that it closes a loop, two identities of a scan must agree, or one be repeated.
     Several refused ones at one position move the identity there: the landmark has moved, or its
     first observation had the wrong identity.
+
+    With "known" association no identity is doubted. Observations without one are dropped then, and
+    so is a second observation, in one scan, of a landmark that is not in the map yet.
     """
 
-    gate: float = 0.99999
-    """Probability with which an observation of the landmark of its identity is accepted."""
-    geometry: NearestNeighbor = field(default_factory=lambda: NearestNeighbor(mutual=True))
-    """The rule of observations without an identity, and of those whose identity is refused."""
-
-    def __post_init__(self) -> None:
+    def __init__(self, config: EkfConfig) -> None:
+        self.geometry = NearestNeighbor(
+            config.gate, config.new_gate, mutual=config.association != "nearest"
+        )
+        """The rule of observations without an identity, and of those whose identity is refused."""
         self.known: dict[int, Identity] = {}
         """What is known of each identity."""
         self.stale: list[int] = []
-        """Those that have lost their identity."""
+        """Landmarks that have lost their identity, and are to be removed."""
         self.has_unnamed = False
+        """Whether there may be a landmark without an identity. The others are not culled: it is an
+        identity that tells a landmark that is gone from one that is not detected."""
         self.refused = np.zeros(0, np.bool_)
+        """(m,) whether the identity of each observation of the last scan was refused."""
+        self._believed = config.association == "known"
         self._clock = self._streak = 0  # identified observations; refused since the last accepted
         self._believed_until = -1
-        self._gate = chi_square_gate(2, self.gate)
+        self._gate = chi_square_gate(2, config.name_gate)
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
-        """Associate a scan; see `Association`."""
+        """Associate a scan.
+
+        Args:
+            ekf: the filter, predicted to the pose of the scan.
+            z: (m, 2) range in metres, bearing in radians.
+            R: (m, 2, 2) their covariances.
+            identity: (m,) of the landmarks as given by the log, -1 where it is unknown.
+
+        Returns:
+            (m,) the number of the landmark in the map, `NEW` or `DROPPED`. The next free numbers
+            add landmarks without waiting for more observations.
+        """
         names = identity.tolist()
+        if self._believed:
+            return self._look_up(len(ekf), names)
         self.refused = np.zeros(len(names), np.bool_)
         self.has_unnamed = self.has_unnamed or min(names) < 0
         if max(names) < 0:
-            return self.geometry(ekf, z, R, identity)
+            return self.geometry(ekf, z, R)
         association = np.array(self.gate_identities(ekf, z, R, names), np.int64)
         rest = np.flatnonzero(association == UNDECIDED)
         if len(rest) > 0:
             taken = association[association >= 0]
-            near = self.geometry.associate(ekf, z[rest], R[rest], taken)
+            near = self.geometry(ekf, z[rest], R[rest], taken)
             self.resolve_identities(len(ekf), names, rest.tolist(), near.tolist(), association)
+        return association
+
+    def _look_up(self, free: int, names: list[int]) -> IntArray:
+        """(m,) landmark of each identity, new ones from number `free` on."""
+        new: set[int] = set()  # identities first observed in this scan
+        association = np.full(len(names), DROPPED)
+        for i, name in enumerate(names):
+            if name < 0 or name in new:
+                continue
+            known = self.known.setdefault(name, Identity())
+            if known.landmark < 0:
+                known.landmark = free + len(new)
+                new.add(name)
+            association[i] = known.landmark
         return association
 
     def gate_identities(
@@ -211,24 +242,24 @@ class GatedIdentity(Association):
                 association[i] = j
 
     def landmarks(self, names: list[int]) -> list[int]:
-        """See `Association`."""
+        """Landmark of the map of each identity, -1 for none."""
         known = self.known
         return [known[name].landmark if name in known else -1 for name in names]
 
     def bind(self, identity: int, landmark: int) -> None:
-        """See `Association`."""
+        """Give an identity that has no landmark the one of another map."""
         name = self.known.setdefault(identity, Identity())
         if name.landmark < 0:
             name.landmark, name.accepted = landmark, ESTABLISHED
 
     def forget_from(self, landmarks: int) -> None:
-        """See `Association`."""
+        """Take back identities of landmarks from a number on, which are not added."""
         for name in self.known.values():
             if name.landmark >= landmarks:
                 name.landmark = -1
 
     def removed(self, number: IntArray) -> None:
-        """See `Association`."""
+        """Called when landmarks were removed: `number` (n,) is that of each now, -1 for none."""
         for name in self.known.values():
             if name.landmark >= 0:
                 name.landmark = int(number[name.landmark])
@@ -239,7 +270,7 @@ class GatedIdentity(Association):
         self.stale = []
 
     def identities(self, landmarks: int) -> IntArray:
-        """See `Association`."""
+        """(n,) identity of each landmark of a map of n, -1 where it has none."""
         found = np.full(landmarks, -1)
         for identity, name in self.known.items():
             if name.landmark >= 0:
@@ -260,7 +291,7 @@ class GatedIdentity(Association):
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         rows = select(arrays, "known")
-        names = rows.pop("name").tolist()
+        names = rows.pop("name", np.zeros(0)).tolist()  # of a rule of another version
         columns = [each if each.ndim > 1 else each.tolist() for each in rows.values()]
         known = [
             Identity(**dict(zip(rows, row, strict=True))) for row in zip(*columns, strict=True)
@@ -381,28 +412,6 @@ class GatedIdentity(Association):
                 conflicts[p] = conflicts[:, p] = False
 
 
-class KnownIdentity(GatedIdentity):
-    """Known data association: identities are believed.
-
-    Observations without an identity are dropped, and so is a second observation, in one scan,
-    of a landmark that is not in the map yet.
-    """
-
-    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
-        """Look each identity up; see `Association`. New landmarks get the next free numbers."""
-        new: set[int] = set()  # identities first observed in this scan
-        association = np.full(len(identity), DROPPED)
-        for i, name in enumerate(identity.tolist()):
-            if name < 0 or name in new:
-                continue
-            known = self.known.setdefault(name, Identity())
-            if known.landmark < 0:
-                known.landmark = len(ekf) + len(new)
-                new.add(name)
-            association[i] = known.landmark
-        return association
-
-
 class _Positions:
     """Positions in the map of the observations of a scan, computed where they are asked for."""
 
@@ -452,14 +461,3 @@ def _distances_agree(
         along = mean / mapped
         variance += max(float(along @ joint @ along), 0.0)
     return (observed - mapped) ** 2 <= PAIR_GATE * variance
-
-
-def association_rule(config: EkfConfig) -> Association:
-    """The rule of `EkfConfig.association`; of "multiple", that in a fixed map."""
-    if config.association == "known":
-        return KnownIdentity()
-    if config.association == "auto":
-        geometry = NearestNeighbor(config.gate, config.new_gate, mutual=True)
-        return GatedIdentity(config.name_gate, geometry)
-    kind = "mutual" if config.association == "multiple" else config.association
-    return ASSOCIATION_RULES[kind](config.gate, config.new_gate)

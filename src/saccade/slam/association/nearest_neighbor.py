@@ -10,14 +10,16 @@ from saccade.slam.association._kernels import (
     associate_nearest,
     mahalanobis_distances,
 )
-from saccade.slam.association.rule import Association
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import FloatArray, IntArray
 
+NONE = np.empty(0, np.int64)
+"""No landmarks."""
+
 
 @dataclass(frozen=True)
-class NearestNeighbor(Association):
+class NearestNeighbor:
     """The nearest landmark within a gate, by Mahalanobis distance.
 
     Within a scan each landmark is paired with at most one observation and each observation with
@@ -33,12 +35,20 @@ class NearestNeighbor(Association):
     mutual: bool = False
     """Whether a pair must be mutually nearest, so that no second choices are made."""
 
-    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
-        """Associate by distance alone; see `Association`."""
-        return self.associate(ekf, z, R, identity[:0])
+    def __call__(
+        self, ekf: EkfSlam, z: FloatArray, R: FloatArray, taken: IntArray = NONE
+    ) -> IntArray:
+        """Associate a scan.
 
-    def associate(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, taken: IntArray) -> IntArray:
-        """Associate a scan of which other observations are of the landmarks `taken` (n,)."""
+        Args:
+            ekf: the filter, predicted to the pose of the scan.
+            z: (m, 2) range in metres, bearing in radians.
+            R: (m, 2, 2) their covariances.
+            taken: (n,) landmarks of which other observations of the scan are.
+
+        Returns:
+            (m,) the number of the landmark in the map, `NEW` or `DROPPED`.
+        """
         paired = np.empty(len(z), np.int64)
         taken, confirmed = ekf.to_view(taken), ekf.confirmed_in_view
         associate_nearest(ekf.view, z, R, self.gates, taken, confirmed, paired)
