@@ -17,7 +17,7 @@ from support.paths import ROOT
 from support.small_drive import small_drive
 
 DOCS = ROOT / "docs"
-ELSEWHERE = {"symmetry", "drives", "extract", "slam", "system"}
+ELSEWHERE = {"drives", "extract", "slam", "system"}
 """Pages with tests of their own."""
 WHOLE = {page.stem: page.read_text("utf-8") for page in PAGES if page.stem not in ELSEWHERE}
 SECTIONS = re.split(r"^#+ (.+)$", WHOLE.pop("keypoints"), flags=re.MULTILINE)[1:]
@@ -76,19 +76,6 @@ def test_the_code_of_a_page_runs_and_finds_something(name, tmp_path, monkeypatch
             assert len(value) > 0, found
         if isinstance(value, Verification):
             assert value.inliers.any(), found
-
-
-def test_the_code_of_the_page_on_symmetry_runs(tmp_path, monkeypatch):
-    (code,) = code_of((ROOT / "docs" / "symmetry.md").read_text(encoding="utf-8"))
-    photo = files("saccade") / "data" / "rocket.jpg"
-    (tmp_path / "photo.jpg").write_bytes(photo.read_bytes())
-    monkeypatch.chdir(tmp_path)
-    names = {}
-    exec(code, names)
-    assert names["attention"].saliency.max() == names["maps"].saliency.max() == 1
-    assert len(names["pairs"]) > 3
-    assert len(names["points"]) > 100
-    assert len(names["regions"]) == 50
 
 
 def test_the_code_of_the_page_on_drives_runs(tmp_path, monkeypatch):

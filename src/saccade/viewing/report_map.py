@@ -23,7 +23,7 @@ MAX_GAP = 2
 MAX_IMAGES, MAX_IMAGE_LENGTH, IMAGE_WIDTH = 160, 1_100_000, 280
 """Camera images, characters of all of them, and pixels of the width of each."""
 MAX_IMAGE_POINTS = 25_000
-"""Landmarks marked in the camera images. With all these limits reached a part has 4.5 MB."""
+"""Landmarks marked in the camera images. With all these limits reached a part has 4 MB."""
 
 
 @dataclass(frozen=True)
