@@ -210,7 +210,7 @@ def test_the_covariance_of_a_pose_is_that_of_its_errors(rng, wrong):
 
 
 def test_points_of_a_plane_give_the_pose_of_its_homography(rng):
-    """Samples of five points on a plane have several solutions: the decomposition has two."""
+    """Samples of five points on a plane have several solutions; a few points beside it decide."""
     R, t = cv2.Rodrigues(np.array([0.02, 0.05, 0.01]))[0], np.array([0.3, 0, 0.1])
     normal = np.array([0.3, 0.1, -1.0])
     first = rng.uniform([0, 0], [640, 480], (300, 2))

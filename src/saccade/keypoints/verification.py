@@ -181,7 +181,7 @@ def verify_positions(
     matrix, inliers = sample_consensus(matched, geometry, tolerance)
     if matrix is None or inliers.sum() < min_inliers:
         return none
-    fit = best_fit(matrix, inliers, geometry, matched, smallest, tolerance)
+    fit = refine_repeatedly(matrix, geometry, matched, smallest, tolerance)
     if fit is not None:
         matrix = fit.matrix
         inliers = match_errors(matrix, geometry, matched) < tolerance
@@ -206,34 +206,6 @@ def position_sigma(keypoints: Keypoints) -> FloatArray:
     return sigma
 
 
-def best_fit(
-    matrix: FloatArray,
-    inliers: BoolArray,
-    geometry: Geometry,
-    matched: FloatArray,
-    sigma: FloatArray,
-    tolerance: float,
-) -> Fit | None:
-    """The refined model of distinct matches; None where they do not determine it."""
-    starts = [matrix]
-    if geometry == "essential":  # where most points are on one plane, samples rarely determine it
-        plane, on_plane = sample_consensus(matched, "homography", tolerance)
-        if plane is not None and 2 * on_plane.sum() > inliers.sum():
-            starts += essentials_of_plane(plane)
-    refined = [refine_repeatedly(start, geometry, matched, sigma, tolerance) for start in starts]
-    fits = [fit for fit in refined if fit is not None]
-    if len(fits) < 2:
-        return fits[0] if fits else None
-    scale = max(min(fit.scale for fit in fits), MIN_SIGMA * float(sigma.min()))
-
-    def cost(fit: Fit) -> float:
-        """Truncated Cauchy loss of all matches."""
-        z = match_sigmas(fit.matrix, geometry, matched, sigma) / scale
-        return float(np.log1p(np.minimum(z, REFINED_SIGMAS) ** 2).sum())
-
-    return min(fits, key=cost)
-
-
 def refine_repeatedly(
     matrix: FloatArray,
     geometry: Geometry,
@@ -252,16 +224,9 @@ def refine_repeatedly(
             break
         fit, matrix = better, better.matrix
         near = match_errors(matrix, geometry, matched) < REFINED_TOLERANCES * tolerance
-        near &= match_sigmas(matrix, geometry, matched, sigma) <= REFINED_SIGMAS * fit.scale
+        z = residuals_of(geometry, matrix, matched, sigma)(matrix)
+        near &= np.linalg.norm(z, axis=1) <= REFINED_SIGMAS * fit.scale
     return fit
-
-
-def match_sigmas(
-    matrix: FloatArray, geometry: Geometry, matched: FloatArray, sigma: FloatArray
-) -> FloatArray:
-    """(m,) errors of matches in standard deviations, infinite as `match_errors` has it."""
-    z = np.linalg.norm(residuals_of(geometry, matrix, matched, sigma)(matrix), axis=1)
-    return np.where(np.isfinite(match_errors(matrix, geometry, matched)), z, np.inf)
 
 
 def match_errors(matrix: FloatArray, geometry: Geometry, matched: FloatArray) -> FloatArray:
@@ -337,16 +302,6 @@ def decomposed(essential: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
     """The two rotations (3, 3) of an essential matrix and its translation (3,), up to its sign."""
     first, second, t = (np.asarray(each, float) for each in cv2.decomposeEssentialMat(essential))
     return first, second, t.ravel()
-
-
-def essentials_of_plane(homography: FloatArray) -> list[FloatArray]:
-    """The essential matrices of the motions that move a plane by a (3, 3) homography, up to 4."""
-    _, rotations, translations, _ = cv2.decomposeHomographyMat(homography, np.eye(3))
-    return [
-        np.cross(np.eye(3), -np.asarray(t, float).ravel() / np.linalg.norm(t)) @ R
-        for R, t in zip(rotations, translations, strict=True)
-        if np.linalg.norm(t) > 0
-    ]
 
 
 def in_front(R: FloatArray, t: FloatArray, rays: FloatArray) -> BoolArray:
