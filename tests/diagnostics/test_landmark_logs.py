@@ -93,6 +93,12 @@ WRONG = {
     "lost steps": (lose_steps, "lost steps"),
     "turn": (lambda log: scaled(log, (1, 1, DEGREES)), "degrees"),
 }
+WORDS = {
+    "clock": "3 s late",
+    "frame": "by 90 degrees",
+    "sigmas x 30": "times too large",
+    "sigmas / 30": "times too small",
+}
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +117,7 @@ def test_a_wrong_log_is_refused_or_its_cause_is_named_first(kind, good):
     causes = check_log(log)
     findings = causes or check_run(log, slam.run(log))
     assert findings[0].check == cause
+    assert WORDS.get(kind, "") in findings[0].what
 
 
 @pytest.mark.parametrize("seed", range(2))
