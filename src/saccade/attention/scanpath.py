@@ -218,19 +218,15 @@ def simulate(
     current = network.map_rate * config.drive * (down_columns[number] + config.background)
     cells = Cells(row, column, number, current)
     regions = np.zeros((0, *strength.shape), np.bool_)
-    if region is None:
-        return run_network(network, cells, fixations, regions)
-    winners, steps = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    for count in range(1, fixations + 1):
-        winners, steps = run_network(network, cells, count, regions)
-        if len(winners) < count:
+    while region is not None and len(regions) < fixations - 1:
+        winners, _ = run_network(network, cells, len(regions) + 1, regions)
+        if len(winners) == len(regions):
             break
         winner_column, winner_row = divmod(int(winners[-1]), strength.shape[0])
         inhibited = region(winner_row, winner_column)
-        if inhibited is None:
-            inhibited = np.zeros(strength.shape, np.bool_)
-        regions = np.concatenate([regions, [inhibited]])
-    return winners, steps
+        disc = np.zeros(strength.shape, np.bool_)
+        regions = np.concatenate([regions, [disc if inhibited is None else inhibited]])
+    return run_network(network, cells, fixations, regions)
 
 
 def proto_object(maps: ContrastMaps, row: int, column: int) -> Region | None:

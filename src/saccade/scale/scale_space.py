@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from math import floor, log2, prod, sqrt
 
@@ -70,6 +70,9 @@ def gaussian_scale_space(
     blur = sqrt(max(sigmas[0] ** 2 - (config.camera_sigma / spacing) ** 2, 0.01))
     plane, origin = first_plane(gray, spacing, blur, config, workspace.threads)
 
+    blur_next = partial(
+        blurred, kernel_radius=kernel_radius, corrected=centered, threads=workspace.threads
+    )
     octaves: list[Float32Array] = []
     origins, spacings = [], []
     max_octaves = config.octaves or int(log2(max(plane.shape))) + 1
@@ -77,14 +80,7 @@ def gaussian_scale_space(
         octave = workspace.array("octave", len(octaves), (len(sigmas), *plane.shape))
         octave[0] = plane
         for i, (before, after) in enumerate(pairwise(sigmas)):
-            blurred(
-                octave[i],
-                sqrt(after**2 - before**2),
-                kernel_radius,
-                corrected=centered,
-                out=octave[i + 1],
-                threads=workspace.threads,
-            )  # B.2
+            blur_next(octave[i], sqrt(after**2 - before**2), out=octave[i + 1])  # B.2
         octaves.append(octave)
         origins.append(origin)
         spacings.append(spacing)
