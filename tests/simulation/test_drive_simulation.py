@@ -119,6 +119,8 @@ def test_odometry_without_errors_is_the_truth():
     drive = simulate_drive(replace(SMALL, frames=200, odometry=exact))
     np.testing.assert_allclose(followed(drive.start, drive.control), drive.truth.pose, atol=1e-9)
     np.testing.assert_array_equal(drive.truth.pose[0], 0)
+    width = SMALL.size[0] - SMALL.corridor  # of the center line
+    assert np.ptp(drive.truth.pose[:, 0]) == pytest.approx(width, abs=2 * SMALL.sway)
     steps = np.hypot(*np.diff(drive.truth.pose[:, :2], axis=0).T)
     assert steps.max() < 1.15 * steps.min()
     ahead, aside, _ = drive.control.T
