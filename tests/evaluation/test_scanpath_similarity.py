@@ -10,6 +10,7 @@ from saccade.evaluation.scanpaths import (
     GazePath,
     ScanMatchConfig,
     multimatch,
+    path_scores,
     scanmatch,
 )
 
@@ -75,6 +76,16 @@ def test_multimatch_of_equal_moved_turned_and_slower_paths(rng):
     np.testing.assert_allclose(back, [0.8, 0, 1, 0.8, 1], atol=1e-12)
     np.testing.assert_allclose(slow, [1, 1, 1, 1, 0.25])
     assert np.isnan(none).all()
+
+
+def test_the_movements_of_a_path_are_its_own(rng):
+    path = GazePath(
+        np.array([[0.0, 0], [40, 30], [70, 30], [70, 50]]), np.array([0.1, 0.2, 0.3, 1])
+    )
+    scores = path_scores(path, paths(rng, 3), SHAPE, ScanMatchConfig())
+    assert scores.amplitude == pytest.approx((50 + 30 + 20) / 3)
+    assert scores.horizontal == pytest.approx(2 / 3)
+    assert (scores.seconds, scores.fixations) == (pytest.approx(0.4), 4)
 
 
 @pytest.mark.peer
