@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.stats import chi2
 
 from saccade.errors import LogError
 from saccade.slam import (
@@ -16,15 +17,17 @@ from saccade.slam import (
 from saccade.slam.association._kernels import (
     DROPPED,
     NEW,
+    Gates,
     pair_mutual,
     pair_nearest_first,
     prefilter_landmarks,
     squared_distance,
 )
 from saccade.slam.association.identities import Association
-from saccade.slam.association.nearest_neighbor import NearestNeighbor, mahalanobis_squared
+from saccade.slam.association.nearest_neighbor import associate_by_geometry, mahalanobis_squared
 
 R = np.diag([0.01, 1e-4])
+GREEDY = Gates(chi2.ppf(0.99, 2), chi2.ppf(0.9999, 2), False)
 WORLD = np.array([[5.0, 1.0], [6.0, -2.0], [8.0, 0.0], [-3.0, 4.0]])
 
 
@@ -42,7 +45,7 @@ def _scan(places):
 
 def test_a_landmark_takes_the_nearer_of_two_observations():
     z, noise = _scan([WORLD[0] + [0.15, 0], WORLD[0] + [0.02, 0]])
-    assert NearestNeighbor()(_filter(), z, noise).tolist() == [DROPPED, 0]
+    assert associate_by_geometry(_filter(), z, noise, GREEDY).tolist() == [DROPPED, 0]
 
 
 def test_near_is_taken_far_is_new_and_between_is_dropped():
@@ -50,13 +53,17 @@ def test_near_is_taken_far_is_new_and_between_is_dropped():
     sigma = np.sqrt(ekf.predict_observations().covariance[0, 0, 0] + R[0, 0])
     z, noise = _scan(WORLD[[0, 0, 0]])
     z[:, 0] += np.array([2.5, 3.5, 5.0]) * sigma  # gates at 3.03 and 4.29 sigma
-    found = [int(NearestNeighbor()(ekf, z[i : i + 1], noise[:1])[0]) for i in range(3)]
+    found = [int(associate_by_geometry(ekf, z[i : i + 1], noise[:1], GREEDY)[0]) for i in range(3)]
     assert found == [0, DROPPED, NEW]
 
 
 def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too():
     """Two landmarks a little over a sigma to either side of where something is seen."""
-    rule, pair = NearestNeighbor(mutual=True), np.array([[5.0, -0.1], [5.0, 0.12]])
+    pair = np.array([[5.0, -0.1], [5.0, 0.12]])
+
+    def rule(ekf, z, noise):
+        return associate_by_geometry(ekf, z, noise, GREEDY._replace(mutual=True))
+
     z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
     assert rule(_filter(pair), z[:1], noise[:1]).tolist() == [DROPPED]
     assert rule(_filter(pair), z, noise).tolist() == [0, 1]

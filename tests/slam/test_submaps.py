@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from saccade import slam
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import EkfConfig, EkfSlam, Recorder, local_map_choice
+from saccade.slam import EkfConfig, EkfSlam, local_map_choice
 from support.logs import with_observations
 
 WORLD = WorldConfig(
@@ -99,15 +99,3 @@ def test_a_large_map_chooses_by_itself(monkeypatch, entries):
     _close(slam.run(log, EkfConfig()), whole)
     assert min(mapped for _, mapped in entries) >= 30
     assert all(inside <= mapped / 2 for inside, mapped in entries)
-
-
-def test_a_filter_may_be_read_between_steps():
-    log = simulate_world(dataclasses.replace(WORLD, steps=120), 4)
-    config = EkfConfig(submaps="never")
-    films = [Recorder(frames=10), Recorder(frames=10)]
-    whole = slam.run(log, config, recorder=films[0])
-    _close(slam.run(log, dataclasses.replace(config, submaps="always"), recorder=films[1]), whole)
-    for one, two in zip(*(film.snapshots for film in films), strict=True):
-        for field in dataclasses.fields(one):
-            a, b = getattr(one, field.name), getattr(two, field.name)
-            np.testing.assert_allclose(a, b, atol=1e-6)

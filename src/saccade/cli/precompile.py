@@ -49,7 +49,7 @@ def compile_association() -> None:
 
     slam, z, R = Slam(), np.zeros((1, 2)), np.zeros((1, 2, 2))
     f, names, confirmed = slam.ekf.view, np.zeros(1, np.int64), np.zeros(1, np.bool_)
-    recovery, gates = slam.recovery, slam.associate.geometry.gates
+    recovery, gates = slam.recovery, slam.associate.gates
     evidence = recovery.evidence, recovery.rule
     compile_for(contradicts, f, *evidence, z, R, confirmed, names, 0)
     compile_for(associate_nearest, f, z, R, gates, names, confirmed, names)

@@ -15,8 +15,8 @@ from saccade.io.checkpoint import (
     restore_attributes,
     select,
 )
-from saccade.slam.association._kernels import DROPPED, NEW, compare_identities
-from saccade.slam.association.nearest_neighbor import NearestNeighbor, squared_distances
+from saccade.slam.association._kernels import DROPPED, NEW, Gates, compare_identities
+from saccade.slam.association.nearest_neighbor import associate_by_geometry, squared_distances
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
@@ -95,10 +95,12 @@ class Association:
     """
 
     def __init__(self, config: EkfConfig) -> None:
-        self.geometry = NearestNeighbor(
-            config.gate, config.new_gate, mutual=config.association != "nearest"
+        self.gates = Gates(
+            chi_square_gate(2, config.gate),
+            chi_square_gate(2, config.new_gate),
+            config.association != "nearest",
         )
-        """The rule of observations without an identity, and of those whose identity is refused."""
+        """Of observations without an identity, and of those whose identity is refused."""
         self.known: dict[int, Identity] = {}
         """What is known of each identity."""
         self.stale: list[int] = []
@@ -132,12 +134,12 @@ class Association:
         self.refused = np.zeros(len(names), np.bool_)
         self.has_unnamed = self.has_unnamed or min(names) < 0
         if max(names) < 0:
-            return self.geometry(ekf, z, R)
+            return associate_by_geometry(ekf, z, R, self.gates)
         association = np.array(self.gate_identities(ekf, z, R, names), np.int64)
         rest = np.flatnonzero(association == UNDECIDED)
         if len(rest) > 0:
             taken = association[association >= 0]
-            near = self.geometry(ekf, z[rest], R[rest], taken)
+            near = associate_by_geometry(ekf, z[rest], R[rest], self.gates, taken)
             self.resolve_identities(len(ekf), names, rest.tolist(), near.tolist(), association)
         return association
 

@@ -1,8 +1,5 @@
 """Nearest-neighbor data association by Mahalanobis distances."""
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
 
 from saccade.slam.association._kernels import (
@@ -10,7 +7,7 @@ from saccade.slam.association._kernels import (
     associate_nearest,
     mahalanobis_distances,
 )
-from saccade.slam.consistency import chi_square_gate, normalized_squared
+from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import FloatArray, IntArray
 
@@ -18,46 +15,30 @@ NONE = np.empty(0, np.int64)
 """No landmarks."""
 
 
-@dataclass(frozen=True)
-class NearestNeighbor:
-    """The nearest landmark within a gate, by Mahalanobis distance.
+def associate_by_geometry(
+    ekf: EkfSlam, z: FloatArray, R: FloatArray, gates: Gates, taken: IntArray = NONE
+) -> IntArray:
+    """Associate a scan with the nearest landmarks by Mahalanobis distance, within a gate.
 
     Within a scan each landmark is paired with at most one observation and each observation with
     at most one landmark, the closest pair first. An observation outside the larger gate of every
     landmark is new; the others are ambiguous, and so are those to which an unpaired landmark is
     almost as near.
+
+    Args:
+        ekf: the filter, predicted to the pose of the scan.
+        z: (m, 2) range in metres, bearing in radians.
+        R: (m, 2, 2) their covariances.
+        gates: the gates, and whether pairs must be mutually nearest.
+        taken: (n,) landmarks of which other observations of the scan are.
+
+    Returns:
+        (m,) the number of the landmark in the map, `NEW` or `DROPPED`.
     """
-
-    gate: float = 0.99
-    """Probability with which an observation of a landmark is inside its gate."""
-    new_gate: float = 0.9999
-    """Probability with which an observation that is not of a new landmark is inside this one."""
-    mutual: bool = False
-    """Whether a pair must be mutually nearest, so that no second choices are made."""
-
-    def __call__(
-        self, ekf: EkfSlam, z: FloatArray, R: FloatArray, taken: IntArray = NONE
-    ) -> IntArray:
-        """Associate a scan.
-
-        Args:
-            ekf: the filter, predicted to the pose of the scan.
-            z: (m, 2) range in metres, bearing in radians.
-            R: (m, 2, 2) their covariances.
-            taken: (n,) landmarks of which other observations of the scan are.
-
-        Returns:
-            (m,) the number of the landmark in the map, `NEW` or `DROPPED`.
-        """
-        paired = np.empty(len(z), np.int64)
-        taken, confirmed = ekf.to_view(taken), ekf.confirmed_in_view
-        associate_nearest(ekf.view, z, R, self.gates, taken, confirmed, paired)
-        return ekf.from_view(paired)
-
-    @cached_property
-    def gates(self) -> Gates:
-        """The gates as squared Mahalanobis distances."""
-        return Gates(chi_square_gate(2, self.gate), chi_square_gate(2, self.new_gate), self.mutual)
+    paired = np.empty(len(z), np.int64)
+    taken, confirmed = ekf.to_view(taken), ekf.confirmed_in_view
+    associate_nearest(ekf.view, z, R, gates, taken, confirmed, paired)
+    return ekf.from_view(paired)
 
 
 def mahalanobis_squared(

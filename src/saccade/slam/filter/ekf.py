@@ -371,11 +371,6 @@ class EkfSlam:
         self._confirmed = confirmed
 
     @property
-    def confirmed(self) -> BoolArray:
-        """(N,) landmarks that are more than candidates, all if it was not set."""
-        return self.confirmed_in_view[: len(self)]
-
-    @property
     def state(self) -> FloatArray:
         """(3 + 2N,) the pose, then the landmarks (C.3)."""
         return self.filter_state.state[: state_size(self.filter_state)].copy()
