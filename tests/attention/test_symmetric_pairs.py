@@ -37,17 +37,17 @@ def test_all_pairs_of_a_place_are_its_symmetry():
         gain=60.0,
         border="missing",
         levels=(0,),
-        level_weights=(1.0,),
+        level_weights=(2.0,),
         map_level=1,
         viewing_size=None,
     )
     level = symmetry_saliency(image, config).levels[0]
     for x, y in ((20, 15), (3, 2), (38, 20), (20, 28)):
         pairs = symmetric_pairs(image, (x, y), config, max_pairs=ALL)
-        assert pairs.strength.sum() == pytest.approx(level[y, x], rel=1e-4)
+        assert pairs.strength.sum() == pytest.approx(2 * level[y, x], rel=1e-4)
     expected = oracles.symmetry(image[10:21, 15:26, None], "isotropic", 1, 4, 4, 60)[5, 5]
     pairs = symmetric_pairs(image[10:21, 15:26], (5, 5), config, max_pairs=ALL)
-    assert pairs.strength.sum() == pytest.approx(expected, rel=1e-4)
+    assert pairs.strength.sum() == pytest.approx(2 * expected, rel=1e-4)
 
 
 def test_within_a_radius_the_most_symmetric_place_is_taken():
