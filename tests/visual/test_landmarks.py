@@ -11,6 +11,7 @@ from scipy import stats
 from saccade import visual
 from saccade.evaluation.runs import correct_associations
 from saccade.simulation import DriveConfig, simulate_drive
+from saccade.slam.filter.models import PredictedObservations
 from saccade.visual import VisualConfig
 from saccade.visual.motion_prior import Planarity
 from saccade.visual.reidentification import consistent_layout, count_rematches, reidentify
@@ -92,6 +93,11 @@ def test_points_that_are_no_landmarks_hide_none(drive, rng):
     visual_map = VisualMap(drive, config, Planarity(0.01))
     observations, usable = visual_map.observe(points)
     assert usable.all()
+    expected = PredictedObservations(observations.z + 1, observations.covariance)
+    single = VisualMap(drive, config, Planarity(0.01), measures_range=False)
+    for each, added in ((visual_map, 0), (single, 1)):  # whose ranges are those of the map
+        ranges = each.observe(points, expected)[0].z[:, 0]
+        assert ranges == pytest.approx(observations.z[:, 0] + added)
     visual_map.initialize(observations, points.descriptor, 0)
     elsewhere = TrackedPoints.zeros(3, landmark=np.full(3, -1))
     found = reidentify(points, visual_map, elsewhere, config)
