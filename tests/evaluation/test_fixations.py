@@ -133,6 +133,17 @@ def test_score_holds_every_metric(a_map_and_places):
     assert best.kl == pytest.approx(0, abs=1e-9)
 
 
+def test_a_density_is_scored_by_the_map_that_is_best_for_each_metric():
+    """Blurred it is the fixation density; where others look, a uniform one is not surprised."""
+    place, others = np.array([[30.0, 20.0]]), np.array([[60.0, 40.0]] * 5)
+    exact, uniform = np.zeros((60, 80)), np.ones((60, 80))
+    exact[20, 30] = 1
+    scores = metrics.score(exact, place, others, sigma=4, density=True)
+    assert (scores.cc, scores.sim) == pytest.approx((1, 1))
+    assert metrics.score(uniform, place, others, sigma=4, density=True).shuffled_auc == 1
+    assert metrics.score(uniform, place, others, sigma=4).shuffled_auc == 0.5
+
+
 @pytest.mark.parametrize("places", [np.zeros((0, 2)), np.array([[80.0, 3.0]])])
 def test_places_outside_are_refused(places):
     with pytest.raises(ImageError, match="fixations: expected"):
