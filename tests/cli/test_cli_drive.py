@@ -9,13 +9,13 @@ import numpy as np
 
 def test_options_override_the_configuration(run, tmp_path):
     assert run("simulate", "drive", "--frames", 8, "--out", "ring")[0] == 0
-    (tmp_path / "mine.toml").write_text("max_landmarks = 50\negomotion = 'wheels'\n")
+    (tmp_path / "mine.toml").write_text("max_landmarks = 50\nselection = 'random'\n")
     words = ("drive", "ring", "--no-film", "--json", "--config", "mine.toml")
     code, out, _ = run(*words, "--max-landmarks", 5)
     assert code == 0
     row = json.loads(out)
     assert row["settings"]["max_landmarks"] == 5
-    assert row["settings"]["egomotion"] == "wheels"
+    assert row["settings"]["selection"] == "random"
     assert 0 < row["landmarks"] <= 5
     assert "film" not in row["files"]
     with Path(row["files"]["observations"]).open(newline="") as file:
@@ -26,7 +26,7 @@ def test_options_override_the_configuration(run, tmp_path):
     truth = np.loadtxt("ring/groundtruth.tum")[:8]
     end = np.hypot(*(trajectory[-1, 1:3] - truth[-1, 1:3]))
     np.testing.assert_allclose(row["end_m"], end, atol=1e-3)
-    (tmp_path / "mine.toml").write_text("egomotion = 'luck'\n")
+    (tmp_path / "mine.toml").write_text("selection = 'luck'\n")
     code, _, err = run(*words)
     assert code == 2
-    assert "egomotion: expected 'camera' or" in err
+    assert "selection: expected 'strength' or" in err

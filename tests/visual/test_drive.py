@@ -231,8 +231,8 @@ def test_a_calibration_of_other_images_is_refused(drive):
 def test_settings_outside_their_range_are_refused():
     with pytest.raises(ConfigError, match="gate: expected above 0 and below 1"):
         VisualConfig(gate=1.0)
-    with pytest.raises(ConfigError, match="egomotion: expected 'camera' or"):
-        VisualConfig(egomotion="best")
+    with pytest.raises(ConfigError, match="selection: expected 'strength' or"):
+        VisualConfig(selection="best")
 
 
 def test_errors_of_steps_are_those_of_evo(drive, mapped):

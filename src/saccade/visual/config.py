@@ -5,6 +5,9 @@ from typing import Literal, TypeAlias, get_args
 
 from saccade.errors import Settings, require, setting
 
+Selection: TypeAlias = Literal["strength", "random", "contrast", "symmetry", "rematch-rate-range"]
+"""Criteria by which points become landmarks."""
+SELECTIONS = get_args(Selection)
 EgomotionSource: TypeAlias = Literal["camera", "second-camera", "wheels"]
 """What measures the motion of the robot."""
 EGOMOTIONS = get_args(EgomotionSource)
@@ -14,10 +17,17 @@ EGOMOTIONS = get_args(EgomotionSource)
 class VisualConfig(Settings):
     """Settings of visual SLAM: how camera frames and odometry become a map.
 
+    By default landmarks are selected by their re-match rate while tracked and by how certain
+    their range is. Saliency is used by the selections "contrast" and "symmetry" alone.
+
     Raises:
         ConfigError: a setting outside its range.
     """
 
+    selection: Selection = "rematch-rate-range"
+    """Which points become landmarks: those with the strongest response, any ("random"), the most
+    salient by contrast or by symmetry, or those with the highest re-match rate while tracked and a
+    certain range."""
     new_per_frame: int = setting(8, 0, 1e5)
     """Maximum number of new landmarks per frame, on average; 0 for odometry without a map."""
     max_tracked: int = setting(20, 4, 1e5)

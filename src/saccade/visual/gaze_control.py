@@ -8,9 +8,10 @@ import numpy as np
 from saccade.frames import Camera, Gaze, GazeLimits
 from saccade.gaze import Gazer, Policy
 from saccade.plane import steps_between
-from saccade.types import Float32Array, FloatArray
+from saccade.types import FloatArray
 from saccade.visual.config import EgomotionSource
 from saccade.visual.frontend import FrameFeatures
+from saccade.visual.selection import sample_saliency
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
@@ -105,11 +106,3 @@ class GazeControl:
             odometry=WHEELS if egomotion == "wheels" else CAMERA,
             pan_sigma=pan_sigma,
         )
-
-
-def sample_saliency(saliency: Float32Array, shape: tuple[int, ...], xy: Float32Array) -> FloatArray:
-    """(k,) values of a map (h, w) at pixels (k, 2) of its image of a larger shape."""
-    rows, columns = saliency.shape
-    column = ((xy[:, 0] + 0.5) * columns / shape[1]).astype(np.int64).clip(0, columns - 1)
-    row = ((xy[:, 1] + 0.5) * rows / shape[0]).astype(np.int64).clip(0, rows - 1)
-    return np.asarray(saliency[row, column], np.float64)

@@ -13,7 +13,7 @@ from saccade.io.checkpoint import Arrays, Checkpoint, Checkpointed, Stateful
 from saccade.plane import steps_between
 from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.snapshots import Recorder
-from saccade.types import FloatArray
+from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import first_frame, measures_depth
 from saccade.visual.egomotion import Egomotion, MotionEstimate
@@ -31,7 +31,7 @@ from saccade.visual.motion_prior import TOTAL_RELATIVE_SIGMA
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
-from saccade.visual.selection import select_landmarks
+from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.single_camera import SingleCameraMotionEstimator
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.track_recorder import TrackRecorder
@@ -185,7 +185,7 @@ class Pipeline(Checkpointed):
                 self._update(number, ObservationKind.REIDENTIFIED, reidentified)
             self.tracked = extend(self.tracked, detected, reidentified, self.config)
         if scheduled and not self.recovery.lost:
-            self._initialize(number)
+            self._initialize(number, self._attend(number, frame))
         if self.recovery.lost != was_lost:
             self.motion.restart()
         if number > 0 and not found:
@@ -259,7 +259,8 @@ class Pipeline(Checkpointed):
     def _associate(self, detected: TrackedPoints) -> TrackedPoints:
         """Re-identify lost landmarks; returns the points that are."""
         config, landmarks = self.config, self.map.landmarks
-        self.tracked = count_rematches(self.tracked, detected, config.ratio)
+        if config.selection == "rematch-rate-range":
+            self.tracked = count_rematches(self.tracked, detected, config.ratio)
         detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
         found = reidentify(detected, self.map, self.tracked, config)
         count = len(found.rows)
@@ -273,11 +274,17 @@ class Pipeline(Checkpointed):
         flags = np.ones(count, np.bool_)
         return replace(detected[found.points], landmark=landmark, reidentified=flags)
 
-    def _initialize(self, number: int) -> None:
-        """Initialize landmarks from tracked points, within the budget of the map."""
-        observations, usable = self.map.observe(self.tracked)
-        chosen = select_landmarks(self.tracked, observations, usable, self.config, number)
-        points, observations = self.tracked[chosen], observations[chosen]
+    def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
+        """(m,) indices of the tracked points that become landmarks."""
+        tracked, config = self.tracked, self.config
+        saliency = saliency_at(frame.frame.image, tracked, config)
+        observations, usable = self.map.observe(tracked)
+        return select_landmarks(tracked, observations, usable, saliency, config, number)
+
+    def _initialize(self, number: int, chosen: IntArray) -> None:
+        """Initialize landmarks from tracked points (m,), within the budget of the map."""
+        points = self.tracked[chosen]
+        observations, _ = self.map.observe(points)
         landmark = self.tracked.landmark.copy()
         landmark[chosen] = self.map.initialize(observations, points.descriptor, number)
         points = replace(points, landmark=landmark[chosen])

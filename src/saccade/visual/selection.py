@@ -1,19 +1,63 @@
 """Landmark selection: which of the tracked points become landmarks.
 
-Those with the highest re-match rate while tracked, weighted by how certain their range is.
+The default takes those with the highest re-match rate while tracked, weighted by how certain their
+range is. Saliency is computed for the selections "contrast" and "symmetry" alone.
 """
 
 import numpy as np
 
-from saccade.types import BoolArray, Float32Array, FloatArray, IntArray
+from saccade.attention.contrast import contrast_saliency
+from saccade.attention.symmetry import SymmetryConfig, symmetry_saliency
+from saccade.types import BoolArray, Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.tables import RangeBearings, TrackedPoints
+
+SYMMETRY = SymmetryConfig(
+    kind="isotropic",
+    channels="gray",
+    levels=(0, 1, 2, 3),
+    level_weights=(1.0, 1.0, 1.0, 1.0),
+    map_level=1,
+    viewing_size=None,
+)
+"""Levels of which a point is ranked by the symmetry at its own scale."""
+DISC_RADIUS = 2.5
+"""Scales from a point within which its symmetry is summed, as MUST's."""
+
+
+def saliency_at(image: Image | None, points: TrackedPoints, config: VisualConfig) -> FloatArray:
+    """(k,) saliency at points; 0 without an image, or if the selection does not use it.
+
+    Contrast is that of the saliency map, symmetry that of the pyramid level whose pairs cover
+    `DISC_RADIUS` scales of the point.
+    """
+    saliency = np.zeros(len(points))
+    if image is None or config.selection not in ("contrast", "symmetry"):
+        return saliency
+    if config.selection == "contrast":
+        return sample_saliency(contrast_saliency(image).saliency, image.shape, points.xy)
+    maps = symmetry_saliency(image, SYMMETRY).levels
+    disc = DISC_RADIUS * np.maximum(points.size, 1) / 2
+    level = np.rint(np.log2(disc / SYMMETRY.outer)).clip(min(maps), max(maps))
+    for number, symmetry in maps.items():
+        of_level = level == number
+        saliency[of_level] = sample_saliency(symmetry, image.shape, points.xy[of_level])
+    return saliency
+
+
+def sample_saliency(saliency: Float32Array, shape: tuple[int, ...], xy: Float32Array) -> FloatArray:
+    """(k,) values of a map (h, w) at pixels (k, 2) of its image of a larger shape."""
+    rows, columns = saliency.shape
+    column = ((xy[:, 0] + 0.5) * columns / shape[1]).astype(np.int64).clip(0, columns - 1)
+    row = ((xy[:, 1] + 0.5) * rows / shape[0]).astype(np.int64).clip(0, rows - 1)
+    return np.asarray(saliency[row, column], np.float64)
 
 
 def select_landmarks(
     points: TrackedPoints,
     observations: RangeBearings,
     usable: BoolArray,
+    saliency: FloatArray,
     config: VisualConfig,
     frame: int,
 ) -> IntArray:
@@ -23,7 +67,8 @@ def select_landmarks(
         points: k tracked points.
         observations: of the k points.
         usable: (k,) whether each has a certain range.
-        config: spacing and budget.
+        saliency: (k,) result of `saliency_at`.
+        config: criterion, spacing and budget.
         frame: number of the frame, part of the seed of the random order of equal candidates.
 
     Returns:
@@ -31,13 +76,25 @@ def select_landmarks(
     """
     tracked, free = points.landmarks, np.flatnonzero(usable & ~points.is_landmark)
     free = free[np.random.default_rng((config.seed, frame)).permutation(len(free))]
-    z, covariance = observations.z[free], observations.covariance[free]
-    relative_range_sigma = np.sqrt(covariance[:, 0, 0]) / z[:, 0]
-    certainty = 1 - relative_range_sigma / (2 * config.relative_range_sigma)
-    order = np.argsort(-(rematch_rate(points[free]) * certainty), kind="stable")
+    candidates = points[free]
+    score = _score(candidates, observations[free], saliency[free], config)
+    order = np.argsort(-score, kind="stable")
     capacity = max(0, config.max_tracked - len(tracked))
     count = min(config.new_per_frame * config.detect_interval, capacity)
     return enforce_spacing(points.xy, free[order], tracked.xy, config.min_spacing, count)
+
+
+def _score(
+    points: TrackedPoints, observations: RangeBearings, saliency: FloatArray, config: VisualConfig
+) -> FloatArray:
+    """(n,) score by the selection criterion; higher is better."""
+    if config.selection == "strength":
+        return points.response.astype(np.float64)
+    if config.selection == "rematch-rate-range":
+        relative_range_sigma = np.sqrt(observations.covariance[:, 0, 0]) / observations.z[:, 0]
+        certainty = 1 - relative_range_sigma / (2 * config.relative_range_sigma)
+        return rematch_rate(points) * certainty
+    return saliency
 
 
 def rematch_rate(points: TrackedPoints) -> FloatArray:

@@ -1,59 +1,18 @@
-"""Which points become landmarks, and which are re-identified."""
-
-from dataclasses import replace
+"""Re-identification: the consistency of associations with one another."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
-from saccade import visual
 from saccade.evaluation.runs import correct_associations
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.filter.models import PredictedObservations
-from saccade.visual import VisualConfig
+from saccade.visual.config import VisualConfig
 from saccade.visual.motion_prior import Planarity
-from saccade.visual.reidentification import consistent_layout, count_rematches, reidentify
-from saccade.visual.selection import rematch_rate
+from saccade.visual.reidentification import consistent_layout, reidentify
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
-
-
-@pytest.fixture(scope="module")
-def drive():
-    return simulate_drive(DriveConfig(frames=6))
-
-
-def points(xy, descriptors=None):
-    """Tracked points with nothing else known of them."""
-    n = len(xy)
-    descriptors = np.zeros((n, 128), np.uint8) if descriptors is None else descriptors
-    return TrackedPoints.zeros(n, xy=np.asarray(xy, np.float32), descriptor=descriptors)
-
-
-def test_odometry_without_a_map_has_no_landmarks(drive):
-    result = visual.run(drive, VisualConfig(new_per_frame=0))
-    assert (len(result.map), len(result.observations)) == (0, 0)
-    assert np.abs(result.trajectory.pose - drive.truth.pose).max() < 0.05
-
-
-def test_the_rematch_rate_is_the_mean_of_the_posterior():
-    tried, found = np.array([0, 1, 4, 9]), np.array([0, 1, 1, 9])
-    some = replace(points(np.zeros((4, 2))), rematch_attempts=tried, rematches=found)
-    assert rematch_rate(some) == pytest.approx(stats.beta(1 + found, 1 + tried - found).mean())
-
-
-def test_a_point_is_rematched_at_its_tracked_position_alone():
-    descriptors = np.eye(4, 128, dtype=np.uint8) * 200
-    tracked = points([[10, 10], [50, 10], [90, 10], [130, 10]], descriptors)
-    # the second's descriptor is elsewhere, the third's is there twice, the fourth's is not
-    found = points([[11, 10], [70, 10], [90, 10], [95, 30]], descriptors[[0, 1, 2, 2]])
-    after = count_rematches(count_rematches(tracked, found, 0.8), found, 0.8)
-    assert after.rematch_attempts.tolist() == [2, 2, 2, 2]
-    assert after.rematches.tolist()[:2] == [2, 0]
-    assert after.rematches[3] == 0
-    assert tracked.rematch_attempts.tolist() == [0, 0, 0, 0]
 
 
 @given(st.integers(0, 10**6), st.integers(0, 4))
@@ -78,9 +37,9 @@ def test_a_place_may_be_off_along_the_line_of_sight_alone(aside, right):
     assert found.tolist() == [True, right]
 
 
-def test_points_that_are_no_landmarks_hide_none(drive, rng):
+def test_points_that_are_no_landmarks_hide_none(rng):
     """Every lost landmark in view is found, whatever else is tracked."""
-    config = VisualConfig()
+    drive, config = simulate_drive(DriveConfig(frames=2)), VisualConfig()
     xy = rng.uniform(60, 180, (6, 2)).astype(np.float32)
     points = TrackedPoints.zeros(
         6,
