@@ -26,7 +26,6 @@ def test_options_override_the_configuration(run, tmp_path):
     truth = np.loadtxt("ring/groundtruth.tum")[:8]
     end = np.hypot(*(trajectory[-1, 1:3] - truth[-1, 1:3]))
     np.testing.assert_allclose(row["end_m"], end, atol=1e-3)
-    (tmp_path / "mine.toml").write_text("selection = 'luck'\n")
-    code, _, err = run(*words)
+    code, _, err = run(*words, "--selection", "luck")
     assert code == 2
     assert "selection: expected 'strength' or" in err

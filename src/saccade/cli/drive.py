@@ -63,6 +63,9 @@ class DriveOptions(SettingsOptions, LiveOptions, RunOutput):
     out: Path = output_folder("saccade-drive")
     frames: int | None = option(None, min=1)
     """Process only the first N frames."""
+    selection: str | None = None
+    """Landmark selection criterion: strength, random, contrast, symmetry or
+    rematch-rate-range."""
     max_landmarks: int | None = option(None, min=1)
     """Maximum number of landmarks in the map."""
     anyway: bool = False
@@ -87,8 +90,11 @@ def drive(source: SequenceOptions, options: DriveOptions) -> Result:
     whose camera.toml is its calibration; Ctrl-C ends the drive.
     """
     settings: VisualConfig = options.settings("visual")
-    if options.max_landmarks is not None:
-        settings = replace(settings, max_landmarks=options.max_landmarks)
+    given: dict[str, Any] = {
+        "selection": options.selection,
+        "max_landmarks": options.max_landmarks,
+    }
+    settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
     if options.camera is not None:
         name, known = f"camera {options.camera}", 0
         with results_in(options.out), progress_bar(name) as progress:
