@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import approx_fprime
 
 from saccade.attention import AttentionConfig
+from saccade.attention._fitting_kernels import add_likelihood
 from saccade.attention.fitted import (
     FUNCTIONS,
     GEOMETRY,
@@ -16,7 +17,6 @@ from saccade.attention.fitted import (
     path_terms,
     saccade_tables,
 )
-from saccade.evaluation._fitting_kernels import add_likelihood
 from saccade.evaluation.conditional import FixationPrediction, summary
 from saccade.evaluation.fitting import (
     ORDER,

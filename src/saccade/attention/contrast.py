@@ -166,7 +166,7 @@ def existing_scales(
     finest = min(scale.surround for channel in scales.values() for scale in channel)
     if deepest < finest or max(arithmetic.level_shape(shape, config.map_level)) == 1:
         raise ImageError(
-            f"image: expected one with surround level {finest} and more than a cell at map level "
+            f"image: expected more pixels for surround level {finest} and map level "
             f"{config.map_level}, found {shape[1]} x {shape[0]} px; enlarge it, or set finer scales"
         )
     return {

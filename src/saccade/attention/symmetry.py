@@ -268,9 +268,8 @@ def existing_levels(shape: tuple[int, int], config: SymmetryConfig) -> tuple[int
     levels = tuple(n for n in config.levels if has_pairs(shape_of_level(shape, n, config)))
     if not levels or max(shape_of_level(shape, config.map_level, config)) == 1:
         raise ImageError(
-            f"image: expected one with a pair at level {config.levels[0]} and more than a cell at "
-            f"map level {config.map_level}, found {shape[1]} x {shape[0]} px; enlarge it, or set "
-            "finer levels"
+            f"image: expected more pixels for level {config.levels[0]} and map level "
+            f"{config.map_level}, found {shape[1]} x {shape[0]} px; enlarge it, or set finer levels"
         )
     return levels
 

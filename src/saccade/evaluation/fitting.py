@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
+from saccade.attention._fitting_kernels import add_likelihood
 from saccade.attention._scanpath_model_kernels import fill_logits
 from saccade.attention.combined import AttentionConfig, FaceDetector, attention_saliency
 from saccade.attention.fitted import (
@@ -29,7 +30,6 @@ from saccade.attention.fitted import (
     saccade_tables,
 )
 from saccade.errors import LogError, Settings, setting
-from saccade.evaluation._fitting_kernels import add_likelihood
 from saccade.evaluation.conditional import (
     FixationPrediction,
     FixationRow,
