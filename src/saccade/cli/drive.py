@@ -32,7 +32,6 @@ from saccade.cli.output import (
     Progress,
     Result,
     Table,
-    facts_table,
     print_message,
     progress_bar,
     resumable,
@@ -119,26 +118,42 @@ def drive(source: SequenceOptions, options: DriveOptions) -> Result:
 def drive_tables(row: dict[str, Any], title: str) -> list[Table]:
     """The errors and the figures of a drive."""
     tables = [] if row["ate_m"] is None else [_error_table(row, title)]
-    figures = run_facts(row | (row["self_calibration"] or {}))
-    return [*tables, facts_table("" if tables else title, figures)]
+    figures = run_facts({name: each for name, each in row.items() if name not in ERRORS})
+    if row["self_calibration"] is not None:
+        figures |= _calibration_facts(row["self_calibration"])
+    return [*tables, Table("" if tables else title, ["", ""], [*figures.items()])]
+
+
+def _calibration_facts(report: dict[str, Any]) -> dict[str, str]:
+    """What was corrected of the calibration, and what no image tells."""
+    units = {"distortion": "", "disparity_slope": " px", "disparity_offset": " px"}
+    facts = {
+        name.replace("_", " "): f"{report[name]:.3f}{unit} (sigma {sigma:.3f})"
+        for (name, unit), sigma in zip(units.items(), report["sigma"], strict=True)
+    }
+    by_tenth = f"{10 * report['scale_by_offset']:.1f} %"
+    return facts | {"scale, by .1 px of disparity offset": by_tenth}
+
+
+ERRORS = {
+    "ate_m": "ATE (m)",
+    "ate_unaligned_m": "unaligned (m)",
+    "rpe_m": "RPE (m)",
+    "end_m": "at the end (m)",
+    "inside_3sigma": "in 99.7 % ellipse",
+}
+"""Errors of a trajectory in run.json, and how their columns are called."""
 
 
 def _error_table(row: dict[str, Any], title: str) -> Table:
     """Errors of the trajectories."""
-    columns = {
-        "ate_m": "ATE (m)",
-        "ate_unaligned_m": "unaligned (m)",
-        "rpe_m": "RPE (m)",
-        "end_m": "at the end (m)",
-        "inside_3sigma": "in 99.7 % ellipse",
-    }
     trajectories = {"SLAM": row, "odometry": row["odometry"], "egomotion": row["visual_odometry"]}
     cells = [
-        [name, *("" if (v := errors.get(c)) is None else f"{v:.3f}" for c in columns)]
+        [name, *("" if (v := errors.get(c)) is None else f"{v:.3f}" for c in ERRORS)]
         for name, errors in trajectories.items()
         if errors["ate_m"] is not None
     ]
-    return Table(title, ["", *columns.values()], cells)
+    return Table(title, ["", *ERRORS.values()], cells)
 
 
 LEAD = "The trajectory of a robot and the map of its landmarks, from camera frames and odometry."

@@ -94,7 +94,7 @@ def write_run(
     return row
 
 
-NOT_SHOWN = ("log", "sequence", "remark", "format", "version")
+NOT_SHOWN = ("log", "sequence", "seed", "remark", "format", "version")
 """What of run.json is not among the figures: it is said elsewhere."""
 
 
@@ -102,9 +102,7 @@ def run_facts(summary: Mapping[str, Any]) -> dict[str, str]:
     """The figures of run.json in words."""
     words = dict(summary)
     if summary.get("nis_mean") is not None:
-        words["nis_band"] = "{:.2f} to {:.2f} in 95 % of consistent filters".format(
-            *summary["nis_band"]
-        )
+        words["nis_band"] = "{:.2f} to {:.2f} in 95 %".format(*summary["nis_band"])
     words["lost"] = ", ".join(
         f"from {lost:.1f} s on" if found is None else f"{lost:.1f} to {found:.1f} s"
         for lost, found in summary["lost"]

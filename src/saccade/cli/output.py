@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TextIO, TypeVar
 
 from saccade.errors import ImageWarning, LogWarning
 from saccade.io.files import as_text, atomic_write
@@ -129,6 +129,8 @@ class Table(NamedTuple):
 
 MAX_NAME = 32
 """Characters of a name in the first column of a table before it is wrapped."""
+MAX_CELL = 60
+"""Characters of a number with its unit or remark; what is longer is text, which is left-aligned."""
 
 
 def print_table(table: "Table | ReportTable") -> None:
@@ -147,12 +149,16 @@ def print_table(table: "Table | ReportTable") -> None:
         if len(parts[-1]) > 1 and min(widths[0], MAX_NAME) + others >= console.width:
             parts.append([0])
         parts[-1].append(column)
+    texts = {
+        i for i, cells in enumerate(zip(*rows, strict=True)) if max(map(len, cells)) > MAX_CELL
+    }
     for part in parts:
         shown = RichTable(
             title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_header=any(columns)
         )
         for each in part:
-            shown.add_column(Text(columns[each]), justify="right" if each else "left")
+            justify: Literal["left", "right"] = "left" if each == 0 or each in texts else "right"
+            shown.add_column(Text(columns[each]), justify=justify)
         for row in rows:
             shown.add_row(*(Text(row[each]) for each in part))  # brackets are no markup
         console.print(shown)
@@ -175,8 +181,44 @@ class Result:
     """Tables of that page, if they are others."""
 
 
+LABELS = {
+    "observations": "observations of landmarks",
+    "landmarks": "landmarks in the map",
+    "map_landmarks": "landmarks of the map that was loaded",
+    "map_landmarks_observed": "of them, observed again",
+    "map_landmarks_new": "new landmarks",
+    "odometry_end_error_m": "error of odometry at the end",
+    "odometry_end_from_estimate_m": "odometry at the end, from the filter's estimate",
+    "nis_mean": "mean normalized innovation squared",
+    "nis_band": "of consistent filters",
+    "nonlinearity": "share of second-order terms, root mean",
+    "odometry_rmse_m": "odometry, position RMSE",
+    "odometry_unaligned_rmse_m": "odometry, unaligned",
+    "position_rmse_m": "filter, position RMSE",
+    "position_unaligned_rmse_m": "filter, unaligned",
+    "smoothed_position_rmse_m": "smoother, position RMSE",
+    "smoothed_position_unaligned_rmse_m": "smoother, unaligned",
+    "odometry_gps_rmse_m": "odometry, RMSE to GPS",
+    "position_gps_rmse_m": "filter, RMSE to GPS",
+    "smoothed_position_gps_rmse_m": "smoother, RMSE to GPS",
+    "landmark_rmse_m": "landmarks, RMSE",
+    "landmark_unaligned_rmse_m": "landmarks, unaligned",
+    "smoothed_landmark_rmse_m": "smoothed landmarks, RMSE",
+    "smoothed_landmark_unaligned_rmse_m": "smoothed landmarks, unaligned",
+    "ate_m": "ATE",
+    "ate_unaligned_m": "ATE, unaligned",
+    "rpe_m": "RPE",
+    "end_m": "error at the end",
+    "inside_3sigma": "share in the 99.7 % ellipse",
+    "landmarks_observed": "landmarks that were observed",
+    "reidentified": "re-identifications",
+    "missed": "expected, not re-identified",
+}
+"""What is printed for a name of a row, where its words alone do not say it."""
+
+
 def facts(row: Mapping[str, Any]) -> dict[str, str]:
-    """The numbers and texts of a row for --json, formatted, by their names in words.
+    """The numbers and texts of a row for --json, formatted, by `LABELS` or their names in words.
 
     The end of a name is its unit: "odometry_rmse_m" is in metres. What is None, empty, true or
     false, or has parts, is left out.
@@ -184,7 +226,7 @@ def facts(row: Mapping[str, Any]) -> dict[str, str]:
     shown = {}
     for name, value in row.items():
         unit = " m" if name.endswith("_m") else ""
-        words = name.removesuffix("_m").replace("_", " ")
+        words = LABELS.get(name, name.removesuffix("_m").replace("_", " "))
         if isinstance(value, float):
             shown[words] = f"{value:.3f}{unit}"
         elif isinstance(value, str | Path) and str(value):
