@@ -69,7 +69,7 @@ def mutation(session: nox.Session) -> None:
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 CORE_TESTS = (
-    *("image", "pyramid", "contrast", "scanpath", "symmetry", "saliencytoolbox2", "edges"),
+    *("image", "pyramid", "contrast", "scanpath", "symmetry", "saliencytoolbox2"),
     *("sift", "descriptor", "must", "symroid", "matching", "exchange", "cli_points"),
     *("ekf", "run", "compressed", "association", "checkpoint", "matlab", "mrclam", "hard_logs"),
     *("drive_layouts", "drive_simulation", "egomotion", "viewing", "cli", "restricted_machines"),

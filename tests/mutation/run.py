@@ -23,8 +23,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("attention", "keypoints", "slam")
-SHARED_TESTS = ("tests/test_limits.py", "tests/keypoints/test_edges.py")
-"""Tests of every package, beside those in its own folder."""
+LIMITS = "tests/test_limits.py"
+"""The test of every package, beside those in its own folder."""
 LIBRARIES = (
     *("numba", "cv2", "scipy.linalg", "scipy.ndimage", "scipy.optimize", "scipy.spatial"),
     *("scipy.stats", "scipy.sparse.linalg", "scipy.signal", "scipy.io", "matplotlib.pyplot"),
@@ -91,8 +91,7 @@ def prepare() -> None:
 
 def test_files(package: str) -> list[str]:
     """The tests of a package."""
-    own = sorted(map(str, Path("tests", package).glob("test_*.py")))
-    return [*own, *(path for path in SHARED_TESTS if path not in own)]
+    return [*sorted(map(str, Path("tests", package).glob("test_*.py"))), LIMITS]
 
 
 def reach(path: Path) -> dict[str, Lines]:
