@@ -192,3 +192,37 @@ def test_of_two_orientations_the_stronger_is_kept():
 def test_the_default_is_recommended():
     assert SiftConfig() == SiftConfig.recommended() == Sift().config
     assert len(set(PRESETS.values())) == 5
+
+
+KINDS = {
+    "float32": lambda gray: gray.astype(np.float32) / 255,
+    "float64": lambda gray: gray.astype(np.float64) / 255,
+    "16 bit": lambda gray: gray.astype(np.uint16) * 257,
+    "big-endian": lambda gray: (gray.astype(np.float32) / 255).astype(">f4"),
+    "read-only": lambda gray: np.frombuffer(gray.tobytes(), np.uint8).reshape(gray.shape),
+    "Fortran": np.asfortranarray,
+    "strided": lambda gray: np.repeat(np.repeat(gray, 2, axis=0), 3, axis=1)[::2, ::3],
+    "flipped": lambda gray: gray[::-1, ::-1].copy()[::-1, ::-1],
+    "a list": lambda gray: (gray / 255).tolist(),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("preset", ["recommended", "opencv"])
+def test_an_image_of_any_kind_has_the_same_points(rng, kind, preset):
+    gray = np.rint(texture(rng, (90, 110)) * 255).astype(np.uint8)
+    sift = Sift(PRESETS[preset])
+    expected, image = sift(gray), KINDS[kind](gray)
+    found = sift(image)
+    assert len(found) == len(expected) > 20
+    np.testing.assert_allclose(found.xy, expected.xy, atol=1e-3)
+    again = sift.describe(image, expected)
+    assert np.abs(again.descriptors.astype(int) - expected.descriptors).max() <= 1
+
+
+def test_16_bits_are_all_looked_at(rng):
+    """What 8 bits would round away still has its points."""
+    dim = texture(rng, (100, 100)) * (60 / 65535)
+    config = SiftConfig(contrast_threshold=0.0155 * 60 / 65535)
+    assert len(Sift(config)(np.rint(dim * 65535).astype(np.uint16))) > 50
+    assert len(Sift(config)(np.rint(dim * 255).astype(np.uint8))) == 0
