@@ -94,10 +94,17 @@ class LazyGroup(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         self.commands = {
-            name: TyperCommand(name, help=self._summary(name), rich_help_panel=panel)
+            name: TyperCommand(name, rich_help_panel=panel)
             for panel, examples in self.panels.items()
             for name in examples
         }
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command as it is listed; its file is read only now."""
+        command = super().get_command(ctx, cmd_name)
+        if command is not None:
+            command.help = self._summary(cmd_name)
+        return command
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that is run, its name, and the other arguments."""
