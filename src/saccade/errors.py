@@ -7,10 +7,7 @@ from dataclasses import dataclass, field, fields
 from math import inf
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, Literal, TypeAlias, cast, get_args, get_origin
-
-Slider: TypeAlias = tuple[float, float, float]
-"""Minimum, maximum and step of the slider of a setting; a step of 0 makes it logarithmic."""
+from typing import Any, Literal, cast, get_args, get_origin
 
 
 class SaccadeError(Exception):
@@ -68,8 +65,6 @@ class Range:
     """Largest value, or the one that all are below."""
     closed: tuple[bool, bool]
     """Whether `low` and `high` are values themselves."""
-    slider: Slider | None
-    """Slider that shows the setting; None for a field."""
 
     def __contains__(self, value: float) -> bool:
         above = self.low <= value if self.closed[0] else self.low < value
@@ -94,7 +89,6 @@ def setting(
     *,
     above: float = -inf,
     below: float = inf,
-    slider: Slider | float | None = None,
 ) -> Any:
     """A field of `Settings` for a number, or None, or a tuple of numbers, in a range.
 
@@ -104,13 +98,11 @@ def setting(
         maximum: largest value.
         above: in place of `minimum`, a value that is itself too small.
         below: in place of `maximum`, a value that is itself too large.
-        slider: minimum, maximum and step; the step alone for a slider over the whole range.
     """
     low = above if minimum is None else minimum
     high = below if maximum is None else maximum
-    shown = slider if slider is None or isinstance(slider, tuple) else (low, high, slider)
     closed = minimum is not None, maximum is not None
-    return field(default=default, metadata={RANGE: Range(low, high, closed, shown)})
+    return field(default=default, metadata={RANGE: Range(low, high, closed)})
 
 
 class Settings:

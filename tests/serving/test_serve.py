@@ -20,10 +20,7 @@ import pytest
 from saccade.errors import ConfigError, ImageError
 from saccade.serving import controls as snippets
 from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
-from saccade.serving.controls import (
-    HIDDEN,
-    controls,
-)
+from saccade.serving.controls import GROUPS, controls
 from saccade.settings import load_settings, preset_names, settings_from
 from support.limits import TIMEOUT
 from support.pictures import png
@@ -338,7 +335,9 @@ def test_every_setting_is_on_the_page_and_every_preset_in_its_range():
             for each in fields(load_settings(kind))
             if not is_dataclass(getattr(load_settings(kind), each.name))
         }
-        assert {field["name"] for field in group["fields"]} == own - set(HIDDEN.get(kind, ()))
+        assert {field["name"] for field in group["fields"]} == own - set(
+            GROUPS[kind].get("hidden", ())
+        )
         assert all(field["help"] for field in group["fields"])
         hidden = {"kootstra2010"} if kind == "must" else set()  # only its descriptor is another
         assert list(group["presets"]) == [each for each in preset_names(kind) if each not in hidden]

@@ -29,14 +29,14 @@ class BooleanConfig(Settings):
     The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
     """
 
-    longer_side: int = setting(200, 16, 4096, slider=(50, 800, 10))
+    longer_side: int = setting(200, 16, 4096)
     """Pixels to which the longer side of a larger image is reduced."""
-    thresholds: int = setting(24, 1, 256, slider=(4, 64, 1))
+    thresholds: int = setting(24, 1, 256)
     """Thresholds of each channel, evenly spaced between its extremes."""
-    dilation: int = setting(3, 1, 99, slider=(1, 15, 2))
+    dilation: int = setting(3, 1, 99)
     """Diameter in pixels of the disc by which the surrounded regions are dilated, odd; 1 leaves
     them as they are."""
-    smoothing: float = setting(0.03, 0, 1, slider=(0, 0.2, 0.005))
+    smoothing: float = setting(0.03, 0, 1)
     """Standard deviation of the Gaussian that smooths the sum, as a fraction of the longer side."""
 
     def __post_init__(self) -> None:

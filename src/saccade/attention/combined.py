@@ -42,25 +42,25 @@ class AttentionConfig(Settings):
     The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
     """
 
-    contrast_weight: float = setting(0.05, above=0, maximum=MAX_WEIGHT, slider=(0.05, 2, 0.05))
+    contrast_weight: float = setting(0.05, above=0, maximum=MAX_WEIGHT)
     """Weight of contrast in the saliency."""
-    symmetry_weight: float = setting(1.0, above=0, maximum=MAX_WEIGHT, slider=(0.05, 2, 0.05))
+    symmetry_weight: float = setting(1.0, above=0, maximum=MAX_WEIGHT)
     """Weight of symmetry in the saliency."""
-    boolean_weight: float = setting(0.6, 0, MAX_WEIGHT, slider=(0, 2, 0.05))
+    boolean_weight: float = setting(0.6, 0, MAX_WEIGHT)
     """Weight of Boolean maps in the saliency; at 0 they are not computed and their map is 0."""
     face_weight: float = setting(1.0, 0, MAX_WEIGHT)
     """Weight of faces beside the sum of the models scaled to [0, 1]; without effect unless
     `attention_saliency` is given a detector of faces."""
     normalization: Normalization = "local-maxima"
     """Normalization of the maps; see `saccade.attention.normalize`."""
-    sharpening: float = setting(1.4, above=0, maximum=100, slider=(0.25, 4, 0.25))
+    sharpening: float = setting(1.4, above=0, maximum=100)
     """Exponent of the sum scaled to [0, 1]."""
-    center_prior: float | None = setting(None, above=0, slider=(0, 1, 0.05))
+    center_prior: float | None = setting(None, above=0)
     """Standard deviation, as a fraction of each side, of a central Gaussian by which the saliency
     is multiplied; None for no prior."""
-    center_height: float = setting(0.0, -0.5, 0.5, slider=0.05)
+    center_height: float = setting(0.0, -0.5, 0.5)
     """Height of the center of that Gaussian above the middle, as a fraction of the height."""
-    border_prior: float | None = setting(None, above=0, slider=(0, 0.5, 0.01))
+    border_prior: float | None = setting(None, above=0)
     """Distance from the border, as a fraction of each side, within which the saliency falls to 0:
     it is multiplied by `1 - exp(-distance / border_prior)`; None for no such factor."""
     contrast: ContrastConfig = field(default_factory=ContrastConfig)

@@ -27,16 +27,16 @@ class ContrastConfig(Settings):
     The default predicts human fixations best; docs/contrast-default.md says how it was chosen.
     """
 
-    intensity_weight: float = setting(1.0, 0, MAX_WEIGHT, slider=(0, 2, 0.05))
+    intensity_weight: float = setting(1.0, 0, MAX_WEIGHT)
     """Weight of intensity in the saliency; at 0 the channel is not computed and its map is 0."""
-    color_weight: float = setting(1.0, 0, MAX_WEIGHT, slider=(0, 2, 0.05))
+    color_weight: float = setting(1.0, 0, MAX_WEIGHT)
     """Weight of color, likewise."""
-    orientation_weight: float = setting(0.2, 0, MAX_WEIGHT, slider=(0, 2, 0.05))
+    orientation_weight: float = setting(0.2, 0, MAX_WEIGHT)
     """Weight of orientation, likewise."""
     color: Color = "linear"
     """Color opponents as differences of intensities ("linear"), or divided by the brightest color
     ("quotient"; A.2-A.3)."""
-    dark: float = setting(0.1, 0, 1, slider=(0, 0.5, 0.01))
+    dark: float = setting(0.1, 0, 1)
     """Opponents are 0 where the brightest color is below this; for "quotient" only."""
     scales: Scales = ((1, 2), (1, 3), (4, 7))
     """Pyramid levels of center and surround for intensity and color; the image is level 0."""
@@ -46,35 +46,35 @@ class ContrastConfig(Settings):
     """Center and surround levels for orientation, each of weight 1."""
     orientations: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
     """Directions of bars in degrees, from x towards y."""
-    gabor_period: float = setting(7.0, 2, 1000, slider=(2, 20, 0.5))
+    gabor_period: float = setting(7.0, 2, 1000)
     """Wavelength of the oriented filters in pixels of their level."""
-    gabor_sigma: float = setting(7 / 3, 0.1, 1000, slider=(0.5, 8, 0.1))
+    gabor_sigma: float = setting(7 / 3, 0.1, 1000)
     """Standard deviation of the window of the oriented filters, in pixels of their level."""
-    gabor_size: int = setting(9, 3, 99, slider=(3, 31, 2))
+    gabor_size: int = setting(9, 3, 99)
     """Side of the oriented filters in pixels of their level, odd."""
-    map_level: int = setting(4, 0, MAX_LEVEL, slider=(1, 7, 1))
+    map_level: int = setting(4, 0, MAX_LEVEL)
     """Pyramid level whose size the conspicuity maps and the saliency have."""
     normalize_at: MapSize = "map"
     """Whether a feature map is normalized at the size of its "center" level and then resized, or
     at the size of the "map"."""
-    smoothing: float = setting(1.5, 0, slider=(0, 5, 0.25))
+    smoothing: float = setting(1.5, 0)
     """Standard deviation in cells of the Gaussian that smooths a feature map before it is
     normalized at the size of the map, at most an eighth of the side."""
     normalization: Normalization = "local-maxima"
     """The operator N; see `saccade.attention.normalize`."""
-    maxima_threshold: float = setting(0.1, 0, 1, slider=0.05)
+    maxima_threshold: float = setting(0.1, 0, 1)
     """Lower local maxima of a map in [0, 1] are ignored by its normalization."""
-    maxima_radius: float | None = setting(None, above=0, maximum=1, slider=(0, 0.5, 0.01))
+    maxima_radius: float | None = setting(None, above=0, maximum=1)
     """Radius of the neighborhood of a local maximum, as a fraction of the longer side of the map;
     None for the 8 neighbors.
 
     The sources do not say. Without smoothing and with 8 neighbors, the faint maxima between the
     items of a display lower the mean, and a display that should be suppressed is not."""
-    iterations: int = setting(3, 1, 1000, slider=(1, 10, 1))
+    iterations: int = setting(3, 1, 1000)
     """Number of iterations of the iterative normalization."""
-    sharpening: float = setting(1.5, above=0, maximum=100, slider=(0.25, 4, 0.25))
+    sharpening: float = setting(1.5, above=0, maximum=100)
     """Exponent of the saliency scaled to [0, 1]; 1 leaves it as in A.14."""
-    viewing_size: int | None = setting(800, 1, slider=(0, 3200, 100))
+    viewing_size: int | None = setting(800, 1)
     """Longer side in pixels of an image for which the levels are meant. In an image of twice
     that size every level is one coarser, in one of half that size one finer, so that saliency does
     not depend on the size at which a photograph was saved; None takes the levels as they are."""

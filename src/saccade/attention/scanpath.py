@@ -51,34 +51,34 @@ class ScanpathConfig(Settings):
     Source: Itti, Koch & Niebur (1998), with the constants published with Walther & Koch (2006).
     """
 
-    peak: float | None = setting(2.0, above=0, slider=(0, 5, 0.1))
+    peak: float | None = setting(2.0, above=0)
     """Value to which the maximum of the map is scaled; None takes the map as it is."""
-    time_step: float = setting(1e-4, above=0, slider=(1e-5, 1e-3, 0))
+    time_step: float = setting(1e-4, above=0)
     """Time step of the network, in seconds."""
-    time_limit: float = setting(10.0, above=0, slider=(0.5, 20, 0.5))
+    time_limit: float = setting(10.0, above=0)
     """Seconds after which the scanpath ends, however many fixations were made."""
-    drive: float = setting(0.01, above=0, slider=(1e-3, 1, 0))
+    drive: float = setting(0.01, above=0)
     """Equilibrium of the map layer per saliency."""
-    background: float = setting(1e-5, slider=(1e-7, 1e-2, 0))
+    background: float = setting(1e-5)
     """Saliency added to every cell that has any."""
-    map_time_constant: float = setting(0.5, above=0, slider=(0.05, 2, 0.05))
+    map_time_constant: float = setting(0.5, above=0)
     """Time constant of the map layer, in seconds."""
-    gain: float = setting(5.0, above=0, slider=(0.5, 50, 0))
+    gain: float = setting(5.0, above=0)
     """Equilibrium of the winner layer per potential of the map layer."""
-    winner_time_constant: float = setting(0.1, above=0, slider=(0.02, 1, 0.01))
+    winner_time_constant: float = setting(0.1, above=0)
     """Time constant of the winner layer, in seconds."""
-    threshold: float = setting(1e-3, above=0, slider=(1e-4, 1e-2, 0))
+    threshold: float = setting(1e-3, above=0)
     """Potential over which a winner cell spikes."""
-    reset: float = setting(-0.02, maximum=0, slider=(-0.1, 0, 0.005))
+    reset: float = setting(-0.02, maximum=0)
     """Potential to which the winner layer is reset."""
-    inhibition_sigma: float = setting(0.015, above=0, slider=(0.01, 0.3, 0.005))
+    inhibition_sigma: float = setting(0.015, above=0)
     """Standard deviation of the disc of inhibition of return, a Gaussian, as a fraction of the
     longer side of the map."""
-    inhibition_strength: float = setting(2e6, above=0, slider=(1e4, 1e8, 0))
+    inhibition_strength: float = setting(2e6, above=0)
     """Conductance over capacitance at the center of the disc, per second and volt of V."""
-    inhibition_surround: float = setting(1e-4, 0, below=1, slider=(0, 0.01, 1e-4))
+    inhibition_surround: float = setting(1e-4, 0, below=1)
     """Fraction of the strength of inhibition that excites a surround four times as wide."""
-    inhibition_time_constant: float = setting(1.0, above=0, slider=(0.05, 5, 0.05))
+    inhibition_time_constant: float = setting(1.0, above=0)
     """Time constant of the inhibition of return, in seconds."""
 
     def __post_init__(self) -> None:

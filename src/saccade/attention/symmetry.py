@@ -93,25 +93,25 @@ class SymmetryConfig(Settings):
     """Pyramid levels; the image is level 0."""
     level_weights: tuple[float, ...] = (3.0, 2.0, 1.0, 1.0, 1.0)
     """Weight of each of `levels`."""
-    inner: int = setting(1, 1, slider=(1, 10, 1))
+    inner: int = setting(1, 1)
     """Smallest distance of a pair from its center, along x or y, in pixels of its level."""
-    outer: int = setting(4, 1, 100, slider=(1, 15, 1))
+    outer: int = setting(4, 1, 100)
     """Largest distance of a pair from its center, likewise."""
-    sigma: float = setting(4.0, 0.1, slider=(0.5, 32, 0.5))
+    sigma: float = setting(4.0, 0.1)
     """Standard deviation of the normal density of the distance between the two, likewise."""
-    gain: float = setting(18.0, above=0, maximum=1e6, slider=(1, 200, 1))
+    gain: float = setting(18.0, above=0, maximum=1e6)
     """Gain of the strength log(1 + gain m) of a gradient, with the magnitude m of Sobel's filters,
     which is 4 for an edge between black and white."""
     border: Border = "average"
     """Value of pairs that reach beyond the image: the average of the level, or, with
     "missing", nothing, so that the map has a center bias."""
-    map_level: int = setting(4, 0, MAX_LEVEL, slider=(1, 7, 1))
+    map_level: int = setting(4, 0, MAX_LEVEL)
     """Pyramid level whose size the saliency has."""
-    smoothing: float = setting(0.75, 0, slider=(0, 5, 0.25))
+    smoothing: float = setting(0.75, 0)
     """Standard deviation in cells of the Gaussian that smooths the sum over the levels."""
-    sharpening: float = setting(2.0, above=0, maximum=100, slider=(0.25, 4, 0.25))
+    sharpening: float = setting(2.0, above=0, maximum=100)
     """Exponent of the saliency scaled to [0, 1]."""
-    viewing_size: int | None = setting(800, 1, slider=(0, 3200, 100))
+    viewing_size: int | None = setting(800, 1)
     """Longer side in pixels of an image for which the levels are meant. In an image of twice that
     size every level is one coarser, in one of half that size one finer; None takes the levels as
     they are."""

@@ -17,29 +17,29 @@ from saccade.keypoints.sift_config import (
 class MustConfig(SelectionConfig):
     """Settings of the detector; `saccade.keypoints.must` says why these are the defaults."""
 
-    first_octave: int = setting(-1, -1, 0, slider=1)
+    first_octave: int = setting(-1, -1, 0)
     """First octave: -1 has the scales of a doubled image, 0 those of the image."""
-    octaves: int | None = setting(None, 1, slider=(0, 10, 1))
+    octaves: int | None = setting(None, 1)
     """Maximum number of octaves; None for as many as the image has room for."""
-    intervals: int = setting(2, 1, 16, slider=(1, 8, 1))
+    intervals: int = setting(2, 1, 16)
     """Intervals per octave, s."""
-    base_sigma: float = setting(3.2, 0.5, 8, slider=(0.5, 6, 0.1))
+    base_sigma: float = setting(3.2, 0.5, 8)
     """Blur of the first plane of an octave, in samples of a grid twice as dense as its own."""
-    radius: float = setting(2.5, 0.1, 20, slider=(0.5, 6, 0.1))
+    radius: float = setting(2.5, 0.1, 20)
     """Largest distance of a pair from its middle, in scales of the plane."""
-    falloff: float = setting(1.3, 0.1, 20, slider=(0.2, 6, 0.1))
+    falloff: float = setting(1.3, 0.1, 20)
     """Standard deviation, in scales, of the normal density that weights a pair by the distance
     of the two from their middle."""
-    gain: float = setting(100.0, above=0, maximum=1e6, slider=(1, 500, 1))
+    gain: float = setting(100.0, above=0, maximum=1e6)
     """Gain of a gradient, whose strength is log(1 + gain g), with the change g over one
     scale by the standard deviation of the image."""
-    scale_power: float = setting(0.25, -5, 5, slider=(-1, 2, 0.05))
+    scale_power: float = setting(0.25, -5, 5)
     """Power of the scale in pixels by which symmetry is multiplied: above 0, large structures
     count more."""
-    contrast_threshold: float | None = setting(None, 0, below=1000, slider=(0, 0.5, 0.005))
+    contrast_threshold: float | None = setting(None, 0, below=1000)
     """Smallest symmetry: the weighted mean over the pairs of strength and phase weight. None for
     0.05, or with `max_keypoints` for as little as it takes to have so many."""
-    edge_ratio: float = setting(50.0, 1, inf, slider=(1, 100, 1))
+    edge_ratio: float = setting(50.0, 1, inf)
     """Largest ratio of the principal curvatures of the symmetry, as B.10 has it for D."""
     descriptor: DescriptorConfig = field(default_factory=DescriptorConfig)
     """How orientations are assigned and keypoints described."""
@@ -76,11 +76,11 @@ class MustConfig(SelectionConfig):
 class SymRoidConfig(Settings):
     """Settings of the region detector."""
 
-    seed_threshold: float = setting(0.05, above=0, maximum=1, slider=(0.01, 1, 0.01))
+    seed_threshold: float = setting(0.05, above=0, maximum=1)
     """Smallest symmetry of a region, as a fraction of the largest in the image."""
     upright: bool = False
     """Describe regions upright; otherwise along each dominant orientation of their gradients."""
-    max_keypoints: int | None = setting(50, 1, slider=(0, 500, 1))
+    max_keypoints: int | None = setting(50, 1)
     """Number of regions to keep, the strongest: few, as landmarks should be; None for all. Like
     a keypoint, a region counts once for each of its orientations."""
     descriptor: DescriptorConfig = field(default_factory=DescriptorConfig)

@@ -15,18 +15,18 @@ class DescriptorConfig(Settings):
     voting: Literal["linear", "nearest"] = "linear"
     """Whether a gradient is interpolated between the two nearest of the 36 orientation bins, or
     counts for one."""
-    smoothing: int = setting(6, 0, 100, slider=(0, 20, 1))
+    smoothing: int = setting(6, 0, 100)
     """Passes of [1 2 1] / 4 over the orientation histogram."""
     orientation_bins: Literal["peaks", "all"] = "peaks"
     """Whether of the bins over 80 % of the highest only local peaks count, or all."""
-    orientation_spacing: float | None = setting(1.0, above=0, maximum=3, slider=(0, 3, 0.1))
+    orientation_spacing: float | None = setting(1.0, above=0, maximum=3)
     """Spacing of the samples of the orientation histogram, in scales; None for all samples."""
     subpixel_patches: bool = True
     """Center orientation and descriptor on the keypoint, not on the sample nearest to it."""
-    descriptor_spacing: float | None = setting(1.2, above=0, maximum=3, slider=(0, 3, 0.1))
+    descriptor_spacing: float | None = setting(1.2, above=0, maximum=3)
     """Spacing of the samples of the descriptor, in scales; None for all samples. Lowe's 4x4 samples
     in each of 4x4 subregions are 0.75 apart."""
-    window_sigma: float = setting(0.7, 0.1, 10, slider=(0.1, 3, 0.1))
+    window_sigma: float = setting(0.7, 0.1, 10)
     """Standard deviation of the Gaussian window of the descriptor, in sides of the descriptor."""
     descriptor: Literal["sift", "root", "kootstra2010"] = "root"
     """"root" L1-normalizes and takes the square root (RootSIFT). "kootstra2010" takes 4 x 4
@@ -68,9 +68,9 @@ MIN_RESPONSE = 1e-4
 class SelectionConfig(Settings):
     """Which extrema of a scale space become keypoints; the default is `Sift`'s."""
 
-    border: int = setting(5, 2, slider=(2, 20, 1))
+    border: int = setting(5, 2)
     """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float | None = setting(None, 0, below=1, slider=(0, 0.1, 0.001))
+    contrast_threshold: float | None = setting(None, 0, below=1)
     """Smallest |D| at an extremum, tau_c (B.6). None for 0.016, or with `max_keypoints` for as
     little as it takes to have so many."""
     neighbors: Literal[10, 26] = 10
@@ -78,13 +78,13 @@ class SelectionConfig(Settings):
     plane and the 2 above and below. Where samples are sparse one of the other 16 often belongs to
     another extremum, and the keypoint is found one time and missed the next. With 10, the fit
     tells extrema from saddles."""
-    edge_ratio: float = setting(15.0, 1, inf, slider=(1, 50, 0.5))
+    edge_ratio: float = setting(15.0, 1, inf)
     """Largest ratio of the principal curvatures, tau_r (B.10)."""
-    max_orientations: int | None = setting(None, 1, slider=(0, 8, 1))
+    max_orientations: int | None = setting(None, 1)
     """Strongest orientations to keep at a position; None for all over 80 % of the highest."""
     upright: bool = False
     """Give every keypoint the angle 0."""
-    max_keypoints: int | None = setting(None, 1, slider=(0, 10_000, 50))
+    max_keypoints: int | None = setting(None, 1)
     """Number of keypoints to keep, the strongest; None for all."""
     spread: bool = False
     """Keep as many, but rather those that are far from any clearly stronger one: they cover
@@ -108,7 +108,7 @@ class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
     Thresholds are for images in [0, 1].
     """
 
-    candidate_fraction: float = setting(0.7, 0, 1, slider=0.05)
+    candidate_fraction: float = setting(0.7, 0, 1)
     """Fraction of `contrast_threshold` that a sample must exceed before the fit."""
     fit: Literal["lagrange", "quadratic", "once"] = "lagrange"
     """"once" is B.5 alone. "quadratic" fits again from the neighboring sample while that is

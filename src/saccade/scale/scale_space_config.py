@@ -16,27 +16,27 @@ Level = TypeVar("Level", float, FloatArray)
 class ScaleSpaceConfig(Settings):
     """Octaves, intervals and sampling of a Gaussian scale space; the default is `Sift`'s."""
 
-    first_octave: int = setting(-1, -1, 0, slider=1)
+    first_octave: int = setting(-1, -1, 0)
     """First octave: -1 has the scales of a doubled image; 0 those of the image, which are a quarter
     of the keypoints."""
-    octaves: int | None = setting(None, 1, slider=(0, 10, 1))
+    octaves: int | None = setting(None, 1)
     """Maximum number of octaves; None for as many as the image has room for."""
-    intervals: int = setting(3, 1, 16, slider=(1, 8, 1))
+    intervals: int = setting(3, 1, 16)
     """Intervals per octave, s."""
-    extra_intervals: int = setting(2, 0, 16, slider=(0, 6, 1))
+    extra_intervals: int = setting(2, 0, 16)
     """Additional intervals in the first octave. The later octaves begin at a wider blur and so
     have denser samples: an octave that is halved as early as `density` 0.5 halves it is aliased,
     and its keypoints are off by a fifth of a pixel under rotation or scaling."""
-    base_sigma: float = setting(1.8, 0.5, 8, slider=(0.5, 4, 0.1))
+    base_sigma: float = setting(1.8, 0.5, 8)
     """Blur of the first plane of the first octave, in samples of density 1."""
-    density: float = setting(0.5, 0.5, 1, slider=0.5)
+    density: float = setting(0.5, 0.5, 1)
     """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
     the octave of the doubled image has the image's own pixels: under its blur there is next to
     nothing between them. It costs a quarter."""
-    camera_sigma: float = setting(0.0, 0, 4, slider=(0, 2, 0.1))
+    camera_sigma: float = setting(0.0, 0, 4)
     """Assumed blur of the image, in pixels. 0 blurs it by all of `base_sigma`: the finest
     keypoints, which the noise makes, are fewer, and more of the others are repeated."""
-    kernel_radius: float = setting(3.0, 1, 8, slider=0.5)
+    kernel_radius: float = setting(3.0, 1, 8)
     """Truncation of the Gaussian kernels, in sigmas."""
     grid: Grid = "centered"
     """"centered" lays the samples of every octave symmetrically about the middle of the image:

@@ -1,14 +1,16 @@
 """Controls of the page of `saccade serve`, and its settings as Python and as a command."""
 
 import shlex
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
+from importlib.resources import files
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import tomli_w
 
 from saccade.attention.models import KINDS
-from saccade.errors import RANGE, Slider
 from saccade.serving.playground import PlaygroundNoise
 from saccade.settings import (
     DEFAULT,
@@ -22,17 +24,6 @@ from saccade.slam.config import RETRACTIONS
 from saccade.slam.consistency import chi_square_band
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
 
-TITLES = {
-    "attention": "Attention: contrast and symmetry",
-    "contrast": "Contrast",
-    "symmetry": "Symmetry",
-    "boolean": "Boolean maps",
-    "scanpath": "Scanpath",
-    "sift": "SIFT",
-    "must": "MUST",
-    "symroid": "SymRoID",
-}
-"""By kind of configuration, in the order of the page."""
 DETECTORS = {"sift": "Sift", "must": "Must", "symroid": "SymRoid"}
 """The class of each detector."""
 MODELS = {
@@ -43,29 +34,20 @@ MODELS = {
 }
 """The configurations of each attention model, the one that contains the others first."""
 
-INITIAL = {"attention": FREE_VIEWING}
-"""Presets with which the page opens where these are not the default."""
-HIDDEN = {"attention": ("face_weight",)}
-"""Settings without effect here: the page has no detector of faces."""
-SHOWN_FIRST = {
-    "attention": ("contrast_weight", "symmetry_weight", "boolean_weight", "center_prior"),
-    "contrast": ("intensity_weight", "color_weight", "orientation_weight", "sharpening"),
-    "symmetry": ("kind", "outer", "sigma", "gain"),
-    "boolean": ("thresholds", "dilation", "smoothing"),
-    "scanpath": ("inhibition_sigma", "inhibition_time_constant"),
-    "sift": ("contrast_threshold", "edge_ratio", "max_keypoints", "spread"),
-    "must": ("contrast_threshold", "radius", "falloff", "max_keypoints"),
-    "symroid": ("seed_threshold", "max_keypoints", "upright"),
-}
-"""Settings that are shown before the rest is opened, in this order."""
+
+GROUPS: dict[str, dict[str, Any]] = tomllib.loads(
+    (files(__package__) / "controls.toml").read_text(encoding="utf-8")
+)
+"""Titles, order and sliders of the settings by kind, as `controls.toml` explains them."""
 
 
 def controls() -> dict[str, Any]:
     """The input of the page's script: groups of settings with their presets and controls."""
+    kinds = [kind for kind, group in GROUPS.items() if "title" in group]
     return {
-        "models": {name: list(kinds) for name, kinds in MODELS.items()},
+        "models": {name: list(parts) for name, parts in MODELS.items()},
         "detectors": list(DETECTORS),
-        "groups": [_group(kind, title) for kind, title in TITLES.items()],
+        "groups": [_group(kind) for kind in kinds],
         "playground": playground_controls(),
     }
 
@@ -74,7 +56,7 @@ def playground_controls() -> dict[str, Any]:
     """The filters of the SLAM playground, and the control and default of each noise."""
     return {
         "filters": list(RETRACTIONS),
-        "noise": setting_controls(PlaygroundNoise),
+        "noise": setting_controls(PlaygroundNoise, GROUPS["playground"]),
         "values": asdict(PlaygroundNoise()),
         "nees_band": list(chi_square_band(3)),
         "ellipse_scale": ELLIPSE_SCALE,
@@ -82,28 +64,29 @@ def playground_controls() -> dict[str, Any]:
     }
 
 
-def setting_controls(
-    configuration: type, shown_first: tuple[str, ...] = ()
-) -> list[dict[str, Any]]:
+def setting_controls(configuration: type, group: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The control of each setting of a configuration, except nested configurations.
 
     Args:
-        configuration: a dataclass; the type hint and the range of a setting say which control it
-            gets, a number without slider a field.
-        shown_first: names of the settings at the top.
+        configuration: a dataclass; the type of a setting chooses its control.
+        group: sliders of the configuration, and its `first` and `hidden` settings.
     """
     help_texts, hints = field_help(configuration), get_type_hints(configuration)
-    settings = {each.name: each.metadata.get(RANGE) for each in fields(configuration)}
-    sliders = {name: each and each.slider for name, each in settings.items()}
-    names = [name for name in settings if not _is_group(hints[name])]
+    first, hidden = group.get("first", ()), group.get("hidden", ())
+    names = (each.name for each in fields(configuration) if not _is_group(hints[each.name]))
     return [
-        {"name": name, "help": help_texts.get(name, ""), **_control(hints[name], sliders[name])}
-        for name in (*shown_first, *(each for each in names if each not in shown_first))
+        {
+            "name": name,
+            "help": help_texts.get(name, ""),
+            **_control(hints[name], group["sliders"].get(name)),
+        }
+        for name in dict.fromkeys((*first, *names))
+        if name not in hidden
     ]
 
 
-def _group(kind: str, title: str) -> dict[str, Any]:
-    settings, first = load_settings(kind), SHOWN_FIRST[kind]
+def _group(kind: str) -> dict[str, Any]:
+    settings, group = load_settings(kind), GROUPS[kind]
     presets: dict[str, dict[str, dict[str, Any]]] = {}
     for name in preset_names(kind):
         preset = load_settings(kind, name)
@@ -113,15 +96,11 @@ def _group(kind: str, title: str) -> dict[str, Any]:
             presets[name] = values
     return {
         "kind": kind,
-        "title": title,
-        "first": len(first),
+        "title": group["title"],
+        "first": len(group["first"]),
         "presets": presets,
-        "initial": INITIAL.get(kind, DEFAULT),
-        "fields": [
-            each
-            for each in setting_controls(type(settings), first)
-            if each["name"] not in HIDDEN.get(kind, ())
-        ],
+        "initial": group.get("initial", DEFAULT),
+        "fields": setting_controls(type(settings), group),
     }
 
 
@@ -131,9 +110,9 @@ def _values(kind: str, settings: Any) -> dict[str, dict[str, Any]]:
     by_kind = {kind: values}
     for name, hint in hints.items():
         value = getattr(settings, name)
-        if name in TITLES:
+        if name in GROUPS:
             by_kind |= _values(name, value)
-        elif not _is_group(hint) and name not in HIDDEN.get(kind, ()):
+        elif not _is_group(hint) and name not in GROUPS[kind].get("hidden", ()):
             values[name] = value
     return by_kind
 
@@ -143,17 +122,13 @@ def _is_group(hint: Any) -> bool:
     return any(is_dataclass(each) for each in (hint, *get_args(hint)))
 
 
-def _control(hint: Any, limits: Slider | None) -> dict[str, Any]:
+def _control(hint: Any, slider: Sequence[float] | None) -> dict[str, Any]:
     """The control of a type; that of an optional type can be switched off, which means None."""
     if NoneType in get_args(hint):
         (inner,) = (each for each in get_args(hint) if each is not NoneType)
-        if limits is not None:
-            low, high, step = limits
-            limits = low or step, high, step  # 0 is not a value of its own beside None
-        return {**_control(inner, limits), "optional": True}
-    if limits is not None and hint in (int, float):
-        low, high, step = limits
-        return {"input": "range", "low": low, "high": high, "step": step}
+        return {**_control(inner, slider), "optional": True}
+    if slider is not None:
+        return {"input": "range", **dict(zip(("low", "high", "step"), slider, strict=True))}
     if get_origin(hint) is Literal:
         return {"input": "choice", "choices": list(get_args(hint))}
     return {"input": {bool: "check", int: "number", float: "number"}.get(hint, "list")}

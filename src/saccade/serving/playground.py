@@ -30,17 +30,17 @@ RING = ((8.0, 7), (12.0, 9))
 class PlaygroundNoise(Settings):
     """Noise of the odometry and the sensor of the simulated robot."""
 
-    distance_percent: float = setting(10.0, 0, 20, slider=1)
+    distance_percent: float = setting(10.0, 0, 20)
     """Standard deviation of the odometry's distance, in per cent of it."""
-    turn_sigma: float = setting(6.0, 0, 10, slider=0.5)
+    turn_sigma: float = setting(6.0, 0, 10)
     """Standard deviation of the odometry's turn in a step, in degrees."""
-    range_percent: float = setting(5.0, 0.5, 20, slider=0.5)
+    range_percent: float = setting(5.0, 0.5, 20)
     """Standard deviation of a range, in per cent of it."""
-    bearing_sigma: float = setting(3.0, 0.2, 10, slider=0.2)
+    bearing_sigma: float = setting(3.0, 0.2, 10)
     """Standard deviation of a bearing, in degrees."""
-    reach: float = setting(4.0, 1, 20, slider=0.5)
+    reach: float = setting(4.0, 1, 20)
     """Largest range of an observation, in metres."""
-    assumed_factor: float = setting(1.0, 0.2, 5, slider=0)
+    assumed_factor: float = setting(1.0, 0.2, 5)
     """Standard deviations that the filters assume, relative to the true ones above."""
 
 
