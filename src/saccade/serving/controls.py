@@ -4,7 +4,6 @@ import shlex
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
-from importlib.resources import files
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -22,6 +21,7 @@ from saccade.settings import (
 )
 from saccade.slam.config import RETRACTIONS
 from saccade.slam.consistency import chi_square_band
+from saccade.viewing.page import web_file
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
 
 DETECTORS = {"sift": "Sift", "must": "Must", "symroid": "SymRoid"}
@@ -35,10 +35,8 @@ MODELS = {
 """The configurations of each attention model, the one that contains the others first."""
 
 
-GROUPS: dict[str, dict[str, Any]] = tomllib.loads(
-    (files(__package__) / "controls.toml").read_text(encoding="utf-8")
-)
-"""Titles, order and sliders of the settings by kind, as `controls.toml` explains them."""
+GROUPS: dict[str, dict[str, Any]] = tomllib.loads(web_file("controls.toml", __package__))
+"""Titles, order and sliders of the settings by kind, as `web/controls.toml` explains them."""
 
 
 def controls() -> dict[str, Any]:
