@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from hypothesis.internal.conjecture import providers
 
+import saccade
 from saccade.cli import TRACEBACK, main
-from saccade.cli.precompile import TASKS, compiled_ahead
+from saccade.simulation import DriveConfig, simulate_drive
 from support.encodable_reports import pytest_report_to_serializable  # noqa: F401
 from support.filmed_wall import filmed
 from support.limits import PAGE_TIMEOUT
@@ -49,9 +50,8 @@ def pytest_configure(config):
     if config.args_source is pytest.Config.ArgsSource.TESTPATHS and not hasattr(
         config, "workerinput"
     ):
-        with compiled_ahead("association"):
-            for task in TASKS.values():
-                task()
+        saccade.Sift()(np.random.default_rng(0).random((64, 64)))
+        saccade.visual.run(simulate_drive(DriveConfig(frames=3, image_size=(64, 48))))
 
 
 def pytest_collection_modifyitems(items):

@@ -29,9 +29,8 @@ COMMANDS = (
     "drive one",
 )
 SESSION = """
-import importlib, json, os, sys
+import importlib, json, sys
 from pathlib import Path
-os.cpu_count = lambda: 1  # no other process compiles ahead
 import cv2
 import saccade
 from saccade.cli import main

@@ -14,7 +14,6 @@ from saccade.cli.mapping import RunOutput
 from saccade.cli.match import MatchOptions, match_images
 from saccade.cli.options import DEFAULT_MODEL, JsonOption, attention_model
 from saccade.cli.output import Result, Table, print_message, progress_bar, write_text
-from saccade.cli.precompile import compile_updates, compiled_ahead
 from saccade.cli.slam import SlamOptions, map_log
 from saccade.evaluation.gaze import SETTINGS, gaze_drive
 from saccade.io.files import results_in
@@ -50,11 +49,7 @@ def demo(options: DemoOptions) -> Result:
     out = options.out
     builder = ReportBuilder("saccade demo", LEAD)
     page = out / "index.html"
-    with (
-        results_in(out),
-        as_file(files("saccade") / "data") as data,
-        compiled_ahead("points", "association", "drive"),
-    ):
+    with results_in(out), as_file(files("saccade") / "data") as data:
         results = {
             "look": _look(data, out, builder),
             "match": _match(data, out, builder),
@@ -99,7 +94,6 @@ def _slam(data: Path, out: Path, builder: ReportBuilder) -> dict[str, Any]:
     """Map of a recorded log."""
     with progress_bar("EKF-SLAM: a car in Victoria Park") as progress:
         log = datasets.load("victoria-park", data / "victoria_park.txt")
-        compile_updates()
         return map_log(log, SlamOptions(out=out), progress, builder)
 
 

@@ -31,7 +31,6 @@ from saccade.cli.output import (
     relative_names,
     write_arrays,
 )
-from saccade.cli.precompile import compiled_ahead
 from saccade.errors import ImageError
 from saccade.io.files import FORMATS, results_in
 from saccade.io.image import read_image
@@ -124,7 +123,7 @@ def look(source: SourceOptions, options: LookOptions) -> Result:
     def of_frames(frames: Frames, name: str) -> Row:
         return look_at_frames(frames, out / f"{name}.look", attention)
 
-    with results_in(out), compiled_ahead("points"):
+    with results_in(out):
         rows, code = analyze_each(source, found, out, of_image, of_frames, options.every)
         report = builder.write(out / "report.html") if len(builder) else None
         written = write_scanpaths(out, options.tables, paths)

@@ -29,7 +29,6 @@ from saccade.cli.output import (
     progress_bar,
     resumable,
 )
-from saccade.cli.precompile import compile_updates, compiled_ahead
 from saccade.datasets import symmetric_columns, write_landmarks, write_table, write_tum
 from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
@@ -144,15 +143,13 @@ def slam(options: SlamOptions) -> Result:
         return _merge_maps(options, options.merge)
     if options.log is None:
         raise ConfigError("LOG: expected a log, or --merge with maps, found neither")
-    with compiled_ahead("association"):
-        log = options.load(options.log)
-        compile_updates()
-        with results_in(options.out), progress_bar(log.name) as progress:
-            row = map_log(log, options, progress)
-        if row["warning"]:
-            print_message(f"warning: {row['warning']}")
-        if row["remark"]:
-            print_message(row["remark"])
+    log = options.load(options.log)
+    with results_in(options.out), progress_bar(log.name) as progress:
+        row = map_log(log, options, progress)
+    if row["warning"]:
+        print_message(f"warning: {row['warning']}")
+    if row["remark"]:
+        print_message(row["remark"])
     return Result(row, [facts_table(f"{log.name} -> {options.out}", run_facts(row))])
 
 
