@@ -102,7 +102,7 @@ def test_an_array_that_says_it_is_huge(tmp_path, shape):
         with refuses(KeypointsError, "a.npz: expected a NumPy .npz file", "shorter than its shape"):
             exchange.read_npz(tmp_path / "a.npz")
         with refuses(LogError, "a.npz: expected an .npz of tables", "shorter than its shape"):
-            load("dlr", tmp_path / "a.npz")
+            load("mrclam", tmp_path / "a.npz")
 
 
 def test_an_archive_that_unpacks_to_too_much(tmp_path, monkeypatch):
@@ -118,7 +118,7 @@ def test_an_array_of_objects_is_not_unpickled(tmp_path):
             return os.mkdir, (str(tmp_path / "sprung"),)
 
     np.savez(tmp_path / "a.npz", xy=np.array([Trap()], object))
-    for read in (exchange.read_npz, lambda path: load("dlr", path)):
+    for read in (exchange.read_npz, lambda path: load("mrclam", path)):
         with pytest.raises((KeypointsError, LogError), match="Object arrays"):
             read(tmp_path / "a.npz")
     assert not (tmp_path / "sprung").exists()

@@ -184,38 +184,6 @@ def test_covariance_of_the_way_is_that_of_sampled_ways(rng):
     np.testing.assert_allclose(sampled, correlation, atol=0.04)
 
 
-@pytest.fixture
-def dlr():
-    """Two steps, each with an observation."""
-    return {
-        "odometry": np.array([[1.0, 0, 0.1], [0.5, 0.1, 0]]),
-        "odometry_cov_upper": np.array([[4, 0.1, 0.2, 3, 0.3, 2]] * 2),
-        "observations": np.array([[1, 5, 0, 2, 0.1, 0, 0.2], [0, 4, 3, 4, 0.1, 0, 0.2]]),
-    }
-
-
-def test_dlr_tables_become_a_log(tmp_path, dlr):
-    path = tmp_path / "dlr.npz"
-    np.savez(path, **dlr)
-    log = load("auto", path)
-    assert log.landmark.tolist() == [4, 5]
-    assert log.observation_pose.tolist() == [0, 1]
-    np.testing.assert_allclose(log.observation, [[5, np.arctan2(4, 3)], [2, np.pi / 2]])
-    np.testing.assert_array_equal(log.control_covariance[0, 0], [4, 0.1, 0.2])
-    np.testing.assert_array_equal(log.control_covariance[0, 2], [0.2, 0.3, 2])
-    np.savez(path, odometry=dlr["odometry"])
-    with pytest.raises(LogError, match="odometry_cov_upper"):
-        load("dlr", path)
-
-
-@pytest.mark.parametrize("step", [-1.0, 3.0, 1e30])
-def test_dlr_steps_outside_the_log_are_refused(tmp_path, dlr, step):
-    dlr["observations"][0, 0] = step
-    np.savez(tmp_path / "dlr.npz", **dlr)
-    with pytest.raises(LogError, match=r"dlr\.npz: expected steps from 0 to 2"):
-        load("auto", tmp_path / "dlr.npz")
-
-
 def test_evo_reads_a_trajectory_as_it_was_written(tmp_path, rng):
     time = 1.24844418e9 + np.arange(30) / 7
     pose = rng.uniform([-90, -90, -np.pi], [90, 90, np.pi], (30, 3))

@@ -3,7 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from saccade.datasets import load_drive
 from saccade.errors import ConfigError, DriveError, ImageError
@@ -117,109 +116,6 @@ class TestTum:
             load_drive("tum-rgbd", tmp_path / "desk")
 
 
-SENSOR = """# General sensor definitions.
-sensor_type: camera
-comment: VI-Sensor cam0 (MT9M034)
-
-# Sensor extrinsics wrt. the body-frame.
-T_BS:
-  cols: 4
-  rows: 4
-  data: [{}]
-
-# Camera specific definitions.
-rate_hz: 20
-resolution: [160, 120]
-camera_model: pinhole
-intrinsics: [{}] #fu, fv, cu, cv
-distortion_model: radial-tangential
-distortion_coefficients: [{}]
-"""
-
-
-class TestEuroc:
-    K = np.array([[100.0, 0, 80], [0, 101.0, 60], [0, 0, 1]])
-    BENT = (-0.28, 0.07, 0.0002, 0.00002)
-    STAMP = 1403636579763555584
-
-    def write(self, folder, rows=5):
-        # the body's x is up, its y to the right, its z ahead
-        body = np.array([[0, -1.0, 0, 0.02], [1, 0, 0, -0.05], [0, 0, 1, 0.01], [0, 0, 0, 1]])
-        turn = np.array([0.01, -0.02, 0.005])
-        turned, _ = cv2.Rodrigues(turn)
-        right = np.eye(4)
-        right[:3, :3], right[:3, 3] = turned, -turned @ [0.11, 0.001, -0.002]
-        dots = seen(self.K, self.BENT), seen(self.K, self.BENT, turn, right[:3, 3])
-        mounted = body, body @ np.linalg.inv(right)
-        for name, xy, pose in zip(("cam0", "cam1"), dots, mounted, strict=True):
-            stamps = [self.STAMP + 50_000_000 * i for i in range(rows)]
-            for stamp in stamps:
-                save(folder / "mav0" / name / "data" / f"{stamp}.png", dotted(xy))
-            lines = [f"{stamp},{stamp}.png" for stamp in stamps]
-            (folder / "mav0" / name / "data.csv").write_text(
-                "#timestamp [ns],filename\r\n" + "\r\n".join(lines) + "\r\n"
-            )
-            numbers = (pose.ravel(), (100, 101, 80, 60), self.BENT)
-            (folder / "mav0" / name / "sensor.yaml").write_text(
-                SENSOR.format(*(", ".join(map(repr, map(float, each))) for each in numbers))
-            )
-        return folder
-
-    def write_gyroscope(self, folder, rate=0.6):
-        rows = [f"{self.STAMP + 5_000_000 * i},{rate},0.0,0.0,9.8,0,0" for i in range(60)]
-        (folder / "mav0" / "imu0").mkdir()
-        (folder / "mav0" / "imu0" / "data.csv").write_text(
-            "#t,wx,wy,wz,ax,ay,az\n" + "\n".join(rows)
-        )
-
-    def test_both_cameras_are_straight_and_their_rows_the_same(self, tmp_path):
-        drive = load_drive("auto", self.write(tmp_path))
-        frame, camera = drive.load(2), drive.camera
-        left, right = dot(frame.image), dot(frame.right)
-        assert camera.baseline == pytest.approx(np.linalg.norm([0.11, 0.001, -0.002]), rel=1e-6)
-        assert abs(left[1] - right[1]) < 0.1
-        depth = camera.fx * camera.baseline / (left[0] - right[0])
-        ray = np.array([*((left - [camera.cx, camera.cy]) / camera.fx), 1.0])
-        assert np.linalg.norm(ray * depth) == pytest.approx(np.linalg.norm(POINT), rel=0.03)
-        np.testing.assert_allclose(drive.time, 0.05 * np.arange(5), atol=1e-9)
-
-    def test_the_gyroscope_tells_the_turn_and_nothing_the_way(self, tmp_path):
-        folder = self.write(tmp_path)
-        self.write_gyroscope(folder)
-        drive = load_drive("euroc", folder / "mav0")
-        np.testing.assert_allclose(drive.control[:, 2], 0.6 * 0.05, rtol=2e-3)
-        assert not drive.control[:, :2].any()
-        assert (drive.control_covariance[:, 0, 0] >= np.square(2 * 0.0499)).all()
-
-    def test_truth_is_on_the_plane(self, tmp_path):
-        folder = self.write(tmp_path)
-        # the body's z, which is ahead, lies along the world's y; its x is the world's z
-        upright = np.array([[0, 1.0, 0], [0, 0, 1], [1, 0, 0]])
-        rows = []
-        for i in range(5):
-            turn, _ = cv2.Rodrigues(np.array([0, 0, 0.1 * i]))
-            x, y, z, w = Rotation.from_matrix(turn @ upright).as_quat().tolist()
-            rows.append([self.STAMP + 50_000_000 * i, 0, 0.3 * i, 1, w, x, y, z, *np.zeros(9)])
-        path = folder / "mav0" / "state_groundtruth_estimate0" / "data.csv"
-        path.parent.mkdir()
-        path.write_text("#t,...\n" + "\n".join(",".join(map(repr, row)) for row in rows))
-        drive = load_drive("euroc", folder)
-        np.testing.assert_allclose(drive.truth.pose[:, 2], 0.1 * np.arange(5), atol=2e-3)
-        # the camera's lever arm is left out: it is within centimetres of the body
-        np.testing.assert_allclose(drive.truth.pose[:, 0], 0.3 * np.arange(5), atol=0.03)
-        np.testing.assert_allclose(drive.truth_off_plane, 0, atol=0.05)
-
-    def test_what_is_broken_is_named(self, tmp_path):
-        folder = self.write(tmp_path)
-        path = folder / "mav0" / "cam1" / "sensor.yaml"
-        path.write_text(path.read_text().replace("resolution", "size"))
-        with refuses(DriveError, "sensor.yaml: expected 2 numbers as resolution, found 0"):
-            load_drive("euroc", folder)
-        (folder / "mav0" / "cam0" / "data.csv").write_text("now,1.png\n")
-        with refuses(DriveError, "data.csv, line 1: expected nanoseconds", "found 'now'"):
-            load_drive("euroc", folder)
-
-
 CAMERA = "width = 64\nheight = 48\nfx = 50\nfy = 50\ncx = 32\ncy = 24\nrate = 20\n"
 
 
@@ -305,7 +201,7 @@ class TestFolder:
 def test_what_is_no_drive_is_refused(tmp_path):
     with refuses(DriveError, "expected a camera drive, found no such file or folder"):
         load_drive("auto", tmp_path / "nowhere")
-    with refuses(DriveError, "expected one of image_0 (kitti), rgb.txt (tum-rgbd), mav0 (euroc)"):
+    with refuses(DriveError, "expected one of image_0 (kitti), rgb.txt (tum-rgbd)"):
         load_drive("auto", tmp_path)
     (tmp_path / "drive.txt").write_text("")
     with refuses(DriveError, "expected a folder, a video, a .bag or an .npz"):

@@ -13,7 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 QUICK = (
-    *("log-csv", "g2o", "camera-toml", "euroc-sensor", "kitti-calib", "matlab", "npz", "csv"),
+    *("log-csv", "g2o", "camera-toml", "kitti-calib", "matlab", "npz", "csv"),
     *("colmap", "settings", "fixations", "tum-poses", "index-images"),
 )
 """Readers of our own, where Python's coverage is of use; libraries read the other formats."""

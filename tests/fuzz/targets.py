@@ -193,34 +193,6 @@ def _folder(folder: Path) -> None:
     (folder / "groundtruth.tum").write_text("0 0 0 0 0 0 0 1\n0.2 1 0 0 0 0 0 1\n")
 
 
-SENSOR = """sensor_type: camera
-T_BS:
-  cols: 4
-  rows: 4
-  data: [0, -1.0, 0, 0.02, 1, 0, 0, -0.05, 0, 0, 1, 0.01, 0, 0, 0, 1]
-rate_hz: 20
-resolution: [32, 24]
-camera_model: pinhole
-intrinsics: [20, 20, 16, 12] #fu, fv, cu, cv
-distortion_model: radial-tangential
-distortion_coefficients: [-0.28, 0.07, 0.0002, 0.00002]
-"""
-
-
-def _euroc(folder: Path) -> None:
-    stamps = [1403636579763555584 + 50_000_000 * i for i in range(3)]
-    for name, sensor in (("cam0", SENSOR), ("cam1", SENSOR.replace("0.02,", "0.12,"))):
-        place = folder / "mav0" / name
-        images = [f"{stamp}.png" for stamp in stamps]
-        write_pictures(place / "data", *images, pixels=a_picture((24, 32)))
-        rows = "\n".join(f"{stamp},{image}" for stamp, image in zip(stamps, images, strict=True))
-        (place / "data.csv").write_text(f"#timestamp [ns],filename\n{rows}\n")
-        (place / "sensor.yaml").write_text(sensor)
-    (folder / "mav0" / "imu0").mkdir()
-    rows = [f"{stamps[0] + 5_000_000 * i},0.1,0,0,9.8,0,0" for i in range(22)]
-    (folder / "mav0" / "imu0" / "data.csv").write_text("#t,w\n" + "\n".join(rows))
-
-
 def _tracks(folder: Path) -> None:
     uvlr = np.tile([16.0, 12, 10, 12], (4, 1))
     np.savez(folder / "stereo_tracks.npz", frame=[0, 0, 1, 1], track=[1, 2, 1, 2], uvlr=uvlr)
@@ -392,9 +364,6 @@ TARGETS = {
     "camera-toml": _drive(_folder, "camera.toml"),
     "folder-times": _drive(_folder, "times.txt"),
     "folder-odometry": _drive(_folder, "odometry.csv"),
-    "euroc-sensor": _drive(_euroc, "mav0/cam0/sensor.yaml"),
-    "euroc-list": _drive(_euroc, "mav0/cam1/data.csv"),
-    "euroc-imu": _drive(_euroc, "mav0/imu0/data.csv"),
     "tracks": _drive(_tracks, "stereo_tracks.npz"),
     "tracks-calib": _drive(_tracks, "calib.npz"),
     "tum-poses": a_text(
@@ -429,7 +398,7 @@ TARGETS = {
     "rosbag2": _bag(2, "way/way.db3"),
     "rosbag2-metadata": _bag(2, "way/metadata.yaml"),
     "rosbag1-log": _landmark_bag(1, "ros1_tags", "way.bag"),
-    "rosbag2-log": _landmark_bag(2, "markers", "way/way.db3"),
+    "rosbag2-log": _landmark_bag(2, "fiducials", "way/way.db3"),
     "own-map": a_file("a.npy", lambda path: np.save(path, np.eye(9)), read_saliency_array),
     "gaze": a_text("gaze.csv", "pan_rad,tilt_rad,sigma_rad\n0.1,0,0.01\n", read_turns),
     "world": _settings("world.toml", "steps = 20\nlandmarks = 5\n", "world"),

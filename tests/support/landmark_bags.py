@@ -36,11 +36,6 @@ aruco_msgs/Marker: std_msgs/Header header; uint32 id; geometry_msgs/PoseWithCova
 aruco_msgs/MarkerArray: std_msgs/Header header; aruco_msgs/Marker[] markers
 aruco_opencv_msgs/MarkerPose: uint16 marker_id; geometry_msgs/Pose pose
 aruco_opencv_msgs/ArucoDetection: std_msgs/Header header; aruco_opencv_msgs/MarkerPose[] markers
-mrpt_msgs/SingleRangeBearingObservation: float64 range; float64 yaw; float64 pitch; int32 id
-mrpt_msgs/ObservationRangeBearing: std_msgs/Header header; geometry_msgs/Pose sensor_pose_on_robot;
-    float64 min_sensor_distance; float64 max_sensor_distance; float64 sensor_std_range;
-    float64 sensor_std_yaw; float64 sensor_std_pitch;
-    mrpt_msgs/SingleRangeBearingObservation[] sensed_data
 fiducial_msgs/FiducialTransform: int32 fiducial_id; geometry_msgs/Transform transform;
     float64 image_error; float64 object_error; float64 fiducial_area
 fiducial_msgs/FiducialTransformArray: std_msgs/Header header; int32 image_seq;
@@ -118,18 +113,14 @@ def landmark(kind, header, point, name, covariance):
     uncertain = {"pose": pose, "covariance": whole.ravel()}
     numbers = {"id": np.array([name], np.int32), "size": np.array([0.1])}
     moved = {"translation": xyzw(*point), "rotation": xyzw(0.0, 0.0, 0.0, 1.0)}
-    sight = {"range": float(np.linalg.norm(point)), "yaw": np.arctan2(point[1], point[0])}
-    sight["pitch"] = -np.arctan2(point[2], np.hypot(point[0], point[1]))
     return {
         "ros1_tags": {**numbers, "pose": {"header": header, "pose": uncertain}},
         "ros2_tags": {"family": "tag36h11", "id": name, "decision_margin": 50.0},
         "alvar": {"header": header, "id": name, "pose": {"pose": pose}},
         "aruco": {"header": header, "id": name, "pose": uncertain},
         "aruco_opencv": {"marker_id": name, "pose": pose},
-        "ranges": {"id": name, **sight},
         "fiducials": {"fiducial_id": name, "transform": moved},
         "detections": {"header": header, "id": str(name), "results": [{"pose": uncertain}]},
-        "markers": {"header": header, "ns": "poles", "id": name, "type": 3, "pose": pose},
         "poses": pose,
     }[kind]
 
@@ -140,10 +131,8 @@ KINDS = {
     "alvar": ("/ar_pose_marker", "ar_track_alvar_msgs/msg/AlvarMarkers"),
     "aruco": ("/marker_publisher/markers", "aruco_msgs/msg/MarkerArray"),
     "aruco_opencv": ("/aruco_detections", "aruco_opencv_msgs/msg/ArucoDetection"),
-    "ranges": ("/landmark", "mrpt_msgs/msg/ObservationRangeBearing"),
     "fiducials": ("/fiducial_transforms", "fiducial_msgs/msg/FiducialTransformArray"),
     "detections": ("/tags", "vision_msgs/msg/Detection3DArray"),
-    "markers": ("/poles", "visualization_msgs/msg/MarkerArray"),
     "poses": ("/trees", "geometry_msgs/msg/PoseArray"),
 }
 """Topic and type of each."""

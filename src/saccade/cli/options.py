@@ -100,7 +100,7 @@ class LogOptions:
     """How a landmark log is read."""
 
     kind: str | None = option(None, "--format")
-    """Format of LOG: csv, g2o, isam, mrclam, victoria-park, dlr or rosbag; detected by default."""
+    """Format of LOG: csv, g2o, isam, mrclam, victoria-park or rosbag; detected by default."""
     robot: int | None = option(None, min=1)
     """Number of the robot, in a log of several robots."""
     topic: list[str] | None = option(None, "--topic", metavar="TOPIC")
@@ -159,7 +159,7 @@ class SequenceOptions:
     sequence: Path = argument("SEQUENCE")
     """Camera drive: a folder, video, bag or track file."""
     kind: str | None = option(None, "--format")
-    """Format of SEQUENCE: kitti, tum-rgbd, euroc, rosbag, tracks, folder or video; detected by
+    """Format of SEQUENCE: kitti, tum-rgbd, rosbag, tracks, folder or video; detected by
     default."""
     intrinsics: str | None = option(None, metavar="FX,FY,CX,CY")
     """Camera of images without a calibration, in pixels."""

@@ -14,7 +14,7 @@ start                           [x, y, heading] at the first frame; default that
                                 truth, or zeros
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -123,21 +123,10 @@ def kitti_extrinsics(file: Path) -> dict[str, Any]:
 class Lens:
     """Maps the images of a camera with distortion to those of a pinhole camera."""
 
-    matrix: FloatArray
-    """(3, 3) intrinsics of the camera with distortion."""
+    camera: Camera
+    """The pinhole camera; both have its intrinsics."""
     distortion: tuple[float, ...]
     """k1, k2, p1, p2 and optionally k3 of OpenCV."""
-    camera: Camera
-    """The pinhole camera."""
-    rotation: FloatArray
-    """(3, 3) from the frame of the camera with distortion to that of the pinhole camera."""
-
-    @classmethod
-    def of(cls, camera: Camera, distortion: tuple[float, ...]) -> "Lens | None":
-        """Lens of a camera that keeps its intrinsics; None without distortion."""
-        if not any(distortion):
-            return None
-        return cls(camera_matrix(camera), distortion, camera, np.eye(3))
 
     def undistort(self, pixels: Image, interpolation: int = cv2.INTER_LINEAR) -> Image:
         """The image of the pinhole camera; black outside the field of view of the lens."""
@@ -145,56 +134,10 @@ class Lens:
 
     @cached_property
     def _maps(self) -> tuple[Float32Array, Float32Array]:
-        size = (self.camera.width, self.camera.height)
-        x, y = cv2.initUndistortRectifyMap(
-            self.matrix,
-            np.array(self.distortion),
-            self.rotation,
-            camera_matrix(self.camera),
-            size,
-            cv2.CV_32FC1,
-        )
+        K, size = camera_matrix(self.camera), (self.camera.width, self.camera.height)
+        distortion = np.array(self.distortion)
+        x, y = cv2.initUndistortRectifyMap(K, distortion, np.eye(3), K, size, cv2.CV_32FC1)
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
-
-
-def rectify_stereo(
-    left: Lens, right: Lens, rotation: FloatArray, translation: FloatArray
-) -> tuple[Camera, Lens, Lens]:
-    """Rectified stereo camera: both cameras rotated so that epipolar lines are image rows.
-
-    Args:
-        left: the left camera; its `camera` has the size and the extrinsics.
-        right: the right one.
-        rotation: (3, 3) from the frame of the left camera to that of the right one.
-        translation: (3,) metres; position of the left camera in the frame of the right one.
-
-    Returns:
-        The rectified camera with its baseline, and both lenses.
-    """
-    size = (left.camera.width, left.camera.height)
-    rectification = cv2.stereoRectify(
-        left.matrix,
-        np.array(left.distortion),
-        right.matrix,
-        np.array(right.distortion),
-        size,
-        rotation,
-        translation.reshape(3, 1),
-        flags=cv2.CALIB_ZERO_DISPARITY,
-        alpha=0,
-    )
-    R1, R2, P1, P2 = (np.asarray(matrix, np.float64) for matrix in rectification[:4])
-    camera = pinhole(
-        P1,
-        size,
-        baseline=float(-P2[0, 3] / P2[0, 0]),
-        position=left.camera.position,
-        rotation=left.camera.rotation @ R1.T,
-    )
-    left, right = (
-        replace(lens, camera=camera, rotation=R) for lens, R in ((left, R1), (right, R2))
-    )
-    return camera, left, right
 
 
 def pinhole(matrix: FloatArray, size: tuple[int, int], **extrinsics: Any) -> Camera:

@@ -110,7 +110,6 @@ def frame_reader(
     left: ImageSource,
     right: ImageSource | None = None,
     depth: ImageSource | None = None,
-    lenses: tuple[Lens, Lens | None] | None = None,
 ) -> Callable[[int], Frame]:
     """A function that reads and undistorts the images of a recorded frame.
 
@@ -120,13 +119,11 @@ def frame_reader(
         left: images of the (left) camera.
         right: images of the right camera.
         depth: depth of the left camera; 0 is unknown.
-        lenses: of the left camera, and of the right one or None for that of the left; None for
-            the distortion of `calibration`.
     """
     camera = calibration.camera
-    lens, right_lens = lenses or (Lens.of(camera, calibration.distortion), None)
+    lens = Lens(camera, calibration.distortion) if any(calibration.distortion) else None
 
-    def undistort(image: SourceImage, lens: Lens | None, interpolation: int) -> Image:
+    def undistort(image: SourceImage, interpolation: int = cv2.INTER_LINEAR) -> Image:
         height, width = image.pixels.shape[:2]
         if (width, height) != (camera.width, camera.height):
             raise ImageError(
@@ -140,15 +137,15 @@ def frame_reader(
             raise ImageError(
                 f"{image.name}: expected depth, one number per pixel, found a color image"
             )
-        steps = undistort(image, lens, cv2.INTER_NEAREST)
+        steps = undistort(image, cv2.INTER_NEAREST)
         return np.where(np.nan_to_num(steps) == 0, np.nan, steps * np.float64(image.unit))
 
     def read(number: int) -> Frame:
         one, other, steps = (source and source(number) for source in (left, right, depth))
         return Frame(
             time=float(recorded[number]),
-            image=one and undistort(one, lens, cv2.INTER_LINEAR),
-            right=other and undistort(other, right_lens or lens, cv2.INTER_LINEAR),
+            image=one and undistort(one),
+            right=other and undistort(other),
             depth=steps and metres(steps),
         )
 

@@ -14,22 +14,19 @@ from saccade.datasets.drives.folder import (
     read_folder_drive,
     read_video_drive,
 )
-from saccade.datasets.drives.published import read_euroc_drive, read_tum_drive
 from saccade.datasets.drives.tracks import TRACK_FILES, read_tracks_drive
+from saccade.datasets.drives.tum import read_tum_drive
 from saccade.datasets.ros.drives import read_rosbag_drive
 from saccade.datasets.tables import read_rows
 from saccade.errors import DriveError, ImageError, LogError, require
 from saccade.frames import Drive
 from saccade.io.video import is_video
 
-DriveKind: TypeAlias = Literal[
-    "auto", "kitti", "tum-rgbd", "euroc", "rosbag", "tracks", "folder", "video"
-]
+DriveKind: TypeAlias = Literal["auto", "kitti", "tum-rgbd", "rosbag", "tracks", "folder", "video"]
 """The layouts; "auto" detects the layout from the files in the folder."""
 _READERS: dict[DriveKind, Callable[..., Drive]] = {
     "kitti": partial(read_folder_drive, is_kitti=True),
     "tum-rgbd": read_tum_drive,
-    "euroc": read_euroc_drive,
     "rosbag": read_rosbag_drive,
     "tracks": read_tracks_drive,
     "folder": read_folder_drive,
@@ -41,10 +38,9 @@ def load_drive(kind: DriveKind, path: str | Path, camera: CameraOptions | None =
     """Open a camera drive; its images are read on demand.
 
     Args:
-        kind: "kitti", "tum-rgbd", "euroc", "rosbag" (ROS 1 and 2), "tracks" (point
-            tracks), "folder" or "video" (whose camera is guessed without a camera.toml), or
-            "auto". The module of each in
-            `saccade.datasets.drives` lists its files.
+        kind: "kitti", "tum-rgbd", "rosbag" (ROS 1 and 2), "tracks" (point tracks), "folder" or
+            "video" (whose camera is guessed without a camera.toml), or "auto". The module of each
+            in `saccade.datasets.drives` lists its files.
         path: the folder or file.
         camera: intrinsics and baseline of images without a calibration.
 
@@ -87,7 +83,6 @@ def detect_layout(path: Path) -> DriveKind:
     marks: tuple[tuple[DriveKind, tuple[str, ...]], ...] = (
         ("kitti", tuple(left for left in PROJECTIONS if _is_kitti(path))),
         ("tum-rgbd", ("rgb.txt",)),
-        ("euroc", ("mav0", "cam0/sensor.yaml", "cam0/data.csv")),
         ("rosbag", ("metadata.yaml",)),
         ("tracks", TRACK_FILES),
         ("folder", (CAMERA_FILE,)),

@@ -6,67 +6,15 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
-import numpy as np
-
-from saccade.datasets.logs.conversions import OdometryNoise, to_range_bearing
+from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
 from saccade.datasets.logs.published import read_mrclam, read_victoria_park, write_mrclam
 from saccade.datasets.ros.logs import read_rosbag_log
-from saccade.datasets.tables import Archive, from_upper_triangle
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog, invalid_range_bearing
 
-
-def read_dlr(path: str | Path) -> LandmarkLog:
-    """Read the DLR log.
-
-    Args:
-        path: an .npz with `odometry` (t, 3) relative poses, `odometry_cov_upper`
-            (t, 6) the upper triangles of their covariances, row by row, and `observations`
-            (k, 7): step, identity, x, y, cxx, cxy, cyy, observed from the start pose of the step.
-
-    Returns:
-        The log; its times are the numbers of the poses.
-
-    Raises:
-        LogError: no such file, or not these tables.
-    """
-    path = Path(path)
-    archive = Archive(path)
-    odometry = archive.table("odometry", ("forward", "left", "turn"))
-    upper = archive.table("odometry_cov_upper", ("xx", "xy", "xt", "yy", "yt", "tt"))
-    columns = ("step", "landmark", "x", "y", "xx", "xy", "yy")
-    observations = archive.table("observations", columns)
-    steps = len(odometry)
-    if len(upper) != steps:
-        raise LogError(f"{path}: expected {steps} covariances of odometry, found {len(upper)}")
-    step = observations[:, 0]
-    if len(step) and not 0 <= step.min() <= step.max() <= steps:
-        raise LogError(
-            f"{path}: expected steps from 0 to {steps}, found {step.min():g}-{step.max():g}"
-        )
-    observations = observations[np.argsort(step, kind="stable")]
-    observation, observation_covariance = to_range_bearing(
-        observations[:, 2:4],
-        from_upper_triangle(observations[:, 4:]),
-        lambda k: f"{path}, observation {k}",
-    )
-    return LandmarkLog(
-        name=path.stem,
-        start=np.zeros(3),
-        time=np.arange(steps + 1, dtype=np.float64),
-        motion="compose",
-        control=odometry,
-        control_covariance=from_upper_triangle(upper),
-        observation_pose=observations[:, 0].astype(np.int64),
-        observation=observation,
-        observation_covariance=observation_covariance,
-        landmark=observations[:, 1].astype(np.int64),
-    )
-
-
-Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "dlr", "rosbag"]
+Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "rosbag"]
 """Formats to read; "auto" detects the format from the path and the content."""
 Format: TypeAlias = Literal["auto", "csv", "g2o", "isam", "toro", "gtsam", "mrclam"]
 """Formats to write; "auto" chooses by the suffix of the file."""
@@ -76,7 +24,6 @@ _READERS: dict[str, Callable[..., LandmarkLog]] = {
     "isam": read_pose_graph,
     "mrclam": read_mrclam,
     "victoria-park": read_victoria_park,
-    "dlr": read_dlr,
     "rosbag": read_rosbag_log,
 }
 _WRITERS: dict[str, Callable[[Path, LandmarkLog], None]] = {
@@ -88,9 +35,14 @@ _WRITERS: dict[str, Callable[[Path, LandmarkLog], None]] = {
     "mrclam": write_mrclam,
 }
 _FOLDERS: dict[str, Kind] = {"Barcodes.dat": "mrclam", LOG_FILE: "csv", "metadata.yaml": "rosbag"}
-_TABLES: dict[str, Kind] = {"barcodes": "mrclam", "observations": "dlr"}
-_FILES: dict[str, Kind] = {".csv": "csv", ".bag": "rosbag", ".mat": "victoria-park"}
-"""Formats by a file in a folder, by an array of an .npz, and by the suffix of other files."""
+"""Formats by a file in a folder."""
+_FILES: dict[str, Kind] = {
+    ".csv": "csv",
+    ".bag": "rosbag",
+    ".mat": "victoria-park",
+    ".npz": "mrclam",
+}
+"""Formats by the suffix of a file."""
 _SUFFIXES = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro"}
 
 
@@ -109,7 +61,7 @@ def load(
     Args:
         kind: "csv" (see `log_csv`; a file, or a folder with log.csv), "g2o" or "isam" (either
             reads g2o, iSAM, TORO and GTSAM text), "mrclam" (folder or .npz), "victoria-park" (raw
-            .mat, or GTSAM's .txt), "dlr" (.npz), "rosbag" (ROS 1 and 2), or "auto".
+            .mat, or GTSAM's .txt), "rosbag" (ROS 1 and 2), or "auto".
         path: the file or folder.
         robot: mrclam: number of the robot, 1 to 5; default 1.
         matrix_form: g2o and isam: form of the matrices; detected by default.
@@ -195,11 +147,4 @@ def detect_format(path: Path) -> Kind:
     suffix = path.suffix.lower()
     if suffix in (".db3", ".mcap"):
         raise LogError(f"{path}: expected the folder of a ROS 2 bag, found one of its files")
-    if suffix == ".npz":
-        archive = Archive(path)
-        for name, kind in _TABLES.items():
-            if name in archive:
-                return kind
-        found = ", ".join(sorted(archive.arrays))
-        raise LogError(f"{path}: expected the tables of mrclam or dlr, found {found[:80]}")
     return _FILES.get(suffix, "isam")

@@ -108,13 +108,11 @@ class Bag:
         return reader
 
     def topics(self, types: Sequence[str]) -> list[str]:
-        """Sorted names of the topics of some types, with or without package, with messages."""
+        """Sorted names of the topics of some types, with messages."""
         kinds = {c.topic: c.msgtype for c in self._reader.connections}
+        topics = self._reader.topics
         return sorted(
-            topic
-            for topic, kind in kinds.items()
-            if (kind in types or kind.rpartition("/")[2] in types)
-            and self._reader.topics[topic].msgcount
+            name for name, kind in kinds.items() if kind in types and topics[name].msgcount
         )
 
     def kind(self, topic: str) -> str:
@@ -252,10 +250,6 @@ class Transforms:
     def without(self, frame: str) -> "Transforms":
         """The transforms that do not pass through a frame."""
         return Transforms({pair: poses for pair, poses in self.edges.items() if frame not in pair})
-
-    def has(self, frame: str) -> bool:
-        """Whether a frame is known."""
-        return frame in self._neighbors
 
     def poses(self, base: str, part: str, time: FloatArray) -> Poses | None:
         """Poses of the frame `part` in the frame `base` at times (n,) in seconds.
