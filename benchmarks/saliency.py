@@ -59,12 +59,12 @@ def against_fine_grained(threads: int, rounds: int) -> list[dict[str, Any]]:
         as_float = rgb.astype(np.float32) / 255
         bgr = np.ascontiguousarray(rgb[:, :, ::-1])
         peer = cv2.saliency.StaticSaliencyFineGrained_create()
-        saliency = saccade.contrast_saliency(rgb).saliency
+        maps = saccade.contrast_saliency(rgb)
         actions = {
             "contrast": lambda rgb=rgb: saccade.contrast_saliency(rgb),
             "contrast_float": lambda rgb=as_float: saccade.contrast_saliency(rgb),
             "fine_grained": lambda bgr=bgr, peer=peer: peer.computeSaliency(bgr),
-            "scanpath": lambda s=saliency, rgb=rgb: saccade.scanpath(s, rgb.shape, fixations=10),
+            "scanpath": lambda maps=maps: saccade.scanpath(maps),
         }
         for action in actions.values():
             action()

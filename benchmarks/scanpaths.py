@@ -21,7 +21,12 @@ from scipy.optimize import minimize
 from scipy.stats import gamma
 
 from saccade import AttentionConfig, ScanpathConfig, ScanpathModelConfig, attention_saliency
-from saccade.attention import sample_scanpaths, scanpath, scanpath_log_likelihood
+from saccade.attention import (
+    SaliencyMaps,
+    sample_scanpaths,
+    scanpath,
+    scanpath_log_likelihood,
+)
 from saccade.datasets.fixations import read_fixations
 from saccade.evaluation.conditional import score_fixations, summary
 from saccade.evaluation.prediction import FixationData
@@ -96,7 +101,7 @@ def gain(
         for path in paths.values():
             number += 1
             if number % every == 0:
-                found = scanpath_log_likelihood(maps[name], shape, path.xy, config)
+                found = scanpath_log_likelihood(SaliencyMaps(maps[name], shape), path.xy, config)
                 logs.append(found + np.log(shape[0] * shape[1]))
     return float(np.concatenate(logs).mean() / np.log(2))
 
@@ -135,7 +140,8 @@ def disc(people: Mapping[str, Viewing], maps: Maps) -> None:
     for sigma in (0.01, 0.0125, 0.015, 0.0175, 0.02, 0.025, 0.03, 0.04, 0.05):
         scores, amplitudes = [], []
         for name, (shape, paths) in people.items():
-            xy = scanpath(maps[name], shape, count, ScanpathConfig(inhibition_sigma=sigma)).xy
+            config = ScanpathConfig(inhibition_sigma=sigma)
+            xy = scanpath(SaliencyMaps(maps[name], shape), config, fixations=count).xy
             seen = [GazePath(path.xy[:count], path.duration[:count]) for path in paths.values()]
             own = [GazePath(xy, np.full(len(xy), np.nan))] * len(seen)
             grids = (ScanMatchConfig(), ScanMatchConfig(columns=8, rows=6))
@@ -166,12 +172,13 @@ def show(title: str, scores: Mapping[str, Mapping[str, tuple[float, float, float
 
 def time_sampling(saliency: np.ndarray, shape: tuple[int, int]) -> None:
     """Print the milliseconds for 1000 paths of 10 fixations."""
+    maps = SaliencyMaps(saliency, shape)
     for name in ("default", "similar"):
         config = ScanpathModelConfig() if name == "default" else ScanpathModelConfig.similar()
         times = []
         for seed in range(6):
             start = process_time()
-            sample_scanpaths(saliency, shape, 1000, 10, config, seed=seed)
+            sample_scanpaths(maps, config, count=1000, seed=seed)
             times.append(1000 * (process_time() - start))
         print(
             f"1000 paths of 10 fixations, {name}: {np.median(times[1:]):.1f} ms of one core, warm"

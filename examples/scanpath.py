@@ -2,7 +2,6 @@
 
 from importlib.resources import files
 
-import cv2
 import numpy as np
 
 import saccade
@@ -16,15 +15,15 @@ height, width = image.shape[:2]
 marked = np.array([[172.0, 111], [312, 140], [262, 232]])  # eyes and nose, not eye-tracking data
 
 models = {
-    "contrast": saccade.contrast_saliency(image).saliency,
-    "symmetry": saccade.symmetry_saliency(image).saliency,
-    "attention": saccade.attention_saliency(image).saliency,
+    "contrast": saccade.contrast_saliency(image),
+    "symmetry": saccade.symmetry_saliency(image),
+    "attention": saccade.attention_saliency(image),
 }
 figure = figure_for(width, height, columns=3, rows=1, panel=4.4)
-for axes, (name, saliency) in zip(figure.subplots(1, 3), models.items(), strict=True):
-    path = saccade.scanpath(saliency, image.shape, fixations=5)
+for axes, (name, maps) in zip(figure.subplots(1, 3), models.items(), strict=True):
+    path = saccade.scanpath(maps, fixations=5)
     distance = np.hypot(*(marked[:, None] - path.xy).transpose(2, 0, 1)).min(1)
-    large = cv2.resize(saliency, (width, height))
+    large = maps.upsampled["saliency"]
     scores = f"AUC {auc(large, marked):.3f}, NSS {nss(large, marked):.2f}"
     print(f"{name:8}  {scores}; marks to nearest fixation {distance.mean():.0f} px")
     axes.imshow(image)

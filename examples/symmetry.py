@@ -7,7 +7,7 @@ from saccade.viewing import attention_figure, save_figure
 
 image = saccade.read_image(files("saccade") / "data" / "coffee.jpg")
 maps = saccade.symmetry_saliency(image)
-path = saccade.scanpath(maps.saliency, image.shape, fixations=4)
+path = saccade.scanpath(maps, fixations=4)
 
 pairs = [saccade.symmetric_pairs(image, (x, y), radius=8)[:12] for x, y in path.xy]
 for (x, y), strongest in zip(path.xy, pairs, strict=True):

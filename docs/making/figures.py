@@ -62,7 +62,7 @@ def attention_steps() -> Figure:
     """Conspicuity maps, saliency and scanpath of a photograph (A.11-A.14)."""
     image = photo("rocket")
     maps = saccade.contrast_saliency(image)
-    path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
+    path = saccade.scanpath(maps, fixations=6)
     shown = {
         "intensity (A.11)": maps.intensity,
         "color (A.12)": maps.color,
@@ -146,15 +146,15 @@ def contrast_and_symmetry() -> Figure:
     height, width = image.shape[:2]
     figure = figure_for(width, height, columns=2, rows=2, panel=4.6)
     models = {
-        "contrast": saccade.contrast_saliency(image).saliency,
-        "symmetry": saccade.symmetry_saliency(image).saliency,
+        "contrast": saccade.contrast_saliency(image),
+        "symmetry": saccade.symmetry_saliency(image),
     }
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
-    for (left, right), (name, values) in zip(figure.subplots(2, 2), models.items(), strict=True):
+    for (left, right), (name, maps) in zip(figure.subplots(2, 2), models.items(), strict=True):
         left.imshow(image)
-        draw_scanpath(left, saccade.scanpath(values, image.shape, fixations=5))
+        draw_scanpath(left, saccade.scanpath(maps, fixations=5))
         picture_axes(left, f"{name}: five fixations")
-        right.imshow(values, cmap=HEAT, vmin=0, extent=extent, interpolation="bilinear")
+        right.imshow(maps.saliency, cmap=HEAT, vmin=0, extent=extent, interpolation="bilinear")
         picture_axes(right, f"{name}: saliency")
     return figure
 
@@ -305,7 +305,7 @@ def film_frame() -> Figure:
     """Four frames of the film of a scanpath."""
     image = photo("chelsea")
     maps = saccade.attention_saliency(image)
-    path = saccade.most_probable_scanpath(maps.bare, image.shape, fixations=6)
+    path = saccade.most_probable_scanpath(maps, fixations=6)
     frames = viewing.scanpath_frames(image, path)[0][1:5]
     height, width = frames[0].shape[:2]
     figure = figure_for(width, height, columns=len(frames), rows=1, panel=3.2)

@@ -14,6 +14,7 @@ from saccade.attention import BooleanMaps as BooleanMaps
 from saccade.attention import ContrastConfig as ContrastConfig
 from saccade.attention import ContrastMaps as ContrastMaps
 from saccade.attention import FittedModel as FittedModel
+from saccade.attention import SaliencyMaps as SaliencyMaps
 from saccade.attention import ScanpathConfig as ScanpathConfig
 from saccade.attention import ScanpathModelConfig as ScanpathModelConfig
 from saccade.attention import SymmetryConfig as SymmetryConfig

@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from PIL import Image as PillowImage
 
-from saccade.attention.models import SaliencyMaps
+from saccade.attention.maps import SaliencyMaps
 from saccade.errors import ConfigError
 from saccade.io.image import check_image, in_unit_range, repeat_gray
 from saccade.types import Keypoints, Regions, Scanpath

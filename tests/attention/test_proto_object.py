@@ -79,9 +79,9 @@ def test_what_cannot_be_answered_is_refused():
     for row, column in ((10, 3), (12, 3), (-1, 3), (3, 10), (3, 12), (3, -1)):
         with pytest.raises(ImageError, match=f"of 10 x 10, found {row}, {column}"):
             proto_object(maps_with(feature), row, column)
-    bare = ContrastMaps(feature, (100, 100), feature, feature, feature)
+    featureless = ContrastMaps(feature, (100, 100), feature, feature, feature)
     with pytest.raises(ImageError, match="keep_features"):
-        proto_object(bare, 1, 1)
+        proto_object(featureless, 1, 1)
 
 
 def test_a_scanpath_leaves_the_whole_object_and_not_just_a_disc():
@@ -90,8 +90,8 @@ def test_a_scanpath_leaves_the_whole_object_and_not_just_a_disc():
     image[110:122, 250:262] = 240  # and a spot
     maps = contrast_saliency(image, ContrastConfig.kootstra2010(), keep_features=True)
     disc = ScanpathConfig(inhibition_sigma=0.025)
-    by_disc = scanpath(maps.saliency, image.shape, 3, disc)
-    by_shape = scanpath(maps.saliency, image.shape, 3, disc, region=partial(proto_object, maps))
+    by_disc = scanpath(maps, disc, fixations=3)
+    by_shape = scanpath(maps, disc, fixations=3, region=partial(proto_object, maps))
     assert (by_disc.xy[:, 0] < 100).all()
     np.testing.assert_array_equal(by_shape.xy[0], by_disc.xy[0])
     assert by_shape.xy[1, 0] > 240

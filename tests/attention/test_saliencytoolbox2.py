@@ -9,6 +9,7 @@ import pytest
 
 from saccade.attention import (
     ContrastConfig,
+    SaliencyMaps,
     ScanpathConfig,
     contrast_saliency,
     proto_object,
@@ -76,7 +77,7 @@ def test_every_map_and_fixation_is_the_toolboxs(shared, name):
     foa = int(max(maps.image_shape) / 6 + 0.5)
     assert foa == published["foaSize"].item()
     disc = ScanpathConfig(peak=None, inhibition_sigma=0.3 * foa / 32 / max(h, w))
-    path = scanpath(maps.saliency, (h, w), 10, disc)
+    path = scanpath(SaliencyMaps(maps.saliency, (h, w)), disc)
     np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_disk_mapRC"], atol=1e-9)
     steps_apart = np.abs(path.time - published["fix_disk_time_s"].ravel()) / STEP
     assert steps_apart.max() < 1.01
@@ -98,7 +99,8 @@ def test_inhibition_of_proto_objects_is_the_toolboxs(shared, name):
     h, w = maps.saliency.shape
     sigma = 0.3 * published["foaSize"].item() / 32 / max(h, w)
     config = ScanpathConfig(peak=None, inhibition_sigma=sigma, time_limit=60)
-    path = scanpath(maps.saliency, (h, w), 10, config, region=partial(proto_object, maps))
+    at_cells = SaliencyMaps(maps.saliency, (h, w))
+    path = scanpath(at_cells, config, region=partial(proto_object, maps))
     np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_shape_mapRC"], atol=1e-9)
     steps_apart = np.abs(path.time - published["fix_shape_time_s"].ravel()) / STEP
     print(f"\n{name}: at most {steps_apart.max():.2f} steps apart")

@@ -8,6 +8,7 @@ from saccade.attention._winner_take_all_kernels import (
     advance_cell,
     stride_of,
 )
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.errors import ConfigError, ImageError
 from support import oracles_attention as oracles
@@ -46,7 +47,9 @@ def test_strides_end_where_steps_do(seed, shape, power, sigma, count):
     """To a power, few peaks lie over a faint ground: most cells are activated late, or never."""
     saliency = 2 * np.random.default_rng(seed).random(shape) ** power
     image_shape = (16 * shape[0], 16 * shape[1])
-    path = scanpath(saliency, image_shape, count, as_published(saliency, sigma))
+    path = scanpath(
+        SaliencyMaps(saliency, image_shape), as_published(saliency, sigma), fixations=count
+    )
     rows, columns, steps = cells(path)
     slow_rows, slow_columns, slow_steps = oracles.scanpath(saliency, count, sigma)
     np.testing.assert_allclose(rows, slow_rows, atol=1e-9)
@@ -91,23 +94,24 @@ def test_a_stride_is_its_steps(V, W, g, current, steps):
 
 
 def test_an_empty_map_has_no_fixations():
-    assert len(scanpath(np.zeros((4, 5)), (40, 50))) == 0
+    assert len(scanpath(SaliencyMaps(np.zeros((4, 5)), (40, 50)))) == 0
 
 
 def test_ties_go_down_the_columns_first():
     saliency = np.zeros((9, 9))
     saliency[7, 1] = saliency[1, 7] = 1
-    path = scanpath(saliency, (9, 9), fixations=2)
+    path = scanpath(SaliencyMaps(saliency, (9, 9)), fixations=2)
     np.testing.assert_allclose(path.xy, [[1, 7], [7, 1]])
 
 
 def test_a_path_that_the_time_limit_cuts_short_is_told(caplog):
     saliency = np.random.default_rng(3).random((20, 30))
-    path = scanpath(saliency, (200, 300), 100, ScanpathConfig(time_limit=1.0))
+    maps, short = SaliencyMaps(saliency, (200, 300)), ScanpathConfig(time_limit=1.0)
+    path = scanpath(maps, short, fixations=100)
     assert 0 < len(path) < 100
     assert f"{len(path)} of 100 fixations within the time limit of 1 s" in caplog.text
     caplog.clear()
-    assert len(scanpath(saliency, (200, 300), len(path), ScanpathConfig(time_limit=1.0)))
+    assert len(scanpath(maps, short, fixations=len(path)))
     assert not caplog.text
 
 
@@ -120,7 +124,7 @@ def test_the_first_fixation_takes_the_time_of_the_closed_form():
     W -= 0.02 * np.exp(-10 * t)
     assert V[0] == 0
     assert W[0] == pytest.approx(-0.02)
-    path = scanpath(np.array([[s]]), (1, 1), 1, ScanpathConfig(peak=None))
+    path = scanpath(SaliencyMaps(np.array([[s]]), (1, 1)), ScanpathConfig(peak=None), fixations=1)
     assert path.time[0] == pytest.approx(t[np.argmax(W > 1e-3)], abs=3 * STEP)
 
 
@@ -135,18 +139,19 @@ def test_the_first_fixation_takes_the_time_of_the_closed_form():
 )
 def test_a_broken_map_is_named(saliency, words):
     with pytest.raises(ImageError, match=rf"saliency: .*{words}"):
-        scanpath(saliency, (10, 10))
+        scanpath(SaliencyMaps(saliency, (10, 10)))
 
 
 def test_broken_arguments_are_named():
     with pytest.raises(ImageError, match="image_shape"):
-        scanpath(np.ones((2, 2)), (0, 4))
+        scanpath(SaliencyMaps(np.ones((2, 2)), (0, 4)))
     with pytest.raises(ImageError, match=r"\(600, 800\).*found \(800, 600\).*swapped"):
-        scanpath(np.ones((38, 50)), (800, 600))
-    assert len(scanpath(np.ones((38, 50)), (600, 800, 3), 1)) == 1
-    assert len(scanpath(np.ones((50, 50)), (600, 800), 1)) == 1  # a square map of any image
+        scanpath(SaliencyMaps(np.ones((38, 50)), (800, 600)))
+    assert len(scanpath(SaliencyMaps(np.ones((38, 50)), (600, 800, 3)), fixations=1)) == 1
+    square = SaliencyMaps(np.ones((50, 50)), (600, 800))  # of any image
+    assert len(scanpath(square, fixations=1)) == 1
     with pytest.raises(ConfigError, match="fixations"):
-        scanpath(np.ones((2, 2)), (4, 4), fixations=-1)
+        scanpath(SaliencyMaps(np.ones((2, 2)), (4, 4)), fixations=-1)
     with pytest.raises(ConfigError, match="time_step"):
         ScanpathConfig(time_step=0.05)
     with pytest.raises(ConfigError, match="threshold"):

@@ -9,6 +9,7 @@ from scipy.stats import chisquare, kstest
 import saccade
 import saccade.scale.pyramid
 from saccade.attention import scanpath_model
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.errors import ConfigError, ImageError
 
@@ -63,7 +64,7 @@ def density_by_the_formula(saliency, past, config=CONFIG):
 @pytest.mark.kernel
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_the_density_is_the_formula(saliency, count):
-    found = saccade.next_fixation_density(saliency, SHAPE, PAST[:count], CONFIG)
+    found = saccade.next_fixation_density(SaliencyMaps(saliency, SHAPE), PAST[:count], CONFIG)
     np.testing.assert_allclose(found, density_by_the_formula(saliency, PAST[:count]), rtol=1e-9)
 
 
@@ -71,39 +72,43 @@ def test_the_density_is_the_formula(saliency, count):
 def test_samples_have_the_density(saliency, monkeypatch, max_trials):
     """Whether all, some or none of them are accepted proposals; the second fixation, too."""
     monkeypatch.setattr(scanpath_model, "MAX_TRIALS", max_trials)
-    count, start = 40_000, (20.0, 30.0)
-    paths = saccade.sample_scanpaths(saliency, SHAPE, count, 2, CONFIG, seed=7, start=start).xy
+    count, start, maps = 40_000, (20.0, 30.0), SaliencyMaps(saliency, SHAPE)
+    paths = saccade.sample_scanpaths(maps, CONFIG, count=count, fixations=2, seed=7, start=start).xy
     first = density_by_the_formula(saliency, [start])
     assert chisquare(counts(paths[:, 0]), count * first.ravel()).pvalue > 1e-3
     expected = np.zeros(first.shape)
     for path in paths[:400]:
-        expected += saccade.next_fixation_density(saliency, SHAPE, [start, path[0]], CONFIG) / 400
+        expected += (
+            saccade.next_fixation_density(SaliencyMaps(saliency, SHAPE), [start, path[0]], CONFIG)
+            / 400
+        )
     assert np.abs(counts(paths[:, 1]) / count - expected.ravel()).sum() < 0.1
 
 
 def test_the_most_probable_path_is_the_best_of_all(saliency):
     """Of all paths of three fixations, by the likelihood of each, if the beam holds them all."""
-    small, shape = saliency[:3, :4], (30, 40)
+    small = SaliencyMaps(saliency[:3, :4], (30, 40))
     centers = [(10 * column + 4.5, 10 * row + 4.5) for row in range(3) for column in range(4)]
     paths = list(product(centers, repeat=3))
-    logs = [saccade.scanpath_log_likelihood(small, shape, path, CONFIG).sum() for path in paths]
-    found = saccade.most_probable_scanpath(small, shape, 3, CONFIG, beam=len(paths))
+    logs = [saccade.scanpath_log_likelihood(small, path, CONFIG).sum() for path in paths]
+    found = saccade.most_probable_scanpath(small, CONFIG, fixations=3, beam=len(paths))
     np.testing.assert_allclose(found.xy, paths[int(np.argmax(logs))])
     np.testing.assert_allclose(found.time, 0.217 * np.array([1, 2, 3]))
-    narrow = saccade.most_probable_scanpath(small, shape, 3, CONFIG, beam=3)
-    log = saccade.scanpath_log_likelihood(small, shape, narrow.xy, CONFIG).sum()
+    narrow = saccade.most_probable_scanpath(small, CONFIG, fixations=3, beam=3)
+    log = saccade.scanpath_log_likelihood(small, narrow.xy, CONFIG).sum()
     assert log >= np.percentile(logs, 99)
 
 
 def test_the_most_probable_path_goes_to_the_peaks_of_a_large_map():
     saliency = np.zeros((60, 80))
     saliency[15, 61], saliency[44, 22] = 1.0, 0.9
-    path = saccade.most_probable_scanpath(saliency, (600, 800), 4)
+    maps = SaliencyMaps(saliency, (600, 800))
+    path = saccade.most_probable_scanpath(maps, fixations=4)
     peaks = saccade.scale.pyramid.cell_centers([15, 44], [61, 22], saliency.shape, (600, 800))
     assert {*map(tuple, path.xy)} >= {*map(tuple, peaks)}
-    assert len(saccade.most_probable_scanpath(saliency, (600, 800), 0)) == 0
+    assert len(saccade.most_probable_scanpath(maps, fixations=0)) == 0
     narrow = ScanpathModelConfig(center_sigma=0.01)
-    (fixation,) = saccade.most_probable_scanpath(saliency, (600, 800), 1, narrow).xy
+    (fixation,) = saccade.most_probable_scanpath(maps, narrow, fixations=1).xy
     assert np.abs(fixation - (399.5, 299.5)).max() < 40  # a cell of the search, of 4 x 10 pixels
 
 
@@ -115,7 +120,7 @@ def counts(xy):
 
 def test_the_likelihood_is_the_product_of_the_densities(saliency):
     start, cells = (5.0, 5.0), [(5, 1), (4, 3), (1, 5)]
-    logs = saccade.scanpath_log_likelihood(saliency, SHAPE, PAST, CONFIG, start=start)
+    logs = saccade.scanpath_log_likelihood(SaliencyMaps(saliency, SHAPE), PAST, CONFIG, start=start)
     for k, cell in enumerate(cells):
         past = np.vstack([[start], PAST[:k]])
         expected = density_by_the_formula(saliency, past)[cell] / 100  # pixels to a cell
@@ -128,13 +133,13 @@ def test_the_likelihood_is_the_product_of_the_densities(saliency):
         persistence=0.0,
         inhibition=0.0,
     )
-    logs = saccade.scanpath_log_likelihood(saliency, SHAPE, PAST, everywhere)
+    logs = saccade.scanpath_log_likelihood(SaliencyMaps(saliency, SHAPE), PAST, everywhere)
     np.testing.assert_allclose(logs, -np.log(60 * 80))
 
 
 def test_durations_are_gamma_distributed_and_times_their_sums(saliency):
     config = ScanpathModelConfig(duration_mean=0.3, duration_shape=4.0)
-    drawn = saccade.sample_scanpaths(saliency, SHAPE, 2000, 5, config)
+    drawn = saccade.sample_scanpaths(SaliencyMaps(saliency, SHAPE), config, count=2000, fixations=5)
     assert kstest(drawn.duration.ravel(), "gamma", (4.0, 0, 0.075)).pvalue > 1e-3
     np.testing.assert_allclose(np.diff(drawn.time), drawn.duration[:, :-1])
     assert (drawn.time[:, 0] > 0).all()
@@ -145,34 +150,38 @@ def test_durations_are_gamma_distributed_and_times_their_sums(saliency):
 
 
 def test_equal_seeds_give_equal_paths_whatever_the_count(saliency):
-    few = saccade.sample_scanpaths(saliency, SHAPE, 5, 4, CONFIG, seed=3)
-    many = saccade.sample_scanpaths(saliency, SHAPE, 50, 4, CONFIG, seed=3)
+    maps = SaliencyMaps(saliency, SHAPE)
+    few = saccade.sample_scanpaths(maps, CONFIG, count=5, fixations=4, seed=3)
+    many = saccade.sample_scanpaths(maps, CONFIG, count=50, fixations=4, seed=3)
     for name in ("xy", "time", "duration", "saliency"):
         np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:5])
-    other = saccade.sample_scanpaths(saliency, SHAPE, 5, 4, CONFIG, seed=4)
+    other = saccade.sample_scanpaths(maps, CONFIG, count=5, fixations=4, seed=4)
     assert (few.xy != other.xy).any()
 
 
 def test_an_empty_map_and_no_paths():
-    flat = saccade.sample_scanpaths(np.zeros((6, 8)), SHAPE, 4, 3)
+    flat = saccade.sample_scanpaths(SaliencyMaps(np.zeros((6, 8)), SHAPE), count=4, fixations=3)
     assert flat.xy.shape == (4, 3, 2)
-    assert len(saccade.sample_scanpaths(np.ones((6, 8)), SHAPE, 0, 3)) == 0
-    assert saccade.sample_scanpaths(np.ones((6, 8)), SHAPE, 2, 0).xy.shape == (2, 0, 2)
+    even = SaliencyMaps(np.ones((6, 8)), SHAPE)
+    assert len(saccade.sample_scanpaths(even, count=0, fixations=3)) == 0
+    assert saccade.sample_scanpaths(even, count=2, fixations=0).xy.shape == (2, 0, 2)
     lone = np.zeros((6, 8))
     lone[2, 3] = 1
     stuck = ScanpathModelConfig(exponent=20.0, floor=1e-9, inhibition=0.999)
-    assert np.isfinite(saccade.sample_scanpaths(lone, SHAPE, 20, 10, stuck).xy).all()
+    assert np.isfinite(
+        saccade.sample_scanpaths(SaliencyMaps(lone, SHAPE), stuck, count=20).xy
+    ).all()
 
 
 def test_broken_arguments_are_named(saliency):
     with pytest.raises(ImageError, match="inside 80 x 60"):
-        saccade.next_fixation_density(saliency, SHAPE, [(90, 5)])
+        saccade.next_fixation_density(SaliencyMaps(saliency, SHAPE), [(90, 5)])
     with pytest.raises(ImageError, match="shape"):
-        saccade.next_fixation_density(saliency, SHAPE, np.zeros((0, 2)))
+        saccade.next_fixation_density(SaliencyMaps(saliency, SHAPE), np.zeros((0, 2)))
     with pytest.raises(ImageError, match="swapped"):
-        saccade.sample_scanpaths(saliency, SHAPE[::-1])
+        saccade.sample_scanpaths(SaliencyMaps(saliency, SHAPE[::-1]))
     with pytest.raises(ConfigError, match="count"):
-        saccade.sample_scanpaths(saliency, SHAPE, count=-1)
+        saccade.sample_scanpaths(SaliencyMaps(saliency, SHAPE), count=-1)
     with pytest.raises(ConfigError, match="persistence"):
         ScanpathModelConfig(persistence=1.0)
     with pytest.raises(ConfigError, match="center_sigma"):

@@ -202,7 +202,8 @@ def test_every_kind_is_what_its_function_gives(what, tmp_path):
     kind = SymRoidConfig if what == "symroid" else AttentionConfig
     extract_here(path, tmp_path, Job(what, kind(), fixations=4))
     (found,) = check_whole(tmp_path, what).values()
-    saliency = attention_saliency(image).saliency
+    maps = attention_saliency(image)
+    saliency = maps.saliency
     if what == "symroid":
         regions = SymRoid()(image)
         np.testing.assert_allclose(found[["x", "y"]], regions.xy, atol=1 / 512)
@@ -210,7 +211,7 @@ def test_every_kind_is_what_its_function_gives(what, tmp_path):
             found[["left", "top", "right", "bottom"]], regions.boxes, rtol=2**-12
         )
     elif what == "scanpath":
-        expected = scanpath(saliency, image.shape, 4)
+        expected = scanpath(maps, fixations=4)
         np.testing.assert_allclose(found[["x", "y"]], expected.xy)
         np.testing.assert_allclose(found.time, expected.time)
         assert list(found.fixation) == [1, 2, 3, 4][: len(expected)]

@@ -29,7 +29,7 @@ def test_version(run):
 
 
 def test_look(run, tmp_path):
-    path = "--bare", "--scanpath", "winner-take-all", "--fixations", 4
+    path = "--without-center-bias", "--scanpath", "winner-take-all", "--fixations", 4
     code, out, _ = run("look", ROCKET, *path, "--out", "looked", "--json")
     assert code == 0
     (row,) = json.loads(out)["images"]
@@ -39,7 +39,7 @@ def test_look(run, tmp_path):
     assert ((x >= 0) & (x < row["width"]) & (y >= 0) & (y < row["height"])).all()
     assert (np.diff(time) > 0).all()
     maps = saccade.attention_saliency(saccade.read_image(ROCKET))
-    expected = saccade.scanpath(maps.saliency, (row["height"], row["width"]), 4).xy
+    expected = saccade.scanpath(maps, fixations=4).xy
     np.testing.assert_allclose(np.stack([x, y], 1), expected)
     with np.load(tmp_path / "looked" / "rocket.look.npz") as arrays:
         assert saliency[0] == pytest.approx(arrays["saliency"].max())
@@ -53,7 +53,7 @@ def test_settings_within_settings_can_be_handed_back(run, tmp_path):
     (tmp_path / "mine.toml").write_text(text)
     named = run("look", ROCKET, "--preset", "kootstra2010", "--json")
     assert named[0] == 0
-    path = "--bare", "--scanpath", "winner-take-all"
+    path = "--without-center-bias", "--scanpath", "winner-take-all"
     assert run("look", ROCKET, *path, "--config", "mine.toml", "--json") == named
     for broken, words in (("kind = 1", "symmetry: kind"), ("gain = -1", "symmetry: gain")):
         (tmp_path / "broken.toml").write_text(f"[symmetry]\n{broken}\n")

@@ -87,7 +87,7 @@ def test_maps_at_the_size_of_the_image_are_those_of_the_model(run, photos, tmp_p
     assert code == 0
     (row,) = json.loads(out)["images"]
     image = saccade.read_image(photos / "0.png")
-    model = AttentionModel("contrast", saccade.ContrastConfig())
+    model = AttentionModel(saccade.ContrastConfig())
     layers = model.maps(image).layers
     assert len(row["maps"]) == 4 * len(layers)
     folder = tmp_path / "saccade-look" / "maps"

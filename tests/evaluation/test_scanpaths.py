@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade.attention import ScanpathModelConfig, sample_scanpaths
+from saccade.attention import SaliencyMaps, ScanpathModelConfig, sample_scanpaths
 from saccade.errors import LogError
 from saccade.evaluation.conditional import MODELS, score_fixations, summary
 from saccade.evaluation.fixations import auc, nss
@@ -29,7 +29,8 @@ def seen():
         maps[image] = np.zeros((18, 24), np.float32)
         maps[image][rng.integers(0, 18, 3), rng.integers(0, 24, 3)] = 1
         maps[image] = cv2.GaussianBlur(maps[image], (0, 0), 1.5)
-        people = sample_scanpaths(maps[image], SHAPE, 10, 8, MODEL, seed=len(rows))
+        values = SaliencyMaps(maps[image], SHAPE)
+        people = sample_scanpaths(values, MODEL, count=10, fixations=8, seed=len(rows))
         for viewer in range(10):
             for k in range(8):
                 xy, seconds = people.xy[viewer, k], people.duration[viewer, k]

@@ -318,7 +318,9 @@ def test_the_copied_command_has_the_settings(tmp_path):
     assert not (tmp_path / "no").exists()
 
 
-@pytest.mark.parametrize(("preset", "option"), [("free_viewing", ""), ("default", " --bare")])
+@pytest.mark.parametrize(
+    ("preset", "option"), [("free_viewing", ""), ("default", " --without-center-bias")]
+)
 def test_a_preset_is_named_by_what_it_changes(preset, option):
     settings = load_settings("attention", preset)
     plain = snippets.attention_command(

@@ -12,6 +12,7 @@ from saccade.attention.contrast import FeatureMap as FeatureMap
 from saccade.attention.contrast import contrast_saliency as contrast_saliency
 from saccade.attention.fitted import FittedMaps as FittedMaps
 from saccade.attention.fitted import FittedModel as FittedModel
+from saccade.attention.maps import SaliencyMaps as SaliencyMaps
 from saccade.attention.scanpath import ScanpathConfig as ScanpathConfig
 from saccade.attention.scanpath import proto_object as proto_object
 from saccade.attention.scanpath import scanpath as scanpath

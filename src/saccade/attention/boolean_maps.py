@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.channels import whitened
-from saccade.attention.models import SaliencyMaps
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import rescale
 from saccade.errors import Settings, require, setting
 from saccade.io.image import check_image, in_unit_range

@@ -13,7 +13,7 @@ import numpy as np
 from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
 from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
 from saccade.attention.contrast_config import MAX_WEIGHT
-from saccade.attention.models import SaliencyMaps
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import (
     Normalization,
     normalize,
@@ -96,8 +96,6 @@ class AttentionConfig(Settings):
 class AttentionMaps(SaliencyMaps):
     """Saliency, in [0, 1] and of the size of the contrast map, and the maps of the models."""
 
-    bare: FloatMap
-    """Saliency without the prior of the position: equal unless the settings have one."""
     contrast: ContrastMaps
     """Contrast saliency and its conspicuity maps."""
     symmetry: SymmetryMaps
@@ -179,7 +177,7 @@ def attention_saliency(
     )
     return AttentionMaps(
         saliency=saliency * prior.astype(np.float32),
-        bare=saliency,
+        without_center_bias=saliency,
         contrast=contrast,
         symmetry=symmetry,
         boolean=boolean,

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from saccade.attention.channels import CONSPICUITY, Channel, ChannelName, Conspicuity
 from saccade.attention.contrast_config import ContrastConfig
 from saccade.attention.contrast_steps import Kootstra2010Arithmetic, MirroredArithmetic
-from saccade.attention.models import SaliencyMaps
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import sharpen, smooth
 from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Arithmetic
 from saccade.errors import ImageError

@@ -26,7 +26,7 @@ from saccade.attention.combined import (
     FaceDetector,
     attention_saliency,
 )
-from saccade.attention.models import SaliencyMaps
+from saccade.attention.maps import SaliencyMaps
 from saccade.errors import Settings, require
 from saccade.io.image import check_image, in_unit_range
 from saccade.scale.pyramid import FloatMap, resize

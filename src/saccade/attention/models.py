@@ -1,93 +1,58 @@
-"""The attention models by name, and what their results have in common."""
+"""The attention models by name, and the one function that chooses between them."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
+import numpy.typing as npt
 
-    from saccade.attention.combined import FaceDetector
-    from saccade.scale.pyramid import FloatMap
-    from saccade.types import Float32Array, SymmetricPairs
+from saccade.attention.boolean_maps import BooleanConfig, boolean_saliency
+from saccade.attention.combined import AttentionConfig, FaceDetector, attention_saliency
+from saccade.attention.contrast import contrast_saliency
+from saccade.attention.contrast_config import ContrastConfig
+from saccade.attention.fitted import FittedModel
+from saccade.attention.symmetry import SymmetryConfig, symmetric_pairs_at, symmetry_saliency
+from saccade.types import Float32Array, SymmetricPairs
 
+MODEL_NAMES = ("attention", "contrast", "symmetry", "boolean")
+"""Names of the models, and of the kinds of their settings."""
 REFERENCE_SIZE = 800
 """Longer side in pixels of an image to which `PAIR_RADIUS` applies."""
 PAIR_RADIUS = 12.0
 """Radius in pixels about a fixation in which symmetric pairs are searched."""
-FITTED = "fitted"
-KINDS = {name: name for name in ("attention", "contrast", "symmetry", "boolean")}
-"""Kind of the configuration of each model, as `saccade config` calls it."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SaliencyMaps:
-    """Base of the results of the models: saliency by size and by name.
-
-    The cells of a map tile the image: see `saccade.scale.pyramid.cell_centers`.
-    """
-
-    saliency: "npt.NDArray[Any]"
-    """(h, w), not negative."""
-    image_shape: tuple[int, int]
-    """(H, W) of the image."""
-
-    @property
-    def layers(self) -> "dict[str, npt.NDArray[Any]]":
-        """The maps by name, the saliency first."""
-        return {"saliency": self.saliency}
-
-    @property
-    def full_size(self) -> "dict[str, Float32Array]":
-        """The maps by name at the size of the image, (H, W) each: bilinear where they grow."""
-        from saccade.scale.pyramid import resize
-
-        return {name: resize(layer, self.image_shape) for name, layer in self.layers.items()}
-
-    def __repr__(self) -> str:
-        (h, w), (height, width) = self.saliency.shape, self.image_shape
-        return f"{type(self).__name__}({w} x {h} cells of a {width} x {height} image)"
 
 
 @dataclass(frozen=True)
 class AttentionModel:
     """An attention model with its settings."""
 
-    model: str
-    """One of `KINDS`, or `FITTED`."""
-    settings: Any
-    """Settings of the kind that `KINDS` names, or a FittedModel."""
-    faces: "FaceDetector | None" = None
-    """Finds faces, for the attention model and fitted ones; None for none."""
+    settings: AttentionConfig | ContrastConfig | SymmetryConfig | BooleanConfig | FittedModel
+    """Settings, whose type chooses the model."""
+    faces: FaceDetector | None = None
+    """Detector of faces, for the attention model and fitted ones; None for none."""
 
-    def maps(self, image: "npt.NDArray[Any]") -> Any:
-        """AttentionMaps of an image, or those of one model."""
-        from saccade import attention
+    def maps(self, image: npt.NDArray[Any]) -> Any:
+        """The result of the model for an image: a subclass of `SaliencyMaps`."""
+        match self.settings:
+            case ContrastConfig():
+                return contrast_saliency(image, self.settings)
+            case SymmetryConfig():
+                return symmetry_saliency(image, self.settings)
+            case BooleanConfig():
+                return boolean_saliency(image, self.settings)
+            case AttentionConfig():
+                return attention_saliency(image, self.settings, faces=self.faces)
+            case FittedModel():
+                return self.settings.maps(image, self.faces)
 
-        if self.model == FITTED:
-            return self.settings.maps(image, self.faces)
-        if self.model == "symmetry":
-            return attention.symmetry_saliency(image, self.settings)
-        if self.model == "boolean":
-            return attention.boolean_saliency(image, self.settings)
-        if self.model == "contrast":
-            return attention.contrast_saliency(image, self.settings)
-        return attention.attention_saliency(image, self.settings, faces=self.faces)
-
-    def pairs(self, image: "Float32Array", xy: "npt.NDArray[Any]") -> "list[SymmetricPairs]":
+    def pairs(self, image: Float32Array, xy: npt.NDArray[Any]) -> list[SymmetricPairs]:
         """The strongest symmetric pairs at each of (n, 2) positions; none without symmetry."""
-        from saccade.attention.symmetry import symmetric_pairs_at
-
-        if self.model in ("contrast", "boolean"):
-            return []
         settings = self.settings
-        if self.model != "symmetry":
-            settings = getattr(settings, "attention", settings).symmetry
+        if isinstance(settings, FittedModel):
+            settings = settings.attention
+        if isinstance(settings, AttentionConfig):
+            settings = settings.symmetry
+        if not isinstance(settings, SymmetryConfig):
+            return []
         radius = PAIR_RADIUS * max(image.shape) / REFERENCE_SIZE
         positions = [(x, y) for x, y in xy]
         return symmetric_pairs_at(image, positions, settings, radius=radius, max_pairs=2)
-
-
-def bare_saliency(maps: Any) -> "FloatMap":
-    """The saliency (h, w) of a model's maps, without a prior of the position."""
-    bare: FloatMap = getattr(maps, "bare", maps.saliency)
-    return bare

@@ -14,7 +14,7 @@ In place of a disc the region of the attended proto-object may be inhibited: Wal
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self, get_args
 
@@ -25,6 +25,7 @@ import numpy.typing as npt
 from saccade.attention._winner_take_all_kernels import Cells, Network, run_network
 from saccade.attention.channels import CONSPICUITY, Conspicuity
 from saccade.attention.contrast import ContrastMaps
+from saccade.attention.maps import SaliencyMaps
 from saccade.errors import ImageError, Settings, require, setting
 from saccade.scale.pyramid import FloatMap, cell_centers, resize
 from saccade.types import FloatArray, IntArray, Scanpath
@@ -106,11 +107,10 @@ class ScanpathConfig(Settings):
 
 
 def scanpath(
-    saliency: FloatMap,
-    image_shape: Sequence[int],
-    fixations: int = 10,
+    maps: SaliencyMaps,
     config: ScanpathConfig | None = None,
     *,
+    fixations: int = 10,
     region: Callable[[int, int], Region | None] | None = None,
 ) -> Scanpath:
     """The first fixations on a saliency map.
@@ -120,10 +120,9 @@ def scanpath(
     and a sparse one may have fewer than `fixations`.
 
     Args:
-        saliency: (h, w), finite, not negative; its cells tile the image.
-        image_shape: (H, W), or more dimensions, of the image.
-        fixations: maximum number of fixations.
+        maps: result of a model, or `SaliencyMaps(saliency, image.shape)` of any other map.
         config: the network.
+        fixations: maximum number of fixations.
         region: the (h, w) cells that are inhibited after the cell (row, column) has won, or None
             for the disc; `partial(proto_object, maps)` gives the shape of the attended object.
 
@@ -136,7 +135,7 @@ def scanpath(
         ConfigError: `fixations` is negative.
     """
     config = config or ScanpathConfig()
-    saliency = checked_map(saliency, image_shape)
+    saliency = checked_map(maps.saliency, maps.image_shape)
     require(fixations >= 0, "fixations", "0 or more", fixations)
     high = float(saliency.max())
     if high == 0:
@@ -151,13 +150,13 @@ def scanpath(
         )
     columns, rows = np.divmod(winners, saliency.shape[0])
     return Scanpath(
-        xy=cell_centers(rows, columns, saliency.shape, image_shape),
+        xy=cell_centers(rows, columns, saliency.shape, maps.image_shape),
         time=steps.astype(np.float64) * config.time_step,
         saliency=saliency[rows, columns],
     )
 
 
-def checked_map(saliency: FloatMap, image_shape: Sequence[int]) -> FloatArray:
+def checked_map(saliency: FloatMap, image_shape: tuple[int, int]) -> FloatArray:
     """A saliency map in double precision.
 
     Raises:
@@ -171,10 +170,9 @@ def checked_map(saliency: FloatMap, image_shape: Sequence[int]) -> FloatArray:
         raise ImageError(
             f"saliency: expected finite values of at least 0, found {low:g} to {high:g}"
         )
-    if len(image_shape) < 2 or min(image_shape[:2]) < 1:
-        raise ImageError(f"image_shape: expected (H, W), found {tuple(image_shape)}")
-    h, w = saliency.shape
-    height, width = image_shape[:2]
+    if len(image_shape) < 2 or min(image_shape) < 1:
+        raise ImageError(f"image_shape: expected (H, W), found {image_shape}")
+    (h, w), (height, width) = saliency.shape, image_shape
     if _covers(h, w, width, height) and not _covers(h, w, height, width):
         raise ImageError(
             f"image_shape: expected (H, W) = ({width}, {height}) for a map of ({h}, {w}), "

@@ -18,7 +18,6 @@ SceneWalk (Engbert, Trukenbrod, Barthelme & Wichmann 2015, *Spatial statistics a
 dynamics in scene viewing*). Fixation durations are gamma distributed.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -33,10 +32,11 @@ from saccade.attention._scanpath_model_kernels import (
     draw_paths,
     fill_density,
 )
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import position_prior
 from saccade.attention.scanpath import checked_map
 from saccade.errors import ImageError, Settings, require, setting
-from saccade.scale.pyramid import FloatMap, cell_centers, resize
+from saccade.scale.pyramid import cell_centers, resize
 from saccade.types import FloatArray, IntArray, Scanpath, ScanpathSamples
 
 BEAM_CELLS = 25
@@ -136,12 +136,11 @@ class ScanpathModelConfig(Settings):
 
 
 def sample_scanpaths(
-    saliency: FloatMap,
-    image_shape: Sequence[int],
-    count: int = 100,
-    fixations: int = 10,
+    maps: SaliencyMaps,
     config: ScanpathModelConfig | None = None,
     *,
+    count: int = 100,
+    fixations: int = 10,
     seed: int = 0,
     start: tuple[float, float] | None = None,
 ) -> ScanpathSamples:
@@ -151,11 +150,11 @@ def sample_scanpaths(
     whatever `count` is.
 
     Args:
-        saliency: (h, w), finite, not negative; its cells tile the image.
-        image_shape: (H, W), or more dimensions, of the image.
-        count: number of paths.
-        fixations: of each path.
+        maps: result of a model, or `SaliencyMaps(saliency, image.shape)` of any other map; its
+            saliency without center bias is used, since the scanpath model has one.
         config: the model.
+        count: number of paths.
+        fixations: number of fixations of each path.
         seed: of the random numbers.
         start: x and y of the fixation before the first, in image pixels, which is not part of
             the paths; None for the center of the image.
@@ -170,15 +169,14 @@ def sample_scanpaths(
 
     Examples:
         >>> import numpy as np
-        >>> saliency = np.ones((30, 40))
-        >>> saccade.sample_scanpaths(saliency, (600, 800), count=3, fixations=10).xy.shape
+        >>> maps = saccade.SaliencyMaps(np.ones((30, 40)), (600, 800))
+        >>> saccade.sample_scanpaths(maps, count=3, fixations=10).xy.shape
         (3, 10, 2)
     """
     config = config or ScanpathModelConfig()
-    saliency = checked_map(saliency, image_shape)
+    saliency, shape = checked_map(maps.without_center_bias, maps.image_shape), maps.image_shape
     require(count >= 0, "count", "0 or more", count)
     require(fixations >= 0, "fixations", "0 or more", fixations)
-    shape = (int(image_shape[0]), int(image_shape[1]))
     grid = _grid(saliency, shape, config)
     paths = np.empty((count, fixations + 1, 2))
     paths[:, 0] = _positions(_start(start, shape), shape)
@@ -198,11 +196,10 @@ def sample_scanpaths(
 
 
 def most_probable_scanpath(
-    saliency: FloatMap,
-    image_shape: Sequence[int],
-    fixations: int = 10,
+    maps: SaliencyMaps,
     config: ScanpathModelConfig | None = None,
     *,
+    fixations: int = 10,
     beam: int = 20,
     start: tuple[float, float] | None = None,
 ) -> Scanpath:
@@ -213,11 +210,9 @@ def most_probable_scanpath(
     the most salient of the cells of `saliency` that the found one covers.
 
     Args:
-        saliency: (h, w), finite, not negative, without a prior of the position (see
-            `attention_saliency`): the model has one. Its cells tile the image.
-        image_shape: (H, W), or more dimensions, of the image.
-        fixations: of the path.
+        maps: as for `sample_scanpaths`.
         config: the model; by default `ScanpathModelConfig.typical()`.
+        fixations: number of fixations of the path.
         beam: number of paths that are kept after each fixation.
         start: x and y of the fixation before the first, in image pixels; None for the center.
 
@@ -229,10 +224,9 @@ def most_probable_scanpath(
         ConfigError: `fixations` is negative, or `beam` below 1.
     """
     config = config or ScanpathModelConfig.typical()
-    saliency = checked_map(saliency, image_shape)
+    saliency, shape = checked_map(maps.without_center_bias, maps.image_shape), maps.image_shape
     require(fixations >= 0, "fixations", "0 or more", fixations)
     require(beam >= 1, "beam", "at least 1", beam)
-    shape = (int(image_shape[0]), int(image_shape[1]))
     reduction = -(-max(saliency.shape) // BEAM_CELLS)
     coarse = resize(
         saliency, (-(-saliency.shape[0] // reduction), -(-saliency.shape[1] // reduction))
@@ -262,16 +256,14 @@ def most_probable_scanpath(
 
 
 def next_fixation_density(
-    saliency: FloatMap,
-    image_shape: Sequence[int],
+    maps: SaliencyMaps,
     xy: npt.ArrayLike,
     config: ScanpathModelConfig | None = None,
 ) -> FloatArray:
     """The probability of each cell of a map to hold the next fixation.
 
     Args:
-        saliency: (h, w), finite, not negative; its cells tile the image.
-        image_shape: (H, W), or more dimensions, of the image.
+        maps: as for `sample_scanpaths`.
         xy: (n, 2) fixations so far in image pixels, at least one; the last is the current one.
         config: the model.
 
@@ -282,16 +274,14 @@ def next_fixation_density(
         ImageError: as `saccade.scanpath`; or there is no fixation, or one outside the image.
     """
     config = config or ScanpathModelConfig()
-    saliency = checked_map(saliency, image_shape)
-    shape = (int(image_shape[0]), int(image_shape[1]))
+    saliency, shape = checked_map(maps.without_center_bias, maps.image_shape), maps.image_shape
     density = np.empty(saliency.size)
     fill_density(config.dynamics, _grid(saliency, shape, config), _positions(xy, shape), density)
     return density.reshape(saliency.shape)
 
 
 def scanpath_log_likelihood(
-    saliency: FloatMap,
-    image_shape: Sequence[int],
+    maps: SaliencyMaps,
     xy: npt.ArrayLike,
     config: ScanpathModelConfig | None = None,
     *,
@@ -300,8 +290,7 @@ def scanpath_log_likelihood(
     """Logarithm of the probability density of each fixation, given those before it.
 
     Args:
-        saliency: (h, w), finite, not negative; its cells tile the image.
-        image_shape: (H, W), or more dimensions, of the image.
+        maps: as for `sample_scanpaths`.
         xy: (n, 2) fixations in image pixels.
         config: the model.
         start: x and y of the fixation before the first; None for the center of the image.
@@ -313,8 +302,7 @@ def scanpath_log_likelihood(
         ImageError: as `saccade.scanpath`; or a fixation lies outside the image.
     """
     config = config or ScanpathModelConfig()
-    saliency = checked_map(saliency, image_shape)
-    shape = (int(image_shape[0]), int(image_shape[1]))
+    saliency, shape = checked_map(maps.without_center_bias, maps.image_shape), maps.image_shape
     fixations = np.asarray(xy, np.float64).reshape(-1, 2)
     path = _positions(np.vstack([_start(start, shape), fixations]), shape)
     grid, density, logs = _grid(saliency, shape, config), np.empty(saliency.size), []

@@ -34,7 +34,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.channels import intensity, whitened
-from saccade.attention.models import SaliencyMaps
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import rescale, sharpen, smooth
 from saccade.errors import ImageError, Settings, require, setting
 from saccade.io.image import check_image, in_unit_range

@@ -23,7 +23,7 @@ from saccade.attention.combined import attention_saliency
 from saccade.attention.contrast import existing_scales
 from saccade.attention.contrast_config import ContrastConfig
 from saccade.attention.contrast_steps import MirroredArithmetic
-from saccade.attention.models import SaliencyMaps
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import smooth
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
 from saccade.errors import ImageError, Settings, require, setting
@@ -305,7 +305,7 @@ class _Gaze:
             self._path = np.array([[(shape[1] - 1) / 2, (shape[0] - 1) / 2]])
             self._end = time + self._duration()
         elif time >= self._end:
-            density = next_fixation_density(saliency, shape, self._path, self._model)
+            density = next_fixation_density(SaliencyMaps(saliency, shape), self._path, self._model)
             drawn = np.searchsorted(density.cumsum(), self._rng.random())
             row, column = divmod(min(int(drawn), density.size - 1), density.shape[1])
             top, left = max(row - REACH, 0), max(column - REACH, 0)

@@ -198,22 +198,13 @@ def analyzer(job: Job) -> Callable[[Image], Any]:
         detectors = {"sift": keypoints.Sift, "must": keypoints.Must, "symroid": keypoints.SymRoid}
         detector: Callable[[Image], Any] = detectors[job.what](job.settings, threads=1)
         return detector
-    from saccade import attention
+    from saccade.attention import scanpath
+    from saccade.attention.models import AttentionModel
 
-    def saliency(image: Image) -> Float32Array:
-        if isinstance(job.settings, attention.FittedModel):
-            return job.settings.maps(image).saliency
-        if job.what == "contrast":
-            return attention.contrast_saliency(image, job.settings).saliency
-        if job.what == "symmetry":
-            return attention.symmetry_saliency(image, job.settings).saliency
-        return attention.attention_saliency(image, job.settings).saliency
-
+    model = AttentionModel(job.settings)
     if job.what in MAPS:
-        return lambda image: saliency(image).astype(np.float16).astype(np.float32)
-    return lambda image: attention.scanpath(
-        saliency(image), image.shape, job.fixations, job.network
-    )
+        return lambda image: model.maps(image).saliency.astype(np.float16).astype(np.float32)
+    return lambda image: scanpath(model.maps(image), job.network, fixations=job.fixations)
 
 
 def schema_of(job: Job) -> pa.Schema:

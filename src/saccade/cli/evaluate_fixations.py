@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.attention.models import KINDS
+from saccade.attention.models import MODEL_NAMES
 from saccade.cli.fixation_tables import MEANING, SCORES, FixationOptions, score_cells
 from saccade.cli.group import option
 from saccade.cli.options import (
@@ -114,7 +114,7 @@ def fixations(seen: FixationOptions, options: ScoreOptions) -> Result:
 
 
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
-BARE, WITH_PRIOR = "attention, bare", "attention, free viewing"
+WITHOUT_BIAS, WITH_PRIOR = "attention, without center bias", "attention, free viewing"
 BY_METRIC = "the same, best map by metric"
 """The attention model without and with the prior of the position, and the latter as a density."""
 
@@ -152,21 +152,21 @@ def default_models(data: FixationData, faces: str | None) -> dict[str, Model]:
     @lru_cache(maxsize=1)
     def maps(name: str) -> tuple[Float32Array, Float32Array]:
         found = attention.maps(data.read(name))
-        bare, saliency = (resize(each, data.sizes[name]) for each in (found.bare, found.saliency))
-        return bare, saliency
+        size = data.sizes[name]
+        return resize(found.without_center_bias, size), resize(found.saliency, size)
 
     return {
-        BARE: lambda name: maps(name)[0],
+        WITHOUT_BIAS: lambda name: maps(name)[0],
         WITH_PRIOR: lambda name: maps(name)[1],
         BY_METRIC: lambda name: maps(name)[1],
     }
 
 
 def _model(data: FixationData, source: str, options: ScoreOptions) -> Model:
-    if source not in KINDS and Path(source).is_dir():
+    if source not in MODEL_NAMES and Path(source).is_dir():
         return saliency_from_files(data.folder, Path(source))
     kind, colon, rest = source.partition(":")
-    if colon and kind not in KINDS:
+    if colon and kind not in MODEL_NAMES:
         predict = import_function("model", source)
 
         def imported(name: str) -> Float32Array:

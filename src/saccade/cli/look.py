@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from saccade.attention.models import AttentionModel, bare_saliency
+from saccade.attention.models import AttentionModel
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
@@ -57,7 +57,7 @@ class LookOptions(ModelOptions, FaceOptions, JsonOption):
     """Options of `saccade look`."""
 
     out: Path = output_folder("saccade-look")
-    bare: bool = False
+    without_center_bias: bool = False
     """Saliency of the content alone: without the prior of the position, by which people look at the
     center of a photograph and not at its border."""
     fixations: int = option(10, min=1, max=1000)
@@ -87,9 +87,9 @@ class LookOptions(ModelOptions, FaceOptions, JsonOption):
 def look(source: SourceOptions, options: LookOptions) -> Result:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
-    The map shows where people look at a photograph on a screen; with --bare it
-    depends on the content of the image alone. Values of different models,
-    presets and images have no common scale.
+    The map shows where people look at a photograph on a screen; with
+    --without-center-bias it depends on the content of the image alone. Values
+    of different models, presets and images have no common scale.
 
     For each image --out receives a figure (NAME.look.png) and the arrays
     (NAME.look.npz), and for all of them an interactive report (report.html);
@@ -107,7 +107,7 @@ def look(source: SourceOptions, options: LookOptions) -> Result:
     attention = attention_model(
         *(options.model, options.preset, options.config),
         faces=options.faces,
-        free_viewing=not options.bare,
+        free_viewing=not options.without_center_bias,
     )
     out, published = options.out, options.scanpath is None and options.preset in PUBLISHED
     by_network = published or options.scanpath == "winner-take-all"
@@ -183,12 +183,11 @@ def analyze_image(
         maps = attention.maps(image)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
-    bare = bare_saliency(maps)
     if network is None:
-        scan = most_probable_scanpath(bare, image.shape, options.fixations)
+        scan = most_probable_scanpath(maps, fixations=options.fixations)
     else:
-        scan = scanpath(maps.saliency, image.shape, options.fixations, network)
-    samples = sample_scanpaths(bare, image.shape, SAMPLES, options.fixations)
+        scan = scanpath(maps, network, fixations=options.fixations)
+    samples = sample_scanpaths(maps, count=SAMPLES, fixations=options.fixations)
     layers = maps.layers
     pairs = attention.pairs(image, scan.xy)
     figure = attention_figure(image, layers, scan, pairs)
@@ -212,7 +211,7 @@ def analyze_image(
         write_arrays(Path(f"{out}.npz"), layers | scanpath_arrays | {"format": FORMATS["look"]})
     name = out.name.removesuffix(".look")
     if options.maps:
-        row["maps"] = write_maps(out.parent, name, maps.full_size, options.maps)
+        row["maps"] = write_maps(out.parent, name, maps.upsampled, options.maps)
     section = Section(path.name, "" if len(builder) else TEXT)
     builder.add(lambda: _part(section, image, layers, scan, samples))
     if options.scanpath_film:

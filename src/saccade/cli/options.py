@@ -224,20 +224,20 @@ def attention_model(
     Raises:
         ConfigError: no such model, preset, setting or detector of faces.
     """
-    from saccade.attention.models import FITTED, KINDS, AttentionModel
+    from saccade.attention.models import MODEL_NAMES, AttentionModel
 
     detector = face_detector(faces)
     if model.endswith(".toml"):
         given = preset or config
         require(given is None, "model", "no --preset and --config with a fitted model", given)
-        return AttentionModel(FITTED, load_model(model), faces=detector)
-    require(model in KINDS, "model", MODELS, model)
+        return AttentionModel(load_model(model), detector)
+    require(model in MODEL_NAMES, "model", MODELS, model)
     usable = faces is None or model == DEFAULT_MODEL
     require(usable, "faces", "--model attention or a fitted one", model)
     if free_viewing and model == DEFAULT_MODEL:
         preset = preset or FREE_VIEWING
-    settings = load_settings(KINDS[model], preset, config)
-    return AttentionModel(model, settings, detector)
+    settings = load_settings(model, preset, config)
+    return AttentionModel(settings, detector)
 
 
 def face_detector(faces: str | None) -> "FaceDetector | None":

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
 from saccade.evaluation.fixations import fixation_density, ranks
 from saccade.evaluation.intervals import mean_interval
@@ -76,7 +77,8 @@ def score_fixations(
     past = [np.vstack([center, seen.xy[first:i]]) for i, first in enumerate(first_fixations(seen))]
 
     def sampled(values: Float32Array, config: ScanpathModelConfig) -> Iterator[FloatArray]:
-        return (next_fixation_density(values, shape, before, config) for before in past)
+        maps = SaliencyMaps(values, shape)
+        return (next_fixation_density(maps, before, config) for before in past)
 
     still = replace(model, amplitude_exponent=0.0, horizontal=0.0, persistence=0.0, inhibition=0.0)
     baseline, rest = people_densities(name, data, saliency.shape)
@@ -85,7 +87,7 @@ def score_fixations(
         OTHERS: repeat(baseline),
         WALK: sampled(np.ones_like(saliency), walk_model(model)),
         STATIC: repeat(saliency.astype(np.float64)),
-        DENSITY: repeat(next_fixation_density(saliency, shape, center, still)),
+        DENSITY: repeat(next_fixation_density(SaliencyMaps(saliency, shape), center, still)),
         SAMPLED: sampled(saliency, model),
         SIMILAR: sampled(saliency, ScanpathModelConfig.similar()),
     }

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from saccade.attention.maps import SaliencyMaps
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import (
     ScanpathModelConfig,
@@ -326,19 +327,18 @@ def score_paths(
     for viewer, path in _cut(stranger.paths, settings.fixations).items():
         moved = GazePath((path.xy + 0.5) * scale - 0.5, path.duration)
         yield row(OTHERS, viewer, moved, everyone)
+    maps, length = SaliencyMaps(saliency, shape), settings.fixations
     for source, values, model in (
-        (WALK, np.ones_like(saliency), walk_model(settings.model)),
-        (SAMPLED, saliency, settings.model),
-        (SIMILAR, saliency, ScanpathModelConfig.similar()),
+        (WALK, SaliencyMaps(np.ones_like(saliency), shape), walk_model(settings.model)),
+        (SAMPLED, maps, settings.model),
+        (SIMILAR, maps, ScanpathModelConfig.similar()),
     ):
-        drawn = sample_scanpaths(
-            values, shape, settings.samples, settings.fixations, model, seed=seed
-        )
+        drawn = sample_scanpaths(values, model, count=settings.samples, fixations=length, seed=seed)
         for number, each in enumerate(zip(drawn.xy, drawn.duration, strict=True)):
             yield row(source, number, GazePath(*each), everyone)
     for source, found in (
-        (MOST_PROBABLE, most_probable_scanpath(saliency, shape, settings.fixations)),
-        (DETERMINISTIC, scanpath(saliency, shape, settings.fixations, settings.network)),
+        (MOST_PROBABLE, most_probable_scanpath(maps, fixations=length)),
+        (DETERMINISTIC, scanpath(maps, settings.network, fixations=length)),
     ):
         if len(found):
             yield row(source, 0, GazePath(found.xy, durations_of(found)), everyone)

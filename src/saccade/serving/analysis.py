@@ -15,7 +15,8 @@ from saccade.attention.contrast import (
     FeatureMap,
     contrast_saliency,
 )
-from saccade.attention.models import KINDS, AttentionModel
+from saccade.attention.maps import SaliencyMaps
+from saccade.attention.models import AttentionModel
 from saccade.attention.scanpath import scanpath
 from saccade.errors import ImageError, require
 from saccade.io.image import decode_image, size_in_header
@@ -103,13 +104,13 @@ class PhotoAnalyzer:
         is_valid = type(fixations) is int and 1 <= fixations <= MAX_FIXATIONS
         require(is_valid, "fixations", f"1 to {MAX_FIXATIONS}", fixations)
         kind, *parts = MODELS[model]
-        settings = settings_from(KINDS[model], request.get(kind, {}), kind)
+        settings = settings_from(model, request.get(kind, {}), kind)
         inner = {each: request[each] for each in parts if each in request}
-        attention = AttentionModel(model, update_settings(settings, inner, kind))
+        attention = AttentionModel(update_settings(settings, inner, kind))
         config = settings_from("scanpath", request.get("scanpath", {}), "scanpath")
-        saliency, maps = self._maps(request["photo"], attention)
-        path = scanpath(saliency, photo.pixels.shape, fixations, config)
-        choices = (attention.model, attention.settings, config, fixations)
+        found, maps = self._maps(request["photo"], attention)
+        path = scanpath(found, config, fixations=fixations)
+        choices = (model, attention.settings, config, fixations)
         return {
             "maps": maps,
             "scanpath": scanpath_data(path),
@@ -188,15 +189,15 @@ class PhotoAnalyzer:
 
     def _maps(
         self, token: str, attention: AttentionModel
-    ) -> tuple[Float32Array, list[dict[str, str]]]:
-        """Saliency and all maps as the page reads them; computed only if a choice changed."""
+    ) -> tuple[SaliencyMaps, list[dict[str, str]]]:
+        """The maps, and as the page reads them; computed only if a choice changed."""
         if self._cached_for != (token, attention):
             photo = self._photos[token]
             try:
-                layers = attention.maps(photo.pixels).layers
+                found = attention.maps(photo.pixels)
             except ImageError as error:
                 raise ImageError(f"{photo.name}: {error}") from error
-            self._cached = layers["saliency"], maps_data(layers)
+            self._cached = found, maps_data(found.layers)
             self._cached_for = (token, attention)
         return self._cached
 

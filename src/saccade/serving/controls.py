@@ -9,7 +9,6 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import tomli_w
 
-from saccade.attention.models import KINDS
 from saccade.serving.playground import PlaygroundNoise
 from saccade.settings import (
     DEFAULT,
@@ -147,10 +146,7 @@ def attention_python(model: str, settings: Any, path: Any, fixations: int) -> st
     options = f", fixations={fixations}" if fixations != FIXATIONS else ""
     if changes(path):
         options += f", config={_constructor(path)}"
-    return (
-        f"maps = saccade.{KINDS[model]}_saliency(image{config})\n"
-        f"path = saccade.scanpath(maps.saliency, image.shape{options})"
-    )
+    return f"maps = saccade.{model}_saliency(image{config})\npath = saccade.scanpath(maps{options})"
 
 
 def detection_python(detector: str, settings: Any) -> str:
@@ -166,10 +162,10 @@ def attention_command(name: str, model: str, settings: Any, path: Any, fixations
     options += ["--scanpath", "winner-take-all"]
     default = type(settings)()
     if model == "attention" and settings == default:
-        options += ["--bare"]
+        options += ["--without-center-bias"]
     elif model == "attention":
         default = load_settings(model, FREE_VIEWING)
-    command = _command("look", name, options, KINDS[model], _toml_value(settings, default))
+    command = _command("look", name, options, model, _toml_value(settings, default))
     if changes(path):
         command = f"# scanpath settings: in Python only\n{command}"
     return command

@@ -1,0 +1,45 @@
+"""Base of the results of the attention models."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.scale.pyramid import FloatMap, resize
+from saccade.types import Float32Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SaliencyMaps:
+    """Saliency of an image, by one of our models or any other.
+
+    The cells of a map tile the image: see `saccade.scale.pyramid.cell_centers`.
+    """
+
+    saliency: npt.NDArray[Any]
+    """(h, w), finite, not negative."""
+    image_shape: tuple[int, int]
+    """(H, W) of the image; further dimensions are dropped."""
+    without_center_bias: npt.NDArray[Any] = field(default_factory=lambda: np.zeros(0), kw_only=True)
+    """(h, w) saliency of the content alone, without a prior of the position; by default equal to
+    `saliency`."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "image_shape", tuple(self.image_shape[:2]))
+        if self.without_center_bias.size == 0:
+            object.__setattr__(self, "without_center_bias", self.saliency)
+
+    @property
+    def layers(self) -> dict[str, FloatMap]:
+        """The maps by name, the saliency first."""
+        return {"saliency": self.saliency}
+
+    @property
+    def upsampled(self) -> dict[str, Float32Array]:
+        """The maps by name at the size of the image, (H, W) each: bilinear where they grow."""
+        return {name: resize(layer, self.image_shape) for name, layer in self.layers.items()}
+
+    def __repr__(self) -> str:
+        (h, w), (height, width) = self.saliency.shape, self.image_shape
+        return f"{type(self).__name__}({w} x {h} cells of a {width} x {height} image)"
