@@ -78,10 +78,7 @@ def test_samples_have_the_density(saliency, monkeypatch, max_trials):
     assert chisquare(counts(paths[:, 0]), count * first.ravel()).pvalue > 1e-3
     expected = np.zeros(first.shape)
     for path in paths[:400]:
-        expected += (
-            saccade.next_fixation_density(SaliencyMaps(saliency, SHAPE), [start, path[0]], CONFIG)
-            / 400
-        )
+        expected += saccade.next_fixation_density(maps, [start, path[0]], CONFIG) / 400
     assert np.abs(counts(paths[:, 1]) / count - expected.ravel()).sum() < 0.1
 
 
