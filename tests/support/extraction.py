@@ -44,7 +44,7 @@ def extract_here(source, out, job=SIFT, size=3, **options):
 def check_whole(out, table="sift"):
     """What is recorded is there, once; gives the rows of every image that has been done."""
     rows, read = {}, set()
-    for path in sorted((out / "images").glob("*")):
+    for path in sorted((out / "images").glob("[!.]*")):
         found = pq.ParquetFile(out / table / path.name).read().to_pandas()
         record = pq.ParquetFile(path).read().to_pylist()
         ends = np.cumsum([0, *(row["rows"] for row in record)])
@@ -53,7 +53,7 @@ def check_whole(out, table="sift"):
             rows[row["image"]] = found.iloc[first:end]
         assert list(found.image) == [row["image"] for row in record for _ in range(row["rows"])]
         read.add(path.name)
-    for path in (out / table).glob("*"):
+    for path in (out / table).glob("[!.]*"):
         if path.name not in read:
             pq.ParquetFile(path).read()
     return rows

@@ -14,16 +14,15 @@ from saccade.errors import ImageError, OutputError
 from saccade.extras import import_optional
 from saccade.io.files import (
     IMAGE_SUFFIXES,
-    PARTIAL,
     VIDEO_SUFFIXES,
     as_text,
     atomic_write,
+    locked,
     open_file,
     read_bytes,
     read_text,
     reading,
     reason_of,
-    results_in,
 )
 from saccade.types import Image
 
@@ -341,7 +340,7 @@ class Store:
         Raises:
             OutputError: it cannot be written.
         """
-        with atomic_write(self._path(name), Path(self.location, PARTIAL)) as temporary:
+        with atomic_write(self._path(name)) as temporary:
             yield temporary
 
     def remove(self, name: str) -> None:
@@ -355,7 +354,9 @@ class Store:
         Raises:
             ConfigError: another run holds the lock.
         """
-        with results_in(Path(self.location)):
+        with locked(Path(self.location)):
+            for left in Path(self.location).glob("*/.saccade-*"):  # by a run that was killed
+                left.unlink()
             yield
 
     def _path(self, name: str) -> Path:

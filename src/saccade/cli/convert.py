@@ -1,5 +1,6 @@
 """`saccade convert`: a landmark log, or extracted keypoints, in another format."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -58,6 +59,6 @@ def _convert_points(folder: str, file: Path, to: str | None) -> dict[str, Any]:
     form = to or {".db": "colmap", ".h5": "hdf5", ".hdf5": "hdf5"}.get(file.suffix, "")
     names = [*FILE_FORMATS, *FOLDER_FORMATS]
     require(form in names, "--to", f"one of {', '.join(names)} for keypoints", to or file.name)
-    with results_in(file, is_file=form in FILE_FORMATS):
+    with nullcontext() if form in FILE_FORMATS else results_in(file):
         images = export_points(folder, form, file)
     return {"images": images, "format": form, "file": str(file)}

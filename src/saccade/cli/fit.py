@@ -9,7 +9,6 @@ from saccade.cli.options import FaceOptions, ReportOptions, face_detector
 from saccade.cli.output import Result, comparison, print_message, tracked, write_text
 from saccade.evaluation.conditional import summary
 from saccade.evaluation.fitting import FITTED, FittingConfig, study
-from saccade.io.files import results_in
 from saccade.settings import as_toml
 from saccade.viewing.report import Table
 
@@ -67,8 +66,7 @@ def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> R
         ),
     ]
     out = options.out
-    with results_in(out, is_file=True):
-        write_text(out, as_toml(found.model))
+    write_text(out, as_toml(found.model))
     count, fitted_to = len(found.model.features), found.model.fitted_to
     print_message(f"{count} features fitted to {fitted_to} -> {out}")
     row = {

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from errno import EISDIR
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 from zlib import crc32
 
 from saccade.errors import ConfigError, OutputError, SaccadeError
@@ -24,8 +24,10 @@ LARGEST_TEXT = 1 << 28
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 UNREAD_SUFFIXES = (".avif", ".gif", ".heic", ".heif")
 """Suffixes of pictures that are not read; folders are said to hold them."""
-PARTIAL, LOCK = ".partial", "lock"
-"""Folder of results that are being written, and the file in it that excludes other runs."""
+PARTIAL = ".partial"
+"""Folder in an output folder where results wait for the end of a run."""
+LOCK = ".saccade-lock"
+"""File in an output folder by which a run excludes others."""
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 
@@ -139,7 +141,7 @@ def writing(path: Path) -> Iterator[None]:
     """Turn errors of the operating system in the block into an `OutputError` that names a path."""
     try:
         yield
-    except OutputError:  # of another file, in the block
+    except SaccadeError:  # of another file, in the block
         raise
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
@@ -152,40 +154,65 @@ def read_toml(path: Path, error: type[SaccadeError]) -> dict[str, Any]:
 
 
 @contextmanager
-def results_in(path: Path, *, is_file: bool = False) -> Iterator[None]:
-    """The results of a run appear together when the block ends without an error, or not at all.
+def results_in(folder: Path) -> Iterator[Path]:
+    """Makes the results of a run appear together when the block ends without an error.
 
-    Files that `atomic_write` writes to the folder meanwhile wait in a folder in it; those of a run
-    that was killed are removed by the next one. Inside such a block for the same folder, or one
-    that holds it, the block has no effect. Other processes write at once.
+    Files that `atomic_write` writes below the folder wait in a folder in it. Inside a block for the
+    same folder or one above it, the block has no effect. Other processes write at once.
 
     Args:
-        path: the output folder, which is created.
-        is_file: whether it is a single file instead.
+        folder: output folder; it is created.
+
+    Yields:
+        The folder of the waiting files, for those that are written without `atomic_write`.
 
     Raises:
         ConfigError: another run writes to it.
         OutputError: it cannot be written.
     """
-    outer = _RESULTS.get()
-    if outer is not None and outer.holds(path):
-        yield
+    outer = _waiting_path(folder)
+    if outer is not None:
+        outer.mkdir(parents=True, exist_ok=True)
+        yield outer
         return
-    existed = path.exists()
+    existed, waiting = folder.exists(), folder / PARTIAL
     try:
-        with claimed(path, _beside(path) if is_file else path / PARTIAL) as work:
-            results = _Results(path, work, {})
-            token = _RESULTS.set(results)
+        with locked(folder):
+            shutil.rmtree(waiting, ignore_errors=True)  # the rest of a run that was killed
+            with writing(folder):
+                waiting.mkdir()
+            token = _RESULTS.set(folder.absolute())
             try:
-                yield
+                yield waiting
+                for temporary in sorted(waiting.rglob("*")):
+                    if temporary.is_file():
+                        _replace(temporary, folder / temporary.relative_to(waiting))
             finally:
                 _RESULTS.reset(token)
-            for final, temporary in results.files.items():
-                _appear(temporary, final)
+                shutil.rmtree(waiting, ignore_errors=True)
     finally:
-        if not existed and not is_file:
+        if not existed:
             with suppress(OSError):  # it has results
-                path.rmdir()
+                folder.rmdir()
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Excludes other runs from an output folder, which is created.
+
+    The operating system releases the lock however the process ends. File systems without locks,
+    and Windows, have none.
+
+    Raises:
+        ConfigError: another run has locked it.
+        OutputError: it cannot be written.
+    """
+    lock = folder / LOCK
+    with ExitStack() as stack:
+        with writing(folder):
+            stack.enter_context(_locked(lock, folder))
+        stack.callback(lock.unlink, missing_ok=True)
+        yield
 
 
 @contextmanager
@@ -199,79 +226,38 @@ def written_at_once() -> Iterator[None]:
 
 
 @contextmanager
-def claimed(path: Path, work: Path | None = None) -> Iterator[Path]:
-    """An empty folder for what will become `path`, which no other run writes meanwhile.
-
-    The folder is removed with all that is left in it. The operating system releases the claim
-    however the process ends; file systems without locks have none.
-
-    Args:
-        path: a file or folder.
-        work: the folder, on the same disk; None for one beside `path`.
-
-    Raises:
-        ConfigError: another run has claimed it.
-        OutputError: the folder cannot be created.
-    """
-    try:
-        work = work or _beside(path)
-        lock = _lock(path, work)
-    except (OSError, ValueError) as error:  # ValueError: a null or a lone surrogate in the name
-        if isinstance(error, SaccadeError):
-            raise
-        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
-    with lock, written_at_once():
-        _clear(work)
-        try:
-            yield work
-        finally:
-            _clear(work)
-            with suppress(OSError):  # the next run has it already
-                (work / LOCK).unlink()
-                work.rmdir()
-
-
-@contextmanager
-def atomic_write(path: str | Path, folder: Path | None = None) -> Iterator[Path]:
+def atomic_write(path: str | Path) -> Iterator[Path]:
     """A temporary path that is renamed to `path` when the block ends without an error.
 
     In a block of `results_in` it is renamed at the end of that.
 
     Args:
         path: the file to write; missing folders are created, an old file is replaced.
-        folder: of the temporary path, claimed and on the same disk; None to choose it.
 
     Yields:
-        The path to write to; it has the same suffix as `path`.
+        The path to write to, of an empty file; it has the same suffix as `path`.
 
     Raises:
         ConfigError: another run writes it.
         OutputError: the folder or the file cannot be written.
     """
-    path, results = Path(path), _RESULTS.get()
-    if folder is not None or (results is not None and not results.holds(path)):
-        results = None
-    with ExitStack() as stack, writing(path):
+    path = Path(path)
+    with writing(path):
         if path.is_dir():
             raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
         if path.exists():
             check_file(path)  # a device would be replaced
-        if folder is None:
-            folder = stack.enter_context(claimed(path)) if results is None else results.work
-        folder.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(suffix=path.suffix, dir=folder)
-        os.close(handle)
-        temporary = Path(name)
-        try:
-            yield temporary
-            temporary.chmod(0o644)
-            if results is None:
-                _appear(temporary, path)
-            else:
-                results.files[path] = temporary
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        waiting = _waiting_path(path)
+        temporary = waiting or _hidden_beside(path)
+        with _locked(temporary, path):
+            os.truncate(temporary, 0)  # the rest of a run that was killed
+            try:
+                yield temporary
+                if waiting is None:
+                    _replace(temporary, path)
+            except BaseException:
+                temporary.unlink(missing_ok=True)
+                raise
 
 
 def reason_of(error: Exception) -> str:
@@ -293,66 +279,53 @@ def _kind(mode: int) -> str:
     return "a socket" if stat.S_ISSOCK(mode) else "a device"
 
 
-class _Results(NamedTuple):
-    """Files that a run has written and that have not appeared yet."""
-
-    path: Path
-    work: Path
-    files: dict[Path, Path]
-    """The temporary file of each."""
-
-    def holds(self, path: Path) -> bool:
-        """Whether a path belongs to these results."""
-        return path.absolute().is_relative_to(self.path.absolute())
+_RESULTS: ContextVar[Path | None] = ContextVar("_RESULTS", default=None)
+"""Absolute path of the folder of `results_in`, in its block."""
 
 
-_RESULTS: ContextVar[_Results | None] = ContextVar("_RESULTS", default=None)
+def _waiting_path(path: Path) -> Path | None:
+    """The place of a result until the end of the block of `results_in`; None outside of one."""
+    folder, path = _RESULTS.get(), path.absolute()
+    if folder is None or not path.is_relative_to(folder):
+        return None
+    waiting = folder / PARTIAL
+    return None if path.is_relative_to(waiting) else waiting / path.relative_to(folder)
 
 
-def _appear(temporary: Path, path: Path) -> None:
+def _hidden_beside(path: Path) -> Path:
+    """A hidden name for each name in a folder; any name may be as long as names can be."""
+    return path.parent / f".saccade-{crc32(os.fsencode(path.name)):08x}{path.suffix}"
+
+
+def _replace(temporary: Path, path: Path) -> None:
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.replace(path)
 
 
-def _beside(path: Path) -> Path:
-    """A hidden name for each name in a folder; any name may be as long as names can be."""
-    return path.parent / f".saccade-{crc32(os.fsencode(path.name)):08x}"
+@contextmanager
+def _locked(file: Path, path: Path) -> Iterator[None]:
+    """Locks a file, which is created; the error names `path`."""
+    with ExitStack() as stack:
+        is_removed = True
+        while is_removed:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            lock = stack.enter_context(file.open("ab"))
+            _lock(lock, path)
+            is_removed = os.fstat(lock.fileno()).st_nlink == 0  # by the run that just ended
+        yield
 
 
-def _clear(work: Path) -> None:
-    """Remove all but the lock."""
-    for each in work.iterdir():
-        if each.is_dir():
-            shutil.rmtree(each, ignore_errors=True)
-        elif each.name != LOCK:
-            each.unlink(missing_ok=True)
-
-
-def _lock(path: Path, work: Path) -> BinaryIO:
-    """The locked file in a folder, which is created."""
-    while True:
-        work.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError), ExitStack() as stack:  # the run that had it just ended
-            file = stack.enter_context((work / LOCK).open("wb"))
-            _lock_file(file, path)
-            if os.path.samestat(os.fstat(file.fileno()), (work / LOCK).stat()):
-                stack.pop_all()
-                return file
-
-
-def _lock_file(file: BinaryIO, path: Path) -> None:
+def _lock(file: BinaryIO, path: Path) -> None:
     try:
         import fcntl
-    except ImportError:  # Windows
-        return
-    try:
+
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         raise ConfigError(
             f"{path}: another run writes to it; wait until it has ended, or choose another output"
         ) from error
-    except OSError:  # a file system without locks
+    except (ImportError, OSError):  # Windows; a file system without locks
         return
 
 

@@ -1,5 +1,6 @@
 """Writes drives, and records those of a live camera."""
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from saccade.datasets.drives.tracks import TRACK_FILES, write_tracks
 from saccade.datasets.tables import write_tum
 from saccade.errors import DriveError, OutputError
 from saccade.frames import Camera, CameraTurn, Drive, EndOfDrive, Frame, Tracks
-from saccade.io.files import claimed, writing, written_at_once
+from saccade.io.files import LOCK, PARTIAL, results_in, writing
 from saccade.io.video import LiveVideo
 from saccade.types import Image
 
@@ -58,20 +59,11 @@ def save_drive(
     """
     path = Path(path)
     require_writable(path, drive)
-    with claimed(path) as temporary, writing(path):
-        new, old = temporary / "new", temporary / "old"
-        try:
-            _write(new, drive, progress)
-        except OutputError as error:
-            raise OutputError(str(error).replace(str(new), str(path))) from error
-        if path.exists():
-            path.replace(old)
-        try:
-            new.replace(path)
-        except OSError:
-            if old.exists():
-                old.replace(path)
-            raise
+    with results_in(path) as new, writing(path):
+        _write(new, drive, progress)
+        for name in DRIVE_FILES:  # of an earlier drive
+            old = path / name
+            shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
 
 
 def require_writable(path: Path, drive: Drive) -> None:
@@ -88,12 +80,11 @@ def require_writable(path: Path, drive: Drive) -> None:
         )
     with writing(path):
         names = {file.name for file in path.iterdir()} if path.exists() else set()
-    for name in sorted(names - set(DRIVE_FILES))[:1]:
+    for name in sorted(names - {*DRIVE_FILES, PARTIAL, LOCK})[:1]:
         raise OutputError(f"{path}: expected a new or empty folder, found {name!r} in it")
 
 
 def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | None) -> None:
-    folder.mkdir()
     calibration = Calibration(
         drive.camera,
         odometry_bias=drive.odometry_bias,
@@ -205,7 +196,7 @@ class LiveDrive:
 
     def close(self) -> None:
         """Write the times and the calibration, with which the recording is a drive of its own."""
-        with writing(self._folder), written_at_once():
+        with writing(self._folder):
             np.savetxt(self._folder / "times.txt", self.times, fmt="%.17g")
             if not self._is_guess:
                 write_calibration(self._folder / CAMERA_FILE, self._calibration)
