@@ -24,7 +24,7 @@ import numpy as np
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
 from saccade.datasets import load_drive
-from saccade.evaluation.runs import score_drive
+from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Drive
 from saccade.visual.optical_flow import gray_bytes
 

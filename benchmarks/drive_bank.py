@@ -24,8 +24,7 @@ import numpy as np
 
 from saccade import datasets, visual
 from saccade.datasets.drives.sidecar_files import camera_truth, read_kitti_poses
-from saccade.evaluation.runs import score_drive
-from saccade.evaluation.trajectory import path_length
+from saccade.evaluation.trajectory import path_length, score_drive
 from saccade.frames import Drive
 from saccade.plane import relative_poses
 from saccade.slam.consistency import chi_square_band, normalized_squared

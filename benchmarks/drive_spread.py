@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from saccade import datasets, visual
-from saccade.evaluation.runs import score_drive
+from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Drive
 from saccade.slam.models import compose
 from saccade.types import Trajectory

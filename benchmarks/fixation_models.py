@@ -5,7 +5,7 @@ intervals over the images, shuffled AUC first, since the center gains nothing in
 this package, peers, a Gaussian in the center and the other images' fixations, which see nothing of
 the image, and people. GBVS is written here from its paper (Harel, Koch & Perona, *Graph-based
 visual saliency*, NIPS 2006; feature maps of 32 pixels, sigma .15 and .06 of their width). People
-are the fixations of the other viewers, blurred: one against the others.
+are the fixations of the other subjects, blurred: one against the others.
 """
 
 import argparse

@@ -28,7 +28,7 @@ import numpy as np
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
 from saccade.datasets import load_drive
-from saccade.evaluation.runs import score_drive
+from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Drive, Frame
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.simulation.drive import Illumination, render

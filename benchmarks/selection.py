@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from saccade.evaluation.gaze import map_in_processes, read_run, write_run
 from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
 import saccade
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import datasets, visual
-from saccade.evaluation.gaze import map_in_processes, read_run, write_run
 from saccade.evaluation.intervals import mean_interval
 from saccade.evaluation.runs import summarize_drive
 from saccade.frames import Drive

@@ -1,7 +1,7 @@
 """Visual SLAM on a simulated drive: stereo frames and odometry to trajectory and map."""
 
 from saccade import visual
-from saccade.evaluation.runs import score_drive
+from saccade.evaluation.trajectory import score_drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.viewing import map_figure, save_figure
 

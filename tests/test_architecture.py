@@ -39,7 +39,7 @@ ALLOWED = {
     "slam": FOUNDATION | {"_jit"},
     "gaze": FOUNDATION | {"slam"},
     "visual": FOUNDATION | {"_jit", "scale", "attention", "keypoints", "slam", "gaze"},
-    "simulation": FOUNDATION | {"slam"},
+    "simulation": FOUNDATION | {"slam", "gaze", "visual"},
     "datasets": FOUNDATION,
     "evaluation": FOUNDATION
     | {"_jit", "scale", "attention", "keypoints", "slam", "visual", "gaze"}

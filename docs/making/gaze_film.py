@@ -7,8 +7,8 @@ import PIL.Image
 
 from saccade import visual
 from saccade.cli.drive import film_frames
-from saccade.evaluation.gaze import SETTINGS, gaze_drive
 from saccade.simulation import DriveConfig
+from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
 from saccade.slam import Recorder
 
 DRIVE = DriveConfig(

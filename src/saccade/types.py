@@ -434,10 +434,10 @@ class FixationTable(Table):
 
     image: npt.NDArray[np.str_]
     """(n,) file name of the image."""
-    viewer: IntArray
-    """(n,) number of the viewer."""
+    subject: IntArray
+    """(n,) number of the person."""
     index: IntArray
-    """(n,) number of the fixation of a viewer on an image, from 0."""
+    """(n,) number of the fixation of a subject on an image, from 0."""
     xy: FloatArray
     """(n, 2) position in image pixels."""
     duration: FloatArray | None = None

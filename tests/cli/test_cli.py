@@ -293,9 +293,9 @@ def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
     )
     assert code == 0
     found = json.loads(out)
-    names = ["fitted, by image", "fitted, by viewer", "unfitted", "center", "shuffled", "people"]
+    names = ["fitted, by image", "fitted, by subject", "unfitted", "center", "shuffled", "people"]
     assert list(found["scores"]) == names
-    steps = ["static", "with the order", "the other viewers", "order"]
+    steps = ["static", "with the order", "the other subjects", "order"]
     assert list(found["next_fixation"]) == steps
     assert "each next fixation" in Path("m.html").read_text()
     model = saccade.load_model("m.toml")

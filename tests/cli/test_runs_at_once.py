@@ -55,7 +55,6 @@ def busy(tmp_path_factory):
         ("slam", DATA / "victoria_park.txt"),
         ("drive", "frames"),
         ("simulate", "world"),
-        ("evaluate", "gaze", "--seeds", 1),
     ],
     ids=lambda words: words[0],
 )

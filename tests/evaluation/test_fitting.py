@@ -29,7 +29,7 @@ from saccade.evaluation.fitting import (
     cross_validate,
     fit,
     folds_by_image,
-    folds_by_viewer,
+    folds_by_subject,
     score_held_out,
     score_steps,
     split,
@@ -50,7 +50,7 @@ CONFIG = FittingConfig(folds=3)
 TRUE = {"symmetry": 0.9, "boolean": 0.4, "center x": -6.0}
 
 
-def simulated(rng, images=24, viewers=4, per_viewer=12, near=0.0):
+def simulated(rng, images=24, subjects=4, per_subject=12, near=0.0):
     """Paths by three of the features, and by nearness to the last fixation."""
     names = ["symmetry", "boolean", "contrast", "color", *GEOMETRY]
     features = np.array([TRUE.get(name, 0.0) for name in names])
@@ -63,9 +63,9 @@ def simulated(rng, images=24, viewers=4, per_viewer=12, near=0.0):
     for of_image in values:
         static = np.tensordot(features, of_image, 1)
         paths = []
-        for _ in range(viewers):
+        for _ in range(subjects):
             row, column = 6, 8
-            for _ in range(per_viewer):
+            for _ in range(per_subject):
                 logits = static + tables[11 - row : 23 - row, 15 - column : 31 - column]
                 p = np.exp(logits).ravel()
                 row, column = divmod(int(rng.choice(p.size, p=p / p.sum())), 16)
@@ -73,9 +73,9 @@ def simulated(rng, images=24, viewers=4, per_viewer=12, near=0.0):
         fixations.append(np.array(paths))
     labels = [f"{i:02}.png" for i in range(images)]
     table = FixationTable(
-        np.repeat(labels, viewers * per_viewer),
-        np.tile(np.repeat(np.arange(viewers), per_viewer), images),
-        np.tile(np.arange(per_viewer), images * viewers),
+        np.repeat(labels, subjects * per_subject),
+        np.tile(np.repeat(np.arange(subjects), per_subject), images),
+        np.tile(np.arange(per_subject), images * subjects),
         np.concatenate(fixations),
     )
     people = FixationData(Path(), table, dict.fromkeys(labels, SIZE), 10.0)
@@ -151,7 +151,7 @@ def test_the_saved_model_predicts_as_the_fit_does(rng):
     np.testing.assert_array_equal(factors[8:], 0)
 
 
-@pytest.mark.parametrize("folds_of", [folds_by_image, folds_by_viewer])
+@pytest.mark.parametrize("folds_of", [folds_by_image, folds_by_subject])
 def test_nothing_is_scored_by_weights_that_were_fitted_to_it(rng, folds_of):
     """Whatever the fixations of a fold become, the weights by which they are scored stay."""
     data = simulated(rng, images=9)
@@ -174,12 +174,12 @@ def test_the_parts_are_a_partition():
 
 @pytest.fixture
 def looked(rng):
-    """Three viewers of three images, and two models."""
+    """Three subjects of three images, and two models."""
     sizes = {"a": (30, 40), "b": (60, 50), "c": (30, 40)}
     rows = [(i, v, n) for i in sizes for v in range(3) for n in range(6)]
-    image, viewer, index = (np.array(column) for column in zip(*rows, strict=True))
+    image, subject, index = (np.array(column) for column in zip(*rows, strict=True))
     xy = rng.uniform(0, 29, (len(rows), 2))
-    table = FixationTable(image, viewer, index, xy)
+    table = FixationTable(image, subject, index, xy)
     maps = {name: {i: rng.random(size) for i, size in sizes.items()} for name in "xy"}
     return FixationData(Path(), table, sizes, 3.0), maps
 
@@ -213,7 +213,7 @@ def test_the_scores_of_the_fixations_average_to_those_of_the_image(looked):
     for key in ("auc", "shuffled_auc", "nss", "information_gain"):
         mean = np.mean([getattr(row, key) for row in rows])
         assert mean == pytest.approx(getattr(scored["b"]["x"], key), rel=1e-9)
-    assert {row.viewer for row in rows} == {0, 1, 2}
+    assert {row.subject for row in rows} == {0, 1, 2}
 
 
 def test_people_are_each_against_the_others(looked):
@@ -221,10 +221,10 @@ def test_people_are_each_against_the_others(looked):
     table = data.table
     found = dict(score_people(data))
     rows = []
-    for viewer in range(3):
+    for subject in range(3):
         here = table.image == "a"
         own, rest = (
-            table.xy[here & mask] for mask in (table.viewer == viewer, table.viewer != viewer)
+            table.xy[here & mask] for mask in (table.subject == subject, table.subject != subject)
         )
         density = fixation_density(rest, data.sizes["a"], 3.0)
         rows.append((auc(density, own), nss(density, own)))

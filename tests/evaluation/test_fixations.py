@@ -157,7 +157,7 @@ def test_a_map_with_nan_is_refused():
 
 def test_the_mat_file_of_osie_reads_like_the_table(tmp_path):
     (tmp_path / "table.csv").write_text(
-        "image,viewer,index,x,y,duration_ms\n"
+        "image,subject,index,x,y,duration_ms\n"
         "a.jpg,0,0,1.5,2,100\na.jpg,0,1,3,4,100\na.jpg,1,0,5,6,100\nb.jpg,0,0,7,8,1\n"
     )
     eye = [
@@ -172,7 +172,7 @@ def test_the_mat_file_of_osie_reads_like_the_table(tmp_path):
         cells[place] = {"img": name, "subjects": subjects}
     savemat(tmp_path / "fixations.mat", {"fixations": cells})
     table, mat = read_fixations(tmp_path / "table.csv"), read_fixations(tmp_path / "fixations.mat")
-    for field in ("image", "viewer", "index", "xy"):
+    for field in ("image", "subject", "index", "xy"):
         np.testing.assert_array_equal(getattr(mat, field), getattr(table, field))
 
 

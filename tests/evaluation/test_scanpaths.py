@@ -31,13 +31,13 @@ def seen():
         maps[image] = cv2.GaussianBlur(maps[image], (0, 0), 1.5)
         values = SaliencyMaps(maps[image], SHAPE)
         people = sample_scanpaths(values, MODEL, count=10, fixations=8, seed=len(rows))
-        for viewer in range(10):
+        for subject in range(10):
             for k in range(8):
-                xy, seconds = people.xy[viewer, k], people.duration[viewer, k]
-                rows.append((image, viewer, k, *np.clip(xy, 0, (399, 299)), seconds))
-    image, viewer, index, x, y, seconds = zip(*rows, strict=True)
+                xy, seconds = people.xy[subject, k], people.duration[subject, k]
+                rows.append((image, subject, k, *np.clip(xy, 0, (399, 299)), seconds))
+    image, subject, index, x, y, seconds = zip(*rows, strict=True)
     table = FixationTable(
-        np.array(image), np.array(viewer), np.array(index), np.stack([x, y], 1), np.array(seconds)
+        np.array(image), np.array(subject), np.array(index), np.stack([x, y], 1), np.array(seconds)
     )
     return maps, table
 
@@ -84,8 +84,8 @@ def test_scores_of_the_map_are_those_of_fixation_prediction(seen):
 
 def test_one_viewer_has_nobody_to_be_compared_with(seen):
     _, table = seen
-    alone = table[(table.viewer == 3) | (table.image == "a.png")]
-    with pytest.raises(LogError, match="two viewers"):
+    alone = table[(table.subject == 3) | (table.image == "a.png")]
+    with pytest.raises(LogError, match="two subjects"):
         viewings(FixationData(Path(), alone, {"a.png": SHAPE, "b.png": SHAPE}))
 
 
@@ -95,11 +95,11 @@ def test_the_command_prints_and_writes_tidy_tables(run, seen, tmp_path):
     for name in ("a.png", "b.png"):
         pixels = cv2.GaussianBlur(rng.integers(0, 256, (*SHAPE, 3)).astype(np.uint8), (0, 0), 9)
         cv2.imwrite(str(tmp_path / name), pixels)
-    lines = ["image,viewer,index,x,y,duration_ms"]
+    lines = ["image,subject,index,x,y,duration_ms"]
     for k in range(len(table)):
         x, y = table.xy[k]
         milliseconds = 1000 * table.duration[k]
-        lines.append(f"{table.image[k]},{table.viewer[k]},{table.index[k]},{x},{y},{milliseconds}")
+        lines.append(f"{table.image[k]},{table.subject[k]},{table.index[k]},{x},{y},{milliseconds}")
     (tmp_path / "gazes.csv").write_text("\n".join(lines) + "\n")
     words = ["evaluate", "scanpaths", "--images", ".", "--fixations", "gazes.csv", "--samples", 2]
     code, out, _ = run(*words, "--json", "-o", "scores", "--report", "scores.html")

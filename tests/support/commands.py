@@ -29,7 +29,6 @@ COMMANDS = {
     "fit": "--images {in}/seen --fixations {in}/seen/fixations.csv --folds 2 --no-people",
     "evaluate scanpaths": "--images {in}/seen --fixations {in}/seen/people.csv --samples 2 -o out",
     "evaluate features": "--pairs {in}/pairs --points 20",
-    "evaluate gaze": "--world pond --policy sweep --seeds 1 -o out",
     "evaluate trajectory": "{in}/a.tum --truth {in}/a.tum --csv out/a.csv --report out/a.html",
     "slam --merge": "{in}/a.map.npz,{in}/a.map.npz --save-map merged.npz",
     "simulate": "world --config {in}/world.toml -o out",

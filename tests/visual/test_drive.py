@@ -11,7 +11,8 @@ from saccade import datasets, visual
 from saccade.cli.drive import drive_tables
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.evaluation.runs import correct_associations, score_drive, summarize_drive
+from saccade.evaluation.runs import correct_associations, summarize_drive
+from saccade.evaluation.trajectory import score_drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint, Recorder
 from saccade.slam.consistency import chi_square_gate, normalized_squared

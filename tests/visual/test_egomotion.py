@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from saccade import visual
-from saccade.evaluation.runs import score_drive
+from saccade.evaluation.trajectory import score_drive
 from saccade.frames import AHEAD, Camera
 from saccade.visual.camera import from_pixels, observe, observe_bearings, range_bearing, to_pixels
 from saccade.visual.config import VisualConfig

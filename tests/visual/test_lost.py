@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saccade import datasets, visual
-from saccade.evaluation.runs import score_drive
+from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Frame
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint

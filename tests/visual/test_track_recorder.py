@@ -7,7 +7,7 @@ import pytest
 
 from saccade import datasets, visual
 from saccade.errors import DriveError, OutputError
-from saccade.evaluation.runs import score_drive
+from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Frame
 from saccade.slam import Checkpoint
 from saccade.visual.track_recorder import DEPTH_BASELINE

@@ -58,7 +58,6 @@ class Evaluate(LazyGroup):
             "features": "evaluate features --pairs oxford --detector opencv",
         },
         "Maps": {
-            "gaze": "evaluate gaze --map known --seeds 5",
             "trajectory": "evaluate trajectory mapped/trajectory.tum --truth groundtruth.tum",
         },
     }

@@ -15,11 +15,11 @@ from saccade.cli.match import MatchOptions, match_images
 from saccade.cli.options import DEFAULT_MODEL, JsonOption, attention_model
 from saccade.cli.output import Result, Table, print_message, progress_bar, write_text
 from saccade.cli.slam import SlamOptions, map_log
-from saccade.evaluation.gaze import SETTINGS, gaze_drive
 from saccade.io.files import results_in
 from saccade.io.image import read_image
 from saccade.keypoints.sift import Sift
 from saccade.simulation import DriveConfig
+from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
 from saccade.slam import Recorder
 from saccade.viewing import Picture, Section, attention_figure, html_page, save_figure
 from saccade.viewing.report import ReportBuilder

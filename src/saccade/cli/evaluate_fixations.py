@@ -55,7 +55,7 @@ class ScoreOptions(FaceOptions, ReportOptions):
     sigma: float = option(24.0, min=0.1, max=1000, metavar="PX")
     """Standard deviation of the fixation density: one degree of visual angle."""
     references: bool = False
-    """Also score the center, other images' fixations, and people: each viewer against the others,
+    """Also score the center, other images' fixations, and people: each subject against the others,
     the ceiling. It takes a few minutes."""
     figure: list[Path] | None = figure_files()
     csv: Path | None = option(None, metavar="DIR")

@@ -22,7 +22,7 @@ class FitOptions(FaceOptions, ReportOptions):
     sigma: float = option(24.0, min=0.1, max=1000, metavar="PX")
     """Standard deviation of the fixation density: one degree of visual angle."""
     people: bool = True
-    """Score people, each viewer against the others: the ceiling; some minutes."""
+    """Score people, each subject against the others: the ceiling; some minutes."""
 
 
 def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> Result:
@@ -31,7 +31,7 @@ def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> R
     One convex fit over the cells of the map: contrast, symmetry and Boolean
     maps at several scales and their surroundings, color, the center, the
     border, faces with --faces, and functions of the saccade from earlier
-    fixations. It is cross-validated by image and by viewer. --out is used by
+    fixations. It is cross-validated by image and by subject. --out is used by
     --model of look, evaluate fixations and extract.
     """
     data, settings = seen.data(options.sigma), options.settings("attention")
@@ -84,13 +84,13 @@ def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> R
 LEAD = "A model of fixations, fitted to photographs and people, and its cross-validated scores."
 STEP_COLUMNS = {"NSS": "nss", "IG (bit)": "information_gain"}
 FOLDS = (
-    "By image: on images that the model was not fitted to; by viewer: on viewers that it was not "
-    "fitted to. People: each viewer against the fixations of the others. With few viewers at a "
-    "time, as by viewer and of people, CC is lower: their density is coarser."
+    "By image: on images that the model was not fitted to; by subject: on subjects that it was not "
+    "fitted to. People: each subject against the fixations of the others. With few subjects at a "
+    "time, as by subject and of people, CC is lower: their density is coarser."
 )
 STEPS = (
     "Each fixation, on images that the model was not fitted to, on the cells of the map; order: "
-    "what those before it tell beyond the image. The other viewers, without order, are the "
+    "what those before it tell beyond the image. The other subjects, without order, are the "
     "ceiling of static models. IG is over the fixations on other images, in bits per fixation."
 )
 

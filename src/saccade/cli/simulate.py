@@ -9,10 +9,10 @@ from saccade.cli.group import argument, option
 from saccade.cli.options import Egomotion, JsonOption, SettingsOptions, output_folder
 from saccade.cli.output import Result, facts_table, progress_bar
 from saccade.errors import ConfigError, require
-from saccade.evaluation.gaze import gaze_drive
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
 from saccade.simulation import WorldConfig, simulate_drive, simulate_world
+from saccade.simulation.gaze_drive import gaze_drive
 
 
 @dataclass(frozen=True, kw_only=True)

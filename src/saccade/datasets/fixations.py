@@ -213,7 +213,7 @@ def read_fixations(
     """The fixations in a file, or in those of a folder.
 
     A row with an empty cell, as of a blink, is left out, and so is one that repeats another, which
-    is counted in a remark. `FixationTable.viewer` is the viewer's number, or, where viewers
+    is counted in a remark. `FixationTable.subject` is the subject's number, or, where subjects
     have names, the place of the name among them. `FixationTable.index` is that of the file less
     the first one (0 or 1), so that it is 0 for the first fixation of a scanpath; where a file has
     times, or numbers that go on from image to image, the rank among the fixations of the scanpath.
@@ -271,7 +271,7 @@ def read_fixations(
         xy,
         None if np.isnan(seconds).all() else seconds,
     )
-    return table[np.lexsort((order, table.viewer, table.image))]
+    return table[np.lexsort((order, table.subject, table.image))]
 
 
 def _recording(path: Path, columns: Mapping[str, str]) -> FixationList:
@@ -437,7 +437,7 @@ def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArr
     unknown = np.full(len(table), np.nan)
     milliseconds = unknown if table.duration is None else 1000 * table.duration
     if path.suffix == ".csv":
-        keys = {"image": table.image, "viewer": table.viewer, "index": table.index}
+        keys = {"image": table.image, "viewer": table.subject, "index": table.index}
         write_table(path, keys | {"x": x, "y": y, DURATION: milliseconds} | columns)
         return
     from scipy.io import savemat  # slow to import
@@ -453,8 +453,8 @@ def _osie_cells(table: FixationTable, fields: Mapping[str, npt.NDArray[Any]]) ->
     for name in np.unique(table.image):
         own = np.flatnonzero(table.image == name)
         viewers = []
-        for viewer in np.unique(table.viewer[own]):
-            rows = own[table.viewer[own] == viewer]
+        for viewer in np.unique(table.subject[own]):
+            rows = own[table.subject[own] == viewer]
             numbers = {f"fix_{key}": values[rows] for key, values in fields.items()}
             viewers.append({"viewer": viewer, **numbers})
         images.append({"img": str(name), "subjects": _cells(viewers)})

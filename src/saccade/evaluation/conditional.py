@@ -30,10 +30,12 @@ from saccade.types import FixationTable, Float32Array, FloatArray, IntArray
 
 STATIC, DENSITY = "saliency map", "static density"
 MODELS = (PEOPLE, OTHERS, WALK, STATIC, DENSITY, SAMPLED, SIMILAR)
-"""What predicts the next fixation: of these the walk and the sampled ones depend on those before;
-the static density is the model without its kernel and inhibition."""
+"""Predictors of the next fixation. The static density is the scanpath model without its kernel and
+its inhibition."""
 UNIFORM = 0.01
-"""Fraction of a uniform distribution in the densities of fixations, so that none is 0."""
+"""Weight of a uniform distribution in the densities of fixations, which keeps them positive."""
+SEED = 20102
+"""Seed of the bootstrap: equal scores always have equal intervals."""
 
 
 @dataclass(frozen=True)
@@ -43,21 +45,21 @@ class FixationPrediction:
     nss: float
     """The prediction at the fixation, in standard deviations above its mean."""
     auc: float
-    """Fraction of the cells that it exceeds there, ties counting half."""
+    """Fraction of the cells with a lower prediction, ties counting half."""
     information_gain: float
-    """Information gain over the fixations on other images, in bits; NaN of a map that is no
+    """Information gain over the fixations on other images, in bits; NaN for a map that is no
     density."""
 
 
 class FixationRow(NamedTuple):
-    """A fixation with the scores of a model."""
+    """Scores of a model on one fixation."""
 
     image: str
     model: str
     """One of `MODELS`, or a fitted one."""
-    viewer: int
+    subject: int
     fixation: int
-    """Number of the fixation among those of the viewer that are scored."""
+    """Number of the fixation among the scored ones of the subject."""
     scores: FixationPrediction
 
 
@@ -67,9 +69,9 @@ def score_fixations(
     """Score the prediction of every fixation on an image.
 
     Args:
-        name: of the image.
-        data: fixations of several viewers on it.
-        saliency: (h, w) of the image.
+        name: name of the image.
+        data: fixations of several subjects on the image.
+        saliency: (h, w) saliency of the image.
         model: the scanpath model; its first fixation starts from the center of the image.
     """
     shape, seen = data.sizes[name], data.on(name)
@@ -83,7 +85,7 @@ def score_fixations(
     still = replace(model, amplitude_exponent=0.0, horizontal=0.0, persistence=0.0, inhibition=0.0)
     baseline, rest = people_densities(name, data, saliency.shape)
     predictions: dict[str, Iterable[FloatArray]] = {
-        PEOPLE: (rest[viewer] for viewer in seen.viewer.tolist()),
+        PEOPLE: (rest[subject] for subject in seen.subject.tolist()),
         OTHERS: repeat(baseline),
         WALK: sampled(np.ones_like(saliency), walk_model(model)),
         STATIC: repeat(saliency.astype(np.float64)),
@@ -106,17 +108,17 @@ def score_predictions(
     """Score predictions of each fixation on an image.
 
     Args:
-        name: of the image.
-        seen: its n fixations, sorted by viewer and index.
+        name: name of the image.
+        seen: its n fixations, sorted by subject and index.
         shape: (H, W) of the image.
-        predictions: by model, n times (h, w).
-        baseline: (h, w) over which information is gained.
+        predictions: n arrays (h, w) by the name of the model.
+        baseline: (h, w) density over which information is gained.
     """
     cells = np.ravel_multi_index(tuple(cells_of(seen.xy, shape, baseline.shape).T), baseline.shape)
     number = np.arange(len(seen)) - first_fixations(seen)
     for kind, densities in predictions.items():
-        rows = zip(seen.viewer.tolist(), number.tolist(), cells.tolist(), densities, strict=False)
-        for viewer, k, cell, density in rows:
+        rows = zip(seen.subject.tolist(), number.tolist(), cells.tolist(), densities, strict=False)
+        for subject, k, cell, density in rows:
             values = density.ravel()
             with np.errstate(divide="ignore"):  # a map that is no density may be 0 there
                 gain = float(np.log2(values[cell] / baseline.ravel()[cell]))
@@ -125,28 +127,29 @@ def score_predictions(
                 auc=float(ranks(values[cell : cell + 1], values)[0]),
                 information_gain=gain,
             )
-            yield FixationRow(name, kind, viewer, k, scores)
+            yield FixationRow(name, kind, subject, k, scores)
 
 
 def first_fixations(seen: FixationTable) -> IntArray:
-    """(n,) row of the first fixation of the viewer of each, of a table sorted by viewer."""
-    return np.asarray(np.searchsorted(seen.viewer, seen.viewer))
+    """(n,) row of the first fixation of each row's subject, of a table sorted by subject."""
+    return np.asarray(np.searchsorted(seen.subject, seen.subject))
 
 
 def people_densities(
     name: str, data: FixationData, cells: tuple[int, ...]
 ) -> tuple[FloatArray, dict[int, FloatArray]]:
-    """Distributions (h, w) of the fixations on other images, and of the others of each viewer."""
+    """Density (h, w) of the fixations on other images; by subject that of the other subjects."""
     shape, seen = data.sizes[name], data.on(name)
-    rest = {viewer: seen.xy[seen.viewer != viewer] for viewer in np.unique(seen.viewer).tolist()}
-    return (
-        _cell_density(data.elsewhere(name), shape, cells, data.sigma),
-        {
-            viewer: _cell_density(xy, shape, cells, data.sigma)
-            for viewer, xy in rest.items()
-            if len(xy)
-        },
+    others = {
+        subject: xy
+        for subject in np.unique(seen.subject).tolist()
+        if len(xy := seen.xy[seen.subject != subject])
+    }
+    densities = (
+        _cell_density(xy, shape, cells, data.sigma)
+        for xy in (data.elsewhere(name), *others.values())
     )
+    return next(densities), dict(zip(others, densities, strict=True))
 
 
 def _cell_density(
@@ -167,18 +170,12 @@ def cells_of(xy: FloatArray, shape: tuple[int, int], cells: tuple[int, ...]) -> 
     return np.asarray(at.clip(0, np.array(cells) - 1).astype(np.int64))
 
 
-SEED = 20102
-"""Seed of the bootstrap: equal scores always have equal intervals."""
-
-
 class MeanScore(NamedTuple):
-    """A mean over images."""
+    """Mean of a score over images, with its 95 % bootstrap interval."""
 
     mean: float
     low: float
-    """Lower end of the 95 % bootstrap interval."""
     high: float
-    """Upper end of it."""
 
 
 Summary = Mapping[str, Mapping[str, MeanScore]]
@@ -189,22 +186,19 @@ def summary(rows: Iterable[PathRow | FixationRow]) -> Summary:
     """Means over images of the means of their paths or fixations, by source or model."""
     values: dict[str, dict[str, dict[str, list[float]]]] = {}
     for row in rows:
-        group = values.setdefault(row[1], {})
+        scores = values.setdefault(row[1], {})
         for score, value in asdict(row.scores).items():
-            of_image = group.setdefault(score, {}).setdefault(row.image, [])
-            of_image += [value] if np.isfinite(value) else []
+            images = scores.setdefault(score, {})
+            if np.isfinite(value):
+                images.setdefault(row.image, []).append(value)
     return {
-        name: {
-            score: _mean_score([float(np.mean(each)) for each in images.values() if each])
-            for score, images in scores.items()
-            if any(images.values())
-        }
+        name: {score: _mean_score(images) for score, images in scores.items() if images}
         for name, scores in values.items()
     }
 
 
-def _mean_score(of_images: Sequence[float]) -> MeanScore:
-    table = np.array(of_images)[:, None]
+def _mean_score(images: Mapping[str, Sequence[float]]) -> MeanScore:
+    table = np.array([np.mean(values) for values in images.values()])[:, None]
     low, high = mean_interval(table, 0.95, SEED)
     return MeanScore(float(table.mean()), float(low[0]), float(high[0]))
 

@@ -5,7 +5,7 @@ of features of the image and of functions of the way from earlier fixations, but
 the likelihood is convex (a conditional logit, McFadden 1974). A quadratic penalty holds the
 standardized weights small. Without the functions of the way it is the static density.
 
-The fit is cross-validated: each fixation belongs to a fold, by its image or by its viewer, and is
+The fit is cross-validated: each fixation belongs to a fold, by its image or by its subject, and is
 scored by weights that were fitted to the other folds. Weights are one array: of the k features, of
 the e features that count more for the first fixations, and of the functions of `saccade_tables`.
 """
@@ -54,7 +54,7 @@ class FittingConfig(Settings):
     """Settings of the fit of a model and of its cross-validation."""
 
     folds: int = setting(5, 2, 100)
-    """Parts of the images, or viewers, each left out once."""
+    """Parts of the images, or subjects, each left out once."""
     penalty: float = setting(0.001, 0, 1e3)
     """Weight of half of the squared standardized weights beside the mean log-likelihood."""
     iterations: int = setting(60, 1, 10_000)
@@ -89,13 +89,13 @@ class FittingData:
 
     @cached_property
     def steps(self) -> list[Steps]:
-        """The fixations of each image, those of a viewer after a first one in the center."""
+        """The fixations of each image, those of a subject after a first one in the center."""
         found = []
         for (name, size), values in zip(self.people.sizes.items(), self.values, strict=True):
             seen, shape = self.people.on(name), values.shape[1:]
             rows = []
-            for viewer in np.unique(seen.viewer):
-                own = seen.xy[seen.viewer == viewer]
+            for subject in np.unique(seen.subject):
+                own = seen.xy[seen.subject == subject]
                 path = np.vstack([[(size[1] - 1) / 2, (size[0] - 1) / 2], own])
                 rows += [path_terms(path[: k + 1], shape, size) for k in range(len(own))]
             anchors, factors = (np.array(column) for column in zip(*rows, strict=True))
@@ -202,12 +202,12 @@ def folds_by_image(data: FittingData, config: FittingConfig) -> list[IntArray]:
     return [np.full(len(each.cells), fold) for each, fold in zip(data.steps, folds, strict=True)]
 
 
-def folds_by_viewer(data: FittingData, config: FittingConfig) -> list[IntArray]:
-    """Of each image, (m,) the fold of its fixations: that of the viewer."""
-    viewers = np.unique(data.people.table.viewer)
-    folds = split(len(viewers), config.folds, config.seed)
-    seen = (data.people.on(name).viewer for name in data.people.sizes)
-    return [folds[np.searchsorted(viewers, each)] for each in seen]
+def folds_by_subject(data: FittingData, config: FittingConfig) -> list[IntArray]:
+    """Of each image, (m,) the fold of its fixations: that of the subject."""
+    subjects = np.unique(data.people.table.subject)
+    folds = split(len(subjects), config.folds, config.seed)
+    seen = (data.people.on(name).subject for name in data.people.sizes)
+    return [folds[np.searchsorted(subjects, each)] for each in seen]
 
 
 def cross_validate(
@@ -240,13 +240,13 @@ def saliency_of(data: FittingData, image: int, weights: FloatArray) -> Float32Ar
     return resize(np.exp(logits - logits.max()).astype(np.float32), data.shapes[image][2:])
 
 
-STATIC, ORDERED, ORDER, REST = "static", "with the order", "order", "the other viewers"
+STATIC, ORDERED, ORDER, REST = "static", "with the order", "order", "the other subjects"
 
 
 def score_steps(
     data: FittingData, folds: Sequence[IntArray], weights: Mapping[str, Sequence[FloatArray]]
 ) -> Iterator[FixationRow]:
-    """How each next fixation is predicted, also by the other viewers of the image, the ceiling.
+    """How each next fixation is predicted, also by the other subjects of the image, the ceiling.
 
     Args:
         data: features and fixations.
@@ -264,7 +264,7 @@ def score_steps(
             for model, of_folds in weights.items()
         }
         if len(rest) > 1:
-            predictions[REST] = (rest[viewer] for viewer in seen.viewer.tolist())
+            predictions[REST] = (rest[subject] for subject in seen.subject.tolist())
         rows = [*score_predictions(name, seen, size, predictions, baseline)]
         yield from rows
         static, ordered = ([row for row in rows if row.model == of] for of in (STATIC, ORDERED))
@@ -299,7 +299,7 @@ def as_model(
     return FittedModel(tuple(data.names), features, fitted_to, data.attention, scanpath)
 
 
-FITTED, BY_VIEWER, UNFITTED = "fitted, by image", "fitted, by viewer", "unfitted"
+FITTED, BY_SUBJECT, UNFITTED = "fitted, by image", "fitted, by subject", "unfitted"
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
 
 
@@ -310,7 +310,7 @@ class FitStudy:
     model: FittedModel
     """Fitted to all images."""
     results: dict[str, PredictionScores]
-    """By name: the model on images that it was not fitted to, then on viewers that it was not
+    """By name: the model on images that it was not fitted to, then on subjects that it was not
     fitted to, and what it is compared with."""
     steps: list[FixationRow]
     """Each next fixation, see `score_steps`."""
@@ -339,7 +339,7 @@ def study(
         LogError: there are too few images.
         ImageError: an image cannot be read or used.
     """
-    count, viewers = len(people.sizes), len(np.unique(people.table.viewer))
+    count, subjects = len(people.sizes), len(np.unique(people.table.subject))
     if count < 4:
         raise LogError(f"fixations: expected at least four images to fit to, found {count}")
     names = feature_names(attention, faces=faces is not None)
@@ -348,7 +348,7 @@ def study(
         for name in people.sizes
     )
     data = FittingData(people, names, [*progress(values, "features", count)], attention)
-    by_image, by_viewer = folds_by_image(data, config), folds_by_viewer(data, config)
+    by_image, by_viewer = folds_by_image(data, config), folds_by_subject(data, config)
     found = {
         model: [
             *progress(
@@ -370,19 +370,19 @@ def study(
         return ((image, of["model"]) for image, of in score_models({"model": model}, people))
 
     scored = {FITTED: score_held_out(data, by_image, found[STATIC])}
-    if viewers > 1:
+    if subjects > 1:
         of_viewers = [*cross_validate(data, by_viewer, config, ordered=False)]
-        scored[BY_VIEWER] = score_held_out(data, by_viewer, of_viewers)
+        scored[BY_SUBJECT] = score_held_out(data, by_viewer, of_viewers)
     scored |= {
         UNFITTED: scores_of(unfitted),
         CENTER: scores_of(people.center),
         SHUFFLED: scores_of(people.shuffled),
     }
-    if ceiling and viewers > 1:
+    if ceiling and subjects > 1:
         scored[PEOPLE] = score_people(people)
     results = {name: [*progress(each, name, count)] for name, each in scored.items()}
     return FitStudy(
-        as_model(data, static, ordered, f"{count} images, viewers: {viewers}"),
+        as_model(data, static, ordered, f"{count} images, subjects: {subjects}"),
         {
             name: PredictionScores(*zip(*rows, strict=True))
             for name, rows in results.items()

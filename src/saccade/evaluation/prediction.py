@@ -64,7 +64,7 @@ class FixationData:
     folder: Path
     """Folder of the images."""
     table: FixationTable
-    """Fixations inside their images, sorted by image, viewer and index."""
+    """Fixations inside their images, sorted by image, subject and index."""
     sizes: Mapping[str, tuple[int, int]]
     """(H, W) of each image with fixations; fixations of one are scaled to another by them."""
     sigma: float = 24.0
@@ -77,16 +77,16 @@ class FixationData:
         """Those of a table, on images of a folder.
 
         Args:
-            table: fixations of several viewers and images.
+            table: fixations of several subjects and images.
             folder: of the images.
-            skip: number of first fixations of each viewer that are left out.
+            skip: number of first fixations of each subject that are left out.
             sigma: standard deviation of the fixation blur, in pixels.
 
         Raises:
             ImageError: an image cannot be read.
             LogError: there is only one image, so that nothing can be shuffled.
         """
-        order = np.lexsort((table.index, table.viewer, table.image))
+        order = np.lexsort((table.index, table.subject, table.image))
         table = table[order[table.index[order] >= skip]]
         names, index = np.unique(table.image, return_inverse=True)
         sizes = [read_image(folder / name).shape[:2] for name in names.tolist()]
@@ -173,18 +173,18 @@ def score_models(
 
 
 def score_people(data: FixationData) -> Iterator[tuple[str, FixationScores]]:
-    """Each viewer of an image against the fixation density of the others: the ceiling of models.
+    """Each subject of an image against the fixation density of the others: the ceiling of models.
 
     Yields:
-        The name of each image with two viewers or more, and the mean over its viewers.
+        The name of each image with two subjects or more, and the mean over its subjects.
     """
     for name in data.sizes:
         seen = data.on(name)
-        viewers = np.unique(seen.viewer)
+        subjects = np.unique(seen.subject)
         rows = [
-            data.score(name, data.density(name, seen.xy[seen.viewer != each]), seen.xy[own])
-            for each in viewers
-            if (own := seen.viewer == each).sum() < len(seen)
+            data.score(name, data.density(name, seen.xy[seen.subject != each]), seen.xy[own])
+            for each in subjects
+            if (own := seen.subject == each).sum() < len(seen)
         ]
         if rows:
             yield name, PredictionScores([name] * len(rows), rows).mean()
@@ -195,7 +195,7 @@ class FixationRow(NamedTuple):
 
     image: str
     model: str
-    viewer: int
+    subject: int
     fixation: int
     """Its index."""
     x: float
@@ -219,7 +219,7 @@ def fixation_rows(name: str, maps: Mapping[str, Map], data: FixationData) -> Ite
         at, p = values_at(saliency, seen.xy), distribution(saliency)
         bits = np.log2(TINY + values_at(p, seen.xy)) - np.log2(TINY + values_at(baseline, seen.xy))
         columns = (
-            *(seen.viewer, seen.index, *seen.xy.T),
+            *(seen.subject, seen.index, *seen.xy.T),
             ranks(at, saliency.ravel()),
             ranks(at, values_at(saliency, others)),
             (at - saliency.mean()) / (float(saliency.std()) or np.inf),

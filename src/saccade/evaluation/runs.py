@@ -1,13 +1,19 @@
 """Scores of a mapped camera drive whose truth is known."""
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 
-from saccade.evaluation.trajectory import landmark_rmse, none_if_nan, position_rmse
+from saccade.evaluation.trajectory import (
+    DriveScore,
+    landmark_rmse,
+    none_if_nan,
+    position_rmse,
+    score_drive,
+)
 from saccade.frames import Drive
-from saccade.plane import steps_between
+from saccade.plane import point_covariance, rotated, rotations, to_points
 from saccade.slam import SlamResult, SmoothResult
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.run import MAX_NONLINEARITY
@@ -64,7 +70,7 @@ def summarize_run(
     if log.landmark_truth is not None:
         for name, landmarks in maps.items():
             for kind, aligned in (("rmse_m", True), ("unaligned_rmse_m", False)):
-                rmse = landmark_rmse(landmarks, log.landmark_truth, aligned)
+                rmse = landmark_rmse(landmarks, log.landmark_truth, aligned=aligned)
                 row[f"{name}_{kind}"] = none_if_nan(rmse)
     return row
 
@@ -111,49 +117,8 @@ def _odometry_end(log: LandmarkLog, result: SlamResult) -> dict[str, float]:
 
 
 POSITION_TOLERANCE = 0.1
-"""Metres, plus a tenth of it for each metre of range, by which two observations of one landmark
+"""Metres, plus a tenth of it for each meter of range, by which two observations of one landmark
 may differ besides their standard deviations."""
-
-
-@dataclass(frozen=True)
-class DriveScore:
-    """Errors of an estimated trajectory."""
-
-    ate_m: float
-    """Absolute trajectory error: RMSE of the position after alignment without scale (evo's APE)."""
-    ate_unaligned_m: float
-    """ATE without alignment, with the start given."""
-    rpe_m: float
-    """Relative pose error: RMSE of the translation between frames (evo's RPE)."""
-    end_m: float
-    """Position error at the end, with the start given."""
-    inside_3sigma: float
-    """Fraction of the frames whose true position lies in the 99.7 % ellipse; NaN for an estimate
-    without covariance."""
-
-
-def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
-    """Compare poses with the truth at their times.
-
-    Args:
-        estimate: n poses.
-        truth: poses in the same frame; interpolated between its times.
-    """
-    true_pose = truth.at(estimate.time)
-    error = estimate.pose[:, :2] - true_pose[:, :2]
-    steps, true_steps = (steps_between(each)[:, :2] for each in (estimate.pose, true_pose))
-    step_error = np.hypot(*(steps - true_steps).T) if len(steps) else np.full(1, np.nan)
-    inside = float("nan")
-    if estimate.covariance is not None and len(error) >= 2:
-        covariance = estimate.covariance[1:, :2, :2] + 1e-12 * np.eye(2)  # the first is exact
-        inside = float((normalized_squared(error[1:], covariance) < THREE_SIGMA_2D).mean())
-    return DriveScore(
-        ate_m=position_rmse(Trajectory(estimate.time, estimate.pose), truth),
-        ate_unaligned_m=position_rmse(estimate, truth, aligned=False),
-        rpe_m=float(np.sqrt(np.square(step_error).mean())),
-        end_m=float(np.hypot(*error[-1])),
-        inside_3sigma=inside,
-    )
 
 
 def correct_associations(
@@ -175,12 +140,10 @@ def correct_associations(
         (k,) mask.
     """
     pose = poses[frame]
-    beta = pose[:, 2] + z[:, 1]
-    ray = np.stack([np.cos(beta), np.sin(beta)], 1)
-    position = pose[:, :2] + z[:, :1] * ray
-    across = np.stack([-ray[:, 1], ray[:, 0]], 1)
-    axes = np.stack([ray * sigma[:, :1], across * z[:, :1] * sigma[:, 1:]], 1)
-    covariance = axes.transpose(0, 2, 1) @ axes
+    position = pose[:, :2] + rotated(to_points(z), pose[:, 2])
+    turn = rotations(pose[:, 2])
+    covariance = point_covariance(z, np.square(sigma)[:, :, None] * np.eye(2))
+    covariance = turn @ covariance @ turn.transpose(0, 2, 1)
     _, first, index = np.unique(landmark, return_index=True, return_inverse=True)
     tolerance = POSITION_TOLERANCE * (1 + z[:, 0] / 10) / np.sqrt(THREE_SIGMA_2D)
     covariance = covariance + covariance[first][index]

@@ -241,7 +241,7 @@ class PathRow(NamedTuple):
     source: str
     """One of `SOURCES`."""
     number: int
-    """Number of the path among those of its source on this image; of people the viewer."""
+    """Number of the path among those of its source on this image; of people the subject."""
     path: GazePath
     scores: PathScores
 
@@ -252,27 +252,27 @@ class Viewing(NamedTuple):
     shape: tuple[int, int]
     """(H, W) of the image."""
     paths: Mapping[int, GazePath]
-    """By viewer; at least one fixation each, inside the image."""
+    """By subject; at least one fixation each, inside the image."""
 
 
 def viewings(data: FixationData) -> dict[str, Viewing]:
-    """The scanpaths of the viewers of each image, of two viewers or more.
+    """The scanpaths of the subjects of each image, of two subjects or more.
 
     Raises:
-        LogError: fewer than two images with two viewers.
+        LogError: fewer than two images with two subjects.
     """
     result = {}
     for name, shape in data.sizes.items():
         seen = data.on(name)
         duration = np.full(len(seen), np.nan) if seen.duration is None else seen.duration
         paths = {
-            viewer: GazePath(seen.xy[seen.viewer == viewer], duration[seen.viewer == viewer])
-            for viewer in np.unique(seen.viewer).tolist()
+            subject: GazePath(seen.xy[seen.subject == subject], duration[seen.subject == subject])
+            for subject in np.unique(seen.subject).tolist()
         }
         if len(paths) > 1:
             result[name] = Viewing(shape, paths)
     if len(result) < 2:
-        raise LogError(f"fixations: expected two images of two viewers, found {len(result)}")
+        raise LogError(f"fixations: expected two images of two subjects, found {len(result)}")
     return result
 
 
@@ -301,7 +301,7 @@ def score_paths(
 
     Args:
         name: of the image.
-        people: scanpaths of the viewers by image, see `viewings`. Those of the next image stand
+        people: scanpaths of the subjects by image, see `viewings`. Those of the next image stand
             for other images, scaled to this one.
         saliency: (h, w) of the image.
         settings: the models, and how paths are compared.
@@ -313,20 +313,20 @@ def score_paths(
     seen = _cut(people[name].paths, settings.fixations)
     everyone = list(seen.values())
 
-    def row(source: str, number: int, path: GazePath, viewers: Sequence[GazePath]) -> PathRow:
-        scores = path_scores(path, viewers, shape, settings.similarity)
+    def row(source: str, number: int, path: GazePath, subjects: Sequence[GazePath]) -> PathRow:
+        scores = path_scores(path, subjects, shape, settings.similarity)
         return PathRow(name, source, number, path, scores)
 
-    for viewer, path in seen.items():
-        others = [each for other, each in seen.items() if other != viewer]
-        yield row(PEOPLE, viewer, path, others)
+    for subject, path in seen.items():
+        others = [each for other, each in seen.items() if other != subject]
+        yield row(PEOPLE, subject, path, others)
     names = list(people)
     stranger = people[names[(names.index(name) + 1) % len(names)]]
     scale = np.array(shape[::-1]) / stranger.shape[::-1]
     seed = settings.seed * len(names) + names.index(name)
-    for viewer, path in _cut(stranger.paths, settings.fixations).items():
+    for subject, path in _cut(stranger.paths, settings.fixations).items():
         moved = GazePath((path.xy + 0.5) * scale - 0.5, path.duration)
-        yield row(OTHERS, viewer, moved, everyone)
+        yield row(OTHERS, subject, moved, everyone)
     maps, length = SaliencyMaps(saliency, shape), settings.fixations
     for source, values, model in (
         (WALK, SaliencyMaps(np.ones_like(saliency), shape), walk_model(settings.model)),
@@ -355,7 +355,7 @@ def durations_of(path: Scanpath) -> FloatArray:
 
 
 def mean_fixations(people: Mapping[str, Viewing]) -> int:
-    """The mean number of fixations of a viewer on an image, rounded."""
+    """The mean number of fixations of a subject on an image, rounded."""
     counts = [len(path.xy) for viewing in people.values() for path in viewing.paths.values()]
     return round(float(np.mean(counts)))
 

@@ -13,7 +13,9 @@ import numpy as np
 from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses
 from saccade.errors import LogError, Settings, require, setting
 from saccade.landmark_names import renumber
-from saccade.types import FloatArray, IntArray, LandmarkMap, Trajectory
+from saccade.plane import rotations
+from saccade.slam.consistency import normalized_squared
+from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, LandmarkMap, Trajectory
 
 TRIMMED_ITERATIONS = 30
 """Iterations of the trimmed alignment."""
@@ -60,15 +62,15 @@ def umeyama(points: FloatArray, onto: FloatArray, with_scale: bool = False) -> S
 
 
 def position_rmse(
-    trajectory: Trajectory, truth: Trajectory, keep: float = 1.0, aligned: bool = True
+    trajectory: Trajectory, truth: Trajectory, *, keep: float = 1.0, aligned: bool = True
 ) -> float:
-    """Root mean square position error (ATE), in metres.
+    """Absolute trajectory error (ATE) on the plane: root mean square position error in meters.
 
     Args:
         trajectory: estimated poses.
         truth: true positions, at times of their own.
-        keep: fraction of the nearest positions that count and determine the alignment; under 1
-            for a truth with outliers, such as GPS among trees.
+        keep: fraction of the smallest errors that count and determine the alignment; under 1 for
+            a truth with outliers, such as GPS among trees.
         aligned: whether the trajectory is aligned with the truth first; False for one in the frame
             of the truth.
 
@@ -84,20 +86,39 @@ def position_rmse(
         np.stack([np.interp(time, each.time, each.pose[:, i]) for i in (0, 1)], 1)
         for each in (trajectory, truth)
     )
-    return _rmse(points, true, keep, aligned)
+    return point_rmse(points, true, keep=keep, aligned=aligned)
 
 
-def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap, aligned: bool = True) -> float:
-    """Root mean square error of the landmarks in both maps, in metres; NaN for fewer than two.
+def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap, *, aligned: bool = True) -> float:
+    """Root mean square error of the landmarks in both maps, in meters; NaN for fewer than two.
 
     Args:
         landmarks: the estimates.
-        truth: true positions of landmarks of the same names.
-        aligned: whether they are aligned with the truth first.
+        truth: true positions of landmarks with the same labels.
+        aligned: whether the estimates are aligned with the truth first.
     """
     ids, _ = renumber(truth.id, truth.text_names, landmarks.text_names)
     _, ours, theirs = np.intersect1d(landmarks.id, ids, return_indices=True)
-    return _rmse(landmarks.xy[ours], truth.xy[theirs], aligned=aligned)
+    return point_rmse(landmarks.xy[ours], truth.xy[theirs], aligned=aligned)
+
+
+def point_rmse(
+    points: FloatArray, truth: FloatArray, *, keep: float = 1.0, aligned: bool = True
+) -> float:
+    """Root mean square distance of points (n, d) and their true positions; see `position_rmse`."""
+    if len(points) < 2:
+        return float("nan")
+    inliers = np.ones(len(points), bool)
+    for _ in range(TRIMMED_ITERATIONS if keep < 1 else 1):
+        moved = umeyama(points[inliers], truth[inliers])(points) if aligned else points
+        error = np.linalg.norm(moved - truth, axis=1)
+        inliers = error <= np.quantile(error, keep)
+    return root_mean_square(error[inliers])
+
+
+def root_mean_square(errors: FloatArray) -> float:
+    """Root mean square of errors (n,); NaN for none."""
+    return float(np.sqrt(np.square(errors).mean())) if len(errors) else float("nan")
 
 
 def none_if_nan(value: float) -> float | None:
@@ -105,15 +126,53 @@ def none_if_nan(value: float) -> float | None:
     return value if isfinite(value) else None
 
 
-def _rmse(points: FloatArray, truth: FloatArray, keep: float = 1.0, aligned: bool = True) -> float:
-    if len(points) < 2:
-        return float("nan")
-    inliers = np.ones(len(points), bool)
-    for _ in range(TRIMMED_ITERATIONS if keep < 1 else 1):
-        moved = umeyama(points[inliers], truth[inliers])(points) if aligned else points
-        error = np.hypot(*(moved - truth).T)
-        inliers = error <= np.quantile(error, keep)
-    return float(np.sqrt(np.square(error[inliers]).mean()))
+@dataclass(frozen=True)
+class DriveScore:
+    """Errors of an estimated trajectory on the plane, in meters."""
+
+    ate_m: float
+    """Absolute trajectory error: RMSE of the position after alignment without scale (evo's APE)."""
+    ate_unaligned_m: float
+    """ATE without alignment, with the start given."""
+    rpe_m: float
+    """Relative pose error: RMSE of the translation between frames (evo's RPE)."""
+    end_m: float
+    """Position error at the end, with the start given."""
+    inside_3sigma: float
+    """Fraction of the frames whose true position lies in the 99.7 % ellipse; NaN for an estimate
+    without covariance."""
+
+
+def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
+    """Compare poses with the truth at their times.
+
+    Args:
+        estimate: n poses.
+        truth: poses in the same frame; interpolated between its times.
+    """
+    true_pose = truth.at(estimate.time)
+    error = estimate.pose[:, :2] - true_pose[:, :2]
+    ends = np.arange(len(error) - 1), np.arange(1, len(error))
+    poses = _in_space(estimate.time, estimate.pose)
+    steps = relative_errors(poses, _in_space(estimate.time, true_pose), *ends)
+    inside = float("nan")
+    if estimate.covariance is not None and len(error) >= 2:
+        covariance = estimate.covariance[1:, :2, :2] + 1e-12 * np.eye(2)  # the first is exact
+        inside = float((normalized_squared(error[1:], covariance) < THREE_SIGMA_2D).mean())
+    return DriveScore(
+        ate_m=position_rmse(estimate, truth),
+        ate_unaligned_m=position_rmse(estimate, truth, aligned=False),
+        rpe_m=root_mean_square(steps.translation),
+        end_m=float(np.hypot(*error[-1])),
+        inside_3sigma=inside,
+    )
+
+
+def _in_space(time: FloatArray, pose: FloatArray) -> Poses:
+    """Poses on the plane (n, 3) as poses in space."""
+    rotation = np.tile(np.eye(3), (len(pose), 1, 1))
+    rotation[:, :2, :2] = rotations(pose[:, 2])
+    return Poses(time, rotation, pose * (1.0, 1.0, 0.0))
 
 
 Unit = Literal["frames", "seconds", "meters"]
@@ -122,7 +181,7 @@ UNITS: tuple[Unit, ...] = ("frames", "seconds", "meters")
 TOLERANCE = 0.1
 """Fraction by which the two poses of a pair may be farther apart or nearer than asked for."""
 SEGMENTS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
-"""Lengths in metres of KITTI's segments; one of each begins at every tenth pose."""
+"""Lengths in meters of KITTI's segments; one of each begins at every tenth pose."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +197,7 @@ class PoseErrorConfig(Settings):
     delta: float = setting(1.0, above=0)
     """Distance between the two poses of a relative error."""
     unit: Unit = "frames"
-    """Unit of `delta`; metres are counted along the estimate."""
+    """Unit of `delta`; meters are counted along the estimate."""
     all_pairs: bool = False
     """Whether a pair begins at every pose; else each begins where the last one ends."""
 
@@ -152,7 +211,7 @@ class Errors(NamedTuple):
     """Errors of n poses, pairs or segments."""
 
     translation: FloatArray
-    """(n,) metres; of segments per cent of the length."""
+    """(n,) meters; of segments per cent of the length."""
     rotation: FloatArray
     """(n,) degrees, of segments per 100 m; NaN where the alignment does not determine it (see
     `score_poses`)."""
@@ -198,14 +257,8 @@ def statistics(errors: FloatArray) -> Statistics:
     """Statistics of errors (n,); NaN for none."""
     if len(errors) == 0:
         return Statistics(*[float("nan")] * len(Statistics._fields))
-    return Statistics(
-        rmse=float(np.sqrt(np.square(errors).mean())),
-        mean=float(errors.mean()),
-        median=float(np.median(errors)),
-        std=float(errors.std()),
-        min=float(errors.min()),
-        max=float(errors.max()),
-    )
+    of_each = (np.mean, np.median, np.std, np.min, np.max)
+    return Statistics(root_mean_square(errors), *(float(each(errors)) for each in of_each))
 
 
 def score_poses(
@@ -248,7 +301,7 @@ def score_poses(
         scale=fit.scale,
         first=first,
         second=second,
-        relative=_relative(scaled, truth, first, second),
+        relative=relative_errors(scaled, truth, first, second),
         segments=_segment_errors(scaled, truth),
     )
 
@@ -321,7 +374,8 @@ def _absolute(estimate: Poses, truth: Poses) -> Errors:
     return Errors(distance, np.degrees(rotation_angle(turn)))
 
 
-def _relative(estimate: Poses, truth: Poses, first: IntArray, second: IntArray) -> Errors:
+def relative_errors(estimate: Poses, truth: Poses, first: IntArray, second: IntArray) -> Errors:
+    """Relative pose errors (RPE) of the motions (m,) between pairs of poses."""
     turn, shift = _motion(estimate, first, second)
     true_turn, true_shift = _motion(truth, first, second)
     rotation = true_turn.transpose(0, 2, 1) @ turn
@@ -341,7 +395,7 @@ def _segment_errors(estimate: Poses, truth: Poses) -> Errors:
     end = np.searchsorted(reached, reached[start] + length, side="right")
     inside = end < len(reached)
     meters = length[inside]
-    errors = _relative(estimate, truth, start[inside], end[inside])
+    errors = relative_errors(estimate, truth, start[inside], end[inside])
     return Errors(100 * errors.translation / meters, 100 * errors.rotation / meters)
 
 
