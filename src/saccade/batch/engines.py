@@ -284,11 +284,11 @@ def _available_memory() -> int | None:
 def _pixels(item: "Item") -> int:
     """Pixels of an image, from its header."""
     from saccade.batch.sources import read_content
-    from saccade.io.image import size_in_header
+    from saccade.io.image import read_header
 
     if item.frame is None:
         with suppress(SaccadeError):
             content: Any = read_content(item)
-            width, height = size_in_header(content, item.name)
+            width, height = read_header(content, item.name)[:2]
             return width * height
     return DEFAULT_PIXELS

@@ -25,22 +25,26 @@ WHITE: Color = (1.0, 1.0, 1.0)
 """The background of transparent images, unless another is given."""
 
 ORIENTATION = 0x0112
-"""The EXIF tag."""
+"""EXIF tag of the orientation."""
 
-TURNS = {2: (True, 0), 3: (False, 2), 4: (True, 2), 5: (True, 1), 6: (False, 3)} | {
-    7: (True, 3),
-    8: (False, 1),
-}
-"""By EXIF orientation: whether to mirror left and right, and how often to turn by 90 degrees
-counterclockwise afterwards."""
+TURNS = (
+    *((False, 0), (True, 0), (False, 2), (True, 2)),
+    *((True, 1), (False, 3), (True, 3), (False, 1)),
+)
+"""For EXIF orientations 1 to 8: whether to mirror left and right, and how often to turn by 90
+degrees counterclockwise afterwards."""
 
 
-class Transparency(NamedTuple):
-    """Decoding of a file with transparency by OpenCV."""
+class Header(NamedTuple):
+    """Properties of an image file that OpenCV does not report."""
 
-    orientation: int
-    """The EXIF orientation that is still to be applied."""
-    tiff: bool
+    width: int
+    height: int
+    orientation: int = 1
+    """EXIF orientation that is still to be applied."""
+    transparent: bool = False
+    """Whether a fourth channel is opacity."""
+    multiplied: bool = False
     """Whether 8-bit colors are already multiplied by their opacity."""
 
 
@@ -67,29 +71,6 @@ def composite(
     own = colors if multiplied else colors * opacity
     blended = own + np.array(background) * full * (1 - opacity)
     return (np.rint(blended) if integer else blended).astype(pixels.dtype)
-
-
-def transparency_of(data: bytes) -> Transparency | None:
-    """Decoding of the bytes of a file by OpenCV; None of one without transparency."""
-    if data.startswith(b"\xff\xd8"):  # JPEG has none
-        return None
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of its size and its metadata
-            with Pillow.open(BytesIO(data)) as image:
-                if "A" not in image.getbands() and "transparency" not in image.info:
-                    return None
-                tiff = image.format == "TIFF"  # which OpenCV turns in every mode
-                orientation = 1 if tiff else int(image.getexif().get(ORIENTATION, 1))
-                return Transparency(orientation, tiff)
-    except (Pillow.DecompressionBombError, OSError, ValueError, SyntaxError, TypeError):
-        return None  # OpenCV says what is wrong with it
-
-
-def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """The pixels of a file, turned as its EXIF orientation says."""
-    mirrored, turns = TURNS.get(orientation, (False, 0))
-    return np.rot90(pixels[:, ::-1] if mirrored else pixels, turns)
 
 
 SILENT = 0
@@ -138,21 +119,18 @@ def decode_image(
     data: bytes, name: str, *, background: Color = WHITE, white: float | None = None
 ) -> Float32Array:
     """`read_image` from the bytes of a file; `name` is for error messages."""
-    transparency = transparency_of(data)
-    if transparency is None:
-        bgr = _decode(data, name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-        pixels = bgr if bgr.ndim == 2 else cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
-    else:  # OpenCV drops transparency where it applies the orientation
-        bgra = _decode(data, name, cv2.IMREAD_UNCHANGED)
-        multiplied = transparency.tiff and bgra.dtype == np.uint8
-        pixels = bgra
-        if bgra.ndim == 3 and bgra.shape[2] == 4:
-            rgba = cv2.cvtColor(bgra, cv2.COLOR_BGRA2RGBA)
-            pixels = composite(rgba, background, white, multiplied=multiplied)
-        elif bgra.ndim == 3:
-            pixels = cv2.cvtColor(bgra, cv2.COLOR_BGR2RGB)
-        pixels = upright(pixels, transparency.orientation)
-    return as_rgb(pixels, name, background=background, white=white)
+    pixels = _decode(data, name)
+    try:
+        header = read_header(data, name)
+    except ImageError:  # of a format that OpenCV alone reads
+        header = Header(0, 0)
+    if pixels.ndim == 3 and pixels.shape[2] == 4:
+        multiplied = header.multiplied and pixels.dtype == np.uint8
+        layered = composite(pixels, background, white, multiplied=multiplied)
+        pixels = layered if header.transparent else pixels[:, :, :3]
+    mirrored, turns = TURNS[header.orientation - 1]
+    pixels = np.rot90(pixels[:, ::-1] if mirrored else pixels, turns)
+    return as_rgb(pixels, name, white=white)
 
 
 def read_stored(path: str | Path) -> Image:
@@ -172,17 +150,15 @@ def read_stored(path: str | Path) -> Image:
 
 def decode_stored(data: bytes, name: str) -> Image:
     """`read_stored` from the bytes of a file; `name` is for error messages."""
-    pixels = _decode(data, name, cv2.IMREAD_UNCHANGED)
-    if pixels.ndim == 2:
-        return pixels
-    return cv2.cvtColor(pixels[:, :, :3], cv2.COLOR_BGR2RGB)
+    pixels = _decode(data, name)
+    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, :3])
 
 
-def size_in_header(data: bytes, name: str) -> tuple[int, int]:
-    """Width and height in the header of an image, which is not decoded.
+def read_header(data: bytes, name: str) -> Header:
+    """The header of an image, which is not decoded.
 
     Args:
-        data: of any format that Pillow reads.
+        data: content of a file in any format that Pillow reads.
         name: for error messages.
 
     Raises:
@@ -190,12 +166,16 @@ def size_in_header(data: bytes, name: str) -> tuple[int, int]:
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of its size, which callers check
+            warnings.simplefilter("ignore")  # of its size and its metadata
             with Pillow.open(BytesIO(data)) as image:
-                return image.size
+                transparent = "A" in image.getbands() or "transparency" in image.info
+                is_tiff = image.format == "TIFF"  # OpenCV applies its orientation
+                orientation = 1 if is_tiff else image.getexif().get(ORIENTATION, 1)
+                valid = orientation if orientation in range(1, 9) else 1
+                return Header(*image.size, valid, transparent, is_tiff)
     except Pillow.DecompressionBombError as error:
         raise ImageError(f"{name}: the image is far too large") from error
-    except (OSError, ValueError, SyntaxError) as error:
+    except Exception as error:  # Pillow raises anything for broken bytes
         raise ImageError(f"{name}: {NOT_AN_IMAGE}") from error
 
 
@@ -204,17 +184,15 @@ def _read(path: Path) -> bytes:
         return read_bytes(path)
 
 
-def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
-    """The pixels of a file, with OpenCV's order of colors."""
+def _decode(data: bytes, name: str) -> npt.NDArray[Any]:
+    """The stored pixels of a file: (H, W), or (H, W, 3) RGB, or (H, W, 4) RGBA."""
     if not data:
         raise ImageError(f"{name}: expected an image, found an empty file")
     if _is_truncated(data):
         raise ImageError(f"{name}: the image is cut short")
     with quiet_opencv():
         try:
-            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-            if pixels is None:  # OpenCV reads a gray TIFF of floats as gray alone
-                pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH)
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error as error:
             if "MAX_IMAGE" in str(error):
                 raise ImageError(_too_large(name, "more")) from error
@@ -224,7 +202,10 @@ def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
     height, width = pixels.shape[:2]
     if height * width > LARGEST_IMAGE:
         raise ImageError(_too_large(name, f"{width} x {height}"))
-    return pixels
+    if pixels.ndim == 2:
+        return pixels
+    order = cv2.COLOR_BGR2RGB if pixels.shape[2] == 3 else cv2.COLOR_BGRA2RGBA
+    return cv2.cvtColor(pixels, order)
 
 
 def _hint(data: bytes) -> str:

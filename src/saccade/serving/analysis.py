@@ -19,7 +19,7 @@ from saccade.attention.maps import SaliencyMaps
 from saccade.attention.models import AttentionModel
 from saccade.attention.scanpath import scanpath
 from saccade.errors import ImageError, require
-from saccade.io.image import decode_image, size_in_header
+from saccade.io.image import decode_image, read_header
 from saccade.scale.pyramid import FloatMap
 from saccade.serving.controls import (
     DETECTORS,
@@ -71,7 +71,7 @@ class PhotoAnalyzer:
             ImageError: it is no image, or too large or too small.
         """
         name = name[-MAX_NAME:]
-        width, height = size_in_header(data, name)
+        width, height = read_header(data, name)[:2]
         if width * height > MAX_PIXELS:
             raise ImageError(
                 f"{name}: expected at most {MAX_PIXELS / 1e6:g} million pixels, "

@@ -12,7 +12,7 @@ from saccade.datasets.drives.calibration import Calibration, Lens
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Frame
 from saccade.io.files import read_bytes, reading
-from saccade.io.image import find_images, read_stored, size_in_header
+from saccade.io.image import find_images, read_header, read_stored
 from saccade.types import FloatArray, Image, IntArray
 
 
@@ -160,7 +160,7 @@ def are_numbered(paths: Sequence[Path]) -> bool:
 def image_size(path: Path) -> tuple[int, int]:
     """Width and height of an image."""
     with reading(path, ImageError):
-        return size_in_header(read_bytes(path), str(path))
+        return read_header(read_bytes(path), str(path))[:2]
 
 
 def list_images(folder: Path) -> list[Path]:
