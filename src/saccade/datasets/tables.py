@@ -1,13 +1,13 @@
 """Tables of numbers: text and .npz are checked as they are read; CSV and TUM are written."""
 
 import csv
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from io import StringIO
 from itertools import combinations_with_replacement
 from math import isnan, isqrt
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from saccade.errors import LogError, require
 from saccade.extras import import_optional
 from saccade.io.files import atomic_write, read_text, reading
 from saccade.io.npz import read_arrays
-from saccade.types import FloatArray, LandmarkMap, Trajectory
+from saccade.types import BoolArray, FloatArray, LandmarkMap, Trajectory
 
 LARGEST = 1e100
 """Bound on every number read: no measurement is larger, and its square is still finite."""
@@ -34,9 +34,14 @@ class Row:
     cells: list[str]
     """Contents of the cells, without surrounding blanks."""
 
+    @property
+    def name(self) -> str:
+        """File and line, for messages."""
+        return f"{self.path}, line {self.line}"
+
     def error(self, expected: str, found: str) -> LogError:
         """The error to raise for this row."""
-        return LogError(f"{self.path}, line {self.line}: expected {expected}, found {found}")
+        return LogError(f"{self.name}: expected {expected}, found {found}")
 
     def numbers(self, columns: slice = slice(None), blank: float | None = None) -> list[float]:
         """Cells as finite numbers under `LARGEST`; an empty cell is `blank`, unless that is None.
@@ -84,6 +89,17 @@ class Row:
         return self
 
 
+def one_of(*headers: tuple[str, ...]) -> Callable[[Row], None]:
+    """A check for `read_csv` that raises `LogError` unless the header is one of some."""
+
+    def check(header: Row) -> None:
+        if tuple(header.cells) not in headers:
+            known = " or ".join(",".join(each[:3]) for each in headers)
+            raise header.error(f"the header {known},...", repr(",".join(header.cells)[:80]))
+
+    return check
+
+
 def is_number(text: str) -> bool:
     """Whether a text is a finite number."""
     try:
@@ -126,19 +142,54 @@ def _split(path: Path, text: str, delimiter: str | None) -> Iterator[tuple[int, 
         raise LogError(f"{path}, line {reader.line_num}: expected CSV cells: {error}") from error
 
 
-def read_csv(path: Path, *headers: tuple[str, ...]) -> tuple[tuple[str, ...], list[Row]]:
-    """The header of a CSV file, one of some, and its rows.
+class TextTable(NamedTuple):
+    """A table with a header in a text file."""
+
+    header: Row
+    rows: list[Row]
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the columns."""
+        return self.header.cells
+
+    def is_filled(self, names: Iterable[str]) -> BoolArray:
+        """(n,) whether a row has a cell that is not empty among some columns."""
+        columns = [self.names.index(name) for name in names]
+        return np.array([any(row.cells[c] for c in columns) for row in self.rows], bool)
+
+    def select(self, rows: Iterable[int]) -> "TextTable":
+        """The table of some rows, by their indices."""
+        return self._replace(rows=[self.rows[i] for i in rows])
+
+    def numbers(self, *names: str, blank: float | None = None) -> FloatArray:
+        """Columns as numbers (n, len(names)); an empty cell is `blank`, unless that is None.
+
+        Raises:
+            LogError: a cell is no finite number; names the line.
+        """
+        columns = [self.names.index(name) for name in names]
+        cells = [row.numbers(slice(c, c + 1), blank)[0] for row in self.rows for c in columns]
+        return np.array(cells, np.float64).reshape(len(self.rows), len(names))
+
+
+def read_csv(
+    path: Path,
+    check_header: Callable[[Row], None] | None = None,
+    delimiter: str = ",",
+    comment: str | None = "#",
+) -> TextTable:
+    """A table with a header; see `read_rows`.
 
     Raises:
-        LogError: another header, or a row with more or fewer cells.
+        LogError: as `read_rows` or `check_header`, or a row has more or fewer cells than the
+            header.
     """
-    rows = read_rows(path, delimiter=",")
-    first = next(rows, Row(path, 1, []))
-    header = tuple(first.cells)
-    if header not in headers:
-        known = " or ".join(",".join(each[:3]) for each in headers)
-        raise first.error(f"the header {known},...", repr(",".join(header)[:80]))
-    return header, [row.require_cells(len(header)) for row in rows]
+    rows = read_rows(path, delimiter, comment)
+    header = next(rows, Row(path, 1, []))
+    if check_header is not None:
+        check_header(header)
+    return TextTable(header, [row.require_cells(len(header.cells)) for row in rows])
 
 
 def read_table(path: Path, columns: tuple[str, ...], stale_limit: float = 0.0) -> FloatArray:
@@ -160,7 +211,7 @@ def read_table(path: Path, columns: tuple[str, ...], stale_limit: float = 0.0) -
     rows = [row.require_cells(len(columns), names) for row in read_rows(path)]
     table = np.array([row.numbers() for row in rows], np.float64).reshape(-1, len(columns))
     if columns[0] == "time":
-        table = require_ascending(table, lambda i: f"{path}, line {rows[i].line}", stale_limit)
+        table = require_ascending(table, lambda i: rows[i].name, stale_limit)
     return table
 
 
@@ -202,11 +253,7 @@ class Archive:
         return name in self.arrays
 
     def array(
-        self,
-        name: str,
-        shape: tuple[int | None, ...] | None = None,
-        kinds: str = "iuf",
-        description: str | None = None,
+        self, name: str, shape: tuple[int | None, ...] | None = None, kinds: str = "iuf"
     ) -> npt.NDArray[Any]:
         """The array of a name.
 
@@ -214,38 +261,35 @@ class Archive:
             name: of the array.
             shape: expected lengths, None for any; None for any shape.
             kinds: codes of the accepted types: i, u, f.
-            description: of what is expected, for the message; None for the shape.
 
         Raises:
             LogError: it is missing, has another type or shape, or holds numbers that are not
                 finite or beyond `LARGEST`.
         """
         lengths = ", ".join("n" if n is None else str(n) for n in shape or ())
-        expected = f"{name}: expected {description or f'numbers of shape ({lengths})'}"
+        expected = f"{self.path}, {name}: expected numbers" + f" of shape ({lengths})" * bool(shape)
         if name not in self.arrays:
             found = ", ".join(sorted(self.arrays)) or "nothing"
-            raise LogError(f"{self.path}, {expected}, found only {found[:80]}")
+            raise LogError(f"{expected}, found only {found[:80]}")
         values = self.arrays[name]
         fits = shape is None or (
             values.ndim == len(shape)
             and all(n in (None, m) for n, m in zip(shape, values.shape, strict=True))
         )
         if values.dtype.kind not in kinds or not fits:
-            raise LogError(f"{self.path}, {expected}, found {values.dtype} of shape {values.shape}")
-        finite = np.abs(values.astype(np.float64)) < LARGEST
+            raise LogError(f"{expected}, found {values.dtype} of shape {values.shape}")
+        finite = np.atleast_1d(np.abs(values.astype(np.float64)) < LARGEST)
         if not finite.all():
-            row = int(np.argwhere(~np.atleast_1d(finite))[0, 0])
+            row = int(np.argwhere(~finite)[0, 0])
+            found = np.atleast_1d(values)[row].tolist()
             raise LogError(
-                f"{self.path}, {name}, row {row}: expected finite numbers, "
-                f"found {np.atleast_1d(values)[row].tolist()}"
+                f"{self.path}, {name}, row {row}: expected finite numbers, found {found}"
             )
         return values
 
     def table(self, name: str, columns: tuple[str, ...], stale_limit: float = 0.0) -> FloatArray:
         """The array of a name as a table (n, len(columns)); see `read_table`."""
-        description = f"numbers in the columns {', '.join(columns)}"
-        values = self.array(name, (None, len(columns)), description=description)
-        table = np.asarray(values, np.float64)
+        table = np.asarray(self.array(name, (None, len(columns))), np.float64)
         if columns[0] == "time":
             table = require_ascending(table, lambda i: f"{self.path}, {name}, row {i}", stale_limit)
         return table
@@ -265,17 +309,13 @@ def write_table(path: str | Path, columns: Mapping[str, npt.NDArray[Any]]) -> No
     path = Path(path)
     known = path.suffix in (".csv", ".parquet")
     require(known, "path", "a file that ends in .csv or .parquet", str(path))
-    if path.suffix == ".csv":
-        _write_csv(path, columns)
+    if path.suffix == ".parquet":
+        arrow = import_optional("pyarrow", "parquet")
+        parquet = import_optional("pyarrow.parquet", "parquet")
+        table = arrow.table({name: arrow.array(c, from_pandas=True) for name, c in columns.items()})
+        with atomic_write(path) as temporary, temporary.open("wb") as file:  # not by text paths
+            parquet.write_table(table, file)
         return
-    arrow = import_optional("pyarrow", "parquet")
-    parquet = import_optional("pyarrow.parquet", "parquet")
-    table = arrow.table({name: arrow.array(c, from_pandas=True) for name, c in columns.items()})
-    with atomic_write(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
-        parquet.write_table(table, file)
-
-
-def _write_csv(path: Path, columns: Mapping[str, npt.NDArray[Any]]) -> None:
     cells = [
         ["" if isinstance(value, float) and isnan(value) else value for value in column.tolist()]
         for column in columns.values()
@@ -332,7 +372,7 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
 def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
     """Write one row per landmark: id, x, y, cov_xx, cov_xy, cov_yy, sightings.
 
-    Metres and square metres; "sightings" counts the observations. Cells are empty where the
+    Meters and square metres; "sightings" counts the observations. Cells are empty where the
     covariance or the count is not known.
 
     Args:

@@ -20,6 +20,7 @@ from saccade.datasets.drives.frames import FrameTimes
 from saccade.datasets.tables import (
     covariance_names,
     from_upper_triangle,
+    one_of,
     read_csv,
     require_ascending,
     symmetric_columns,
@@ -189,16 +190,17 @@ def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:
         DriveError: too few rows, or times that do not cover the frames.
         LogError: another header or a broken row; names it.
     """
-    header, rows = read_csv(path, INCREMENT_COLUMNS, SPEED_COLUMNS, OXTS_COLUMNS)
-    table = np.array([row.numbers() for row in rows], np.float64).reshape(-1, len(header))
-    if header == INCREMENT_COLUMNS:
-        increments = OdometryIncrements(table[:, :3], from_upper_triangle(table[:, 3:]))
+    table = read_csv(path, one_of(INCREMENT_COLUMNS, SPEED_COLUMNS, OXTS_COLUMNS))
+    values = table.numbers(*table.names)
+    if table.names == list(INCREMENT_COLUMNS):
+        increments = OdometryIncrements(values[:, :3], from_upper_triangle(values[:, 3:]))
         return compose_increments(increments, frames.index, str(path))
-    columns, noise = ([0, 1, 2], WHEELS) if header == SPEED_COLUMNS else ([1, 2, 7], OXTS)
-    if len(table) < 2:
-        raise DriveError(f"{path}: expected at least two rows of speeds, found {len(table)}")
-    table = require_ascending(table[:, columns], lambda i: f"{path}, row {i}")
-    time, speed, turn_rate = table.T
+    is_oxts = table.names == list(OXTS_COLUMNS)
+    columns, noise = ([1, 2, 7], OXTS) if is_oxts else ([0, 1, 2], WHEELS)
+    if len(values) < 2:
+        raise DriveError(f"{path}: expected at least two rows of speeds, found {len(values)}")
+    values = require_ascending(values[:, columns], lambda i: f"{path}, line {table.rows[i].line}")
+    time, speed, turn_rate = values.T
     _require_coverage(time, frames.time, float(np.median(np.diff(time))), str(path))
     return increments_from_speeds(time, speed, turn_rate, frames.time, noise)
 

@@ -18,7 +18,7 @@ import numpy as np
 from saccade.datasets.drives.calibration import Calibration
 from saccade.datasets.drives.frames import FrameTimes
 from saccade.datasets.drives.odometry import OdometryIncrements, read_odometry, unknown_increments
-from saccade.datasets.tables import read_csv, read_rows, read_table, write_table
+from saccade.datasets.tables import one_of, read_csv, read_rows, read_table, write_table
 from saccade.errors import DriveError, LogError
 from saccade.frames import Camera, CameraTurn, Drive, Frame
 from saccade.types import FloatArray, Trajectory
@@ -202,9 +202,8 @@ def assemble_drive(
 
 def read_turns(path: Path) -> list[CameraTurn]:
     """The turns of a file."""
-    _, rows = read_csv(path, GAZE_COLUMNS, GAZE_COLUMNS[:3])
-    turns = []
-    for row in rows:
+    table, turns = read_csv(path, one_of(GAZE_COLUMNS, GAZE_COLUMNS[:3])), []
+    for row in table.rows:
         pan, tilt, sigma = row.numbers(slice(3))
         turn = CameraTurn(pan, tilt, sigma, "".join(row.cells[3:]))
         if not (abs(turn.pan) <= 4 * np.pi and abs(turn.tilt) <= np.pi and 0 <= turn.sigma <= 1):

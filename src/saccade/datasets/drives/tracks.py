@@ -106,7 +106,7 @@ def write_tracks(file: Path, tracks: Sequence[Tracks]) -> None:
 def _camera(folder: Path, xy: FloatArray) -> Camera:
     """The camera of `calib.npz`, with the size of the images beside it, or the extent of `xy`."""
     archive = Archive(folder / "calib.npz")
-    K, baseline = archive.array("K", (3, 3)), archive.array("b", description="the baseline")
+    K, baseline = archive.array("K", (3, 3)), archive.array("b")
     if baseline.size != 1:
         raise DriveError(f"{archive.path}: expected one baseline b, found {baseline.size}")
     extent = np.ceil(xy.max(0)) + 1 if len(xy) else np.ones(2)

@@ -14,12 +14,12 @@ A row is a pose or an observation, and the header names its cells:
 
 The first row is the first pose and has no control; every other row has either a control or an
 observation. An empty off-diagonal covariance is zero; without a column of the covariances of
-either, they are assumed. Metres and radians.
+either, they are assumed. Meters and radians.
 """
 
 import warnings
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -31,9 +31,10 @@ from saccade.datasets.logs.conversions import (
 )
 from saccade.datasets.tables import (
     Row,
+    TextTable,
     covariance_names,
     from_upper_triangle,
-    read_rows,
+    read_csv,
     require_ascending,
     symmetric_columns,
     write_table,
@@ -106,60 +107,55 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
         LogError: no such file, another header, or a row that is neither a pose nor an
             observation; names the line.
     """
-    source = path = Path(path)
-    if path.is_dir():
-        path = path / LOG_FILE
-    lines = read_rows(path, delimiter=",")
-    header = next(lines, Row(path, 1, []))
-    motion: Literal["turn_then_translate", "compose"] = (
-        "turn_then_translate" if "distance" in header.cells else "compose"
-    )
+    path = Path(path)
+    table = read_csv(path / LOG_FILE if path.is_dir() else path, _check_header)
+    motion = _motion_of(table.names)
     control = _CONTROLS[motion]
-    _check_header(header, motion)
-    rows = [row.require_cells(len(header.cells)) for row in lines]
-    if not rows:
-        raise LogError(f"{path}: expected a row for the first pose, found none")
-    values = dict.fromkeys(columns_of(motion), np.full(len(rows), np.nan))
-    for i, name in enumerate(header.cells):
-        if name != "landmark":
-            cells = [row.numbers(slice(i, i + 1), blank=np.nan)[0] for row in rows]
-            values[name] = np.array(cells)
-    table = _Table(header, rows, values)
+    if not table.rows:
+        raise LogError(f"{table.header.path}: expected a row for the first pose, found none")
     controls, observations = _rows_of_each(table, control)
-    poses = np.setdiff1d(np.arange(len(rows)), observations)
-    time = table.cells(np.arange(len(rows)), ("time",))
-    require_ascending(time[poses], lambda i: f"{path}, line {rows[poses[i]].line}")
+    poses = np.setdiff1d(np.arange(len(table.rows)), observations)
+    time = _cells(table, ("time",))[:, 0]
+    require_ascending(time[poses, None], lambda i: table.rows[poses[i]].name)
     observation_pose = np.searchsorted(poses, observations) - 1
-    observed, expected = time[observations, 0], time[poses[observation_pose], 0]
-    for k in np.flatnonzero(observed != expected)[:1].tolist():
-        raise rows[int(observations[k])].error(
-            f"an observation at the time of the pose above, {expected[k]:g}", f"{observed[k]:g}"
+    expected = time[poses[observation_pose]]
+    for k in np.flatnonzero(time[observations] != expected)[:1].tolist():
+        row, found = int(observations[k]), time[observations[k]]
+        raise table.rows[row].error(
+            f"an observation at the time of the pose above, {expected[k]:g}", f"{found:g}"
         )
-    step = table.cells(controls, control)
-    observation = table.cells(observations, _OBSERVATION)
+    controlled, observed = table.select(controls), table.select(observations)
+    step, observation = _cells(controlled, control), _cells(observed, _OBSERVATION)
     invalid = invalid_range_bearing(observation)
     if invalid is not None:
-        raise rows[int(observations[invalid[0]])].error(*invalid[1:])
+        raise observed.rows[invalid[0]].error(*invalid[1:])
     along, heading = ASSUMED_ODOMETRY.variances(np.linalg.norm(step[:, :-1], axis=1), step[:, -1])
     assumed = np.stack([*[along] * (len(control) - 1), heading], 1)
+    start = [name for name in _START if name in table.names]
+    at_start = dict(zip(start, table.select([0]).numbers(*start, blank=0.0)[0], strict=True))
     return LandmarkLog(
-        name=source.stem,
-        start=np.array([np.nan_to_num(values[name][0]) for name in _START]),
-        time=time[poses, 0],
+        name=path.stem,
+        start=np.array([at_start.get(name, 0.0) for name in _START]),
+        time=time[poses],
         motion=motion,
         control=step,
-        control_covariance=table.covariances(controls, control, assumed),
+        control_covariance=_covariances(controlled, control, assumed),
         observation_pose=observation_pose.astype(np.int64),
         observation=observation,
-        observation_covariance=table.covariances(
-            observations, _OBSERVATION, sensor_variances(observation[:, 0], ASSUMED_SENSOR)
+        observation_covariance=_covariances(
+            observed, _OBSERVATION, sensor_variances(observation[:, 0], ASSUMED_SENSOR)
         ),
-        landmark=_landmarks(header.cells, rows, observations),
+        landmark=_landmarks(observed),
     )
 
 
-def _check_header(header: Row, motion: str) -> None:
-    known, names = columns_of(motion), header.cells
+def _motion_of(names: list[str]) -> Literal["turn_then_translate", "compose"]:
+    return "turn_then_translate" if "distance" in names else "compose"
+
+
+def _check_header(header: Row) -> None:
+    motion, names = _motion_of(header.cells), header.cells
+    known = columns_of(motion)
     for sign, found_sign in ((";", "semicolons"), ("\t", "tabs")):
         if len(names) == 1 and sign in names[0]:
             raise header.error("commas between cells, and decimal points", found_sign)
@@ -174,15 +170,12 @@ def _check_header(header: Row, motion: str) -> None:
         raise header.error(f"the columns {', '.join(known)}, each once", found[0])
 
 
-def _rows_of_each(table: "_Table", control: tuple[str, ...]) -> tuple[IntArray, IntArray]:
+def _rows_of_each(table: TextTable, control: tuple[str, ...]) -> tuple[IntArray, IntArray]:
     """Indices of the rows with a control and of those with an observation; the first has none."""
-    is_control, is_observation = (
-        np.asarray(np.isfinite([table.values[name] for name in names]).any(0))
-        for names in (control, _OBSERVATION)
-    )
+    is_control, is_observation = table.is_filled(control), table.is_filled(_OBSERVATION)
     if is_control[0] or is_observation[0]:
         row = table.rows[0]
-        given = [n for n, cell in zip(table.header.cells, row.cells, strict=True) if cell]
+        given = [name for name, cell in zip(table.names, row.cells, strict=True) if cell]
         raise row.error("the first pose", ", ".join(given))
     for i in (np.flatnonzero(is_control[1:] == is_observation[1:])[:1] + 1).tolist():
         found = "both" if is_control[i] else "neither"
@@ -190,56 +183,51 @@ def _rows_of_each(table: "_Table", control: tuple[str, ...]) -> tuple[IntArray, 
     return np.flatnonzero(is_control), np.flatnonzero(is_observation)
 
 
-class _Table(NamedTuple):
-    """The rows of a file, and the numbers (n,) in its columns, NaN where a cell is empty."""
-
-    header: Row
-    rows: list[Row]
-    values: dict[str, FloatArray]
-
-    def cells(self, chosen: IntArray, names: tuple[str, ...]) -> FloatArray:
-        """Numbers (len(chosen), len(names)), none of which may be missing."""
-        values = np.stack([self.values[name][chosen] for name in names], 1)
-        for i, k in np.argwhere(np.isnan(values))[:1].tolist():
-            raise self.rows[int(chosen[i])].error(f"a finite number for {names[k]}", "nothing")
-        return values
-
-    def covariances(
-        self, chosen: IntArray, names: tuple[str, ...], assumed: FloatArray
-    ) -> FloatArray:
-        """Covariances (k, d, d) of rows; variances (k, d) are assumed if there is no column."""
-        if not set(covariance_names(names)) & set(self.header.cells):
-            warnings.warn(
-                f"{self.header.path}: no covariance of {', '.join(names)}: assumed standard "
-                f"deviations of {ASSUMED[names == _OBSERVATION]}; columns "
-                f"cov_{names[0]}_{names[0]}, ... give the true ones",
-                LogWarning,
-                stacklevel=4,
-            )
-            return assumed[:, :, None] * np.eye(len(names))
-        self.cells(chosen, tuple(f"cov_{name}_{name}" for name in names))
-        entries = np.stack([self.values[name][chosen] for name in covariance_names(names)], 1)
-        covariances = from_upper_triangle(np.nan_to_num(entries))
-        eigenvalues = np.linalg.eigvalsh(covariances)  # ascending
-        negative = eigenvalues[:, 0] < -ROUNDING * eigenvalues[:, -1].clip(0)
-        for k in np.flatnonzero(negative)[:1].tolist():
-            raise self.rows[int(chosen[k])].error(
-                f"a covariance of {', '.join(names)} (no negative variance)",
-                str(covariances[k].tolist()),
-            )
-        return covariances
+def _cells(table: TextTable, names: tuple[str, ...]) -> FloatArray:
+    """Numbers (n, len(names)), none of which may be missing."""
+    values = table.numbers(*names, blank=np.nan)
+    for i, k in np.argwhere(np.isnan(values))[:1].tolist():
+        raise table.rows[i].error(f"a finite number for {names[k]}", "nothing")
+    return values
 
 
-def _landmarks(header: list[str], records: list[Row], rows: IntArray) -> npt.NDArray[Any]:
-    """Names (len(rows),), integers or text, -1 where the cell is empty."""
-    if "landmark" not in header:
-        return np.full(len(rows), -1, np.int64)
-    column = header.index("landmark")
-    named = [records[i] for i in rows.tolist()]
-    names = [parse_name(row.cells[column]) for row in named]
-    if None in names:
-        row = named[names.index(None)]
+def _covariances(table: TextTable, names: tuple[str, ...], assumed: FloatArray) -> FloatArray:
+    """Covariances (n, d, d); without a column of them those of the assumed variances (n, d)."""
+    columns = covariance_names(names)
+    if not set(columns) & set(table.names):
+        warnings.warn(
+            f"{table.header.path}: no covariance of {', '.join(names)}: assumed standard "
+            f"deviations of {ASSUMED[names == _OBSERVATION]}; columns cov_{names[0]}_{names[0]}, "
+            "... give the true ones",
+            LogWarning,
+            stacklevel=4,
+        )
+        return assumed[:, :, None] * np.eye(len(names))
+    _cells(table, tuple(f"cov_{name}_{name}" for name in names))
+    absent = np.zeros((len(table.rows), 1))
+    entries = [
+        table.numbers(name, blank=0.0) if name in table.names else absent for name in columns
+    ]
+    covariances = from_upper_triangle(np.hstack(entries))
+    eigenvalues = np.linalg.eigvalsh(covariances)  # ascending
+    negative = eigenvalues[:, 0] < -ROUNDING * eigenvalues[:, -1].clip(0)
+    for k in np.flatnonzero(negative)[:1].tolist():
+        raise table.rows[k].error(
+            f"a covariance of {', '.join(names)} (no negative variance)",
+            str(covariances[k].tolist()),
+        )
+    return covariances
+
+
+def _landmarks(table: TextTable) -> npt.NDArray[Any]:
+    """Labels (n,), integers or text, -1 where the cell is empty."""
+    if "landmark" not in table.names:
+        return np.full(len(table.rows), -1, np.int64)
+    column = table.names.index("landmark")
+    labels = [parse_name(row.cells[column]) for row in table.rows]
+    if None in labels:
+        row = table.rows[labels.index(None)]
         raise row.error(
             "the name of a landmark (text, or an integer from 0 on)", repr(row.cells[column][:40])
         )
-    return np.array(names, object)
+    return np.array(labels, object)
