@@ -129,7 +129,7 @@ def test_scanpaths_are_a_tidy_table(looked):
         np.testing.assert_allclose(own.duration_ms[:-1], 1000 * np.diff(expected[:, 2]))
         assert np.isnan(own.duration_ms.iloc[-1])
     samples = pandas.read_csv(out / "samples.csv")
-    assert samples.groupby(["image", "viewer"]).size().tolist() == [4] * 200
+    assert samples.groupby(["image", "subject"]).size().tolist() == [4] * 200
     assert samples.notna().all(axis=None)
 
 
@@ -146,7 +146,7 @@ def test_matlab_reads_the_same_fixations(looked, stem):
             columns = [np.atleast_1d(eye[f"fix_{key}"]) for key in keys]
             numbers = range(len(columns[0]))
             rows += [
-                (image["img"], eye["viewer"], k, *(column[k] for column in columns))
+                (image["img"], eye["subject"], k, *(column[k] for column in columns))
                 for k in numbers
             ]
     pandas.testing.assert_frame_equal(pandas.DataFrame(rows, columns=table.columns), table)

@@ -28,11 +28,11 @@ def seen():
     rng = np.random.default_rng(0)
     rows = []
     for image in NAMES:
-        for viewer in range(11):
+        for subject in range(11):
             places = np.vstack([(400, 300), rng.uniform((5, 5), (795, 595), (4, 2))]).round(1)
             spans = rng.integers(80, 400, 5)
             rows += [
-                (image, viewer, index, *place, float(span))
+                (image, subject, index, *place, float(span))
                 for index, (place, span) in enumerate(zip(places, spans, strict=True))
             ]
     return with_times(rows)
@@ -49,8 +49,8 @@ def read(path, options, photos):
 @pytest.mark.parametrize("variant", VARIANTS, ids=lambda each: each.__name__)
 def test_every_way_to_write_fixations_reads_alike(variant, seen, photos, tmp_path):
     found, remarks = read(*variant(seen, tmp_path), photos)
-    image, viewer, index, x, y, milliseconds, _ = zip(*sorted(seen), strict=True)
-    expected = image, viewer, index, np.array([x, y]).T, np.array(milliseconds) / 1000
+    image, subject, index, x, y, milliseconds, _ = zip(*sorted(seen), strict=True)
+    expected = image, subject, index, np.array([x, y]).T, np.array(milliseconds) / 1000
     for field, values in zip(fields(found), expected, strict=True):
         np.testing.assert_array_equal(getattr(found, field.name), values)
     if variant.__name__ == "fixation_report":
@@ -81,15 +81,15 @@ def test_positions_elsewhere_are_refused_with_the_cure(change, words, seen, phot
 @pytest.mark.parametrize(
     ("text", "index", "remark"),
     [
-        ("viewer,image,x,y,index\n" + "".join(f"{v},a,9,9,{k}\n" for v in "12" for k in (1, 2)),
+        ("subject,image,x,y,index\n" + "".join(f"{v},a,9,9,{k}\n" for v in "12" for k in (1, 2)),
          [0, 1, 0, 1], "counts from 1"),
-        ("viewer,image,x,y,index\n1,a,9,9,0\n1,a,8,9,1\n2,a,9,9,1\n2,a,9,8,2\n",
+        ("subject,image,x,y,index\n1,a,9,9,0\n1,a,8,9,1\n2,a,9,9,1\n2,a,9,8,2\n",
          [0, 1, 1, 2], ""),  # the first one is missing
-        ("viewer,image,x,y,index\n1,a,9,9,7\n1,a,8,9,8\n2,a,9,9,31\n2,a,9,8,30\n",
+        ("subject,image,x,y,index\n1,a,9,9,7\n1,a,8,9,8\n2,a,9,9,31\n2,a,9,8,30\n",
          [0, 1, 0, 1], ""),
-        ("viewer,image,x,y\n1,a,9,9\n1,a,8,9\n1,a,8,9\n", [0, 1], "order is that of the rows"),
-        ("viewer,image,x,y,t\n1,a,9,9,5\n1,a,,9,6\n1,a,9,NA,7\n1,a,9,9,8\n", [0, 1], ": 2 rows"),
-        ("viewer,image,x,y,index\n1,a,9,9,0\n1,a,7,9,0\n", [0, 0], "1 fixations have the image"),
+        ("subject,image,x,y\n1,a,9,9\n1,a,8,9\n1,a,8,9\n", [0, 1], "order is that of the rows"),
+        ("subject,image,x,y,t\n1,a,9,9,5\n1,a,,9,6\n1,a,9,NA,7\n1,a,9,9,8\n", [0, 1], ": 2 rows"),
+        ("subject,image,x,y,index\n1,a,9,9,0\n1,a,7,9,0\n", [0, 0], "1 fixations have the image"),
     ],
     ids=["from-one", "first-missing", "running", "no-order", "blinks", "both-eyes"],
 )  # fmt: skip
@@ -104,16 +104,16 @@ def test_the_first_fixation_of_a_scanpath_is_number_0(tmp_path, text, index, rem
     ("name", "text", "words"),
     [
         ("a.csv", "", "image is missing"),
-        ("a.csv", "image,viewer,index,x\n", "y is missing"),
-        ("a.csv", "image,viewer,index,x,y\n", "found none"),
-        ("a.csv", "image,viewer,index,x,y\na,0,0,1,2\na,0,0,one,2\n", "line 3"),
-        ("a.csv", "image,viewer,index,x,y\na,0,0,1\n", "line 2"),
-        ("a.csv", "image,viewer,index,x,y\na,0,0,inf,2\n", "line 2"),
+        ("a.csv", "image,subject,index,x\n", "y is missing"),
+        ("a.csv", "image,subject,index,x,y\n", "found none"),
+        ("a.csv", "image,subject,index,x,y\na,0,0,1,2\na,0,0,one,2\n", "line 3"),
+        ("a.csv", "image,subject,index,x,y\na,0,0,1\n", "line 2"),
+        ("a.csv", "image,subject,index,x,y\na,0,0,inf,2\n", "line 2"),
         ("a.mat", "hello, this is no such file at all", "expected a MATLAB file"),
-        ("a.csv", "subject,participant,image,x,y\n", "--columns viewer=subject"),
-        ("a.csv", 'who,"a\nb",image,x,y\n', "viewer is missing among who, a b, image, x, y; --"),
-        ("a.csv", "who,image,x,y\n", "viewer is missing among who, image, x, y; --columns"),
-        ("a.csv", "viewer;image;x;y\n1;a;512;9\n1;a;1,024;9\n", "line 3.*'1,024'"),
+        ("a.csv", "viewer,participant,image,x,y\n", "--columns subject=viewer"),
+        ("a.csv", 'who,"a\nb",image,x,y\n', "subject is missing among who, a b, image, x, y; --"),
+        ("a.csv", "who,image,x,y\n", "subject is missing among who, image, x, y; --columns"),
+        ("a.csv", "subject;image;x;y\n1;a;512;9\n1;a;1,024;9\n", "line 3.*'1,024'"),
         ("a.tsv", "Participant name\tPresented Media name\tFixation point X\tFixation point Y\t"
                   "Eye movement type\n", "Eye movement type index"),
         ("a.asc", "EFIX L 1 2 1 3 4 5\n", "!V IMGLOAD.*found 1 without"),

@@ -8,10 +8,10 @@ Option = list[str]
 
 
 class Seen(NamedTuple):
-    """A fixation; a viewer's times go on from image to image."""
+    """A fixation; a subject's times go on from image to image."""
 
     image: str
-    viewer: int
+    subject: int
     index: int
     x: float
     y: float
@@ -20,14 +20,14 @@ class Seen(NamedTuple):
 
 
 def with_times(rows: Iterable[Sequence[str]]) -> list[Seen]:
-    """Rows of image, viewer, index, x, y and duration, in their order, with times."""
+    """Rows of image, subject, index, x, y and duration, in their order, with times."""
     clock: dict[int, float] = {}
     seen = []
-    for image, viewer, index, x, y, milliseconds in rows:
-        start = clock.get(int(viewer), 1000.0) + (400 if int(index) == 0 else 30)
-        clock[int(viewer)] = start + float(milliseconds)
+    for image, subject, index, x, y, milliseconds in rows:
+        start = clock.get(int(subject), 1000.0) + (400 if int(index) == 0 else 30)
+        clock[int(subject)] = start + float(milliseconds)
         seen.append(
-            Seen(image, int(viewer), int(index), float(x), float(y), float(milliseconds), start)
+            Seen(image, int(subject), int(index), float(x), float(y), float(milliseconds), start)
         )
     return seen
 
@@ -49,14 +49,14 @@ def _with_commas(*values: float) -> list[str]:
 
 def canonical(seen: list[Seen], folder: Path, name: str = "canonical.csv") -> tuple[Path, Option]:
     """The table that `write_fixations` writes."""
-    head = ["image", "viewer", "index", "x", "y", "duration_ms"]
+    head = ["image", "subject", "index", "x", "y", "duration_ms"]
     return _write(folder / name, [head, *(each[:6] for each in seen)])
 
 
 def by_time(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
     """subject, image, x, y, t, dur (s), in disorder, with names and without suffixes."""
     rows = [
-        (f"P{s.viewer}", _stem(s), s.x, s.y, s.start, s.milliseconds / 1000) for s in seen[::-1]
+        (f"P{s.subject}", _stem(s), s.x, s.y, s.start, s.milliseconds / 1000) for s in seen[::-1]
     ]
     return _write(folder / "time.csv", [("subject", "image", "x", "y", "t", "dur"), *rows])
 
@@ -64,7 +64,7 @@ def by_time(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
 def semicolons(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
     """Semicolons, decimal commas, an index from 1 and another case."""
     rows = [
-        [s.viewer, s.image.upper(), s.index + 1, *_with_commas(s.x, s.y, s.milliseconds)]
+        [s.subject, s.image.upper(), s.index + 1, *_with_commas(s.x, s.y, s.milliseconds)]
         for s in seen
     ]
     head = ("Participant ID", "Stimulus", "Order", "X (px)", "Y (px)", "Duration [ms]")
@@ -76,7 +76,7 @@ def fixation_report(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
     rows: list[Sequence[object]] = []
     for number, s in enumerate(seen):
         image = f"stimuli\\{s.image}"
-        row = (f"s{s.viewer:02d}", image, number, s.x, s.y, s.milliseconds)
+        row = (f"s{s.subject:02d}", image, number, s.x, s.y, s.milliseconds)
         rows += [row, row] if number % 7 == 0 else [row]
         if number % 11 == 0:
             rows.append((*row[:2], number + 0.5, ".", s.y, 10))
@@ -87,9 +87,9 @@ def fixation_report(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
 def other_names(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
     """Columns that no one can guess."""
     head = ("who", "what", "horizontal", "vertical", "nth", "ms")
-    rows = [(s.viewer, s.image, s.x, s.y, s.index, s.milliseconds) for s in seen]
+    rows = [(s.subject, s.image, s.x, s.y, s.index, s.milliseconds) for s in seen]
     path, _ = _write(folder / "names.csv", [head, *rows])
-    words = "viewer=who,image=what,x=horizontal,y=Vertical,index=nth,duration=ms"
+    words = "subject=who,image=what,x=horizontal,y=Vertical,index=nth,duration=ms"
     return path, ["--columns", words]
 
 
@@ -108,12 +108,12 @@ def on_screen(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
 def eyelink(seen: list[Seen], folder: Path, image: str = "!V IMGLOAD CENTER img/{} 640 512") -> (
     tuple[Path, Option]
 ):  # fmt: skip
-    """A recording of each viewer: images in the middle of the screen, the other eye, blinks."""
+    """A recording of each subject: images in the middle of the screen, the other eye, blinks."""
     recordings = folder / ("asc-" + "".join(filter(str.isalpha, image)))
     recordings.mkdir()
-    for viewer in sorted({s.viewer for s in seen}):
+    for subject in sorted({s.subject for s in seen}):
         lines = ["** CONVERTED FROM a.edf", "MSG\t900 DISPLAY_COORDS 0 0 1279 1023"]
-        own = [s for s in seen if s.viewer == viewer]
+        own = [s for s in seen if s.subject == subject]
         for number, s in enumerate(own):
             end = s.start + s.milliseconds
             if s.index == 0:
@@ -134,7 +134,7 @@ def eyelink(seen: list[Seen], folder: Path, image: str = "!V IMGLOAD CENTER img/
                 ]
             if number + 1 == len(own) or own[number + 1].index == 0:
                 lines += [f"MSG\t{end + 9} !V TRIAL_VAR image {s.image}", f"END\t{end + 9} EVENTS"]
-        (recordings / f"ab{viewer}.asc").write_text("\n".join(lines) + "\n")
+        (recordings / f"ab{subject}.asc").write_text("\n".join(lines) + "\n")
     return recordings, []
 
 
@@ -161,7 +161,7 @@ def tobii(seen: list[Seen], folder: Path, norm: bool = True) -> tuple[Path, Opti
     head += ["Fixation point X (MCSnorm)", "Fixation point Y (MCSnorm)"] * norm
     rows: list[Sequence[object]] = []
     for number, s in enumerate(seen):
-        start = [int(1000 * s.start), f"Participant{s.viewer}", "Recording1"]
+        start = [int(1000 * s.start), f"Participant{s.subject}", "Recording1"]
         shown = [_stem(s), 1600, 1200, 160, 0]
         screen = [160 + 2 * s.x, 2 * s.y]
         points = [*screen, *([s.x / 800, s.y / 600] * norm)]

@@ -37,13 +37,13 @@ class FixationOptions:
     images: Path = option(metavar="DIR")
     """Folder of the images."""
     fixations: Path
-    """Fixations: a table of image, viewer, index or time, x and y (.csv, .tsv, Tobii's export),
+    """Fixations: a table of image, subject, index or time, x and y (.csv, .tsv, Tobii's export),
     EyeLink's .asc, OSIE's .mat, or a folder of them."""
     drop: int = option(1, min=0)
     """Leave out the first N fixations of each scanpath."""
     columns: str | None = option(None, metavar="KEY=NAME,...")
-    """Columns of other than the usual names: image, viewer, index, time, x, y, duration.
-    viewer=code,x=gx"""
+    """Columns of other than the usual names: image, subject, index, time, x, y, duration.
+    subject=code,x=gx"""
     xy: str | None = option(None, metavar="UNIT")
     """Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the screen), or pixels
     (of the images, unchecked)."""

@@ -1,0 +1,158 @@
+"""Fixations in EyeLink's text (.asc), as edf2asc writes it.
+
+Lines and their fields are those of "The ASC File Format" in SR Research's user manuals; messages
+that name trials and images are those of its "Protocol for EyeLink Data to Viewer Integration".
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PureWindowsPath
+from typing import NamedTuple
+
+import numpy as np
+
+from saccade.datasets.fixation_tables import BLANK, Box, FixationList, RawFixation, is_named
+from saccade.datasets.tables import Row, is_number, read_rows
+from saccade.errors import LogError
+from saccade.io.files import IMAGE_SUFFIXES
+
+
+class _Shown(NamedTuple):
+    """An image that came onto the screen."""
+
+    time: float
+    name: str
+    box: Box | None
+
+
+@dataclass
+class _Trial:
+    """Content of a file from a message TRIALID to the next."""
+
+    label: str = ""
+    shown: list[_Shown] = field(default_factory=list)
+    variables: dict[str, str] = field(default_factory=dict)
+    fixations: list[Row] = field(default_factory=list)
+    """EFIX, eye, start, end, duration, x, y."""
+
+
+def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> FixationList:
+    """The fixations of a recording; its subject is the name of the file.
+
+    A fixation is on the image that is on the screen when it ends: the first one of a trial often
+    began before its image came. The image is that of the message `!V IMGLOAD`, which has its
+    position on the screen too; else the value of a trial variable (`!V TRIAL_VAR`) called image or
+    alike; else a file name in TRIALID. Of two eyes the one with more fixations is taken.
+
+    Args:
+        path: the .asc.
+        columns: "image": the name of the trial variable that names the image.
+
+    Raises:
+        LogError: the file is missing or broken, its positions are not those of the gaze on the
+            screen, or no message names an image.
+    """
+    trials = _trials(path)
+    eye = _eye(trials)
+    fixations, early = list[RawFixation](), 0
+    for trial in trials:
+        events = [row for row in trial.fixations if row.cells[1] == eye]
+        shown = _images(trial, (columns or {}).get("image"))
+        ends = [row.numbers(slice(3, 4))[0] for row in events]
+        if len(shown) == 1 and all(end < shown[0].time for end in ends):
+            shown = [shown[0]._replace(time=-np.inf)]  # named after the recording
+        for row, end in zip(events, ends, strict=True):
+            image = next((each for each in reversed(shown) if each.time <= end), None)
+            if image is None:
+                early += 1
+                continue
+            start, _, milliseconds = row.numbers(slice(2, 5))
+            x, y = (
+                np.nan if row.cells[i] in BLANK else row.numbers(slice(i, i + 1))[0] for i in (5, 6)
+            )
+            fixations.append(
+                RawFixation(image.name, path.stem, start, x, y, milliseconds, image.box)
+            )
+    if not fixations:
+        raise LogError(
+            f"{path}: expected fixations (EFIX) on images that a message names (!V IMGLOAD, or "
+            f"!V TRIAL_VAR image NAME), found {early} without; --columns image=VARIABLE names "
+            "another variable"
+        )
+    others = sum(len(trial.fixations) for trial in trials) - early - len(fixations)
+    left_out = {"with no image on the screen": early, "of the other eye": others}
+    return FixationList(fixations, "time", left_out)
+
+
+def _trials(path: Path) -> list[_Trial]:
+    """The trials of a file; the first is what comes before any."""
+    trials, screen = [_Trial()], None
+    for row in read_rows(path):
+        kind = row.cells[0]
+        if kind == "EFIX":
+            if len(row.cells) < 7:
+                raise row.error("EFIX, eye, start, end, duration, x and y", " ".join(row.cells))
+            trials[-1].fixations.append(row)
+        elif kind == "EVENTS" and row.cells[1:2] != ["GAZE"]:
+            raise row.error("events of GAZE, positions on the screen", " ".join(row.cells[1:2]))
+        elif kind == "MSG" and len(row.cells) > 2:
+            screen = _read_message(row, trials, screen)
+    return trials
+
+
+def _read_message(row: Row, trials: list[_Trial], screen: Box | None) -> Box | None:
+    """Add what a message says to the trials; gives the screen that is known then."""
+    words, offset = row.cells[2:], 0.0
+    if len(words) > 1 and words[0].lstrip("+-").isdecimal():
+        offset = float(words.pop(0))
+    if words[0] == "TRIALID":
+        trials.append(_Trial(" ".join(words[1:])))
+    elif words[0] in ("DISPLAY_COORDS", "GAZE_COORDS") and len(words) == 5:
+        left, top, right, bottom = Row(row.path, row.line, words[1:]).numbers()
+        if right > left and bottom > top:
+            return Box(left, top, right - left + 1, bottom - top + 1)
+    elif words[:2] == ["!V", "IMGLOAD"]:
+        time = row.numbers(slice(1, 2))[0] - offset
+        name, box = _loaded(Row(row.path, row.line, words[2:]), screen)
+        trials[-1].shown.append(_Shown(time, name, box))
+    elif words[:2] == ["!V", "TRIAL_VAR"] and len(words) > 3:
+        trials[-1].variables[words[2]] = " ".join(words[3:])
+    return screen
+
+
+def _loaded(command: Row, screen: Box | None) -> tuple[str, Box | None]:
+    """Image and box of FILL PATH, CENTER PATH X Y [WIDTH HEIGHT], or TOP_LEFT, alike."""
+    kind, *words = command.cells or [""]
+    numbers: list[str] = []
+    while kind != "FILL" and len(words) > 1 and len(numbers) < 4 and is_number(words[-1]):
+        numbers.insert(0, words.pop())
+    if kind not in ("FILL", "CENTER", "TOP_LEFT") or not words or len(numbers) % 2:
+        raise command.error(
+            "IMGLOAD with FILL PATH, or CENTER or TOP_LEFT, PATH, X, Y, WIDTH and HEIGHT",
+            " ".join(command.cells),
+        )
+    name = PureWindowsPath(" ".join(words)).name  # takes both kinds of slashes
+    if kind == "FILL" or not numbers:
+        return name, screen if kind == "FILL" else None
+    x, y, *size = Row(command.path, command.line, numbers).numbers()
+    width, height = size if size and min(size) > 0 else (np.nan, np.nan)
+    return name, Box(x, y, width, height, kind == "CENTER")
+
+
+def _images(trial: _Trial, wanted: str | None) -> list[_Shown]:
+    """The images of a trial in the order of their times."""
+    if trial.shown and wanted is None:
+        return sorted(trial.shown, key=lambda each: each.time)
+    names = [
+        value
+        for name, value in trial.variables.items()
+        if (name == wanted if wanted else is_named("image", name))
+    ]
+    names = names or [word for word in trial.label.split() if word.lower().endswith(IMAGE_SUFFIXES)]
+    return [_Shown(-np.inf, PureWindowsPath(name).name, None) for name in names[:1]]
+
+
+def _eye(trials: Iterable[_Trial]) -> str:
+    """The eye with more fixations; of equals the left."""
+    eyes = [row.cells[1] for trial in trials for row in trial.fixations]
+    return max(sorted(set(eyes)), key=eyes.count, default="")

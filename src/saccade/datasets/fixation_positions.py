@@ -1,0 +1,155 @@
+"""Images of fixations in a folder, and positions in the pixels of these images."""
+
+from collections.abc import Sequence
+from pathlib import Path, PureWindowsPath
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.datasets.fixation_tables import Box
+from saccade.errors import LogError
+from saccade.io.files import IMAGE_SUFFIXES, is_file, reading
+from saccade.io.image import read_image
+from saccade.types import BoolArray, FloatArray
+
+Names = npt.NDArray[np.str_]
+
+NORMALIZED = (-0.5, 1.5)
+"""Range of normalized coordinates, including fixations beside the image."""
+OUTSIDE = 0.2
+"""Fraction of fixations outside their images at which all are refused; 0 to .01 is usual."""
+SHIFTED = 0.03
+"""Fraction outside at which a shift that brings three quarters inside is an error; below it is a
+warning."""
+FEWEST = 5
+"""Minimum number of fixations outside for positions to be judged."""
+MIDDLE = 50
+"""Number of fixations at which some are expected in the middle of their images."""
+EXTENT = (0.02, 0.98)
+"""Quantiles taken for the borders of all fixations: blinks are beyond."""
+PIXELS = "--xy pixels takes them as they are"
+
+
+def list_folder(folder: Path) -> list[Path]:
+    """Content of a folder, by name; nothing where there is none.
+
+    Raises:
+        LogError: it cannot be read.
+    """
+    with reading(folder, LogError):
+        return sorted(folder.iterdir()) if folder.is_dir() else []
+
+
+def resolve_images(names: Names, folder: Path) -> Names:
+    """The file of each image: of this name, or with another case, without a folder or suffix.
+
+    Args:
+        names: (n,) as in a table.
+        folder: of the images.
+
+    Returns:
+        (n,) names of files; those of which there is none stay as they are.
+
+    Raises:
+        LogError: a name without suffix fits several files.
+    """
+    files: dict[str, list[str]] = {}
+    for name in (path.name for path in list_folder(folder)):
+        if name.lower().endswith(IMAGE_SUFFIXES):
+            for key in {name.casefold(), Path(name).stem.casefold()}:
+                files.setdefault(key, []).append(name)
+    unique, inverse = np.unique(names, return_inverse=True)
+    resolved = []
+    for name in unique.tolist():
+        fits = files.get(PureWindowsPath(name).name.casefold(), [])
+        if is_file(folder / name) or not fits:
+            fits = [name]
+        if len(fits) > 1:
+            raise LogError(f"{folder}: the image {name} could be {' or '.join(fits)}")
+        resolved.append(fits[0])
+    return np.array(resolved)[inverse]
+
+
+def image_sizes(names: Names, folder: Path) -> FloatArray:
+    """(n, 2) width and height of the image of each name.
+
+    Raises:
+        ImageError: an image cannot be read.
+    """
+    unique, inverse = np.unique(names, return_inverse=True)
+    shapes = [read_image(folder / str(name)).shape for name in unique]
+    return np.array([(shape[1], shape[0]) for shape in shapes], np.float64)[inverse]
+
+
+def to_image_pixels(xy: FloatArray, boxes: Sequence[Box | None], sizes: FloatArray) -> FloatArray:
+    """Positions in the pixels of images, of positions on the screen.
+
+    Args:
+        xy: (n, 2) positions in the units of the boxes.
+        boxes: (n,) where the images were; None for positions that are in their pixels already.
+        sizes: (n, 2) of the images, width and height in pixels.
+    """
+    moved = np.array([box is not None for box in boxes])
+    if not moved.any():
+        return xy
+    table = np.array([box for box in boxes if box is not None], np.float64)
+    shown = np.where(np.isnan(table[:, 2:4]), sizes[moved], table[:, 2:4])
+    corner = table[:, :2] - table[:, 4:] * shown / 2
+    placed = xy.copy()
+    pixels = (xy[moved] - corner) * (sizes[moved] / shown)
+    placed[moved] = np.round(pixels, 6)  # those in decimals are as they were before division
+    return placed
+
+
+def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
+    """Refuse positions that cannot be in the pixels of their images.
+
+    Args:
+        source: for the message.
+        xy: (n, 2) positions.
+        sizes: (n, 2) of the images.
+
+    Returns:
+        A remark on positions that may be elsewhere, or nothing.
+
+    Raises:
+        LogError: they are normalized, on the screen, or on smaller images; says what is to be done.
+    """
+    low, high = np.quantile(xy, EXTENT, axis=0)
+    side = np.median(sizes, axis=0)
+    size = f"{side[0]:.0f} x {side[1]:.0f}"
+    found = f"{source}: expected positions in pixels of the images ({size}), found"
+    span = f"x from {low[0]:.3g} to {high[0]:.3g} and y from {low[1]:.3g} to {high[1]:.3g}"
+    if (low >= NORMALIZED[0]).all() and (high <= NORMALIZED[1]).all() and side.min() > 8:
+        raise LogError(f"{found} {span}: normalized; pass --xy normalized ({PIXELS})")
+    if len(xy) >= MIDDLE and (high < side / 2).all() and (high - low < side / 2).all():
+        raise LogError(
+            f"{found} {span}: smaller units? pass --xy WIDTH,HEIGHT, the size of the images in the "
+            "units of x and y (100,100 of percent), and --offset X,Y, if their upper left corner "
+            f"is not 0,0 ({PIXELS})"
+        )
+    outside = _outside(xy, sizes)
+    if outside.sum() < FEWEST:
+        return ""
+    found += f" {outside.sum()} of {len(xy)} fixations outside"
+    shift = np.round(np.quantile(xy - sizes / 2, EXTENT, axis=0).mean(axis=0))
+    if 4 * _outside(xy - shift, sizes).sum() < outside.sum():
+        found += (
+            ", on one side: positions on the screen? pass --offset X,Y, the images' upper left "
+            f"corner on it (about {shift[0]:.0f},{shift[1]:.0f} by the fixations; {PIXELS})"
+        )
+        if outside.mean() > SHIFTED:
+            raise LogError(found)
+        return found
+    if outside.mean() > OUTSIDE:
+        raise LogError(
+            f"{found} ({span}); pass --xy WIDTH,HEIGHT, the size of the images on the screen, and "
+            f"--offset X,Y, their upper left corner on it ({PIXELS})"
+        )
+    return ""
+
+
+def _outside(xy: FloatArray, sizes: FloatArray) -> BoolArray:
+    """(n,) whether positions are outside their images, whose first pixel is about (0, 0)."""
+    pixels = np.floor(xy + 0.5)
+    return np.asarray(((pixels < 0) | (pixels >= sizes)).any(axis=1))
