@@ -129,48 +129,6 @@ def test_a_camera_that_looks_elsewhere_is_found(drive, axis, degrees, check, val
     assert found(report)[check].value == pytest.approx(value, abs=1)
 
 
-def shifted(drive, pixels):
-    """Disparities that are too large by some pixels, as by a principal point of one camera."""
-
-    def load(i):
-        frame = drive.load(i)
-        tracks = frame.tracks
-        return replace(frame, tracks=replace(tracks, disparity=tracks.disparity + pixels))
-
-    return replace(drive, load=load)
-
-
-@pytest.mark.parametrize("offset", [-2.0, 1.5])
-@pytest.mark.parametrize("with_odometry", [True, False])
-def test_an_offset_of_disparities_is_told_by_near_and_far_points(drive, offset, with_odometry):
-    wrong = shifted(drive, offset)
-    if not with_odometry:
-        wrong = replace(wrong, control=0 * drive.control, truth=None)
-    finding = found(check_drive(wrong))["disparity offset"]
-    assert finding.value == pytest.approx(offset, rel=0.15)
-    assert not found(check_drive(shifted(drive, 0.1 * offset)))
-
-
-@pytest.mark.parametrize("scale", [0.93, 0.7, 1.3])
-def test_an_error_of_speed_or_baseline_is_no_offset(drive, survey, scale):
-    faster = replace(drive, control=drive.control * [scale, 1, 1])
-    assert "disparity offset" not in found(report_on(faster, survey))
-    camera = replace(drive.camera, baseline=scale * drive.camera.baseline)
-    assert "disparity offset" not in found(check_drive(replace(drive, camera=camera)))
-
-
-@pytest.mark.parametrize(("slip", "is_found"), [(0.012, True), (0.003, False)])
-def test_side_slip_of_turns_is_found_by_its_size(drive, survey, slip, is_found):
-    """Odometry declares a lateral standard deviation of .003 m."""
-    rate = drive.control[:, 2] / np.diff(drive.time)
-    by_turn = slip * np.random.default_rng(2).standard_normal(len(rate)) * (np.abs(rate) > 0.1)
-    slipping = replace(drive, control=drive.control + np.outer(by_turn, [0, 1, 0]))
-    findings = found(report_on(slipping, survey))
-    assert set(findings) == ({"side-slip"} if is_found else set())
-    if is_found:
-        assert findings["side-slip"].value == pytest.approx(np.hypot(slip, 0.003), rel=0.25)
-
-
 def test_tilt_is_told_by_images_and_by_truth():
     rocking = winding(tilt=np.deg2rad(9))
     survey = survey_drive(rocking, 300)
@@ -301,16 +259,6 @@ def test_images_of_kitti_are_clean_and_a_wrong_turn_in_them_is_found(shared):
     assert not found(report_on(drive, survey))
     mirrored = replace(drive, control=drive.control * [1, 1, -1])
     assert set(found(report_on(mirrored, survey))) == {"turn sign"}
-
-
-def test_odometry_is_compared_with_the_truth_without_images(drive, survey):
-    blind = replace(survey, rotation=survey.rotation * np.nan)
-    for change, check, value in (
-        ((1 / 1.2, 1 / 1.2, 1), "truth odometry length", 1.2),
-        ((1, 1, 1 / 1.3), "truth odometry turn", 1.3),
-    ):
-        findings = found(report_on(truth(drive, change), blind))
-        assert findings[check].value == pytest.approx(value, abs=0.04)
 
 
 def test_lengths_that_differ_by_8_to_20_percent_are_named(drive):

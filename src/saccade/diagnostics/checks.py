@@ -11,7 +11,6 @@ from saccade.diagnostics.odometry import (
     TURNING,
     check_direction,
     check_jumps,
-    check_side_slip,
     check_translations,
     check_truth,
     check_turns,
@@ -24,7 +23,6 @@ from saccade.diagnostics.recording import (
 )
 from saccade.diagnostics.survey import (
     MIN_STEPS,
-    SIGNIFICANT_SIGMAS,
     Lag,
     MotionSeries,
     Survey,
@@ -38,22 +36,22 @@ from saccade.frames import Camera, Drive
 from saccade.visual.odometry_model import SLIP_PER_ACCELERATION
 
 MIN_DISPARITIES = 200
-"""Disparities from which the rectification is judged."""
+"""Minimum number of disparities for a judgment of the rectification."""
 MAX_NEGATIVE = 0.05
-"""Fraction of negative disparities that is explained by wrong matches."""
+"""Largest fraction of negative disparities that wrong matches explain."""
 MAX_ROW_OFFSET = 1.0
-"""Pixels between the rows of a point in both images."""
-OFFSET_STRETCHES, MAX_OFFSET_SCALE = 12, 0.05
-"""Stretches of a drive whose scatter gives the error of a disparity offset, and the fraction of the
-distance from which the offset is reported."""
-MIN_SPREAD = 4.0
-"""Pixels between the quartiles of the disparities from which an offset is estimated: ten times
-their noise, which looks like an offset where all points are equally far."""
-MAX_ANGLE, GROSS_ANGLE = np.deg2rad(3.0), np.deg2rad(30.0)
-"""Radians of error allowed in yaw and pitch, and from which axes must have been exchanged."""
-MAX_OFFSET, MAX_RELATIVE_OFFSET, SLIP_SIGMAS = 0.15, 0.6, 3.0
-"""Error allowed in the position, in metres and relative: a robot's center of rotation varies; and
-standard deviations of side-slip in turns, which moves the camera like another position."""
+"""Tolerated distance in pixels between the rows of a point in both images."""
+MAX_ANGLE = np.deg2rad(3.0)
+"""Largest error of yaw and pitch that is tolerated, in radians."""
+GROSS_ANGLE = np.deg2rad(30.0)
+"""Angle in radians above which axes must have been exchanged."""
+MAX_OFFSET = 0.15
+"""Tolerated error of the position ahead in meters: a robot's center of rotation varies."""
+MAX_RELATIVE_OFFSET = 0.6
+"""Tolerated error of the position ahead, as a fraction of it."""
+SLIP_SIGMAS = 3.0
+"""Tolerated side-slip in turns in standard deviations: it moves the camera like another
+position."""
 
 
 def check_intrinsics(camera: Camera) -> Iterator[Finding]:
@@ -101,41 +99,6 @@ def check_rectification(survey: Survey) -> Iterator[Finding]:
         what = f"the same points are {offset:.1f} px higher or lower in the right image (median)"
         advice = "Rectify the images, or calibrate again"
         yield Finding("warning", "rows", what, advice, offset, "px")
-
-
-def check_disparity_offset(survey: Survey, series: MotionSeries) -> Iterator[Finding]:
-    """An offset of all disparities, which changes near distances less than far ones.
-
-    Its standard error is by the scatter of stretches of the drive. Where odometry measures the
-    distance, the offset must bring the images closer to it.
-    """
-    length = np.linalg.norm(survey.translation, axis=1)
-    known = np.isfinite(length) & (survey.offset[:, 0] > 0)
-    spread = np.ptp(np.quantile(survey.disparity, [0.25, 0.75])) if len(survey.disparity) else 0.0
-    if known.sum() < MIN_STEPS or spread < MIN_SPREAD:
-        return
-    information, gradient, shorter = survey.offset[known].T
-    offset = float(gradient.sum() / information.sum())
-    parts = np.array_split(gradient - information * offset, OFFSET_STRETCHES)
-    scatter = np.array([part.sum() for part in parts])
-    degrees_of_freedom = (len(parts) - 1) / len(parts)
-    error = float(np.sqrt(np.square(scatter).sum() / degrees_of_freedom) / information.sum())
-    scale = 1 - offset * float(shorter.sum() / length[known].sum())
-    if abs(scale - 1) < MAX_OFFSET_SCALE or abs(offset) < SIGNIFICANT_SIGMAS * error:
-        return
-    moving = series.moving
-    by_odometry = fit(moving.odometry[:, :1], moving.translation[:, 0])
-    if by_odometry is not None:
-        ratio = float(by_odometry.value[0])
-        if abs(ratio / scale - 1) > abs(ratio - 1):
-            return
-    larger = "large" if offset > 0 else "small"
-    what = (
-        f"all disparities are {abs(offset):.2f} px (within {2 * error:.2f}) too {larger}: the "
-        f"images move {scale:.2f} times as far as they should, by how near and far points disagree"
-    )
-    advice = "Check the columns of the principal points of both cameras, or calibrate again"
-    yield Finding("warning", "disparity offset", what, advice, offset, "px")
 
 
 def check_rotation(moving: MotionSeries) -> Iterator[Finding]:
@@ -233,7 +196,6 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
         *check_intrinsics(drive.camera),
         *check_timestamps(drive),
         *check_rectification(survey),
-        *check_disparity_offset(survey, series),
     ]
     odometry, extrinsics = _motion_findings(drive, series, lag)
     findings += odometry + extrinsics
@@ -265,10 +227,7 @@ def _motion_findings(
     if direction := [*check_direction(moving)]:
         return odometry + direction, []
     odometry += check_translations(series)
-    extrinsics = [*check_extrinsics(moving, drive.camera)]
-    if not extrinsics:  # another position moves sideways in turns, too
-        odometry += check_side_slip(moving, drive.camera)
-    return odometry, extrinsics
+    return odometry, [*check_extrinsics(moving, drive.camera)]
 
 
 def _figures(survey: Survey, series: MotionSeries, lag: Lag | None) -> dict[str, Any]:

@@ -23,33 +23,41 @@ from saccade.plane import (
     to_points,
     to_relative_poses,
 )
+from saccade.slam.consistency import normalized_squared
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
 MAX_BEARING = 2 * np.pi
-"""Radians; a difference of two angles in (-pi, pi] is not larger."""
+"""Largest bearing in radians; a difference of two angles in (-pi, pi] is not larger."""
 FAR = 1000.0
-"""Metres; a larger median range is hardly one of a robot's sensor."""
-MIN_PAIRS, MAX_PAIRS = 30, 2000
-"""Pairs of observations at one lag from which something is said, and of which more are left out."""
-MOTION = 0.08, 0.45
-"""Median relative movement of a landmark between observations: at the shortest lag, and at most."""
+"""Median range in meters that is hardly one of a robot's sensor."""
+MIN_PAIRS = 30
+"""Minimum number of pairs of observations at one lag."""
+MAX_PAIRS = 2000
+"""Number of pairs at one lag above which some are left out."""
+MIN_MOTION = 0.08
+"""Smallest relative movement of a landmark between the observations of a pair."""
+MAX_MOTION = 0.45
+"""Largest median relative movement of the landmarks at a lag."""
 MIN_GAIN = 0.5
-"""Nats per pair by which another reading is better, unless its own least gain is given."""
+"""Nats per pair by which another reading must be better, unless it has a minimum of its own."""
 MIN_WINS = 0.7
-"""Fraction of tenths of the log in which it is better."""
-NOISE_FACTORS, MIN_NOISE_GAIN = (1 / 12, 1.5), 0.15
-"""Factors on the standard deviations between which they are believed, and nats per pair by which
-one outside is better than all of them."""
-MIN_REPEATED, MIN_SEPARATION = 10, 3.0
-"""Poses with a name twice from which it is said to be shared, and the standard deviations that the
-two observations are apart."""
+"""Fraction of tenths of the log in which another reading must be better."""
+NOISE_FACTORS = (1 / 12, 1.5)
+"""Smallest and largest factor on the standard deviations that is accepted."""
+MIN_NOISE_GAIN = 0.15
+"""Nats per pair by which a factor outside `NOISE_FACTORS` must be better."""
+MIN_REPEATED = 10
+"""Minimum number of poses with a label twice for the label to be called shared."""
+MIN_SEPARATION = 3.0
+"""Minimum distance of two observations with the same label, in standard deviations."""
 MAX_GAP = 20.0
-"""Longest step, over the duration that 99 % of the steps are within."""
+"""Largest duration of a step, over the duration that 99 % of the steps are within."""
 FACTORS: FloatArray = np.exp2(np.arange(-7.0, 8.0))
 """Factors on the standard deviations among which the best is taken."""
 SINGULAR = 1e-8
 """Variance added to an observation, over its squared range: exact ones have none."""
-DEGREE, MILLIMETRE = np.pi / 180, 1e-3
+DEGREE, MILLIMETER = np.pi / 180, 1e-3
+AHEAD = "Bearings are 0 straight ahead and positive to the left: "
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +179,8 @@ def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Fin
         return
     xy = to_points(log.observation)
     C = point_covariance(log.observation, log.observation_covariance)
-    square, _ = _normalized(xy[b] - xy[a], C[a] + C[b])
+    floor = SINGULAR * np.square(log.observation[b, :1, None]) + 1e-12
+    square = normalized_squared(xy[b] - xy[a], C[a] + C[b] + floor * np.eye(2))
     distance = np.hypot(*(xy[b] - xy[a]).T)
     step = np.hypot(*control[:, :2].T) + np.abs(control[:, 2]) * np.median(log.observation[:, 0])
     apart = (square > MIN_SEPARATION**2) & (distance > np.quantile(step, 0.99))
@@ -189,8 +198,8 @@ def _check_readings(log: LandmarkLog, readings: Readings) -> Iterator[Finding]:
         return
     recorded, (factor, of_odometry) = _gains(readings, *pairs)
     least, most = NOISE_FACTORS
-    believed = FACTORS[(least <= FACTORS) & (most >= FACTORS)]
-    stated, _ = _gains(readings, *pairs, believed)
+    accepted = FACTORS[(least <= FACTORS) & (most >= FACTORS)]
+    stated, _ = _gains(readings, *pairs, accepted)
     best, size = None, 0.0
     order = np.argsort(readings.observed[pairs[0]], kind="stable")
     for rival in _rivals(readings):
@@ -210,19 +219,28 @@ def _check_readings(log: LandmarkLog, readings: Readings) -> Iterator[Finding]:
 
 
 def _rivals(log: Readings) -> Iterator[Rival]:
-    """Other readings, each with what it would mean."""
-    mm, (distance, bearing) = MILLIMETRE, log.observation.T
+    """Other readings, each with its meaning."""
+    mm, (distance, bearing) = MILLIMETER, log.observation.T
     what, advice = "turns of odometry are in degrees", "Multiply them by pi / 180"
     yield Rival("degrees", what, advice, log.scaled((1, 1, DEGREE), (1, 1)))
-    what, advice = "ranges are in millimetres", "Divide them by 1000"
-    yield Rival("millimetres", what, advice, log.scaled((1, 1, 1), (mm, 1)))
-    yield Rival("millimetres", what, advice, log.observing(mm * distance, bearing))
-    what = "odometry is in millimetres and ranges are not"
-    advice, readings = "Divide its distances by 1000", log.scaled((mm, mm, 1), (1, 1))
-    yield Rival("odometry in millimetres", what, advice, readings)
-    what = "bearings and turns have opposite signs"
+    for readings in (log.scaled((1, 1, 1), (mm, 1)), log.observing(mm * distance, bearing)):
+        yield Rival("millimetres", "ranges are in millimetres", "Divide them by 1000", readings)
+    what, readings = (
+        "odometry is in millimetres and ranges are not",
+        log.scaled((mm, mm, 1), (1, 1)),
+    )
+    yield Rival("odometry in millimetres", what, "Divide its distances by 1000", readings)
+    what, readings = "bearings and turns have opposite signs", log.scaled((1, 1, 1), (1, -1))
     advice = "Both are positive to the left (counter-clockwise): change the sign of the bearings"
-    yield Rival("mirrored bearings", what, advice, log.scaled((1, 1, 1), (1, -1)))
+    yield Rival("mirrored bearings", what, advice, readings)
+    what = "the axes of the observations are swapped: bearings are clockwise from the left"
+    readings = log.observing(distance, np.pi / 2 - bearing)
+    yield Rival("swapped axes", what, f"{AHEAD}pi / 2 minus these", readings)
+    for degrees in (90, -90, 180):
+        what = f"the frame of the observations is turned by {degrees} degrees"
+        advice = f"{AHEAD}{'subtract' if degrees > 0 else 'add'} {abs(degrees)} degrees"
+        readings = log.observing(distance, bearing - np.deg2rad(degrees))
+        yield Rival("turned sensor", what, advice, readings)
     what = "turn and translation of a step are in the wrong order"
     advice = (
         "The columns distance, turn turn first and then drive; forward, left are in the frame "
@@ -232,15 +250,6 @@ def _rivals(log: Readings) -> Iterator[Rival]:
         xy = rotated(log.control[:, :2], turns * log.control[:, 2])
         readings = replace(log, control=np.column_stack([xy, log.control[:, 2]]))
         yield Rival("motion order", what, advice, readings, min_gain=0.16)
-    expected = "Bearings are 0 straight ahead and positive to the left: "
-    for degrees in (90, -90, 180):
-        what = f"the frame of the observations is turned by {degrees} degrees"
-        advice = f"{expected}{'subtract' if degrees > 0 else 'add'} {abs(degrees)} degrees"
-        readings = log.observing(distance, bearing - np.deg2rad(degrees))
-        yield Rival("turned sensor", what, advice, readings)
-    what = "the axes of the observations are swapped: bearings are clockwise from the left"
-    readings = log.observing(distance, np.pi / 2 - bearing)
-    yield Rival("swapped axes", what, f"{expected}pi / 2 minus these", readings)
     what = "bearings are relative to the map, not to the heading of the robot"
     heading = np.interp(log.observed, log.time, path_of(log.control)[:, 2])
     readings = log.observing(distance, bearing - heading)
@@ -253,15 +262,12 @@ def _rivals(log: Readings) -> Iterator[Rival]:
     advice = "Keep every step of odometry, or sum those between two poses"
     yield Rival("lost steps", what, advice, _filled(log), min_gain=0.08)
     spacing = max(0.5, float(np.median(np.diff(log.time))))
-    for shift in spacing * np.arange(1, 11):
-        for delay, late, cure in (
-            (shift, "late", f"Subtract {shift:g} s from"),
-            (-shift, "early", f"Add {shift:g} s to"),
-        ):
-            what = f"the clock of the observations is {shift:g} s {late} against that of odometry"
-            readings = replace(log, observed=log.observed - delay)
-            advice = f"{cure} the times of the observations"
-            yield Rival("clock offset", what, advice, readings, min_gain=0.3)
+    for delay in np.outer(spacing * np.arange(1, 11), (1, -1)).ravel():
+        late, cure = ("late", "Subtract") if delay > 0 else ("early", "Add")
+        what = f"the clock of the observations is {abs(delay):g} s {late} against that of odometry"
+        advice = f"{cure} {abs(delay):g} s {'from' if delay > 0 else 'to'} the times of the "
+        readings = replace(log, observed=log.observed - delay)
+        yield Rival("clock offset", what, f"{advice}observations", readings, min_gain=0.3)
 
 
 def _filled(log: Readings) -> Readings:
@@ -308,11 +314,11 @@ def _pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
             continue
         ranges = np.maximum(log.observation[a, 0] + log.observation[b, 0], 1e-12)
         movement = np.hypot(*(xy[a] - xy[b]).T) / ranges
-        if np.median(movement) > MOTION[1] and found:
+        if np.median(movement) > MAX_MOTION and found:
             break
-        if np.median(movement) < MOTION[0]:
+        if np.median(movement) < MIN_MOTION:
             found.clear()  # a longer lag says more
-        moved = movement > MOTION[0]  # the others fit every reading
+        moved = movement > MIN_MOTION  # the others fit every reading
         found.append((a[moved], b[moved]))
     if not found:
         return none, none
@@ -371,34 +377,29 @@ def _residuals(
 def _gains(
     log: Readings, a: IntArray, b: IntArray, noise: FloatArray = FACTORS
 ) -> tuple[FloatArray, tuple[float, float]]:
-    """(m,) log-likelihood of each pair over that of a guess, at the likeliest factor of its noise.
+    """Log-likelihood (m,) of each pair over that of a guess, at the likeliest factor of its noise.
+
+    Sensor and odometry are diagonalized together, so that each factor costs a sum. A gain is at
+    least 0, since any pair may be an outlier.
 
     Returns:
-        With the factors on the standard deviations of sensor and odometry: equal, or that of
-        odometry 1.
+        The gains, and the factors on the standard deviations of sensor and odometry: equal, or
+        that of odometry 1.
     """
     residual, sensor, odometry = _residuals(log, a, b)
-    guess, best = _guess(log), (np.zeros(len(a)), (1.0, 1.0))
+    whitening = np.linalg.inv(np.linalg.cholesky(sensor))
+    variance, axes = np.linalg.eigh(whitening @ odometry @ whitening.transpose(0, 2, 1))
+    axes = axes.transpose(0, 2, 1) @ whitening
+    square = np.square((axes @ residual[:, :, None])[:, :, 0])
+    constant = np.log(np.abs(np.linalg.det(whitening))) - np.log(2 * np.pi) - _guess(log)
+    best = np.zeros(len(a)), (1.0, 1.0)
     for k in noise.tolist():
         for factors in ((k, k), (k, 1.0)):
-            S = factors[0] ** 2 * sensor + factors[1] ** 2 * odometry
-            gain = _over(*_normalized(residual, S), guess)
+            S = factors[0] ** 2 + factors[1] ** 2 * variance
+            gain = np.maximum(constant - (square / S + np.log(S)).sum(1) / 2, 0.0)
             if gain.mean() > best[0].mean():
                 best = gain, factors
     return best
-
-
-def _normalized(residual: FloatArray, S: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(m,) normalized squares of residuals (m, 2) with covariances S, and the log determinants."""
-    det = np.maximum(S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2, 1e-300)
-    x, y = residual.T
-    square = x * x * S[:, 1, 1] - 2 * x * y * S[:, 0, 1] + y * y * S[:, 0, 0]
-    return square / det, np.log(det)
-
-
-def _over(nis: FloatArray, log_det: FloatArray, guess: float) -> FloatArray:
-    """(m,) Gaussian log-likelihoods over that of a guess, at least 0: any may be an outlier."""
-    return np.asarray(np.maximum(-nis / 2 - np.log(2 * np.pi) - log_det / 2 - guess, 0.0))
 
 
 def _guess(log: Readings) -> float:

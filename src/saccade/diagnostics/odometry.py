@@ -15,9 +15,9 @@ from saccade.diagnostics.survey import (
     lag_of,
     series_of,
 )
-from saccade.frames import Camera, Drive
-from saccade.plane import path_of, steps_between
-from saccade.types import BoolArray, FloatArray
+from saccade.frames import Drive
+from saccade.plane import steps_between
+from saccade.types import BoolArray
 
 MIN_TURN_RATE = 0.01
 """Standard deviation of the turn rate in rad/s from which turns are compared."""
@@ -32,13 +32,8 @@ STANDSTILL, MAX_SLIP = 0.1, 0.25
 fraction of the steps in which it may."""
 MAX_NOISE_RATIO = 2.0
 """Standard deviation of the errors of odometry over that of its covariance."""
-TURNING, STRAIGHT = 0.1, 0.2
-"""Turn rate in rad/s from which a step is one of a turn; fraction of the steps, those with the
-least turn rates, that are taken as straight."""
-MIN_RATE_RATIO = 3.0
-"""Turn rate of a turn over the greatest of the straight steps."""
-MAX_SLIP_RATIO = 1.8
-"""Lateral error of odometry in turns, over the standard deviation that it declares."""
+TURNING = 0.1
+"""Turn rate in rad/s above which a step belongs to a turn."""
 JUMP_RATIO = 10.0
 """Change of speed, over its standard deviation, that is a jump."""
 
@@ -164,36 +159,6 @@ def check_translations(series: MotionSeries) -> Iterator[Finding]:
         yield _scale_finding("translation scale", "odometry moves", fitted, "images", advice)
 
 
-def check_side_slip(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
-    """Lateral errors of odometry in turns, in excess over those of straight steps.
-
-    Noise of the images is in both; the yaw of the camera, which is as well, is estimated.
-    """
-    ahead, left, _ = moving.translation.T
-    turn = moving.rotation[:, 2]
-    rate = np.abs(turn) / moving.duration
-    least = float(np.quantile(rate, STRAIGHT))
-    turning, straight = rate > max(TURNING, MIN_RATE_RATIO * least), rate <= least
-    error = left - moving.odometry[:, 1] - camera.position[0] * turn
-    yaw = fit(np.stack([ahead, turn], 1), error)
-    if yaw is None or min(turning.sum(), straight.sum()) < MIN_STEPS:
-        return
-    error = np.abs(error - yaw.value[0] * ahead)
-    squares = [np.square(1.4826 * np.median(error[each])) for each in (turning, straight)]
-    slip = float(np.sqrt(max(squares[0] - squares[1], 0.0)))
-    sigma = float(np.sqrt(np.median(moving.covariance[turning, 1, 1])))
-    if slip > MAX_SLIP_RATIO * sigma:
-        what = (
-            f"in turns odometry is wrong by {slip:.2g} m to the side in a step, beyond its error "
-            f"straight ahead; by its covariance by {sigma:.2g} m (one standard deviation)"
-        )
-        advice = (
-            "The robot slips sideways, or its origin is not where odometry has it: make the "
-            f"lateral standard deviations {slip / max(sigma, 1e-12):.1f} times as large"
-        )
-        yield Finding("warning", "side-slip", what, advice, slip, "m")
-
-
 def check_jumps(drive: Drive) -> Iterator[Finding]:
     """Steps in which odometry is much faster than right before and after."""
     duration = np.diff(drive.time)
@@ -220,10 +185,6 @@ def check_jumps(drive: Drive) -> Iterator[Finding]:
 
 MAX_LENGTH_ERROR = 0.05
 """Relative difference allowed between the lengths of the images and of the truth."""
-SEGMENT_SECONDS = 1.0
-"""Seconds over which lengths and turns of odometry are compared with those of the truth."""
-MIN_SEGMENT_LENGTH = 0.1
-"""Metres of a segment from which its length is compared."""
 
 
 def check_truth(drive: Drive, survey: Survey, agree: bool) -> Iterator[Finding]:
@@ -240,8 +201,6 @@ def check_truth(drive: Drive, survey: Survey, agree: bool) -> Iterator[Finding]:
     if inside.sum() <= MIN_STEPS:
         return
     yield from _check_images(drive, inside, survey, agree)
-    if agree and drive.control.any():
-        yield from _check_odometry(drive, inside)
 
 
 def _check_images(
@@ -269,28 +228,3 @@ def _check_images(
             "scale of the truth"
         )
         yield _scale_finding("truth length", "the images move", fitted, "truth", advice)
-
-
-def _check_odometry(drive: Drive, inside: BoolArray) -> Iterator[Finding]:
-    """Lengths and turns of odometry against those of the truth, over segments."""
-    odometry, truth = _segments(drive, inside)
-    moving = np.hypot(*truth[:, :2].T) > MIN_SEGMENT_LENGTH
-    lengths = fit(np.hypot(*truth[moving, :2].T)[:, None], np.hypot(*odometry[moving, :2].T))
-    if lengths is not None and lengths.differs(0, 1.0, MAX_SCALE_ERROR):
-        advice = "Check the diameter of the wheels, and the unit and the scale of the truth"
-        yield _scale_finding("truth odometry length", "odometry moves", lengths, "truth", advice)
-    turns = fit(np.stack([truth[:, 2], np.ones(len(truth))], 1), odometry[:, 2])
-    turning = np.std(truth[:, 2]) / SEGMENT_SECONDS >= MIN_TURN_RATE
-    if turning and turns is not None and turns.differs(0, 1.0, MAX_SCALE_ERROR):
-        advice = "Check the unit and the sign of the turn, the clocks, and the axes of the truth"
-        yield _scale_finding("truth odometry turn", "odometry turns", turns, "truth", advice)
-
-
-def _segments(drive: Drive, inside: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """(m, 3) motions over segments of the drive, by odometry and by the truth."""
-    assert drive.truth is not None
-    known = np.flatnonzero(inside)
-    marks = np.arange(drive.time[known[0]], drive.time[known[-1]], SEGMENT_SECONDS)
-    index = np.unique(np.searchsorted(drive.time, marks))
-    truth = drive.truth.at(drive.time[index])
-    return steps_between(path_of(drive.control)[index]), steps_between(truth)

@@ -27,12 +27,28 @@ from saccade.visual.optical_flow import (
 )
 
 STRETCHES = 4
-"""Sequences of successive frames, evenly spread, that are surveyed of a longer drive."""
+"""Number of sequences of successive frames, evenly spread, that are surveyed of a longer drive."""
 MAX_WIDTH = 800
-"""Pixels; wider images are shrunk first."""
-MAX_EQUAL, MIN_COMMON_TRACKS = 0.5, 5
-"""Fraction of the tracks common to two frames that may be equal to the bit, and the number of
-common tracks from which the frame is a copy otherwise."""
+"""Width in pixels above which images are shrunk first."""
+MAX_EQUAL = 0.5
+"""Fraction of common tracks with equal positions above which a frame is a copy."""
+MIN_COMMON_TRACKS = 5
+"""Minimum number of common tracks for a frame to be judged a copy."""
+UNKNOWN = np.full(3, np.nan)
+
+
+class FrameSurvey(NamedTuple):
+    """Statistics of one frame; the columns of `Survey` have the meanings."""
+
+    frame: int
+    brightness: float = np.nan
+    contrast: float = np.nan
+    sharpness: float = np.nan
+    points: int = 0
+    copied: bool = False
+    rotation: FloatArray = UNKNOWN
+    translation: FloatArray = UNKNOWN
+    metric: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +73,13 @@ class Survey:
     translation: FloatArray
     """(m, 3) ahead, left and up; NaN where unknown."""
     metric: BoolArray
-    """(m,) whether the translation is in metres; else it has length 1, or 0 at a standstill."""
-    offset: FloatArray
-    """(m, 3) what the frame says of an offset of all disparities, see `offset_equation`."""
+    """(m,) whether the translation is in meters; else it has length 1, or 0 at a standstill."""
     unreadable: dict[int, str]
     """Error messages by number of the frame."""
     disparity: FloatArray
-    """(d,) of all points that have one, in pixels of the full image."""
+    """(d,) disparities of all points that have one, in pixels of the full image."""
     row_offset: FloatArray
-    """(d,) row in the right image less that in the left one in pixels; NaN where unknown."""
+    """(d,) row in the right image minus row in the left one in pixels; NaN where unknown."""
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -77,8 +91,8 @@ def survey_drive(
     """Survey the frames of a drive.
 
     Args:
-        drive: to be surveyed.
-        max_images: images, at most; tracks are surveyed whatever their number.
+        drive: the drive.
+        max_images: largest number of images; tracks are surveyed whatever their number.
         progress: called with the number of frames done, and of all.
     """
     numbers = chosen_frames(len(drive), max_images)
@@ -86,44 +100,48 @@ def survey_drive(
     if _has_tracks(drive, numbers):
         numbers, factor = list(range(len(drive))), 1
     camera = reduced_camera(drive.camera, factor)
-    m, unreadable = len(numbers), dict[int, str]()
-    brightness, contrast, sharpness = np.full((3, m), np.nan)
-    rotation, translation = np.full((2, m, 3), np.nan)
-    offset = np.zeros((m, 3))
-    counts, copied, metric = np.zeros(m, np.int64), np.zeros(m, np.bool_), np.zeros(m, np.bool_)
-    all_points = [FramePoints()]
+    rows, unreadable, all_points = list[FrameSurvey](), dict[int, str](), [FramePoints()]
     previous: PreparedFrame | None = None
     for i, number in enumerate(numbers):
         if i > 0 and numbers[i - 1] != number - 1:
             previous = None
+        row = FrameSurvey(number)
         try:
             current = _shrink_frame(drive.load(number), factor)
         except ImageError as error:
             unreadable[number], previous = str(error), None
         else:
             points = points_of(current, camera)
-            counts[i] = len(points)
-            if (gray := current.left) is not None:
-                brightness[i], contrast[i] = gray.mean(), gray.std()
-                laplacian = float(np.abs(cv2.Laplacian(gray, cv2.CV_16S)).mean())
-                sharpness[i] = laplacian / max(contrast[i], 1.0)
+            row = _image_statistics(number, current.left)._replace(points=len(points))
             if previous is not None:
-                copied[i] = _is_copy(previous, current)
+                row = row._replace(copied=_is_copy(previous, current))
                 pairs = match_points(all_points[-1], (previous, current), points)
-                motion = motion_between(*pairs, camera)
-                if motion is not None:
-                    rotation[i], translation[i], metric[i], offset[i] = motion
+                if (motion := motion_between(*pairs, camera)) is not None:
+                    row = row._replace(**motion._asdict())
             all_points.append(points)
             previous = current
+        rows.append(row)
         if progress is not None:
-            progress(i + 1, m)
+            progress(i + 1, len(numbers))
     every = FramePoints.concatenate(all_points)
     every = every[np.isfinite(every.disparity)]
+    columns = map(np.array, zip(*rows, strict=True))
+    of_frames: dict[str, Any] = dict(zip(FrameSurvey._fields, columns, strict=True))
     return Survey(
-        *(np.array(numbers), brightness, contrast, sharpness, counts, copied),
-        *(rotation, translation, metric, offset / (factor**2, factor, factor), unreadable),
-        *(every.disparity * factor, every.row_offset * factor),
+        **of_frames,
+        unreadable=unreadable,
+        disparity=every.disparity * factor,
+        row_offset=every.row_offset * factor,
     )
+
+
+def _image_statistics(number: int, gray: ByteArray | None) -> FrameSurvey:
+    """Brightness, contrast and sharpness of a frame."""
+    if gray is None:
+        return FrameSurvey(number)
+    contrast = float(gray.std())
+    laplacian = float(np.abs(cv2.Laplacian(gray, cv2.CV_16S)).mean())
+    return FrameSurvey(number, float(gray.mean()), contrast, laplacian / max(contrast, 1.0))
 
 
 def chosen_frames(n: int, max_images: int) -> list[int]:
@@ -178,16 +196,18 @@ def repeated_observations(before: Tracks, now: Tracks) -> IntArray | None:
     return np.asarray(j[equal], np.int64)
 
 
-MAX_CORNERS, CORNER_QUALITY, MIN_SPACING = 300, 0.003, 9
-"""Corners in an image, their response as a fraction of the strongest, and pixels between them."""
+MAX_CORNERS = 300
+"""Largest number of corners in an image."""
+CORNER_QUALITY = 0.003
+"""Smallest response of a corner, as a fraction of the strongest."""
+MIN_SPACING = 9
+"""Smallest distance between corners in pixels."""
 MIN_DISPARITY = 2.0
-"""Pixels from which a disparity gives a depth."""
-PIXEL_SIGMA, DISPARITY_SIGMA = 0.5, 0.4
-"""Standard deviations in pixels by which points are weighted where an offset is estimated."""
+"""Smallest disparity in pixels that gives a depth."""
 MIN_POINTS = 12
-"""Points from which a motion is estimated."""
+"""Minimum number of points for a motion estimate."""
 STANDSTILL = 0.2
-"""Median displacement in pixels of the points of a camera that stands still."""
+"""Largest median displacement in pixels of the points of a camera that stands still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +217,7 @@ class FramePoints(Table):
     xy: FloatArray = column(2)
     """(k, 2) pixels."""
     depth: FloatArray = column()
-    """(k,) metres along the optical axis, NaN where unknown."""
+    """(k,) meters along the optical axis, NaN where unknown."""
     disparity: FloatArray = column()
     """(k,) pixels, NaN where unknown."""
     row_offset: FloatArray = column()
@@ -231,7 +251,7 @@ def points_of(prepared: PreparedFrame, camera: Camera) -> FramePoints:
 
 
 def _depth_of(disparity: FloatArray, camera: Camera) -> FloatArray:
-    """(k,) metres; NaN where the disparity is too small, or there is no right camera."""
+    """(k,) meters; NaN where the disparity is too small, or there is no right camera."""
     usable = (disparity > MIN_DISPARITY) & (camera.baseline > 0)
     return depth_of(camera, np.where(usable, disparity, np.nan))
 
@@ -255,24 +275,32 @@ def match_points(
     return first.xy[tracked], xy[tracked].astype(np.float64), first.depth[tracked]
 
 
+class CameraMotion(NamedTuple):
+    """Motion of a camera along the robot's axes (ahead, left, up) at the first frame."""
+
+    rotation: FloatArray
+    """(3,) rotation vector in radians."""
+    translation: FloatArray
+    """(3,) in meters, or of length 1, or 0 at a standstill."""
+    metric: bool
+    """Whether the translation is in meters."""
+
+
 def motion_between(
     first: FloatArray, second: FloatArray, depth: FloatArray, camera: Camera
-) -> tuple[FloatArray, FloatArray, bool, FloatArray] | None:
+) -> CameraMotion | None:
     """Estimate the motion of a camera from k correspondences.
 
     Args:
         first: (k, 2) pixels in the one frame.
-        second: (k, 2) in the next.
-        depth: (k,) metres along the optical axis in the first frame, NaN where unknown.
+        second: (k, 2) pixels in the next.
+        depth: (k,) meters along the optical axis in the first frame, NaN where unknown.
         camera: the calibration.
 
     Returns:
-        Along the robot's axes (ahead, left, up) at the first frame: rotation vector (3,) in
-        radians, translation (3,), whether it is in metres, and its `offset_equation`. Without
-        depths it has length 1, or 0 at a standstill. None where too few points, or less than a
-        third, agree.
+        The motion; None where too few points, or less than a third, agree.
     """
-    known, offset = np.isfinite(depth), np.zeros(3)
+    known = np.isfinite(depth)
     metric = bool(known.sum() >= MIN_POINTS)
     pose: CameraPose | None = None
     if metric:
@@ -282,8 +310,6 @@ def motion_between(
         )
         if solution is not None and _most_agree(solution[2], len(points)):
             pose = solution[:2]
-            if camera.baseline > 0:
-                offset = offset_equation(camera, points, second[known], pose)
     else:
         pose = _from_directions(first, second, camera)
     if pose is None:
@@ -291,48 +317,7 @@ def motion_between(
     R, t = pose
     C = camera.rotation
     rotation = np.asarray(cv2.Rodrigues(C @ R.T @ C.T)[0], np.float64).ravel()
-    return rotation, -(C @ R.T @ t), metric, offset
-
-
-def offset_equation(
-    camera: Camera, points: FloatArray, pixels: FloatArray, pose: CameraPose
-) -> FloatArray:
-    """Normal equation of an offset by which all disparities of a step are too large.
-
-    An offset changes near depths less than far ones, and so leaves residuals that no motion
-    explains. The motion is eliminated (Schur).
-
-    Args:
-        camera: the stereo rig.
-        points: (k, 3) in the first camera frame, by their disparities.
-        pixels: (k, 2) in the second frame.
-        pose: the motion that fits them best.
-
-    Returns:
-        (3,) information in 1 / px^2, gradient in 1 / px, and the metres by which an offset of one
-        pixel shortens the motion.
-    """
-    R, t = pose
-    rotated = points @ R.T
-    moved = rotated + t
-    ray, ahead = moved[:, :2] / moved[:, 2:], moved[:, 2] > 0
-    focal = np.array([camera.fx, camera.fy])
-    residual = pixels - focal * ray - (camera.cx, camera.cy)
-    inlier = ahead & (np.hypot(*residual.T) < MAX_REPROJECTION_ERROR)
-    projection = np.zeros((len(ray), 2, 3))
-    projection[:, [0, 1], [0, 1]], projection[:, :, 2] = 1.0, -ray
-    projection *= focal[:, None] / moved[:, 2, None, None]
-    disparity = camera.fx * camera.baseline / points[:, 2]
-    by_offset = (projection @ rotated[:, :, None])[:, :, 0] / disparity[:, None]
-    by_pose = np.concatenate([np.cross(projection, rotated[:, None]), projection], 2)
-    variance = PIXEL_SIGMA**2 + DISPARITY_SIGMA**2 * np.square(by_offset).sum(1)
-    weight = np.repeat(np.sqrt(inlier / variance), 2)
-    A = weight[:, None] * by_pose.reshape(-1, 6)
-    b = weight[:, None] * np.stack([by_offset, residual], 2).reshape(-1, 2)
-    motion = np.linalg.lstsq(A, b, rcond=None)[0]
-    offset, rest = (b - A @ motion).T
-    shorter = -float(motion[3:, 0] @ t) / max(float(np.linalg.norm(t)), 1e-9)
-    return np.array([offset @ offset, offset @ rest, shorter])
+    return CameraMotion(rotation, -(C @ R.T @ t), metric)
 
 
 def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> CameraPose | None:
@@ -355,11 +340,13 @@ def _most_agree(inliers: int, count: int) -> bool:
 
 
 MIN_STEPS = 20
-"""Steps from which odometry and images are compared."""
+"""Minimum number of steps for a comparison of odometry with images."""
 MAX_LAG = 1.0
 """Largest offset between the two clocks that is tried, in seconds."""
-MAX_ITERATIONS, INLIER_SIGMAS = 10, 3.0
-"""Robust regression: standard deviations of the residual within which a sample is an inlier."""
+MAX_ITERATIONS = 10
+"""Number of iterations of the robust regression."""
+INLIER_SIGMAS = 3.0
+"""Standard deviations of the residual within which a sample is an inlier."""
 TRUNCATED_SIGMA = 0.987
 """Standard deviation of a standard normal variable truncated at `INLIER_SIGMAS`."""
 SIGNIFICANT_SIGMAS = 4.0
@@ -375,11 +362,11 @@ class MotionSeries(Table):
     rotation: FloatArray = column(3)
     """(k, 3) by the images, as `Survey.rotation`."""
     translation: FloatArray = column(3)
-    """(k, 3) by the images, in metres; scaled by odometry where they do not measure the length."""
+    """(k, 3) by the images, in meters; scaled by odometry where they do not measure the length."""
     metric: BoolArray = column(dtype=np.bool_)
     """(k,) whether the images measure the length; the same in all steps."""
     odometry: FloatArray = column(3)
-    """(k, 3) metres ahead and left, radians turned."""
+    """(k, 3) meters ahead and left, radians turned."""
     covariance: FloatArray = column(3, 3)
     """(k, 3, 3) covariances of odometry."""
 
