@@ -141,7 +141,7 @@ def test_levels_rise_and_stay_within_a_pyramid(config):
         (ContrastConfig, "orientations", {"orientations": ()}),
         (ContrastConfig, "smoothing", {"normalize_at": "center"}),
         (ContrastConfig, "weights", NO_WEIGHT),
-        (SymmetryConfig, "channels", {"arithmetic": "kootstra2010"}),
+        (SymmetryConfig, "channels", {"variant": "kootstra2010"}),
         (SymmetryConfig, "level_weights", {"levels": (1, 2), "level_weights": (1.0,)}),
         (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (0.0,)}),
         (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (OWN_INF,)}),

@@ -134,12 +134,12 @@ class Settings:
             elif get_origin(kind) is Literal:
                 choices = get_args(kind)
                 require(value in choices, each.name, " or ".join(map(repr, choices)), value)
-            allowed, words = each.metadata.get(RANGE), str(each.metadata.get(RANGE))
+            allowed = each.metadata.get(RANGE)
             if allowed is None:
                 continue
-            if get_origin(kind) is tuple:
-                count = len(get_args(kind))
-                fits = len(value) == count and all(number in allowed for number in value)
-                require(fits, each.name, f"{count} numbers, {words}", value)
-            else:
-                require(value in allowed, each.name, f"{words}, or none" * optional or words, value)
+            count = len(get_args(kind)) if get_origin(kind) is tuple else None
+            numbers = (value,) if count is None else value
+            if len(numbers) != (count or 1) or not all(number in allowed for number in numbers):
+                words = f"{allowed}, or none" if optional else str(allowed)
+                words = words if count is None else f"{count} numbers, {words}"
+                require(False, each.name, words, value)

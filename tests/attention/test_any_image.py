@@ -44,9 +44,9 @@ def test_contrast_of_any_size(shape, method, config):
     config = replace(config, normalization=method)
     maps = contrast_saliency(noise(6, shape), config)
     cell = 2 ** config.at_size(shape).map_level
-    down = config.arithmetic == "saliencytoolbox2"
+    down = config.variant == "saliencytoolbox2"
     cells = tuple(side // cell if down else -(-side // cell) for side in shape)
-    dtype = np.float32 if config.arithmetic == "mirrored" else np.float64
+    dtype = np.float32 if config.variant == "mirrored" else np.float64
     check_maps(maps, shape, cells, dtype, maps.intensity, maps.color, maps.orientation)
     assert maps.saliency.any() or (min(cells) <= 4 and method == "iterative")
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from saccade.attention import AttentionConfig, ContrastConfig, attention_saliency, contrast_saliency
 from saccade.attention.channels import Color
-from saccade.attention.contrast import sharpen, smooth
-from saccade.attention.normalize import Normalization, normalize
+from saccade.attention.normalize import Normalization, normalize, sharpen, smooth
 from saccade.io.image import read_image
 from saccade.scale.pyramid import resize
 from support import oracles_attention as oracles

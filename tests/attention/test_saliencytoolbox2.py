@@ -16,7 +16,7 @@ from saccade.attention import (
     scanpath,
 )
 from saccade.attention.saliencytoolbox2 import (
-    SaliencyToolbox2Arithmetic,
+    SALIENCYTOOLBOX2,
     fade_borders,
     nearest,
     promote_by_maxima,
@@ -125,8 +125,8 @@ def test_other_normalizations_but_for_the_toolboxs_fault_in_orientation(shared, 
         np.testing.assert_allclose(
             getattr(maps, field) / scale, theirs / scale, rtol=0, atol=1e-9, err_msg=field
         )
-    steps = SaliencyToolbox2Arithmetic(replace(CONFIG, normalization=METHODS[method]))
-    saliency = steps.saliency(*(published[key] for key in CONSPICUITY.values()))
+    config = replace(CONFIG, normalization=METHODS[method])
+    saliency = SALIENCYTOOLBOX2.saliency(*(published[key] for key in CONSPICUITY.values()), config)
     np.testing.assert_allclose(saliency, published["salmap"], rtol=0, atol=1e-9)
 
 
@@ -134,7 +134,7 @@ def test_a_level_by_hand():
     """An impulse, convolved with the asymmetric kernel and read at even places."""
     impulse = np.zeros((16, 16))
     impulse[:, 8] = 33
-    level = SaliencyToolbox2Arithmetic.halve(impulse)
+    level = SALIENCYTOOLBOX2.halve(impulse)
     # 'same' convolution: sample x holds tap x - 8 + 3 of [1 5 10 10 5 1 1].
     np.testing.assert_allclose(level[3], [0, 0, 0, 5, 10, 1, 0, 0], atol=1e-12)
 
@@ -143,15 +143,15 @@ def test_a_level_by_hand():
     ("shape", "half"), [((9, 8), (4, 4)), ((3, 8), (1, 4)), ((1, 5), (1, 2)), ((2, 3), (1, 1))]
 )
 def test_levels_round_down_and_keep_a_flat_image(shape, half):
-    level = SaliencyToolbox2Arithmetic.halve(np.full(shape, 0.7))
+    level = SALIENCYTOOLBOX2.halve(np.full(shape, 0.7))
     assert level.shape == half
     np.testing.assert_allclose(level, 0.7)
 
 
 def test_short_axes_have_their_own_kernels():
     column = np.array([[4.0], [8.0], [16.0]])
-    np.testing.assert_allclose(SaliencyToolbox2Arithmetic.halve(column), [[9]])
-    np.testing.assert_allclose(SaliencyToolbox2Arithmetic.halve(column[:2]), [[6]])
+    np.testing.assert_allclose(SALIENCYTOOLBOX2.halve(column), [[9]])
+    np.testing.assert_allclose(SALIENCYTOOLBOX2.halve(column[:2]), [[6]])
 
 
 def test_nearest_takes_the_place_that_the_middle_of_a_cell_falls_on():

@@ -68,8 +68,12 @@ def boolean_saliency(
     Source: Zhang & Sclaroff, *Exploiting surroundedness for saliency detection: a Boolean map
     approach* (TPAMI 2016).
     """
+    return boolean_maps(check_image(image, bgr=bgr), config)
+
+
+def boolean_maps(pixels: npt.NDArray[Any], config: BooleanConfig | None = None) -> BooleanMaps:
+    """`boolean_saliency` of a checked image."""
     config = config or BooleanConfig()
-    pixels = check_image(image, bgr=bgr)
     height, width = pixels.shape[:2]
     scale = min(1.0, config.longer_side / max(height, width))
     shape = max(1, round(height * scale)), max(1, round(width * scale))

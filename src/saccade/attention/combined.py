@@ -6,12 +6,13 @@ with a single outstanding maximum decides over one with many equal maxima.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
-from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
+from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_maps
+from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_maps
 from saccade.attention.contrast_config import MAX_WEIGHT
 from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import (
@@ -21,7 +22,7 @@ from saccade.attention.normalize import (
     rescale,
     sharpen,
 )
-from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
+from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_maps
 from saccade.errors import ImageError, Settings, setting
 from saccade.io.image import check_image
 from saccade.scale.pyramid import FloatMap, resize
@@ -150,14 +151,25 @@ def attention_saliency(
     Raises:
         ImageError: as `contrast_saliency` and `symmetry_saliency`.
     """
-    config = config or AttentionConfig()
     pixels = check_image(image, bgr=bgr)
-    contrast = contrast_saliency(pixels, config.contrast, keep_features=keep_features)
-    symmetry = symmetry_saliency(pixels, config.symmetry)
+    return attention_maps(pixels, config, keep_features=keep_features, faces=faces)
+
+
+def attention_maps(
+    pixels: npt.NDArray[Any],
+    config: AttentionConfig | None = None,
+    *,
+    keep_features: bool = False,
+    faces: FaceDetector | None = None,
+) -> AttentionMaps:
+    """`attention_saliency` of a checked image."""
+    config = config or AttentionConfig()
+    contrast = contrast_maps(pixels, config.contrast, keep_features=keep_features)
+    symmetry = symmetry_maps(pixels, config.symmetry)
     shape = contrast.saliency.shape
     boolean = BooleanMaps(np.zeros(shape, np.float32), contrast.image_shape)
     if config.boolean_weight > 0:
-        boolean = boolean_saliency(pixels, config.boolean)
+        boolean = boolean_maps(pixels, config.boolean)
     models = (
         (config.contrast_weight, contrast.saliency),
         (config.symmetry_weight, resize(symmetry.saliency, shape)),

@@ -7,15 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias, get_args
 
-import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.channels import CONSPICUITY, Channel, ChannelName, Conspicuity
 from saccade.attention.contrast_config import ContrastConfig
-from saccade.attention.contrast_steps import Kootstra2010Arithmetic, MirroredArithmetic
+from saccade.attention.contrast_steps import KOOTSTRA2010, MIRRORED, Steps
 from saccade.attention.maps import SaliencyMaps
-from saccade.attention.normalize import sharpen, smooth
-from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Arithmetic
+from saccade.attention.saliencytoolbox2 import SALIENCYTOOLBOX2
 from saccade.errors import ImageError
 from saccade.io.image import check_image
 from saccade.scale.pyramid import FloatMap
@@ -28,11 +26,12 @@ __all__ = [
     "contrast_saliency",
 ]
 
-ARITHMETICS = {
-    "mirrored": MirroredArithmetic,
-    "kootstra2010": Kootstra2010Arithmetic,
-    "saliencytoolbox2": SaliencyToolbox2Arithmetic,
+VARIANTS = {
+    "mirrored": MIRRORED,
+    "kootstra2010": KOOTSTRA2010,
+    "saliencytoolbox2": SALIENCYTOOLBOX2,
 }
+"""Steps of each `ContrastConfig.variant`."""
 
 
 class Scale(NamedTuple):
@@ -111,47 +110,57 @@ def contrast_saliency(
 
     Source: Itti, Koch & Niebur (1998); equations A.1-A.14.
     """
-    pixels = check_image(image, bgr=bgr)
+    return contrast_maps(check_image(image, bgr=bgr), config, keep_features=keep_features)
+
+
+def contrast_maps(
+    pixels: npt.NDArray[Any],
+    config: ContrastConfig | None = None,
+    steps: Steps | None = None,
+    *,
+    keep_features: bool = False,
+) -> ContrastMaps:
+    """`contrast_saliency` of a checked image; `steps` are by default those of its variant."""
     shape = pixels.shape[:2]
     config = (config or ContrastConfig()).at_size(shape)
-    arithmetic = ARITHMETICS[config.arithmetic](config)
-    scales = existing_scales(shape, config, arithmetic)
-    zeros = np.zeros(arithmetic.level_shape(shape, config.map_level), arithmetic.dtype)  # (h, w)
+    steps = steps or VARIANTS[config.variant]
+    scales = existing_scales(shape, config, steps)
+    map_shape = steps.level_shape(shape, config.map_level)  # (h, w)
+    pyramids = channel_pyramids(pixels, scales, config, steps)  # A.1-A.6
 
-    pyramids = channel_pyramids(pixels, scales, arithmetic)  # A.1-A.6
-    sums = {Channel(name): zeros for name in CONSPICUITY} | dict.fromkeys(pyramids, zeros)
-    features = []
+    features, sums = [], dict[Channel, FloatMap]()
     for channel, levels in pyramids.items():
         for center, surround, weight in scales[channel.name]:
-            values = arithmetic.center_surround(levels[center], levels[surround], zeros.shape)
-            values = smooth(values, config.smoothing)  # A.7-A.10
-            normalized = arithmetic.normalize(values)
-            at_map = arithmetic.resize(normalized, zeros.shape)
-            sums[channel] = sums[channel] + weight * at_map
-            if keep_features:
-                features.append(FeatureMap(channel, center, surround, values, normalized))
+            values = steps.difference(levels[center], levels[surround], map_shape, config)
+            values = steps.smooth(values, config.smoothing)  # A.7-A.10
+            normalized = steps.normalize(values, config)
+            at_map = weight * steps.resize(normalized, map_shape)
+            sums[channel] = sums[channel] + at_map if channel in sums else at_map
+            features.append(FeatureMap(channel, center, surround, values, normalized))
 
-    N = arithmetic.normalize_sum
-    oriented = [N(sums[channel]) for channel in pyramids if channel.name == "orientation"]
-    opponents = [N(sums[Channel("red-green")]), N(sums[Channel("blue-yellow")])]
-    intensity = arithmetic.conspicuity([sums[Channel("intensity")]])  # A.11
-    color = arithmetic.conspicuity(opponents)  # A.12
-    orientation = arithmetic.conspicuity(oriented or [zeros])  # A.13
-    saliency = arithmetic.saliency(intensity, color, orientation)  # A.14
+    def channel_sums(name: Conspicuity) -> list[FloatMap]:
+        """The sums over the scales of the channels of a conspicuity map; 0 for none."""
+        found = [each for channel, each in sums.items() if CONSPICUITY[channel.name] == name]
+        return found or [0 * next(iter(sums.values()))]
+
+    intensity = steps.conspicuity(channel_sums("intensity"), config)  # A.11
+    opponents = [steps.normalize_sum(each, config) for each in channel_sums("color")]
+    color = steps.conspicuity(opponents, config)  # A.12
+    oriented = [steps.normalize_sum(each, config) for each in channel_sums("orientation")]
+    orientation = steps.conspicuity(oriented, config)  # A.13
+    saliency = steps.saliency(intensity, color, orientation, config)  # A.14
     return ContrastMaps(
-        saliency=sharpen(saliency, config.sharpening),
+        saliency=steps.sharpen(saliency, config.sharpening),
         intensity=intensity,
         color=color,
         orientation=orientation,
         image_shape=shape,
-        features=tuple(features),
+        features=tuple(features) if keep_features else (),
         pyramids=pyramids if keep_features else {},
     )
 
 
-def existing_scales(
-    shape: tuple[int, int], config: ContrastConfig, arithmetic: MirroredArithmetic
-) -> Scales:
+def existing_scales(shape: tuple[int, int], config: ContrastConfig, steps: Steps) -> Scales:
     """The scales of each channel that an image of this shape has; none of one without weight."""
     pairs = zip(config.scales, config.scale_weights, strict=True)
     color_scales = [Scale(center, surround, weight) for (center, surround), weight in pairs]
@@ -162,43 +171,45 @@ def existing_scales(
         for name, conspicuity in CONSPICUITY.items()
         if weights[conspicuity] > 0
     }
-    deepest = arithmetic.deepest_level(shape)
+    deepest = steps.deepest_level(shape)
     finest = min(scale.surround for channel in scales.values() for scale in channel)
-    if deepest < finest or max(arithmetic.level_shape(shape, config.map_level)) == 1:
+    if deepest < finest or max(steps.level_shape(shape, config.map_level)) == 1:
         raise ImageError(
             f"image: expected more pixels for surround level {finest} and map level "
             f"{config.map_level}, found {shape[1]} x {shape[0]} px; enlarge it, or set finer scales"
         )
     return {
-        name: [scale for scale in channel if scale.surround <= deepest]
+        name: existing
         for name, channel in scales.items()
+        if (existing := [scale for scale in channel if scale.surround <= deepest])
     }
 
 
 def channel_pyramids(
-    pixels: npt.NDArray[Any], scales: Scales, arithmetic: MirroredArithmetic
+    pixels: npt.NDArray[Any], scales: Scales, config: ContrastConfig, steps: Steps
 ) -> dict[Channel, dict[int, FloatMap]]:
     """The levels that the scales compare, by channel and level number (A.1-A.6)."""
     compared = {
-        name: {level for scale in channel for level in (scale.center, scale.surround)}
+        name: sorted({level for scale in channel for level in scale[:2]})
         for name, channel in scales.items()
     }
-    numbers = set[int]().union(*compared.values())
-    first, planes = arithmetic.split_channels(pixels, min(numbers))  # A.1-A.3
-    levels = dict[ChannelName, dict[int, FloatMap]]()
+    finest, coarsest = min(map(min, compared.values())), max(map(max, compared.values()))
+    first, planes = steps.split_channels(pixels, config, finest)  # A.1-A.3
+    pyramids = dict[Channel, dict[int, FloatMap]]()
     for name, plane in planes.items():
-        if name in scales or name == "intensity":
-            levels[name] = {first: plane}
-            for number in range(first + 1, max(numbers) + 1):  # A.4-A.5
-                levels[name][number] = arithmetic.halve(levels[name][number - 1])
-    oriented = compared.pop("orientation", set())
-    pyramids = {
-        Channel(name): {number: levels[name][number] for number in compared[name]}
-        for name in compared
+        if name in scales or (name == "intensity" and "orientation" in scales):
+            levels = {first: plane}
+            for number in range(first, coarsest):
+                levels[number + 1] = steps.halve(levels[number])  # A.4-A.5
+            pyramids[Channel(name)] = levels
+    if "orientation" in scales:
+        intensity = pyramids[Channel("intensity")]
+        responses = {n: steps.orientations(intensity[n], config) for n in compared["orientation"]}
+        for i, angle in enumerate(config.orientations):
+            oriented = {n: each[i] for n, each in responses.items()}  # A.6
+            pyramids[Channel("orientation", angle)] = oriented
+    return {
+        channel: {number: levels[number] for number in compared[channel.name]}
+        for channel, levels in pyramids.items()
+        if channel.name in scales
     }
-    responses = {n: arithmetic.orientation_responses(levels["intensity"][n]) for n in oriented}
-    for i, angle in enumerate(arithmetic.config.orientations if oriented else ()):
-        pyramids[Channel("orientation", angle)] = {
-            n: each[i] for n, each in responses.items()
-        }  # A.6
-    return pyramids

@@ -11,7 +11,7 @@ from saccade.scale.pyramid import MAX_LEVEL, coarser_levels
 Scales = tuple[tuple[int, int], ...]
 
 MapSize = Literal["center", "map"]
-Arithmetic = Literal["mirrored", "kootstra2010", "saliencytoolbox2"]
+Variant = Literal["mirrored", "kootstra2010", "saliencytoolbox2"]
 
 CENTERS_2_TO_4: Scales = ((2, 5), (2, 6), (3, 6), (3, 7), (4, 7), (4, 8))
 """The six pairs of A.7-A.10."""
@@ -78,7 +78,7 @@ class ContrastConfig(Settings):
     """Longer side in pixels of an image for which the levels are meant. In an image of twice
     that size every level is one coarser, in one of half that size one finer, so that saliency does
     not depend on the size at which a photograph was saved; None takes the levels as they are."""
-    arithmetic: Arithmetic = "mirrored"
+    variant: Variant = "mirrored"
     """Borders, sizes and ranges of the steps: "mirrored" reflects the image at its borders; the
     modules of `saccade.attention` describe "kootstra2010" and "saliencytoolbox2"."""
 
@@ -107,8 +107,8 @@ class ContrastConfig(Settings):
         at_map = self.normalize_at == "map"
         unsmoothed = 'none, unless normalize_at = "map"'
         require(self.smoothing == 0 or at_map, "smoothing", unsmoothed, self.smoothing)
-        expected = '"map" for the arithmetic of saliencytoolbox2'
-        possible = self.arithmetic != "saliencytoolbox2" or at_map
+        expected = '"map" for the variant saliencytoolbox2'
+        possible = self.variant != "saliencytoolbox2" or at_map
         require(possible, "normalize_at", expected, self.normalize_at)
 
     def at_size(self, shape: tuple[int, int]) -> Self:
@@ -130,7 +130,7 @@ class ContrastConfig(Settings):
 
     @classmethod
     def kootstra2010(cls) -> Self:
-        """Kootstra (2010): equations A.1-A.14 as printed.
+        """Kootstra (2010): equations A.1-A.14 as published.
 
         One correction: a map with a single local maximum keeps its weight. What the print leaves
         open is as in `saccade.textbook.contrast_saliency`. Differs from it where an image has no
@@ -145,7 +145,7 @@ class ContrastConfig(Settings):
             gabor_period=4.0,
             gabor_sigma=2.25,
             gabor_size=15,
-            arithmetic="kootstra2010",
+            variant="kootstra2010",
         )
 
     @classmethod
@@ -177,7 +177,7 @@ class ContrastConfig(Settings):
             gabor_sigma=2.3333,
             normalize_at="map",
             normalization="iterative",
-            arithmetic="saliencytoolbox2",
+            variant="saliencytoolbox2",
         )
 
 

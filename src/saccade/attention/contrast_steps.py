@@ -1,14 +1,16 @@
-"""The steps of the contrast model: on images mirrored at their borders, and as they are printed.
+"""The steps of the contrast model, as functions that its loop calls by name.
 
-What the print of A.4-A.14 leaves open is as in `saccade.textbook.contrast_saliency`: a binomial
-kernel, replicated borders, linear interpolation of a coarser level, whose sample k stands at sample
-2 k of the finer one, and a single even Gabor filter.
+A variant of the model, or another array library, is another set of `Steps`: `MIRRORED` is the
+default, `KOOTSTRA2010` has the steps as they are published. What the print of A.4-A.14 leaves open
+is as in `saccade.textbook.contrast_saliency`: a binomial kernel, replicated borders, linear
+interpolation of a coarser level, whose sample k stands at sample 2 k of the finer one, and a single
+even Gabor filter.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
-from typing import Any, ClassVar
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -16,10 +18,50 @@ import numpy.typing as npt
 
 from saccade.attention.channels import ChannelName, intensity, opponency
 from saccade.attention.contrast_config import ContrastConfig
-from saccade.attention.normalize import normalize, rescale
+from saccade.attention.normalize import normalize, rescale, sharpen, smooth
 from saccade.io.image import in_unit_range, repeat_gray
 from saccade.scale.pyramid import FloatMap, deepest_level, halve, level_shape, resize
 from saccade.types import FloatArray
+
+Shape: TypeAlias = tuple[int, int]
+
+PUBLISHED_BORDER = cv2.BORDER_REPLICATE
+"""Border of the steps as published."""
+EQUAL_DIGITS = 9
+"""Number of decimals to which equal values of a map in [0, 1] agree."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Functions of which the contrast model is composed."""
+
+    level_shape: Callable[[Shape, int], Shape]
+    """Shape of a pyramid level of an image of a shape."""
+    deepest_level: Callable[[Shape], int]
+    """Number of the coarsest level of an image of a shape."""
+    split_channels: Callable[[Any, ContrastConfig, int], tuple[int, dict[ChannelName, FloatMap]]]
+    """Number of a pyramid level, at most the one that is given, and the intensity and opponents of
+    pixels there (A.1-A.3)."""
+    halve: Callable[[FloatMap], FloatMap]
+    """The next level of a pyramid (A.4-A.5)."""
+    orientations: Callable[[FloatMap, ContrastConfig], list[FloatMap]]
+    """Responses of a level of intensity to each orientation (A.6)."""
+    difference: Callable[[FloatMap, FloatMap, Shape, ContrastConfig], FloatMap]
+    """Contrast of a center and a surround, for a map of a shape (A.7-A.10)."""
+    resize: Callable[[FloatMap, Shape], FloatMap]
+    """A map at another size."""
+    normalize: Callable[[FloatMap, ContrastConfig], FloatMap]
+    """N of a feature map."""
+    normalize_sum: Callable[[FloatMap, ContrastConfig], FloatMap]
+    """N of a sum of normalized maps."""
+    conspicuity: Callable[[Sequence[FloatMap], ContrastConfig], FloatMap]
+    """Conspicuity map of the maps of its channels (A.11-A.13)."""
+    saliency: Callable[[FloatMap, FloatMap, FloatMap, ContrastConfig], FloatMap]
+    """Saliency of the conspicuity of intensity, color and orientation (A.14)."""
+    smooth: Callable[[FloatMap, float], FloatMap] = smooth
+    """A map after a Gaussian of so many cells."""
+    sharpen: Callable[[FloatMap, float], FloatMap] = sharpen
+    """A map scaled to [0, 1] to a power."""
 
 
 @cache
@@ -84,130 +126,146 @@ def gabor_energy(image: FloatMap, angle: float, period: float, sigma: float, siz
     return np.sqrt(energy, out=energy)
 
 
-PRINTED_BORDER = cv2.BORDER_REPLICATE
-EQUAL_DIGITS = 9
-"""Values of a printed map in [0, 1] that agree to so many decimals are equal."""
+def gabors(config: ContrastConfig) -> list[tuple[float, float, float, int]]:
+    """Arguments of `gabor_pair` for each orientation."""
+    window = config.gabor_period, config.gabor_sigma, config.gabor_size
+    return [(float(np.deg2rad(angle)), *window) for angle in config.orientations]
 
 
-@dataclass(frozen=True)
-class MirroredArithmetic:
-    """The steps of the model; the published arithmetics override those in which they differ."""
+def split_channels(
+    pixels: npt.NDArray[Any],
+    config: ContrastConfig,
+    finest: int,
+    *,
+    halve: Callable[[FloatMap], FloatMap] = halve,
+    dtype: npt.DTypeLike = np.float32,
+) -> tuple[int, dict[ChannelName, FloatMap]]:
+    """A level, at most `finest`, and intensity and opponents there (A.1-A.3).
 
-    config: ContrastConfig
-    dtype: ClassVar[type[np.floating[Any]]] = np.float32
-
-    deepest_level = staticmethod(deepest_level)
-    level_shape = staticmethod(level_shape)
-    halve = staticmethod(halve)  # A.4-A.5
-
-    @staticmethod
-    def resize(values: FloatMap, shape: tuple[int, int]) -> FloatMap:
-        """A map at another size."""
-        return resize(values, shape)
-
-    def split_channels(
-        self, pixels: npt.NDArray[Any], finest: int
-    ) -> tuple[int, dict[ChannelName, FloatMap]]:
-        """A pyramid level, at most `finest`, and intensity and opponents there (A.1-A.3).
-
-        Linear channels commute with subsampling, so that the image is halved before it is
-        converted: in 8 bit it is a quarter as large.
-        """
-        level = finest if self.config.color == "linear" else 0
-        colors = pixels
-        for _ in range(level):
-            colors = self.halve(colors)
-        rgb = repeat_gray(in_unit_range(colors, self.dtype))  # (h, w, 3)
-        opponents = opponency(rgb, self.config.color, self.config.dark)
-        return level, {"intensity": intensity(rgb), **opponents}
-
-    @property
-    def gabors(self) -> list[tuple[float, float, float, int]]:
-        """Arguments of `gabor_pair` for each orientation."""
-        c = self.config
-        return [
-            (float(np.deg2rad(angle)), c.gabor_period, c.gabor_sigma, c.gabor_size)
-            for angle in c.orientations
-        ]
-
-    def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
-        """One map for each orientation (A.6)."""
-        return [gabor_energy(level, *gabor) for gabor in self.gabors]
-
-    def center_surround(
-        self, center: FloatMap, surround: FloatMap, map_shape: tuple[int, int]
-    ) -> FloatMap:
-        """Absolute difference of center and surround (A.7-A.10)."""
-        difference = cv2.absdiff(center, self.resize(surround, center.shape))
-        at_map = self.config.normalize_at == "map"
-        return self.resize(difference, map_shape) if at_map else difference
-
-    def normalize(self, values: FloatMap) -> FloatMap:
-        """N of a feature map."""
-        config = self.config
-        return normalize(
-            values,
-            config.normalization,
-            threshold=config.maxima_threshold,
-            radius=config.maxima_radius,
-            iterations=config.iterations,
-        )
-
-    def normalize_sum(self, values: FloatMap) -> FloatMap:
-        """N of a sum of normalized feature maps."""
-        return self.normalize(values)
-
-    def conspicuity(self, parts: Sequence[FloatMap]) -> FloatMap:
-        """The sum of its parts (A.11-A.13)."""
-        return sum(parts[1:], start=parts[0])
-
-    def saliency(self, intensity: FloatMap, color: FloatMap, orientation: FloatMap) -> FloatMap:
-        """The weighted mean of the normalized conspicuity maps (A.14)."""
-        N = self.normalize
-        weighted = self.weighted_sum(N(intensity), N(color), N(orientation))
-        return weighted / sum(self.config.weights)
-
-    def weighted_sum(self, *maps: FloatMap) -> FloatMap:
-        """The maps of intensity, color and orientation times their weights."""
-        w_I, w_C, w_O = self.config.weights
-        return w_I * maps[0] + w_C * maps[1] + w_O * maps[2]
+    Linear channels commute with subsampling, so that the image is halved before it is converted: in
+    8 bit it is a quarter as large.
+    """
+    level = finest if config.color == "linear" else 0
+    for _ in range(level):
+        pixels = halve(pixels)
+    rgb = repeat_gray(in_unit_range(pixels, dtype))  # (h, w, 3)
+    return level, {"intensity": intensity(rgb), **opponency(rgb, config.color, config.dark)}
 
 
-@dataclass(frozen=True)
-class Kootstra2010Arithmetic(MirroredArithmetic):
-    """The printed steps, in double precision."""
+def gabor_energies(level: FloatMap, config: ContrastConfig) -> list[FloatMap]:
+    """Magnitude of the response to each Gabor pair (A.6)."""
+    return [gabor_energy(level, *gabor) for gabor in gabors(config)]
 
-    dtype: ClassVar[type[np.floating[Any]]] = np.float64
 
-    @staticmethod
-    def halve(level: FloatMap) -> FloatMap:
-        """Every second sample of the smoothed level, beginning with the first (A.4-A.5)."""
-        return cv2.pyrDown(level, borderType=PRINTED_BORDER)
+def difference(
+    center: FloatMap,
+    surround: FloatMap,
+    map_shape: Shape,
+    config: ContrastConfig,
+    *,
+    resize: Callable[[FloatMap, Shape], FloatMap] = resize,
+) -> FloatMap:
+    """Absolute difference of center and surround (A.7-A.10)."""
+    contrast = cv2.absdiff(center, resize(surround, center.shape))
+    return resize(contrast, map_shape) if config.normalize_at == "map" else contrast
 
-    @staticmethod
-    def resize(values: FloatMap, shape: tuple[int, int]) -> FloatMap:
-        """A level at the size of another: coarser by A.4-A.5, finer by linear interpolation."""
-        while values.shape[0] > shape[0] or values.shape[1] > shape[1]:
-            values = Kootstra2010Arithmetic.halve(values)
-        if values.shape == shape:
-            return values
-        octaves = next(n for n in range(64) if level_shape(shape, n) == values.shape)
-        step = 0.5**octaves
-        return cv2.warpAffine(
-            values,
-            np.array([[step, 0, 0], [0, step, 0]]),
-            (shape[1], shape[0]),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=PRINTED_BORDER,
-        )
 
-    def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
-        """The signed response to one even Gabor filter for each orientation (A.6)."""
-        return [
-            cv2.filter2D(level, -1, gabor_pair(*gabor)[0], borderType=PRINTED_BORDER)
-            for gabor in self.gabors
-        ]
+def normalize_map(values: FloatMap, config: ContrastConfig) -> FloatMap:
+    """N with the settings of a configuration."""
+    return normalize(
+        values,
+        config.normalization,
+        threshold=config.maxima_threshold,
+        radius=config.maxima_radius,
+        iterations=config.iterations,
+    )
 
-    def normalize(self, values: FloatMap) -> FloatMap:
-        """N; maxima that differ by rounding are equal."""
-        return super().normalize(np.round(rescale(values), EQUAL_DIGITS))
+
+def add(parts: Sequence[FloatMap], config: ContrastConfig) -> FloatMap:
+    """The sum of maps (A.11-A.13)."""
+    del config
+    return sum(parts[1:], start=parts[0])
+
+
+def weighted_sum(
+    intensity: FloatMap, color: FloatMap, orientation: FloatMap, config: ContrastConfig
+) -> FloatMap:
+    """The maps of intensity, color and orientation times their weights."""
+    w_I, w_C, w_O = config.weights
+    return w_I * intensity + w_C * color + w_O * orientation
+
+
+def weighted_mean(
+    intensity: FloatMap,
+    color: FloatMap,
+    orientation: FloatMap,
+    config: ContrastConfig,
+    *,
+    normalize: Callable[[FloatMap, ContrastConfig], FloatMap] = normalize_map,
+) -> FloatMap:
+    """The weighted mean of the normalized conspicuity maps (A.14)."""
+    maps = [normalize(each, config) for each in (intensity, color, orientation)]
+    return weighted_sum(maps[0], maps[1], maps[2], config) / sum(config.weights)
+
+
+MIRRORED = Steps(
+    level_shape=level_shape,
+    deepest_level=deepest_level,
+    split_channels=split_channels,
+    halve=halve,
+    orientations=gabor_energies,
+    difference=difference,
+    resize=resize,
+    normalize=normalize_map,
+    normalize_sum=normalize_map,
+    conspicuity=add,
+    saliency=weighted_mean,
+)
+"""Steps on images that are mirrored at their borders."""
+
+
+def halve_as_published(level: FloatMap) -> FloatMap:
+    """Every second sample of the smoothed level, beginning with the first (A.4-A.5)."""
+    return cv2.pyrDown(level, borderType=PUBLISHED_BORDER)
+
+
+def resize_as_published(values: FloatMap, shape: Shape) -> FloatMap:
+    """A level at the size of another: coarser by A.4-A.5, finer by linear interpolation."""
+    while values.shape[0] > shape[0] or values.shape[1] > shape[1]:
+        values = halve_as_published(values)
+    if values.shape == shape:
+        return values
+    octaves = next(n for n in range(64) if level_shape(shape, n) == values.shape)
+    step = 0.5**octaves
+    return cv2.warpAffine(
+        values,
+        np.array([[step, 0, 0], [0, step, 0]]),
+        (shape[1], shape[0]),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=PUBLISHED_BORDER,
+    )
+
+
+def gabor_responses(level: FloatMap, config: ContrastConfig) -> list[FloatMap]:
+    """The signed response to one even Gabor filter for each orientation (A.6)."""
+    even = (gabor_pair(*gabor)[0] for gabor in gabors(config))
+    return [cv2.filter2D(level, -1, each, borderType=PUBLISHED_BORDER) for each in even]
+
+
+def normalize_as_published(values: FloatMap, config: ContrastConfig) -> FloatMap:
+    """N; maxima that differ by rounding are equal."""
+    return normalize_map(np.round(rescale(values), EQUAL_DIGITS), config)
+
+
+KOOTSTRA2010 = replace(
+    MIRRORED,
+    split_channels=partial(split_channels, halve=halve_as_published, dtype=np.float64),
+    halve=halve_as_published,
+    orientations=gabor_responses,
+    difference=partial(difference, resize=resize_as_published),
+    resize=resize_as_published,
+    normalize=normalize_as_published,
+    normalize_sum=normalize_as_published,
+    saliency=partial(weighted_mean, normalize=normalize_as_published),
+)
+"""The steps of A.1-A.14 as published, in double precision."""

@@ -18,17 +18,17 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention._scanpath_model_kernels import fill_logits
-from saccade.attention.boolean_maps import boolean_saliency
+from saccade.attention.boolean_maps import boolean_maps
 from saccade.attention.channels import CONSPICUITY
 from saccade.attention.combined import (
     AttentionConfig,
     AttentionMaps,
     FaceDetector,
-    attention_saliency,
+    attention_maps,
 )
 from saccade.attention.maps import SaliencyMaps
 from saccade.errors import Settings, require
-from saccade.io.image import check_image, in_unit_range
+from saccade.io.image import check_image, in_unit_range, repeat_gray
 from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image, IntArray
 
@@ -106,12 +106,13 @@ def base_maps(
     image: Image, config: AttentionConfig, faces: FaceDetector | None
 ) -> dict[str, FloatMap]:
     """The maps by name, all of the size of the attention map; a scale may be missing."""
-    found = attention_saliency(image, config, keep_features=True, faces=faces)
+    pixels = check_image(image)
+    found = attention_maps(pixels, config, keep_features=True, faces=faces)
     shape = found.saliency.shape
     boolean = found.boolean.saliency
     if config.boolean_weight == 0:
-        boolean = boolean_saliency(image, config.boolean).saliency
-    distance, skin = color_maps(image, found.image_shape)
+        boolean = boolean_maps(pixels, config.boolean).saliency
+    distance, skin = color_maps(pixels, found.image_shape)
     maps = {
         "attention": found.saliency,
         "contrast": found.contrast.saliency,
@@ -146,12 +147,16 @@ def scale_maps(maps: AttentionMaps, config: AttentionConfig) -> dict[str, FloatM
     return found
 
 
-def color_maps(image: Image, shape: tuple[int, int]) -> tuple[FloatMap, FloatMap]:
-    """Distance from the mean color in CIE L*a*b*, and likeness to skin; (h, w) of a small image."""
+def color_maps(pixels: FloatMap, shape: tuple[int, int]) -> tuple[FloatMap, FloatMap]:
+    """Distance from the mean color in CIE L*a*b*, and likeness to skin; (h, w) of a small image.
+
+    Args:
+        pixels: checked image.
+        shape: (H, W) of it.
+    """
     scale = min(1.0, 200 / max(shape))
     small = max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
-    pixels = resize(in_unit_range(check_image(image)), small)
-    rgb = np.repeat(pixels[:, :, None], 3, 2) if pixels.ndim == 2 else pixels
+    rgb = repeat_gray(resize(in_unit_range(pixels), small))
     lab = cv2.cvtColor(np.ascontiguousarray(rgb, np.float32), cv2.COLOR_RGB2LAB)
     distance = np.sqrt(((lab - lab.mean((0, 1))) ** 2).sum(2))
     squared = sum(

@@ -9,18 +9,18 @@ Source: Walther & Koch (2006), *Modeling attention to salient proto-objects*.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.channels import ChannelName, opponency
-from saccade.attention.contrast_steps import MirroredArithmetic, gabor_pair
+from saccade.attention.contrast_config import ContrastConfig
+from saccade.attention.contrast_steps import Shape, Steps, add, gabor_pair, gabors, weighted_sum
 from saccade.attention.normalize import fraction_inside, inhibit_laterally
 from saccade.io.image import in_unit_range, repeat_gray
-from saccade.scale.pyramid import FloatMap
+from saccade.scale.pyramid import FloatMap, resize
 
 LUMA = (0.298936, 0.587043, 0.114021)
 """Brightness by red, green and blue."""
@@ -36,88 +36,85 @@ FADED_BORDER = 1 / 20
 """Width of the ramp at each border of a feature map, as a fraction of its longer side."""
 
 
-@dataclass(frozen=True)
-class SaliencyToolbox2Arithmetic(MirroredArithmetic):
-    """The steps of SaliencyToolbox 2, in double precision."""
+def level_shape(shape: Shape, level: int) -> Shape:
+    """Shape of a level: sides are halved and rounded down, but not to less than a pixel."""
+    return max(1, shape[0] >> level), max(1, shape[1] >> level)
 
-    dtype: ClassVar[type[np.floating[Any]]] = np.float64
 
-    @staticmethod
-    def deepest_level(shape: tuple[int, int]) -> int:
-        """The first level whose shorter side is a single pixel."""
-        return min(shape).bit_length() - 1
+def split_channels(
+    pixels: npt.NDArray[Any], config: ContrastConfig, finest: int
+) -> tuple[int, dict[ChannelName, FloatMap]]:
+    """Level 0, and intensity and opponents there (A.1-A.3)."""
+    del finest
+    rgb = whole_levels(repeat_gray(in_unit_range(pixels, np.float64)))
+    opponents = opponency(rgb, config.color, config.dark)
+    return 0, {"intensity": rgb @ np.array(LUMA), **opponents}
 
-    @staticmethod
-    def level_shape(shape: tuple[int, int], level: int) -> tuple[int, int]:
-        """Sides are halved and rounded down, but not to less than a pixel."""
-        return max(1, shape[0] >> level), max(1, shape[1] >> level)
 
-    def split_channels(
-        self, pixels: npt.NDArray[Any], finest: int
-    ) -> tuple[int, dict[ChannelName, FloatMap]]:
-        """Level 0, and intensity and opponents there (A.1-A.3)."""
-        del finest
-        rgb = whole_levels(repeat_gray(in_unit_range(pixels, self.dtype)))
-        opponents = opponency(rgb, self.config.color, self.config.dark)
-        return 0, {"intensity": rgb @ np.array(LUMA), **opponents}
+def halve(level: FloatMap) -> FloatMap:
+    """Every other sample of the smoothed level, without the last of an odd number (A.4-A.5)."""
+    short = min(level.shape) <= max(SHORT_KERNELS)
+    for axis in (0, 1):
+        side = level.shape[axis]
+        if short and side in SHORT_KERNELS:
+            level = np.tensordot(SHORT_KERNELS[side], level, axes=(0, axis))
+            level = np.expand_dims(level, axis)
+        else:
+            level = _smooth_along(level, axis)
+            level = level[: side // 2 * 2 : 2] if axis == 0 else level[:, : side // 2 * 2 : 2]
+    return level
 
-    @staticmethod
-    def halve(level: FloatMap) -> FloatMap:
-        """Every other sample of the smoothed level, without the last of an odd number (A.4-A.5)."""
-        short = min(level.shape) <= max(SHORT_KERNELS)
-        for axis in (0, 1):
-            side = level.shape[axis]
-            if short and side in SHORT_KERNELS:
-                level = np.tensordot(SHORT_KERNELS[side], level, axes=(0, axis))
-                level = np.expand_dims(level, axis)
-            else:
-                level = _smooth_along(level, axis)
-                level = level[: side // 2 * 2 : 2] if axis == 0 else level[:, : side // 2 * 2 : 2]
-        return level
 
-    def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
-        """The sum of the magnitudes of an even and an odd response, zero-padded (A.6)."""
-        responses = (
-            [cv2.filter2D(level, -1, each, borderType=cv2.BORDER_CONSTANT) for each in pair]
-            for pair in (gabor_pair(*gabor) for gabor in self.gabors)
-        )
-        return [np.abs(even) + np.abs(odd) for even, odd in responses]
+def orientations(level: FloatMap, config: ContrastConfig) -> list[FloatMap]:
+    """The sum of the magnitudes of an even and an odd response, zero-padded (A.6)."""
+    responses = (
+        [cv2.filter2D(level, -1, each, borderType=cv2.BORDER_CONSTANT) for each in pair]
+        for pair in (gabor_pair(*gabor) for gabor in gabors(config))
+    )
+    return [np.abs(even) + np.abs(odd) for even, odd in responses]
 
-    def center_surround(
-        self, center: FloatMap, surround: FloatMap, map_shape: tuple[int, int]
-    ) -> FloatMap:
-        """Absolute difference of center and surround at the size of the map (A.7-A.10)."""
-        difference = np.abs(nearest(center, map_shape) - nearest(surround, map_shape))
-        return fade_borders(difference)
 
-    def normalize(self, values: FloatMap) -> FloatMap:
-        """N of a feature map."""
-        return self._normalize(rescale(values, FEATURE_RANGE), FEATURE_RANGE)
+def difference(
+    center: FloatMap, surround: FloatMap, map_shape: Shape, config: ContrastConfig
+) -> FloatMap:
+    """Absolute difference of center and surround at the size of the map (A.7-A.10)."""
+    del config
+    return fade_borders(np.abs(nearest(center, map_shape) - nearest(surround, map_shape)))
 
-    def normalize_sum(self, values: FloatMap) -> FloatMap:
-        """N of a sum of normalized maps, which keeps its range."""
-        return self._normalize(np.maximum(values, 0), None)
 
-    def conspicuity(self, parts: Sequence[FloatMap]) -> FloatMap:
-        """N of the mean of its parts, divided by the number of features (A.11-A.13)."""
-        features = sum(weight > 0 for weight in self.config.weights)
-        return self.normalize_sum(super().conspicuity(parts)) / len(parts) / features
+def normalize(values: FloatMap, config: ContrastConfig, top: float | None = None) -> FloatMap:
+    """N of a map of range [0, top], or of any range."""
+    if config.normalization == "iterative":
+        return inhibit_laterally(values, config.iterations, min_sigma=0)
+    if config.normalization == "none":
+        return values
+    if top is None:
+        return promote_by_maxima(values, float(values.max()), 1.0)
+    return promote_by_maxima(values, top, config.maxima_threshold * top)
 
-    def saliency(self, intensity: FloatMap, color: FloatMap, orientation: FloatMap) -> FloatMap:
-        """N of the weighted sum (A.14)."""
-        weighted = self.weighted_sum(intensity, color, orientation)
-        return self._normalize(rescale(weighted, SALIENCY_RANGE), SALIENCY_RANGE)
 
-    def _normalize(self, values: FloatMap, top: float | None) -> FloatMap:
-        """A map of range [0, top], None for any range, after the configured normalization."""
-        config = self.config
-        if config.normalization == "iterative":
-            return inhibit_laterally(values, config.iterations, min_sigma=0)
-        if config.normalization == "none":
-            return values
-        if top is None:
-            return promote_by_maxima(values, float(values.max()), 1.0)
-        return promote_by_maxima(values, top, config.maxima_threshold * top)
+def normalize_feature(values: FloatMap, config: ContrastConfig) -> FloatMap:
+    """N of a feature map."""
+    return normalize(rescale(values, FEATURE_RANGE), config, FEATURE_RANGE)
+
+
+def normalize_sum(values: FloatMap, config: ContrastConfig) -> FloatMap:
+    """N of a sum of normalized maps, which keeps its range."""
+    return normalize(np.maximum(values, 0), config)
+
+
+def conspicuity(parts: Sequence[FloatMap], config: ContrastConfig) -> FloatMap:
+    """N of the mean of the parts, divided by the number of features (A.11-A.13)."""
+    features = sum(weight > 0 for weight in config.weights)
+    return normalize_sum(add(parts, config), config) / len(parts) / features
+
+
+def saliency(
+    intensity: FloatMap, color: FloatMap, orientation: FloatMap, config: ContrastConfig
+) -> FloatMap:
+    """N of the weighted sum (A.14)."""
+    weighted = weighted_sum(intensity, color, orientation, config)
+    return normalize(rescale(weighted, SALIENCY_RANGE), config, SALIENCY_RANGE)
 
 
 def whole_levels(rgb: FloatMap) -> FloatMap:
@@ -191,3 +188,19 @@ def _smooth_along(level: FloatMap, axis: int) -> FloatMap:
     inside = fraction_inside(KERNEL, level.shape[axis])
     smooth: FloatMap = filtered / (inside[:, None] if axis == 0 else inside)
     return smooth
+
+
+SALIENCYTOOLBOX2 = Steps(
+    level_shape=level_shape,
+    deepest_level=lambda shape: min(shape).bit_length() - 1,
+    split_channels=split_channels,
+    halve=halve,
+    orientations=orientations,
+    difference=difference,
+    resize=resize,
+    normalize=normalize_feature,
+    normalize_sum=normalize_sum,
+    conspicuity=conspicuity,
+    saliency=saliency,
+)
+"""The steps of SaliencyToolbox 2, in double precision."""

@@ -63,7 +63,7 @@ from saccade.types import Float32Array, Image, SymmetricPairs
 Kind = Literal["isotropic", "radial"]
 Channels = Literal["whitened", "gray"]
 Border = Literal["average", "missing"]
-Arithmetic = Literal["mirrored", "kootstra2010"]
+Variant = Literal["mirrored", "kootstra2010"]
 
 SUMS = {"isotropic": isotropic_sums, "radial": radial_sums}
 
@@ -115,7 +115,7 @@ class SymmetryConfig(Settings):
     """Longer side in pixels of an image for which the levels are meant. In an image of twice that
     size every level is one coarser, in one of half that size one finer; None takes the levels as
     they are."""
-    arithmetic: Arithmetic = "mirrored"
+    variant: Variant = "mirrored"
     """Computation of the levels: "mirrored" reflects the image at its borders;
     `saccade.attention.symmetry` describes "kootstra2010"."""
 
@@ -133,8 +133,8 @@ class SymmetryConfig(Settings):
             self.level_weights,
         )
         require(self.inner <= self.outer, "inner", f"1 px to {self.outer}", self.inner)
-        expected = '"gray" for the arithmetic of kootstra2010'
-        possible = self.arithmetic != "kootstra2010" or self.channels == "gray"
+        expected = '"gray" for the variant kootstra2010'
+        possible = self.variant != "kootstra2010" or self.channels == "gray"
         require(possible, "channels", expected, self.channels)
 
     def at_size(self, shape: tuple[int, int]) -> Self:
@@ -172,7 +172,7 @@ class SymmetryConfig(Settings):
             smoothing=0.0,
             sharpening=1.0,
             viewing_size=None,
-            arithmetic="kootstra2010",
+            variant="kootstra2010",
         )
 
 
@@ -204,7 +204,11 @@ def symmetry_saliency(
     Source: Kootstra, de Boer & Schomaker (2011); the phase weight is that of Reisfeld,
     Wolfson & Yeshurun (1995).
     """
-    pixels = check_image(image, bgr=bgr)
+    return symmetry_maps(check_image(image, bgr=bgr), config)
+
+
+def symmetry_maps(pixels: npt.NDArray[Any], config: SymmetryConfig | None = None) -> SymmetryMaps:
+    """`symmetry_saliency` of a checked image."""
     shape = pixels.shape[:2]
     config = (config or SymmetryConfig()).at_size(shape)
     pairs = pair_kernel(config.inner, config.outer, config.sigma)
@@ -225,7 +229,7 @@ def gradient_pyramid(
 ) -> dict[int, list[Gradients]]:
     """The gradients of each channel by level, for the levels that the image has."""
     levels = existing_levels(pixels.shape[:2], config)
-    mirrored = config.arithmetic == "mirrored"
+    mirrored = config.variant == "mirrored"
     border = cv2.BORDER_REFLECT if mirrored else cv2.BORDER_REFLECT_101
     channels = mirrored_channels if mirrored else gray_levels_2010
     return {
@@ -276,7 +280,7 @@ def existing_levels(shape: tuple[int, int], config: SymmetryConfig) -> tuple[int
 
 def shape_of_level(shape: tuple[int, int], level: int, config: SymmetryConfig) -> tuple[int, int]:
     """Shape of a level; the image is level 0."""
-    if config.arithmetic == "mirrored":
+    if config.variant == "mirrored":
         return level_shape(shape, level)
     height, width = shape
     for number in range(1, level + 1):

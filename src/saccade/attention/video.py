@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 
 from saccade.attention.channels import intensity
-from saccade.attention.combined import attention_saliency
+from saccade.attention.combined import attention_maps
 from saccade.attention.contrast import existing_scales
 from saccade.attention.contrast_config import ContrastConfig
-from saccade.attention.contrast_steps import MirroredArithmetic
+from saccade.attention.contrast_steps import MIRRORED, difference, normalize_map
 from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import smooth
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
@@ -206,7 +206,7 @@ class VideoSaliency:
         static: Callable[[Image], FloatMap] | None = None,
     ) -> None:
         self.config = config or VideoConfig()
-        self._compute_static = static or (lambda frame: attention_saliency(frame).saliency)
+        self._compute_static = static or (lambda frame: attention_maps(frame).saliency)
         self._static_due = -np.inf  # in seconds
         self._past = deque[_Past]()
         self._static = self._summed = np.zeros((0, 0), np.float32)  # of the last frame
@@ -238,7 +238,7 @@ class VideoSaliency:
 
         camera = camera_motion(last.luminance, luminance)
         before = self._compared(time - DELAY, camera, luminance)
-        static = self._static_map(frame, time, camera)
+        static = self._static_map(pixels, time, camera)
         changes = change_maps(before, luminance, contrast, shape, static.shape)
         summed = static + changes.sum(0)
         if self._summed.shape == summed.shape:
@@ -348,8 +348,7 @@ def change_maps(
         image_shape: (H, W).
         map_shape: (h, w).
     """
-    arithmetic = MirroredArithmetic(contrast)
-    scales = existing_scales(image_shape, contrast, arithmetic)["intensity"]
+    scales = existing_scales(image_shape, contrast, MIRRORED)["intensity"]
     first = min(scale.center for scale in scales)
     changes = list[list[Float32Array]]()  # of the levels from the first on
     for _ in range(first, max(scale.surround for scale in scales) + 1):
@@ -361,8 +360,8 @@ def change_maps(
     for center, surround, weight in scales:
         pairs = zip(changes[center - first], changes[surround - first], strict=True)
         for total, pair in zip(maps, pairs, strict=True):
-            values = arithmetic.center_surround(*pair, map_shape)  # A.7-A.10
-            values = arithmetic.normalize(smooth(values, contrast.smoothing))
+            values = difference(*pair, map_shape, contrast)  # A.7-A.10
+            values = normalize_map(smooth(values, contrast.smoothing), contrast)
             peak = float(pair[0].max())
             total += weight * peak**2 / (peak**2 + SEMISATURATION**2) * values
     maps /= sum(scale.weight for scale in scales)
