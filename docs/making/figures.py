@@ -19,6 +19,7 @@ from saccade.frames import Frame
 from saccade.scale.pyramid import halve
 from saccade.simulation import DriveConfig, LightConfig, simulate_drive
 from saccade.viewing.attention import draw_scanpath
+from saccade.viewing.charts import innovation_charts, uncertainty_charts
 from saccade.viewing.keypoints import draw_keypoints
 from saccade.viewing.style import BLUE, HEAT, ORANGE, figure_for, picture_axes
 
@@ -267,13 +268,15 @@ def park() -> Figure:
 
 
 def innovations() -> Figure:
-    """Normalized innovations of Victoria Park."""
+    """Innovations and uncertainty of Victoria Park."""
     from saccade.slam.consistency import chi_square_band
 
     log, run = _park()
-    time = log.time[log.observation_pose]
-    band = chi_square_band(2, 50)
-    return viewing.innovation_figure(time, run.consistency.nis, 2, 50, band, run.trajectory)
+    time, nis = log.time[log.observation_pose], run.consistency.nis
+    S, band = run.innovation_covariance, chi_square_band(2, 50)
+    charts = innovation_charts(time, run.innovation, S, nis, band, 50)
+    charts += uncertainty_charts(run.trajectory, None)
+    return viewing.chart_figure(charts, float(log.time[0]))
 
 
 def simulated_frames() -> Figure:

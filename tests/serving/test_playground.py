@@ -39,13 +39,13 @@ def _driven(seed, steps):
 
 @pytest.mark.parametrize("factor", [1.0, 3.0])
 def test_measurements_vary_as_their_covariances_say_times_the_assumed_factor(factor):
-    noise = PlaygroundNoise(reach=20, assumed_factor=factor)
+    noise = PlaygroundNoise(max_range=20, assumed_factor=factor)
     world = World(3)
     world.add(_rings())
     controls, observations = [], []
     for _ in range(126):
         scan = world.move(np.array(LAP), noise)
-        offset = np.array([world.landmarks[each] for each in scan.names]) - world.pose[:2]
+        offset = np.array([world.landmarks[each] for each in scan.labels]) - world.pose[:2]
         expected = np.stack([np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])], 1)
         error = scan.z - expected
         error[:, 1] += world.pose[2]
@@ -76,13 +76,13 @@ def test_standard_becomes_sure_and_wrong_and_invariant_does_not():
 
 
 def test_without_noise_of_odometry_a_pose_is_certain_and_has_no_nees():
-    exact = PlaygroundNoise(distance_percent=0, turn_sigma=0)
+    exact = PlaygroundNoise(distance_percent=0, turn_sigma_deg=0)
     session = Session(1, _rings())
     for command in (None, np.array(LAP), np.array(LAP), None):
         last = session.step(command, exact)
     for name, estimate in last["filters"].items():
         assert np.allclose(estimate["pose"], last["truth"])
-        assert np.isnan(estimate["nees"])
+        assert estimate["nees"] is None
         summary = session.summary(name)
         assert summary["mean_nees"] is summary["inside_percent"] is None
         assert not summary["wrong"]
@@ -103,9 +103,9 @@ def test_a_session_is_started_driven_and_switched():
     changed = {"add": [[0, -9]], "remove": [0, 3], "filter": "standard"}
     after = playground.step({"session": token, **changed})
     assert after["steps"] == []
-    assert after["names"] == [1, 2, *range(4, 17)]
+    assert after["labels"] == [1, 2, *range(4, 17)]
     assert after["landmarks"][-1] == [0, -9]
-    size = 3 + 2 * len(after["map"]["names"])
+    size = 3 + 2 * len(after["map"]["labels"])
     correlation = after["map"]["correlation"].reshape(size, size)
     assert np.allclose(np.diagonal(correlation), 1)
     assert np.abs(correlation).max() <= 1 + 1e-9
@@ -117,7 +117,7 @@ def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
     tokens = [playground.start({})["session"] for _ in range(MAX_SESSIONS + 1)]
     with pytest.raises(KeyError, match="no longer in memory"):
         playground.step({"session": tokens[0]})
-    playground._sessions[tokens[1]].num_steps = MAX_STEPS - 1
+    playground.sessions[tokens[1]].num_steps = MAX_STEPS - 1
     with pytest.raises(ConfigError, match="commands: expected 1 more steps; start again, found 2"):
         playground.step({"session": tokens[1], "commands": [None, None]})
     playground.step({"session": tokens[1], "commands": [None]})
@@ -137,19 +137,20 @@ def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
     [
         ({"session": None}, "no longer in memory"),
         ({"filter": "none"}, "filter: expected one of invariant, standard"),
-        ({"commands": 3}, "commands: expected at most 50 pairs of numbers"),
-        ({"commands": [None] * 51}, "commands: expected at most 50"),
-        ({"commands": [[1, True]]}, "commands: expected at most 50"),
-        ({"commands": [[2.1, 0]]}, "commands: expected at most 2 m and half a turn"),
-        ({"commands": [[0, -4]]}, "commands: expected at most 2 m and half a turn"),
-        ({"add": [[101, 0]]}, "add: expected positions within 100 m"),
-        ({"add": [[0, 0]] * (MAX_LANDMARKS + 1)}, "add: expected at most 60 pairs"),
+        ({"commands": 3}, "commands: expected a list of at most 50"),
+        ({"commands": [None] * 51}, "commands: expected a list of at most 50"),
+        ({"commands": [[1, "x"]]}, "commands: expected a distance up to 2 m"),
+        ({"commands": [[2.1, 0]]}, "commands: expected a distance up to 2 m"),
+        ({"commands": [[0, -4]]}, "commands: expected a distance up to 2 m and up to half a turn"),
+        ({"add": [[101, 0]]}, "add: expected at most 60 positions within 100 m"),
+        ({"add": [[0, 0, 0]]}, "add: expected at most 60 positions"),
+        ({"add": [[0, 0]] * (MAX_LANDMARKS + 1)}, "add: expected at most 60 positions"),
         ({"add": [[0, 0]] * MAX_LANDMARKS}, "landmarks: expected at most 44 more, found 60"),
-        ({"remove": [99]}, "remove: expected names of landmarks, found [99]"),
-        ({"remove": [[]]}, "remove: expected names of landmarks"),
+        ({"remove": [99]}, "remove: expected labels of landmarks, found [99]"),
+        ({"remove": [[]]}, "remove: expected labels of landmarks"),
         ({"noise": []}, "noise: expected a table of settings"),
         ({"noise": {"loud": 1}}, "noise: no setting 'loud'; expected any of distance_percent"),
-        ({"noise": {"reach": "far"}}, "noise: reach: expected float, found 'far'"),
+        ({"noise": {"max_range": "far"}}, "noise: max_range: expected float, found 'far'"),
         ({"noise": {"range_percent": 0}}, "range_percent: expected 0.5 to 20, found 0.0"),
     ],
 )
@@ -167,7 +168,7 @@ def test_invalid_requests_are_one_line_errors_and_change_nothing(change, words):
     [
         ({"seed": -1}, "seed: expected 0 to"),
         ({"seed": True}, "seed: expected 0 to"),
-        ({"landmarks": [[0, 0]] * 61}, "landmarks: expected at most 60 pairs"),
+        ({"landmarks": [[0, 0]] * 61}, "landmarks: expected at most 60 positions"),
     ],
 )
 def test_invalid_starts_are_one_line_errors(request_, words):

@@ -203,7 +203,7 @@ def test_errors_are_shown_and_the_page_goes_on(opened, served):
     expect(alarm).to_contain_text("levels: expected rising levels")
     symmetry.get_by_role("button", name="Reset").click()
     alarm.wait_for(state="hidden")
-    analyzer._photos.clear()  # a server that was started anew
+    analyzer.photos.clear()  # a server that was started anew
     _slide(page, "edge_ratio", 5)
     expect(page.locator("pre").first).to_contain_text("edge_ratio=5")
     assert alarm.is_hidden()
@@ -259,7 +259,7 @@ def test_a_robot_is_driven_by_keys_and_buttons_among_landmarks_that_are_placed(o
     page.wait_for_selector("#slam[data-filter=invariant]")
     assert rows.first.get_attribute("class") == "chosen"
     assert "Correlations" in page.locator(".correlation").get_attribute("aria-label")
-    served[2]._sessions.clear()  # the server lost the session: it is started again
+    served[2].sessions.clear()  # the server lost the session: it is started again
     canvas.press(" ")
     page.wait_for_selector("#slam[data-steps='0']")
     assert page.locator("#slam .alarm").is_hidden()

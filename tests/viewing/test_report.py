@@ -4,14 +4,10 @@ import numpy as np
 import pytest
 
 from saccade.types import Keypoints, MapSnapshot, Scanpath, ScanpathSamples, Trajectory
-from saccade.viewing.page import Picture, Section, jpeg, web_file
+from saccade.viewing.charts import innovation_charts, uncertainty_charts
+from saccade.viewing.page import Picture, Section, photograph, web_file
 from saccade.viewing.report import ReportBuilder, Table, image_part, match_part, report_page
-from saccade.viewing.report_map import (
-    ObservedLandmarks,
-    innovation_charts,
-    map_part,
-    uncertainty_charts,
-)
+from saccade.viewing.report_map import ObservedLandmarks, map_part
 from support.accessibility import assert_accessible
 from support.limits import PAGE_TIMEOUT
 
@@ -289,7 +285,7 @@ def test_a_click_on_a_match_shows_it_alone(opened):
 
 def _table_page(name="a table"):
     rows = [["b", "10.5"], ["a", "9.25"], [name, "-1"]]
-    figure = Picture(jpeg(np.zeros((40, 400), np.uint8)), name, name, wide=True)
+    figure = Picture(photograph(np.zeros((40, 400), np.uint8))["address"], name, name, wide=True)
     table = Table(name, ["", "AUC"], rows, name, figures=[figure])
     return report_page(name, name, [table.part()])
 

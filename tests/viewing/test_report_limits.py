@@ -13,7 +13,8 @@ from PIL import Image as Pillow
 
 from saccade.io.image import decode_image
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
-from saccade.viewing.page import Section, html_page
+from saccade.viewing.charts import uncertainty_charts
+from saccade.viewing.page import Section, overview_page
 from saccade.viewing.report import (
     MAX_MATCHES,
     MAX_POINTS,
@@ -23,7 +24,7 @@ from saccade.viewing.report import (
     match_part,
     write_tables,
 )
-from saccade.viewing.report_map import ObservedLandmarks, map_part, uncertainty_charts
+from saccade.viewing.report_map import ObservedLandmarks, map_part
 
 LARGEST = 5_000_000
 SECTION = Section("a heading", "Words.")
@@ -101,15 +102,6 @@ def test_a_part_never_outgrows_the_page(make, notes, rng, tmp_path):
     assert LARGEST / 8 < page.stat().st_size < LARGEST
     text = re.search(r"<h2>a heading</h2>\n<p>Words\.(.*?)</p>", page.read_text())[1]
     assert re.fullmatch(notes, text), text
-
-
-def test_a_long_table_is_thinned_and_says_so(tmp_path):
-    rows = [[f"image {number}", *["0.123"] * 7] for number in range(60_000)]
-    table = Table("t", ["", *"abcdefg"], rows)
-    write_tables(tmp_path / "report.html", "c", "lead", [table])
-    text = (tmp_path / "report.html").read_text()
-    assert LARGEST / 8 < len(text) < LARGEST
-    assert re.search(r"Of 60,000 rows one in \d+ is on this page\.", text)
 
 
 def test_a_map_keeps_how_often_a_landmark_was_seen():
@@ -200,7 +192,7 @@ def test_names_in_tables_and_plain_pages_are_escaped(name, tmp_path):
     data = re.search(r'<script type="application/json">(.*?)</script>', page.read_text())[1]
     assert json.loads(data)["rows"] == [[name, name]]
     page.write_text(
-        html_page(
+        overview_page(
             name, name, [Section(name, name, facts={name: name}, links=[name])], {name: name}
         ),
         "utf-8",

@@ -19,7 +19,7 @@ from saccade import textbook
 from saccade.cli import main
 from saccade.viewing.textbook import load_steps, simulated_log
 from saccade.viewing.textbook.ekf import trace_filter
-from saccade.viewing.textbook.walkthrough import equation_code
+from saccade.viewing.textbook.equations import equation_code
 from support.accessibility import assert_accessible
 from support.paths import ROOT
 

@@ -24,7 +24,7 @@ from saccade.types import (
 )
 from saccade.viewing import (
     attention_figure,
-    innovation_figure,
+    chart_figure,
     keypoint_figure,
     map_figure,
     map_frames,
@@ -34,6 +34,7 @@ from saccade.viewing import (
     save_figure,
 )
 from saccade.viewing.attention import weighted_by
+from saccade.viewing.charts import innovation_charts, uncertainty_charts
 from saccade.viewing.live import LiveMap, save_rrd
 from saccade.viewing.style import BLUE, ORANGE, RED
 from support.processes import run_python
@@ -218,18 +219,16 @@ def test_innovations_are_drawn_against_their_band(rng):
     time, nis = np.arange(400.0), rng.chisquare(2, 400)
     nis[:7] = np.nan
     drive = Trajectory(time, np.zeros((400, 3)), np.tile(np.diag([4.0, 1.0, 0.25]), (400, 1, 1)))
-    over_time, spread, place, heading = innovation_figure(time, nis, 2, 20, (1.4, 2.7), drive).axes
-    assert [axes.get_xlabel() for axes in (over_time, spread, place)] == [
-        "poses since the start",  # the log has no clock
-        "normalized innovation squared",
-        "poses since the start",
-    ]
+    innovation, S = rng.normal(size=(400, 2)), np.tile(np.eye(2) * 4, (400, 1, 1))
+    charts = innovation_charts(time, innovation, S, nis, (1.4, 2.7), 20)
+    figure = chart_figure([*charts, *uncertainty_charts(drive, None)])
+    over_time, distance, _, place, heading = figure.axes[:5]
     dots, mean = over_time.lines
     assert len(dots.get_xdata()) == 393
     np.testing.assert_allclose(mean.get_ydata()[-1], nis[-20:].mean())
-    assert spread.lines[0].get_ydata()[-1] == pytest.approx(chi2.pdf(12, 2))
+    np.testing.assert_allclose(distance.lines[0].get_ydata(), innovation[7:, 0] / 2)
     assert place.lines[0].get_ydata()[0] == pytest.approx(6)
-    assert heading.lines[0].get_ydata()[0] == pytest.approx(np.degrees(1.5))
+    assert heading.lines[0].get_ydata()[0] == pytest.approx(3 * np.degrees(0.5))
 
 
 @pytest.mark.peer
@@ -301,7 +300,7 @@ def test_an_empty_result_can_still_be_drawn(tmp_path):
         keypoint_figure(IMAGE, nothing),
         match_figure((IMAGE, IMAGE), (nothing, nothing), np.zeros((0, 2), np.int64)),
         map_figure(still, empty_map, still, still, empty_map, still),
-        innovation_figure(np.zeros(0), np.zeros(0), 2, 5, (1.0, 3.0), still),
+        chart_figure([]),
     ]
     for number, figure in enumerate(figures):
         assert save_figure(figure, tmp_path / f"{number}.png").stat().st_size > 1000

@@ -21,7 +21,7 @@ from saccade.keypoints.sift import Sift
 from saccade.simulation import DriveConfig
 from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
 from saccade.slam import Recorder
-from saccade.viewing import Picture, Section, attention_figure, html_page, save_figure
+from saccade.viewing import Picture, Section, attention_figure, overview_page, save_figure
 from saccade.viewing.report import ReportBuilder
 
 LEAD = (
@@ -175,4 +175,5 @@ def _page(
             drive["files"].values(),
         ),
     ]
-    return html_page("saccade demo", LEAD, sections, {"report.html": "Explore all four results"})
+    links = {"report.html": "Explore all four results"}
+    return overview_page("saccade demo", LEAD, sections, links)

@@ -20,8 +20,8 @@ from saccade.io.video import video_writer
 from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.types import FloatArray, Image, IntArray, Trajectory
 from saccade.viewing import save_figures
+from saccade.viewing.charts import Chart, innovation_charts, uncertainty_charts
 from saccade.viewing.report import Part, ReportBuilder
-from saccade.viewing.report_map import Chart, innovation_charts, uncertainty_charts
 
 FRAME_RATE = 24
 """Frames per second of a film."""

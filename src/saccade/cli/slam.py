@@ -13,7 +13,6 @@ from saccade.cli.group import argument, option
 from saccade.cli.mapping import (
     SNAPSHOTS,
     RunOutput,
-    averaging_window,
     pose_table,
     run_facts,
     time_charts,
@@ -48,7 +47,6 @@ from saccade.slam import (
     run,
     smooth,
 )
-from saccade.slam.consistency import chi_square_band
 from saccade.slam.merging import merge_maps
 from saccade.slam.run import find_start, slam_for
 from saccade.types import (
@@ -58,7 +56,8 @@ from saccade.types import (
     LandmarkMap,
     MapSnapshot,
 )
-from saccade.viewing import innovation_figure, map_figure, map_frames
+from saccade.viewing import chart_figure, map_figure, map_frames
+from saccade.viewing.charts import Chart
 from saccade.viewing.live import LiveMap, save_rrd
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
@@ -305,19 +304,21 @@ def write_figures(
         ),
         "map",
     )
-    consistency, window = result.consistency, averaging_window(result.consistency.nis)
-    files["innovation_picture"] = output.save_figure(
-        innovation_figure(
-            log.time[log.observation_pose],
-            consistency.nis,
-            consistency.dof,
-            window,
-            chi_square_band(consistency.dof, window),
-            result.trajectory,
-        ),
-        "innovations",
-    )
+    figure = chart_figure(run_charts(log, result), float(log.time[0]))
+    files["innovation_picture"] = output.save_figure(figure, "innovations")
     return files
+
+
+def run_charts(log: LandmarkLog, result: SlamResult) -> list[Chart]:
+    """Charts of the innovations, and of the uncertainty or the errors of the pose."""
+    return time_charts(
+        result.trajectory,
+        log.truth if log.truth is not None and has_headings(log.truth) else None,
+        log.observation_pose,
+        result.innovation,
+        result.innovation_covariance,
+        result.consistency.dof,
+    )
 
 
 SLAM_TEXT = (
@@ -344,14 +345,6 @@ def slam_part(
     texts = result.map.text_names and dict(
         zip(ids.tolist(), map(str, result.map.names), strict=True)
     )
-    charts = time_charts(
-        result.trajectory,
-        truth,
-        log.observation_pose,
-        result.innovation,
-        result.innovation_covariance,
-        result.consistency.dof,
-    )
     return map_part(
         Section(
             f"{log.name}: the growing map",
@@ -361,7 +354,7 @@ def slam_part(
         trajectories,
         snapshots,
         ObservedLandmarks(log.observation_pose[used], ids[result.association[used]]),
-        charts,
+        run_charts(log, result),
         log.landmark_truth,
         loaded=loaded,
         lost=lost_times(result.trajectory, result.lost),

@@ -170,7 +170,8 @@ def read_header(data: bytes, name: str) -> Header:
             with Pillow.open(BytesIO(data)) as image:
                 transparent = "A" in image.getbands() or "transparency" in image.info
                 is_tiff = image.format == "TIFF"  # OpenCV applies its orientation
-                orientation = 1 if is_tiff else image.getexif().get(ORIENTATION, 1)
+                exif = Pillow.Image.getexif(image)  # that of a PNG file decodes all of it
+                orientation = 1 if is_tiff else exif.get(ORIENTATION, 1)
                 valid = orientation if orientation in range(1, 9) else 1
                 return Header(*image.size, valid, transparent, is_tiff)
     except Pillow.DecompressionBombError as error:

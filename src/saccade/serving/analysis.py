@@ -1,9 +1,7 @@
 """Analyzes the photographs of `saccade serve`: saliency, scanpath and interest points."""
 
-import secrets
-from collections import OrderedDict
-from collections.abc import Mapping
-from time import perf_counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +28,7 @@ from saccade.serving.controls import (
     detection_python,
     read_python,
 )
+from saccade.serving.recent import Recent
 from saccade.settings import settings_from, update_settings
 from saccade.types import Float32Array, Image
 from saccade.viewing.page import heat, photograph, shrunk
@@ -37,10 +36,14 @@ from saccade.viewing.report import maps_data, points_data, scanpath_data
 
 MAX_PHOTOS = 4
 """Photographs kept in memory: the most recently used."""
-MAX_PIXELS, MAX_NAME = 40_000_000, 200
-"""Pixels of a photograph, and characters of its name that are kept."""
-MAX_FIXATIONS, MAX_POINTS = 100, 2000
-"""Length of a scanpath, and interest points that are drawn."""
+MAX_PIXELS = 40_000_000
+"""Pixels of a photograph."""
+MAX_NAME = 200
+"""Characters of a photograph's name that are kept."""
+MAX_FIXATIONS = 100
+"""Length of a scanpath."""
+MAX_POINTS = 2000
+"""Interest points that are drawn."""
 LEVEL_SIDE = 200
 """Pixels of the longer side of a pyramid level on the page."""
 
@@ -57,7 +60,7 @@ class PhotoAnalyzer:
     """Keeps the most recent photographs in memory and analyzes them."""
 
     def __init__(self) -> None:
-        self._photos: OrderedDict[str, Photo] = OrderedDict()
+        self.photos: Recent[Photo] = Recent(MAX_PHOTOS, "photograph")
         self._cached_for: tuple[str, AttentionModel] | None = None
 
     def open(self, data: bytes, name: str) -> dict[str, Any]:
@@ -79,7 +82,7 @@ class PhotoAnalyzer:
             )
         pixels = decode_image(data, name)
         return {
-            "photo": self._keep(Photo(name, pixels)),
+            "photo": self.photos.add(Photo(name, pixels)),
             "name": name,
             "size": [pixels.shape[1], pixels.shape[0]],
             "image": photograph(pixels),
@@ -96,8 +99,7 @@ class PhotoAnalyzer:
             KeyError: the photograph is not in memory.
             SaccadeError: a setting outside its range.
         """
-        start = perf_counter()
-        photo = self._photo(request)
+        photo = self.photos[request.get("photo")]
         model = request.get("model", "attention")
         require(model in list(MODELS), "model", f"one of {', '.join(MODELS)}", model)
         fixations = request.get("fixations", 10)
@@ -114,7 +116,6 @@ class PhotoAnalyzer:
         return {
             "maps": maps,
             "scanpath": scanpath_data(path),
-            "ms": 1000 * (perf_counter() - start),
             "python": attention_python(*choices),
             "command": attention_command(photo.name, *choices),
         }
@@ -129,14 +130,10 @@ class PhotoAnalyzer:
             KeyError: the photograph is not in memory.
             SaccadeError: a setting outside its range.
         """
-        start = perf_counter()
-        photo = self._photo(request)
+        photo = self.photos[request.get("photo")]
         config = settings_from("contrast", request.get("contrast", {}), "contrast")
-        try:
-            channels = feature_data(photo.pixels, config)
-        except ImageError as error:
-            raise ImageError(f"{photo.name}: {error}") from error
-        return {"channels": channels, "ms": 1000 * (perf_counter() - start)}
+        with _naming(photo):
+            return {"channels": feature_data(photo.pixels, config)}
 
     def detect(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Interest points of a photograph.
@@ -148,8 +145,7 @@ class PhotoAnalyzer:
             KeyError: the photograph is not in memory.
             SaccadeError: a setting outside its range.
         """
-        start = perf_counter()
-        photo = self._photo(request)
+        photo = self.photos[request.get("photo")]
         name = request.get("detector", "sift")
         require(name in DETECTORS, "detector", f"one of {', '.join(DETECTORS)}", name)
         settings = settings_from(name, request.get(name, {}), name)
@@ -158,7 +154,6 @@ class PhotoAnalyzer:
         return {
             "points": points_data(points[:MAX_POINTS]),
             "count": len(points),
-            "ms": 1000 * (perf_counter() - start),
             "python": detection_python(name, settings),
             "command": detection_command(photo.name, name, settings),
         }
@@ -167,39 +162,31 @@ class PhotoAnalyzer:
         """Compile everything, so that the first photograph does not have to wait."""
         noise = np.random.default_rng(1).random((160, 160, 3), np.float32)
         analyzer = PhotoAnalyzer()
-        token = analyzer._keep(Photo("", noise))
+        token = analyzer.photos.add(Photo("", noise))
         analyzer.analyze({"photo": token})
         for detector in DETECTORS:
             analyzer.detect({"photo": token, "detector": detector})
-
-    def _keep(self, photo: Photo) -> str:
-        """Keep a photograph in place of the least recently used; returns its token."""
-        token = secrets.token_urlsafe(12)
-        self._photos[token] = photo
-        while len(self._photos) > MAX_PHOTOS:
-            self._photos.popitem(last=False)
-        return token
-
-    def _photo(self, request: Mapping[str, Any]) -> Photo:
-        token = request.get("photo")
-        if not isinstance(token, str) or token not in self._photos:
-            raise KeyError("the photograph is no longer in memory; open it again")
-        self._photos.move_to_end(token)
-        return self._photos[token]
 
     def _maps(
         self, token: str, attention: AttentionModel
     ) -> tuple[SaliencyMaps, list[dict[str, str]]]:
         """The maps, and as the page reads them; computed only if a choice changed."""
         if self._cached_for != (token, attention):
-            photo = self._photos[token]
-            try:
+            photo = self.photos[token]
+            with _naming(photo):
                 found = attention.maps(photo.pixels)
-            except ImageError as error:
-                raise ImageError(f"{photo.name}: {error}") from error
             self._cached = found, maps_data(found.layers)
             self._cached_for = (token, attention)
         return self._cached
+
+
+@contextmanager
+def _naming(photo: Photo) -> Iterator[None]:
+    """Adds the name of a photograph to errors about it."""
+    try:
+        yield
+    except ImageError as error:
+        raise ImageError(f"{photo.name}: {error}") from error
 
 
 def feature_data(image: Image, config: ContrastConfig) -> list[dict[str, Any]]:
@@ -219,39 +206,34 @@ def feature_data(image: Image, config: ContrastConfig) -> list[dict[str, Any]]:
         {"name": channel_name(channel), "rows": _rows(levels, maps.features, channel)}
         for channel, levels in maps.pyramids.items()
     ]
-    sums = [{"name": name, "address": heat(values)} for name, values in maps.layers.items()]
-    return [*channels, {"name": "all channels", "rows": [{"name": "conspicuity", "maps": sums}]}]
+    sums = _row("conspicuity", {name: heat(values) for name, values in maps.layers.items()})
+    return [*channels, {"name": "all channels", "rows": [sums]}]
 
 
 def channel_name(channel: Channel) -> str:
     """The name of a channel, with the angle of an orientation."""
-    return (
-        channel.name
-        if channel.angle is None
-        else f"{channel.name} {channel.angle:g}\N{DEGREE SIGN}"
-    )
+    angle = "" if channel.angle is None else f" {channel.angle:g}\N{DEGREE SIGN}"
+    return channel.name + angle
 
 
 def _rows(
     levels: Mapping[int, FloatMap], features: tuple[FeatureMap, ...], channel: Channel
 ) -> list[dict[str, Any]]:
     own = [each for each in features if each.channel == channel]
-    pyramid = [
-        {"name": f"level {number}", "address": _level(level)}
-        for number, level in sorted(levels.items())
-    ]
-    differences, normalized = (
-        [
-            {"name": f"{each.center} against {each.surround}", "address": heat(values)}
-            for each, values in zip(own, maps, strict=True)
-        ]
-        for maps in ([each.values for each in own], [each.normalized for each in own])
-    )
+    names = [f"{each.center} against {each.surround}" for each in own]
+    pyramid = {f"level {number}": _level(level) for number, level in sorted(levels.items())}
+    differences = {name: heat(each.values) for name, each in zip(names, own, strict=True)}
+    normalized = {name: heat(each.normalized) for name, each in zip(names, own, strict=True)}
     return [
-        {"name": "pyramid", "maps": pyramid},
-        {"name": "center against surround", "maps": differences},
-        {"name": "normalized", "maps": normalized},
+        _row("pyramid", pyramid),
+        _row("center against surround", differences),
+        _row("normalized", normalized),
     ]
+
+
+def _row(name: str, addresses: Mapping[str, str]) -> dict[str, Any]:
+    """A row of pictures, by name of each."""
+    return {"name": name, "maps": [{"name": n, "address": a} for n, a in addresses.items()]}
 
 
 def _level(level: FloatMap) -> str:

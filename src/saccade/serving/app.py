@@ -6,11 +6,11 @@ rejected.
 """
 
 import json
-import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from threading import Event, Thread
-from typing import Any, NoReturn
+from time import perf_counter
+from typing import Any
 
 import anyio
 from anyio.to_thread import run_sync
@@ -26,17 +26,15 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from saccade.errors import SaccadeError
 from saccade.serving.analysis import PhotoAnalyzer
 from saccade.serving.playground import Playground
-from saccade.viewing.page import as_json, html_document, json_element, security_policy, web_file
+from saccade.viewing.page import as_json, html_page, json_element
 
 WARM_UP = "saccade-warm-up"
 """Name of the thread that compiles everything."""
 MAX_REQUEST_BYTES = 100_000
 """Size of a request other than a photograph."""
-MAX_WAITING = 16
-"""Requests that wait while one is processed; more are rejected."""
 CLIENT_CLOSED_REQUEST = 499
 """Status of a response whose client has disconnected."""
-HOST_NAMES = ("127.0.0.1", "localhost", "[::1]")
+HOST_NAMES = ("127.0.0.1", "localhost")
 """Names of this machine, as a browser on it writes them."""
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -51,8 +49,15 @@ LEAD = (
     "Saliency, scanpath and interest points of a photograph, and EKF-SLAM to try out. "
     "All stays on this machine, and nothing is stored."
 )
+STYLES = ("page.css", "report.css", "serving/serve.css")
+SCRIPTS = (
+    *("report.js", "photo.js", "image.js", "charts.js", "ground.js", "serving/controls.js"),
+    *("serving/features.js", "serving/playground_view.js", "serving/playground.js"),
+    "serving/serve.js",
+)
 
-_logger = logging.getLogger(__name__)
+Work = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+"""Computes the result of a request; both become JSON."""
 
 
 def application(
@@ -73,126 +78,97 @@ def application(
         max_bytes: of a photograph.
         controls: the settings of the page and their controls.
     """
-    server = _Server(analyzer, playground, samples, max_bytes)
-    work = {
+    limiter, warmed_up = anyio.CapacityLimiter(1), Event()
+    work: dict[str, Work] = {
         "look": analyzer.analyze,
         "points": analyzer.detect,
         "features": analyzer.features,
         "slam/start": playground.start,
         "slam/step": playground.step,
     }
-    page, policy = serve_page({**controls, "max_bytes": max_bytes, "samples": list(samples)})
+    page = serve_page({**controls, "max_bytes": max_bytes, "samples": list(samples)})
+
+    def warm_up() -> None:
+        try:
+            analyzer.warm_up()
+            playground.warm_up()
+        finally:
+            warmed_up.set()
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        Thread(target=server.warm_up, name=WARM_UP, daemon=True).start()
+        Thread(target=warm_up, name=WARM_UP, daemon=True).start()
         yield
 
     async def front_page(_: Request) -> Response:
         return HTMLResponse(page)
 
-    return Starlette(
-        routes=[
-            Route("/", front_page),
-            Route("/state", server.state),
-            Route("/samples/{name}", server.sample),
-            Route("/photo", server.open, methods=["POST"]),
-            *(Route(f"/{path}", server.answer(do), methods=["POST"]) for path, do in work.items()),
-        ],
-        middleware=[Middleware(_Guard, port=port, policy=policy)],
-        exception_handlers={HTTPException: _one_line, Exception: _internal_error},
-        lifespan=lifespan,
-    )
+    async def state(_: Request) -> Response:
+        return _json_response({"warm": warmed_up.is_set()})
 
-
-def serve_page(data: Mapping[str, Any]) -> tuple[str, str]:
-    """The page as the text of one HTML file, and its Content-Security-Policy.
-
-    Args:
-        data: the input of its script.
-    """
-    package = "saccade.serving"
-    styles = [web_file("page.css"), web_file("report.css"), web_file("serve.css", package)]
-    shared = ("report.js", "photo.js", "image.js", "charts.js", "ground.js")
-    scripts = [web_file(name) for name in shared]
-    own = ("controls.js", "features.js", "playground_view.js", "playground.js", "serve.js")
-    scripts += [web_file(name, package) for name in own]
-    body = f'<div id="serve">{json_element(data)}</div>\n'
-    body += "<noscript><p>This page needs JavaScript.</p></noscript>"
-    icon = '<link rel="icon" href="data:,">\n'
-    page = html_document("saccade", LEAD, body, styles, scripts, icon)
-    sources = ("img-src 'self' data:", "connect-src 'self'", "frame-ancestors 'none'")
-    return page, security_policy(styles, scripts, *sources)
-
-
-class _Server:
-    """The routes and their state; requests are processed one at a time, in order of arrival."""
-
-    def __init__(
-        self,
-        analyzer: PhotoAnalyzer,
-        playground: Playground,
-        samples: Mapping[str, bytes],
-        max_bytes: int,
-    ) -> None:
-        self._analyzer, self._playground = analyzer, playground
-        self._samples, self._max_bytes = samples, max_bytes
-        self._limiter = anyio.CapacityLimiter(1)
-        self._waiting = 0
-        self._warmed_up = Event()
-
-    def warm_up(self) -> None:
-        """Compile what the analyses need."""
-        try:
-            self._analyzer.warm_up()
-            self._playground.warm_up()
-        finally:
-            self._warmed_up.set()
-
-    async def state(self, _: Request) -> Response:
-        """Whether everything is compiled."""
-        return _json_response({"warm": self._warmed_up.is_set()})
-
-    async def sample(self, request: Request) -> Response:
-        """An example photograph."""
-        data = self._samples.get(request.path_params["name"])
+    async def sample(request: Request) -> Response:
+        data = samples.get(request.path_params["name"])
         if data is None:
             raise HTTPException(404, "no such photograph")
         return Response(data, media_type="image/jpeg")
 
-    async def open(self, request: Request) -> Response:
-        """Opens a photograph, the body of the request."""
-        data = await _body(request, self._max_bytes)
+    async def photo(request: Request) -> Response:
+        data = await _body(request, max_bytes)
         name = request.query_params.get("name", "photograph")
-        return await self._process(request, lambda: self._analyzer.open(data, name))
+        return await _process(request, limiter, lambda: analyzer.open(data, name))
 
-    def answer(
-        self, work: Callable[[Mapping[str, Any]], Mapping[str, Any]]
-    ) -> Callable[[Request], Awaitable[Response]]:
-        """The route that gives the table in the body to `work` and answers with its result."""
-
+    def answer(compute: Work) -> Callable[[Request], Awaitable[Response]]:
         async def answered(request: Request) -> Response:
-            settings = await _json_body(request)
-            return await self._process(request, lambda: work(settings))
+            table = await _json_body(request)
+            return await _process(request, limiter, lambda: _timed(compute, table))
 
         return answered
 
-    async def _process(self, request: Request, work: Callable[[], Mapping[str, Any]]) -> Response:
-        """The result of `work`, which is skipped if the client has disconnected by then."""
-        if self._waiting >= MAX_WAITING:
-            raise HTTPException(503, "busy: too many requests are waiting")
-        self._waiting += 1
-        try:
-            async with self._limiter:
-                if await request.is_disconnected():
-                    return Response(status_code=CLIENT_CLOSED_REQUEST)
-                return _json_response(await run_sync(work))
-        except KeyError as error:
-            raise HTTPException(404, str(error.args[0])) from error
-        except SaccadeError as error:
-            raise HTTPException(422, str(error)) from error
-        finally:
-            self._waiting -= 1
+    return Starlette(
+        routes=[
+            Route("/", front_page),
+            Route("/state", state),
+            Route("/samples/{name}", sample),
+            Route("/photo", photo, methods=["POST"]),
+            *(Route(f"/{path}", answer(each), methods=["POST"]) for path, each in work.items()),
+        ],
+        middleware=[Middleware(_Guard, port=port)],
+        lifespan=lifespan,
+    )
+
+
+def serve_page(data: Mapping[str, Any]) -> str:
+    """The page as the text of one HTML file.
+
+    Args:
+        data: the input of its script.
+    """
+    body = f'<div id="serve">{json_element(data)}</div>\n'
+    body += "<noscript><p>This page needs JavaScript.</p></noscript>"
+    sources = ("img-src 'self' data:", "connect-src 'self'")
+    return html_page("saccade", LEAD, body, STYLES, SCRIPTS, sources=sources)
+
+
+async def _process(
+    request: Request, limiter: anyio.CapacityLimiter, work: Callable[[], Mapping[str, Any]]
+) -> Response:
+    """The result of `work`, which is skipped if the client has disconnected by its turn."""
+    try:
+        async with limiter:
+            if await request.is_disconnected():
+                return Response(status_code=CLIENT_CLOSED_REQUEST)
+            return _json_response(await run_sync(work))
+    except KeyError as error:
+        raise HTTPException(404, str(error.args[0])) from error
+    except SaccadeError as error:
+        raise HTTPException(422, str(error)) from error
+
+
+def _timed(compute: Work, request: Mapping[str, Any]) -> dict[str, Any]:
+    """The result of a request, and the milliseconds it took."""
+    start = perf_counter()
+    result = compute(request)
+    return {**result, "ms": 1000 * (perf_counter() - start)}
 
 
 class _Guard:
@@ -201,30 +177,26 @@ class _Guard:
     Args:
         app: answers the others.
         port: of this server.
-        policy: the Content-Security-Policy of every response.
     """
 
-    def __init__(self, app: ASGIApp, port: int, policy: str) -> None:
+    def __init__(self, app: ASGIApp, port: int) -> None:
         self._app = app
         self._hosts = {f"{name}:{port}" for name in HOST_NAMES}
         if port == 80:
             self._hosts.update(HOST_NAMES)
-        self._headers = {**SECURITY_HEADERS, "Content-Security-Policy": policy}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """An ASGI application."""
-        if scope["type"] != "http":
-            if scope["type"] == "lifespan":
-                await self._app(scope, receive, send)
-            return
+        app = self._app
+        if scope["type"] == "http":
+            reason = self._rejection(Headers(scope=scope), scope["method"])
+            app = app if reason is None else PlainTextResponse(f"rejected: {reason}", 403)
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(self._headers)
+                MutableHeaders(scope=message).update(SECURITY_HEADERS)
             await send(message)
 
-        reason = self._rejection(Headers(scope=scope), scope["method"])
-        app = self._app if reason is None else PlainTextResponse(f"refused: {reason}\n", 403)
         await app(scope, receive, send_with_headers)
 
     def _rejection(self, headers: Mapping[str, str], method: str) -> str | None:
@@ -256,7 +228,7 @@ async def _body(request: Request, max_bytes: int) -> bytes:
 async def _json_body(request: Request) -> dict[str, Any]:
     body = await _body(request, MAX_REQUEST_BYTES)
     try:
-        value = json.loads(body, parse_constant=_reject_constant)
+        value = json.loads(body)
     except (ValueError, RecursionError) as error:
         raise HTTPException(400, "expected JSON") from error
     if not isinstance(value, dict):
@@ -264,22 +236,5 @@ async def _json_body(request: Request) -> dict[str, Any]:
     return value
 
 
-def _reject_constant(word: str) -> NoReturn:
-    """NaN and Infinity are not JSON."""
-    raise ValueError(word)
-
-
 def _json_response(data: Mapping[str, Any]) -> Response:
     return Response(as_json(data), media_type="application/json")
-
-
-async def _one_line(_: Request, error: Exception) -> Response:
-    status = getattr(error, "status_code", 500)
-    message = getattr(error, "detail", "")
-    return PlainTextResponse(f"{message}\n", status, getattr(error, "headers", None))
-
-
-async def _internal_error(request: Request, error: Exception) -> Response:
-    where = f"{request.method} {request.url.path}"
-    _logger.error("serve: %s: %s: %s", where, type(error).__name__, error)
-    return PlainTextResponse("internal error; the terminal shows it\n", 500)

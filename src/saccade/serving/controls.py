@@ -34,7 +34,7 @@ MODELS = {
 """The configurations of each attention model, the one that contains the others first."""
 
 
-GROUPS: dict[str, dict[str, Any]] = tomllib.loads(web_file("controls.toml", __package__))
+GROUPS: dict[str, dict[str, Any]] = tomllib.loads(web_file("serving/controls.toml"))
 """Titles, order and sliders of the settings by kind, as `web/controls.toml` explains them."""
 
 

@@ -1,7 +1,5 @@
 """EKF-SLAM to try out: a simulated robot, and one filter of each kind on the same measurements."""
 
-import secrets
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -9,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from saccade.errors import LogError, Settings, require, setting
+from saccade.serving.recent import Recent
 from saccade.settings import settings_from, update_settings
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.config import RETRACTIONS
@@ -20,10 +19,22 @@ MAX_LANDMARKS = 60
 """Landmarks of a world."""
 START = (0.0, -10.0, 0.0)
 """True first pose."""
-SMALLEST_RANGE = 0.1
-"""Metres, of an observation."""
-RING = ((8.0, 7), (12.0, 9))
-"""Radius in metres and number of the landmarks that are there at first."""
+MIN_RANGE = 0.1
+"""Meters, of an observation."""
+RINGS = ((8.0, 7), (12.0, 9))
+"""Radius in meters and number of the landmarks that are there at first."""
+MAX_SESSIONS = 4
+"""Sessions kept in memory: the most recently used."""
+MAX_COORDINATE = 100.0
+"""Meters of a landmark from the origin, along each axis."""
+MAX_STEPS = 5000
+"""Steps of a session."""
+MAX_STEPS_AT_ONCE = 50
+"""Steps of one request."""
+MAX_DISTANCE, MAX_TURN = 2.0, np.pi
+"""Meters and radians of one step."""
+SURE_AND_WRONG = 0.999
+"""Probability under which the NEES of a consistent filter stays."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +42,15 @@ class PlaygroundNoise(Settings):
     """Noise of the odometry and the sensor of the simulated robot."""
 
     distance_percent: float = setting(10.0, 0, 20)
-    """Standard deviation of the odometry's distance, in per cent of it."""
-    turn_sigma: float = setting(6.0, 0, 10)
+    """Standard deviation of the odometry's distance, in percent of it."""
+    turn_sigma_deg: float = setting(6.0, 0, 10)
     """Standard deviation of the odometry's turn in a step, in degrees."""
     range_percent: float = setting(5.0, 0.5, 20)
-    """Standard deviation of a range, in per cent of it."""
-    bearing_sigma: float = setting(3.0, 0.2, 10)
+    """Standard deviation of a range, in percent of it."""
+    bearing_sigma_deg: float = setting(3.0, 0.2, 10)
     """Standard deviation of a bearing, in degrees."""
-    reach: float = setting(4.0, 1, 20)
-    """Largest range of an observation, in metres."""
+    max_range: float = setting(4.0, 1, 20)
+    """Largest range of an observation, in meters."""
     assumed_factor: float = setting(1.0, 0.2, 5)
     """Standard deviations that the filters assume, relative to the true ones above."""
 
@@ -55,7 +66,7 @@ class Scan(NamedTuple):
     """(k, 2) range and bearing."""
     R: FloatArray
     """(k, 2, 2) their covariances."""
-    names: IntArray
+    labels: IntArray
     """(k,) of the landmarks."""
 
 
@@ -65,18 +76,17 @@ class World:
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
         self.pose = np.array(START)
-        """(3,) x, y in metres, heading in radians."""
+        """(3,) x, y in meters, heading in radians."""
         self.landmarks: dict[int, FloatArray] = {}
-        """Position (2,) by name."""
-        self._num_named = 0
+        """Position (2,) by label."""
+        self._num_added = 0
 
     def add(self, xy: FloatArray) -> None:
         """Add landmarks (n, 2)."""
         room = MAX_LANDMARKS - len(self.landmarks)
         require(len(xy) <= room, "landmarks", f"at most {room} more", len(xy))
-        for each in xy:
-            self.landmarks[self._num_named] = each
-            self._num_named += 1
+        self.landmarks |= dict(enumerate(xy, self._num_added))
+        self._num_added += len(xy)
 
     def move(self, command: FloatArray | None, noise: PlaygroundNoise) -> Scan:
         """Carry out a command (2,), distance and turn, and measure; None stands still."""
@@ -84,40 +94,28 @@ class World:
         if command is not None:
             self.pose, _, _ = turn_then_translate(self.pose, command)
             distance = noise.distance_percent / 100 * abs(command[0])
-            sigma = np.array([distance, np.deg2rad(noise.turn_sigma)])
+            sigma = np.array([distance, np.deg2rad(noise.turn_sigma_deg)])
             control = command + sigma * self._rng.standard_normal(2)
             U = np.diag(np.square(noise.assumed_factor * sigma))
-        names = np.array(sorted(self.landmarks), np.int64)
-        offset = np.array([self.landmarks[each] for each in names]).reshape(-1, 2) - self.pose[:2]
+        labels = np.array([*self.landmarks], np.int64)
+        offset = np.array([*self.landmarks.values()]).reshape(-1, 2) - self.pose[:2]
         distance = np.hypot(*offset.T)
-        seen = (distance >= SMALLEST_RANGE) & (distance <= noise.reach)
+        observed = (distance >= MIN_RANGE) & (distance <= noise.max_range)
         bearing = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - self.pose[2])
-        z = np.stack([distance, bearing], 1)[seen]
+        z = np.stack([distance, bearing], 1)[observed]
         sigma = np.empty(z.shape)
         sigma[:, 0] = noise.range_percent / 100 * z[:, 0]
-        sigma[:, 1] = np.deg2rad(noise.bearing_sigma)
+        sigma[:, 1] = np.deg2rad(noise.bearing_sigma_deg)
         z += sigma * self._rng.standard_normal(z.shape)
         z[:, 0] = np.abs(z[:, 0])
         R = np.square(noise.assumed_factor * sigma)[:, :, None] * np.eye(2)
-        return Scan(control, U, z, R, names[seen])
+        return Scan(control, U, z, R, labels[observed])
 
 
 def rings() -> list[list[float]]:
     """Landmarks inside and outside of the circle through the first pose."""
-    angles = [(radius, 2 * np.pi * (i + 0.25) / n) for radius, n in RING for i in range(n)]
+    angles = [(radius, 2 * np.pi * (i + 0.25) / n) for radius, n in RINGS for i in range(n)]
     return [[radius * float(np.cos(a)), radius * float(np.sin(a))] for radius, a in angles]
-
-
-MAX_SESSIONS = 4
-"""Sessions kept in memory: the most recently used."""
-MAX_COORDINATE = 100.0
-"""Metres of a landmark from the origin, along each axis."""
-MAX_STEPS, MAX_STEPS_AT_ONCE = 5000, 50
-"""Steps of a session, and those of one request."""
-MAX_DISTANCE, MAX_TURN = 2.0, np.pi
-"""Metres and radians of one step."""
-SURE_AND_WRONG = 0.999
-"""Probability under which the NEES of a consistent filter stays."""
 
 
 class Session:
@@ -157,10 +155,10 @@ class Session:
                 "pose": result.pose.tolist(),
                 "error": error.tolist(),
                 "sigma": np.sqrt(np.diagonal(result.covariance).clip(0)).tolist(),
-                "nees": nees,
+                "nees": _finite(nees),
             }
         self.num_steps += 1
-        return {"truth": truth.tolist(), "observed": scan.names.tolist(), "filters": estimates}
+        return {"truth": truth.tolist(), "observed": scan.labels.tolist(), "filters": estimates}
 
     def map_of(self, name: str) -> dict[str, Any]:
         """The map of one filter: its landmarks and the correlations of its state."""
@@ -169,7 +167,7 @@ class Session:
         sigma = np.sqrt(np.diagonal(covariance).clip(1e-300))
         blocks = slam.ekf.landmark_covariances.reshape(-1, 4)[:, [0, 1, 3]]
         return {
-            "names": slam.identities,
+            "labels": slam.identities,
             "landmarks": np.hstack([slam.ekf.landmarks, blocks]).ravel(),
             "covariance": slam.ekf.pose_covariance[[0, 0, 1], [0, 1, 1]],
             "correlation": (covariance / np.outer(sigma, sigma)).ravel(),
@@ -182,21 +180,16 @@ class Session:
         truth = np.array([landmarks[slam.identities[i]] for i in known]).reshape(-1, 2)
         error = truth - slam.ekf.landmarks[known]
         squared = normalized_squared(error, slam.ekf.landmark_covariances[known])
-        inside = int((squared <= THREE_SIGMA_2D).sum())
-        nees, in_ellipse = np.array(self.scores[name]).T
-        scored = np.isfinite(nees)
-        mean, percent = (
-            (float(nees[scored].mean()), 100 * float(in_ellipse[scored].mean()))
-            if scored.any()
-            else (None, None)
-        )
+        scores = np.array(self.scores[name])
+        nees, inside = scores[np.isfinite(scores[:, 0])].T
+        last = scores[-1, 0]
         return {
-            "nees": float(nees[-1]),
-            "mean_nees": mean,
-            "inside_percent": percent,
-            "wrong": bool(nees[-1] > chi_square_gate(3, SURE_AND_WRONG)),
+            "nees": _finite(last),
+            "mean_nees": float(nees.mean()) if len(nees) else None,
+            "inside_percent": 100 * float(inside.mean()) if len(nees) else None,
+            "wrong": bool(last > chi_square_gate(3, SURE_AND_WRONG)),
             "landmarks": len(known),
-            "inside_landmarks": inside,
+            "inside_landmarks": int((squared <= THREE_SIGMA_2D).sum()),
         }
 
 
@@ -204,13 +197,13 @@ class Playground:
     """Keeps the most recent sessions in memory and takes their steps."""
 
     def __init__(self) -> None:
-        self._sessions: OrderedDict[str, Session] = OrderedDict()
+        self.sessions: Recent[Session] = Recent(MAX_SESSIONS, "session")
 
     def start(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Begin a session.
 
         Args:
-            request: "seed" of the noise, "landmarks" as pairs of metres (by default two rings), and
+            request: "seed" of the noise, "landmarks" as pairs of meters (by default two rings), and
                 as in `step`.
 
         Raises:
@@ -220,19 +213,16 @@ class Playground:
         require(type(seed) is int and 0 <= seed < 2**31, "seed", "0 to 2147483647", seed)
         landmarks = positions(request.get("landmarks", rings()), "landmarks")
         noise, name = _noise(request), _filter_name(request)
-        token, session = secrets.token_urlsafe(12), Session(seed, landmarks)
+        session = Session(seed, landmarks)
         steps = [session.step(None, noise)]
-        self._sessions[token] = session
-        while len(self._sessions) > MAX_SESSIONS:
-            self._sessions.popitem(last=False)
-        return {"session": token, **_state(session, steps, name)}
+        return {"session": self.sessions.add(session), **_state(session, steps, name)}
 
     def step(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Take steps in a session.
 
         Args:
-            request: "session", "commands" (each a distance in metres and a turn in radians, or
-                null to stand still and observe), "add" and "remove" (positions and names of
+            request: "session", "commands" (each a distance in meters and a turn in radians, or
+                null to stand still and observe), "add" and "remove" (positions and labels of
                 landmarks), "noise" by the names of `PlaygroundNoise`, and the "filter" whose map
                 is returned.
 
@@ -241,10 +231,7 @@ class Playground:
             SaccadeError: a value outside its range, too many steps, or an estimate that diverged.
         """
         token = request.get("session")
-        if not isinstance(token, str) or token not in self._sessions:
-            raise KeyError("the session is no longer in memory; start again")
-        self._sessions.move_to_end(token)
-        session = self._sessions[token]
+        session = self.sessions[token]
         commands = commands_from(request.get("commands", []))
         noise, name = _noise(request), _filter_name(request)
         added = positions(request.get("add", []), "add")
@@ -252,7 +239,7 @@ class Playground:
         is_known = isinstance(removed, list) and all(
             type(each) is int and each in session.world.landmarks for each in removed
         )
-        require(is_known, "remove", "names of landmarks", removed)
+        require(is_known, "remove", "labels of landmarks", removed)
         left = MAX_STEPS - session.num_steps
         require(len(commands) <= left, "commands", f"{left} more steps; start again", len(commands))
         session.world.add(added)
@@ -261,7 +248,7 @@ class Playground:
         try:
             steps = [session.step(each, noise) for each in commands]
         except LogError:
-            del self._sessions[token]  # its filters have no longer taken the same steps
+            self.sessions.remove(str(token))  # its filters have not all taken the same steps
             raise
         return _state(session, steps, name)
 
@@ -274,34 +261,37 @@ class Playground:
 
 def commands_from(value: Any) -> list[FloatArray | None]:
     """The commands in a request, None for those that stand still."""
-    limits = f"at most {MAX_DISTANCE:g} m and half a turn, or null to stand still"
-    is_list = isinstance(value, list)
-    moves = [each for each in value if each is not None] if is_list else value
-    pairs = iter(_pairs("commands", moves, MAX_STEPS_AT_ONCE, (MAX_DISTANCE, MAX_TURN), limits))
-    require(len(value) <= MAX_STEPS_AT_ONCE, "commands", f"at most {MAX_STEPS_AT_ONCE}", len(value))
-    return [None if each is None else next(pairs) for each in value]
+    is_list = isinstance(value, list) and len(value) <= MAX_STEPS_AT_ONCE
+    require(is_list, "commands", f"a list of at most {MAX_STEPS_AT_ONCE}", value)
+    limits = f"a distance up to {MAX_DISTANCE:g} m and up to half a turn, or null"
+    return [
+        None if each is None else _pairs("commands", [each], 1, (MAX_DISTANCE, MAX_TURN), limits)[0]
+        for each in value
+    ]
 
 
 def positions(value: Any, name: str) -> FloatArray:
     """(n, 2) positions in a request."""
-    limits = f"positions within {MAX_COORDINATE:g} m along each axis"
+    limits = f"at most {MAX_LANDMARKS} positions within {MAX_COORDINATE:g} m along each axis"
     return _pairs(name, value, MAX_LANDMARKS, (MAX_COORDINATE, MAX_COORDINATE), limits)
 
 
 def _pairs(
-    name: str, value: Any, count: int, largest: tuple[float, float], limits: str
+    name: str, value: Any, count: int, largest: tuple[float, float], expected: str
 ) -> FloatArray:
-    """(n, 2) pairs of numbers, each within its limit on either side of 0."""
-    is_list = isinstance(value, list) and all(
-        isinstance(pair, list) and [type(each) in (int, float) for each in pair] == [True, True]
-        for pair in value
-    )
-    require(is_list and len(value) <= count, name, f"at most {count} pairs of numbers", value)
-    inside = all(
-        abs(each) <= end for pair in value for each, end in zip(pair, largest, strict=True)
-    )
-    require(inside, name, limits, value)
-    return np.array(value, np.float64).reshape(-1, 2)
+    """(n, 2) at most `count` pairs of numbers, each within its limit on either side of 0."""
+    try:
+        pairs = np.array(value or np.empty((0, 2)), np.float64)
+    except (TypeError, ValueError, OverflowError):
+        pairs = np.empty(0)
+    is_valid = pairs.shape[1:] == (2,) and len(pairs) <= count and (np.abs(pairs) <= largest).all()
+    require(bool(is_valid), name, expected, value)
+    return pairs
+
+
+def _finite(value: float) -> float | None:
+    """A number as JSON has it: None in place of NaN."""
+    return float(value) if np.isfinite(value) else None
 
 
 def _config(name: str) -> EkfConfig:
@@ -316,7 +306,7 @@ def _state(session: Session, steps: Sequence[Mapping[str, Any]], name: str) -> d
     landmarks = session.world.landmarks
     return {
         "steps": list(steps),
-        "names": list(landmarks),
+        "labels": list(landmarks),
         "landmarks": [each.tolist() for each in landmarks.values()],
         "filter": name,
         "map": session.map_of(name),

@@ -1,24 +1,25 @@
 """Figures, films and pages, made from the data types of `saccade.types`."""
 
 from saccade.viewing.attention import attention_figure, heat_beside, pair_figure
+from saccade.viewing.charts import chart_figure
 from saccade.viewing.film import drive_frames, map_frames, save_film, scanpath_frames
 from saccade.viewing.keypoints import keypoint_figure, match_figure, region_figure
-from saccade.viewing.page import Picture, Section, html_page
-from saccade.viewing.slam import innovation_figure, map_figure
+from saccade.viewing.page import Picture, Section, overview_page
+from saccade.viewing.slam import map_figure
 from saccade.viewing.style import save_figure, save_figures
 
 __all__ = [
     "Picture",
     "Section",
     "attention_figure",
+    "chart_figure",
     "drive_frames",
     "heat_beside",
-    "html_page",
-    "innovation_figure",
     "keypoint_figure",
     "map_figure",
     "map_frames",
     "match_figure",
+    "overview_page",
     "pair_figure",
     "region_figure",
     "save_figure",

@@ -1,4 +1,4 @@
-"""HTML pages that open from disk and need no network, with images and arrays embedded in them."""
+"""HTML pages that need no network, with images and arrays embedded in them."""
 
 import base64
 import hashlib
@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from io import BytesIO
+from string import Template
 from typing import Any
 
 import cv2
@@ -20,11 +21,9 @@ from PIL import Image as Pillow
 from saccade.types import Float32Array, Image
 from saccade.viewing.style import HEAT, png_bytes
 
-MAX_IMAGE_LENGTH = 1_300_000
-"""Characters of one image, so that a page with it stays under 5 MB."""
 MAX_SIDE, MAX_MAP_SIDE = 1200, 400
-"""Pixels of the longer side of a photograph and of a saliency map in a report."""
-_PACKED = ("float32", "int32", "int16", "uint16", "uint8")
+"""Pixels of the longer side of a photograph and of a saliency map on a page."""
+PACKED_TYPES = ("float32", "int32", "int16", "uint16", "uint8")
 """Data types of JavaScript's typed arrays."""
 
 
@@ -38,17 +37,6 @@ def figure_uri(figure: Figure) -> str:
     return data_uri("png", png_bytes(figure))
 
 
-def jpeg(image: npt.NDArray[np.uint8], quality: int = 80) -> str:
-    """An image (h, w) or (h, w, 3) in RGB as the data URI of a JPEG.
-
-    The quality is halved until it has at most `MAX_IMAGE_LENGTH` characters.
-    """
-    with BytesIO() as file:
-        Pillow.fromarray(image).save(file, format="JPEG", quality=quality, optimize=True)
-        uri = data_uri("jpeg", file.getvalue())
-    return uri if len(uri) <= MAX_IMAGE_LENGTH or quality < 10 else jpeg(image, quality // 2)
-
-
 def shrunk(image: npt.NDArray[Any], scale: float) -> npt.NDArray[Any]:
     """An image scaled by a factor, by 1 at most."""
     height, width = image.shape[:2]
@@ -57,22 +45,21 @@ def shrunk(image: npt.NDArray[Any], scale: float) -> npt.NDArray[Any]:
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
-def photograph(image: Float32Array) -> dict[str, Any]:
-    """A photograph (H, W, 3) in [0, 1] as a JPEG of at most `MAX_SIDE` pixels, and its size."""
-    height, width = image.shape[:2]
-    small = shrunk(image, MAX_SIDE / max(height, width))
-    levels = np.asarray((small * 255).round().clip(0, 255), np.uint8)
-    return {"address": jpeg(levels, 82), "width": width, "height": height}
+def photograph(image: Image, max_side: int = MAX_SIDE, quality: int = 82) -> dict[str, Any]:
+    """A photograph as a JPEG, and its size.
 
-
-def camera_image(image: Image, max_width: int) -> dict[str, Any]:
-    """An image of any data type as a JPEG of at most `max_width` pixels, and its size."""
+    Args:
+        image: (H, W) or (H, W, 3), unsigned integers or floats in [0, 1].
+        max_side: pixels of the longer side of the JPEG.
+        quality: of the JPEG, at most 95.
+    """
     height, width = image.shape[:2]
-    if image.dtype != np.uint8:
-        largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
-        image = np.asarray((image * (255 / largest)).clip(0, 255), np.uint8)
-    rgb = image if image.ndim == 2 else np.ascontiguousarray(image[:, :, :3])
-    address = jpeg(shrunk(rgb, max_width / width), 65)
+    small = shrunk(image[:, :, :3] if image.ndim == 3 else image, max_side / max(height, width))
+    largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
+    levels = np.asarray((small * (255 / largest)).round().clip(0, 255), np.uint8)
+    with BytesIO() as file:
+        Pillow.fromarray(levels).save(file, format="JPEG", quality=quality, optimize=True)
+        address = data_uri("jpeg", file.getvalue())
     return {"address": address, "width": width, "height": height}
 
 
@@ -88,30 +75,22 @@ def heat(values: Float32Array) -> str:
         return data_uri("png", file.getvalue())
 
 
-def as_json(data: Mapping[str, Any]) -> str:
-    """JSON with arrays packed as base64; values that are not finite become null."""
-    return json.dumps(_packed(data), separators=(",", ":"), allow_nan=False)
+def as_json(data: Any) -> str:
+    """JSON with arrays packed as base64."""
+    return json.dumps(data, default=_packed, separators=(",", ":"), allow_nan=False)
 
 
-def json_element(data: Mapping[str, Any]) -> str:
+def _packed(array: npt.NDArray[Any]) -> dict[str, str]:
+    if array.dtype.name not in PACKED_TYPES:
+        array = array.astype(np.int32 if array.dtype.kind in "biu" else np.float32)
+    data = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).tobytes()
+    return {"type": array.dtype.name, "base64": base64.b64encode(data).decode()}
+
+
+def json_element(data: Any) -> str:
     """JSON inside a script element; no text in it ends the element."""
     text = as_json(data).replace("<", "\\u003c")
     return f'<script type="application/json">{text}</script>'
-
-
-def _packed(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        if value.dtype.name not in _PACKED:
-            value = value.astype(np.int32 if value.dtype.kind in "biu" else np.float32)
-        packed = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
-        return {"type": value.dtype.name, "base64": base64.b64encode(packed.tobytes()).decode()}
-    if isinstance(value, Mapping):
-        return {str(name): _packed(each) for name, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_packed(each) for each in value]
-    if isinstance(value, float):
-        return value if np.isfinite(value) else None
-    return value
 
 
 @dataclass(frozen=True)
@@ -126,6 +105,16 @@ class Picture:
     wide: bool = False
     """Whether it scrolls sideways on a narrow screen rather than shrinks."""
 
+    @property
+    def html(self) -> str:
+        """The picture with its caption."""
+        caption = escape(self.caption)
+        image = f'<img src="{escape(self.source)}" alt="{escape(self.alternative)}">'
+        if self.wide:
+            scrollable = f'class="wide" tabindex="0" role="group" aria-label="{caption}"'
+            image = f"<div {scrollable}>{image}</div>"
+        return f"<figure>\n{image}\n<figcaption>{caption}</figcaption>\n</figure>"
+
 
 @dataclass(frozen=True)
 class Section:
@@ -138,8 +127,23 @@ class Section:
     links: Sequence[str] = ()
     """Paths relative to the page."""
 
+    def html(self, content: str = "") -> str:
+        """The section, with more HTML after its text."""
+        parts = [f"<h2>{escape(self.heading)}</h2>\n<p>{escape(self.text)}</p>{content}"]
+        parts += [picture.html for picture in self.pictures]
+        rows = (
+            f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>\n'
+            for name, value in self.facts.items()
+        )
+        parts += [f"<table>\n{''.join(rows)}</table>"] if self.facts else []
+        links = ", ".join(f'<a href="{escape(link)}">{escape(link)}</a>' for link in self.links)
+        parts += [f"<p>Files: {links}</p>"] if links else []
+        return "\n".join(["<section>", *parts, "</section>"])
 
-def html_page(title: str, lead: str, sections: Sequence[Section], links: Mapping[str, str]) -> str:
+
+def overview_page(
+    title: str, lead: str, sections: Sequence[Section], links: Mapping[str, str]
+) -> str:
     """A page of sections side by side, picture first, with images beside it on disk.
 
     Args:
@@ -151,57 +155,40 @@ def html_page(title: str, lead: str, sections: Sequence[Section], links: Mapping
     above = "".join(
         f'<p><a href="{escape(path)}">{escape(text)}</a></p>\n' for path, text in links.items()
     )
-    cards = "\n".join(section_html(section) for section in sections)
+    cards = "\n".join(section.html() for section in sections)
     body = f'{above}<div class="cards">\n{cards}\n</div>'
-    return html_document(title, lead, body, [web_file("page.css")])
+    return html_page(title, lead, body, ["page.css"], sources=["img-src 'self' file:"])
 
 
-def standalone_page(
-    title: str, lead: str, body: str, styles: Sequence[str], scripts: Sequence[str] = ()
-) -> str:
-    """A self-contained page, whose Content-Security-Policy lets it load nothing.
-
-    Args:
-        title: of the page.
-        lead: its first paragraph.
-        body: HTML.
-        styles: CSS.
-        scripts: JavaScript, run at the end of the page.
-    """
-    policy = security_policy(styles, scripts, "img-src data:")
-    head = f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
-    return html_document(title, lead, body, styles, scripts, head)
-
-
-def html_document(
+def html_page(
     title: str,
     lead: str,
     body: str,
     styles: Sequence[str],
     scripts: Sequence[str] = (),
-    head: str = "",
+    *,
+    sources: Sequence[str] = ("img-src data:",),
 ) -> str:
-    """A whole HTML file; as for `standalone_page`, `head` is more HTML for its head."""
-    head += '<meta name="color-scheme" content="light dark">\n'
-    head += "\n".join(f"<style>{style}</style>" for style in styles)
-    body += "".join(f"\n<script>{script}</script>" for script in scripts)
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"{head}\n<title>{escape(title)}</title>\n</head>\n<body>\n<main>\n"
-        f'<h1>{escape(title)}</h1>\n<p class="lead">{escape(lead)}</p>\n{body}\n'
-        "</main>\n</body>\n</html>\n"
+    """An HTML file whose Content-Security-Policy allows its own styles and scripts.
+
+    Args:
+        title: of the page.
+        lead: its first paragraph.
+        body: HTML.
+        styles: paths of CSS files, see `web_file`.
+        scripts: paths of JavaScript files, run in their order at the end of the page.
+        sources: directives of the policy that allow more; by default embedded images.
+    """
+    rules = ["default-src 'none'", "base-uri 'none'", "form-action 'none'", *sources]
+    elements = {}
+    for tag, paths in (("style", styles), ("script", scripts)):
+        texts = [web_file(path) for path in paths]
+        digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()) for text in texts)
+        rules.append(" ".join([f"{tag}-src", *(f"'sha256-{each.decode()}'" for each in digests)]))
+        elements[f"{tag}s"] = "\n".join(f"<{tag}>{text}</{tag}>" for text in texts)
+    return Template(web_file("page.html")).substitute(
+        elements, policy="; ".join(rules), title=escape(title), lead=escape(lead), body=body
     )
-
-
-def security_policy(styles: Sequence[str], scripts: Sequence[str], *directives: str) -> str:
-    """The Content-Security-Policy that allows these styles and scripts, and `directives`."""
-    rules = ["default-src 'none'", "base-uri 'none'", "form-action 'none'", *directives]
-    for name, texts in (("style-src", styles), ("script-src", scripts)):
-        digests = (hashlib.sha256(text.encode()).digest() for text in texts)
-        sources = " ".join(f"'sha256-{base64.b64encode(each).decode()}'" for each in digests)
-        rules += [f"{name} {sources}"] if sources else []
-    return "; ".join(rules)
 
 
 def escape(text: str) -> str:
@@ -209,35 +196,7 @@ def escape(text: str) -> str:
     return html.escape(text.encode(errors="replace").decode())
 
 
-def web_file(name: str, package: str = "saccade.viewing") -> str:
-    """The text of a style or a script that ships with a package, in its folder `web`."""
-    return (files(package) / "web" / name).read_text(encoding="utf-8")
-
-
-def section_html(section: Section, content: str = "") -> str:
-    """A section as HTML, with more HTML after its text."""
-    parts = [
-        f"<section>\n<h2>{escape(section.heading)}</h2>\n<p>{escape(section.text)}</p>{content}",
-        *map(picture_html, section.pictures),
-    ]
-    if section.facts:
-        rows = "".join(
-            f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>\n'
-            for name, value in section.facts.items()
-        )
-        parts.append(f"<table>\n{rows}</table>")
-    if section.links:
-        links = ", ".join(f'<a href="{escape(link)}">{escape(link)}</a>' for link in section.links)
-        parts.append(f"<p>Files: {links}</p>")
-    return "\n".join([*parts, "</section>"])
-
-
-def picture_html(picture: Picture) -> str:
-    """A picture with its caption."""
-    image = f'<img src="{escape(picture.source)}" alt="{escape(picture.alternative)}">'
-    if picture.wide:
-        image = (
-            f'<div class="wide" tabindex="0" role="group" aria-label="{escape(picture.caption)}">'
-            f"{image}</div>"
-        )
-    return f"<figure>\n{image}\n<figcaption>{escape(picture.caption)}</figcaption>\n</figure>"
+def web_file(path: str) -> str:
+    """The text of a file for pages: NAME in the folder `web` of `viewing`, or PACKAGE/NAME."""
+    package, _, name = path.rpartition("/")
+    return (files(f"saccade.{package or 'viewing'}") / "web" / name).read_text(encoding="utf-8")

@@ -1,6 +1,6 @@
 """The report: one self-contained, interactive HTML page, built part by part."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,16 +10,7 @@ import numpy as np
 
 from saccade.io.files import atomic_write
 from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Scanpath, ScanpathSamples
-from saccade.viewing.page import (
-    Picture,
-    Section,
-    heat,
-    json_element,
-    photograph,
-    section_html,
-    standalone_page,
-    web_file,
-)
+from saccade.viewing.page import Picture, Section, heat, html_page, json_element, photograph
 
 SCRIPTS: dict[str, tuple[str, ...]] = {
     "map": ("charts.js", "ground.js", "map.js"),
@@ -28,11 +19,8 @@ SCRIPTS: dict[str, tuple[str, ...]] = {
     "table": ("table.js",),
 }
 """Scripts of each kind of part, besides those of every page."""
-STYLES = ("page.css", "report.css")
 MAX_LENGTH = 4_700_000
 """Characters of all parts together: the page stays under 5 MB."""
-MAX_TABLE_LENGTH = 3_000_000
-"""Characters of all cells of a table."""
 MAX_POINTS, MAX_MATCHES = 400, 5000
 """Interest points shown with their descriptors, and matches of two photographs."""
 SORT_HINT = "Click a heading to sort by it, and once more to reverse the order."
@@ -54,8 +42,7 @@ class Part:
     def html(self) -> str:
         """The part as HTML."""
         data = json_element(self.data)
-        content = f'\n<div class="part" data-kind="{self.kind}">{data}</div>\n'
-        return section_html(self.section, content)
+        return self.section.html(f'\n<div class="part" data-kind="{self.kind}">{data}</div>\n')
 
 
 class Table(NamedTuple):
@@ -73,14 +60,9 @@ class Table(NamedTuple):
     figures: Sequence[Picture] = ()
 
     def part(self) -> Part:
-        """The table as a part of a report; of one that is too long every nth row."""
-        characters = sum(len(cell) + 3 for row in self.rows for cell in row)
-        step = stride(characters, MAX_TABLE_LENGTH)
+        """The table as a part of a report."""
         section = Section(self.title, f"{self.text} {SORT_HINT}".strip(), self.figures)
-        section = with_notes(section, {"rows": (len(self.rows), step)})
-        cells = [list(row) for row in self.rows[::step]]
-        columns = list(self.columns)
-        data = {"title": self.title, "columns": columns, "rows": cells, "first": self.first}
+        data = {name: getattr(self, name) for name in ("title", "columns", "rows", "first")}
         return Part(section, "table", data)
 
 
@@ -113,30 +95,11 @@ class ReportBuilder:
 
     def write(self, path: Path) -> Path:
         """Write the page; returns its path."""
-        lead = self.lead
-        if self._omitted:
-            lead += f" {self._omitted} more did not fit on this page."
+        more = f" {self._omitted} more did not fit on this page." if self._omitted else ""
         with atomic_write(path) as temporary:
-            page = report_page(self.title, lead, self._parts)
+            page = report_page(self.title, self.lead + more, self._parts)
             temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
         return path
-
-
-def write_tables(path: Path | None, command: str, lead: str, tables: Sequence[Table]) -> None:
-    """Write tables as a report; None writes nothing.
-
-    Args:
-        path: the page.
-        command: title of the page: the command that computed them.
-        lead: first paragraph of the page.
-        tables: those without rows are omitted.
-    """
-    if path is not None:
-        builder = ReportBuilder(command, lead)
-        for table in tables:
-            if table.rows:
-                builder.add(table.part)
-        builder.write(path)
 
 
 def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
@@ -148,10 +111,19 @@ def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
         parts: in their order.
     """
     of_parts = dict.fromkeys(name for part in parts for name in SCRIPTS[part.kind])
-    scripts = [web_file(name) for name in ("report.js", *of_parts, "start.js")]
     body = "\n".join(part.html for part in parts) + "\n"
     body += "<noscript><p>The interactive parts of this page need JavaScript.</p></noscript>"
-    return standalone_page(title, lead, body, [web_file(name) for name in STYLES], scripts)
+    scripts = ("report.js", *of_parts, "start.js")
+    return html_page(title, lead, body, ("page.css", "report.css"), scripts)
+
+
+def write_tables(path: Path, title: str, lead: str, tables: Iterable[Table]) -> None:
+    """Write tables as a report; those without rows are omitted."""
+    builder = ReportBuilder(title, lead)
+    for table in tables:
+        if table.rows:
+            builder.add(table.part)
+    builder.write(path)
 
 
 def image_part(

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from saccade.types import FloatArray, Image, IntArray, LandmarkMap, MapSnapshot, Trajectory
-from saccade.viewing.page import Section, camera_image
+from saccade.viewing.charts import Chart
+from saccade.viewing.page import Section, photograph
 from saccade.viewing.report import Part, stride, with_notes
-from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE, running_mean
-from saccade.viewing.style import SIGMAS
+from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
 
 MAX_POSES, MAX_DOTS = 6000, 3000
 """Poses of each trajectory, and values of each chart."""
@@ -20,10 +20,10 @@ MAX_INTERVALS = 30_000
 """Intervals in which a landmark was observed without a gap."""
 MAX_GAP = 2
 """Largest difference of pose numbers between two observations of one interval."""
-MAX_IMAGES, MAX_IMAGE_LENGTH, IMAGE_WIDTH = 160, 1_100_000, 280
-"""Camera images, characters of all of them, and pixels of the width of each."""
-MAX_IMAGE_POINTS = 25_000
-"""Landmarks marked in the camera images. With all these limits reached a part has 4 MB."""
+MAX_IMAGES, MAX_IMAGE_LENGTH = 160, 1_100_000
+"""Camera images, and characters of all of them."""
+IMAGE_SIDE, IMAGE_QUALITY = 280, 65
+"""Pixels of the longer side of a camera image, and quality of its JPEG."""
 
 
 @dataclass(frozen=True)
@@ -38,28 +38,6 @@ class ObservedLandmarks:
     """(k, 2) pixels."""
     kind: IntArray | None = None
     """(k,) 0 new, 1 tracked, 2 re-identified."""
-
-
-@dataclass(frozen=True)
-class Chart:
-    """Values over time with a band."""
-
-    title: str
-    unit: str
-    time: FloatArray
-    """(k,) seconds."""
-    values: FloatArray
-    """(k,) NaN where there is none."""
-    band: tuple[FloatArray, FloatArray] | None = None
-    """(k,) lower and upper limit."""
-    band_name: str = ""
-    name: str = ""
-    mean: FloatArray | None = None
-    """(k,) running mean of the values, drawn over them."""
-    mean_name: str = ""
-    dots: bool = False
-    """Whether each value is a dot."""
-    logarithmic: bool = False
 
 
 def map_part(
@@ -90,14 +68,13 @@ def map_part(
         names: of landmarks, by id, if they are text.
     """
     time = trajectories["estimate"].time
-    start = float(time[0])
+    start, duration = float(time[0]), float(time[-1] - time[0])
     time = time - start
-    last = float(time[-1])
     images = [] if image_at is None else _images([each.step for each in snapshots], image_at)
     length = sum(len(each["source"]["address"]) for each in images)
-    shown = _thinned(images, stride(length, MAX_IMAGE_LENGTH))
+    images = _thinned(images, stride(length, MAX_IMAGE_LENGTH))
     intervals = _intervals(observed, time)
-    interval_step = stride(len(intervals["id"]), MAX_INTERVALS)
+    every = stride(len(intervals["id"]), MAX_INTERVALS)
     step = stride(sum(len(each.landmarks) for each in snapshots), MAX_ROWS)
     dots = max((len(chart.time) for chart in charts if chart.dots), default=0)
     data: dict[str, Any] = {
@@ -105,91 +82,22 @@ def map_part(
         "ellipse_label": ELLIPSE_LABEL,
         "loaded": loaded,
         "names": names or {},
-        "lost": [[begin, last if end is None else end] for begin, end in lost],
+        "lost": [[begin, duration if end is None else end] for begin, end in lost],
         "trajectories": [_trajectory(*each, start) for each in trajectories.items()],
         "charts": [_chart(chart, start) for chart in charts],
         "snapshots": _snapshots(_thinned(snapshots, step), time),
-        "intervals": {name: each[::interval_step] for name, each in intervals.items()},
-        "image_points": _image_points(observed, shown),
-        "images": shown,
+        "intervals": {name: each[::every] for name, each in intervals.items()},
+        "image_points": _image_points(observed, images),
+        "images": images,
     }
     if landmark_truth is not None:
         data["truth"] = landmark_truth.xy.ravel()
     notes = {
         "states of the map": (len(snapshots), step),
-        "intervals in which a landmark was observed": (len(intervals["id"]), interval_step),
+        "intervals in which a landmark was observed": (len(intervals["id"]), every),
         "innovations (none where a landmark begins)": (dots, stride(dots, MAX_DOTS)),
     }
     return Part(with_notes(section, notes), "map", data)
-
-
-def uncertainty_charts(estimate: Trajectory, truth: Trajectory | None) -> list[Chart]:
-    """The uncertainty of the estimate over time, with its errors where the truth is known.
-
-    Args:
-        estimate: without covariance there are no charts.
-        truth: with headings, in the same frame.
-    """
-    if estimate.covariance is None:
-        return []
-    sigma = np.sqrt(np.diagonal(estimate.covariance, axis1=1, axis2=2).clip(0))  # (t, 3)
-    limit = SIGMAS * sigma * [1, 1, 180 / np.pi]
-    time, name = estimate.time, f"{SIGMAS:.0f} sigma"
-    if truth is None:
-        position = np.sqrt(np.linalg.eigvalsh(estimate.covariance[:, :2, :2])[:, -1].clip(0))
-        return [
-            Chart(title, unit, time, values, (np.zeros(len(values)), values), name, name)
-            for title, unit, values in (
-                ("Uncertainty of the position", "m", SIGMAS * position),
-                ("Uncertainty of the heading", "°", limit[:, 2]),
-            )
-        ]
-    error = estimate.pose - truth.at(time)
-    error[:, 2] = np.degrees(np.angle(np.exp(1j * error[:, 2])))
-    return [
-        Chart(f"Error in {axis}", unit, time, values, (-band, band), name, "error")
-        for axis, unit, values, band in zip(
-            ("x", "y", "heading"), ("m", "m", "°"), error.T, limit.T, strict=True
-        )
-    ]
-
-
-def innovation_charts(
-    time: FloatArray,
-    innovation: FloatArray,
-    covariance: FloatArray,
-    nis: FloatArray,
-    band: tuple[float, float],
-    window: int,
-) -> list[Chart]:
-    """Innovations in range and bearing against their covariance.
-
-    Args:
-        time: (k,) of each observation, ascending.
-        innovation: (k, 2), NaN for an observation without update.
-        covariance: (k, 2, 2) of them.
-        nis: (k,) normalized innovation squared.
-        band: 95 % interval of the running mean of a consistent filter.
-        window: observations in the running mean.
-    """
-    used = np.isfinite(nis)
-    if not used.any():
-        return []
-    time, nis = time[used], nis[used]
-    mean = np.full(len(nis), np.nan)
-    mean[window - 1 :] = running_mean(nis, window)
-    ones = np.ones(len(nis))
-    title, name = "Normalized innovation squared", "95 % of the means of a consistent filter"
-    limits, each = (band[0] * ones, band[1] * ones), "each observation"
-    means: dict[str, Any] = {"mean": mean, "mean_name": f"mean of {window}", "logarithmic": True}
-    charts = [Chart(title, "", time, nis.clip(1e-3), limits, name, each, dots=True, **means)]
-    sigma = np.sqrt(np.diagonal(covariance[used], axis1=1, axis2=2))
-    ratios = innovation[used] / np.maximum(sigma, 1e-300)
-    limits, name = (-SIGMAS * ones, SIGMAS * ones), f"{SIGMAS:.0f} sigma"
-    for component, values in zip(("range", "bearing"), ratios.T, strict=True):
-        title = f"Innovation of the {component}"
-        charts.append(Chart(title, "sigma", time, values, limits, name, each, dots=True))
-    return charts
 
 
 def _thinned(items: Sequence[Any], step: int) -> list[Any]:
@@ -243,7 +151,7 @@ def _intervals(observed: ObservedLandmarks, time: FloatArray) -> dict[str, Float
 def _images(steps: Sequence[int], image_at: Callable[[int], Image | None]) -> list[dict[str, Any]]:
     """Small camera images at some of the poses."""
     return [
-        {"step": step, "source": camera_image(image, IMAGE_WIDTH)}
+        {"step": step, "source": photograph(image, IMAGE_SIDE, IMAGE_QUALITY)}
         for step in _thinned(steps, stride(len(steps), MAX_IMAGES))
         if (image := image_at(step)) is not None
     ]
@@ -256,7 +164,6 @@ def _image_points(
     if observed.xy is None or observed.kind is None:
         return None
     rows = np.flatnonzero(np.isin(observed.step, [each["step"] for each in images]))
-    rows = rows[:: stride(len(rows), MAX_IMAGE_POINTS)]
     return {
         "step": observed.step[rows],
         "id": observed.id[rows],
@@ -267,12 +174,10 @@ def _image_points(
 
 def _chart(chart: Chart, start: float) -> dict[str, Any]:
     """A chart as its script reads it, with at most `MAX_DOTS` values."""
-    every = slice(None, None, stride(len(chart.time), MAX_DOTS))
-
-    def thinned(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return [each[every] for each in value]
-        return value[every] if isinstance(value, np.ndarray) else value
-
-    data = {each.name: thinned(getattr(chart, each.name)) for each in fields(chart)}
-    return data | {"time": data["time"] - start}
+    every = stride(len(chart.time), MAX_DOTS)
+    data = {each.name: getattr(chart, each.name) for each in fields(chart)}
+    data["time"] = chart.time - start
+    thinned = {
+        name: value[::every] for name, value in data.items() if isinstance(value, np.ndarray)
+    }
+    return data | thinned | {"band": [limit[::every] for limit in chart.band]}

@@ -1,6 +1,6 @@
-"""Figures of a SLAM run: its map, and the consistency of its filter."""
+"""Figures of a map and a trajectory, seen from above."""
 
-from math import gamma, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, LandmarkMap, Trajectory
-from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, SIGMAS, grid_axes
+from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, grid_axes
 
 ELLIPSE_SCALE, ELLIPSE_LABEL = sqrt(THREE_SIGMA_2D), "3 sigma (99.7 %)"
 """Semi-axes of an ellipse that holds 99.73 %, in standard deviations, and its name in legends."""
@@ -24,8 +24,6 @@ ELLIPSE: dict[str, Any] = {
     "zorder": 3,
 }
 """Style of the covariance ellipses of landmarks."""
-MAX_DOTS = 20_000
-"""Observations drawn as dots."""
 
 
 def map_figure(
@@ -134,95 +132,4 @@ def map_axes(axes: Axes, box: FloatArray) -> None:
     """Axes in metres that show a box (2, 2) at equal scales."""
     axes.set(xlim=box[:, 0], ylim=box[:, 1], xlabel="x [m]", ylabel="y [m]")
     axes.set_aspect("equal", adjustable="box")
-    grid_axes(axes)
-
-
-def innovation_figure(
-    time: FloatArray,
-    nis: FloatArray,
-    dof: int,
-    window: int,
-    band: tuple[float, float],
-    trajectory: Trajectory,
-) -> Figure:
-    """Normalized innovations over time and their distribution; standard deviations of the pose.
-
-    Args:
-        time: (k,) of each observation, ascending.
-        nis: (k,) normalized innovation squared; NaN for an observation without update.
-        dof: degrees of freedom of each.
-        window: observations in the running mean.
-        band: 95 % interval of the running mean of a consistent filter.
-        trajectory: with covariance, for position and heading.
-    """
-    used = np.isfinite(nis)
-    start = trajectory.time[0] if len(trajectory) else 0.0
-    time, nis = time[used] - start, nis[used]
-    figure = Figure(figsize=(10.5, 6.4), layout="constrained", dpi=110)
-    grid = figure.add_gridspec(2, 4, height_ratios=(1.3, 1))
-    clocked = not np.array_equal(trajectory.time, np.arange(len(trajectory)))
-    elapsed_label = "time since the start [s]" if clocked else "poses since the start"
-    nis_axes = figure.add_subplot(grid[0, :3])
-    _draw_nis(nis_axes, time, nis, window, band)
-    nis_axes.set_xlabel(elapsed_label)
-    _draw_distribution(figure.add_subplot(grid[0, 3]), nis, dof)
-    covariance = np.empty((0, 3, 3)) if trajectory.covariance is None else trajectory.covariance
-    position = np.sqrt(np.linalg.eigvalsh(covariance[:, :2, :2])[:, -1].clip(0))
-    heading = np.degrees(np.sqrt(covariance[:, 2, 2].clip(0)))
-    elapsed = trajectory.time[: len(covariance)] - start
-    for panel, sigma, title in (
-        (grid[1, :2], position, f"{SIGMAS:.0f} sigma of the position, along its major axis [m]"),
-        (grid[1, 2:], heading, f"{SIGMAS:.0f} sigma of the heading [degrees]"),
-    ):
-        axes = figure.add_subplot(panel)
-        axes.fill_between(elapsed, SIGMAS * sigma, color=ORANGE, alpha=0.3, linewidth=0)
-        axes.plot(elapsed, SIGMAS * sigma, color=ORANGE, linewidth=1.0)
-        axes.set_ylim(bottom=0)
-        axes.set_xlabel(elapsed_label)
-        _finish(axes, title)
-    return figure
-
-
-def running_mean(values: FloatArray, window: int) -> FloatArray:
-    """(k - window + 1,) means of `window` successive values (k,); empty where there are fewer."""
-    if len(values) < window:
-        return np.empty(0)
-    return np.convolve(values, np.full(window, 1 / window), "valid")
-
-
-def _draw_nis(
-    axes: Axes, time: FloatArray, nis: FloatArray, window: int, band: tuple[float, float]
-) -> None:
-    step = len(nis) // MAX_DOTS + 1
-    axes.semilogy(time[::step], nis[::step].clip(1e-3), ".", color=GRAY, markersize=2, alpha=0.4)
-    axes.axhspan(*band, color=GREEN, alpha=0.35, linewidth=0, label="95 % of a consistent filter")
-    if len(mean := running_mean(nis, window)):
-        axes.plot(time[window - 1 :], mean, color=BLUE, linewidth=1.4, label=f"mean of {window}")
-    axes.minorticks_off()
-    axes.set_ylim(1e-3, max(30.0, 2 * float(nis.max(initial=1.0))))
-    axes.set_ylabel("NIS (no unit)")
-    axes.legend(loc="lower right", ncols=2, frameon=False, fontsize=9)
-    _finish(axes, "normalized innovation squared of each observation")
-
-
-def _draw_distribution(axes: Axes, nis: FloatArray, dof: int) -> None:
-    """Histogram of the NIS, and the chi-square density of a consistent filter."""
-    limit = 6.0 * dof
-    edges = np.linspace(0, limit, 37)
-    if len(nis):
-        weights = np.full(len(nis), 1 / len(nis) / (edges[1] - edges[0]))
-        axes.hist(nis.clip(max=limit), edges.tolist(), weights=weights, color=GRAY, alpha=0.45)
-    x = np.linspace(limit / 400, limit, 200)
-    density = x ** (dof / 2 - 1) * np.exp(-x / 2) / (2 ** (dof / 2) * gamma(dof / 2))
-    axes.plot(x, density, color=GREEN, linewidth=1.6, label="consistent")
-    axes.legend(loc="upper right", frameon=False, fontsize=9)
-    axes.set_yticks([])
-    axes.set_xlabel("normalized innovation squared")
-    axes.set_ylabel("density")
-    _finish(axes, "their distribution")
-
-
-def _finish(axes: Axes, title: str) -> None:
-    axes.set_title(title, loc="left", fontsize=10, color="0.2")
-    axes.margins(x=0.01)
     grid_axes(axes)

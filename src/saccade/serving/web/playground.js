@@ -111,7 +111,7 @@ function playground(element, data) {
     Object.assign(curves[1], { time, values: of.nees, band: [time.map(() => low), time.map(() => high)] });
     charts.refresh();
     table.show(state.summary, filter);
-    counter.textContent = `${time.length - 1} steps, ${state.names.length} landmarks, ${state.map.names.length} in the map of the filter`;
+    counter.textContent = `${time.length - 1} steps, ${state.labels.length} landmarks, ${state.map.labels.length} in the map of the filter`;
     element.dataset.steps = time.length - 1;
     element.dataset.filter = state.filter;
     const isWrong = state.summary[filter].wrong;
@@ -127,7 +127,7 @@ function playground(element, data) {
     if (!state) return;
     const scene = {
       history: { truth: history.truth, poses: history.filters[state.filter].poses }, world: state, map: state.map,
-      reach: noise.reach, ellipseScale: data.ellipse_scale,
+      range: noise.max_range, ellipseScale: data.ellipse_scale,
     };
     drawScene(context, view, scene, shown, palette());
   }
@@ -143,7 +143,7 @@ function playground(element, data) {
   /** Add a landmark, or remove the one at this place. */
   function place(x, y, radius) {
     const near = state.landmarks.findIndex(([a, b]) => Math.hypot(a - x, b - y) < radius);
-    ask(near < 0 ? { add: [[x, y]] } : { remove: [state.names[near]] });
+    ask(near < 0 ? { add: [[x, y]] } : { remove: [state.labels[near]] });
   }
   function tick() {
     if (autopilot.isOn) ask({ commands: Array(LAP_STEPS).fill(LAP) });

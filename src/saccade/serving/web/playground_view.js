@@ -8,7 +8,7 @@ function drawScene(context, view, scene, shown, colors) {
   const { history, world, map } = scene;
   const last = history.truth.length - 1, [x, y, heading] = history.truth[last];
   if (shown.truth) {
-    drawReach(context, view, x, y, scene.reach, colors);
+    drawRange(context, view, x, y, scene.range, colors);
     drawPath(context, view, history.truth, colors.green, 4, 0.5);
     drawTrueLandmarks(context, view, [x, y], world, colors);
   }
@@ -46,12 +46,12 @@ function drawPath(context, view, poses, color, width, alpha) {
   context.globalAlpha = 1;
 }
 
-function drawReach(context, view, x, y, reach, colors) {
+function drawRange(context, view, x, y, range, colors) {
   context.strokeStyle = colors.line;
   context.lineWidth = 1.5;
   context.setLineDash([5, 4]);
   context.beginPath();
-  context.arc(view.x(x), view.y(y), reach * view.scale, 0, 2 * Math.PI);
+  context.arc(view.x(x), view.y(y), range * view.scale, 0, 2 * Math.PI);
   context.stroke();
   context.setLineDash([]);
 }
@@ -64,7 +64,7 @@ function drawTrueLandmarks(context, view, [robotX, robotY], world, colors) {
   world.landmarks.forEach(([x, y], i) => {
     context.moveTo(view.x(x) + TRUE_RADIUS, view.y(y));
     context.arc(view.x(x), view.y(y), TRUE_RADIUS, 0, 2 * Math.PI);
-    if (!world.observed.has(world.names[i])) return;
+    if (!world.observed.has(world.labels[i])) return;
     context.moveTo(view.x(robotX), view.y(robotY));
     context.lineTo(view.x(x), view.y(y));
   });

@@ -1,22 +1,20 @@
-"""Runs an implementation of an appendix, the textbook's or the user's, and finds its equations."""
+"""Runs an implementation of an appendix, the textbook's or the user's, and describes its steps."""
 
-import ast
 import difflib
 import inspect
 import json
 import re
 import sys
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.util import module_from_spec, spec_from_file_location
 from io import BytesIO
 from pathlib import Path
-from textwrap import dedent
 from traceback import walk_tb
-from typing import Any, NamedTuple
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -24,127 +22,15 @@ from saccade import textbook
 from saccade.errors import ConfigError, SaccadeError
 from saccade.io.files import read_text, reading
 from saccade.types import Image, LandmarkLog
-from saccade.viewing.page import Picture, data_uri, escape, picture_html, standalone_page, web_file
+from saccade.viewing.page import Picture, data_uri, escape, html_page, web_file
 from saccade.viewing.textbook.ekf import filter_figures, filter_results, trace_filter
+from saccade.viewing.textbook.equations import Code, equation_code
 from saccade.viewing.textbook.images import (
     contrast_figures,
     contrast_results,
     sift_figures,
     sift_results,
 )
-
-MAX_LINES = 24
-"""Lines shown of a function."""
-_EQUATION_NUMBER = re.compile(r"\b([ABC])\.(\d+)(?:\s*-\s*(?:\1\.)?(\d+))?")
-_CITATION = re.compile(r"\s*#[ ]([ABC]\.\d[ABC.\d, -]*).*$")
-
-
-class Code(NamedTuple):
-    """The lines of a source file that compute an equation."""
-
-    file: str
-    line: int
-    """Number of the first line that cites it, from 1."""
-    text: str
-
-
-def equation_code(source: str, file: str) -> dict[str, Code]:
-    """The code of each equation by its number, and of each function, without its head, by its name.
-
-    An equation is cited by the comment at the end of a line. Its code are the statements that cite
-    it and the fewest others, each with the assignments of its variables that cite nothing.
-
-    Args:
-        source: Python.
-        file: its name.
-    """
-    tree, lines = ast.parse(source), source.splitlines()
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    code = {each.name: Code(file, _body(each)[0], _text(lines, _body(each))) for each in functions}
-    citing: dict[str, list[tuple[int, ast.stmt]]] = {}  # by equation: citations, statement
-    for numbers, statement in _citations(tree, lines):
-        for number in numbers:
-            citing.setdefault(number, []).append((len(numbers), statement))
-    cited = [statement for pairs in citing.values() for _, statement in pairs]
-    for number, pairs in citing.items():
-        fewest = min(count for count, _ in pairs)
-        statements = [statement for count, statement in pairs if count == fewest]
-        shown: set[int] = set()
-        for statement in statements:
-            for each in (statement, *_assignments(statement, functions, cited)):
-                shown |= set(_head(each))
-        text = _text(lines, sorted(shown))
-        code[number] = Code(file, statements[0].lineno, text)
-    return code
-
-
-def _citations(tree: ast.Module, lines: Sequence[str]) -> Iterator[tuple[list[str], ast.stmt]]:
-    """The equations cited at the end of each line, and the innermost statement on that line."""
-    statements = [node for node in ast.walk(tree) if isinstance(node, ast.stmt)]
-    for line, text in enumerate(lines, start=1):
-        citation = _CITATION.search(text)
-        around = [each for each in statements if citation and line in _lines(each)]
-        if citation and around:
-            numbers = [
-                f"{appendix}.{number}"
-                for appendix, first, last in _EQUATION_NUMBER.findall(citation[1])
-                for number in range(int(first), int(last or first) + 1)  # "A.7-A.10" are four
-            ]
-            yield numbers, max(around, key=lambda each: each.lineno)
-
-
-def _assignments(
-    statement: ast.stmt, functions: Iterable[ast.FunctionDef], cited: Sequence[ast.stmt]
-) -> list[ast.stmt]:
-    """Earlier assignments of the same function whose variables the statement all uses."""
-    around = [each for each in functions if statement.lineno in _lines(each)]
-    if not around:
-        return []
-    head = statement.test if isinstance(statement, ast.If) else statement
-    used = {node.id for node in ast.walk(head) if isinstance(node, ast.Name)}
-    return [
-        node
-        for node in ast.walk(max(around, key=lambda each: each.lineno))
-        if isinstance(node, ast.Assign) and node.lineno < statement.lineno and node not in cited
-        if (names := {name for target in node.targets for name in _assigned(target)})
-        and names <= used
-    ]
-
-
-def _assigned(target: ast.expr) -> Iterator[str]:
-    """The variables that an assignment sets, wholly or in part."""
-    if isinstance(target, ast.Name):
-        yield target.id
-    elif isinstance(target, ast.Subscript):
-        yield from _assigned(target.value)
-    elif isinstance(target, ast.Tuple):
-        for element in target.elts:
-            yield from _assigned(element)
-
-
-def _lines(node: ast.stmt) -> range:
-    return range(node.lineno, (node.end_lineno or node.lineno) + 1)
-
-
-def _head(statement: ast.stmt) -> range:
-    """The lines of a statement without the statements inside it."""
-    body = getattr(statement, "body", None)
-    return range(statement.lineno, body[0].lineno) if body else _lines(statement)
-
-
-def _body(function: ast.FunctionDef) -> range:
-    """The lines of a function after its docstring."""
-    documented = ast.get_docstring(function) is not None and len(function.body) > 1
-    return range(function.body[documented].lineno, _lines(function).stop)
-
-
-def _text(lines: Sequence[str], numbers: Sequence[int]) -> str:
-    """Lines of a source without indentation and without the comments that cite."""
-    shown = [_CITATION.sub("", lines[number - 1]) for number in numbers]
-    if len(shown) > MAX_LINES:
-        shown = [*shown[:MAX_LINES], "..."]
-    return dedent("\n".join(shown)).strip()
-
 
 ENTRY_POINTS = {"A": "contrast_saliency", "B": "sift", "C": "EkfSlam"}
 """By appendix: the function or class that implements it."""
@@ -322,8 +208,7 @@ def walkthrough_page(title: str, lead: str, sections: Sequence[str]) -> str:
         lead: its first paragraph.
         sections: HTML, one for each appendix.
     """
-    styles = [web_file("page.css"), web_file("steps.css")]
-    return standalone_page(title, lead, "\n".join(sections), styles)
+    return html_page(title, lead, "\n".join(sections), ["page.css", "steps.css"])
 
 
 def save_webp(figure: Figure, file: BytesIO | Path) -> None:
@@ -376,7 +261,7 @@ def _step_html(
         with BytesIO() as file:
             save_webp(figures[name], file)
             source = data_uri("webp", file.getvalue())
-        parts.append(picture_html(Picture(source, step["alt"], step["caption"], wide=True)))
+        parts.append(Picture(source, step["alt"], step["caption"], wide=True).html)
     if name in results:
         rows = (f"<dt>{escape(n)}</dt><dd>{escape(each)}</dd>" for n, each in results[name].items())
         parts.append(f"<dl>{''.join(rows)}</dl>")
