@@ -124,7 +124,7 @@ def test_tracks_of_kitti_and_their_odometry(shared):
 
 def test_tracks_that_are_none_are_named(tmp_path):
     np.savez(tmp_path / "mine.npz", frame=np.zeros(3, int), track=np.zeros(3, int))
-    with refuses(DriveError, "mine.npz, uvlr: expected numbers of shape (n, 4), found only frame"):
+    with refuses(DriveError, "mine.npz, uvlr: expected numbers of shape (3, 4), found only frame"):
         load_drive("auto", tmp_path / "mine.npz")
     np.savez(
         tmp_path / "mine.npz",

@@ -1,4 +1,10 @@
-"""Reads and writes recorded data, in the data types of `saccade.types` and `saccade.frames`."""
+"""Reads and writes recorded data, in the data types of `saccade.types` and `saccade.frames`.
+
+All readers raise a subclass of `SaccadeError` (`LogError` for logs, tables and fixations,
+`DriveError` for drives, `ImageError` for images) for a file that is missing, broken, or of another
+format: one line that names the file, the line or row where there is one, what was expected, and
+what was found. All writers raise `OutputError`, and `ConfigError` for another suffix.
+"""
 
 from saccade.datasets.drives.loading import DriveKind, load_drive
 from saccade.datasets.drives.writing import save_drive

@@ -47,10 +47,6 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Fixati
     Args:
         path: the .asc.
         columns: "image": the name of the trial variable that names the image.
-
-    Raises:
-        LogError: the file is missing or broken, its positions are not those of the gaze on the
-            screen, or no message names an image.
     """
     trials = _trials(path)
     eye = _eye(trials)

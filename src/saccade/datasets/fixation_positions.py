@@ -31,11 +31,7 @@ PIXELS = "--xy pixels takes them as they are"
 
 
 def list_folder(folder: Path) -> list[Path]:
-    """Content of a folder, by name; nothing where there is none.
-
-    Raises:
-        LogError: it cannot be read.
-    """
+    """Content of a folder, by name; nothing where there is none."""
     with reading(folder, LogError):
         return sorted(folder.iterdir()) if folder.is_dir() else []
 
@@ -49,9 +45,6 @@ def resolve_images(names: Names, folder: Path) -> Names:
 
     Returns:
         (n,) names of files; those of which there is none stay as they are.
-
-    Raises:
-        LogError: a name without suffix fits several files.
     """
     files: dict[str, list[str]] = {}
     for name in (path.name for path in list_folder(folder)):
@@ -71,11 +64,7 @@ def resolve_images(names: Names, folder: Path) -> Names:
 
 
 def image_sizes(names: Names, folder: Path) -> FloatArray:
-    """(n, 2) width and height of the image of each name.
-
-    Raises:
-        ImageError: an image cannot be read.
-    """
+    """(n, 2) width and height of the image of each name."""
     unique, inverse = np.unique(names, return_inverse=True)
     shapes = [read_image(folder / str(name)).shape for name in unique]
     return np.array([(shape[1], shape[0]) for shape in shapes], np.float64)[inverse]
@@ -111,9 +100,6 @@ def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
 
     Returns:
         A remark on positions that may be elsewhere, or nothing.
-
-    Raises:
-        LogError: they are normalized, on the screen, or on smaller images; says what is to be done.
     """
     low, high = np.quantile(xy, EXTENT, axis=0)
     side = np.median(sizes, axis=0)

@@ -108,10 +108,6 @@ def read_fixation_table(
         path: a file with a header; decimal commas are read where they cannot be anything else.
         columns: names of columns by `ROLES`, where they are not the usual ones.
         subject: of all rows, where no column names one.
-
-    Raises:
-        LogError: the file is missing or broken, or a column is missing or could be several.
-        ConfigError: a column of `columns` is not in the file.
     """
     table = read_csv(path, delimiter=DETECTED, comment=None)
     keys = [_key(name) for name in table.names]

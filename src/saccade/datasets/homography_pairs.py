@@ -29,11 +29,7 @@ class HomographyPair:
 
 
 def homography_pairs(folder: Path) -> list[HomographyPair]:
-    """All pairs of a folder of sequences, or of one sequence, by name and number.
-
-    Raises:
-        ImageError: there are none, an image is missing, or a homography cannot be read.
-    """
+    """All pairs of a folder of sequences, or of one sequence, by name and number."""
     found = folder.rglob("H_1_*.txt")
     files = sorted(found, key=lambda path: (path.parent, len(path.stem), path.stem))
     if not files:

@@ -43,9 +43,6 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
         By name, an array of float64, a text, the list of the contents of a cell array, column by
         column, or the fields of a struct by name; a list of these for a struct array.
 
-    Raises:
-        LogError: no such file, a corrupt one, another version, or no such variable.
-
     Source: MathWorks, "MAT-File Format", the level 5 format.
     """
     variables = _read(path, names)
@@ -58,11 +55,7 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def read_matrix(path: Path) -> FloatArray:
-    """The only matrix of more than one number in a .mat file, (h, w) float64.
-
-    Raises:
-        LogError: as `read_matlab`, or there are none or several.
-    """
+    """The only matrix of more than one number in a .mat file, (h, w) float64."""
     matrices = {
         name: value
         for name, value in _read(path, None).items()

@@ -44,11 +44,7 @@ class Row:
         return LogError(f"{self.name}: expected {expected}, found {found}")
 
     def numbers(self, columns: slice = slice(None), blank: float | None = None) -> list[float]:
-        """Cells as finite numbers under `LARGEST`; an empty cell is `blank`, unless that is None.
-
-        Raises:
-            LogError: a cell is no such number.
-        """
+        """Cells as numbers under `LARGEST`; an empty cell is `blank`, unless that is None."""
         values = []
         for cell in self.cells[columns]:
             if not cell and blank is not None:
@@ -65,11 +61,7 @@ class Row:
         return values
 
     def integer(self, column: int, name: str, below: int = 10**18) -> int:
-        """A cell as a non-negative integer less than `below`, called `name` in messages.
-
-        Raises:
-            LogError: the cell is no such integer.
-        """
+        """A cell as a non-negative integer less than `below`, called `name` in messages."""
         cell = self.cells[column]
         digits = cell.isascii() and cell.isdecimal() and len(cell) < 20
         if not digits or int(cell) >= below:
@@ -77,11 +69,7 @@ class Row:
         return int(cell)
 
     def require_cells(self, count: int, names: str = "cells") -> "Row":
-        """The row itself, if it has `count` cells.
-
-        Raises:
-            LogError: it has more or fewer; `names` is in the message.
-        """
+        """The row itself, if it has `count` cells."""
         if len(self.cells) != count:
             raise self.error(
                 f"{count} {names}", f"{len(self.cells)}: {' '.join(self.cells)[:80]!r}"
@@ -115,9 +103,6 @@ def read_rows(path: Path, delimiter: str | None = None, comment: str | None = "#
         path: the file.
         delimiter: between cells, with CSV's quotes; `DETECTED`; or None for any white space.
         comment: how a line that is skipped begins; None where every line counts.
-
-    Raises:
-        LogError: the file is missing, cannot be read, is not text, or has broken quotes.
     """
     with reading(path, LogError):
         text = read_text(path)
@@ -163,11 +148,7 @@ class TextTable(NamedTuple):
         return self._replace(rows=[self.rows[i] for i in rows])
 
     def numbers(self, *names: str, blank: float | None = None) -> FloatArray:
-        """Columns as numbers (n, len(names)); an empty cell is `blank`, unless that is None.
-
-        Raises:
-            LogError: a cell is no finite number; names the line.
-        """
+        """Columns as numbers (n, len(names)); an empty cell is `blank`, unless that is None."""
         columns = [self.names.index(name) for name in names]
         cells = [row.numbers(slice(c, c + 1), blank)[0] for row in self.rows for c in columns]
         return np.array(cells, np.float64).reshape(len(self.rows), len(names))
@@ -179,12 +160,7 @@ def read_csv(
     delimiter: str = ",",
     comment: str | None = "#",
 ) -> TextTable:
-    """A table with a header; see `read_rows`.
-
-    Raises:
-        LogError: as `read_rows` or `check_header`, or a row has more or fewer cells than the
-            header.
-    """
+    """A table with a header; see `read_rows`."""
     rows = read_rows(path, delimiter, comment)
     header = next(rows, Row(path, 1, []))
     if check_header is not None:
@@ -202,10 +178,6 @@ def read_table(path: Path, columns: tuple[str, ...], stale_limit: float = 0.0) -
 
     Returns:
         (n, len(columns)) values.
-
-    Raises:
-        LogError: a line has another number of fields, a field is no finite number, or the time
-            goes back; names the file and the line.
     """
     names = f"numbers ({', '.join(columns)})"
     rows = [row.require_cells(len(columns), names) for row in read_rows(path)]
@@ -221,9 +193,6 @@ def require_ascending(
     """A table (n, c) whose first column, the time in seconds, is ascending.
 
     A first row less than `stale_limit` seconds later than the second is stale, and dropped.
-
-    Raises:
-        LogError: the time goes back; `name_of` names the row.
     """
     time = table[:, 0]
     skip = int(len(time) > 1 and 0 < time[0] - time[1] < stale_limit)
@@ -238,11 +207,7 @@ def require_ascending(
 
 
 class Archive:
-    """The arrays of an .npz, each checked when it is requested.
-
-    Raises:
-        LogError: the file is missing, truncated, or no .npz.
-    """
+    """The arrays of an .npz, each checked when it is requested."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -261,10 +226,6 @@ class Archive:
             name: of the array.
             shape: expected lengths, None for any; None for any shape.
             kinds: codes of the accepted types: i, u, f.
-
-        Raises:
-            LogError: it is missing, has another type or shape, or holds numbers that are not
-                finite or beyond `LARGEST`.
         """
         lengths = ", ".join("n" if n is None else str(n) for n in shape or ())
         expected = f"{self.path}, {name}: expected numbers" + f" of shape ({lengths})" * bool(shape)

@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from PIL import Image as Pillow
@@ -37,7 +37,6 @@ from saccade.datasets.drives.calibration import (
 from saccade.datasets.drives.frames import (
     FrameTimes,
     SourceImage,
-    are_numbered,
     frame_reader,
     image_files,
     image_size,
@@ -52,6 +51,8 @@ from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.video import VideoFrames
 from saccade.types import FloatArray
 
+Intrinsics: TypeAlias = tuple[float, float, float, float]
+"""fx, fy, cx, cy in pixels."""
 PAIR_NAMES = (
     *(("image_0", "image_1"), ("image_2", "image_3"), ("image_00", "image_01")),
     *(("image_02", "image_03"), ("image_l", "image_r"), ("image_left", "image_right")),
@@ -66,26 +67,23 @@ FOCAL_FACTOR = 1.2
 GUESSED_RATE = 10.0
 """Frames per second, without times."""
 FILM_WIDTH = 36.0
-"""Millimetres to which EXIF's FocalLengthIn35mmFilm refers."""
-EXIF_FOLDER, FOCAL_LENGTH_35MM = 0x8769, 0xA405
-"""Numbers of EXIF tags."""
+"""Width in millimeters to which EXIF's FocalLengthIn35mmFilm refers."""
+EXIF_FOLDER = 0x8769
+"""Number of EXIF's tag with the tags of the camera."""
+FOCAL_LENGTH_35MM = 0xA405
+"""Number of EXIF's tag FocalLengthIn35mmFilm."""
 
 
 class CameraOptions(NamedTuple):
     """Camera as far as the user knows it."""
 
-    intrinsics: tuple[float, float, float, float] | None = None
-    """fx, fy, cx, cy in pixels."""
+    intrinsics: Intrinsics | None = None
     baseline: float | None = None
-    """Metres between the cameras of a pair."""
+    """Distance between the cameras of a pair in meters."""
 
 
-def parse_intrinsics(text: str | None) -> tuple[float, float, float, float] | None:
-    """The four numbers of `--intrinsics`.
-
-    Raises:
-        ConfigError: the text is no such numbers.
-    """
+def parse_intrinsics(text: str | None) -> Intrinsics | None:
+    """The four numbers of `--intrinsics`."""
     if text is None:
         return None
     try:
@@ -118,8 +116,7 @@ def image_folders(path: Path) -> tuple[Path, Path | None]:
 
 def has_images(path: Path) -> bool:
     """Whether a folder has images, in itself or by one of the known names."""
-    folder, _ = image_folders(path)
-    return _with_images(folder) is not None
+    return _with_images(image_folders(path)[0]) is not None
 
 
 def _with_images(folder: Path) -> Path | None:
@@ -190,34 +187,31 @@ def exif_focal_length(image: Path, width: int) -> float | None:
     return focal if 0.2 * width < focal < 20 * width else None
 
 
-def read_intrinsics(
-    path: Path, names: tuple[str, ...] = ()
-) -> tuple[tuple[float, float, float, float], float]:
-    """Intrinsics fx, fy, cx, cy and baseline (0 if unknown) of a calib.txt.
+def read_intrinsics(path: Path, names: tuple[str, ...] = ()) -> tuple[Intrinsics, float]:
+    """Intrinsics and baseline (0 if unknown) of a calib.txt.
 
     Of rows with the `names` these alone are read; see the module for the forms of the numbers.
     """
     rows = list(read_rows(path))
-    wanted = [row for row in rows if row.cells[0].removesuffix(":") in names]
+    rows = [row for row in rows if row.cells[0].removesuffix(":") in names] or rows
     values = list[float]()
-    for row in wanted or rows:
+    for row in rows:
         values += row.numbers(slice(0 if is_number(row.cells[0]) else 1, None))
     if len(values) in (4, 5):
         fx, fy, cx, cy = values[:4]
-        return (fx, fy, cx, cy), values[4] if len(values) == 5 else 0.0
-    columns = 4 if len(values) > 0 and len(values) % 12 == 0 else 3
-    if len(values) != 9 and columns == 3:
+        return (fx, fy, cx, cy), sum(values[4:])
+    if len(values) != 9 and (not values or len(values) % 12):
         raise DriveError(
             f"{path}: expected (3, 4) projections, a (3, 3) matrix or fx, fy, cx, cy; found "
             f"{len(values)} numbers"
         )
-    matrices: FloatArray = np.array(values).reshape(-1, 3, columns)
-    K = matrices[0]
+    matrices = np.reshape(values, (-1, 3, 3 if len(values) == 9 else 4))
+    (fx, _, cx), (_, fy, cy) = matrices[0, :2, :3].tolist()
     baseline = 0.0
     if len(matrices) > 1:
-        right = matrices[1]
-        baseline = float(K[0, 3] / max(K[0, 0], 1e-9) - right[0, 3] / max(right[0, 0], 1e-9))
-    return (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])), max(baseline, 0.0)
+        offset = matrices[:2, 0, 3] / matrices[:2, 0, 0].clip(1e-9)
+        baseline = max(float(offset[0] - offset[1]), 0.0)
+    return (fx, fy, cx, cy), baseline
 
 
 ASSUMED_SPEED = 1.0
@@ -225,8 +219,8 @@ ASSUMED_SPEED = 1.0
 ASSUMED_TURN = 0.2
 """Standard deviation of its turn from frame to frame, in radians."""
 _NO_SCALE = "the scale is unknown, since a single camera without odometry measures no lengths: "
-HELD_SCALE = _NO_SCALE + "metres are units, of which it moves one a second in the first step"
-ASSUMED_SCALE = _NO_SCALE + "metres are units, and a constant speed of one a second is assumed"
+HELD_SCALE = _NO_SCALE + "meters are units, of which it moves one a second in the first step"
+ASSUMED_SCALE = _NO_SCALE + "meters are units, and a constant speed of one a second is assumed"
 
 
 def read_folder_drive(
@@ -235,8 +229,8 @@ def read_folder_drive(
     """A drive from a folder of images."""
     folder, right = image_folders(path)
     images = list_images(folder)
-    numbered = are_numbered(images)
-    if numbered:
+    are_numbered = all(image.stem.isascii() and image.stem.isdecimal() for image in images)
+    if are_numbered:
         images.sort(key=lambda image: int(image.stem))
     size = image_size(images[0])
     calibration, assumptions, is_guess = calibration_beside(
@@ -248,15 +242,16 @@ def read_folder_drive(
     if right is not None and calibration.camera.baseline == 0:
         assumptions += (f"{right}: not used, since the baseline is unknown; --baseline gives it",)
         right = None
-    numbers = [int(image.stem) for image in images] if is_kitti and numbered else range(len(images))
-    left = dict(zip(numbers, images, strict=True))
+    left = dict(enumerate(images))
+    if is_kitti and are_numbered:
+        left = {int(image.stem): image for image in images}
     frames = _frame_times(path, left, calibration.rate, is_required=is_kitti)
     read = frame_reader(
         calibration,
         frames.recorded,
         left=image_files(left.get),
         right=image_files(_same_names(right, left)),
-        depth=image_files(_same_names(path / "depth", left), calibration.depth_unit),
+        depth=image_files(_same_names(path / "depth", left)),
     )
     name = path.resolve().name
     drive = assemble_drive(name, path, calibration, frames, read, assumptions=assumptions)

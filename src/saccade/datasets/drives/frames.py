@@ -1,6 +1,6 @@
 """Frames of a drive: their times, and their images, which are read and undistorted on demand."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import cv2
 import numpy as np
 
-from saccade.datasets.drives.calibration import Calibration, Lens
+from saccade.datasets.drives.calibration import Calibration, camera_matrix
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Frame
 from saccade.io.files import read_bytes, reading
@@ -60,8 +60,7 @@ class FrameTimes:
                 f"{name}: duplicate times: {int((~is_new).sum())}, first at frame "
                 f"{order[~is_new].min()}; only the first frame of each is kept"
             )
-        index = available[order[is_new]]
-        return cls(recorded, np.asarray(index, np.int64), tuple(remarks))
+        return cls(recorded, available[order[is_new]].astype(np.int64), tuple(remarks))
 
 
 def associate(time: FloatArray, others: FloatArray, tolerance: float) -> IntArray:
@@ -86,20 +85,18 @@ class SourceImage(NamedTuple):
     pixels: Image
     name: str
     """Name of the file, for error messages."""
-    unit: float = 1.0
-    """Metres per step, of a depth image."""
 
 
 ImageSource: TypeAlias = Callable[[int], SourceImage | None]
 """Reads the image of a recorded frame; None where it has none. Raises `ImageError`."""
 
 
-def image_files(path_of: Callable[[int], Path | None], unit: float = 1.0) -> ImageSource:
-    """Source of the images in files, by the number of the recorded frame; `unit` is of depth."""
+def image_files(path_of: Callable[[int], Path | None]) -> ImageSource:
+    """Source of the images in files, by the number of the recorded frame."""
 
     def read(number: int) -> SourceImage | None:
         path = path_of(number)
-        return None if path is None else SourceImage(read_stored(path), str(path), unit)
+        return None if path is None else SourceImage(read_stored(path), str(path))
 
     return read
 
@@ -118,10 +115,14 @@ def frame_reader(
         recorded: (m,) seconds of all frames.
         left: images of the (left) camera.
         right: images of the right camera.
-        depth: depth of the left camera; 0 is unknown.
+        depth: depth of the left camera, 0 where unknown: integers in steps of
+            `calibration.depth_unit`, or floats in meters.
     """
-    camera = calibration.camera
-    lens = Lens(camera, calibration.distortion) if any(calibration.distortion) else None
+    camera, maps = calibration.camera, None
+    if any(calibration.distortion):
+        K, size = camera_matrix(camera), (camera.width, camera.height)
+        distortion = np.array(calibration.distortion)
+        maps = cv2.initUndistortRectifyMap(K, distortion, np.eye(3), K, size, cv2.CV_32FC1)
 
     def undistort(image: SourceImage, interpolation: int = cv2.INTER_LINEAR) -> Image:
         height, width = image.pixels.shape[:2]
@@ -130,15 +131,16 @@ def frame_reader(
                 f"{image.name}: expected {camera.width} x {camera.height} px as the "
                 f"calibration, found {width} x {height}"
             )
-        return image.pixels if lens is None else lens.undistort(image.pixels, interpolation)
+        return image.pixels if maps is None else cv2.remap(image.pixels, *maps, interpolation)
 
-    def metres(image: SourceImage) -> FloatArray:
+    def meters(image: SourceImage) -> FloatArray:
         if image.pixels.ndim != 2:
             raise ImageError(
                 f"{image.name}: expected depth, one number per pixel, found a color image"
             )
         steps = undistort(image, cv2.INTER_NEAREST)
-        return np.where(np.nan_to_num(steps) == 0, np.nan, steps * np.float64(image.unit))
+        unit = 1.0 if steps.dtype.kind == "f" else calibration.depth_unit
+        return np.where(np.nan_to_num(steps) == 0, np.nan, steps * np.float64(unit))
 
     def read(number: int) -> Frame:
         one, other, steps = (source and source(number) for source in (left, right, depth))
@@ -146,15 +148,10 @@ def frame_reader(
             time=float(recorded[number]),
             image=one and undistort(one),
             right=other and undistort(other),
-            depth=steps and metres(steps),
+            depth=steps and meters(steps),
         )
 
     return read
-
-
-def are_numbered(paths: Sequence[Path]) -> bool:
-    """Whether all file names are numbers."""
-    return all(path.stem.isascii() and path.stem.isdecimal() for path in paths)
 
 
 def image_size(path: Path) -> tuple[int, int]:

@@ -69,11 +69,7 @@ def load_drive(kind: DriveKind, path: str | Path, camera: CameraOptions | None =
 
 
 def detect_layout(path: Path) -> DriveKind:
-    """Layout of a file or folder.
-
-    Raises:
-        DriveError: none of the known ones.
-    """
+    """Layout of a file or folder."""
     if path.is_file():
         kinds = {".bag": "rosbag", ".npz": "tracks"}
         kind = "video" if is_video(path) else kinds.get(path.suffix.lower())

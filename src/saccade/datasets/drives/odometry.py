@@ -97,11 +97,7 @@ def increments_from_speeds(
 def increments_from_poses(
     poses: Trajectory, frame_time: FloatArray, name: str
 ) -> OdometryIncrements:
-    """Increments between frames at times (m + 1,), from poses by wheel odometry.
-
-    Raises:
-        DriveError: the poses do not cover the frames; `name` is that of the file.
-    """
+    """Increments between frames at times (m + 1,), from poses by wheel odometry."""
     _require_coverage(poses.time, frame_time, float(np.diff(frame_time).max(initial=0.0)), name)
     control = steps_between(poses.at(frame_time))
     return OdometryIncrements(control, _covariance(control[:, 0], np.diff(frame_time), WHEELS))
@@ -126,9 +122,6 @@ def compose_increments(
         increments: from each of m + 1 frames to the next.
         frames: (k + 1,) ascending numbers of frames, from 0 to m.
         name: of the file, for the message.
-
-    Raises:
-        DriveError: the numbers are not ascending, or exceed m.
     """
     if (np.diff(frames) < 0).any():
         raise DriveError(
@@ -183,13 +176,12 @@ def _integral(time: FloatArray, rate: FloatArray, at: FloatArray) -> FloatArray:
     return np.asarray(np.interp(at, knots, np.concatenate([[0.0], np.cumsum(pieces)])))
 
 
-def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:
-    """Odometry between the frames of a drive, from a file of one of the three kinds.
-
-    Raises:
-        DriveError: too few rows, or times that do not cover the frames.
-        LogError: another header or a broken row; names it.
-    """
+def read_odometry(folder: Path, frames: FrameTimes) -> OdometryIncrements | None:
+    """Odometry between the frames of a drive, from odometry.csv or odometry_oxts.csv, if any."""
+    files = [folder / name for name in ("odometry.csv", "odometry_oxts.csv")]
+    path = next((file for file in files if file.exists()), None)
+    if path is None:
+        return None
     table = read_csv(path, one_of(INCREMENT_COLUMNS, SPEED_COLUMNS, OXTS_COLUMNS))
     values = table.numbers(*table.names)
     if table.names == list(INCREMENT_COLUMNS):
@@ -199,7 +191,7 @@ def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:
     columns, noise = ([1, 2, 7], OXTS) if is_oxts else ([0, 1, 2], WHEELS)
     if len(values) < 2:
         raise DriveError(f"{path}: expected at least two rows of speeds, found {len(values)}")
-    values = require_ascending(values[:, columns], lambda i: f"{path}, line {table.rows[i].line}")
+    values = require_ascending(values[:, columns], lambda i: table.rows[i].name)
     time, speed, turn_rate = values.T
     _require_coverage(time, frames.time, float(np.median(np.diff(time))), str(path))
     return increments_from_speeds(time, speed, turn_rate, frames.time, noise)

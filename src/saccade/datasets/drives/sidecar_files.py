@@ -37,19 +37,13 @@ class Poses(NamedTuple):
 
 def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
     """Matrices (n, 3, 3) of quaternions (n, 4) x, y, z, w, which are normalized."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     length = np.linalg.norm(quaternion, axis=1)
     if (length < 0.5).any():
         row = int(np.argmin(length))
         raise LogError(f"{name}: expected unit quaternions, found length {length[row]:.3g}, {row=}")
-    x, y, z, w = (quaternion / length[:, None]).T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1),
-            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1),
-            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1),
-        ],
-        1,
-    )
+    return Rotation.from_quat(quaternion).as_matrix()
 
 
 def project_to_plane(poses: Poses) -> Trajectory:
@@ -127,21 +121,13 @@ def robot_truth(poses: Poses) -> Truth:
     return Truth(project_to_plane(poses), off_plane)
 
 
-def read_increments(folder: Path, frames: FrameTimes) -> OdometryIncrements | None:
-    """Odometry of a folder, or None where it has none."""
-    for name in ("odometry.csv", "odometry_oxts.csv"):
-        if (folder / name).exists():
-            return read_odometry(folder / name, frames)
-    return None
-
-
 def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Truth:
     """Ground truth of a folder, if it has any; KITTI's has a pose for each recorded frame."""
     if (of_robot := folder / "groundtruth.tum").exists():
         return robot_truth(read_tum_poses(of_robot))
     start_time = float(frames.time[0])
-    if (folder / "groundtruth_tum.txt").exists():
-        return camera_truth(read_tum_poses(folder / "groundtruth_tum.txt"), camera, start_time)
+    if (of_camera := folder / "groundtruth_tum.txt").exists():
+        return camera_truth(read_tum_poses(of_camera), camera, start_time)
     benchmark = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
     for file in (folder / "groundtruth_kitti.txt", folder / "poses.txt", benchmark):
         if file.exists():
@@ -157,28 +143,32 @@ def assemble_drive(
     read: Callable[[int], Frame],
     increments: OdometryIncrements | None = None,
     truth: Truth | None = None,
+    turns: Sequence[CameraTurn] | None = None,
     assumptions: tuple[str, ...] = (),
 ) -> Drive:
     """A drive from its parts.
 
-    `read` gives a recorded frame by its number. Odometry and ground truth that are None are read
-    from the folder, and the turns of the camera; without odometry the motion is unknown. The start
-    is that of the calibration, else that of the ground truth, else the origin.
+    `read` gives a recorded frame by its number. Odometry, ground truth and the turns of the camera
+    that are None are read from the folder; without odometry the motion is unknown. The start is
+    that of the calibration, else that of the ground truth, else the origin.
     """
     if increments is None:
-        increments = read_increments(folder, frames) or unknown_increments(frames.time)
-    truth = truth or read_truth(folder, frames, calibration.camera)
+        increments = read_odometry(folder, frames) or unknown_increments(frames.time)
+    if truth is None:
+        truth = read_truth(folder, frames, calibration.camera)
+    if turns is None and (path := folder / GAZE_FILE).exists():
+        turns = read_turns(path)
+        if len(turns) != len(frames.recorded):
+            raise DriveError(
+                f"{path}: expected a row for each of {len(frames.recorded)} frames, found "
+                f"{len(turns)}"
+            )
     start = np.zeros(3)
     if calibration.start is not None:
         start = np.array(calibration.start)
     elif truth.trajectory is not None:
         start = truth.trajectory.at(frames.time[:1])[0]
-    numbers, path = frames.index.tolist(), folder / GAZE_FILE
-    turns = read_turns(path) if path.exists() else []
-    if turns and len(turns) != len(frames.recorded):
-        raise DriveError(
-            f"{path}: expected a row for each of {len(frames.recorded)} frames, found {len(turns)}"
-        )
+    numbers = frames.index.tolist()
 
     def load(i: int) -> Frame:
         frame = read(numbers[i])

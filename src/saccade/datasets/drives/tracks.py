@@ -5,7 +5,7 @@
                              uvlr (k, 4) pixels: u left, v left, u right, v right; u right is u
                              left where the depth is unknown;
                              descriptors (k, 128) uint8, optional: SIFT descriptors
-    calib.npz                K (3, 3), b the baseline in metres, cam_T_imu (see `kitti_extrinsics`);
+    calib.npz                K (3, 3), b the baseline in meters, cam_T_imu (see `kitti_extrinsics`);
                              or camera.toml, see `calibration`
     times.txt                seconds, one line a frame; later frames are dropped
 
@@ -67,24 +67,17 @@ def read_tracks_drive(path: Path) -> Drive:
 def _read_tracks(file: Path) -> tuple[IntArray, Tracks]:
     """Frame of each observation (k,), ascending, and the observations."""
     archive = Archive(file)
-    frame, track = (archive.array(name, (None,), "iu") for name in ("frame", "track"))
-    uvlr = archive.array("uvlr", (None, 4), "f")
-    if not len(frame) == len(track) == len(uvlr):
-        raise DriveError(
-            f"{file}: expected as many frames and tracks as rows of uvlr, "
-            f"found {len(frame)}, {len(track)} and {len(uvlr)}"
-        )
-    descriptors = None
+    frame = archive.array("frame", (None,), "iu")
+    count, descriptors = len(frame), None
+    track, uvlr = archive.array("track", (count,), "iu"), archive.array("uvlr", (count, 4), "f")
+    order = np.argsort(frame, kind="stable")
     if "descriptors" in archive:
-        descriptors = archive.array("descriptors", (len(frame), 128), "u")
+        descriptors = archive.array("descriptors", (count, 128), "u")[order]
         if descriptors.dtype != np.uint8:
             raise DriveError(f"{file}: descriptors: expected uint8, found {descriptors.dtype}")
-    order = np.argsort(frame, kind="stable")
-    if descriptors is not None:
-        descriptors = descriptors[order]
     uvlr = uvlr[order].astype(np.float64)
-    id, disparity = track[order].astype(np.int64), uvlr[:, 0] - uvlr[:, 2]
-    tracks = Tracks(id, uvlr[:, :2], disparity, descriptors)
+    disparity = uvlr[:, 0] - uvlr[:, 2]
+    tracks = Tracks(track[order].astype(np.int64), uvlr[:, :2], disparity, descriptors)
     return frame[order].astype(np.int64), tracks
 
 
@@ -109,8 +102,8 @@ def _camera(folder: Path, xy: FloatArray) -> Camera:
     K, baseline = archive.array("K", (3, 3)), archive.array("b")
     if baseline.size != 1:
         raise DriveError(f"{archive.path}: expected one baseline b, found {baseline.size}")
-    extent = np.ceil(xy.max(0)) + 1 if len(xy) else np.ones(2)
-    size = int(extent[0]), int(extent[1])
+    width, height = (np.ceil(xy.max(0)) + 1 if len(xy) else np.ones(2)).astype(int).tolist()
     if (folder / "image_0").is_dir():
-        size = image_size(list_images(folder / "image_0")[0])
-    return pinhole(K, size, baseline=float(baseline.reshape(())), **kitti_extrinsics(archive.path))
+        width, height = image_size(list_images(folder / "image_0")[0])
+    extrinsics = kitti_extrinsics(archive.path)
+    return pinhole(K, (width, height), baseline=float(baseline.item()), **extrinsics)

@@ -49,7 +49,7 @@ def read_tum_drive(path: Path) -> Drive:
         depth_time, depth_files = _read_list(path / "depth.txt")
         nearest = associate(recorded, depth_time, MAX_TIME_DIFFERENCE)
         beside = [depth_files[i] if i >= 0 else None for i in nearest.tolist()]
-        depth = image_files(beside.__getitem__, calibration.depth_unit)
+        depth = image_files(beside.__getitem__)
     truth = Truth()
     if (path / "groundtruth.txt").exists():
         poses = read_tum_poses(path / "groundtruth.txt")

@@ -67,12 +67,7 @@ def save_drive(
 
 
 def require_writable(path: Path, drive: Drive) -> None:
-    """Check that a drive can be written to a folder.
-
-    Raises:
-        DriveError: the scale of the drive is unknown.
-        OutputError: the folder cannot be read, or holds other files than those of a drive.
-    """
+    """Check that a drive can be written to a folder."""
     if drive.scale != "metric":
         raise DriveError(
             f"{drive.name}: expected odometry and a calibration to write, found a drive whose "
@@ -171,10 +166,6 @@ class LiveDrive:
         folder: of the recording; its camera.toml, if there, is the calibration.
         options: intrinsics, without a camera.toml.
         frames: maximum number.
-
-    Raises:
-        DriveError: the folder has images, or the frames another size than its calibration.
-        OutputError: the folder cannot be written.
     """
 
     def __init__(self, video: LiveVideo, folder: Path, options: CameraOptions, frames: int) -> None:

@@ -109,9 +109,6 @@ def to_range_bearing(
         xy: (k, 2) forward and left in metres.
         covariance: (k, 2, 2) in square metres; propagated to first order.
         name_of: name of a point in the file, for the message.
-
-    Raises:
-        LogError: a point coincides with the robot, where it has no bearing.
     """
     x, y = xy[:, 0], xy[:, 1]
     r = np.hypot(x, y)

@@ -133,11 +133,7 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
 
 
 def detect_format(path: Path) -> Kind:
-    """Format of a file or folder.
-
-    Raises:
-        LogError: none of the known ones.
-    """
+    """Format of a file or folder."""
     if path.is_dir():
         for name, kind in _FOLDERS.items():
             if (path / name).exists():

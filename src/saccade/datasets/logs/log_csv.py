@@ -68,11 +68,7 @@ def columns_of(motion: str) -> list[str]:
 
 
 def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
-    """Write a log with every digit; ground truth is not part of it.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Write a log with every digit; ground truth is not part of it."""
     control = _CONTROLS[log.motion]
     poses, observations = np.arange(len(log.time)), np.arange(len(log.observation))
     pose_row = poses + np.searchsorted(log.observation_pose, poses)
@@ -102,10 +98,6 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
         path: a table with the columns of the module's docstring, in any order, or a folder that
             holds it as log.csv; off-diagonal covariances may be left out. Without any of the
             controls, or of the observations, they are assumed as in a ROS bag (`LogWarning`).
-
-    Raises:
-        LogError: no such file, another header, or a row that is neither a pose nor an
-            observation; names the line.
     """
     path = Path(path)
     table = read_csv(path / LOG_FILE if path.is_dir() else path, _check_header)

@@ -81,11 +81,6 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
     Returns:
         A log of relative poses; its times are the numbers of the poses, and it starts at the
         vertex of the first pose, or at the origin.
-
-    Raises:
-        LogError: no such file, an unknown or broken line, poses that are not a chain, or a matrix
-            that is no covariance; names the line.
-        ConfigError: no such form.
     """
     forms = get_args(MatrixForm)
     require(matrix_form in (None, *forms), "matrix_form", f"one of {forms}", matrix_form)
@@ -215,10 +210,6 @@ def write_pose_graph(path: str | Path, log: LandmarkLog, dialect: Dialect) -> No
         path: the file; replaced if it exists.
         log: with the number of every landmark.
         dialect: selects the tags and the matrix form.
-
-    Raises:
-        LogError: an observation has no landmark number, or no exact representation.
-        OutputError: the file cannot be written.
     """
     require_numbered(log, dialect)
     edge, observation, vertex, form = _DIALECTS[dialect]

@@ -70,7 +70,7 @@ UTIAS = Platform(latency=0.2, turn=0.93, depth=1.035, odometry_bias=(0.1, 0.1, 0
 Estimated from the ground truth of set 6, with equal results for all five robots: the logged range
 is proportional to the cosine of the bearing, since it is derived from the height of the barcode in
 the image. The correction reduces range errors from 4 to 1 %. The robots drive 2 to 5 % farther than
-logged, less 0.1 m for each radian of turn, and veer to the right by 0.01 to 0.06 rad per metre; the
+logged, less 0.1 m for each radian of turn, and veer to the right by 0.01 to 0.06 rad per meter; the
 filter estimates these. The same corrections reduce the innovations of set 9, which has no ground
 truth.
 """
@@ -100,10 +100,6 @@ def read_mrclam(
 
     Returns:
         The log; landmarks are the subjects 6 to 20.
-
-    Raises:
-        LogError: a file is missing or broken; names the file and the line.
-        ConfigError: no such robot.
     """
     require(1 <= robot <= ROBOTS, "robot", f"a number from 1 to {ROBOTS}", robot)
     path = Path(path)
@@ -131,11 +127,10 @@ def read_mrclam(
     control, control_covariance = integrate(
         time + platform.latency, speed, platform.turn * turn_rate, pose_time, odometry_noise
     )
-    truth = None
-    if len(poses := tables.get("robot{}_groundtruth", np.empty((0, 4)))):
-        truth = Trajectory(time=poses[:, 0].copy(), pose=poses[:, 1:].copy())
+    poses, survey = tables.get("robot{}_groundtruth", np.empty((0, 4))), tables.get("landmarks")
+    truth = Trajectory(time=poses[:, 0].copy(), pose=poses[:, 1:].copy()) if len(poses) else None
     landmark_truth = None
-    if (survey := tables.get("landmarks")) is not None:
+    if survey is not None:
         landmark_truth = LandmarkMap(
             id=_integers(path, "landmarks", survey[:, :1])[:, 0],
             xy=survey[:, 1:3].copy(),
@@ -199,10 +194,6 @@ def write_mrclam(folder: str | Path, log: LandmarkLog) -> None:
     Args:
         folder: of the files; created if it is missing.
         log: with a clock and the number of every landmark.
-
-    Raises:
-        LogError: a motion takes no time, or an observation has no landmark number.
-        OutputError: a file cannot be written.
     """
     require_numbered(log, "mrclam")
     surveyed = np.empty(0, np.int64) if log.landmark_truth is None else log.landmark_truth.id
@@ -270,17 +261,17 @@ def _number(value: float) -> str:
 
 
 WHEEL_BASE, ENCODER_OFFSET = 2.83, 0.76
-"""L, H: metres from the rear to the front axle, and from the middle of the rear axle to the left
+"""L, H: meters from the rear to the front axle, and from the middle of the rear axle to the left
 rear wheel, which has the encoder."""
 LASER = (3.78, 0.5)
-"""a, b: position of the laser, metres ahead of and to the left of the middle of the rear axle."""
+"""a, b: position of the laser, meters ahead of and to the left of the middle of the rear axle."""
 VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.06, turn=0.06, drift=0.0125)
 """Wheel slip, without the systematic errors."""
 VICTORIA_PARK_BIAS = (0.05, 0.02, 0.02)
 """See `LandmarkLog.odometry_bias`; a steering offset of one degree turns the car by 0.006 rad per
-metre."""
+meter."""
 LARGEST_VALUE = 1e15
-"""Bound of valid values, in metres, metres per second, radians and milliseconds."""
+"""Bound of valid values, in meters, meters per second, radians and milliseconds."""
 VICTORIA_PARK_SENSOR = (0.2, 0.015)
 """Standard deviations of range (m) and bearing (rad) of a tree, whose trunk is not a point."""
 
@@ -305,9 +296,6 @@ def read_victoria_park(
     Returns:
         The log, with the GPS of `aa3_gpsx.mat` beside it, if it exists, as ground
         truth: its headings are NaN and its frame is not that of the log.
-
-    Raises:
-        LogError: no such file, or not this log.
     """
     path = Path(path)
     variables = read_matlab(path, ("time", "u", "TLsr", "zt"))

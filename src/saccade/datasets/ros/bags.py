@@ -146,6 +146,10 @@ class Bag:
         recorded, headers = zip(*times, strict=True)
         return np.array(recorded, np.int64), np.array(headers)
 
+    def first(self, topic: str) -> Any:
+        """The first message of a topic."""
+        return next(self.messages(topic))[1]
+
     def at(self, topic: str, stamp: int) -> Any:
         """The message recorded at a time in nanoseconds."""
         try:
@@ -222,11 +226,7 @@ class Transforms:
 
     @classmethod
     def read(cls, bag: Bag) -> "Transforms":
-        """All transforms of a bag; those of topics that end in "static" are constant.
-
-        Raises:
-            LogError: one is no rigid transform.
-        """
+        """All transforms of a bag; those of topics that end in "static" are constant."""
         edges: dict[tuple[str, str], Poses] = {}
         for topic in sorted(bag.topics(TRANSFORMS), key=lambda topic: not topic.endswith("static")):
             rows: dict[tuple[str, str], array[float]] = {}

@@ -41,7 +41,6 @@ from saccade.datasets.drives.frames import (
     frame_reader,
 )
 from saccade.datasets.drives.odometry import (
-    OdometryIncrements,
     increments_from_poses,
     unknown_increments,
 )
@@ -60,7 +59,7 @@ from saccade.datasets.ros.bags import (
     finite,
 )
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.frames import Camera, CameraTurn, Drive, Frame
+from saccade.frames import Camera, CameraTurn, Drive
 from saccade.io.files import reading
 from saccade.io.image import decode_stored
 from saccade.types import FloatArray, Image, IntArray
@@ -91,7 +90,7 @@ STILL = 1e-4
 MAX_ROLL = 0.02
 """Radians by which a camera that pans and tilts may roll about its optical axis."""
 MAX_SHIFT = 0.01
-"""Metres by which its optical center may move on the robot without a remark."""
+"""Meters by which its optical center may move on the robot without a remark."""
 
 
 def read_rosbag_drive(path: Path) -> Drive:
@@ -102,29 +101,30 @@ def read_rosbag_drive(path: Path) -> Drive:
         stamps, seconds = bag.stamps(left)
         zero = float(seconds.min())
         frames = FrameTimes.sort(seconds - zero, f"{path}, {left}")
-        calibration = _calibration(bag, left, right)
-        turns, assumptions = list[CameraTurn](), tuple[str, ...]()
-        poses = _camera_poses(bag, left, seconds)
-        if poses is not None:
-            camera, turns, assumptions = mounted(calibration.camera, poses, f"{path}, {left}")
-            calibration = replace(calibration, camera=camera)
+        calibration, turns, assumptions = _mounted_calibration(bag, left, right, seconds)
         read = frame_reader(
             calibration,
             frames.recorded,
             left=_topic_images(bag, left, stamps),
             right=_associated_images(bag, right, seconds),
-            depth=_associated_images(bag, depth, seconds, calibration.depth_unit),
+            depth=_associated_images(bag, depth, seconds),
         )
 
-        def read_turned(number: int) -> Frame:
-            frame = read(number)
-            return replace(frame, turn=turns[number]) if turns else frame
-
-        topic = bag.truth_topic()
-        truth = Truth() if topic is None else robot_truth(bag.poses(topic, zero))
+        truth, odometry = bag.truth_topic(), bag.odometry_topic()
+        increments = unknown_increments(frames.time)
+        if odometry is not None:
+            poses = project_to_plane(bag.poses(odometry, zero))
+            increments = increments_from_poses(poses, frames.time, f"{path}, {odometry}")
         return assemble_drive(
-            *(path.stem, path.parent, calibration, frames, read_turned),
-            *(_increments(bag, frames.time, zero), truth, assumptions),
+            path.stem,
+            path.parent,
+            calibration,
+            frames,
+            read,
+            increments,
+            Truth() if truth is None else robot_truth(bag.poses(truth, zero)),
+            turns,
+            assumptions,
         )
 
 
@@ -139,65 +139,51 @@ def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:
     return min(left, key=lambda topic: "left" not in topic), right, depth
 
 
-def _topic_images(bag: Bag, topic: str, stamps: IntArray, unit: float = 1.0) -> ImageSource:
-    """Images of a topic recorded at `stamps` (n,) in nanoseconds, -1 where there is none.
-
-    `unit` is that of integer depth images, in metres per step; others are in metres.
-    """
+def _topic_images(bag: Bag, topic: str, stamps: IntArray) -> ImageSource:
+    """Images of a topic recorded at `stamps` (n,) in nanoseconds, -1 where there is none."""
 
     def read(i: int) -> SourceImage | None:
         if stamps[i] < 0:
             return None
         name = f"{bag.path}, {topic}, frame {i}"
         with reading(name, ImageError, *FIELDS):
-            pixels = pixels_of(bag.at(topic, int(stamps[i])), name)
-        return SourceImage(pixels, name, 1.0 if pixels.dtype.kind == "f" else unit)
+            return SourceImage(pixels_of(bag.at(topic, int(stamps[i])), name), name)
 
     return read
 
 
-def _associated_images(
-    bag: Bag, topic: str | None, time: FloatArray, unit: float = 1.0
-) -> ImageSource | None:
+def _associated_images(bag: Bag, topic: str | None, time: FloatArray) -> ImageSource | None:
     """The images of a topic nearest to times (n,) in seconds."""
     if topic is None:
         return None
     stamps, seconds = bag.stamps(topic)
     nearest = associate(time, seconds, MAX_TIME_DIFFERENCE)
-    return _topic_images(bag, topic, np.where(nearest >= 0, stamps[nearest], -1), unit)
+    return _topic_images(bag, topic, np.where(nearest >= 0, stamps[nearest], -1))
 
 
-def _calibration(bag: Bag, left: str, right: str | None) -> Calibration:
+def _mounted_calibration(
+    bag: Bag, left: str, right: str | None, time: FloatArray
+) -> tuple[Calibration, list[CameraTurn], tuple[str, ...]]:
+    """Calibration with the pose on the robot, if it is known; turns and assumptions."""
     file = bag.path.parent / CAMERA_FILE
     if file.exists():
-        return read_calibration(file)
+        return read_calibration(file), [], ()
     infos = bag.topics(("sensor_msgs/msg/CameraInfo",))
     if not infos:
         raise DriveError(f"{bag.path}: expected CameraInfo, or {file}, found {bag.all_topics()}")
-    info, right_message = _closest(infos, left), None
-    if right is not None and (right_info := _closest(infos, right)) != info:
-        _, right_message = next(bag.messages(right_info))
-    _, message = next(bag.messages(info))
-    return calibration_of(message, right_message, f"{bag.path}, {info}")
-
-
-def _camera_poses(bag: Bag, image: str, time: FloatArray) -> Poses | None:
-    """Poses on the robot of the camera of a topic, by the transforms of the bag, if it has them."""
+    info, right_info = (_closest(infos, topic) for topic in (left, right or left))
+    other = None if right_info == info else bag.first(right_info)
+    calibration = calibration_of(bag.first(info), other, f"{bag.path}, {info}")
     odometry = bag.odometry_topic()
-    if odometry is None or (bag.path.parent / CAMERA_FILE).exists():
-        return None
-    first = next(bag.messages(odometry))[1]
-    part = next(bag.messages(image))[1].header.frame_id
+    if odometry is None:
+        return calibration, [], ()
+    first, part = bag.first(odometry), bag.first(left).header.frame_id
     on_robot = Transforms.read(bag).without(bare(first.header.frame_id))
-    return on_robot.poses(bare(first.child_frame_id), bare(part), time)
-
-
-def _increments(bag: Bag, frame_time: FloatArray, zero: float) -> OdometryIncrements:
-    topic = bag.odometry_topic()
-    if topic is None:
-        return unknown_increments(frame_time)
-    poses = project_to_plane(bag.poses(topic, zero))
-    return increments_from_poses(poses, frame_time, f"{bag.path}, {topic}")
+    poses = on_robot.poses(bare(first.child_frame_id), bare(part), time)
+    if poses is None:
+        return calibration, [], ()
+    camera, turns, assumptions = mounted(calibration.camera, poses, f"{bag.path}, {left}")
+    return replace(calibration, camera=camera), turns, assumptions
 
 
 def _closest(topics: list[str], image: str) -> str:
@@ -221,9 +207,6 @@ def mounted(
     Returns:
         The camera, a turn for each frame or none where it does not turn, and a line where its
         optical center moves.
-
-    Raises:
-        DriveError: the camera also rolls about its optical axis.
     """
     R = poses.rotation
     if _angle(R, R[0]) < STILL:
@@ -258,10 +241,10 @@ def pixels_of(message: Any, name: str) -> Image:
     """The image of an Image or a CompressedImage: gray or RGB, or depth as it is."""
     if hasattr(message, "format"):
         return decode_stored(bytes(message.data), name)
-    encoding = message.encoding
-    if encoding not in _ENCODINGS:
-        raise ImageError(f"{name}: expected one of {', '.join(_ENCODINGS)}, found {encoding!r}")
-    number, channels, conversion = _ENCODINGS[encoding]
+    if message.encoding not in _ENCODINGS:
+        known = ", ".join(_ENCODINGS)
+        raise ImageError(f"{name}: expected one of {known}, found {message.encoding!r}")
+    number, channels, conversion = _ENCODINGS[message.encoding]
     kind = np.dtype(number).newbyteorder(">" if message.is_bigendian else "<")
     height, width, step = message.height, message.width, message.step
     row = width * channels * kind.itemsize

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
-from saccade.datasets.drives.sidecar_files import project_to_plane
+from saccade.datasets.drives.sidecar_files import Poses, project_to_plane
 from saccade.datasets.logs.conversions import (
     ASSUMED_ODOMETRY,
     ASSUMED_SENSOR,
@@ -32,18 +32,18 @@ from saccade.datasets.tables import LARGEST
 from saccade.errors import LogError, LogWarning
 from saccade.io.files import reading
 from saccade.plane import path_of, steps_between
-from saccade.types import BoolArray, FloatArray, LandmarkLog, Trajectory
+from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 MAX_STEP = 0.5
-"""Seconds: poses are inserted between observations that are farther apart."""
+"""Largest time in seconds between poses of the log."""
 MIN_RANGE = 1e-3
-"""Meters: a landmark that is nearer, above or below the robot's origin, has no bearing."""
+"""Range in meters below which a landmark has no bearing."""
 BASE = "base_link"
 """Name of the robot's frame, where odometry does not say it."""
 PLANE = [0, 7, 35]
-"""Variances of x, y and heading among the 36 numbers of a covariance of ROS."""
+"""Indices of the variances of x, y and heading among the 36 numbers of a covariance of ROS."""
 MAX_SPEED = 50.0
-"""Meters and radians per second; faster odometry was reset, and is no motion."""
+"""Speed in meters and radians per second above which odometry was reset, and is no motion."""
 UNKNOWN_SPEED = 0.5
 """Standard deviation of the speed while it was reset, in meters and radians per second."""
 MAX_RATE_VARIANCE = 100.0
@@ -77,28 +77,24 @@ class BagOdometry(NamedTuple):
 
 
 def _read_odometry(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> BagOdometry:
-    """Odometry of a bag.
+    """Odometry of a bag, by its topic or by tf.
 
     Motions have the variances of the twist, independent in each message, where it has such; else
     those of `noise`.
-
-    Raises:
-        LogError: there is none, or too little.
     """
     topic = bag.odometry_topic()
     if topic is not None:
         messages = {stamp_of(message.header): message for _, message in bag.messages(topic)}
         ordered = sorted(messages.items())
         rows = [(time, *pose_of(message)) for time, message in ordered]
-        path = project_to_plane(poses_from(rows, f"{bag.path}, {topic}"))
+        poses = poses_from(rows, f"{bag.path}, {topic}")
         twist = [np.asarray(m.twist.covariance, np.float64)[PLANE] for _, m in ordered]
         base = bare(ordered[0][1].child_frame_id) or BASE
-        return _odometry(f"{bag.path}, {topic}", topic, base, path, np.array(twist), noise)
+        return _odometry(bag, topic, base, poses, np.array(twist), noise)
     for (parent, base), poses in transforms.edges.items():
         if parent.endswith("odom") and len(poses.time) > 1:
-            source, unknown = f"{parent} to {base}", np.zeros((len(poses.time), 3))
-            path = project_to_plane(poses)
-            return _odometry(f"{bag.path}, {source}", source, base, path, unknown, noise)
+            unknown = np.zeros((len(poses.time), 3))
+            return _odometry(bag, f"{parent} to {base}", base, poses, unknown, noise)
     raise LogError(
         f"{bag.path}: expected nav_msgs/msg/Odometry, or transforms from odom; found "
         f"{bag.all_topics()}, and transforms of {transforms.frames}"
@@ -106,13 +102,14 @@ def _read_odometry(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> Ba
 
 
 def _odometry(
-    name: str, source: str, base: str, path: Trajectory, twist: FloatArray, noise: OdometryNoise
+    bag: Bag, source: str, base: str, poses: Poses, twist: FloatArray, noise: OdometryNoise
 ) -> BagOdometry:
     """Odometry by poses (n,), and the variances (n, 3) of speeds and turn rate at each."""
-    span = float(np.ptp(path.time))
+    path, span = project_to_plane(poses), float(np.ptp(poses.time))
     if not 0 < span < MAX_DURATION:
         raise LogError(
-            f"{name}: expected odometry over up to {MAX_DURATION:.0f} s, found {span:g} s"
+            f"{bag.path}, {source}: expected odometry over up to {MAX_DURATION:.0f} s, found "
+            f"{span:g} s"
         )
     motion, duration = steps_between(path.pose), np.diff(path.time)[:, None]
     distance, turn = np.hypot(motion[:, 0], motion[:, 1]), np.abs(motion[:, 2])
@@ -124,9 +121,9 @@ def _odometry(
     motion[is_reset], variance[is_reset] = 0.0, np.square(UNKNOWN_SPEED * duration)[is_reset]
     if is_reset.any():
         count = int(is_reset.sum())
-        _warn(f"{name} was reset {count} times; the motion there is unknown")
-    poses = Trajectory(path.time, path_of(motion))
-    return BagOdometry(source, base, poses, variance[:, :, None] * np.eye(3))
+        _warn(f"{bag.path}, {source} was reset {count} times; the motion there is unknown")
+    path = Trajectory(path.time, path_of(motion))
+    return BagOdometry(source, base, path, variance[:, :, None] * np.eye(3))
 
 
 def _warn(message: str) -> None:
@@ -148,10 +145,6 @@ def read_rosbag_log(
         topic: topics of landmarks, as of several cameras; by default one is chosen by its type.
         odometry_noise: of odometry whose twist has no covariance.
         sensor_sigma: of observations without covariance: fraction of the range, and radians.
-
-    Raises:
-        LogError: the file is no bag, or lacks landmarks, odometry, or transforms between them.
-        ConfigError: the extra is not installed.
     """
     path = Path(path)
     with reading(str(path), LogError, *FIELDS):
@@ -172,9 +165,9 @@ def _log(
 ) -> LandmarkLog:
     name, (first, last) = f"{bag.path}, {topics}", odometry.poses.time[[0, -1]].tolist()
     detections = sorted(detections, key=lambda each: each.time)
-    position, covariance = _on_robot(detections, transforms, odometry.base, name)
+    xy, covariance = _on_robot(detections, transforms, odometry.base, name)
     time = np.array([each.time for each in detections])
-    usable = (time >= first) & (time <= last) & _is_measured(position)
+    usable = (time >= first) & (time <= last) & (np.hypot(*xy.T) > MIN_RANGE)  # not if NaN
     if not usable.any():
         raise LogError(
             f"{name}: expected landmarks while there is odometry, from {first:.3f} to "
@@ -186,12 +179,11 @@ def _log(
             "at their time, or without a position"
         )
     observation, R = to_range_bearing(
-        position[usable, :2], covariance[usable, :2, :2], lambda k: f"{name}, landmark {k}"
+        xy[usable], covariance[usable], lambda k: f"{name}, landmark {k}"
     )
-    unknown = ~(np.linalg.eigvalsh(covariance[usable, :2, :2])[:, 0] > 0)
+    unknown = ~(np.linalg.eigvalsh(covariance[usable])[:, 0] > 0)
     variances = sensor_variances(observation[unknown, 0], sensor_sigma)
     R[unknown] = variances[:, :, None] * np.eye(2)
-
     grid = np.linspace(first, last, int(np.ceil((last - first) / MAX_STEP)) + 1)
     pose_time = np.union1d(grid, time[usable])
     motion = odometry.between(pose_time)
@@ -215,8 +207,12 @@ def _log(
 def _on_robot(
     detections: list[Detection], transforms: Transforms, base: str, name: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions (k, 3) in the frame of the robot, and their covariances (k, 3, 3)."""
+    """Positions (k, 2) on the ground in the frame of the robot, and their covariances (k, 2, 2).
+
+    Positions that are not measured are NaN, covariances that are unknown are zero.
+    """
     position = np.array([each.position for each in detections]).reshape(-1, 3)
+    position[~(np.abs(position) < LARGEST).all(1)] = np.nan
     covariance = np.array([each.covariance for each in detections]).reshape(-1, 3, 3)
     covariance = np.where(np.isfinite(covariance).all((1, 2), keepdims=True), covariance, 0.0)
     covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
@@ -232,11 +228,4 @@ def _on_robot(
         R = poses.rotation
         position[rows] = np.einsum("nij,nj->ni", R, position[rows]) + poses.position
         covariance[rows] = R @ covariance[rows] @ R.transpose(0, 2, 1)
-    return position, covariance
-
-
-def _is_measured(position: FloatArray) -> BoolArray:
-    """Which positions (k, 3) have a range and a bearing."""
-    bounded = (np.abs(position) < LARGEST).all(1)
-    x, y = np.where(np.expand_dims(bounded, 1), position[:, :2], 0.0).T
-    return np.asarray(bounded & (np.hypot(x, y) > MIN_RANGE))
+    return position[:, :2], covariance[:, :2, :2]

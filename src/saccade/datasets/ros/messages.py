@@ -79,11 +79,7 @@ MESSAGE_TYPES = {
 
 
 def landmark_topics(bag: Bag, wanted: Sequence[str] = ()) -> list[str]:
-    """The wanted topics of landmarks; by default the first by its type, then by its name.
-
-    Raises:
-        LogError: there is none, or a wanted one is of another type.
-    """
+    """The wanted topics of landmarks; by default the first by its type, then by its name."""
     topics = [topic for kind in MESSAGE_TYPES for topic in bag.topics((kind,))]
     missing = [topic for topic in wanted if topic not in topics]
     if not topics or missing:
@@ -96,11 +92,7 @@ def landmark_topics(bag: Bag, wanted: Sequence[str] = ()) -> list[str]:
 
 
 def read_detections(bag: Bag, topic: str, transforms: Transforms) -> list[Detection]:
-    """The landmarks in all messages of a topic.
-
-    Raises:
-        LogError: the tags are frames of tf, and none has a transform.
-    """
+    """The landmarks in all messages of a topic."""
     kind = MESSAGE_TYPES[bag.kind(topic)]
     found = [
         each
