@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from saccade.keypoints import SiftConfig, _extrema_kernels, extrema
-from saccade.scale.workspace import Threads
+from saccade.scale.workspace import WorkspacePool
 from support import oracles_keypoints as oracles
 
 seeds = st.integers(0, 2**32 - 1)
@@ -42,8 +42,10 @@ def find(dog, threshold=0.0, **changes):
     return extrema.find_extrema(dog, config(**changes), threshold)
 
 
-def candidates(dog, threshold, **changes):
-    return extrema.find_candidates(dog, config(candidate_fraction=1.0, **changes), threshold)
+def candidates(dog, threshold, neighbors=26):
+    out = np.zeros((dog.size, 3), np.int64)
+    rows = 2, dog.shape[1] - 2
+    return out[: _extrema_kernels.find_local_extrema(dog, threshold, 2, neighbors, *rows, out)]
 
 
 @pytest.mark.kernel
@@ -68,12 +70,13 @@ def test_of_equal_samples_the_first_is_the_extremum(dog):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
-def test_seeds_are_found_in_all_rows(rng, threads):
+def test_extrema_are_found_in_all_rows_by_any_number_of_threads(rng, threads):
     dog = ndimage.gaussian_filter(rng.standard_normal((5, 200, 40)), (0, 1, 1)).astype(np.float32)
-    with Threads(threads) as pool:
-        found = extrema.find_candidates(dog, config(), 0.0, pool)
-    np.testing.assert_array_equal(found, candidates(dog, 0.0))
-    assert sorted(found.tolist()) == as_lists(oracles.extrema(dog, 0, 2))
+    with WorkspacePool(threads).workspace() as workspace:
+        found = extrema.find_extrema(dog, config(edge_ratio=np.inf), 0.0, workspace)
+    for values, expected in zip(found, find(dog, edge_ratio=np.inf), strict=True):
+        np.testing.assert_array_equal(values, expected)
+    assert len(np.unique(np.rint(found.xy[:, 1]))) > 150
 
 
 @pytest.mark.kernel

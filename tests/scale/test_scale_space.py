@@ -14,7 +14,7 @@ from saccade.scale.scale_space import (
     upsampled,
 )
 from saccade.scale.scale_space_config import ScaleSpaceConfig
-from saccade.scale.workspace import Threads, Workspace, WorkspacePool
+from saccade.scale.workspace import Workspace, WorkspacePool
 
 
 def lowe(**changes):
@@ -121,8 +121,7 @@ def test_octaves_can_be_limited(rng):
 
 def test_differences(rng):
     for count in (1, 3):
-        with Threads(count) as threads:
-            workspace = Workspace(threads)
+        with WorkspacePool(count).workspace() as workspace:
             for shape in ((6, 350, 8), (6, 75, 4)):
                 octave = rng.random(shape, np.float32)
                 found = difference_of_gaussians(octave, workspace)
@@ -156,16 +155,16 @@ def test_threads_change_no_bit(rng, threads):
     plane = rng.random((300, 211), np.float32)
     for sigma in (0.6, 1.5, 2.4):
         alone = blurred(plane, sigma, 3.0)
-        with Threads(threads) as pool:
-            np.testing.assert_array_equal(blurred(plane, sigma, 3.0, threads=pool), alone)
+        with WorkspacePool(threads).workspace() as workspace:
+            np.testing.assert_array_equal(blurred(plane, sigma, 3.0, workspace=workspace), alone)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
 @pytest.mark.parametrize(("items", "block_size"), [(0, 3), (1, 3), (7, 3), (9, 3)])
 def test_blocks_cover_all_items_once(count, items, block_size):
     blocks = []
-    with Threads(count) as threads:
-        threads.run_in_blocks(blocks.append, items, block_size)
+    with WorkspacePool(count).workspace() as workspace:
+        workspace.run_in_blocks(blocks.append, items, block_size)
     starts = range(0, items, block_size)
     expected = [slice(start, min(start + block_size, items)) for start in starts]
     assert sorted(blocks, key=lambda block: block.start) == expected
@@ -174,7 +173,7 @@ def test_blocks_cover_all_items_once(count, items, block_size):
 def test_threads_end_with_the_computation():
     before = set(threading.enumerate())
     with WorkspacePool(3).workspace() as workspace:
-        workspace.threads.run_in_blocks(lambda block: None, 100, 1)
+        workspace.run_in_blocks(lambda block: None, 100, 1)
         assert set(threading.enumerate()) - before
     assert set(threading.enumerate()) <= before
 
@@ -183,8 +182,8 @@ def test_an_error_in_a_thread_is_raised():
     def work(block):
         raise ValueError(block.start)
 
-    with pytest.raises(ValueError, match="0"), Threads(2) as threads:
-        threads.run_in_blocks(work, 10, 3)
+    with pytest.raises(ValueError, match="0"), WorkspacePool(2).workspace() as workspace:
+        workspace.run_in_blocks(work, 10, 3)
 
 
 def test_workspaces_of_a_pool_share_memory_in_turn_only():

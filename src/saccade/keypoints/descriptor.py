@@ -19,7 +19,7 @@ from saccade.keypoints._gradient_kernels import (
 )
 from saccade.keypoints.scale_space_points import Points, run_by_octave
 from saccade.keypoints.sift_config import DescriptorConfig
-from saccade.scale.workspace import SERIAL, Threads
+from saccade.scale.workspace import SERIAL, Workspace
 from saccade.types import Float32Array, IntArray
 
 PEAK_RATIO = 0.8
@@ -34,7 +34,7 @@ def assign_orientations(
     points: Points,
     config: DescriptorConfig,
     max_orientations: int | None = None,
-    threads: Threads = SERIAL,
+    workspace: Workspace = SERIAL,
 ) -> tuple[IntArray, Float32Array]:
     """The dominant orientations of the gradient around each point (B.11-B.12).
 
@@ -43,7 +43,7 @@ def assign_orientations(
         points: n points in them.
         config: histogram and sampling.
         max_orientations: strongest orientations to keep of a point; None for all.
-        threads: share the points.
+        workspace: its threads share the points.
 
     Returns:
         (m,) index of the point, ascending, and (m,) angle in radians from x towards y in
@@ -56,7 +56,7 @@ def assign_orientations(
     def fill(octave: Float32Array, index: IntArray) -> None:
         histograms[index] = orientation_histograms(octave, points.take(index), config)
 
-    run_by_octave(fill, octaves, points, threads)
+    run_by_octave(fill, octaves, points, workspace)
     histograms = smoothed(histograms, config.smoothing)
     index, angle, height = histogram_peaks(histograms, config.orientation_bins == "all")
     if max_orientations is not None:
@@ -151,7 +151,7 @@ def describe_points(
     octaves: Sequence[Float32Array],
     points: Points,
     config: DescriptorConfig,
-    threads: Threads = SERIAL,
+    workspace: Workspace = SERIAL,
 ) -> Descriptors:
     """The descriptors of points in a scale space (section B.2).
 
@@ -159,7 +159,7 @@ def describe_points(
         octaves: each (s + 3, h, w) Gaussian planes.
         points: n points in them.
         config: kind and sampling.
-        threads: share the points.
+        workspace: its threads share the points.
 
     Returns:
         (n, 128) bytes or floats of unit length, rows of subregions along the angle; the
@@ -175,7 +175,7 @@ def describe_points(
         vectors = vectors_of(octave, points.take(index), config)
         descriptors[index] = quantized(vectors) if dtype == np.uint8 else vectors
 
-    run_by_octave(fill, octaves, points, threads)
+    run_by_octave(fill, octaves, points, workspace)
     return descriptors
 
 

@@ -5,19 +5,22 @@ from functools import cache
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from saccade.keypoints.detection import ScaleSpaceDetector
+from saccade.io.image import as_gray
+from saccade.keypoints.detection import check_mask, find_points, preferred, to_keypoints
 from saccade.keypoints.must_config import MustConfig
+from saccade.keypoints.scale_space_points import Points
 from saccade.scale.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
-from saccade.scale.scale_space import ScaleSpace, interpolated
-from saccade.scale.workspace import Workspace
-from saccade.types import Float32Array
+from saccade.scale.scale_space import MIN_SIDE, ScaleSpace, gaussian_scale_space, interpolated
+from saccade.scale.workspace import Workspace, WorkspacePool
+from saccade.types import Float32Array, Image, Keypoints
 
 SOBEL_GAIN = 8
 """Response of Sobel's filters to a slope of 1 per sample."""
 
 
-class Must(ScaleSpaceDetector):
+class Must:
     """MUST as a callable: `Must(config)(image)` gives `Keypoints`.
 
     Args:
@@ -54,17 +57,45 @@ class Must(ScaleSpaceDetector):
     """
 
     def __init__(self, config: MustConfig | None = None, threads: int | None = None) -> None:
-        config = config or MustConfig()
-        super().__init__(config, config.sift(), threads)
+        self.config = config or MustConfig()
+        self._workspaces = WorkspacePool(threads)
 
-    def _responses(
-        self, gray: Float32Array, space: ScaleSpace, workspace: Workspace
-    ) -> Iterator[tuple[int, Float32Array]]:
-        contrast = float(gray.std(dtype=np.float64))
+    def __repr__(self) -> str:
+        return f"Must({self.config})"
+
+    def __call__(
+        self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
+    ) -> Keypoints:
+        """Detect keypoints and describe them.
+
+        Arguments, result and errors are those of `Sift.__call__`; the response is the symmetry.
+        """
+        gray, config = as_gray(image), self.config.sift()  # (H, W)
+        inside = check_mask(mask, gray.shape)
+        with self._workspaces.workspace() as workspace:
+            points, space = symmetric_points(gray, self.config, workspace)
+            points = points.inside(inside, space)
+            points = points.take(preferred(points, space, config))
+            return to_keypoints(points, space, config, workspace, describe=describe)
+
+
+def symmetric_points(
+    gray: Float32Array, config: MustConfig, workspace: Workspace
+) -> tuple[Points, ScaleSpace]:
+    """The maxima of symmetry over position and scale of a gray image, and its scale space."""
+    sift, contrast = config.sift(), float(gray.std(dtype=np.float64))
+    min_side = max(MIN_SIDE, 2 * sift.border + 1)
+    space = gaussian_scale_space(
+        gray, sift, min_side=min_side, further_planes=2, workspace=workspace
+    )
+
+    def responses() -> Iterator[tuple[int, Float32Array]]:
         coarser: Float32Array | None = None
         for number in reversed(range(len(space.octaves))):
-            coarser = octave_symmetry(space, number, self.config, contrast, coarser, workspace)
+            coarser = octave_symmetry(space, number, config, contrast, coarser, workspace)
             yield number, coarser
+
+    return find_points(responses(), sift, config.min_response, workspace), space
 
 
 def octave_symmetry(
@@ -106,7 +137,7 @@ def octave_symmetry(
             sums = isotropic_sums([gradients], pairs)
             np.multiply(sums, np.float32((spacing * sigma) ** config.scale_power), out=symmetry[i])
 
-    workspace.threads.run_in_blocks(fill, len(symmetry), 1)
+    workspace.run_in_blocks(fill, len(symmetry), 1)
     return symmetry
 
 

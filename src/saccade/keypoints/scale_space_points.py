@@ -9,7 +9,7 @@ import numpy.typing as npt
 from saccade.errors import KeypointsError
 from saccade.scale.scale_space import ScaleSpace
 from saccade.scale.scale_space_config import ScaleSpaceConfig
-from saccade.scale.workspace import Threads
+from saccade.scale.workspace import Workspace
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
 
 BLOCK_SIZE = 256
@@ -73,7 +73,7 @@ def run_by_octave(
     work: Callable[[Float32Array, IntArray], None],
     octaves: Sequence[Float32Array],
     points: Points,
-    threads: Threads,
+    workspace: Workspace,
 ) -> None:
     """Call `work` on each octave with indices of points in it, a block at a time."""
     for number, octave in enumerate(octaves):
@@ -84,7 +84,7 @@ def run_by_octave(
         def run(block: slice, octave: Float32Array = octave, index: IntArray = index) -> None:
             work(octave, index[block])
 
-        threads.run_in_blocks(run, len(index), BLOCK_SIZE)
+        workspace.run_in_blocks(run, len(index), BLOCK_SIZE)
 
 
 def locate(keypoints: Keypoints, space: ScaleSpace, config: ScaleSpaceConfig) -> Points:

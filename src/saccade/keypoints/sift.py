@@ -1,47 +1,76 @@
 """The Scale-Invariant Feature Transform (section B.1)."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import ImageError
 from saccade.io.image import as_gray
 from saccade.keypoints.descriptor import describe_points
-from saccade.keypoints.detection import ScaleSpaceDetector, oriented
+from saccade.keypoints.detection import (
+    check_mask,
+    find_points,
+    oriented,
+    preferred,
+    to_keypoints,
+)
 from saccade.keypoints.scale_space_points import check_keypoints, locate
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.scale.scale_space import (
-    MIN_SIDE,
-    ScaleSpace,
-    difference_of_gaussians,
-    gaussian_scale_space,
-)
-from saccade.scale.workspace import Workspace
-from saccade.types import Float32Array, Image, Keypoints
+from saccade.scale.scale_space import MIN_SIDE, difference_of_gaussians, gaussian_scale_space
+from saccade.scale.workspace import WorkspacePool
+from saccade.types import Image, Keypoints
 
 
-class Sift(ScaleSpaceDetector):
+class Sift:
     """SIFT as a callable: `Sift(config)(image)` gives `Keypoints`.
+
+    A detector keeps the memory that its largest image took, for the next.
 
     Args:
         config: scale space, detector and descriptor.
-        threads: of a call; None for one per core. The keypoints do not depend on it.
+        threads: of a call; None for one per core. The keypoints do not depend on it. The
+            Gaussians are OpenCV's, which asks `cv2.setNumThreads`.
 
     Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
     """
 
-    further_planes = 3
-
     def __init__(self, config: SiftConfig | None = None, threads: int | None = None) -> None:
-        config = config or SiftConfig.recommended()
-        super().__init__(config, config, threads)
+        self.config = config or SiftConfig.recommended()
+        self._workspaces = WorkspacePool(threads)
 
-    def _responses(
-        self, gray: Float32Array, space: ScaleSpace, workspace: Workspace
-    ) -> Iterator[tuple[int, Float32Array]]:
-        for number, octave in enumerate(space.octaves):
-            yield number, difference_of_gaussians(octave, workspace)  # B.1
+    def __repr__(self) -> str:
+        return f"Sift({self.config})"
+
+    def __call__(
+        self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
+    ) -> Keypoints:
+        """Detect keypoints and describe them.
+
+        Args:
+            image: (H, W), (H, W, 3) or (H, W, 4); uint8, uint16, bool, or float in [0, 1].
+            mask: (H, W), keypoints are kept where it is not zero; None keeps all.
+            describe: whether to compute descriptors.
+
+        Returns:
+            The keypoints, strongest first by `SiftConfig.ranking`; of equally strong ones the upper
+            left first. The response is |D| at the extremum. A flat image, or one of a few pixels,
+            has none.
+
+        Raises:
+            ImageError: not an image, empty, not finite, outside [0, 1], or the mask does
+                not have its shape.
+        """
+        gray, config = as_gray(image), self.config  # (H, W)
+        inside = check_mask(mask, gray.shape)
+        with self._workspaces.workspace() as workspace:
+            min_side = max(MIN_SIDE, 2 * config.border + 1)
+            space = gaussian_scale_space(gray, config, min_side=min_side, workspace=workspace)
+            responses = (difference_of_gaussians(each, workspace) for each in space.octaves)  # B.1
+            points = find_points(enumerate(responses), config, config.min_response, workspace)
+            points = points.inside(inside, space)
+            points = points.take(preferred(points, space, config))
+            return to_keypoints(points, space, config, workspace, describe=describe)
 
     def describe(self, image: Image, keypoints: Keypoints, *, orient: bool = False) -> Keypoints:
         """Describe keypoints from anywhere: another detector, a grid, an earlier image.
@@ -66,7 +95,7 @@ class Sift(ScaleSpaceDetector):
                 that is not finite, or fields of different lengths.
             ImageError: not an image, or too small an image.
         """
-        gray, config = as_gray(image), self._sift
+        gray, config = as_gray(image), self.config
         keypoints = check_keypoints(keypoints, gray.shape)
         with self._workspaces.workspace() as workspace:
             space = gaussian_scale_space(gray, config, workspace=workspace)
@@ -76,11 +105,11 @@ class Sift(ScaleSpaceDetector):
                     f"image: expected at least {MIN_SIDE} samples a side in the first octave "
                     f"to describe keypoints, found an image of {width} x {height} px"
                 )
-            points, threads = locate(keypoints, space, config), workspace.threads
+            points = locate(keypoints, space, config)
             if orient and config.upright:
                 points = points._replace(angle=np.zeros_like(points.angle))
             elif orient:
-                points, index = oriented(points, space, config, threads)
+                points, index = oriented(points, space, config, workspace)
                 keypoints = keypoints[index]
-            descriptors = describe_points(space.octaves, points, config, threads)
+            descriptors = describe_points(space.octaves, points, config, workspace)
         return replace(keypoints, angle=points.angle, descriptors=descriptors)

@@ -3,11 +3,10 @@
 import numpy as np
 
 from saccade.io.image import as_gray
-from saccade.keypoints.detection import by_strength
-from saccade.keypoints.must import Must
+from saccade.keypoints.detection import by_strength, to_keypoints
+from saccade.keypoints.must import symmetric_points
 from saccade.keypoints.must_config import SymRoidConfig
-from saccade.keypoints.scale_space_points import Points
-from saccade.scale.scale_space import ScaleSpace
+from saccade.scale.workspace import WorkspacePool
 from saccade.types import Float32Array, FloatArray, Image, IntArray, Keypoints, Regions
 
 SEPARATION = 2.0
@@ -27,7 +26,7 @@ class SymRoid:
 
     def __init__(self, config: SymRoidConfig | None = None, threads: int | None = None) -> None:
         self.config = config or SymRoidConfig()
-        self._frames = RegionFrames(self.config, threads)
+        self._workspaces = WorkspacePool(threads)
 
     def __repr__(self) -> str:
         return f"SymRoid({self.config})"
@@ -48,30 +47,18 @@ class SymRoid:
         Source: after Kootstra & Schomaker, *Using symmetrical regions of interest to improve
         visual SLAM* (IROS 2009), who describe the bounding boxes of regions grown in one map.
         """
-        gray = as_gray(image)
-        keypoints, radius = self._frames(gray), self._frames.config.radius
-        return Regions(keypoints, pair_boxes(keypoints, radius, (gray.shape[0], gray.shape[1])))
-
-
-class RegionFrames(Must):
-    """Finds the frames of regions as MUST finds keypoints, none within a stronger one.
-
-    Args:
-        config: of the regions.
-        threads: of a call; None for one per core. The regions do not depend on it.
-    """
-
-    def __init__(self, config: SymRoidConfig, threads: int | None = None) -> None:
-        super().__init__(config.must(), threads)
-        self._seed_threshold = config.seed_threshold
-
-    def _preferred(self, points: Points, space: ScaleSpace) -> IntArray:
-        order = by_strength(points, space, self._sift)
-        response = points.response[order]
-        order = order[response >= self._seed_threshold * response.max(initial=0)]
-        xy, sigma = points.take(order).image_coordinates(space)
-        kept: IntArray = order[separated(xy, sigma, self._sift.max_keypoints)]
-        return kept
+        gray, must = as_gray(image), self.config.must()
+        sift = must.sift()
+        with self._workspaces.workspace() as workspace:
+            points, space = symmetric_points(gray, must, workspace)
+            points = points.take(by_strength(points, space, sift))
+            seed_response = self.config.seed_threshold * points.response.max(initial=0)
+            points = points.take(points.response >= seed_response)
+            xy, sigma = points.image_coordinates(space)
+            points = points.take(separated(xy, sigma, sift.max_keypoints))
+            keypoints = to_keypoints(points, space, sift, workspace)
+        boxes = pair_boxes(keypoints, must.radius, (gray.shape[0], gray.shape[1]))
+        return Regions(keypoints, boxes)
 
 
 def separated(xy: FloatArray, sigma: FloatArray, count: int | None) -> IntArray:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from saccade.scale.scale_space_config import ScaleSpaceConfig
-from saccade.scale.workspace import SERIAL, Threads, Workspace
+from saccade.scale.workspace import SERIAL, Workspace
 from saccade.types import Float32Array, FloatArray, IntArray
 
 MIN_SIDE = 8
@@ -68,10 +68,10 @@ def gaussian_scale_space(
     intervals = config.intervals + config.extra_intervals  # of the first octave
     sigmas = [config.sigma(float(i)) for i in range(intervals + further_planes)]
     blur = sqrt(max(sigmas[0] ** 2 - (config.camera_sigma / spacing) ** 2, 0.01))
-    plane, origin = first_plane(gray, spacing, blur, config, workspace.threads)
+    plane, origin = first_plane(gray, spacing, blur, config, workspace)
 
     blur_next = partial(
-        blurred, kernel_radius=kernel_radius, corrected=centered, threads=workspace.threads
+        blurred, kernel_radius=kernel_radius, corrected=centered, workspace=workspace
     )
     octaves: list[Float32Array] = []
     origins, spacings = [], []
@@ -87,7 +87,7 @@ def gaussian_scale_space(
         if centered:
             blur = sqrt(sigmas[intervals] ** 2 - sigmas[intervals - 1] ** 2)
             plane, start = downsampled(
-                octave[intervals - 1], octave[intervals], blur, kernel_radius, workspace.threads
+                octave[intervals - 1], octave[intervals], blur, kernel_radius, workspace
             )
             origin = origin + spacing * start
         else:
@@ -103,7 +103,7 @@ def gaussian_scale_space(
 
 
 def first_plane(
-    gray: Float32Array, spacing: float, blur: float, config: ScaleSpaceConfig, threads: Threads
+    gray: Float32Array, spacing: float, blur: float, config: ScaleSpaceConfig, workspace: Workspace
 ) -> tuple[Float32Array, FloatArray]:
     """An image sampled every 0.5, 1 or 2 pixels, under a blur of `blur` such samples.
 
@@ -113,13 +113,13 @@ def first_plane(
     centered, kernel_radius = config.grid == "centered", config.kernel_radius
     if spacing > 1:
         blur *= spacing
-        plane = blurred(gray, blur, kernel_radius, corrected=True, threads=threads)
-        return downsampled(gray, plane, blur, kernel_radius, threads)
+        plane = blurred(gray, blur, kernel_radius, corrected=True, workspace=workspace)
+        return downsampled(gray, plane, blur, kernel_radius, workspace)
     if spacing < 1 and centered:
         gray = upsampled(gray)
     elif spacing < 1:  # sample X lies at pixel X / 2 - 1 / 4
         gray = np.asarray(cv2.resize(gray, (2 * gray.shape[1], 2 * gray.shape[0])), np.float32)
-    plane = blurred(gray, blur, kernel_radius, corrected=centered, threads=threads)
+    plane = blurred(gray, blur, kernel_radius, corrected=centered, workspace=workspace)
     return plane, np.zeros(2)
 
 
@@ -137,7 +137,7 @@ def difference_of_gaussians(
     def subtract(rows: slice) -> None:
         np.subtract(octave[1:, rows], octave[:-1, rows], out=differences[:, rows])
 
-    workspace.threads.run_in_blocks(subtract, height, ROW_BLOCK)
+    workspace.run_in_blocks(subtract, height, ROW_BLOCK)
     return differences
 
 
@@ -152,7 +152,11 @@ def upsampled(gray: Float32Array) -> Float32Array:
 
 
 def downsampled(
-    before: Float32Array, plane: Float32Array, blur: float, kernel_radius: float, threads: Threads
+    before: Float32Array,
+    plane: Float32Array,
+    blur: float,
+    kernel_radius: float,
+    workspace: Workspace,
 ) -> tuple[Float32Array, FloatArray]:
     """Every second sample of a plane, symmetrically about its middle.
 
@@ -165,7 +169,7 @@ def downsampled(
         plane: (h, w).
         blur: sigma between the two, in samples.
         kernel_radius: truncation of the Gaussian kernel, in sigmas.
-        threads: share the rows.
+        workspace: its threads share the rows.
 
     Returns:
         (h', w') plane and the (2,) position (x, y) of its first sample, in samples of `plane`.
@@ -175,7 +179,7 @@ def downsampled(
     if any(even):
         sigma_y, sigma_x = (sqrt(max(blur**2 - variance_of_mean * e, 0.01)) for e in even)
         plane = blurred(
-            before, sigma_x, kernel_radius, sigma_y=sigma_y, corrected=True, threads=threads
+            before, sigma_x, kernel_radius, sigma_y=sigma_y, corrected=True, workspace=workspace
         )
     start = [0.5, 0.5]
     for axis, side in enumerate(plane.shape):
@@ -232,7 +236,7 @@ def blurred(
     sigma_y: float | None = None,
     corrected: bool = False,
     out: Float32Array | None = None,
-    threads: Threads = SERIAL,
+    workspace: Workspace = SERIAL,
 ) -> Float32Array:
     """Gaussian blur of a plane, mirrored at its borders.
 
@@ -244,7 +248,7 @@ def blurred(
         corrected: give the kernel the variance of the Gaussian, which sampling and truncation
             change; otherwise the kernel samples the Gaussian itself.
         out: (h, w) takes the result.
-        threads: share the rows; the result does not depend on their number.
+        workspace: its threads share the rows; the result does not depend on their number.
     """
     kernel_x = kernel_y = gaussian_kernel(sigma, kernel_radius, corrected)
     if sigma_y is not None:
@@ -259,8 +263,8 @@ def blurred(
         )
         result[rows] = part[rows.start - first : rows.stop - first]
 
-    if threads.count > 1 and height >= ROW_BLOCK:
-        threads.run_in_blocks(blur, height, -(-height // threads.count))
+    if workspace.threads > 1 and height >= ROW_BLOCK:
+        workspace.run_in_blocks(blur, height, -(-height // workspace.threads))
     else:
         cv2.sepFilter2D(
             plane, -1, kernel_x, kernel_y, dst=result, borderType=cv2.BORDER_REFLECT_101

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from math import prod
-from typing import Self, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,23 +15,35 @@ from saccade.types import Float32Array
 Memory: TypeAlias = dict[tuple[str, int], Float32Array]
 
 
-class Threads:
-    """A pool of threads that ends with its `with` block.
+class Workspace:
+    """The threads of one computation, and memory that the next one reuses.
+
+    Allocating anew took a third of the time of a scale space. An array is valid until the next
+    computation in the same memory.
 
     Args:
-        count: threads; with 1 the caller does all of the work.
+        executor: its threads; None for the thread of the caller alone.
+        threads: their number.
+        memory: arrays of an earlier computation.
     """
 
-    def __init__(self, count: int) -> None:
-        self.count = count
-        self._executor = ThreadPoolExecutor(count, "saccade") if count > 1 else None
+    def __init__(
+        self,
+        executor: ThreadPoolExecutor | None = None,
+        threads: int = 1,
+        memory: Memory | None = None,
+    ) -> None:
+        self._executor = executor
+        self.threads = threads
+        self._memory: Memory = {} if memory is None else memory
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if self._executor is not None:
-            self._executor.shutdown()
+    def array(self, name: str, number: int, shape: tuple[int, ...]) -> Float32Array:
+        """An uninitialized array in the memory of a name and number."""
+        size = prod(shape)
+        memory = self._memory.get((name, number))
+        if memory is None or memory.size < size:
+            memory = self._memory[name, number] = np.empty(size, np.float32)
+        return memory[:size].reshape(shape)
 
     def run_in_blocks(self, work: Callable[[slice], None], items: int, block_size: int) -> None:
         """Call `work` on consecutive slices of `block_size` items, several at a time.
@@ -47,34 +59,13 @@ class Threads:
         starts = range(0, items, block_size)
         blocks = [slice(start, min(start + block_size, items)) for start in starts]
         if self._executor is None or len(blocks) < 2:
-            for block in blocks:
-                work(block)
+            list(map(work, blocks))
         else:
             list(self._executor.map(work, blocks))
 
 
-SERIAL = Threads(1)
-"""Only the thread of the caller."""
-
-
-class Workspace:
-    """The threads of one computation, and memory that the next one reuses.
-
-    Allocating anew took a third of the time of a scale space. An array is valid until the next
-    computation in the same memory.
-    """
-
-    def __init__(self, threads: Threads = SERIAL, memory: Memory | None = None) -> None:
-        self.threads = threads
-        self._memory: Memory = {} if memory is None else memory
-
-    def array(self, name: str, number: int, shape: tuple[int, ...]) -> Float32Array:
-        """An uninitialized array in the memory of a name and number."""
-        size = prod(shape)
-        memory = self._memory.get((name, number))
-        if memory is None or memory.size < size:
-            memory = self._memory[name, number] = np.empty(size, np.float32)
-        return memory[:size].reshape(shape)
+SERIAL = Workspace()
+"""Only the thread of the caller; its memory is not for use."""
 
 
 class WorkspacePool:
@@ -100,7 +91,7 @@ class WorkspacePool:
         except IndexError:  # not asked before: another thread may take the last meanwhile
             memory = {}
         try:
-            with Threads(self.threads) as threads:
-                yield Workspace(threads, memory)
+            with ThreadPoolExecutor(self.threads, "saccade") as executor:  # starts none unless used
+                yield Workspace(executor if self.threads > 1 else None, self.threads, memory)
         finally:
             self._spare.append(memory)
