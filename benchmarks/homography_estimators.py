@@ -32,7 +32,7 @@ LIMITS = (1, 3, 5, 10)
 
 def verified(matched: np.ndarray, sigma: np.ndarray) -> list[np.ndarray | None]:
     found = verify_positions(matched, sigma, "homography", INLIER_PX, min_inliers=4)
-    return [found.matrix]
+    return [found.H]
 
 
 def magsac(matched: np.ndarray, _: np.ndarray) -> list[np.ndarray | None]:

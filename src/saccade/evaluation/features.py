@@ -196,7 +196,7 @@ def score_pair(
     matched = np.hstack([first.xy[i], second.xy[j]])
     sigma = np.stack([first.position_sigma[i], second.position_sigma[j]], axis=1)
     found = verify_positions(matched, sigma, "homography", INLIER_PX, min_inliers=4)
-    corners = np.array([corner_error(found.matrix, homography, first.shape)])
+    corners = np.array([corner_error(found.H, homography, first.shape)])
     return PairScores(
         keypoints=float(len(first.xy)),
         repeatability=len(repeated) / max(len(distance), 1),

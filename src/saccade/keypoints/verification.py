@@ -77,16 +77,30 @@ class Verification:
     geometry: Geometry
     """Kind of `matrix`."""
     matrix: FloatArray | None
-    """(3, 3). A homography maps homogeneous (x, y, 1) of the first image to the second; a
-    fundamental matrix F holds x2' F x1 = 0, an essential matrix the same of points in the planes
-    z = 1 of the cameras. None where there are too few inliers."""
+    """(3, 3), whose properties by kind are `F`, `E` and `H`; None where there are too few
+    inliers."""
     inliers: BoolArray
     """(m,) which matches are consistent with it; all false where it is None."""
     covariance: FloatArray | None = None
     """(9, 9) of the entries of `matrix`, row by row, at its norm; None where the matches do not
     determine it, and in stored runs."""
     pose: RelativePose | None = None
-    """Of an essential matrix."""
+    """Pose of the second camera, for an essential matrix."""
+
+    @property
+    def F(self) -> FloatArray | None:
+        """(3, 3) fundamental matrix, x2' F x1 = 0 in homogeneous pixels (x, y, 1)."""
+        return self.matrix if self.geometry == "fundamental" else None
+
+    @property
+    def E(self) -> FloatArray | None:
+        """(3, 3) essential matrix, x2' E x1 = 0 in the planes z = 1 of the cameras."""
+        return self.matrix if self.geometry == "essential" else None
+
+    @property
+    def H(self) -> FloatArray | None:
+        """(3, 3) homography from (x, y, 1) in the first image to the second."""
+        return self.matrix if self.geometry == "homography" else None
 
     def projection_covariance(self, xy: FloatArray) -> FloatArray:
         """(n, 2, 2) covariance in the second image of (n, 2) points that the homography projects.
