@@ -169,7 +169,7 @@ def test_every_package_has_its_rule():
     assert packages == set(ALLOWED) | {"__init__", "__main__", "cli"}
 
 
-@pytest.mark.parametrize(("module", "owner"), [("numba", "_jit.py"), ("typer", "cli")])
+@pytest.mark.parametrize(("module", "owner"), [("numba", "_jit.py"), ("cyclopts", "cli")])
 def test_some_libraries_have_one_door(module, owner):
     users = {
         path.relative_to(SOURCE).parts[0]

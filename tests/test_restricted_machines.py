@@ -117,7 +117,6 @@ MISSING = {
 """What is told of a library that is missing."""
 ONCE = {
     ("interpreted", "look"),
-    ("bytes", "find --in"),
     ("full-disk", "convert --to"),
     ("full", "config"),
     *MISSING,

@@ -3,11 +3,12 @@
 Every message names the file, line or argument, what was expected and what was found.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
+from functools import cache
 from math import inf
-from numbers import Integral, Real
+from numbers import Real
 from types import NoneType
-from typing import Any, Literal, cast, get_args, get_origin
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 
 class SaccadeError(Exception):
@@ -57,14 +58,12 @@ def require(holds: bool, name: str, expected: str, found: object) -> None:
 
 @dataclass(frozen=True)
 class Range:
-    """Values that a number may have."""
+    """An interval of numbers; infinity and NaN are outside unless an end is closed at infinity."""
 
-    low: float
-    """Smallest value, or the one that all are above."""
-    high: float
-    """Largest value, or the one that all are below."""
-    closed: tuple[bool, bool]
-    """Whether `low` and `high` are values themselves."""
+    low: float = -inf
+    high: float = inf
+    closed: tuple[bool, bool] = (False, False)
+    """Whether `low` and `high` belong to the interval."""
 
     def __contains__(self, value: float) -> bool:
         above = self.low <= value if self.closed[0] else self.low < value
@@ -83,21 +82,21 @@ RANGE = "range"
 
 
 def setting(
-    default: Any,
+    default: Any = MISSING,
     minimum: float | None = None,
     maximum: float | None = None,
     *,
     above: float = -inf,
     below: float = inf,
 ) -> Any:
-    """A field of `Settings` for a number, or None, or a tuple of numbers, in a range.
+    """A field of `Settings` for a number in a range, None, or a sequence of such numbers.
 
     Args:
-        default: its value.
+        default: default value; without one the setting is required.
         minimum: smallest value.
         maximum: largest value.
-        above: in place of `minimum`, a value that is itself too small.
-        below: in place of `maximum`, a value that is itself too large.
+        above: exclusive lower bound, in place of `minimum`.
+        below: exclusive upper bound, in place of `maximum`.
     """
     low = above if minimum is None else minimum
     high = below if maximum is None else maximum
@@ -106,40 +105,58 @@ def setting(
 
 
 class Settings:
-    """Base of dataclasses whose fields have the types and ranges that they declare.
+    """Base of frozen dataclasses whose fields have the types and ranges that they declare.
 
-    Whole numbers become of the declared type: a kernel would be compiled for either.
+    Numbers become the declared type, lists tuples. Numbers without a range are finite.
 
     Raises:
         ConfigError: a value of another type or outside its range.
     """
 
     def __post_init__(self) -> None:
-        """Check every field; a class adds what concerns several of them together."""
+        """Check every field; a subclass adds what concerns several of them together."""
+        kinds = _declared_types(cast("Any", type(self)))
         for each in fields(cast("Any", self)):
-            value, options = getattr(self, each.name), get_args(each.type)
-            optional = NoneType in options
-            kind = options[0] if optional else each.type
-            if optional and value is None:
-                continue
-            if kind is int:
-                whole = isinstance(value, Real) and (
-                    isinstance(value, Integral) or float(value).is_integer()
-                )
-                require(whole, each.name, "a whole number", value)
-                object.__setattr__(self, each.name, int(value))
-            elif kind is float:
-                require(isinstance(value, Real), each.name, "a number", value)
-                object.__setattr__(self, each.name, float(value))
-            elif get_origin(kind) is Literal:
-                choices = get_args(kind)
-                require(value in choices, each.name, " or ".join(map(repr, choices)), value)
-            allowed = each.metadata.get(RANGE)
-            if allowed is None:
-                continue
-            count = len(get_args(kind)) if get_origin(kind) is tuple else None
-            numbers = (value,) if count is None else value
-            if len(numbers) != (count or 1) or not all(number in allowed for number in numbers):
-                words = f"{allowed}, or none" if optional else str(allowed)
-                words = words if count is None else f"{count} numbers, {words}"
-                require(False, each.name, words, value)
+            value, allowed = getattr(self, each.name), each.metadata.get(RANGE, Range())
+            checked = _checked(value, kinds[each.name], each.name, allowed)
+            object.__setattr__(self, each.name, checked)
+
+
+@cache
+def _declared_types(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def _checked(value: Any, kind: Any, name: str, allowed: Range) -> Any:
+    """The value as its declared type `kind`, or a `ConfigError` that names the setting."""
+    parts, origin = get_args(kind), get_origin(kind)
+    if NoneType in parts:
+        return value if value is None else _checked(value, parts[0], name, allowed)
+    if kind in (int, float):
+        return _checked_number(value, kind, name, allowed)
+    if origin is Literal:
+        require(value in parts, name, " or ".join(map(repr, parts)), value)
+    elif origin in (tuple, list):
+        count = f"{len(parts)} values" if origin is tuple and parts[-1] is not ... else "a list"
+        require(isinstance(value, tuple | list), name, count, value)
+        kinds = parts if count != "a list" else parts[:1] * len(value)
+        require(len(value) == len(kinds), name, count, value)
+        pairs = zip(value, kinds, strict=True)
+        return origin(_checked(item, each, name, allowed) for item, each in pairs)
+    elif isinstance(kind, type) and kind is not Any:
+        require(isinstance(value, kind), name, kind.__name__, value)
+    return value
+
+
+def _checked_number(value: Any, kind: type[int] | type[float], name: str, allowed: Range) -> Any:
+    """The number as its declared type; kernels are compiled for one type only."""
+    expected = "a whole number" if kind is int else "a number"
+    require(isinstance(value, Real) and not isinstance(value, bool), name, expected, value)
+    try:
+        number = kind(value)
+    except (OverflowError, ValueError):  # infinite, NaN, or an integer too large for a float
+        number = kind()
+        require(False, name, f"{expected}, {allowed}", value)
+    require(kind is float or number == value, name, expected, value)
+    require(number in allowed, name, str(allowed), value)
+    return number

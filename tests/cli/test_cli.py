@@ -270,7 +270,7 @@ def test_many_models_stand_in_one_table_one_figure_and_two_files(run, gazes, tmp
         (["--model", "contrast", "--model", "contrast"], "another name for each"),
         (["--model", "a=contrast", "--model", "b=symmetry", "--preset", "itti1998"], "KIND:PRESET"),
         (["--model", "absent.toml"], "absent.toml: cannot be read"),
-        (["--figure", "a.gif"], "a .png, .svg or .pdf"),
+        (["--figure", "a.gif"], "Expected a .png, .svg or .pdf"),
         (["--faces", "absent.onnx"], "absent.onnx: cannot be read"),
     ],
 )
@@ -299,7 +299,7 @@ def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
     assert list(found["next_fixation"]) == steps
     assert "each next fixation" in Path("m.html").read_text()
     model = saccade.load_model("m.toml")
-    assert model.fitted_to == "4 images, viewers: 5"
+    assert model.fitted_to == "4 images, subjects: 5"
     code, out, _ = run("look", ROCKET, "--model", "m.toml", "--json", "--out", "looked")
     assert code == 0
     saliency = np.load("looked/rocket.look.npz")["saliency"]
@@ -349,11 +349,11 @@ def test_evaluate_fixations_names_what_is_missing(run, gazes):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["soup"], "No such command 'soup'; see saccade --help"),
-        (["look"], "IMAGE: expected images or --camera, found neither"),
-        (["match"], "Missing argument 'A'; see saccade match --help"),
-        (["look", "a.png", "--fixations", "0"], "--fixations"),
-        (["look", "-dash.png"], "No such option"),
+        (["soup"], 'Unknown command "soup".'),
+        (["look"], "IMAGES: expected images or --camera, found neither"),
+        (["match"], "requires an argument; see saccade match --help"),
+        (["look", "a.png", "--fixations", "0"], "fixations: expected 1 to 1000, found 0"),
+        (["look", "-dash.png"], "Unknown option"),
         (["look", ""], "empty name"),
     ],
 )

@@ -68,7 +68,7 @@ def test_figures_of_runs_have_the_formats_asked_for(run, rng, tmp_path):
     assert_figure("a.pdf", "pdf")
     code, _, err = run("evaluate", "trajectory", tum, "--truth", tum, "--figure", "a.gif")
     assert (code, err.count("\n")) == (2, 1)
-    assert "expected a .png, .svg or .pdf, found a.gif" in err
+    assert "Expected a .png, .svg or .pdf, found a.gif" in err
 
 
 @pytest.mark.parametrize("suffix", STARTS)

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fuzz.targets import TARGETS, a_picture
-from support.commands import all_commands
+from support.commands import all_commands, options_of
 from support.limits import EXAMPLES, limited
 
 WORDS = (
@@ -32,10 +32,7 @@ READS = {
     "drive {}": ("npz", "mp4"),
     "extract {} --workers 1": ("png", "tar", "txt", "mp4"),
     "convert {} x.h5": ("db",),
-    "find --in {}": ("db",),
     "slam --merge {0},{0} --save-map there.npz": ("npz",),
-    "find {}": ("png",),
-    "find a.png --in {}": ("db",),
     "config {}": ("toml",),
     "evaluate fixations --images . --fixations {}": ("csv", "mat"),
     "evaluate fixations --images {} --fixations fixations.csv": ("png",),
@@ -109,7 +106,7 @@ def test_a_file_where_a_folder_is_written_is_refused(run, monkeypatch, here, com
     monkeypatch.chdir(here)
     code, _, err = run(*command.split(), "--out", "new.pdf")
     assert code == 2
-    assert "expected a folder, found the name of a file: new.pdf" in err
+    assert "Expected a folder, found the name of a file: new.pdf" in err
     assert not (here / "new.pdf").exists()
 
 
@@ -120,7 +117,7 @@ def test_a_result_takes_the_place_of_no_pipe(run, monkeypatch, here, command):
     assert (here / "pipe.csv").is_fifo()
 
 
-COMMANDS = {name: command.params for name, command in all_commands()}
+COMMANDS = {name: options_of(command) for name, command in all_commands()}
 GOOD = {
     "look": ["a.png"],
     "detect": ["a.png"],
@@ -149,11 +146,11 @@ def test_odd_words_are_taken_or_refused(run, monkeypatch, here, data):
     odd = st.sampled_from(WORDS) | st.text(max_size=8).filter(is_harmless) | st.floats().map(str)
     words = [*names.split(), *GOOD.get(names, [])]
     for each in COMMANDS[names]:
-        if each.param_type_name == "argument" and names not in GOOD:
+        if each.index is not None and names not in GOOD:
             words += [data.draw(odd)]
-    options = [each for each in COMMANDS[names] if each.param_type_name == "option"]
+    options = [each for each in COMMANDS[names] if each.index is None]
     for each in data.draw(st.lists(st.sampled_from(options), min_size=1, max_size=3, unique=True)):
-        words.append(data.draw(st.sampled_from(each.opts)))
-        if not each.is_flag:
+        words.append(data.draw(st.sampled_from(each.names)))
+        if each.hint is not bool:
             words.append(data.draw(odd))
     ends_well_or_in_one_line(run, *words, *ENDS.get(names, []))

@@ -364,7 +364,7 @@ def test_every_slider_stays_where_the_configuration_allows(group):
         ({"contrast": 3}, "contrast: expected a table of settings, found 3"),
         ({"attention": {"no": 1}}, "attention: no setting 'no'"),
         ({"symmetry": {"inner": 9}}, "inner: expected 1 px to 4, found 9"),
-        ({"scanpath": {"gain": "x"}}, "scanpath: gain: expected float, found 'x'"),
+        ({"scanpath": {"gain": "x"}}, "scanpath: gain: expected a number, found 'x'"),
         ({"photo": None}, "no longer in memory"),
     ],
 )

@@ -1,13 +1,13 @@
 """Every command of `saccade`, with words that have it do some of its work soon."""
 
 import json
-
-import typer
-from typer.testing import CliRunner
+from contextlib import redirect_stdout
+from io import StringIO
 
 from fuzz.targets import TARGETS
 from saccade import slam
-from saccade.cli import app
+from saccade.cli import COMMANDS as PANELS
+from saccade.cli import EVALUATIONS, app, run_command
 from saccade.simulation import WorldConfig, simulate_world
 
 COMMANDS = {
@@ -15,8 +15,6 @@ COMMANDS = {
     "detect": "{in}/photos/a.png --max 5 -f npz -f csv -f hdf5 -f parquet -o out",
     "extract": "{in}/photos --workers 1 -o out",
     "convert --to": "hdf5 {in}/points x.h5",
-    "find --in": "{in}/points",
-    "find": "{in}/photos/a.png --in {in}/points",
     "match": "{in}/photos/a.png {in}/photos/b.png -o out",
     "match --workers": "1 {in}/photos -o out",
     "slam": "{in}/log.csv --no-film -o out",
@@ -38,19 +36,23 @@ COMMANDS = {
 }
 """Every command, or one with an option that has it do other work; {in} is what `make_inputs` fills,
 {port} is taken."""
-EXITS = {"find": 1, "check": 1, "demo": 1, "serve": 2}
+EXITS = {"check": 1, "demo": 1, "serve": 2}
 """Exit codes that are not 0 where nothing is amiss with the environment."""
 
 
-def all_commands(group=None, *names):
-    """All commands that there are, each with its name."""
-    group = group or typer.main.get_command(app)
-    for name in group.commands:
-        command = group.load(name)
-        if hasattr(command, "commands"):
-            yield from all_commands(command, *names, name)
-        else:
-            yield " ".join((*names, name)), command
+def all_commands():
+    """The application of each command, with its name."""
+    for panels, group in ((PANELS, []), (EVALUATIONS, ["evaluate"])):
+        for name in (name for commands in panels.values() for name in commands):
+            _, apps, _ = app.parse_commands([*group, name])
+            yield " ".join([*group, name]), apps[-1]
+
+
+def options_of(command):
+    """The arguments and options of a command, as cyclopts parses them."""
+    return [
+        each for each in command.assemble_argument_collection(parse_docstring=True) if each.show
+    ]
 
 
 def words_of(name, folder, port):
@@ -61,11 +63,9 @@ def words_of(name, folder, port):
 
 def json_of(*words):
     """What a command prints with --json; errors are raised."""
-    done = CliRunner().invoke(app, [*map(str, words), "--json"])
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    assert done.exit_code == 0, done.output
-    return json.loads(done.stdout)
+    with redirect_stdout(StringIO()) as printed:
+        assert run_command([*map(str, words), "--json"]) == 0
+    return json.loads(printed.getvalue())
 
 
 def make_inputs(folder):

@@ -11,16 +11,16 @@ import logging
 import os
 import re
 import sys
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from inspect import getdoc
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NoReturn, cast
+from typing import Any, NoReturn
 
-import typer
-from typer import Option
+from cyclopts import App, CycloptsError, Group, Parameter
 
 from saccade import __version__
-from saccade.cli.group import LazyGroup
-from saccade.cli.output import print_data_warnings
+from saccade.cli.output import INTERRUPTED, Result, emit, print_data_warnings
 from saccade.errors import ConfigError, OutputError, SaccadeError
 from saccade.io.files import LARGEST_IMAGE, one_line
 
@@ -32,98 +32,112 @@ OPENCV_LIMITS = {
 }
 """Variables that OpenCV reads once, unless the user has set them."""
 TERMINAL_SIZE = ("COLUMNS", "LINES", "TERMINAL_WIDTH")
-"""Rich prints nothing where one is 0, and Typer fails where one is no number."""
+"""Variables of the size of the terminal; Rich prints nothing where one is 0."""
 OPENCV_NUMBERS = ("OPENCV_IO_MAX_IMAGE_", "OPENCV_IMGCODECS_", "OPENCV_THREAD_POOL_")
 """Prefixes of variables at which OpenCV aborts the process unless they are numbers."""
 NUMBER = re.compile(r"\d{1,18}(KB|Kb|kb|MB|Mb|mb)?")
-
-
 OBJECTS_PER_COLLECTION = 10_000
-"""Imports and the compiler make a million objects, few of them garbage: with Python's 700, looking
-for it takes a tenth of the time of a first command."""
-_INTERRUPTED = "interrupted"
+"""Number of new objects before Python looks for garbage; with its default of 700, this takes a
+tenth of the time of a first command, because imports and the compiler make a million objects."""
 
-_UsageError = cast("type[Exception]", typer.BadParameter.__base__)
-"""Base of the errors of Typer's own Click, which it does not export."""
+COMMANDS = {
+    "Images": {
+        "look": "Compute saliency by contrast and symmetry, and a scanpath.",
+        "detect": "Detect and describe keypoints.",
+        "match": "Match the keypoints of two images, or of many.",
+        "fit": "Fit a saliency model to your own photographs and fixations.",
+        "extract": "Extract features of many images into a Parquet data set.",
+    },
+    "Maps": {
+        "slam": "Map the landmarks of a recorded log with an extended Kalman filter.",
+        "drive": "Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.",
+        "check": "Check a camera drive for errors before it is mapped.",
+        "simulate": "Simulate a landmark log or a camera drive, with ground truth.",
+    },
+    "More": {
+        "convert": "Convert a landmark log or extracted keypoints to another format.",
+        "textbook": "Walk through the equations of the source with a photograph or a log.",
+        "serve": "Serve a page for photographs (saliency, scanpath, keypoints) and for SLAM.",
+        "demo": "Run look, match, slam and drive on built-in data, and write index.html.",
+        "config": "Print a configuration as TOML.",
+    },
+}
+"""Commands by panel of the help, with the first lines of their docstrings: NAME is the function
+NAME of the module `saccade.cli.NAME`, which is imported when the command is run."""
+EVALUATIONS = {
+    "Images": {
+        "fixations": "Score saliency maps by how well they predict human fixations.",
+        "scanpaths": "Score scanpaths by how similar they are to those of people.",
+        "features": "Score detectors and descriptors on image pairs related by a homography.",
+    },
+    "Maps": {
+        "trajectory": "Score trajectories against the truth: absolute and relative errors "
+        "(ATE, RPE).",
+    },
+}
+"""Commands of `saccade evaluate`, likewise, of the modules `saccade.cli.evaluate_NAME`."""
 
 
-class Evaluate(LazyGroup):
-    """Evaluate against human fixations, other implementations and ground truth."""
-
-    prefix = "saccade.cli.evaluate_"
-    panels: ClassVar = {
-        "Images": {
-            "fixations": "evaluate fixations --images photos --fixations fixations.csv",
-            "scanpaths": "evaluate scanpaths --images photos --fixations fixations.csv",
-            "features": "evaluate features --pairs oxford --detector opencv",
-        },
-        "Maps": {
-            "trajectory": "evaluate trajectory mapped/trajectory.tum --truth groundtruth.tum",
-        },
-    }
+def _shown_default(value: object) -> str | None:
+    return None if value is None or value is False else str(value)
 
 
-class Saccade(LazyGroup):
+def _application() -> App:
     """All commands."""
-
-    prefix = "saccade.cli."
-    groups: ClassVar = {"evaluate": Evaluate}
-    panels: ClassVar = {
-        "Images": {
-            "look": "look photo.jpg --fixations 5 --out looked",
-            "detect": "detect photos --max 500 --spread --format hdf5",
-            "match": "match left.jpg right.jpg --geometry homography",
-            "fit": "fit --images photos --fixations fixations.csv --out mine.toml",
-        },
-        "Many images": {
-            "extract": "extract photos --what sift --out features",
-            "find": "find photo.jpg --in features",
-        },
-        "Maps": {
-            "slam": "slam victoria_park.txt --out mapped",
-            "drive": "drive KITTI/07 --out mapped",
-            "check": "check kitti/07",
-            "simulate": "simulate drive --preset repeated --seed 7 --out ring",
-        },
-        "More": {
-            "convert": "convert victoria_park.txt park.g2o",
-            "evaluate": "",
-            "textbook": "textbook photo.jpg --module my_contrast.py",
-            "serve": "serve --port 8014",
-            "demo": "demo --out saccade-demo",
-            "config": "config sift --preset opencv > sift.toml",
-        },
-    }
+    app = App(
+        "saccade",
+        help="Active vision: visual attention, interest points and EKF-SLAM.\n\n"
+        "Start with: saccade demo",
+        version=f"saccade {__version__}",
+        default_parameter=Parameter(negative="", show_default=_shown_default),
+        group_commands="Options",
+        group_parameters=Group("Options", sort_key=1),
+    )
+    evaluate = App(
+        "evaluate",
+        help="Evaluate against human fixations, other implementations and ground truth.",
+        group="More",
+    )
+    app.command(evaluate)
+    for parent, module, panels in (
+        (app, "saccade.cli.", COMMANDS),
+        (evaluate, "saccade.cli.evaluate_", EVALUATIONS),
+    ):
+        for panel, commands in panels.items():
+            for number, (name, summary) in enumerate(commands.items()):
+                path = f"{module}{name}:{name}"
+                parent.command(path, name=name, help=summary, group=panel, sort_key=number)
+    app.register_install_completion_command(group="Options")
+    return app
 
 
-app = typer.Typer(
-    name="saccade",
-    cls=Saccade,
-    help="Active vision: visual attention, interest points and EKF-SLAM.",
-    epilog="Start with: saccade demo",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+app = _application()
 
 
-def _print_version(requested: bool) -> None:
-    if requested:
-        typer.echo(f"saccade {__version__}")
-        raise typer.Exit
+def _description(command: Callable[..., Any]) -> str:
+    """The docstring of a command and the `MEANING` of its figures, if its module has one."""
+    meaning = getattr(sys.modules[command.__module__], "MEANING", "")
+    return f"{getdoc(command)}\n\n{meaning}"
 
 
-@app.callback()
-def _root(
-    version: Annotated[
-        bool, Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    logging.basicConfig(format="saccade: %(message)s", stream=sys.stderr)
-    logging.getLogger("saccade").setLevel(logging.INFO)
-    print_data_warnings()
+def run_command(words: Sequence[str]) -> int:
+    """Run a command, print its result, and return the exit code.
+
+    Raises:
+        CycloptsError: the words are no command, or its options are invalid.
+        SaccadeError: invalid input, or failed output.
+    """
+    chain, apps, _ = app.parse_commands(words)
+    for each in apps:
+        if each.default_command is not None:
+            each.help = _description(each.default_command)
+    command, bound, _ = app.parse_args(words, print_error=False, exit_on_error=False)
+    bound.apply_defaults()
+    result = command(*bound.args, **bound.kwargs)
+    if not isinstance(result, Result):
+        return 0 if words else 2
+    emit(result, " ".join(("saccade", *chain)), bound.arguments["options"])
+    return result.code
 
 
 def prepare_streams() -> None:
@@ -161,19 +175,22 @@ def prepare_libraries() -> None:
 def main() -> None:
     """Run a command; every error ends in one line on stderr and an exit code."""
     prepare_streams()
+    logging.basicConfig(format="saccade: %(message)s", stream=sys.stderr)
+    logging.getLogger("saccade").setLevel(logging.INFO)
+    print_data_warnings()
     try:
         prepare_libraries()
-        code = app(standalone_mode=False) or 0
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        code = run_command(sys.argv[1:])
+        sys.stdout.flush()
     except OutputError as error:
         _end(str(error), 1)
     except SaccadeError as error:
         _end(str(error), 2)
-    except _UsageError as error:
-        _end_usage(error)
-    except (KeyboardInterrupt, typer.Abort):
-        _end(_INTERRUPTED, 130)
+    except CycloptsError as error:
+        command = " ".join(("saccade", *(error.command_chain or ())))
+        _end(f"{one_line(error).rstrip('.')}; see {command} --help", 2)
+    except KeyboardInterrupt:
+        _end("interrupted", INTERRUPTED)
     except MemoryError as error:
         _end(f"not enough memory: {error}", 1)
     except OSError as error:
@@ -183,18 +200,7 @@ def main() -> None:
         if os.environ.get(TRACEBACK):
             raise
         _end(f"{type(error).__name__}: {one_line(error)}; set {TRACEBACK}=1 for a traceback", 1)
-    if code == 130:  # Typer returns it on Ctrl-C
-        _end(_INTERRUPTED, 130)
     sys.exit(code)
-
-
-def _end_usage(error: Any) -> NoReturn:
-    """End because of an error in the command line."""
-    message = " ".join(error.format_message().split())
-    if not message:  # no arguments: the help is printed already
-        sys.exit(2)
-    hint = f"; see {error.ctx.command_path} --help" if error.ctx is not None else ""
-    _end(f"{message.rstrip('.')}{hint}", 2)
 
 
 def _end(message: str, code: int) -> NoReturn:
@@ -205,5 +211,4 @@ def _end(message: str, code: int) -> NoReturn:
 
 def _discard_stdout() -> None:
     """Redirect stdout to the null device, or the interpreter would flush it again at exit."""
-    if sys.stdout is not None:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

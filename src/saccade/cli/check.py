@@ -2,21 +2,21 @@
 
 from dataclasses import asdict, dataclass
 
-from saccade.cli.group import option
-from saccade.cli.options import JsonOption, SequenceOptions
+from saccade.cli.options import JsonOptions, SequenceOptions
 from saccade.cli.output import Result, Table, progress_bar
 from saccade.diagnostics import check_drive
+from saccade.errors import setting
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckOptions(JsonOption):
+class CheckOptions(JsonOptions, SequenceOptions):
     """Options of `saccade check`."""
 
-    frames: int = option(300, min=40)
-    """Frames to inspect, spread over a longer drive."""
+    frames: int = setting(300, 40)
+    """Number of frames to inspect, spread over a longer drive; at least 40."""
 
 
-def check(source: SequenceOptions, options: CheckOptions) -> Result:
+def check(options: CheckOptions) -> Result:
     """Check a camera drive for errors before it is mapped.
 
     Compares odometry with visual motion (sign, scale, time offset, noise,
@@ -24,8 +24,10 @@ def check(source: SequenceOptions, options: CheckOptions) -> Result:
     frames, stereo pairs that are not rectified, and ground that is not flat.
 
     Exit code 0: no problem was found; 1: at least one was found.
+
+    Example: saccade check kitti/07
     """
-    drive = source.load()
+    drive = options.load_drive()
     with progress_bar("checking") as update:
         report = check_drive(drive, options.frames, update)
     row = {

@@ -1,24 +1,25 @@
 """`saccade config`: a configuration as TOML."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated
 
-import typer
+from cyclopts import Parameter
 
-from saccade.cli.group import argument, option
+from saccade.cli.options import Options
 from saccade.errors import require
 from saccade.settings import as_toml, load_settings, presets_as_toml
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConfigOptions:
+class ConfigOptions(Options):
     """Options of `saccade config`."""
 
-    kind: str = argument("KIND")
+    kind: str = field(kw_only=False)
     """attention, contrast, symmetry, scanpath, must, sift, symroid, slam, visual, world or
     drive."""
-    preset: str | None = option(None, "--preset", "-p")
+    preset: Annotated[str | None, Parameter(("--preset", "-p"), metavar="NAME")] = None
     """Print this preset, not the default."""
-    every: bool = option(False, "--all")
+    every: Annotated[bool, Parameter("--all")] = False
     """Print every preset, each as a table of its name."""
 
 
@@ -27,8 +28,10 @@ def config(options: ConfigOptions) -> None:
 
     Save the output to a file, edit it, and pass it to a command with --config.
     The output of --all is for reading: it has a table for each preset.
+
+    Example: saccade config sift --preset opencv > sift.toml
     """
     kind, preset = options.kind, options.preset
     require(not (options.every and preset), "preset", "--preset or --all", "both")
     text = presets_as_toml(kind) if options.every else as_toml(load_settings(kind, preset))
-    typer.echo(text, nl=False)
+    print(text, end="")

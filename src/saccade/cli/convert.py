@@ -3,26 +3,31 @@
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 from saccade import datasets
-from saccade.cli.group import argument
-from saccade.cli.options import JsonOption, LogOptions
+from saccade.cli.options import OUTPUT, JsonOptions, LogOptions, Options
 from saccade.cli.output import Result, facts_table
 from saccade.errors import require
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 
 
+@dataclass(frozen=True)
+class FileArguments(Options):
+    """What to convert, and where to."""
+
+    log: str
+    """Landmark log: a file, folder or ROS bag; or keypoints of saccade extract."""
+    file: Path
+    """File or folder to write."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class ConvertOptions(LogOptions, JsonOption):
+class ConvertOptions(LogOptions, JsonOptions, FileArguments):
     """Options of `saccade convert`."""
 
-    source: str = argument("LOG|DIR")
-    """Landmark log: a file, folder or ROS bag; or keypoints of saccade extract."""
-    file: Path = argument("FILE")
-    """File or folder to write."""
-    to: str | None = None
+    to: Annotated[str | None, OUTPUT] = None
     """Format of FILE: csv, g2o, isam, toro, gtsam or mrclam; of keypoints colmap, hdf5, opencv or
     csv; given by its suffix by default."""
 
@@ -39,8 +44,10 @@ def convert(options: ConvertOptions) -> Result:
     are one file for all images; csv (without descriptors) and opencv (YAML of
     keypoints and descriptors, for cv::FileStorage) are folders with a file for
     each image.
+
+    Example: saccade convert victoria_park.txt park.g2o
     """
-    source, file, to = options.source, options.file, options.to
+    source, file, to = options.log, options.file, options.to
     if "://" in source or (Path(source) / "manifest.json").exists():
         row, name = _convert_points(source, file, to), source
     else:

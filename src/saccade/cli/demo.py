@@ -8,11 +8,10 @@ from typing import Any
 
 from saccade import datasets
 from saccade.cli.drive import write_results
-from saccade.cli.group import option
 from saccade.cli.look import LookOptions, analyze_image
 from saccade.cli.mapping import RunOutput
 from saccade.cli.match import MatchOptions, match_images
-from saccade.cli.options import DEFAULT_MODEL, JsonOption, attention_model
+from saccade.cli.options import JsonOptions, OutputFolder
 from saccade.cli.output import Result, Table, print_message, progress_bar, write_text
 from saccade.cli.slam import SlamOptions, map_log
 from saccade.io.files import results_in
@@ -33,18 +32,19 @@ SEED, FRAMES = 0, 80
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemoOptions(JsonOption):
+class DemoOptions(JsonOptions):
     """Options of `saccade demo`."""
 
-    out: Path = option(Path("saccade-demo"), "--out", "-o", metavar="DIR")
-    """Output folder."""
+    out: OutputFolder = Path("saccade-demo")
 
 
-def demo(options: DemoOptions) -> Result:
+def demo(options: DemoOptions = DemoOptions()) -> Result:
     """Run look, match, slam and drive on built-in data, and write index.html.
 
     Everything needed ships with the package. The first run also compiles, for
     up to a minute.
+
+    Example: saccade demo --out saccade-demo
     """
     out = options.out
     builder = ReportBuilder("saccade demo", LEAD)
@@ -76,8 +76,9 @@ def _look(data: Path, out: Path, builder: ReportBuilder) -> dict[str, Any]:
     """Saliency and scanpath of a photograph."""
     photo = data / "chelsea.jpg"
     with progress_bar("attention: saliency and scanpath"):
-        attention = attention_model(DEFAULT_MODEL, free_viewing=True)
-        row, (path, _) = analyze_image(photo, out / "look", attention, LookOptions(), builder)
+        options = LookOptions(keypoints=True)
+        attention = options.attention_model(options.model, free_viewing=True)
+        row, (path, _) = analyze_image(photo, out / "look", attention, options, builder)
         save_figure(attention_figure(read_image(photo), {}, path), out / "scanpath.png")
     return row
 

@@ -4,26 +4,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, log2
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 import cv2
 import numpy as np
+from cyclopts import Parameter
 
 from saccade import exchange
 from saccade.attention import SymmetryConfig, symmetric_pairs
 from saccade.cli.films import Frames, Row, analyze_each, make_film
-from saccade.cli.group import option
 from saccade.cli.options import (
+    OUTPUT,
+    SEVERAL,
     FigureFormat,
-    JsonOption,
+    JsonOptions,
+    OutputFolder,
     SettingsOptions,
     SourceOptions,
     figure_formats,
-    output_folder,
 )
 from saccade.cli.output import Result, Table, relative_names
 from saccade.datasets import write_table
-from saccade.errors import require
+from saccade.errors import require, setting
 from saccade.exchange.colmap import import_pycolmap
 from saccade.extras import import_optional
 from saccade.io.files import results_in
@@ -44,12 +46,12 @@ class DetectorOptions(SettingsOptions):
 
     detector: Literal["sift", "must", "symroid"] = "sift"
     """SIFT, points of symmetry (must), or regions of symmetry (symroid)."""
-    max_keypoints: int | None = option(None, "--max", min=1)
-    """Keep only the N strongest keypoints."""
+    max_keypoints: Annotated[int | None, Parameter("--max", metavar="N")] = setting(None, 1)
+    """Keep only the N strongest keypoints, at least 1."""
     spread: bool = False
     """With --max: keep keypoints spread over the image."""
 
-    def make(self) -> Any:
+    def detector_of_settings(self) -> Any:
         """A `Sift`, `Must` or `SymRoid`.
 
         Raises:
@@ -71,16 +73,16 @@ def keypoints_of(detections: Keypoints | Regions) -> Keypoints:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectOptions(JsonOption):
+class DetectOptions(DetectorOptions, JsonOptions, SourceOptions):
     """Options of `saccade detect`."""
 
-    out: Path = output_folder("saccade-detect")
-    formats: list[Format] | None = option(None, "--format", "-f")
+    out: OutputFolder = Path("saccade-detect")
+    formats: Annotated[list[Format] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))] = None
     """Output format: of the keypoints, npz by default, and of the figures, png by default; several
     with commas."""
 
 
-def detect(detector: DetectorOptions, source: SourceOptions, options: DetectOptions) -> Result:
+def detect(options: DetectOptions = DetectOptions()) -> Result:
     """Detect and describe keypoints.
 
     For each image --out receives a figure (NAME.keypoints.png), for points and
@@ -93,13 +95,15 @@ def detect(detector: DetectorOptions, source: SourceOptions, options: DetectOpti
 
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
+
+    Example: saccade detect photos --max 500 --spread --format hdf5
     """
-    paths, out = source.paths(), options.out
+    out = options.out
     chosen = list(dict.fromkeys(options.formats or []))
     if all(each in get_args(FigureFormat) for each in chosen):
         chosen.append("npz")
     require_libraries(chosen)
-    find = detector.make()
+    find = options.detector_of_settings()
     shared = [each for each in chosen if each in SHARED_FILES]
     detections: dict[Path, Detections] = {}
 
@@ -113,7 +117,7 @@ def detect(detector: DetectorOptions, source: SourceOptions, options: DetectOpti
         return detect_in_frames(frames, out / f"{name}.keypoints", find)
 
     with results_in(out):
-        rows, code = analyze_each(source, paths, out, of_image, of_frames)
+        rows, code = analyze_each(options, out, of_image, of_frames)
         files = write_shared(detections, out, shared)
     cells = [[row["image"], str(row["points"]), f"{row['median_size']:.1f}"] for row in rows]
     table = Table(f"keypoints -> {out}", ["image", "points", "median size [px]"], cells)

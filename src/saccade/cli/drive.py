@@ -4,14 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import Parameter
 
 from saccade import visual
 from saccade.attention import attention_saliency
 from saccade.cli.films import opened
-from saccade.cli.group import option
 from saccade.cli.mapping import (
     SNAPSHOTS,
     RunOutput,
@@ -22,11 +22,14 @@ from saccade.cli.mapping import (
     write_run,
 )
 from saccade.cli.options import (
+    INPUT,
+    MAP,
     MAX_CAMERA_FRAMES,
+    OUTPUT,
     LiveOptions,
+    OutputFolder,
     SequenceOptions,
     SettingsOptions,
-    output_folder,
 )
 from saccade.cli.output import (
     Progress,
@@ -40,7 +43,7 @@ from saccade.cli.output import (
 from saccade.datasets import load_drive, save_drive, write_landmarks, write_table, write_tum
 from saccade.datasets.drives.writing import LiveDrive, require_writable
 from saccade.diagnostics import drop_repeated
-from saccade.errors import ImageError
+from saccade.errors import ImageError, setting
 from saccade.evaluation.runs import summarize_drive
 from saccade.frames import Drive, Frame
 from saccade.io.files import FORMATS, results_in
@@ -56,24 +59,24 @@ from saccade.visual import VisualConfig, VisualResult
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveOptions(SettingsOptions, LiveOptions, RunOutput):
+class DriveOptions(SettingsOptions, LiveOptions, RunOutput, SequenceOptions):
     """Options of `saccade drive`."""
 
-    out: Path = output_folder("saccade-drive")
-    frames: int | None = option(None, min=1)
-    """Process only the first N frames."""
-    selection: str | None = None
+    out: OutputFolder = Path("saccade-drive")
+    frames: Annotated[int | None, INPUT, Parameter(metavar="N")] = setting(None, 1)
+    """Process only the first N frames, at least 1."""
+    selection: Annotated[str | None, MAP, Parameter(metavar="NAME")] = None
     """Landmark selection criterion: strength, random, contrast, symmetry or
     rematch-rate-range."""
-    max_landmarks: int | None = option(None, min=1)
-    """Maximum number of landmarks in the map."""
-    anyway: bool = False
+    max_landmarks: Annotated[int | None, MAP, Parameter(metavar="N")] = setting(None, 1)
+    """Maximum number of landmarks in the map, at least 1."""
+    anyway: Annotated[bool, INPUT] = False
     """Use frames that repeat the frame before as they are."""
-    save_tracks: Path | None = option(None, metavar="FOLDER")
+    save_tracks: Annotated[Path | None, OUTPUT, Parameter(metavar="DIR")] = None
     """Also write the tracked points, as a drive of tracks."""
 
 
-def drive(source: SequenceOptions, options: DriveOptions) -> Result:
+def drive(options: DriveOptions) -> Result:
     """Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
@@ -87,6 +90,8 @@ def drive(source: SequenceOptions, options: DriveOptions) -> Result:
 
     With --camera a camera is mapped live, and recorded in the folder SEQUENCE,
     whose camera.toml is its calibration; Ctrl-C ends the drive.
+
+    Example: saccade drive KITTI/07 --out mapped
     """
     settings: VisualConfig = options.settings("visual")
     given: dict[str, Any] = {
@@ -97,9 +102,9 @@ def drive(source: SequenceOptions, options: DriveOptions) -> Result:
     if options.camera is not None:
         name, known = f"camera {options.camera}", 0
         with results_in(options.out), progress_bar(name) as progress:
-            row = map_camera(source, settings, options, progress)
+            row = map_camera(settings, options, progress)
     else:
-        recorded = source.load()
+        recorded = options.load_drive()
         if options.frames is not None:
             recorded = recorded.until(options.frames)
         if not options.anyway:
@@ -191,9 +196,7 @@ KEPT_IMAGES = 8
 """Images kept for the viewer: some frames are read ahead of the map."""
 
 
-def map_camera(
-    source: SequenceOptions, settings: VisualConfig, options: DriveOptions, progress: Progress
-) -> dict[str, Any]:
+def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress) -> dict[str, Any]:
     """Map while the camera records into a folder; write the results, return run.json's content."""
     frames = options.frames or MAX_CAMERA_FRAMES
     latest: dict[int, Image] = {}
@@ -209,7 +212,7 @@ def map_camera(
         progress(done, None, "map")  # nobody knows how many will come
 
     with opened(options) as video:
-        recording = LiveDrive(video, source.sequence, source.calibration(), frames)
+        recording = LiveDrive(video, options.sequence, options.calibration(), frames)
         drive, show = replace(recording.drive, load=load), None
         if options.live or options.page:
             show = LiveMap(
@@ -221,7 +224,7 @@ def map_camera(
                 result = visual.run(drive, settings, report, recorder=recorder)
         finally:
             recording.close()
-    recorded = load_drive("folder", source.sequence)
+    recorded = load_drive("folder", options.sequence)
     return write_results(recorded, settings, options, progress, result, recorder.snapshots)
 
 

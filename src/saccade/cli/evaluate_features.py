@@ -3,11 +3,14 @@
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
+from typing import Annotated
 
-from saccade.cli.group import option
-from saccade.cli.options import ReportOptions, SettingsOptions
+from cyclopts import Parameter
+
+from saccade.cli.options import INPUT, SEVERAL, ReportOptions, SettingsOptions
 from saccade.cli.output import Result, comparison, progress_bar
 from saccade.datasets.homography_pairs import homography_pairs
+from saccade.errors import setting
 from saccade.evaluation.detectors import OURS, find_detector
 from saccade.evaluation.features import (
     RADIUS,
@@ -45,14 +48,15 @@ CLEAN = "clean"
 class FeatureOptions(SettingsOptions, ReportOptions):
     """Options of `saccade evaluate features`."""
 
-    pairs: Path = option(metavar="DIR")
+    pairs: Annotated[Path, INPUT, Parameter(metavar="DIR")]
     """Folder of sequences with 1.png, 2.png, H_1_2.txt and so on."""
-    detector: list[str] | None = option(None, show_default="sift")
-    """sift, must, symroid, opencv, opencv-root (RootSIFT), colmap or module:callable; several with
-    commas."""
-    points: list[int] | None = option(None, min=1)
-    """Keep N keypoints of each image, the strongest (COLMAP: the largest); several with commas."""
-    degrade: list[str] | None = option(None, metavar="KIND:AMOUNT")
+    detector: Annotated[list[str] | None, SEVERAL, Parameter(metavar="NAME")] = None
+    """Detectors: sift (the default), must, symroid, opencv, opencv-root (RootSIFT), colmap or
+    module:callable; several with commas."""
+    points: Annotated[list[int] | None, SEVERAL, Parameter(metavar="N")] = setting(None, 1)
+    """Number of keypoints kept of each image, at least 1: the strongest (COLMAP: the largest);
+    several with commas."""
+    degrade: Annotated[list[str] | None, SEVERAL, Parameter(metavar="KIND:AMOUNT")] = None
     """Degrade the second image of each pair by noise:20 (gray levels), contrast:0.5 or blur:2 (px),
     or leave it clean; several with commas."""
 
@@ -67,6 +71,8 @@ def features(options: FeatureOptions) -> Result:
     are enough keypoints where contrast is low; OpenCV and COLMAP keep theirs. A
     module:callable takes an (H, W, 3) image in [0, 1] and returns an object
     with xy and descriptors, strongest first.
+
+    Example: saccade evaluate features --pairs oxford --detector opencv
     """
     found = homography_pairs(options.pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))

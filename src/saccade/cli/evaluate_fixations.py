@@ -4,22 +4,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 
 from saccade.attention.models import MODEL_NAMES
 from saccade.cli.fixation_tables import MEANING, SCORES, FixationOptions, score_cells
-from saccade.cli.group import option
 from saccade.cli.options import (
     DEFAULT_MODEL,
+    OUTPUT,
+    SEVERAL,
     FaceOptions,
+    FigureFiles,
     ReportOptions,
-    attention_model,
-    figure_files,
 )
 from saccade.cli.output import Result, comparison, tracked
 from saccade.datasets import write_table
-from saccade.errors import ConfigError, require
+from saccade.errors import ConfigError, require, setting
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import (
     FixationData,
@@ -45,33 +47,35 @@ DRAWN = {"sAUC": "shuffled_auc", "AUC": "auc", "NSS": "nss", "CC": "cc"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScoreOptions(FaceOptions, ReportOptions):
+class ScoreOptions(FixationOptions, FaceOptions, ReportOptions):
     """Options of `saccade evaluate fixations`."""
 
-    model: list[str] | None = option(None, metavar="[NAME=]MODEL")
-    """attention, contrast, symmetry or boolean, with :PRESET where wished, a file of saccade fit
-    (.toml), module:function, or a folder of saliency maps: .npy, .mat, or images named as the
-    images. Several with commas; attention by default."""
-    sigma: float = option(24.0, min=0.1, max=1000, metavar="PX")
-    """Standard deviation of the fixation density: one degree of visual angle."""
+    model: Annotated[list[str] | None, SEVERAL, Parameter(metavar="[NAME=]MODEL")] = None
+    """Models: attention, contrast, symmetry or boolean, with :PRESET where wished, a file of
+    saccade fit (.toml), module:function, or a folder of saliency maps: .npy, .mat, or images named
+    as the images. Several with commas; attention by default."""
+    sigma: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
+    """Standard deviation of the fixation density: one degree of visual angle, .1 to 1000."""
     references: bool = False
     """Also score the center, other images' fixations, and people: each subject against the others,
     the ceiling. It takes a few minutes."""
-    figure: list[Path] | None = figure_files()
-    csv: Path | None = option(None, metavar="DIR")
+    figure: FigureFiles = None
+    csv: Annotated[Path | None, OUTPUT, Parameter(metavar="DIR")] = None
     """Also write images.csv and fixations.csv: a row for each image, and for each fixation, of each
     model."""
 
 
-def fixations(seen: FixationOptions, options: ScoreOptions) -> Result:
+def fixations(options: ScoreOptions) -> Result:
     """Score saliency maps by how well they predict human fixations.
 
     Means over the images with 95 % bootstrap intervals, and the paired
     differences of each further model from the first. By default the attention
     model is scored without and with the prior of the position, and as one
     density from which each metric has the map that is optimal for it.
+
+    Example: saccade evaluate fixations --images photos --fixations fixations.csv
     """
-    data, references, csv = seen.data(options.sigma), options.references, options.csv
+    data, references, csv = options.data(options.sigma), options.references, options.csv
     models = chosen_models(data, options)
     results, rows_of_fixations = score(data, models, references, by_fixation=csv is not None)
     first, *others = results
@@ -127,7 +131,7 @@ def chosen_models(data: FixationData, options: ScoreOptions) -> dict[str, Model]
     """
     given = options.preset or options.config
     if not (options.model or given):
-        return default_models(data, options.faces)
+        return default_models(data, options)
     chosen: dict[str, Model] = {}
     words = options.model or [DEFAULT_MODEL]
     single = len(words) == 1
@@ -142,12 +146,12 @@ def chosen_models(data: FixationData, options: ScoreOptions) -> dict[str, Model]
     return chosen
 
 
-def default_models(data: FixationData, faces: str | None) -> dict[str, Model]:
+def default_models(data: FixationData, options: ScoreOptions) -> dict[str, Model]:
     """The attention model without and with the prior of the position, and the latter as a density.
 
     The last one is scored by the map that is optimal for each metric.
     """
-    attention = attention_model(DEFAULT_MODEL, faces=faces, free_viewing=True)
+    attention = options.attention_model(DEFAULT_MODEL, free_viewing=True)
 
     @lru_cache(maxsize=1)
     def maps(name: str) -> tuple[Float32Array, Float32Array]:
@@ -177,9 +181,7 @@ def _model(data: FixationData, source: str, options: ScoreOptions) -> Model:
             return resize(checked_map(values, source), data.sizes[name])
 
         return imported
-    attention = attention_model(
-        kind if colon else source, rest or options.preset, options.config, faces=options.faces
-    )
+    attention = options.attention_model(kind if colon else source, rest)
 
     def saliency(name: str) -> Float32Array:
         return resize(attention.maps(data.read(name)).saliency, data.sizes[name])

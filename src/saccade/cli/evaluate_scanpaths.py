@@ -3,15 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 
 from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.cli.fixation_tables import FixationOptions
-from saccade.cli.group import option
-from saccade.cli.options import ModelOptions, ReportOptions, attention_model, scanpath_network
+from saccade.cli.options import INPUT, OUT, OUTPUT, ModelOptions, ReportOptions, scanpath_network
 from saccade.cli.output import Result, tracked
 from saccade.datasets import write_table
+from saccade.errors import setting
 from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary, tidy
 from saccade.evaluation.scanpaths import (
     OTHERS,
@@ -54,30 +56,32 @@ FIXATIONS = {"nss": "NSS", "auc": "AUC", "information_gain": "IG (bit)"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScanpathOptions(ModelOptions, ReportOptions):
+class ScanpathOptions(FixationOptions, ModelOptions, ReportOptions):
     """Options of `saccade evaluate scanpaths`."""
 
-    paths_config: Path | None = None
+    paths_config: Annotated[Path | None, INPUT] = None
     """TOML file of the scanpath model, as saccade config scanpath-model prints it."""
-    length: int | None = option(None, min=1, max=1000)
-    """Fixations of each path, and the most of a person's; people's mean by default."""
-    samples: int = option(15, min=1, max=1000)
-    """Paths drawn for each image."""
-    degree: float = option(24.0, min=0.1, max=1000, metavar="PX")
-    """Pixels to a degree of visual angle; also the blur of people's fixations."""
-    seed: int = option(0, min=0)
-    """Seed of the random number generator."""
-    out: Path | None = option(None, "--out", "-o", metavar="DIR")
+    length: int | None = setting(None, 1, 1000)
+    """Fixations of each path, and the most of a person's; 1 to 1000, people's mean by default."""
+    samples: int = setting(15, 1, 1000)
+    """Number of paths drawn for each image, 1 to 1000."""
+    degree: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
+    """Pixels to a degree of visual angle, .1 to 1000; also the blur of people's fixations."""
+    seed: int = setting(0, 0)
+    """Seed of the random number generator, at least 0."""
+    out: Annotated[Path | None, OUTPUT, OUT] = None
     """Folder for paths.csv, fixations.csv, and scanpaths.png, .svg and .pdf."""
 
 
-def scanpaths(seen: FixationOptions, options: ScanpathOptions) -> Result:
+def scanpaths(options: ScanpathOptions) -> Result:
     """Score scanpaths by how similar they are to those of people.
 
     Means over the images with 95 % bootstrap intervals.
+
+    Example: saccade evaluate scanpaths --images photos --fixations fixations.csv
     """
     model, preset, config, degree = options.model, options.preset, options.config, options.degree
-    data = seen.data(degree)
+    data = options.data(degree)
     people = viewings(data)
     chosen: ScanpathModelConfig = load_settings("scanpath-model", None, options.paths_config)
     settings = PathSettings(
@@ -87,7 +91,7 @@ def scanpaths(seen: FixationOptions, options: ScanpathOptions) -> Result:
         scanpath_network(preset),
         seed=options.seed,
     )
-    attention = attention_model(model, preset, config)
+    attention = options.attention_model(model)
     path_rows: list[PathRow] = []
     fixation_rows: list[FixationRow] = []
     for name in tracked(people, "scoring", len(people)):

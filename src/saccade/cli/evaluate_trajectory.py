@@ -5,12 +5,12 @@ from dataclasses import asdict, dataclass
 from math import isnan
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import Parameter
 
-from saccade.cli.group import argument
-from saccade.cli.options import ReportOptions, figure_files
+from saccade.cli.options import OUTPUT, FigureFiles, Options, ReportOptions
 from saccade.cli.output import Result
 from saccade.datasets import write_table
 from saccade.datasets.drives.sidecar_files import read_tum_poses
@@ -55,24 +55,36 @@ ERRORS = {
 """Errors in the JSON output: their names in tables, and where `PoseScores` has them."""
 
 
+@dataclass(frozen=True)
+class EstimateArguments(Options):
+    """Estimated trajectories."""
+
+    estimates: list[Path]
+    """Estimated trajectories: TUM files."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class TrajectoryOptions(ReportOptions):
+class TrajectoryOptions(ReportOptions, EstimateArguments):
     """Options of `saccade evaluate trajectory`."""
 
-    estimates: list[Path] = argument("ESTIMATE")
-    """Estimated trajectories: TUM files."""
     truth: Path
     """True trajectory: a TUM file."""
-    figure: list[Path] | None = figure_files()
-    csv: Path | None = None
+    figure: FigureFiles = None
+    csv: Annotated[Path | None, OUTPUT] = None
     """Also write the errors of each pose as CSV."""
 
 
-def trajectory(config: PoseErrorConfig, options: TrajectoryOptions) -> Result:
+def trajectory(
+    options: TrajectoryOptions,
+    *,
+    config: Annotated[PoseErrorConfig, Parameter("*")] = PoseErrorConfig(),
+) -> Result:
     """Score trajectories against the truth: absolute and relative errors (ATE, RPE).
 
     TUM files have lines of time x y z qx qy qz qw. A pose is compared with the
     true one nearest in time.
+
+    Example: saccade evaluate trajectory mapped/trajectory.tum --truth groundtruth.tum
     """
     truth = options.truth
     true = read_tum_poses(truth)

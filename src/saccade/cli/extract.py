@@ -6,10 +6,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from saccade.cli.group import argument, option
-from saccade.cli.options import JsonOption, SettingsOptions
+from cyclopts import Parameter
+
+from saccade.cli.options import EXECUTION, INPUT, OUTPUT, JsonOptions, Options, SettingsOptions
 from saccade.cli.output import (
     INTERRUPTED,
     Result,
@@ -19,7 +20,7 @@ from saccade.cli.output import (
     resumable,
     stop_on_interrupt,
 )
-from saccade.errors import require
+from saccade.errors import require, setting
 from saccade.extras import import_optional
 from saccade.settings import load_model
 
@@ -34,33 +35,39 @@ KINDS = {"saliency": "attention", "scanpath": "attention"}
 """Kinds of the configurations, where they differ from the names of the features."""
 
 
+@dataclass(frozen=True)
+class SourceArgument(Options):
+    """Many images."""
+
+    source: str
+    """Folder, quoted pattern, list (.txt), video, tar, or a URL of one of these."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class ExtractOptions(SettingsOptions, JsonOption):
+class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     """Options of `saccade extract`."""
 
-    source: str = argument("SOURCE")
-    """Folder, quoted pattern, list (.txt), video, tar, or a URL of one of these."""
     what: What = "sift"
     """Features to extract."""
-    out: str = option("saccade-extract", "--out", "-o", metavar="DIR")
+    out: Annotated[str, OUTPUT, Parameter(("--out", "-o"), metavar="DIR")] = "saccade-extract"
     """Folder or URL of the data set."""
     model: Path | None = None
     """Fitted model of saccade fit, for saliency and scanpath."""
-    fixations: int = option(10, min=1)
+    fixations: int = setting(10, 1)
     """Length of a scanpath."""
-    maps: Literal["zarr", "png"] = "zarr"
+    maps: Annotated[Literal["zarr", "png"], OUTPUT] = "zarr"
     """Format of saliency maps: float16 Zarr or 16-bit PNG."""
-    exact: bool = False
+    exact: Annotated[bool, OUTPUT] = False
     """Store keypoints without rounding, in a third more space."""
-    every: int = option(1, min=1)
+    every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
     """Use every Nth frame of a video."""
-    redo: bool = False
+    redo: Annotated[bool, EXECUTION] = False
     """Replace results of other settings or another version."""
-    workers: int | None = option(None, min=1)
+    workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as cores and memory allow."""
-    size: int | None = option(None, "--shard", min=1)
+    size: Annotated[int | None, EXECUTION, Parameter("--shard")] = setting(None, 1)
     """Images per shard; at most 256 by default."""
-    scheduler: str | None = option(None, metavar="ADDRESS")
+    scheduler: Annotated[str | None, EXECUTION, Parameter(metavar="ADDRESS")] = None
     """Address of a Dask scheduler: tcp://host:8786."""
 
     def settings_of(self, what: What) -> Any:
@@ -82,6 +89,8 @@ def extract(options: ExtractOptions) -> Result:
     errors.parquet; the exit code is then 1.
 
     Ctrl-C stops after the shards in progress; pressed twice, at once.
+
+    Example: saccade extract photos --what sift --out features
     """
     if options.scheduler is None:
         preload(options.source, options.workers)

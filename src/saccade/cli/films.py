@@ -1,6 +1,6 @@
 """Images, and frames of a video or of a live camera, analyzed one by one."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
@@ -45,7 +45,6 @@ Row: TypeAlias = dict[str, Any]
 
 def analyze_each(
     source: SourceOptions,
-    paths: Sequence[Path],
     out: Path,
     of_image: Callable[[Path, str], Row],
     of_frames: Callable[[Frames, str], Row],
@@ -56,8 +55,7 @@ def analyze_each(
     Ctrl-C stops after the image in progress.
 
     Args:
-        source: tells of a camera.
-        paths: images and videos.
+        source: the images and videos, or the camera.
         out: the output folder, for messages.
         of_image: gets an image and the unique name of its results, and returns its row.
         of_frames: the same for a video, or the camera.
@@ -76,6 +74,7 @@ def analyze_each(
         frames = read_video(path, every)
         return of_frames(Frames(str(path), video_rate(path) / every, frames), name)
 
+    paths = source.paths()
     if source.camera is not None:
         with camera_frames(source) as frames:
             return [of_frames(frames, CAMERA)], 0

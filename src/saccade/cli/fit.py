@@ -2,11 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from saccade.cli.fixation_tables import MEANING, SCORES, FixationOptions, score_cells
-from saccade.cli.group import option
-from saccade.cli.options import FaceOptions, ReportOptions, face_detector
+from saccade.cli.options import OUTPUT, FaceOptions, ReportOptions
 from saccade.cli.output import Result, comparison, print_message, tracked, write_text
+from saccade.errors import setting
 from saccade.evaluation.conditional import summary
 from saccade.evaluation.fitting import FITTED, FittingConfig, study
 from saccade.settings import as_toml
@@ -14,18 +17,20 @@ from saccade.viewing.report import Table
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitOptions(FaceOptions, ReportOptions):
+class FitOptions(FixationOptions, FaceOptions, ReportOptions):
     """Options of `saccade fit`."""
 
-    out: Path = option(Path("fitted.toml"), "--out", "-o")
+    out: Annotated[Path, OUTPUT, Parameter(("--out", "-o"))] = Path("fitted.toml")
     """The fitted model, TOML."""
-    sigma: float = option(24.0, min=0.1, max=1000, metavar="PX")
-    """Standard deviation of the fixation density: one degree of visual angle."""
-    people: bool = True
+    sigma: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
+    """Standard deviation of the fixation density: one degree of visual angle, .1 to 1000."""
+    people: Annotated[bool, Parameter(negative="--no-people")] = True
     """Score people, each subject against the others: the ceiling; some minutes."""
 
 
-def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> Result:
+def fit(
+    options: FitOptions, *, fitting: Annotated[FittingConfig, Parameter("*")] = FittingConfig()
+) -> Result:
     """Fit a saliency model to your own photographs and fixations.
 
     One convex fit over the cells of the map: contrast, symmetry and Boolean
@@ -33,10 +38,12 @@ def fit(seen: FixationOptions, fitting: FittingConfig, options: FitOptions) -> R
     border, faces with --faces, and functions of the saccade from earlier
     fixations. It is cross-validated by image and by subject. --out is used by
     --model of look, evaluate fixations and extract.
+
+    Example: saccade fit --images photos --fixations fixations.csv --out mine.toml
     """
-    data, settings = seen.data(options.sigma), options.settings("attention")
+    data, settings = options.data(options.sigma), options.settings("attention")
     found = study(
-        *(data, settings, fitting, face_detector(options.faces)),
+        *(data, settings, fitting, options.face_detector()),
         ceiling=options.people,
         progress=tracked,
     )

@@ -3,11 +3,14 @@
 from dataclasses import astuple, dataclass
 from math import inf
 from pathlib import Path
+from typing import Annotated
 
-from saccade.cli.group import option
+from cyclopts import Parameter
+
+from saccade.cli.options import INPUT, Options
 from saccade.cli.output import print_message
 from saccade.datasets.fixations import FixationFormat, read_fixations
-from saccade.errors import ConfigError, LogError
+from saccade.errors import ConfigError, LogError, setting
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import FixationData
 
@@ -31,25 +34,25 @@ def score_cells(scores: FixationScores) -> list[str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FixationOptions:
+class FixationOptions(Options):
     """Photographs, the fixations of people on them, and how these are to be read."""
 
-    images: Path = option(metavar="DIR")
+    images: Annotated[Path, INPUT, Parameter(metavar="DIR")]
     """Folder of the images."""
-    fixations: Path
+    fixations: Annotated[Path, INPUT]
     """Fixations: a table of image, subject, index or time, x and y (.csv, .tsv, Tobii's export),
     EyeLink's .asc, OSIE's .mat, or a folder of them."""
-    drop: int = option(1, min=0)
+    drop: Annotated[int, INPUT] = setting(1, 0)
     """Leave out the first N fixations of each scanpath."""
-    columns: str | None = option(None, metavar="KEY=NAME,...")
+    columns: Annotated[str | None, INPUT, Parameter(metavar="KEY=NAME,...")] = None
     """Columns of other than the usual names: image, subject, index, time, x, y, duration.
     subject=code,x=gx"""
-    xy: str | None = option(None, metavar="UNIT")
+    xy: Annotated[str | None, INPUT, Parameter(metavar="UNIT")] = None
     """Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the screen), or pixels
     (of the images, unchecked)."""
-    offset: str | None = option(None, metavar="X,Y")
+    offset: Annotated[str | None, INPUT, Parameter(metavar="X,Y")] = None
     """Upper left corner of the images on the screen, where x and y are positions on it."""
-    only_present: bool = False
+    only_present: Annotated[bool, INPUT] = False
     """Leave out the fixations on images that are not there."""
 
     def data(self, sigma: float = 24.0) -> FixationData:

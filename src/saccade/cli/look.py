@@ -3,25 +3,26 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from cyclopts import Parameter
 
 from saccade.attention.models import AttentionModel
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
 from saccade.cli.films import Frames, Row, analyze_each, make_film
-from saccade.cli.group import option
 from saccade.cli.options import (
+    INPUT,
+    OUTPUT,
     PUBLISHED,
-    FaceOptions,
-    JsonOption,
+    SEVERAL,
+    JsonOptions,
     ModelOptions,
+    OutputFolder,
     SourceOptions,
-    attention_model,
     figure_formats,
-    output_folder,
     scanpath_network,
 )
 from saccade.cli.output import (
@@ -31,11 +32,19 @@ from saccade.cli.output import (
     relative_names,
     write_arrays,
 )
-from saccade.errors import ImageError
+from saccade.errors import ImageError, setting
 from saccade.io.files import FORMATS, results_in
 from saccade.io.image import read_image
 from saccade.keypoints import Sift, SiftConfig
-from saccade.types import FixationTable, Float32Array, FloatArray, Image, Scanpath, ScanpathSamples
+from saccade.types import (
+    FixationTable,
+    Float32Array,
+    FloatArray,
+    Image,
+    Keypoints,
+    Scanpath,
+    ScanpathSamples,
+)
 from saccade.viewing import (
     Section,
     attention_figure,
@@ -53,30 +62,30 @@ MapFormat = Literal["npy", "mat", "png", "tiff"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class LookOptions(ModelOptions, FaceOptions, JsonOption):
+class LookOptions(ModelOptions, JsonOptions, SourceOptions):
     """Options of `saccade look`."""
 
-    out: Path = output_folder("saccade-look")
+    out: OutputFolder = Path("saccade-look")
     without_center_bias: bool = False
     """Saliency of the content alone: without the prior of the position, by which people look at the
     center of a photograph and not at its border."""
-    fixations: int = option(10, min=1, max=1000)
-    """Length of the scanpath."""
-    scanpath: Literal["most-probable", "winner-take-all"] | None = option(
-        None, show_default="most-probable"
-    )
-    """The most probable path of the scanpath model, or that of the winner-take-all network, the
-    default with --preset kootstra2010, itti1998 and saliencytoolbox2."""
-    scanpath_film: bool = False
+    fixations: int = setting(10, 1, 1000)
+    """Length of the scanpath, 1 to 1000."""
+    scanpath: Literal["most-probable", "winner-take-all"] | None = None
+    """The most probable path of the scanpath model (the default), or that of the winner-take-all
+    network (the default with --preset kootstra2010, itti1998 and saliencytoolbox2)."""
+    scanpath_film: Annotated[bool, OUTPUT] = False
     """Also animate each scanpath: NAME.scanpath.gif."""
-    formats: list[Format] | None = option(None, "--format", "-f")
+    formats: Annotated[list[Format] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))] = None
     """Output format: of the maps and scanpaths, npz by default, or csv and mat for the scanpaths;
     and of the figures, png by default; several with commas."""
-    maps: list[MapFormat] | None = None
+    maps: Annotated[list[MapFormat] | None, OUTPUT, SEVERAL] = None
     """Also write every map at the size of the image: npy and tiff of float32, mat, or png of 16
     bits; several with commas."""
-    every: int = option(1, min=1)
+    every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
     """Use every Nth frame of a video."""
+    keypoints: bool = False
+    """Also show the strongest interest points in the report."""
 
     @property
     def tables(self) -> list[str]:
@@ -84,7 +93,7 @@ class LookOptions(ModelOptions, FaceOptions, JsonOption):
         return [each for each in dict.fromkeys(self.formats or ()) if each in ("csv", "mat")]
 
 
-def look(source: SourceOptions, options: LookOptions) -> Result:
+def look(options: LookOptions = LookOptions()) -> Result:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
     The map shows where people look at a photograph on a screen; with
@@ -102,13 +111,10 @@ def look(source: SourceOptions, options: LookOptions) -> Result:
 
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
+
+    Example: saccade look photo.jpg --fixations 5 --out looked
     """
-    found = source.paths()
-    attention = attention_model(
-        *(options.model, options.preset, options.config),
-        faces=options.faces,
-        free_viewing=not options.without_center_bias,
-    )
+    attention = options.attention_model(options.model, free_viewing=not options.without_center_bias)
     out, published = options.out, options.scanpath is None and options.preset in PUBLISHED
     by_network = published or options.scanpath == "winner-take-all"
     network = scanpath_network(options.preset) if by_network else None
@@ -124,7 +130,7 @@ def look(source: SourceOptions, options: LookOptions) -> Result:
         return look_at_frames(frames, out / f"{name}.look", attention)
 
     with results_in(out):
-        rows, code = analyze_each(source, found, out, of_image, of_frames, options.every)
+        rows, code = analyze_each(options, out, of_image, of_frames, options.every)
         report = builder.write(out / "report.html") if len(builder) else None
         written = write_scanpaths(out, options.tables, paths)
     row: dict[str, Any] = {"images": rows, "report": None if report is None else str(report)}
@@ -213,23 +219,17 @@ def analyze_image(
     if options.maps:
         row["maps"] = write_maps(out.parent, name, maps.upsampled, options.maps)
     section = Section(path.name, "" if len(builder) else TEXT)
-    builder.add(lambda: _part(section, image, layers, scan, samples))
+
+    def part() -> Part:
+        strongest = SiftConfig(max_keypoints=MAX_POINTS, spread=True)
+        keypoints = Sift(strongest)(image) if options.keypoints else Keypoints.at([], 1)
+        return image_part(section, image, layers, scan, keypoints, samples)
+
+    builder.add(part)
     if options.scanpath_film:
         file = out.with_name(f"{name}.scanpath.gif")
         row["film"] = str(save_film(*scanpath_frames(image, scan), file))
     return row, (scan, samples)
-
-
-def _part(
-    section: Section,
-    image: Float32Array,
-    layers: dict[str, Float32Array],
-    scan: Scanpath,
-    samples: ScanpathSamples,
-) -> Part:
-    """The image as a part of a report, with its strongest interest points."""
-    keypoints = Sift(SiftConfig(max_keypoints=MAX_POINTS, spread=True))(image)
-    return image_part(section, image, layers, scan, keypoints, samples)
 
 
 def write_maps(

@@ -4,17 +4,25 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import PIL.Image
+from cyclopts import Parameter
 from matplotlib.figure import Figure
 
 import saccade
-from saccade.cli.group import option
-from saccade.cli.options import FigureFormat, JsonOption, figure_formats, output_folder
+from saccade.cli.options import (
+    OUTPUT,
+    SEVERAL,
+    FigureFormat,
+    JsonOptions,
+    OutputFolder,
+    figure_formats,
+)
 from saccade.cli.output import Progress, facts, write_text
 from saccade.datasets import symmetric_columns
+from saccade.errors import setting
 from saccade.io.files import FORMATS, atomic_write
 from saccade.io.video import video_writer
 from saccade.slam.consistency import chi_square_band, normalized_squared
@@ -32,15 +40,17 @@ SNAPSHOTS = 240
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOutput(JsonOption):
+class RunOutput(JsonOptions):
     """Where a mapping run writes, and what besides its tables and figures."""
 
-    out: Path = output_folder("saccade-run")
-    figures: list[FigureFormat] | None = option(None, "--figure-format")
+    out: OutputFolder = Path("saccade-run")
+    figures: Annotated[list[FigureFormat] | None, OUTPUT, SEVERAL, Parameter("--figure-format")] = (
+        None
+    )
     """Format of the figures, png by default; several with commas."""
-    film: bool = option(False, "--film/--no-film")
+    film: Annotated[bool, OUTPUT, Parameter(negative="--no-film")] = False
     """Also write a film of the growing map."""
-    checkpoint: float = option(10.0, min=0.0, metavar="SECONDS")
+    checkpoint: Annotated[float, OUTPUT, Parameter(metavar="SECONDS")] = setting(10.0, 0)
     """Time between checkpoints, from which an interrupted run resumes."""
 
     def save_figure(self, figure: Figure, name: str) -> Path:

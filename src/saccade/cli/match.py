@@ -5,14 +5,24 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import numpy as np
+from cyclopts import Parameter
 
 from saccade.cli.detect import DetectorOptions, keypoints_of
 from saccade.cli.extract import batch_progress, local_engine, preload
-from saccade.cli.group import argument, option
-from saccade.cli.options import FigureFormat, JsonOption, figure_formats, output_folder
+from saccade.cli.options import (
+    EXECUTION,
+    INPUT,
+    OUTPUT,
+    SEVERAL,
+    FigureFormat,
+    JsonOptions,
+    Options,
+    OutputFolder,
+    figure_formats,
+)
 from saccade.cli.output import (
     INTERRUPTED,
     Result,
@@ -22,7 +32,7 @@ from saccade.cli.output import (
     stop_on_interrupt,
     write_text,
 )
-from saccade.errors import require
+from saccade.errors import require, setting
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.io.image import read_image
@@ -42,34 +52,43 @@ FORMATS = {"two images": get_args(FigureFormat), "many images": ("hdf5", "colmap
 """File formats of the figures, and of the matches."""
 
 
+@dataclass(frozen=True)
+class PairArguments(Options):
+    """Two images, or many."""
+
+    first: str
+    """First image; or, alone, many: a folder, quoted pattern, list or tar."""
+    second: Path | None = None
+    """Second image of the same scene."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class MatchOptions(JsonOption):
+class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     """Options of `saccade match`."""
 
-    first: str = argument("A")
-    """First image; or, alone, many: a folder, quoted pattern, list or tar."""
-    second: Path | None = argument("B", None)
-    """Second image of the same scene."""
-    pairs: Path | None = None
+    pairs: Annotated[Path | None, INPUT] = None
     """Of many images match these pairs, two names to a line; all pairs by default."""
-    out: Path = output_folder("saccade-match")
-    ratio: float = option(0.8, min=0, max=1)
-    """Ratio test: maximum nearest / second nearest distance."""
-    mutual: bool = True
+    out: OutputFolder = Path("saccade-match")
+    ratio: float = setting(0.8, 0, 1)
+    """Ratio test: maximum nearest / second nearest distance, 0 to 1."""
+    mutual: Annotated[bool, Parameter(negative="--no-mutual")] = True
     """Keep only mutual nearest neighbors."""
     geometry: Literal["fundamental", "homography", "none"] = "fundamental"
     """Geometric verification: fundamental matrix for any rigid scene, homography for a plane or a
     rotating camera, or none."""
-    tolerance: float = option(2.0, min=0.01, metavar="PX")
-    """Inlier threshold."""
-    formats: list[Literal["png", "svg", "pdf", "hdf5", "colmap"]] | None = option(
-        None, "--format", "-f"
-    )
+    tolerance: Annotated[float, Parameter(metavar="PX")] = setting(2.0, 0.01)
+    """Inlier threshold, at least .01."""
+    formats: Annotated[
+        list[Literal["png", "svg", "pdf", "hdf5", "colmap"]] | None,
+        OUTPUT,
+        SEVERAL,
+        Parameter(("--format", "-f")),
+    ] = None
     """Output format: of the figure of two images, png by default, svg or pdf; of many images hdf5
     for hloc, by default, or colmap; several with commas."""
-    redo: bool = False
+    redo: Annotated[bool, EXECUTION] = False
     """Of many images replace the features of other settings."""
-    workers: int | None = option(None, min=1)
+    workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as cores and memory allow."""
 
     @property
@@ -78,7 +97,7 @@ class MatchOptions(JsonOption):
         return None if self.geometry == "none" else self.geometry
 
 
-def match(detector: DetectorOptions, options: MatchOptions) -> Result:
+def match(options: MatchOptions) -> Result:
     """Match the keypoints of two images, or of many.
 
     Mutual nearest neighbors that pass the ratio test are verified by a two-view
@@ -90,6 +109,8 @@ def match(detector: DetectorOptions, options: MatchOptions) -> Result:
     hloc) or database.db (for COLMAP, with two-view geometries), the numbers of
     each pair (pairs.csv) and the pairs (pairs.txt). The same command resumes an
     interrupted run, and matches what is new or has changed.
+
+    Example: saccade match left.jpg right.jpg --geometry homography
     """
     words = "many images" if options.second is None else "two images"
     chosen = list(dict.fromkeys(options.formats or FORMATS[words][:1]))
@@ -97,13 +118,13 @@ def match(detector: DetectorOptions, options: MatchOptions) -> Result:
         expected = f"{' or '.join(FORMATS[words])} for {words}"
         require(each in FORMATS[words], "format", expected, each)
     if options.second is None:
-        return match_many(detector, options, chosen)
+        return match_many(options, chosen)
     given = options.pairs or options.redo or options.workers
     expected = "--pairs, --redo and --workers with many images"
     require(not given, "pairs", expected, str(options.second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
-        row = match_images(detector.make(), options, options.second, builder)
+        row = match_images(options.detector_of_settings(), options, options.second, builder)
         row["report"] = str(builder.write(options.out / "report.html"))
     shared = [str(row["matches"])] + ([str(row["inliers"])] if "inliers" in row else [])
     columns = ["image", "points", "matched", "inliers"][: 2 + len(shared)]
@@ -179,9 +200,9 @@ def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None
     return float(np.sqrt(np.linalg.eigvalsh(verified.projection_covariance(corners)).max()))
 
 
-def match_many(detector: DetectorOptions, options: MatchOptions, formats: Sequence[str]) -> Result:
+def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
     """Match many images, with a progress bar for the images, then one for the pairs."""
-    find = detector.make()
+    find = options.detector_of_settings()
     preload(options.first, options.workers)
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, MatchConfig
@@ -199,7 +220,7 @@ def match_many(detector: DetectorOptions, options: MatchOptions, formats: Sequen
             options.first,
             options.out,
             pairs=options.pairs,
-            job=Job(detector.detector, find.config, exact=True),
+            job=Job(options.detector, find.config, exact=True),
             config=MatchConfig(
                 options.ratio, options.mutual, options.verification, options.tolerance
             ),

@@ -1,15 +1,18 @@
-"""Options that several commands share."""
+"""Options that several commands share: dataclasses whose fields cyclopts reads.
 
-from collections.abc import Iterable
+The docstring of a field is its help, the name of the field is the option's unless it is annotated
+with another. Fields that are not `kw_only` are positional; their class is the last base.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
-from typer import BadParameter
+from cyclopts import Group, Parameter, Token, convert
 
-from saccade.cli.group import argument, option
 from saccade.cli.output import print_message
-from saccade.errors import ConfigError, require
+from saccade.errors import ConfigError, Settings, require, setting
 from saccade.io.image import find_images
 from saccade.settings import FREE_VIEWING, load_model, load_settings, preset_names
 
@@ -21,6 +24,10 @@ if TYPE_CHECKING:
     from saccade.frames import Drive
     from saccade.types import LandmarkLog
 
+INPUT = Parameter(group=Group("Input", sort_key=2))
+MAP = Parameter(group=Group("Map", sort_key=3))
+OUTPUT = Parameter(group=Group("Output", sort_key=4))
+EXECUTION = Parameter(group=Group("Execution", sort_key=5))
 FILE_SUFFIXES = (
     *(".bmp", ".csv", ".db", ".eps", ".gif", ".h5", ".html", ".jpeg", ".jpg", ".json", ".mp4"),
     *(".npz", ".parquet", ".pdf", ".png", ".svg", ".tif", ".tiff", ".toml", ".txt", ".webp"),
@@ -31,63 +38,82 @@ FigureFormat = Literal["png", "svg", "pdf"]
 Egomotion = Literal["camera", "second-camera", "wheels"]
 
 
+def _split_commas(kind: Any, tokens: Sequence[Token]) -> Any:
+    """The values between commas; an existing path is one value."""
+    parts = [
+        token.evolve(value=part.strip())
+        for token in tokens
+        for part in ([token.value] if _is_path(token.value) else token.value.split(","))
+    ]
+    return convert(kind, parts)
+
+
+def _is_path(text: str) -> bool:
+    return Path(text.partition("=")[2] or text).exists()
+
+
+def _require_folder(_: Any, path: Path | None) -> None:
+    if path and path.suffix.lower() in FILE_SUFFIXES and not path.exists():
+        raise ValueError(f"Expected a folder, found the name of a file: {path}")
+
+
+def _require_figures(_: Any, paths: list[Path] | None) -> None:
+    for path in paths or ():
+        if path.suffix.lower().removeprefix(".") not in get_args(FigureFormat):
+            raise ValueError(f"Expected a .png, .svg or .pdf, found {path}")
+
+
+SEVERAL = Parameter(converter=_split_commas)
+"""Marks options whose values may be separated by commas."""
+OUT = Parameter(("--out", "-o"), metavar="DIR", help="Output folder.")
+FOLDER = Parameter(validator=_require_folder)
+OutputFolder: TypeAlias = Annotated[Path, OUTPUT, OUT, FOLDER]
+FigureFiles: TypeAlias = Annotated[
+    list[Path] | None,
+    OUTPUT,
+    Parameter(
+        metavar="FILE",
+        help="Also draw a figure: .png, .svg or .pdf; may be repeated.",
+        validator=_require_figures,
+    ),
+]
+
+
 def figure_formats(formats: Iterable[str] | None) -> list[str]:
     """The formats of figures among those of --format; PNG where there is none."""
     known = get_args(FigureFormat)
     return [each for each in dict.fromkeys(formats or ()) if each in known] or ["png"]
 
 
-def folder_name(path: Path | None) -> Path | None:
-    """An output folder, whose name is not that of a file."""
-    if path and path.suffix.lower() in FILE_SUFFIXES and not path.exists():
-        raise BadParameter(f"expected a folder, found the name of a file: {path}")
-    return path
-
-
-def output_folder(name: str | None, **attributes: Any) -> Any:
-    """The option of the folder for the results; `name` by default."""
-    default = None if name is None else Path(name)
-    attributes = {"help": "Output folder.", "metavar": "DIR"} | attributes
-    return option(default, "--out", "-o", callback=folder_name, **attributes)
-
-
-def _figures(paths: list[Path] | None) -> list[Path] | None:
-    """Names of figures, each of a format that is drawn."""
-    for path in paths or ():
-        if path.suffix.lower().removeprefix(".") not in get_args(FigureFormat):
-            raise BadParameter(f"expected a .png, .svg or .pdf, found {path}")
-    return paths
-
-
-def figure_files() -> Any:
-    """The option of the files to which a figure is drawn."""
-    words = "Also draw a figure: .png, .svg or .pdf; may be repeated."
-    return option(None, metavar="FILE", help=words, callback=_figures)
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Options(Settings):
+    """Base of the options of commands."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class JsonOption:
+class JsonOptions(Options):
     """How a result is printed."""
 
-    as_json: bool = option(False, "--json")
+    as_json: Annotated[bool, OUTPUT, Parameter("--json")] = False
     """Print the result as JSON."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportOptions(JsonOption):
+class ReportOptions(JsonOptions):
     """How the tables of an evaluation are shown."""
 
-    report: Path | None = None
+    report: Annotated[Path | None, OUTPUT] = None
     """Also write the tables as an HTML page."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SettingsOptions:
+class SettingsOptions(Options):
     """A configuration."""
 
-    preset: str | None = option(None, "--preset", "-p")
+    preset: Annotated[str | None, INPUT, Parameter(("--preset", "-p"), metavar="NAME")] = None
     """Preset of the configuration; see saccade config KIND --all."""
-    config: Path | None = option(None, "--config", "-c")
+    config: Annotated[Path | None, INPUT, Parameter(("--config", "-c"))] = None
     """TOML file of settings, as printed by saccade config."""
 
     def settings(self, kind: str) -> Any:
@@ -96,14 +122,14 @@ class SettingsOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LogOptions:
+class LogOptions(Options):
     """How a landmark log is read."""
 
-    kind: str | None = option(None, "--format")
+    kind: Annotated[str | None, INPUT, Parameter("--format", metavar="FORMAT")] = None
     """Format of LOG: csv, g2o, isam, mrclam, victoria-park or rosbag; detected by default."""
-    robot: int | None = option(None, min=1)
-    """Number of the robot, in a log of several robots."""
-    topic: list[str] | None = option(None, "--topic", metavar="TOPIC")
+    robot: Annotated[int | None, INPUT] = setting(None, 1)
+    """Number of the robot, from 1, in a log of several robots."""
+    topic: Annotated[list[str] | None, INPUT, SEVERAL, Parameter(metavar="TOPIC")] = None
     """Topic of landmarks in a ROS bag, of several cameras with commas; chosen by its type by
     default."""
 
@@ -120,25 +146,31 @@ MAX_CAMERA_FRAMES = 36_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class LiveOptions:
+class LiveOptions(Options):
     """A camera, and where its frames are shown."""
 
-    camera: str | None = option(None, metavar="SOURCE")
+    camera: Annotated[str | None, INPUT, Parameter(metavar="SOURCE")] = None
     """Take the frames of a camera: a device (0), an address (rtsp://...) or a video file."""
-    live: bool = False
+    live: Annotated[bool, OUTPUT] = False
     """Show the run in the rerun viewer (needs rerun-sdk)."""
-    page: bool = False
+    page: Annotated[bool, OUTPUT] = False
     """Show it in rerun's viewer in the browser."""
 
 
+@dataclass(frozen=True)
+class ImageArguments(Options):
+    """Images and videos."""
+
+    images: list[str] | None = None
+    """Images, videos, folders, or quoted patterns."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class SourceOptions(LiveOptions):
+class SourceOptions(LiveOptions, ImageArguments):
     """Images and videos, or a camera."""
 
-    images: list[str] | None = argument("IMAGE", None)
-    """Images, videos, folders, or quoted patterns."""
-    frames: int = option(MAX_CAMERA_FRAMES, min=2)
-    """Of a camera take at most N frames."""
+    frames: Annotated[int, INPUT] = setting(MAX_CAMERA_FRAMES, 2)
+    """Maximum number of frames of a camera, at least 2."""
 
     def paths(self) -> list[Path]:
         """The images and videos; none with a camera.
@@ -148,23 +180,28 @@ class SourceOptions(LiveOptions):
         """
         if bool(self.images) == (self.camera is not None):
             found = "both" if self.images else "neither"
-            raise ConfigError(f"IMAGE: expected images or --camera, found {found}")
+            raise ConfigError(f"IMAGES: expected images or --camera, found {found}")
         return [path for each in self.images or () for path in find_images(each)]
 
 
+@dataclass(frozen=True)
+class SequenceArgument(Options):
+    """A camera drive."""
+
+    sequence: Path
+    """Camera drive: a folder, video, bag or track file."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class SequenceOptions:
+class SequenceOptions(SequenceArgument):
     """A camera drive, and what its files do not tell."""
 
-    sequence: Path = argument("SEQUENCE")
-    """Camera drive: a folder, video, bag or track file."""
-    kind: str | None = option(None, "--format")
-    """Format of SEQUENCE: kitti, tum-rgbd, rosbag, tracks, folder or video; detected by
-    default."""
-    intrinsics: str | None = option(None, metavar="FX,FY,CX,CY")
-    """Camera of images without a calibration, in pixels."""
-    baseline: float | None = option(None, min=1e-6)
-    """Metres between the cameras of such a stereo pair."""
+    kind: Annotated[str | None, INPUT, Parameter("--format", metavar="FORMAT")] = None
+    """Format of SEQUENCE: kitti, tum-rgbd, rosbag, tracks, folder or video; detected by default."""
+    intrinsics: Annotated[str | None, INPUT, Parameter(metavar="FX,FY,CX,CY")] = None
+    """Intrinsic parameters of the camera in pixels, for images without a calibration."""
+    baseline: Annotated[float | None, INPUT, Parameter(metavar="METERS")] = setting(None, 1e-6)
+    """Distance between the cameras of a stereo pair without a calibration."""
 
     def calibration(self) -> "Calibration":
         """The camera where the drive tells of none."""
@@ -172,7 +209,7 @@ class SequenceOptions:
 
         return CameraOptions(parse_intrinsics(self.intrinsics), self.baseline)
 
-    def load(self) -> "Drive":
+    def load_drive(self) -> "Drive":
         """The drive."""
         from saccade.datasets import load_drive
 
@@ -192,64 +229,55 @@ PUBLISHED = ("kootstra2010", "itti1998", "saliencytoolbox2")
 class FaceOptions(SettingsOptions):
     """A configuration of saliency, and a detector of faces."""
 
-    faces: str | None = option(None, metavar="FILE")
+    faces: Annotated[str | None, Parameter(metavar="FILE")] = None
     """Also weigh faces, by this detector of OpenCV's (YuNet's .onnx, a cascade's .xml), or auto for
     what OpenCV carries; for the attention model and fitted ones."""
 
+    def face_detector(self) -> "FaceDetector | None":
+        """The detector that --faces names; None, with a remark, if OpenCV carries none."""
+        if self.faces is None:
+            return None
+        from saccade.face_detection import find_face_detector
+
+        detector = find_face_detector(None if self.faces == CARRIED else Path(self.faces))
+        if detector is None:
+            print_message("faces: OpenCV carries no detector here; faces are left out")
+        return detector
+
+    def attention_model(
+        self, model: str, preset: str | None = None, *, free_viewing: bool = False
+    ) -> "AttentionModel":
+        """The model of saliency with these settings.
+
+        Args:
+            model: name or file.
+            preset: preset in place of --preset.
+            free_viewing: whether the default of the attention model is its preset of that name.
+
+        Raises:
+            ConfigError: no such model, preset, setting or detector of faces.
+        """
+        from saccade.attention.models import MODEL_NAMES, AttentionModel
+
+        preset, detector = preset or self.preset, self.face_detector()
+        if model.endswith(".toml"):
+            given = preset or self.config
+            require(given is None, "model", "no --preset and --config with a fitted model", given)
+            return AttentionModel(load_model(model), detector)
+        require(model in MODEL_NAMES, "model", MODELS, model)
+        usable = self.faces is None or model == DEFAULT_MODEL
+        require(usable, "faces", "--model attention or a fitted one", model)
+        if free_viewing and model == DEFAULT_MODEL:
+            preset = preset or FREE_VIEWING
+        return AttentionModel(load_settings(model, preset, self.config), detector)
+
 
 @dataclass(frozen=True, kw_only=True)
-class ModelOptions(SettingsOptions):
+class ModelOptions(FaceOptions):
     """A model of saliency."""
 
-    model: str = option(DEFAULT_MODEL, metavar="MODEL", help=f"Saliency model: {MODELS}.")
-
-
-def attention_model(
-    model: str,
-    preset: str | None = None,
-    config: Path | None = None,
-    *,
-    faces: str | None = None,
-    free_viewing: bool = False,
-) -> "AttentionModel":
-    """The model with the settings of the command line.
-
-    Args:
-        model: name or file.
-        preset: name of a preset, or None.
-        config: file of settings, or None.
-        faces: detector of faces, or None.
-        free_viewing: whether the default of the attention model is its preset of that name.
-
-    Raises:
-        ConfigError: no such model, preset, setting or detector of faces.
-    """
-    from saccade.attention.models import MODEL_NAMES, AttentionModel
-
-    detector = face_detector(faces)
-    if model.endswith(".toml"):
-        given = preset or config
-        require(given is None, "model", "no --preset and --config with a fitted model", given)
-        return AttentionModel(load_model(model), detector)
-    require(model in MODEL_NAMES, "model", MODELS, model)
-    usable = faces is None or model == DEFAULT_MODEL
-    require(usable, "faces", "--model attention or a fitted one", model)
-    if free_viewing and model == DEFAULT_MODEL:
-        preset = preset or FREE_VIEWING
-    settings = load_settings(model, preset, config)
-    return AttentionModel(settings, detector)
-
-
-def face_detector(faces: str | None) -> "FaceDetector | None":
-    """The detector that --faces names; None, with a remark, if OpenCV carries none."""
-    if faces is None:
-        return None
-    from saccade.face_detection import find_face_detector
-
-    detector = find_face_detector(None if faces == CARRIED else Path(faces))
-    if detector is None:
-        print_message("faces: OpenCV carries no detector here; faces are left out")
-    return detector
+    model: Annotated[str, Parameter(metavar="MODEL")] = DEFAULT_MODEL
+    """Saliency model: attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)."""
 
 
 def scanpath_network(preset: str | None) -> "ScanpathConfig":

@@ -16,6 +16,7 @@ from saccade.errors import ImageWarning, LogWarning
 from saccade.io.files import as_text, atomic_write
 
 if TYPE_CHECKING:
+    from saccade.cli.options import JsonOptions
     from saccade.evaluation.intervals import Estimate, Scores
     from saccade.viewing.report import Table as ReportTable
 
@@ -269,13 +270,14 @@ def comparison(
     ]
 
 
-def emit(result: Result, command: str, *, as_json: bool, report: Path | None = None) -> None:
+def emit(result: Result, command: str, options: "JsonOptions") -> None:
     """Print a result on stdout, as JSON or as tables, and write its page, if there is to be one."""
+    report: Path | None = getattr(options, "report", None)
     if report is not None:
         from saccade.viewing.report import write_tables
 
-        write_tables(report, f"saccade {command}", result.lead, result.report or result.tables)
-    if as_json:
+        write_tables(report, command, result.lead, result.report or result.tables)
+    if options.as_json:
         print_json(result.row)
         return
     for table in result.tables:

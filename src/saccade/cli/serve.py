@@ -1,9 +1,12 @@
 """`saccade serve`: a local page that analyzes photographs and drives a robot with SLAM."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from saccade.cli.group import option
+from cyclopts import Parameter
+
+from saccade.cli.options import Options
+from saccade.errors import setting
 
 if TYPE_CHECKING:
     from socket import socket
@@ -13,24 +16,26 @@ SHUTDOWN_TIMEOUT = 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServeOptions:
+class ServeOptions(Options):
     """Options of `saccade serve`."""
 
-    port: int = option(8014, min=0, max=65535)
-    """Port on this machine; 0 for any free one."""
-    max_upload: float = option(32.0, min=0.1, max=1000, metavar="MB")
-    """Maximum size of a photograph."""
-    browser: bool = True
+    port: int = setting(8014, 0, 65535)
+    """Port on this machine, up to 65535; 0 for any free one."""
+    max_upload: Annotated[float, Parameter(metavar="MB")] = setting(32.0, 0.1, 1000)
+    """Maximum size of a photograph, .1 to 1000."""
+    browser: Annotated[bool, Parameter(negative="--no-browser")] = True
     """Open the page in the browser."""
 
 
-def serve(options: ServeOptions) -> None:
+def serve(options: ServeOptions = ServeOptions()) -> None:
     """Serve a page for photographs (saliency, scanpath, keypoints) and for SLAM.
 
     The page is served to this machine only (127.0.0.1), and nothing is stored.
     Every setting has a control, and the settings can be copied as Python or as
     a command. A playground shows what the filters of EKF-SLAM estimate while a
     simulated robot is driven. Ctrl-C stops the server.
+
+    Example: saccade serve --port 8014
     """
     from contextlib import suppress
     from importlib.resources import files

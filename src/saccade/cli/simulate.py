@@ -2,35 +2,52 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from saccade import datasets
-from saccade.cli.group import argument, option
-from saccade.cli.options import Egomotion, JsonOption, SettingsOptions, output_folder
+from saccade.cli.options import (
+    FOLDER,
+    INPUT,
+    OUT,
+    OUTPUT,
+    Egomotion,
+    JsonOptions,
+    Options,
+    SettingsOptions,
+)
 from saccade.cli.output import Result, facts_table, progress_bar
-from saccade.errors import ConfigError, require
+from saccade.errors import ConfigError, require, setting
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
 from saccade.simulation import WorldConfig, simulate_drive, simulate_world
 from saccade.simulation.gaze_drive import gaze_drive
 
 
-@dataclass(frozen=True, kw_only=True)
-class SimulateOptions(SettingsOptions, JsonOption):
-    """Options of `saccade simulate`."""
+@dataclass(frozen=True)
+class KindArgument(Options):
+    """What to simulate."""
 
-    kind: Literal["world", "drive"] = argument("world|drive")
+    kind: Literal["world", "drive"]
     """world: the landmark log of a robot or a car. drive: the drive of a robot with a camera around
     a courtyard with posters."""
-    out: Path | None = output_folder(None, show_default="saccade-world or saccade-simulated-drive")
-    seed: int = option(0, min=0)
-    """Seed of the random number generator."""
-    preset: str | None = option(None, "--preset", "-p")
-    """Of a world loop, slippery, coarse or car; of a drive ring, mono, repeated, mirror, dark,
-    flicker or rooms."""
-    frames: int | None = option(None, min=2)
-    """Frames of a drive; a lap has 300, and there are two laps."""
-    gaze: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
+    """Options of `saccade simulate`."""
+
+    out: Annotated[Path | None, OUTPUT, OUT, FOLDER] = None
+    """Output folder: saccade-world or saccade-simulated-drive by default."""
+    seed: int = setting(0, 0)
+    """Seed of the random number generator, at least 0."""
+    preset: Annotated[str | None, INPUT, Parameter(("--preset", "-p"), metavar="NAME")] = None
+    """Preset of a world (loop, slippery, coarse or car) or of a drive (ring, mono, repeated,
+    mirror, dark, flicker or rooms)."""
+    frames: int | None = setting(None, 2)
+    """Number of frames of a drive, at least 2; a lap has 300, and there are two laps."""
+    gaze: Annotated[str | None, Parameter(metavar="POLICY")] = None
     """Turn the camera of a drive while it maps: fixed, sweep, random, salient or active."""
     egomotion: Egomotion = "camera"
     """What measures the motion: camera, second-camera (a fixed one), or wheels."""
@@ -53,6 +70,8 @@ def simulate(options: SimulateOptions) -> Result:
     (groundtruth.tum); with --gaze also how the camera was turned (gaze.csv);
     in the layout of KITTI's odometry benchmark, for saccade drive. The seed
     determines the noise, the walls and the posters.
+
+    Example: saccade simulate drive --preset repeated --seed 7 --out ring
     """
     settings = options.settings(options.kind)
     frames, gaze, seed = options.frames, options.gaze, options.seed

@@ -5,11 +5,11 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
+from cyclopts import Parameter
 
-from saccade.cli.group import argument, option
 from saccade.cli.mapping import (
     SNAPSHOTS,
     RunOutput,
@@ -19,7 +19,15 @@ from saccade.cli.mapping import (
     write_film,
     write_run,
 )
-from saccade.cli.options import LogOptions, SettingsOptions, output_folder
+from saccade.cli.options import (
+    MAP,
+    OUTPUT,
+    SEVERAL,
+    LogOptions,
+    Options,
+    OutputFolder,
+    SettingsOptions,
+)
 from saccade.cli.output import (
     Progress,
     Result,
@@ -64,34 +72,40 @@ from saccade.viewing.report import Part, ReportBuilder
 from saccade.viewing.report_map import ObservedLandmarks, map_part
 
 
+@dataclass(frozen=True)
+class LogArgument(Options):
+    """A landmark log."""
+
+    log: Path | None = None
+    """Landmark log: a file, folder or ROS bag."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class SlamOptions(SettingsOptions, LogOptions, RunOutput):
+class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     """Options of `saccade slam`."""
 
-    log: Path | None = argument("LOG", None)
-    """Landmark log: a file, folder or ROS bag."""
-    out: Path = output_folder("saccade-slam")
-    association: str | None = None
+    out: OutputFolder = Path("saccade-slam")
+    association: Annotated[str | None, Parameter(metavar="NAME")] = None
     """Data association: known (identities of the log, believed), nearest, mutual, multiple (several
     hypotheses), or auto: identities that agree with the map, else mutual."""
     smooth: bool = False
     """Smooth the trajectory at the end (needs GTSAM)."""
-    map_file: Path | None = option(None, "--map")
+    map_file: Annotated[Path | None, MAP, Parameter("--map")] = None
     """Begin with a map of an earlier run."""
-    save_map: Path | None = None
+    save_map: Annotated[Path | None, MAP] = None
     """Save map and filter for --map of a later run."""
-    mode: Literal["continue", "localize"] = "continue"
+    mode: Annotated[Literal["continue", "localize"], MAP] = "continue"
     """With --map: continue mapping, or localize, which adds and culls nothing."""
-    start: str | None = option(None, metavar="WHERE")
+    start: Annotated[str | None, MAP, Parameter(metavar="WHERE")] = None
     """With --map: first pose in its frame. last: the robot has not moved since (the default of
     continue); search: by the first scans (the default of localize); log: as in the log; or
     X,Y,HEADING in metres and radians."""
-    merge: list[Path] | None = option(None, metavar="MAP")
+    merge: Annotated[list[Path] | None, MAP, SEVERAL, Parameter(metavar="MAP")] = None
     """Instead of a LOG: merge these maps, in the frame of the first, into --save-map; several with
     commas."""
-    live: bool = False
+    live: Annotated[bool, OUTPUT] = False
     """Show the run in the rerun viewer (needs rerun-sdk)."""
-    rrd: Path | None = None
+    rrd: Annotated[Path | None, OUTPUT] = None
     """Record the run for the rerun viewer (needs rerun-sdk)."""
 
     @property
@@ -124,7 +138,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput):
         return load(start=pose, covariance=covariance)
 
 
-def slam(options: SlamOptions) -> Result:
+def slam(options: SlamOptions = SlamOptions()) -> Result:
     """Map the landmarks of a recorded log with an extended Kalman filter.
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
@@ -137,6 +151,8 @@ def slam(options: SlamOptions) -> Result:
     settings are those of the map unless others are given. With --merge the
     common landmarks of maps are found by their names or, without, by their
     mutual distances.
+
+    Example: saccade slam victoria_park.txt --out mapped
     """
     if options.merge:
         return _merge_maps(options, options.merge)

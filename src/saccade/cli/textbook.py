@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from saccade import datasets
-from saccade.cli.group import argument, option
-from saccade.cli.options import JsonOption, output_folder
+from saccade.cli.options import JsonOptions, Options, OutputFolder
 from saccade.cli.output import Result, Table, print_message, write_text
-from saccade.errors import ConfigError
+from saccade.errors import ConfigError, setting
 from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import read_image
 from saccade.viewing.page import shrunk
@@ -27,18 +29,24 @@ LEAD = (
 )
 
 
+@dataclass(frozen=True)
+class SourceArgument(Options):
+    """Data for the equations."""
+
+    source: Path
+    """A photograph, or a log with landmark identities."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class TextbookOptions(JsonOption):
+class TextbookOptions(JsonOptions, SourceArgument):
     """Options of `saccade textbook`."""
 
-    source: Path = argument("IMAGE|LOG")
-    """A photograph, or a log with landmark identities."""
-    out: Path = output_folder("saccade-textbook")
-    modules: list[Path] | None = option(None, "--module", metavar="FILE")
+    out: OutputFolder = Path("saccade-textbook")
+    modules: Annotated[list[Path] | None, Parameter("--module", metavar="FILE")] = None
     """A Python file whose contrast_saliency, sift or EkfSlam replaces the textbook's; may be given
     several times."""
-    max_side: int = option(480, min=32)
-    """Pixels of the longer side: a larger image is reduced."""
+    max_side: Annotated[int, Parameter(metavar="PX")] = setting(480, 32)
+    """Pixels of the longer side, at least 32: a larger image is reduced."""
 
 
 def textbook(options: TextbookOptions) -> Result:
@@ -51,6 +59,8 @@ def textbook(options: TextbookOptions) -> Result:
 
     To try an equation of your own, copy a file of saccade.textbook, change
     it, and name the copy with --module.
+
+    Example: saccade textbook photo.jpg --module my_contrast.py
     """
     source = options.source
     replacements = {
