@@ -27,17 +27,17 @@ FAR = WorldConfig(
     landmark_spread=30.0,
     range_limits=(0.5, 40.0),
     range_percent=30.0,
-    bearing_sigma=10.0,
+    bearing_sigma_deg=10.0,
 )
 WORLDS = {name: load_settings("world", name) for name in ("loop", "slippery", "car", "coarse")}
 WIDE = {
     "far": FAR,
-    "sonar": replace(FAR, range_percent=5.0, bearing_sigma=15.0),
-    "precise": WorldConfig(range_percent=0.2, bearing_sigma=0.1, odometry_percent=5.0),
-    "turning": WorldConfig(odometry_percent=0.0, turn_sigma=2.0),
-    "skidding": WorldConfig(odometry_percent=10.0, range_limits=(0.5, 10.0), bearing_sigma=5.0),
+    "sonar": replace(FAR, range_percent=5.0, bearing_sigma_deg=15.0),
+    "precise": WorldConfig(range_percent=0.2, bearing_sigma_deg=0.1, odometry_percent=5.0),
+    "turning": WorldConfig(odometry_percent=0.0, turn_sigma_deg=2.0),
+    "skidding": WorldConfig(odometry_percent=10.0, range_limits=(0.5, 10.0), bearing_sigma_deg=5.0),
     "sparse": WorldConfig(landmarks=4, range_limits=(0.5, 12.0)),
-    "narrow": WorldConfig(field_of_view=60.0, range_limits=(0.5, 10.0)),
+    "narrow": WorldConfig(field_of_view_deg=60.0, range_limits=(0.5, 10.0)),
     "laps": WorldConfig(steps=2010),
     "exploring": WorldConfig(course_length=1000.0, landmarks=120),
     "radar": replace(FAR, landmark_spread=15.0, range_limits=(0.5, 20.0), range_percent=1.0),

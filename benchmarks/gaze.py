@@ -65,10 +65,10 @@ def landmark_world(name: str) -> WorldConfig:
         range_limits=(0.3, REACH),
         range_percent=0.0,
         range_sigma=0.1,
-        bearing_sigma=1.0,
+        bearing_sigma_deg=1.0,
         odometry_percent=1.0,
         scale_percent=3.0,
-        heading_drift=1.5,
+        heading_drift_deg=1.5,
     )
 
 

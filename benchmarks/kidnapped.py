@@ -60,11 +60,11 @@ def scans(
     z = np.array([slam.observe(pose, log.landmark_truth.xy)[0] for pose in truth])  # (t, n, 2)
     low, high = world.range_limits
     visible = (z[..., 0] >= low) & (z[..., 0] <= high)
-    visible &= np.abs(z[..., 1]) <= np.deg2rad(world.field_of_view / 2)
+    visible &= np.abs(z[..., 1]) <= np.deg2rad(world.field_of_view_deg / 2)
     visible[np.arange(len(truth)) % world.scan_interval > 0] = False
     pose, landmark = np.nonzero(visible)
     z = z[visible]
-    bearing = np.full(len(z), np.deg2rad(world.bearing_sigma))
+    bearing = np.full(len(z), np.deg2rad(world.bearing_sigma_deg))
     sigma = np.stack([world.range_percent / 100 * z[:, 0] + world.range_sigma, bearing], 1)
     time = world.step_time * np.arange(len(truth), dtype=np.float64)
     return {

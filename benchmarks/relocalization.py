@@ -25,7 +25,7 @@ ROBOT = WorldConfig(
 )
 WORLDS = {
     "robot": ROBOT,
-    "coarse": replace(ROBOT, range_percent=10, bearing_sigma=5, odometry_percent=3),
+    "coarse": replace(ROBOT, range_percent=10, bearing_sigma_deg=5, odometry_percent=3),
     "park": WorldConfig(
         course_length=500,
         curvature_amplitude=1.5,
@@ -36,7 +36,7 @@ WORLDS = {
         range_limits=(1, 30),
         range_percent=1,
         range_sigma=0.1,
-        bearing_sigma=1,
+        bearing_sigma_deg=1,
     ),
     "dense": WorldConfig(
         course_length=100,

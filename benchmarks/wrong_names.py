@@ -38,8 +38,8 @@ WORLDS = {
     "dense": WorldConfig(landmarks=80),
     "bends": WorldConfig(course_length=120.0, curvature_amplitude=2.0, landmarks=40, steps=1500),
     "exploring": WorldConfig(course_length=300.0, landmarks=100, steps=1500, odometry_percent=3.0),
-    "narrow": WorldConfig(field_of_view=90.0, range_limits=(0.5, 8.0), landmarks=30),
-    "fine": WorldConfig(range_percent=0.0, range_sigma=0.03, bearing_sigma=0.5, landmarks=30),
+    "narrow": WorldConfig(field_of_view_deg=90.0, range_limits=(0.5, 8.0), landmarks=30),
+    "fine": WorldConfig(range_percent=0.0, range_sigma=0.03, bearing_sigma_deg=0.5, landmarks=30),
 }
 
 

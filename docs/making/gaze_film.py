@@ -16,7 +16,7 @@ DRIVE = DriveConfig(
     frames=200,
     frames_per_lap=200,
     image_size=(320, 240),
-    field_of_view=50.0,
+    field_of_view_deg=50.0,
     color=True,
 )
 SEED, STRIDE = 0, 2

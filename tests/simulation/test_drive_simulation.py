@@ -115,7 +115,9 @@ def test_two_views_agree_where_depth_and_poses_say():
 
 
 def test_odometry_without_errors_is_the_truth():
-    exact = OdometryConfig(scale_percent=0, heading_drift=0, distance_percent=0, heading_sigma=0)
+    exact = OdometryConfig(
+        scale_percent=0, heading_drift_deg=0, distance_percent=0, heading_sigma_deg=0
+    )
     drive = simulate_drive(replace(SMALL, frames=200, odometry=exact))
     np.testing.assert_allclose(followed(drive.start, drive.control), drive.truth.pose, atol=1e-9)
     np.testing.assert_array_equal(drive.truth.pose[0], 0)
@@ -132,10 +134,12 @@ def test_odometry_without_errors_is_the_truth():
 
 def test_the_errors_of_odometry_are_those_it_tells():
     config = replace(SMALL, frames=1000)
-    exact = OdometryConfig(scale_percent=0, heading_drift=0, distance_percent=0, heading_sigma=0)
+    exact = OdometryConfig(
+        scale_percent=0, heading_drift_deg=0, distance_percent=0, heading_sigma_deg=0
+    )
     true = simulate_drive(replace(config, odometry=exact), 3).control
     drive = simulate_drive(
-        replace(config, odometry=replace(exact, distance_percent=5, heading_sigma=1)), 3
+        replace(config, odometry=replace(exact, distance_percent=5, heading_sigma_deg=1)), 3
     )
     square = np.einsum(
         "ki,kij,kj->k",
@@ -145,7 +149,7 @@ def test_the_errors_of_odometry_are_those_it_tells():
     )
     assert square.mean() == pytest.approx(3, abs=5 * np.sqrt(6 / len(true)))
     drive = simulate_drive(
-        replace(config, odometry=replace(exact, scale_percent=3, heading_drift=1.5)), 3
+        replace(config, odometry=replace(exact, scale_percent=3, heading_drift_deg=1.5)), 3
     )
     signs = [np.array([a, b, 0]) for a in (-1, 1) for b in (-1, 1)]
     mended = [unbiased(drive.control, sign * drive.odometry_bias) for sign in signs]

@@ -22,10 +22,10 @@ def test_without_noise_the_log_is_the_truth(name):
         getattr(WorldConfig, name)(),
         range_percent=0.0,
         range_sigma=0.0,
-        bearing_sigma=0.0,
+        bearing_sigma_deg=0.0,
         odometry_percent=0.0,
         speed_sigma=0.0,
-        steering_sigma=0.0,
+        steering_sigma_deg=0.0,
     )
     log = simulate_world(world)
     apart = slam.dead_reckon(log).pose - log.truth.pose
@@ -61,7 +61,7 @@ def test_the_errors_have_the_covariance_that_the_log_says(name):
 def test_systematic_errors_of_the_wheels_are_those_that_the_log_tells():
     course = {"odometry_percent": 0.0, "steps": 50}
     true = simulate_world(WorldConfig(**course)).control
-    log = simulate_world(WorldConfig(scale_percent=4.0, heading_drift=2.0, **course))
+    log = simulate_world(WorldConfig(scale_percent=4.0, heading_drift_deg=2.0, **course))
     assert log.odometry_bias == pytest.approx((0.04, np.deg2rad(2.0), 0))
     moved, length = (np.hypot(*control[:, :2].T) for control in (log.control, true))
     assert np.abs(length / moved - 1) == pytest.approx(0.04)
@@ -95,7 +95,7 @@ def test_another_seed_is_other_noise_in_the_same_world():
         {"vehicle": "boat"},
         {"steps": 0},
         {"range_limits": (5.0, 1.0)},
-        {"field_of_view": 0.0},
+        {"field_of_view_deg": 0.0},
         {"curvature_amplitude": 9.0},
     ],
 )
@@ -133,7 +133,7 @@ def test_curved_uncertainty_is_not_overconfident():
         landmarks=30,
         landmark_spread=30.0,
         range_limits=(0.5, 40.0),
-        bearing_sigma=15.0,
+        bearing_sigma_deg=15.0,
     )
     trials = _trials(world, "invariant", 6)
     assert trials.anees < 6

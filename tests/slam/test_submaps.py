@@ -18,7 +18,7 @@ WORLD = WorldConfig(
     landmarks=70,
     landmark_spread=6.0,
     range_percent=1.0,
-    bearing_sigma=1.0,
+    bearing_sigma_deg=1.0,
 )
 """More than one lap, so that a loop is closed."""
 
@@ -60,7 +60,7 @@ def entries(monkeypatch):
     st.integers(0, 1000),
 )
 def test_estimates_are_those_of_the_whole_map(kind, association, bias, view, seed):
-    world = dataclasses.replace(WORLD, field_of_view=view)
+    world = dataclasses.replace(WORLD, field_of_view_deg=view)
     log = dataclasses.replace(simulate_world(world, seed), odometry_bias=bias)
     config = EkfConfig(filter=kind, association=association, confirm_after=2, submaps="never")
     whole = slam.run(log, config)

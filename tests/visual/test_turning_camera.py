@@ -26,7 +26,7 @@ CAMERA = Camera(320, 240, 340, 340, 160, 120, 0.1, np.array([0.2, 0.05, 0.7]), A
 CONTROL = np.array([0.2, 0.03, 0.1])
 BEFORE, AFTER = CameraTurn(0.3, -0.05), CameraTurn(0.55, 0.02)
 SMALL = DriveConfig(
-    world="rooms", frames=24, frames_per_lap=200, image_size=(120, 90), field_of_view=50.0
+    world="rooms", frames=24, frames_per_lap=200, image_size=(120, 90), field_of_view_deg=50.0
 )
 
 
@@ -142,7 +142,7 @@ def test_tracks_of_a_turning_camera_know_its_turn(pan_drive):
 
 
 def test_a_second_camera_that_is_fixed_measures_the_motion_of_a_robot_that_looks_around(pan_drive):
-    second = simulate_drive(replace(SMALL, field_of_view=70.0), 1)
+    second = simulate_drive(replace(SMALL, field_of_view_deg=70.0), 1)
     measured = visual.measure_odometry(pan_drive, second)
     steps = steps_between(pan_drive.truth.pose)
     wheels, error = (drive.control - steps for drive in (pan_drive, measured))

@@ -105,7 +105,7 @@ def _drive(out: Path, builder: ReportBuilder) -> dict[str, Any]:
         frames=FRAMES,
         frames_per_lap=FRAMES,
         image_size=(240, 180),
-        field_of_view=50.0,
+        field_of_view_deg=50.0,
         color=True,
     )
     recorder = Recorder(FRAMES // 2)

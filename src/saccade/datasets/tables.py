@@ -333,7 +333,7 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
 def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
     """Write one row per landmark: id, x, y, cov_xx, cov_xy, cov_yy, sightings.
 
-    Meters and square metres; "sightings" counts the observations. Cells are empty where the
+    Meters and square meters; "sightings" counts the observations. Cells are empty where the
     covariance or the count is not known.
 
     Args:

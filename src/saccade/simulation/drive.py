@@ -24,7 +24,7 @@ from saccade.types import Float32Array, FloatArray, Image, IntArray, Trajectory
 SAMPLES = (3, 2)
 """Samples per pixel, across and down, which are averaged."""
 NEAREST = 0.02
-"""Near clipping plane, metres along the optical axis."""
+"""Near clipping plane, meters along the optical axis."""
 WAVES, PERIODS = 4, (8.0, 40.0)
 """Number of sine waves in a drift, and seconds of the shortest and the longest."""
 
@@ -35,11 +35,11 @@ class Columns(NamedTuple):
     wall: IntArray
     """(n,) index of the wall."""
     depth: FloatArray
-    """(n,) metres along the optical axis."""
+    """(n,) meters along the optical axis."""
     position: FloatArray
-    """(n,) metres along its band."""
+    """(n,) meters along its band."""
     stretch: FloatArray
-    """(n,) metres of wall per pixel across."""
+    """(n,) meters of wall per pixel across."""
 
 
 def camera_position(camera: Camera, pose: FloatArray, right: bool = False) -> FloatArray:
@@ -73,7 +73,7 @@ def render(
 
 
 def render_depth(scene: Scene, camera: Camera, pose: FloatArray) -> FloatArray:
-    """(H, W) metres along the optical axis at pixel centers; NaN for the sky."""
+    """(H, W) meters along the optical axis at pixel centers; NaN for the sky."""
     x, y = np.arange(camera.width), np.arange(camera.height)[:, None]
     wall = intersect_walls(scene, camera, pose, x, False).depth
     tangent = (y - camera.cy) / camera.fy
@@ -89,7 +89,7 @@ def intersect_walls(
     """The nearest wall in each image column x (n,), in pixels."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     slant = (x - camera.cx) / camera.fx
-    ray = np.stack([c + s * slant, s - c * slant], 1)  # (n, 2) per metre along the axis
+    ray = np.stack([c + s * slant, s - c * slant], 1)  # (n, 2) per meter along the axis
     slope = np.array([s, -c]) / camera.fx  # of the ray, per pixel
     along = scene.end - scene.start
     length = np.hypot(*along.T)
@@ -138,7 +138,7 @@ def _ground_texels(
     """Column and row (rows, n) in the atlas of each ground sample below the horizon."""
     depth = camera.fy * camera.position[2] / (y - camera.cy)
     texels, levels = scene.ground.texels, scene.ground_levels
-    long = depth**2 / (camera.fy * camera.position[2]) / SAMPLES[1]  # metres from sample to sample
+    long = depth**2 / (camera.fy * camera.position[2]) / SAMPLES[1]  # meters from sample to sample
     wide = depth / camera.fx / SAMPLES[0]
     i = _mipmap_level(texels * np.sqrt(long * wide), GROUND)
     c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -298,7 +298,7 @@ def simulate_drive(
     scene_seed, course_seed, light_seed, odometry_seed = np.random.SeedSequence(seed).spawn(4)
     time = np.arange(config.frames) / config.frame_rate
     pose = drive_course(config, course_seed)
-    bias = (config.odometry.scale_percent / 100, np.deg2rad(config.odometry.heading_drift))
+    bias = (config.odometry.scale_percent / 100, np.deg2rad(config.odometry.heading_drift_deg))
     control, covariance = _odometry(config.odometry, steps_between(pose), odometry_seed)
     camera = config.camera
     illumination = Illumination.sample(config.light, camera, time, light_seed)
@@ -345,12 +345,12 @@ def _odometry(
     rng = np.random.default_rng(seed)
     signs = rng.choice([-1.0, 1.0], 2)
     scale = signs[0] * config.scale_percent / 100
-    drift = signs[1] * np.deg2rad(config.heading_drift)
+    drift = signs[1] * np.deg2rad(config.heading_drift_deg)
     measured = steps * (1 / (1 + scale), 1 / (1 + scale), 1)
     measured[:, 2] -= drift * measured[:, 0]
     distance = np.hypot(*steps[:, :2].T)
     along = config.distance_percent / 100 * distance
-    turn = np.deg2rad(config.heading_sigma) * np.sqrt(distance)
+    turn = np.deg2rad(config.heading_sigma_deg) * np.sqrt(distance)
     sigma = np.stack([along, SIDEWAYS * along, turn], 1)
     measured += sigma * rng.standard_normal(sigma.shape)
     return measured, sigma[:, :, None] ** 2 * np.eye(3)

@@ -38,13 +38,13 @@ class OdometryConfig(Settings):
     """
 
     scale_percent: float = setting(3.0, 0, 50)
-    """Scale error of all distances, in per cent."""
-    heading_drift: float = setting(1.5, 0, 50)
-    """Heading drift, in degrees per metre."""
+    """Scale error of all distances, in percent."""
+    heading_drift_deg: float = setting(1.5, 0, 50)
+    """Heading drift, in degrees per meter."""
     distance_percent: float = setting(5.0, 0, 50)
-    """Standard deviation of each distance, in per cent of it; to the side a fifth of that."""
-    heading_sigma: float = setting(0.8, 0, 50)
-    """Standard deviation of the heading after one metre, in degrees."""
+    """Standard deviation of each distance, in percent of it; to the side a fifth of that."""
+    heading_sigma_deg: float = setting(0.8, 0, 50)
+    """Standard deviation of the heading after one meter, in degrees."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +55,21 @@ class DriveConfig(Settings):
     """A corridor around a central block, or two rooms joined by a door. Size, corridor, turning
     radius and sway are those of the ring."""
     size: tuple[float, float] = setting((11.0, 8.5), 3, 20)
-    """Metres between the outer walls, along the first side of the lap and across it."""
+    """Meters between the outer walls, along the first side of the lap and across it."""
     corridor: float = 2.2
-    """Metres between the outer walls and the central block."""
+    """Meters between the outer walls and the central block."""
     wall_height: float = setting(2.4, 1, 4)
-    """Height of all walls in metres."""
+    """Height of all walls in meters."""
     poster_spacing: float = setting(1.6, 0.5, 100)
-    """Smallest distance of posters along a wall, in metres."""
+    """Smallest distance of posters along a wall, in meters."""
     posters: int | None = setting(None, 1, 1000)
     """Number of distinct images on the posters; None for all available ones."""
     mirrored_posters: bool = False
     """Whether each poster is symmetric about its vertical axis."""
     turning_radius: float = 1.8
-    """Radius of the four turns of the course, in metres."""
+    """Radius of the four turns of the course, in meters."""
     sway: float = 0.08
-    """Lateral oscillation to the left of the center line, in metres; its phase differs between
+    """Lateral oscillation to the left of the center line, in meters; its phase differs between
     laps."""
     frames: int = setting(600, 2, 10**6)
     """Number of frames."""
@@ -79,12 +79,12 @@ class DriveConfig(Settings):
     """Frames per second."""
     image_size: tuple[int, int] = setting((320, 240), 16, 4096)
     """Width and height in pixels."""
-    field_of_view: float = setting(70.0, 20, 120)
+    field_of_view_deg: float = setting(70.0, 20, 120)
     """Horizontal field of view in degrees."""
     baseline: float | None = 0.15
-    """Metres to the right camera; None for a single camera."""
+    """Meters to the right camera; None for a single camera."""
     camera_height: float = 0.7
-    """Metres above the ground."""
+    """Meters above the ground."""
     color: bool = False
     """Whether the images are RGB; gray otherwise."""
     depth: bool = False
@@ -115,7 +115,7 @@ class DriveConfig(Settings):
     def camera(self) -> Camera:
         """The level camera, above the origin of the robot and looking ahead."""
         width, height = self.image_size
-        focal = width / 2 / float(np.tan(np.deg2rad(self.field_of_view / 2)))
+        focal = width / 2 / float(np.tan(np.deg2rad(self.field_of_view_deg / 2)))
         return Camera(
             width,
             height,
@@ -150,7 +150,7 @@ class DriveConfig(Settings):
     @classmethod
     def rooms(cls) -> "DriveConfig":
         """Once around two rooms joined by a door, with a narrow view."""
-        return cls(world="rooms", frames=300, field_of_view=50.0)
+        return cls(world="rooms", frames=300, field_of_view_deg=50.0)
 
     @classmethod
     def dark(cls) -> "DriveConfig":

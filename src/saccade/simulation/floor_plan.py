@@ -7,14 +7,14 @@ from saccade.slam.models import wrap
 from saccade.types import FloatArray
 
 ROOM, GAP, DOOR = (3.9, 4.0), 0.1, 0.5
-"""Rooms: metres along and across each, half the thickness of the wall between them, and
+"""Rooms: meters along and across each, half the thickness of the wall between them, and
 half the width of its door."""
 TURNING_RADIUS = 0.45
-"""Radius of the turns through the rooms, in metres."""
+"""Radius of the turns through the rooms, in meters."""
 
 
 def wall_outlines(config: DriveConfig) -> list[FloatArray]:
-    """Closed polylines (k, 2) of connected walls in metres, visible from their right.
+    """Closed polylines (k, 2) of connected walls in meters, visible from their right.
 
     Of a ring the outer walls and those of the central block.
     """

@@ -15,7 +15,7 @@ from saccade.visual.gaze_control import GazeControl
 
 SETTINGS = VisualConfig(recover=False)
 """Settings of the mapping, without a kidnapping test, which a blank wall may trigger."""
-SECOND_FIELD_OF_VIEW = 70.0
+SECOND_FIELD_OF_VIEW_DEG = 70.0
 """Field of view of the second, fixed camera in degrees."""
 
 
@@ -43,7 +43,7 @@ def gaze_drive(
     pan = PanCamera(seed=seed)
     drive = simulate_drive(config, seed, pan)
     if egomotion == "second-camera":
-        second = simulate_drive(replace(config, field_of_view=SECOND_FIELD_OF_VIEW), seed)
+        second = simulate_drive(replace(config, field_of_view_deg=SECOND_FIELD_OF_VIEW_DEG), seed)
         drive = measure_odometry(drive, second, SETTINGS)
     control = GazeControl(policy, drive.camera, pan.limits, pan.turn_to, seed)
     settings = replace(SETTINGS, egomotion=egomotion)

@@ -35,7 +35,7 @@ PHOTOGRAPHS = {
 disjoint parts."""
 
 BRICK, MORTAR = (0.30, 0.09), 0.012
-"""Width and height of a brick with its mortar, and width of the mortar, in metres."""
+"""Width and height of a brick with its mortar, and width of the mortar, in meters."""
 
 
 def all_posters() -> list[Texture]:
@@ -50,7 +50,7 @@ def mirror(image: Texture) -> Texture:
 
 
 def brick_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
-    """Bricks in running bond with random tone and grain; `texels` are per metre."""
+    """Bricks in running bond with random tone and grain; `texels` are per meter."""
     height, width = shape
     y = np.arange(height, dtype=np.float32) / np.float32(texels)
     x = np.arange(width, dtype=np.float32) / np.float32(texels)
@@ -74,7 +74,7 @@ def brick_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) 
 
 
 def plaster_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
-    """Rough plaster with stains, and a painted band at the bottom; `texels` are per metre."""
+    """Rough plaster with stains, and a painted band at the bottom; `texels` are per meter."""
     shade = 1 + 0.05 * _noise(shape, (2, 5, 11), rng)
     shade *= 1 + 0.09 * _noise(shape, tuple(int(texels * m) for m in (0.15, 0.4, 1.2)), rng)
     shade[_noise(shape, (3, 6), rng) > 2.6] *= 0.75  # holes
@@ -161,9 +161,9 @@ SKY = (206, 217, 230)
 ACROSS, DOWN, GROUND = 6, 4, 6
 """Mipmap levels of a wall's texture across and down, each half the one before; the ground's."""
 TEXELS, GROUND_TEXELS = 180.0, 160.0
-"""Per metre of wall and of ground: on the default course at least one per pixel of a wall."""
+"""Per meter of wall and of ground: on the default course at least one per pixel of a wall."""
 CORNER = 0.35
-"""Metres next to a corner without posters."""
+"""Meters next to a corner without posters."""
 FRAMES = ((38, 34, 32), (232, 228, 220), (110, 74, 46), (64, 76, 92))
 """RGB of the posters' frames."""
 
@@ -172,7 +172,7 @@ class Walls(NamedTuple):
     """Connected walls along a polyline, visible from its right."""
 
     corners: FloatArray
-    """(k, 2) of the line, in metres; walls run from each to the next."""
+    """(k, 2) of the line, in meters; walls run from each to the next."""
     texture: Texture
     """(h, w, 3) front view from the first corner on; its bottom row is at the ground."""
 
@@ -181,11 +181,11 @@ class Ground(NamedTuple):
     """A piece of level ground."""
 
     corner: FloatArray
-    """(2,) smallest x and largest y in metres, the top-left corner of the texture."""
+    """(2,) smallest x and largest y in meters, the top-left corner of the texture."""
     texture: Texture
     """(h, w, 3) top view, x to the right and y up."""
     texels: float
-    """Per metre."""
+    """Per meter."""
 
 
 class MipmapLevels(NamedTuple):
@@ -210,17 +210,17 @@ class Scene:
     """
 
     start: FloatArray
-    """(m, 2) left end of each wall as seen from its front, in metres."""
+    """(m, 2) left end of each wall as seen from its front, in meters."""
     end: FloatArray
     """(m, 2) right end."""
     offset: FloatArray
-    """(m,) metres along its band to the left end of each wall."""
+    """(m,) meters along its band to the left end of each wall."""
     band: IntArray
     """(m,) band of each wall."""
     wall_height: float
-    """Metres, of all walls."""
+    """Meters, of all walls."""
     wall_texels: float
-    """Per metre of wall."""
+    """Per meter of wall."""
     wall_levels: tuple[MipmapLevels, ...]
     """Mipmaps of each band of walls; the row above each level is sky."""
     ground: Ground
@@ -236,7 +236,7 @@ def build_scene(
 ) -> Scene:
     """The scene of bands of walls on the ground, and its texture atlas, gray or RGB.
 
-    The textures of walls have `texels` per metre, and a height of `wall_height` metres.
+    The textures of walls have `texels` per meter, and a height of `wall_height` meters.
     """
     rows, levels = 0, []
     textures = [(walls.texture, ACROSS, DOWN) for walls in bands]

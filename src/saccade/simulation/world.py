@@ -21,51 +21,51 @@ class WorldConfig(Settings):
     vehicle: Literal["robot", "car"] = "robot"
     """Noise model: distance and turn of a robot, or speed and steering angle of a car."""
     course_length: float = setting(20 * np.pi, 1e-6, 1e6)
-    """Length of one lap in metres."""
+    """Length of one lap in meters."""
     curvature_amplitude: float = setting(0.0, 0, 3)
     """Amplitude of the curvature relative to its mean, with three periods per lap; 0 is a circle,
     over 1 includes turns to the other side."""
     steps: int = setting(1500, 1, 10**6)
     """Number of steps; there is one pose more."""
     step_length: float = setting(0.25, 1e-6, 1e6)
-    """Metres per step."""
+    """Meters per step."""
     step_time: float = setting(1.0, 1e-6, 1e6)
     """Seconds per step."""
     landmarks: int = setting(20, 1, 10**6)
     """Number of landmarks along the course."""
     landmark_spread: float = setting(5.0, 0, 1000)
-    """Largest distance of a landmark from the course, to either side, in metres."""
+    """Largest distance of a landmark from the course, to either side, in meters."""
     group_size: int = setting(1, 1, 10**6)
-    """Number of landmarks in each group, within a metre or so; 1 for no groups."""
+    """Number of landmarks in each group, within a meter or so; 1 for no groups."""
     layout: int = setting(LAYOUT_SEED, 0, 2**31)
     """Seed of the positions of the landmarks."""
     scan_interval: int = setting(1, 1, 10**6)
     """Steps per scan."""
     range_limits: tuple[float, float] = setting((0.5, 5.0), 0, below=1e6)
-    """Smallest and largest range of an observation, in metres."""
-    field_of_view: float = setting(360.0, 0.1, 360)
+    """Smallest and largest range of an observation, in meters."""
+    field_of_view_deg: float = setting(360.0, 0.1, 360)
     """Field of view about the heading, in degrees."""
     range_percent: float = setting(5.0, 0, 1000)
-    """Standard deviation of a range, in per cent of it."""
+    """Standard deviation of a range, in percent of it."""
     range_sigma: float = setting(0.0, 0, 1000)
-    """Standard deviation added to that, in metres."""
-    bearing_sigma: float = setting(3.0, 0, 1000)
+    """Standard deviation added to that, in meters."""
+    bearing_sigma_deg: float = setting(3.0, 0, 1000)
     """Standard deviation of a bearing, in degrees."""
     odometry_percent: float = setting(2.0, 0, 1000)
-    """Odometry noise f of a robot: standard deviations in a step of v metres are f v / sqrt 2
-    metres ahead and 2 sqrt 2 f v radians of turn."""
-    turn_sigma: float = setting(0.0, 0, 1000)
+    """Odometry noise f of a robot: standard deviations in a step of v meters are f v / sqrt 2
+    meters ahead and 2 sqrt 2 f v radians of turn."""
+    turn_sigma_deg: float = setting(0.0, 0, 1000)
     """Standard deviation added to that of a robot's turn in a step, in degrees."""
     scale_percent: float = setting(0.0, 0, 1000)
-    """Systematic error of a robot's distances, in per cent, whose sign is drawn."""
-    heading_drift: float = setting(0.0, 0, 1000)
-    """Systematic error of a robot's turns, in degrees per metre, whose sign is drawn."""
+    """Systematic error of a robot's distances, in percent, whose sign is drawn."""
+    heading_drift_deg: float = setting(0.0, 0, 1000)
+    """Systematic error of a robot's turns, in degrees per meter, whose sign is drawn."""
     speed_sigma: float = setting(0.3, 0, 1000)
-    """Standard deviation of a car's speed in a step, in metres per second."""
-    steering_sigma: float = setting(3.0, 0, 1000)
+    """Standard deviation of a car's speed in a step, in meters per second."""
+    steering_sigma_deg: float = setting(3.0, 0, 1000)
     """Standard deviation of a car's steering angle in a step, in degrees."""
     wheel_base: float = setting(4.0, 1e-6, 1e6)
-    """Metres between a car's axles."""
+    """Meters between a car's axles."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -85,7 +85,7 @@ class WorldConfig(Settings):
     @classmethod
     def coarse(cls) -> "WorldConfig":
         """The circle with coarse sensors."""
-        return cls(range_percent=10.0, bearing_sigma=10.0, odometry_percent=5.0)
+        return cls(range_percent=10.0, bearing_sigma_deg=10.0, odometry_percent=5.0)
 
     @classmethod
     def car(cls) -> "WorldConfig":
@@ -101,10 +101,10 @@ class WorldConfig(Settings):
             landmark_spread=20.0,
             scan_interval=8,
             range_limits=(0.0, 30.0),
-            field_of_view=180.0,
+            field_of_view_deg=180.0,
             range_percent=0.0,
             range_sigma=0.1,
-            bearing_sigma=1.0,
+            bearing_sigma_deg=1.0,
         )
 
 
@@ -123,11 +123,11 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
     commands = _commands(config)
     truth = _poses(_increments(config, commands))  # (t + 1, 3)
     landmarks = _landmarks(config)  # (n, 2)
-    bias = config.scale_percent / 100, float(np.deg2rad(config.heading_drift))
+    bias = config.scale_percent / 100, float(np.deg2rad(config.heading_drift_deg))
     scale, drift = bias * np.random.default_rng((seed, 1)).choice([-1.0, 1.0], 2)
     distance, turn = commands.T
     is_robot = config.vehicle == "robot"
-    if is_robot:  # what its wheels tell, without noise
+    if is_robot:  # by its wheels, without noise
         distance = distance / (1 + scale)
     control, U = _odometry(config, np.stack([distance, turn], 1), rng)
     if is_robot:
@@ -135,7 +135,7 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
     pose, landmark, z = _observations(config, truth, landmarks)
     sigma = np.empty(z.shape)
     sigma[:, 0] = config.range_percent / 100 * z[:, 0] + config.range_sigma
-    sigma[:, 1] = np.deg2rad(config.bearing_sigma)
+    sigma[:, 1] = np.deg2rad(config.bearing_sigma_deg)
     z += sigma * rng.standard_normal(z.shape)
     z[:, 0] = np.abs(z[:, 0])  # no sensor gives a negative range
     time = config.step_time * np.arange(len(truth), dtype=np.float64)
@@ -192,10 +192,10 @@ def _odometry(
     """Measured increments (t, 3), and their covariance (t, 3, 3)."""
     is_car = config.vehicle == "car"
     fraction = config.odometry_percent / 100 * config.step_length
-    turn_sigma = 2 * np.sqrt(2) * fraction + np.deg2rad(config.turn_sigma)
-    sigma = np.array([fraction / np.sqrt(2), turn_sigma])
+    turn = 2 * np.sqrt(2) * fraction + np.deg2rad(config.turn_sigma_deg)
+    sigma = np.array([fraction / np.sqrt(2), turn])
     if is_car:
-        sigma = np.array([config.speed_sigma, np.deg2rad(config.steering_sigma)])
+        sigma = np.array([config.speed_sigma, np.deg2rad(config.steering_sigma_deg)])
     measured = commands + sigma * rng.standard_normal(commands.shape)
     d, c, s = measured[:, 0], np.cos(measured[:, 1]), np.sin(measured[:, 1])
     B = np.zeros((len(commands), 3, 2))  # by the commands
@@ -241,6 +241,6 @@ def _observations(
     z[..., 1] = wrap(np.arctan2(offset[..., 1], offset[..., 0]) - truth[scans, None, 2])
     nearest, farthest = config.range_limits
     visible = (z[..., 0] >= nearest) & (z[..., 0] <= farthest)
-    visible &= np.abs(z[..., 1]) <= np.deg2rad(config.field_of_view / 2)
+    visible &= np.abs(z[..., 1]) <= np.deg2rad(config.field_of_view_deg / 2)
     scan, landmark = np.nonzero(visible)
     return scans[scan], landmark.astype(np.int64), z[visible]

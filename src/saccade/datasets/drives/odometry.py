@@ -45,7 +45,7 @@ class OdometryIncrements(NamedTuple):
     """Motion of a robot in m increments, each in the robot's frame at its beginning."""
 
     control: FloatArray
-    """(m, 3) metres ahead, metres to the left, radians turned."""
+    """(m, 3) meters ahead, meters to the left, radians turned."""
     covariance: FloatArray
     """(m, 3, 3)."""
 
@@ -55,7 +55,7 @@ class SpeedNoise:
     """Errors of measured speeds: white noise, and a gyroscope bias."""
 
     ahead: float
-    """Metres per root second: standard deviation of the distance after one second."""
+    """Meters per root second: standard deviation of the distance after one second."""
     left: float
     """Standard deviation to the side, likewise."""
     turn: float
@@ -82,7 +82,7 @@ def increments_from_speeds(
 
     Args:
         time: (n,) seconds of the samples, ascending; the first and the last extend beyond.
-        speed: (n,) metres per second ahead.
+        speed: (n,) meters per second ahead.
         turn_rate: (n,) radians per second to the left.
         frame_time: (m + 1,) times of the frames, ascending.
         noise: of the speeds.

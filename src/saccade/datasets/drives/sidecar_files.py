@@ -32,7 +32,7 @@ class Poses(NamedTuple):
     rotation: FloatArray
     """(n, 3, 3) from the body frame to the world frame."""
     position: FloatArray
-    """(n, 3) metres, in the world frame."""
+    """(n, 3) meters, in the world frame."""
 
 
 def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:

@@ -18,14 +18,14 @@ class OdometryNoise(Settings):
     """
 
     distance: float = setting(MISSING, 0, 1000)
-    """Standard deviation of the distance after one metre, in metres."""
+    """Standard deviation of the distance after one meter, in meters."""
     turn: float = setting(MISSING, 0, 1000)
     """Standard deviation of the heading after turning by one radian, in radians."""
     drift: float = setting(MISSING, 0, 1000)
-    """Standard deviation of the heading after one metre straight ahead, in radians."""
+    """Standard deviation of the heading after one meter straight ahead, in radians."""
 
     def variances(self, distance: FloatArray, turn: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Variances (n,) of distance and heading after steps (n,) in metres and radians."""
+        """Variances (n,) of distance and heading after steps (n,) in meters and radians."""
         distance, turn = np.abs(distance), np.abs(turn)
         return self.distance**2 * distance, self.turn**2 * turn + self.drift**2 * distance
 
@@ -56,7 +56,7 @@ def integrate(
 
     Args:
         time: (n,) seconds, ascending.
-        speed: (n,) metres per second.
+        speed: (n,) meters per second.
         turn_rate: (n,) radians per second.
         pose_time: (t + 1,) times of the poses, ascending.
         noise: of distance and heading.
@@ -106,8 +106,8 @@ def to_range_bearing(
     """Range and bearing (k, 2) of points in the robot's frame, and their covariance (k, 2, 2).
 
     Args:
-        xy: (k, 2) forward and left in metres.
-        covariance: (k, 2, 2) in square metres; propagated to first order.
+        xy: (k, 2) forward and left in meters.
+        covariance: (k, 2, 2) in square meters; propagated to first order.
         name_of: name of a point in the file, for the message.
     """
     x, y = xy[:, 0], xy[:, 1]

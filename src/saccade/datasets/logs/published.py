@@ -58,7 +58,7 @@ class Platform:
     turn: float = 1.0
     """Radians turned per logged radian."""
     depth: float | None = None
-    """Logged range per metre of depth along the optical axis; None where the logged range is the
+    """Logged range per meter of depth along the optical axis; None where the logged range is the
     distance."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """See `LandmarkLog.odometry_bias`."""
