@@ -20,20 +20,17 @@ from typing import Self, get_args
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from saccade.attention._winner_take_all_kernels import Cells, Network, run_network
 from saccade.attention.channels import CONSPICUITY, Conspicuity
 from saccade.attention.contrast import ContrastMaps
 from saccade.attention.maps import SaliencyMaps
+from saccade.attention.winner_take_all import Network, run_network
 from saccade.errors import ImageError, Settings, require, setting
 from saccade.scale.pyramid import FloatMap, cell_centers, resize
-from saccade.types import FloatArray, IntArray, Scanpath
+from saccade.types import BoolArray, FloatArray, Scanpath
 
 _logger = logging.getLogger(__name__)
 
-Region = npt.NDArray[np.bool_]
-"""(h, w) cells of a saliency map."""
 REGION_HEIGHT = 0.05
 """Height at which a proto-object ends, as a fraction of that of the winner."""
 REGION_AREA = 0.1
@@ -111,7 +108,7 @@ def scanpath(
     config: ScanpathConfig | None = None,
     *,
     fixations: int = 10,
-    region: Callable[[int, int], Region | None] | None = None,
+    region: Callable[[int, int], BoolArray | None] | None = None,
 ) -> Scanpath:
     """The first fixations on a saliency map.
 
@@ -142,13 +139,15 @@ def scanpath(
         return Scanpath(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
     strength = saliency if config.peak is None else saliency * (config.peak / high)
-    winners, steps = simulate(strength, fixations, config, region)
-    if len(winners) < fixations:
+    network = network_of(config, saliency.shape)
+    driven = np.where(strength > 0, strength + config.background, 0)
+    current = network.map_rate * config.drive * driven
+    rows, columns, steps = run_network(network, current, fixations, region)
+    if len(rows) < fixations:
         _logger.warning(
             "scanpath: %d of %d fixations within the time limit of %g s; raise time_limit for more",
-            *(len(winners), fixations, config.time_limit),
+            *(len(rows), fixations, config.time_limit),
         )
-    columns, rows = np.divmod(winners, saliency.shape[0])
     return Scanpath(
         xy=cell_centers(rows, columns, saliency.shape, maps.image_shape),
         time=steps.astype(np.float64) * config.time_step,
@@ -186,19 +185,10 @@ def _covers(h: int, w: int, height: int, width: int) -> bool:
     return (w - 1) * height < (h + 1) * width and (h - 1) * width < (w + 1) * height
 
 
-def simulate(
-    strength: FloatArray,
-    fixations: int,
-    config: ScanpathConfig,
-    region: Callable[[int, int], Region | None] | None = None,
-) -> tuple[IntArray, IntArray]:
-    """The winners of a map as indices down its columns, and the steps in which they spike.
-
-    A region depends on who wins: with regions the network runs again from the onset for each
-    further winner, and the earlier ones win as before.
-    """
+def network_of(config: ScanpathConfig, shape: tuple[int, ...]) -> Network:
+    """The constants of the network per time step, for a map of a shape."""
     dt = config.time_step
-    network = Network(
+    return Network(
         map_rate=dt / config.map_time_constant,
         winner_rate=dt / config.winner_time_constant,
         decay_rate=dt / config.inhibition_time_constant,
@@ -207,27 +197,12 @@ def simulate(
         reset=config.reset,
         inhibition=dt * config.inhibition_strength,
         surround=config.inhibition_surround,
-        sigma=config.inhibition_sigma * max(strength.shape),
+        sigma=config.inhibition_sigma * max(shape),
         last_step=int(config.time_limit / dt),
     )
-    down_columns = strength.T.ravel()
-    number = np.argsort(-down_columns)[: np.count_nonzero(down_columns)]  # (n,) strongest first
-    column, row = np.divmod(number, strength.shape[0])
-    current = network.map_rate * config.drive * (down_columns[number] + config.background)
-    cells = Cells(row, column, number, current)
-    regions = np.zeros((0, *strength.shape), np.bool_)
-    while region is not None and len(regions) < fixations - 1:
-        winners, _ = run_network(network, cells, len(regions) + 1, regions)
-        if len(winners) == len(regions):
-            break
-        winner_column, winner_row = divmod(int(winners[-1]), strength.shape[0])
-        inhibited = region(winner_row, winner_column)
-        disc = np.zeros(strength.shape, np.bool_)
-        regions = np.concatenate([regions, [disc if inhibited is None else inhibited]])
-    return run_network(network, cells, fixations, regions)
 
 
-def proto_object(maps: ContrastMaps, row: int, column: int) -> Region | None:
+def proto_object(maps: ContrastMaps, row: int, column: int) -> BoolArray | None:
     """The region around a cell in the feature map that contributed most to it.
 
     Of the conspicuity map that is highest at the cell, the feature map that is highest there is
@@ -260,7 +235,7 @@ def proto_object(maps: ContrastMaps, row: int, column: int) -> Region | None:
     return region_around(strongest, row, column)
 
 
-def region_around(values: FloatMap, row: int, column: int) -> Region | None:
+def region_around(values: FloatMap, row: int, column: int) -> BoolArray | None:
     """The dilated connected component about a cell, above a fraction of its height.
 
     The fraction is 5 %, doubled while the region would be a tenth of the map or more; None where

@@ -88,17 +88,17 @@ class Verification:
     """Pose of the second camera, for an essential matrix."""
 
     @property
-    def F(self) -> FloatArray | None:
+    def F(self) -> FloatArray | None:  # noqa: N802
         """(3, 3) fundamental matrix, x2' F x1 = 0 in homogeneous pixels (x, y, 1)."""
         return self.matrix if self.geometry == "fundamental" else None
 
     @property
-    def E(self) -> FloatArray | None:
+    def E(self) -> FloatArray | None:  # noqa: N802
         """(3, 3) essential matrix, x2' E x1 = 0 in the planes z = 1 of the cameras."""
         return self.matrix if self.geometry == "essential" else None
 
     @property
-    def H(self) -> FloatArray | None:
+    def H(self) -> FloatArray | None:  # noqa: N802
         """(3, 3) homography from (x, y, 1) in the first image to the second."""
         return self.matrix if self.geometry == "homography" else None
 
