@@ -146,7 +146,7 @@ def chart_figure(charts: Sequence[Chart], start: float = 0.0) -> Figure:
         time = chart.time - start
         style: dict[str, Any] = {"color": BLUE, "linewidth": 1.0}
         dots = {"linestyle": "", "marker": ".", "markersize": 2, "color": GRAY, "alpha": 0.4}
-        band = {"color": GREEN, "alpha": 0.35, "linewidth": 0}
+        band = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
         axes.fill_between(time, *chart.band, **band, label=chart.band_name)
         label = chart.name if chart.name != chart.band_name else None
         axes.plot(time, chart.values, **(dots if chart.dots else style), label=label)
@@ -159,6 +159,6 @@ def chart_figure(charts: Sequence[Chart], start: float = 0.0) -> Figure:
         axes.set_title(title, loc="left", fontsize=10, color="0.2")
         axes.set_xlabel("time since the start [s]")
         axes.margins(x=0.01)
-        axes.legend(loc="upper right", frameon=False, fontsize=7)
+        axes.legend(loc="upper right", fontsize=7, markerscale=3, edgecolor="none")
         grid_axes(axes)
     return figure

@@ -157,7 +157,7 @@ def overview_page(
     )
     cards = "\n".join(section.html() for section in sections)
     body = f'{above}<div class="cards">\n{cards}\n</div>'
-    return html_page(title, lead, body, ["page.css"], sources=["img-src 'self' file:"])
+    return html_page(title, lead, body, ["page.css"], sources=["img-src 'self' file: data:"])
 
 
 def html_page(
