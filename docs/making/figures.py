@@ -309,7 +309,7 @@ def film_frame() -> Figure:
     image = photo("chelsea")
     maps = saccade.attention_saliency(image)
     path = saccade.most_probable_scanpath(maps, fixations=6)
-    frames = viewing.scanpath_frames(image, path)[0][1:5]
+    frames = [frame for frame, _ in viewing.scanpath_frames(image, path)][1:5]
     height, width = frames[0].shape[:2]
     figure = figure_for(width, height, columns=len(frames), rows=1, panel=3.2)
     for axes, frame in zip(figure.subplots(1, len(frames)), frames, strict=True):

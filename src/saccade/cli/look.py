@@ -13,6 +13,7 @@ from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
 from saccade.cli.films import Frames, Row, analyze_each, make_film
+from saccade.cli.mapping import FRAME_RATE
 from saccade.cli.options import (
     INPUT,
     OUTPUT,
@@ -35,6 +36,7 @@ from saccade.cli.output import (
 from saccade.errors import ImageError, setting
 from saccade.io.files import FORMATS, results_in
 from saccade.io.image import read_image
+from saccade.io.video import video_writer
 from saccade.keypoints import Sift, SiftConfig
 from saccade.types import (
     FixationTable,
@@ -50,7 +52,6 @@ from saccade.viewing import (
     attention_figure,
     heat_beside,
     save_figures,
-    save_film,
     scanpath_frames,
 )
 from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
@@ -75,7 +76,7 @@ class LookOptions(ModelOptions, JsonOptions, SourceOptions):
     """The most probable path of the scanpath model (the default), or that of the winner-take-all
     network (the default with --preset kootstra2010, itti1998 and saliencytoolbox2)."""
     scanpath_film: Annotated[bool, OUTPUT] = False
-    """Also animate each scanpath: NAME.scanpath.gif."""
+    """Also animate each scanpath: NAME.scanpath.mp4."""
     formats: Annotated[list[Format] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))] = None
     """Output format: of the maps and scanpaths, npz by default, or csv and mat for the scanpaths;
     and of the figures, png by default; several with commas."""
@@ -227,8 +228,12 @@ def analyze_image(
 
     builder.add(part)
     if options.scanpath_film:
-        file = out.with_name(f"{name}.scanpath.gif")
-        row["film"] = str(save_film(*scanpath_frames(image, scan), file))
+        film = out.with_name(f"{name}.scanpath.mp4")
+        with video_writer(film, FRAME_RATE) as write:
+            for frame, seconds in scanpath_frames(image, scan):
+                for _ in range(max(1, round(seconds * FRAME_RATE))):
+                    write(frame)
+        row["film"] = str(film)
     return row, (scan, samples)
 
 

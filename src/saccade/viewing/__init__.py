@@ -2,7 +2,7 @@
 
 from saccade.viewing.attention import attention_figure, heat_beside, pair_figure
 from saccade.viewing.charts import chart_figure
-from saccade.viewing.film import drive_frames, map_frames, save_film, scanpath_frames
+from saccade.viewing.film import drive_frames, map_frames, scanpath_frames
 from saccade.viewing.keypoints import keypoint_figure, match_figure, region_figure
 from saccade.viewing.page import Picture, Section, overview_page
 from saccade.viewing.slam import map_figure
@@ -24,6 +24,5 @@ __all__ = [
     "region_figure",
     "save_figure",
     "save_figures",
-    "save_film",
     "scanpath_frames",
 ]

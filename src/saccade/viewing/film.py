@@ -1,14 +1,11 @@
 """Films, frame by frame: of a scanpath, of a map over time, and of a drive."""
 
 from collections.abc import Callable, Iterator, Sequence
-from io import BytesIO
-from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-import PIL.Image
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
@@ -16,7 +13,6 @@ from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Polygon
 from matplotlib.transforms import Affine2D
 
-from saccade.io.files import atomic_write
 from saccade.types import Float32Array, FloatArray, Image, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.attention import draw_scanpath, heat_colors
 from saccade.viewing.report_map import ObservedLandmarks
@@ -35,16 +31,19 @@ from saccade.viewing.style import (
     RED,
     draw_panel,
     figure_for,
-    png_bytes,
     rgb_levels,
 )
 
 FOVEA_SIGMA = 0.08
 """Standard deviation of the bright region around a fixation, of the longer side of the image."""
-SLOWDOWN, LAST_SECONDS = 4.0, 1.5
-"""Slow motion of the film of a scanpath, and duration of its last frame."""
-WIDTH, HEIGHT, CAMERA_WIDTH = 1280, 720, 640
-"""Pixels of a frame of the map, and of the camera image on its left."""
+SLOWDOWN = 4.0
+"""Slow motion of the film of a scanpath."""
+LAST_SECONDS = 1.5
+"""Duration of its last frame."""
+WIDTH, HEIGHT = 1280, 720
+"""Pixels of a frame of the map."""
+CAMERA_WIDTH = 640
+"""Pixels of the camera image on its left."""
 ROBOT = [(14, 0), (-9, 8), (-5, 0), (-9, -8), (14, 0)]
 """Outline of an arrowhead that points along x."""
 LAST_FRAMES = 36
@@ -55,9 +54,10 @@ KINDS = (("new", ORANGE), ("tracked", GREEN), ("re-identified", RED))
 """Label and color of each `ObservedLandmarks.kind`."""
 HEAT_OPACITY = 0.55
 """Opacity of the saliency map over the camera image."""
+VIEW_LENGTH = 150.0
+"""Pixels of the wedge that shows where the camera looks."""
 Frame = npt.NDArray[np.uint8]
-VIEW_LENGTH, VIEW_OPACITY = 150.0, 0.25
-"""Pixels of the wedge that shows where the camera looks, and its opacity."""
+"""(h, w, 3) RGB."""
 
 
 class Eye(NamedTuple):
@@ -71,22 +71,22 @@ class Eye(NamedTuple):
     """Why, as it is written on the frame."""
 
 
-def scanpath_frames(image: Float32Array, path: Scanpath) -> tuple[list[Frame], list[float]]:
+def scanpath_frames(image: Float32Array, path: Scanpath) -> Iterator[tuple[Frame, float]]:
     """One frame before the first fixation and one for each, titled with the model's time.
 
     Args:
         image: (H, W, 3) in [0, 1].
-        path: n fixations.
+        path: fixations.
 
-    Returns:
-        n + 1 frames, each (h, w, 3), and their (n + 1) durations in seconds.
+    Yields:
+        Frames (h, w, 3), and the seconds for which each is shown.
     """
     starts = np.concatenate([[0.0], path.time])
-    durations = [*np.diff(starts).tolist(), LAST_SECONDS]
+    durations = [*(SLOWDOWN * np.diff(starts)).tolist(), LAST_SECONDS]
     height, width = image.shape[:2]
     y, x = np.ogrid[:height, :width]
-    sigma, frames = FOVEA_SIGMA * max(height, width), []
-    for count, time in enumerate(starts.tolist()):
+    sigma = FOVEA_SIGMA * max(height, width)
+    for count, (time, seconds) in enumerate(zip(starts.tolist(), durations, strict=True)):
         shown = image
         if count:
             fixation = path.xy[count - 1]
@@ -97,33 +97,9 @@ def scanpath_frames(image: Float32Array, path: Scanpath) -> tuple[list[Frame], l
         axes = figure.subplots()
         draw_panel(axes, shown, f"{1000 * time:.0f} ms")
         draw_scanpath(axes, Scanpath(path.xy[:count], path.time[:count], path.saliency[:count]))
-        frames.append(np.array(PIL.Image.open(BytesIO(png_bytes(figure))).convert("RGB")))
-    return frames, durations
-
-
-def save_film(frames: Sequence[Frame], durations: Sequence[float], file: str | Path) -> Path:
-    """Write frames as an animated GIF that repeats, `SLOWDOWN` times slower than the model.
-
-    Args:
-        frames: each (h, w, 3).
-        durations: seconds of each; the last is not slowed down.
-        file: the GIF.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    milliseconds = [1000 * SLOWDOWN * each for each in durations[:-1]] + [1000 * durations[-1]]
-    first, *others = [PIL.Image.fromarray(frame) for frame in frames]
-    with atomic_write(file) as temporary:
-        first.save(
-            temporary,
-            format="GIF",
-            save_all=True,
-            append_images=others,
-            duration=[max(20, round(each)) for each in milliseconds],
-            loop=0,
-        )
-    return Path(file)
+        canvas = cast("Any", FigureCanvasAgg(figure))
+        canvas.draw()
+        yield np.array(canvas.buffer_rgba())[:, :, :3], seconds
 
 
 def map_frames(
@@ -201,7 +177,8 @@ class _MapCanvas:
 
     def __init__(self, box: FloatArray, *, has_odometry: bool) -> None:
         figure = Figure(figsize=(WIDTH / 100, HEIGHT / 100), dpi=100)
-        axes = figure.add_axes((0.06, 0.08, 0.92, 0.84))
+        self.canvas = cast("Any", FigureCanvasAgg(figure))
+        axes = self.axes = figure.add_axes((0.06, 0.08, 0.92, 0.84))
         width, height = (box[1] - box[0]).tolist()
         aspect = 0.92 * WIDTH / (0.84 * HEIGHT)
         half = np.array([max(width, aspect * height), max(height, width / aspect)]) / 2
@@ -209,7 +186,7 @@ class _MapCanvas:
         self.view_length = VIEW_LENGTH * 2 * half[0] / (0.92 * WIDTH)
         (self.odometry,) = axes.plot([], [], color=GRAY, linewidth=1, label="odometry alone")
         (self.path,) = axes.plot([], [], color=BLUE, linewidth=2, label="estimate")
-        self.view = Polygon(np.zeros((1, 2)), fc=(BLUE, VIEW_OPACITY), ec=BLUE)
+        self.view = Polygon(np.zeros((1, 2)), fc=(BLUE, 0.25), ec=BLUE)
         axes.add_patch(self.view)
         self.ellipses = PolyCollection([], **ELLIPSE, label=f"landmarks, {ELLIPSE_LABEL}")
         self.lines = LineCollection([], colors=GREEN, linewidths=1, label="observed")
@@ -219,8 +196,10 @@ class _MapCanvas:
         for collection in (self.ellipses, self.lines, self.pose):
             axes.add_collection(collection, autolim=False)
         self.title = figure.text(0.06, 0.95, "", fontsize=12, color="0.2")
-        self.reason = axes.text(0.015, 0.03, "", color=BLUE, fontsize=12, transform=axes.transAxes)
-        self.lost = axes.text(0.015, 0.95, "", color=RED, fontsize=12, transform=axes.transAxes)
+        self.reason, self.lost = (
+            axes.text(0.015, y, "", color=color, fontsize=12, transform=axes.transAxes)
+            for y, color in ((0.03, BLUE), (0.95, RED))
+        )
         handles = [self.path, *[self.odometry] * has_odometry, self.ellipses, self.lines]
         figure.legend(handles=handles, loc="upper right", ncols=5, frameon=False, borderaxespad=1.1)
         self.moving = [
@@ -229,7 +208,6 @@ class _MapCanvas:
         ]
         for artist in self.moving:
             artist.set_animated(True)
-        self.figure, self.canvas = figure, cast("Any", FigureCanvasAgg(figure))
         self.canvas.draw()
         self.background = self.canvas.copy_from_bbox(figure.bbox)
 
@@ -265,7 +243,7 @@ class _MapCanvas:
         self.lost.set_text("lost" if len(snapshot.hypotheses) else "")
         self.canvas.restore_region(self.background)
         for artist in self.moving:
-            self.figure.draw_artist(artist)
+            self.axes.draw_artist(artist)
         return np.array(self.canvas.buffer_rgba())[:, :, :3]
 
 
