@@ -150,8 +150,8 @@ def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
         ({"remove": [[]]}, "remove: expected labels of landmarks"),
         ({"noise": []}, "noise: expected a table of settings"),
         ({"noise": {"loud": 1}}, "noise: no setting 'loud'; expected any of distance_percent"),
-        ({"noise": {"max_range": "far"}}, "noise: max_range: expected float, found 'far'"),
-        ({"noise": {"range_percent": 0}}, "range_percent: expected 0.5 to 20, found 0.0"),
+        ({"noise": {"max_range": "far"}}, "noise: max_range: expected a number, found 'far'"),
+        ({"noise": {"range_percent": 0}}, "range_percent: expected 0.5 to 20, found 0"),
     ],
 )
 def test_invalid_requests_are_one_line_errors_and_change_nothing(change, words):

@@ -1,7 +1,6 @@
 """The local server without a browser: access, limits, results and copied snippets."""
 
 import json
-import os
 import re
 import signal
 import socket
@@ -18,10 +17,9 @@ import numpy as np
 import pytest
 
 from saccade.errors import ConfigError, ImageError
-from saccade.serving import controls as snippets
 from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
 from saccade.serving.controls import GROUPS, controls
-from saccade.settings import load_settings, preset_names, settings_from
+from saccade.settings import load_settings, settings_from
 from support.limits import TIMEOUT
 from support.pictures import png
 
@@ -34,7 +32,7 @@ PORT = 8014
 HOME = f"http://127.0.0.1:{PORT}"
 MAX_BYTES = 200_000
 PHOTO = files("saccade") / "data" / "horse.jpg"
-WORK = ("/look", "/points", "/features", "/slam/start", "/slam/step")
+WORK = ("/look", "/points", "/slam/start", "/slam/step")
 """Paths of requests of JSON."""
 
 
@@ -59,7 +57,7 @@ class _StubAnalyzer:
             )
         return {"maps": []}
 
-    detect = features = start = step = analyze
+    detect = start = step = analyze
 
     def warm_up(self):
         pass
@@ -84,49 +82,42 @@ def test_local_host_names_get_the_page(client, host):
     assert answer.text.startswith("<!doctype html>")
 
 
-@pytest.mark.parametrize(
-    "host",
-    [
-        "evil.example",
-        f"evil.example:{PORT}",
-        f"127.0.0.1.evil.example:{PORT}",
-        "",
-        f"user@127.0.0.1:{PORT}",
-    ],
-)
-def test_another_host_name_is_refused(client, analyzer, host):
-    for answer in (
-        client.get("/", headers={"Host": host}),
-        client.post("/look", json={}, headers={"Host": host}),
-    ):
-        assert answer.status_code == 403
-        assert answer.text == "rejected: the Host header does not name this server"
-    assert not analyzer.done
+EVIL = f"127.0.0.1.evil.example:{PORT}"
 
 
 @pytest.mark.parametrize(
-    "origin",
+    ("headers", "reason"),
     [
-        "http://evil.example",
-        "null",
-        "",
-        f"https://127.0.0.1:{PORT}",
-        f"http://127.0.0.1:{PORT}.evil.example",
-        "http://[evil",
+        *(
+            ({"Host": host}, "the Host header does not name this server")
+            for host in ("evil.example", EVIL, "", f"user@127.0.0.1:{PORT}")
+        ),
+        *(
+            ({"Origin": origin}, "cross-origin request")
+            for origin in (
+                "null",
+                "",
+                f"https://127.0.0.1:{PORT}",
+                f"http://{EVIL}",
+                "http://[evil",
+            )
+        ),
+        *(
+            ({"Sec-Fetch-Site": site}, "cross-origin request")
+            for site in ("cross-site", "same-site")
+        ),
     ],
 )
-def test_another_origin_is_refused(client, analyzer, origin):
+def test_requests_of_other_pages_are_rejected(client, analyzer, headers, reason):
     for path in ("/photo", *WORK):
-        answer = client.post(path, content=b"{}", headers={"Origin": origin})
-        assert (answer.status_code, answer.text) == (403, "rejected: cross-origin request")
-    assert client.get("/state", headers={"Origin": origin}).status_code == 403
+        answer = client.post(path, content=b"{}", headers=headers)
+        assert (answer.status_code, answer.text) == (403, f"rejected: {reason}")
+    for path in ("/state", "/samples/a.jpg"):
+        assert client.get(path, headers=headers).status_code == 403
     assert not analyzer.done
 
 
-def test_cross_site_requests_are_refused_except_links(client):
-    for site in ("cross-site", "same-site"):
-        assert client.get("/state", headers={"Sec-Fetch-Site": site}).status_code == 403
-        assert client.get("/samples/a.jpg", headers={"Sec-Fetch-Site": site}).status_code == 403
+def test_links_of_other_sites_open_the_page_and_nothing_else(client):
     link = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
     assert client.get("/", headers=link).status_code == 200
     assert client.post("/look", json={}, headers=link).status_code == 403
@@ -154,28 +145,15 @@ def test_the_policy_allows_only_the_own_server(client):
         assert "Access-Control-Allow-Origin" not in headers
 
 
-def test_a_body_that_is_too_large_is_refused(client, analyzer):
+def test_a_body_that_is_too_large_is_rejected_whatever_length_it_declares(client, analyzer):
     answer = client.post("/photo?name=x", content=b"x" * (MAX_BYTES + 1))
     assert (answer.status_code, answer.text) == (413, "too large: expected at most 0.2 MB")
     assert client.post("/look", content=b" " * 100_001).status_code == 413
+    chunks = (b"x" * 10_000 for _ in range(100))
+    assert client.post("/photo", content=chunks).status_code == 413
     assert not analyzer.done
     assert client.post("/photo?name=x", content=b"x" * MAX_BYTES).status_code == 200
     assert analyzer.done == [("x", MAX_BYTES)]
-
-
-def test_a_body_of_unknown_length_is_limited(client, analyzer):
-    sent = []
-
-    def chunks():
-        for _ in range(100):
-            sent.append(1)
-            yield b"x" * 10_000
-
-    assert client.post("/photo", content=chunks()).status_code == 413
-    assert not analyzer.done
-    for said in ("-1", "1e9", "\u0663", "9" * 5000):
-        headers = {"Content-Length": said.encode()}
-        assert client.post("/photo", content=b"x", headers=headers).status_code in (200, 413)
 
 
 @pytest.mark.parametrize(
@@ -201,13 +179,6 @@ def test_malformed_requests_are_refused(client, analyzer, body):
 def test_errors_are_one_line(client, fail, status, words):
     answer = client.post("/look", json={"fail": fail})
     assert (answer.status_code, answer.text) == (status, words)
-
-
-def test_other_paths_and_methods_are_refused(client):
-    assert client.get("/samples/b.jpg").status_code == 404
-    assert client.get("/samples/..%2f..%2fetc%2fpasswd").status_code == 404
-    assert client.get("/look").status_code == 405
-    assert client.put("/photo", content=b"").status_code == 405
 
 
 @pytest.mark.parametrize("side", [7000, 12_000, 65_000])
@@ -276,65 +247,35 @@ def test_the_copied_python_computes_what_is_shown(model, monkeypatch, tmp_path):
     assert len(space["points"]) == found["count"] > 0
 
 
-def test_the_copied_command_has_the_settings(tmp_path):
-    name = "-it's $(touch no) `1`.jpg"
+def test_the_copied_files_have_the_settings(tmp_path):
     analyzer = PhotoAnalyzer()
-    opened = analyzer.open(PHOTO.read_bytes(), name)
-    request = {"photo": opened["photo"], "model": "attention", **CHANGED, "fixations": 3}
-    command = analyzer.analyze(request)["command"]
-    stub = tmp_path / "saccade"
-    stub.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" > said\n")
-    stub.chmod(0o755)
-    environment = {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
-    subprocess.run(
-        ["bash", "-ec", command], cwd=tmp_path, env=environment, timeout=TIMEOUT, check=True
-    )
-    words = (tmp_path / "said").read_text().splitlines()
-    path = ["--scanpath", "winner-take-all"]
-    options = ["--fixations", "3", *path, "--config", "attention.toml"]
-    assert words == ["look", f"./{name}", *options]
-    set_so = load_settings("attention", "free_viewing", path=tmp_path / "attention.toml")
-    inner = {kind: CHANGED[kind] for kind in ("contrast", "symmetry")}
-    assert set_so == settings_from("attention", CHANGED["attention"] | inner, "request")
-    assert command.startswith("# scanpath settings: in Python only\n")
-    assert not (tmp_path / "no").exists()
+    photo = analyzer.open(PHOTO.read_bytes(), "a.jpg")["photo"]
+    request = {"photo": photo, "model": "attention", **CHANGED, "detector": "must"}
+    for kind, inner, result in (
+        ("attention", ("contrast", "symmetry"), analyzer.analyze(request)),
+        ("must", (), analyzer.detect(request)),
+    ):
+        path = tmp_path / f"{kind}.toml"
+        path.write_text(result["file"], encoding="utf-8")
+        settings = CHANGED[kind] | {each: CHANGED[each] for each in inner}
+        assert load_settings(kind, path=path) == settings_from(kind, settings, "request")
 
 
-@pytest.mark.parametrize(
-    ("preset", "option"), [("free_viewing", ""), ("default", " --without-center-bias")]
-)
-def test_a_preset_is_named_by_what_it_changes(preset, option):
-    settings = load_settings("attention", preset)
-    plain = snippets.attention_command(
-        "a.jpg", "attention", settings, load_settings("scanpath"), 10
-    )
-    assert plain == f"saccade look a.jpg --scanpath winner-take-all{option}"
-
-
-def test_every_setting_is_on_the_page_and_every_preset_in_its_range():
-    for group in controls()["groups"]:
-        kind = group["kind"]
-        own = {
-            each.name
-            for each in fields(load_settings(kind))
-            if not is_dataclass(getattr(load_settings(kind), each.name))
-        }
-        assert {field["name"] for field in group["fields"]} == own - set(
-            GROUPS[kind].get("hidden", ())
-        )
-        assert all(field["help"] for field in group["fields"])
-        hidden = {"kootstra2010"} if kind == "must" else set()  # only its descriptor is another
-        assert list(group["presets"]) == [each for each in preset_names(kind) if each not in hidden]
-        for values in group["presets"].values():
-            for name, value in values[kind].items():
-                field = next(each for each in group["fields"] if each["name"] == name)
-                if value is None:
-                    assert field["optional"], (kind, name)
-                elif field["input"] == "range":
-                    assert field["low"] <= value <= field["high"], (kind, name, value)
-                if field["input"] == "choice":
-                    assert value in field["choices"]
-    assert json.dumps(controls())
+@pytest.mark.parametrize("group", controls()["groups"], ids=lambda group: group["kind"])
+def test_every_setting_has_a_control_and_every_preset_is_in_its_range(group):
+    kind, by_name = group["kind"], {each["name"]: each for each in group["fields"]}
+    defaults = load_settings(kind)
+    own = {each.name for each in fields(defaults) if not is_dataclass(getattr(defaults, each.name))}
+    assert by_name.keys() == own - set(GROUPS[kind].get("hidden", ()))
+    for values in group["presets"].values():
+        for name, value in values[kind].items():
+            field = by_name[name]
+            if value is None:
+                assert field["optional"], (kind, name)
+            elif field["input"] == "range":
+                assert field["low"] <= value <= field["high"], (kind, name, value)
+            assert field["input"] != "choice" or value in field["choices"]
+    assert json.dumps(group)
 
 
 @pytest.mark.parametrize("group", controls()["groups"], ids=lambda group: group["kind"])

@@ -52,8 +52,7 @@ LEAD = (
 STYLES = ("page.css", "report.css", "serving/serve.css")
 SCRIPTS = (
     *("report.js", "photo.js", "image.js", "charts.js", "ground.js", "serving/controls.js"),
-    *("serving/features.js", "serving/playground_view.js", "serving/playground.js"),
-    "serving/serve.js",
+    *("serving/playground_view.js", "serving/playground.js", "serving/serve.js"),
 )
 
 Work = Callable[[Mapping[str, Any]], Mapping[str, Any]]
@@ -82,7 +81,6 @@ def application(
     work: dict[str, Work] = {
         "look": analyzer.analyze,
         "points": analyzer.detect,
-        "features": analyzer.features,
         "slam/start": playground.start,
         "slam/step": playground.step,
     }

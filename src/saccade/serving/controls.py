@@ -1,19 +1,15 @@
 """Controls of the page of `saccade serve`, and its settings as Python and as a command."""
 
-import shlex
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-import tomli_w
-
 from saccade.serving.playground import PlaygroundNoise
 from saccade.settings import (
     DEFAULT,
-    FREE_VIEWING,
-    NONE,
+    as_toml,
     field_help,
     load_settings,
     preset_names,
@@ -155,33 +151,23 @@ def detection_python(detector: str, settings: Any) -> str:
     return f"points = saccade.{DETECTORS[detector]}({config})(image)"
 
 
-def attention_command(name: str, model: str, settings: Any, path: Any, fixations: int) -> str:
-    """The command that computes saliency and scanpath."""
-    options = ["--model", model] if model != "attention" else []
-    options += ["--fixations", str(fixations)] if fixations != FIXATIONS else []
-    options += ["--scanpath", "winner-take-all"]
+def attention_file(model: str, settings: Any, fixations: int) -> str:
+    """The settings of a model as a file for `saccade look`."""
+    options = f"--model {model} --scanpath winner-take-all --fixations {fixations}"
+    return f"# saccade look PHOTO {options} --config {model}.toml\n{as_toml(settings)}"
+
+
+def detection_file(detector: str, settings: Any) -> str:
+    """The settings of a detector as a file for `saccade detect`."""
+    command = f"saccade detect PHOTO --detector {detector} --config {detector}.toml"
+    return f"# {command}\n{as_toml(settings)}"
+
+
+def changes(settings: Any) -> dict[str, Any]:
+    """The settings of a configuration that differ from its defaults."""
     default = type(settings)()
-    if model == "attention" and settings == default:
-        options += ["--without-center-bias"]
-    elif model == "attention":
-        default = load_settings(model, FREE_VIEWING)
-    command = _command("look", name, options, model, _toml_value(settings, default))
-    if changes(path):
-        command = f"# scanpath settings: in Python only\n{command}"
-    return command
-
-
-def detection_command(name: str, detector: str, settings: Any) -> str:
-    """The command that detects interest points."""
-    options = [] if detector == "sift" else ["--detector", detector]
-    return _command("detect", name, options, detector, _toml_value(settings, type(settings)()))
-
-
-def changes(settings: Any, default: Any = None) -> dict[str, Any]:
-    """The settings of a configuration that differ from another, by default from their defaults."""
-    default = type(settings)() if default is None else default
-    values = ((each.name, getattr(settings, each.name)) for each in fields(settings))
-    return {name: value for name, value in values if value != getattr(default, name)}
+    values = {each.name: getattr(settings, each.name) for each in fields(settings)}
+    return {name: value for name, value in values.items() if value != getattr(default, name)}
 
 
 def _constructor(settings: Any) -> str:
@@ -191,21 +177,3 @@ def _constructor(settings: Any) -> str:
         for name, value in changes(settings).items()
     )
     return f"saccade.{type(settings).__name__}({arguments})"
-
-
-def _toml_value(value: Any, default: Any) -> Any:
-    if is_dataclass(value):
-        return {
-            name: _toml_value(each, getattr(default, name, None))
-            for name, each in changes(value, default).items()
-        }
-    return NONE if value is None else value
-
-
-def _command(command: str, name: str, options: list[str], kind: str, table: dict[str, Any]) -> str:
-    """A command, preceded by the file with the table of settings that it needs."""
-    photo = shlex.quote(f"./{name}" if name.startswith("-") else name)
-    line = " ".join(("saccade", command, photo, *options))
-    if not table:
-        return line
-    return f"cat > {kind}.toml <<'END'\n{tomli_w.dumps(table)}END\n{line} --config {kind}.toml"

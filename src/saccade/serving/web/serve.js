@@ -100,7 +100,7 @@ function pages(elements, changed) {
 function serve(element, data) {
   const request = { photo: null, model: "attention", detector: "sift", fixations: 10 };
   const results = { look: {}, points: {}, python: "" };
-  const errors = { photo: null, look: null, points: null, features: null };
+  const errors = { photo: null, look: null, points: null };
   const running = { photo: false, look: false, points: false };
   let firstLook = true;
   let last = null; // the photograph as it was dropped, for a server that has been restarted
@@ -109,7 +109,7 @@ function serve(element, data) {
   const status = make("p", { class: "status", role: "status" });
   const notice = make("p", { class: "notice", role: "status", hidden: true },
     "Compiling for this machine. Only the first run does, and it takes up to a minute.");
-  const python = snippet("The same in Python"), command = snippet("The same as a command");
+  const python = snippet("The same in Python"), files = { look: snippet("Settings of the model"), points: snippet("Settings of the points") };
 
   const { values, elements } = settingsGroups(data.groups, (kind) => (data.detectors.includes(kind) ? detect() : look()));
   const groupOf = (kind) => elements.find((each) => each.dataset.kind === kind);
@@ -122,7 +122,6 @@ function serve(element, data) {
     results.look = result;
     view.change({ maps: result.maps, scanpath: result.scanpath, map: firstLook ? "saliency" : undefined });
     firstLook = false;
-    features.update();
     showStatus();
   }, failure("look"), busy("look"));
   const detect = requester("points", () => ({
@@ -132,13 +131,6 @@ function serve(element, data) {
     view.change({ points: result.points });
     showStatus();
   }, failure("points"), busy("points"));
-
-  const features = featureMaps(
-    () => ({ photo: request.photo, ...valuesOf(["contrast"]) }),
-    (map) => {
-      view.change({ maps: [...results.look.maps, map], map: map.name });
-      part.scrollIntoView({ block: "nearest" });
-    }, failure("features"));
 
   function failure(name) {
     return (error) => {
@@ -170,7 +162,7 @@ function serve(element, data) {
     status.textContent = parts.join(" · ");
     const joined = (key) => [results.look[key], results.points[key]].filter(Boolean);
     python.set([results.python, ...joined("python")].join("\n"));
-    command.set(joined("command").join("\n"));
+    for (const [name, each] of Object.entries(files)) each.set(results[name].file ?? "");
   }
 
   let numOpened = 0;
@@ -222,7 +214,6 @@ function serve(element, data) {
   const fixations = setting({ input: "range", name: "fixations", help: "Length of the scanpath.", low: 1, high: 40, step: 1 },
     (value) => { request.fixations = value; look(); });
   fixations.show(request.fixations);
-  stage.append(features.element);
   const photograph = make("div", { id: "photograph" }, drop, alarm, stage);
   const slam = make("div", { id: "slam", hidden: true });
   const robot = playground(slam, data.playground);
@@ -231,7 +222,7 @@ function serve(element, data) {
   const view = kinds.image(part, {
     image: { address: "data:,", width: 4, height: 3 }, maps: [], scanpath: EMPTY, points: NO_POINTS,
   });
-  view.layers.after(status, make("div", { class: "snippets" }, python.element, command.element));
+  view.layers.after(status, make("div", { class: "snippets" }, python.element, files.look.element, files.points.element));
 
   const models = segments("Model", Object.keys(data.models), request.model, (name) => {
     request.model = name;
@@ -249,7 +240,6 @@ function serve(element, data) {
       const { kind } = each.dataset;
       each.hidden = kind !== "scanpath" && kind !== request.detector && !data.models[request.model].includes(kind);
     }
-    features.element.hidden = !data.models[request.model].includes("contrast");
   }
   const panel = make("section", { class: "controls", "aria-label": "Settings" }, models,
     ...elements.filter((each) => !data.detectors.includes(each.dataset.kind)), detectors, ...data.detectors.map(groupOf));
