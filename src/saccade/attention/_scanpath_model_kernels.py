@@ -155,8 +155,11 @@ def draw_paths(
                     break
             if cell < 0:
                 fill_density(model, grid, path, density)
-                drawn = int(np.searchsorted(np.cumsum(density), rng.random()))
-                cell = min(drawn, len(density) - 1)
+                u, total = rng.random(), 0.0
+                for cell in range(len(density)):
+                    total += density[cell]
+                    if total >= u:
+                        break
             cells[p, k] = cell
             paths[p, k, 0] = grid.x[cell] + (rng.random() - 0.5) * grid.width
             paths[p, k, 1] = grid.y[cell] + (rng.random() - 0.5) * grid.height

@@ -218,7 +218,7 @@ def _clip_to_half(offset: float) -> float:
     return min(max(offset, -0.5), 0.5)
 
 
-@kernel()
+@kernel(inline=True)
 def fit_quadratic(
     dog: Float32Array, plane: int, row: int, column: int
 ) -> tuple[tuple[float, float, float], float, float, float, float]:
@@ -250,7 +250,7 @@ def fit_quadratic(
     return (x, y, s), value, xx + yy, xx * yy - xy * xy, determinant_3d
 
 
-@kernel()
+@kernel(inline=True)
 def refine_position(
     dog: Float32Array, plane: int, row: int, column: int, x: float, y: float, scale: float
 ) -> tuple[float, float, float]:

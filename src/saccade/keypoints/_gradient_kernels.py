@@ -63,7 +63,7 @@ def fill_orientation_histograms(
         stride = max(int(spacing * sigma + 0.5), 1)
         plane = octave[planes[i]]
         count = gather_gradients(plane, x, y, 1 / sigma, 0.0, radius / sigma, stride, samples)
-        weight_gradients(
+        _weight_gradients(
             samples, count, ORIENTATION_SIGMA, bins_per_radian, float(ORIENTATION_BINS)
         )
         _interpolate_directions(samples, count, linear, lower, weights)
@@ -130,7 +130,7 @@ def fill_descriptors(
         stride = max(int(spacing * sigmas[i] + 0.5), 1)
         cosine, sine = cos(angle) / cell, sin(angle) / cell
         count = gather_gradients(octave[planes[i]], x, y, cosine, sine, radius, stride, samples)
-        weight_gradients(
+        _weight_gradients(
             samples,
             count,
             CELLS * window_sigma,
@@ -287,7 +287,7 @@ def _gather_row(
 
 
 @kernel(fastmath=("nsz", "contract"))
-def weight_gradients(
+def _weight_gradients(
     samples: Float32Array, count: int, window_sigma: float, bins_per_radian: float, first_bin: float
 ) -> None:
     """Replace gradients, rows 2 and 3 of `samples`, by orientation bin and weight (B.11-B.12).

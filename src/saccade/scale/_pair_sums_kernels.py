@@ -39,20 +39,6 @@ class Gradients(NamedTuple):
     """(h, w) of the direction, from x towards y."""
 
 
-@kernel()
-def normalize_gradients(gradients: Gradients, gain: np.float32) -> None:
-    """Normalize gradients in place, and fill their strength with gain times magnitude."""
-    strength, cosine, sine = gradients
-    one, smallest = np.float32(1), np.float32(1e-30)
-    for y in range(len(strength)):
-        for x in range(strength.shape[1]):
-            g_x, g_y = cosine[y, x], sine[y, x]
-            magnitude = np.sqrt(g_x * g_x + g_y * g_y)
-            inverse = one / max(magnitude, smallest)
-            cosine[y, x], sine[y, x] = g_x * inverse, g_y * inverse
-            strength[y, x] = gain * magnitude
-
-
 @kernel(fastmath=("contract",))
 def add_isotropic(gradients: Gradients, pairs: PairKernel, out: Float32Array) -> None:
     """Add to each pixel the terms of its `PairKernel.scaled` pairs."""

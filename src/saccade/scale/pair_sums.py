@@ -17,12 +17,14 @@ from saccade.scale._pair_sums_kernels import (
     MARGIN,
     add_isotropic,
     add_radial,
-    normalize_gradients,
 )
 from saccade.scale._pair_sums_kernels import Gradients as Gradients
 from saccade.scale._pair_sums_kernels import PairKernel as PairKernel
 from saccade.scale.pyramid import FloatMap
 from saccade.types import Float32Array
+
+TINY = 1e-30
+"""Magnitude below which a gradient has no direction."""
 
 
 def pair_kernel(inner: int, outer: int, sigma: float) -> PairKernel:
@@ -58,10 +60,12 @@ def gradients_of(channel: FloatMap, gain: float, border: int = cv2.BORDER_REFLEC
     plane = np.ascontiguousarray(channel, np.float32)
     cosine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=border)
     sine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=border)
-    gradients = Gradients(np.empty_like(plane), cosine, sine)
-    normalize_gradients(gradients, np.float32(gain))
-    np.log1p(gradients.strength, out=gradients.strength)
-    return gradients
+    magnitude = np.sqrt(cosine * cosine + sine * sine)
+    inverse = 1 / np.maximum(magnitude, np.float32(TINY))
+    cosine *= inverse
+    sine *= inverse
+    magnitude *= np.float32(gain)
+    return Gradients(np.log1p(magnitude, out=magnitude), cosine, sine)
 
 
 def isotropic_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
