@@ -2,30 +2,26 @@
 
     uv run python benchmarks/selection.py kitti07 kitti_stereo_60m --seeds 10 --jobs 2
 
-Drives a simulated ring and a simulated room, and recorded drives out and back. Every run is stored
-in --out: an interrupted study resumes, and more seeds add to it. Printed are the means of each
-drive and budget, and the criteria over all of them: their mean rank, and the ratios of their ATE
-and re-identification rate to those of the reference, with 95 % intervals over the seeds.
+Quoted in docs/selection.md. Drives a simulated ring and a simulated room, and recorded drives out
+and back. Printed are the means of each drive and budget over the seeds, and over all of them the
+mean rank of each criterion, and the ratios of its ATE and its re-identification rate to those of
+the reference, with 95 % intervals over drives and seeds.
 
 Tables are (drives, budgets, criteria, seeds), NaN where a run has no such score.
 """
 
-import argparse
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from saccade.evaluation.gaze import map_in_processes, read_run, write_run
 from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
-import saccade
+from measuring import arguments, geometric_mean, in_processes, with_interval
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import datasets, visual
-from saccade.evaluation.intervals import mean_interval
 from saccade.evaluation.runs import summarize_drive
 from saccade.frames import Drive
 from saccade.simulation import DriveConfig, simulate_drive
@@ -52,17 +48,17 @@ SCORES = {
     "landmarks": ("map", 1, ".0f"),
 }
 """Scores of a run, with their headings, factors and formats."""
-RANKED = {"ate_m": False, "reidentification_rate": True}
-"""Scores that rank the criteria, and whether larger ones are better."""
+RANKED = {"ate_m": 1, "reidentification_rate": -1}
+"""Scores that rank the criteria, and their sign: smaller products are better."""
 
 
 @dataclass(frozen=True)
 class RunSeries:
     """Runs over one drive with one seed, which process the same frames."""
 
+    seed: int
     source: str
     """A recorded drive, driven out and back, or one of `WORLDS`."""
-    seed: int
     frames: int
     budgets: list[int]
     """Landmarks tracked at a time."""
@@ -79,122 +75,71 @@ class RunSeries:
         return replace(drive, load=cache(drive.load))
 
 
-def run_series(series: RunSeries, out: Path) -> list[dict[str, Any]]:
-    """The results of a series; those that are not stored are computed."""
-    drive, rows = None, []
-    name = Path(series.source).resolve().name
+def run_series(series: RunSeries) -> FloatArray:
+    """(budgets, criteria, scores) of a series."""
+    drive, rows = series.load(), []
     for budget, criterion in product(series.budgets, series.criteria):
-        run = f"{name}-{series.frames}-{budget}-{criterion}-{series.seed}.json"
-        path = out / "runs" / saccade.__version__ / run
-        row = {"drive": name, "budget": budget, "criterion": criterion, "seed": series.seed}
-        if not path.exists():
-            drive = series.load() if drive is None else drive
-            config = VisualConfig(
-                selection=criterion,
-                new_per_frame=budget,
-                max_tracked=budget,
-                seed=series.seed,
-            )
-            with threadpool_limits(1, user_api="blas"):
-                result = visual.run(drive, config)
-            found = summarize_drive(drive, result)
-            attempts = found["reidentified"] + found["missed"]
-            found["reidentification_rate"] = found["reidentified"] / attempts if attempts else None
-            write_run(path, row | {score: found[score] for score in SCORES})
-        rows.append(read_run(path, row, tuple(SCORES)))
-    return rows
+        config = VisualConfig(
+            selection=criterion, new_per_frame=budget, max_tracked=budget, seed=series.seed
+        )
+        with threadpool_limits(1, user_api="blas"):
+            found = summarize_drive(drive, visual.run(drive, config))
+        attempts = found["reidentified"] + found["missed"]
+        found["reidentification_rate"] = found["reidentified"] / attempts if attempts else None
+        rows.append([found[score] for score in SCORES])
+    return np.array(rows, np.float64).reshape(len(series.budgets), len(series.criteria), -1)
 
 
-def means(table: FloatArray) -> FloatArray:
-    """Mean over the seeds with its interval: (drives, budgets, criteria, 3), NaN where missing."""
-    result = np.full((*table.shape[:3], 3), np.nan)
-    for cell in np.ndindex(table.shape[:3]):
-        scores = table[cell][np.isfinite(table[cell])][:, None]
-        if len(scores):
-            low, high = mean_interval(scores, 0.95, seed=0)
-            result[cell] = scores.mean(), low[0], high[0]
-    return result
-
-
-def mean_ranks(table: FloatArray, larger_is_better: bool) -> FloatArray:
-    """(criteria,) rank by the mean over the seeds, averaged over drives and budgets; 1 is best.
-
-    Ties share the mean of their ranks; criteria without a score rank last.
-    """
-    mean = means(table)[..., 0]
-    cost = np.nan_to_num(-mean if larger_is_better else mean, nan=np.inf)
-    return np.asarray(rankdata(cost, axis=2).mean((0, 1)))
-
-
-def ratios(table: FloatArray, reference: int) -> FloatArray:
-    """(criteria, 3) ratio of a score to that of the reference criterion, with its interval.
+def ratios(table: FloatArray, reference: int) -> list[str]:
+    """Ratio of each criterion's score to that of the reference, with its interval.
 
     Sums over the budgets are compared for each drive and seed, as budgets on the same drive are
-    not independent. Given are the geometric mean and its bootstrap interval. Drives on which a
-    criterion has no score, or 0, are left out.
+    not independent. Drives on which a criterion has no score, or 0, are left out.
     """
     per_drive = np.nansum(table, axis=1).transpose(0, 2, 1).reshape(-1, table.shape[2])
-    per_drive = np.log(per_drive[(per_drive > 0).all(1)])
-    if len(per_drive) == 0:
-        return np.full((table.shape[2], 3), np.nan)
-    gain = per_drive - per_drive[:, [reference]]
-    low, high = mean_interval(gain, 0.95, seed=0)
-    return np.asarray(np.exp(np.stack([gain.mean(0), low, high], 1)))
-
-
-def print_scores(rows: list[dict[str, Any]], reference: str) -> None:
-    """Print the means of each drive and budget, and the ranking over all."""
-    names = ("drive", "budget", "criterion", "seed")
-    axes = [list(dict.fromkeys(row[name] for row in rows)) for name in names]
-    drives, budgets, criteria, _ = axes
-    tables = {score: np.full([len(axis) for axis in axes], np.nan) for score in SCORES}
-    for row in rows:
-        cell = tuple(axis.index(row[name]) for name, axis in zip(names, axes, strict=True))
-        for score, table in tables.items():
-            table[cell] = np.nan if row[score] is None else row[score]
-    averages = {score: means(table) for score, table in tables.items()}
-    for (d, drive), (b, budget) in product(enumerate(drives), enumerate(budgets)):
-        print(f"\n{drive}, {budget} landmarks")
-        print(" " * 24 + "".join(f"{heading:>20}" for heading, _, _ in SCORES.values()))
-        for c, criterion in enumerate(criteria):
-            cells = []
-            for score, (_, factor, form) in SCORES.items():
-                mean, low, high = factor * averages[score][d, b, c]
-                cells.append(f"{mean:{form}} ±{(high - low) / 2:{form}}")
-            print(f"{criterion:24}" + "".join(f"{cell:>20}" for cell in cells))
-    rank = np.mean([mean_ranks(tables[score], larger) for score, larger in RANKED.items()], 0)
-    relative = {score: ratios(tables[score], criteria.index(reference)) for score in RANKED}
-    print(f"\nall drives and budgets, relative to {reference}: mean rank, ATE, re-id rate")
-    for c in np.argsort(rank, kind="stable"):
-        cells = [
-            f"{m:.2f} [{low:.2f} {high:.2f}]"
-            for m, low, high in (relative[score][c] for score in RANKED)
-        ]
-        print(f"{criteria[c]:24}{rank[c]:8.2f}  {'  '.join(cells)}")
+    logs = np.log(per_drive[(per_drive > 0).all(1)])
+    return [with_interval(geometric_mean(logs[:, c] - logs[:, reference])) for c in range(len(logs[0]))]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("drives", nargs="*")
-    parser.add_argument("--out", type=Path, default=Path("saccade-selection"))
-    parser.add_argument("--no-simulator", action="store_true")
-    parser.add_argument("--budgets", nargs="+", type=int, default=[5, 10, 20, 50])
-    parser.add_argument("--criteria", nargs="+", choices=SELECTIONS, default=SELECTIONS)
-    parser.add_argument("--reference", choices=SELECTIONS, default="rematch-rate-range")
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--frames", type=int, default=160)
-    parser.add_argument("--jobs", type=int, default=1)
-    given = parser.parse_args()
+    given = arguments(
+        __doc__,
+        drives={"flags": "drives", "nargs": "*"},
+        no_simulator=False,
+        budgets=[5, 10, 20, 50],
+        criteria={"nargs": "+", "choices": SELECTIONS, "default": list(SELECTIONS)},
+        reference={"choices": SELECTIONS, "default": "rematch-rate-range"},
+        seeds=5,
+        first_seed=0,
+        frames=160,
+        jobs=1,
+    )
     criteria = list(dict.fromkeys([*given.criteria, given.reference]))
-    sources = [*([] if given.no_simulator else WORLDS), *given.drives]
+    drives = [*([] if given.no_simulator else WORLDS), *given.drives]
+    seeds = range(given.first_seed, given.first_seed + given.seeds)
     series = [
-        RunSeries(source, seed, given.frames, given.budgets, criteria)
-        for seed in range(given.first_seed, given.first_seed + given.seeds)
-        for source in sources
+        RunSeries(seed, source, given.frames, given.budgets, criteria)
+        for seed, source in product(seeds, drives)
     ]
-    results = map_in_processes(partial(run_series, out=given.out), series, given.jobs)
-    print_scores([row for rows in results for row in rows], given.reference)
+    runs = np.array([*in_processes(run_series, series, given.jobs)])
+    runs = runs.reshape(len(seeds), len(drives), *runs.shape[1:])
+    tables = dict(zip(SCORES, np.moveaxis(runs, (0, 4), (4, 0)), strict=True))
+    for (d, drive), (b, budget) in product(enumerate(drives), enumerate(given.budgets)):
+        print(f"\n{drive}, {budget} landmarks")
+        print(" " * 24 + "".join(f"{heading:>16}" for heading, _, _ in SCORES.values()))
+        for c, criterion in enumerate(criteria):
+            cells = [
+                f"{factor * np.nanmean(tables[score][d, b, c]):16{form}}"
+                for score, (_, factor, form) in SCORES.items()
+            ]
+            print(f"{criterion:24}" + "".join(cells))
+    ranks = [rankdata(sign * tables[score], axis=2) for score, sign in RANKED.items()]
+    rank = np.nanmean(ranks, axis=(0, 1, 2, 4))
+    reference = criteria.index(given.reference)
+    relative = [ratios(tables[score], reference) for score in RANKED]
+    print(f"\nall drives and budgets, relative to {given.reference}: rank, ATE, re-id rate")
+    for c in np.argsort(rank, kind="stable"):
+        print(f"{criteria[c]:24}{rank[c]:8.2f}  {'  '.join(each[c] for each in relative)}")
 
 
 if __name__ == "__main__":

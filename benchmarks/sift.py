@@ -1,193 +1,116 @@
-"""SIFT against OpenCV's in the same process: `uv run python benchmarks/sift.py [--pairs DIR]`.
+"""SIFT against OpenCV's in the same process (docs/measured.md).
 
-Ours and OpenCV's run in turns on the same photographs; what is printed is the median of
-the ratios of neighboring runs, so that a machine that slows down slows down both.
+    uv run python benchmarks/sift.py [--pairs DIR] [--threads 1] [--sizes VGA XGA]
+
+Ours and OpenCV's take turns on the same photographs; printed are the median of the ratios of
+neighboring runs, and the peak memory per pixel in a fresh process. "equal" has the contrast
+threshold at which the default finds as many points as OpenCV in each photograph.
 """
 
-import argparse
 import subprocess
 import sys
-import time
-from dataclasses import dataclass, replace
-from importlib.resources import files
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from measuring import DATA, arguments, peak_bytes, resized, times_in_turns
 from saccade import Sift, SiftConfig
 
-SIZES = {"VGA": (640, 480), "XGA": (1024, 768), "HD": (1920, 1080), "12 MP": (4000, 3000)}
-PRESETS = ("recommended", "opencv")
-CONTESTS = {"recommended": False, "equal": True, "opencv": False}
-"""Name of each row, and whether the contrast threshold of `recommended` is chosen for every
-photograph so that there are as many points as OpenCV finds."""
-PARITY = 0.03  # share by which the numbers of points may differ
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Ours and OpenCV's on some photographs of one size."""
-
-    ours_ms: float
-    opencv_ms: float
-    ratio: float
-    points: int
-    opencv_points: int
+SIZES = {
+    "VGA": (640, 480),
+    "XGA": (1024, 768),
+    "HD": (1920, 1080),
+    "12 MP": (4000, 3000),
+    "100 MP": (11547, 8660),
+}
+CONTESTS = ("recommended", "equal", "opencv")
+PARITY = 0.03
+"""Fraction by which equal numbers of points may differ."""
 
 
 def photographs(pairs: Path | None) -> list[np.ndarray]:
-    if pairs is None:
-        rocket = files("saccade") / "data" / "rocket.jpg"
-        return [cv2.imread(str(rocket), cv2.IMREAD_GRAYSCALE)]
-    found = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in sorted(pairs.rglob("1.png"))]
-    if not found:
-        sys.exit(f"{pairs}: expected folders with 1.png")
-    return found
+    paths = [DATA / "rocket.jpg"] if pairs is None else sorted(pairs.rglob("1.png"))
+    return [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
 
 
-def resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    smaller = size[0] < image.shape[1]
-    return cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
-
-
-def with_as_many(image: np.ndarray, wanted: int) -> SiftConfig:
-    """`recommended` with the contrast threshold at which it finds about `wanted` points."""
-    low, high = 1e-4, 0.1
+def config_of(contest: str, image: np.ndarray) -> SiftConfig:
+    """The configuration of a contest on an image."""
+    if contest != "equal":
+        return getattr(SiftConfig, contest)()
+    wanted, low, high = len(cv2.SIFT.create().detect(image)), 1e-4, 0.1
     config = SiftConfig.recommended()
     for _ in range(12):
         config = replace(config, contrast_threshold=(low * high) ** 0.5)
         found = len(Sift(config)(image, describe=False))
         if abs(found / wanted - 1) < PARITY / 3:
             break
-        low, high = (
-            (config.contrast_threshold, high)
-            if found > wanted
-            else (low, config.contrast_threshold)
-        )
+        if found > wanted:
+            low = config.contrast_threshold
+        else:
+            high = config.contrast_threshold
     return config
 
 
-def timing(image: np.ndarray, contest: str, threads: int, runs: int, describe: bool) -> Timing:
-    """Detection, with description unless told otherwise, by both in turns."""
+def contend(image: np.ndarray, contest: str, threads: int, runs: int) -> list[float]:
+    """Milliseconds of both, OpenCV's time over ours, and the points of both."""
     cv2.setNumThreads(threads)
-    theirs = cv2.SIFT.create()
-    if CONTESTS[contest]:
-        config = with_as_many(image, len(theirs.detect(image)))
-    else:
-        config = getattr(SiftConfig, contest)()
-    run_theirs = (
-        (lambda: theirs.detectAndCompute(image, None)[0])
-        if describe
-        else (lambda: theirs.detect(image))
-    )
-    sift = Sift(config, threads=threads)
-    wanted, found = len(run_theirs()), len(sift(image, describe=describe))
-    times = []
-    for _ in range(runs):
-        start = time.perf_counter()
-        run_theirs()
-        middle = time.perf_counter()
-        sift(image, describe=describe)
-        times.append((middle - start, time.perf_counter() - middle))
-    opencv_time, our_time = np.array(times).T * 1e3
-    return Timing(
-        float(np.median(our_time)),
-        float(np.median(opencv_time)),
-        float(np.median(opencv_time / our_time)),
-        found,
-        wanted,
-    )
+    theirs, ours = cv2.SIFT.create(), Sift(config_of(contest, image), threads=threads)
+    actions = {
+        "OpenCV": lambda: theirs.detectAndCompute(image, None),
+        "saccade": lambda: ours(image),
+    }
+    times = 1e3 * times_in_turns(actions, runs)
+    opencv, saccade = np.median(times, 0)
+    ratio = np.median(times[:, 0] / times[:, 1])
+    return [saccade, opencv, ratio, len(ours(image)), len(theirs.detect(image))]
 
 
-def peak_bytes_per_pixel(size: tuple[int, int], preset: str, pairs: Path | None) -> float:
-    """What detection adds to the most memory a fresh process has had."""
-    script = [sys.executable, __file__, "--memory", preset, "--size", *map(str, size)]
-    if pairs is not None:
-        script += ["--pairs", str(pairs)]
-    printed = subprocess.run(script, capture_output=True, text=True, check=True).stdout
-    return float(printed) / (size[0] * size[1])
-
-
-def print_memory(preset: str, size: tuple[int, int], pairs: Path | None) -> None:
-    image = resized(photographs(pairs)[0], size)
-    small = image[:200, :200].copy()
-    detect = cv2.SIFT.create().detectAndCompute if preset == "peer" else None
-    sift = None if preset == "peer" else Sift(getattr(SiftConfig, preset)())
-
-    def run(picture: np.ndarray) -> None:
-        if sift is None:
-            detect(picture, None)
-        else:
-            sift(picture)
-
-    run(small)
-    Path("/proc/self/clear_refs").write_text("5")  # forget the peak of the imports
-    before = peak_kilobytes()
-    run(image)
-    print((peak_kilobytes() - before) * 1024)
-
-
-def peak_kilobytes() -> int:
-    """The most memory this process had since the peak was last forgotten; Linux only."""
-    status = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
+def memory(image: np.ndarray, contest: str) -> float:
+    """Peak bytes per pixel that detection and description add."""
+    peer = cv2.SIFT.create()
+    sift = Sift(SiftConfig.recommended()) if contest == "saccade" else None
+    detect = sift or (lambda picture: peer.detectAndCompute(picture, None))
+    detect(image[:200, :200].copy())
+    before = peak_bytes(reset=True)
+    detect(image)
+    return (peak_bytes() - before) / image.size
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pairs", type=Path, help="folder of sequences with 1.png")
-    parser.add_argument("--runs", type=int, default=9)
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--sizes", nargs="+", choices=SIZES, default=list(SIZES))
-    parser.add_argument("--photographs", type=int, default=8, help="at most")
-    parser.add_argument("--detect-only", action="store_true")
-    parser.add_argument("--memory", help=argparse.SUPPRESS)
-    parser.add_argument("--size", type=int, nargs=2, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.memory:
-        print_memory(options.memory, tuple(options.size), options.pairs)
+    given = arguments(
+        __doc__,
+        pairs={"type": Path, "help": "folder of sequences with 1.png"},
+        runs=9,
+        threads=[1, 2],
+        sizes={"nargs": "+", "choices": SIZES, "default": [*SIZES][:4]},
+        photographs=8,
+        memory={"choices": ("saccade", "OpenCV"), "help": "print bytes per pixel alone"},
+    )
+    images = photographs(given.pairs)[: given.photographs]
+    if given.memory:
+        print(memory(resized(images[0], SIZES[given.sizes[0]]), given.memory))
         return
-    images = photographs(options.pairs)[: options.photographs]
-    print("size   threads  preset        ours ms  OpenCV ms  ratio  us/point  points  of OpenCV's")
-    for name in options.sizes:
-        for threads in options.threads:
+    print("size    threads  preset        ours ms  OpenCV ms  ratio  points  of OpenCV's")
+    for name in given.sizes:
+        for threads in given.threads:
             for contest in CONTESTS:
-                found = [
-                    timing(
-                        resized(image, SIZES[name]),
-                        contest,
-                        threads,
-                        options.runs,
-                        not options.detect_only,
-                    )
+                rows = [
+                    contend(resized(image, SIZES[name]), contest, threads, given.runs)
                     for image in images
                 ]
-                ours, theirs = (
-                    np.mean([getattr(each, field) for each in found])
-                    for field in ("ours_ms", "opencv_ms")
-                )
-                points = sum(each.points for each in found)
-                share = points / sum(each.opencv_points for each in found)
-                ratio = np.median([each.ratio for each in found])
+                ours, theirs, _, points, wanted = np.mean(rows, axis=0)
+                ratio = np.median([row[2] for row in rows])
                 print(
-                    f"{name:6} {threads:7}  {contest:12} {ours:8.1f} {theirs:10.1f} {ratio:6.2f} "
-                    f"{1e3 * ours * len(found) / points:9.1f} {points // len(found):7} "
-                    f"{share:7.3f}{'' if abs(share - 1) <= PARITY else ' (not within 3 %)'}",
+                    f"{name:7} {threads:7}  {contest:12} {ours:8.1f} {theirs:10.1f} {ratio:6.2f} "
+                    f"{points:7.0f} {points / wanted:7.3f}",
                     flush=True,
                 )
-    for name in options.sizes:
-        memory = [
-            peak_bytes_per_pixel(SIZES[name], preset, options.pairs)
-            for preset in (*PRESETS, "peer")
-        ]
-        print(
-            f"{name}: peak bytes per pixel: "
-            + ", ".join(
-                f"{preset} {each:.0f}"
-                for preset, each in zip((*PRESETS, "OpenCV"), memory, strict=True)
-            )
-        )
+        for peer in ("saccade", "OpenCV"):
+            command = [sys.executable, __file__, "--memory", peer, "--sizes", name]
+            command += ["--pairs", str(given.pairs)] if given.pairs else []
+            print(f"{name}: {peer} {float(subprocess.check_output(command)):.0f} bytes per pixel")
 
 
 if __name__ == "__main__":

@@ -4,11 +4,11 @@
     saccade evaluate features --pairs PAIRS --detector opencv-root --detector sift --points 1000
     uv run python benchmarks/homography_estimators.py PAIRS              verify, MAGSAC and COLMAP
 
-A photograph hangs on a plane. Every view of it is resampled, degraded and compressed on its own,
-so that the pixels of no view are those of the photograph.
+Quoted in docs/keypoints.md and docs/evaluation.md. A photograph hangs on a plane. Every view of it
+is resampled, degraded and compressed on its own, so that the pixels of no view are those of the
+photograph.
 """
 
-import argparse
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +16,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-import saccade
-from saccade.errors import ImageError, Settings, setting
-from saccade.io.files import IMAGE_SUFFIXES
-from saccade.io.image import as_gray, read_image
+from measuring import DATA, arguments
+from saccade.errors import Settings, setting
+from saccade.io.image import as_gray, find_images, read_image
 from saccade.keypoints.two_view_fit import project
 from saccade.types import Float32Array, FloatArray
 
@@ -75,7 +74,7 @@ def write_synthetic_pairs(
         config: numbers of views and their ranges.
     """
     config = config or SyntheticPairsConfig()
-    paths = packaged_photographs() if photographs is None else photographs_in(photographs)
+    paths = packaged_photographs() if photographs is None else find_images(photographs)
     sequences = math.ceil(config.min_pairs / (config.views * len(paths)))
     for number, path in enumerate(paths):
         photograph = reduced(as_gray(read_image(path)))
@@ -86,7 +85,7 @@ def write_synthetic_pairs(
             sizes = NEAREST * config.scale ** -rng.uniform(0, 1, config.views)
             # The first view is as near as any of the second, or between the nearest and farthest.
             size = NEAREST * config.scale ** (-0.5 * (sequence % 2))
-            target = looked_at(photograph.shape, size, rng)
+            target = target_of(photograph.shape, size, rng)
             first = view_homography(photograph.shape, target, size)
             write_view(place / "1.png", photograph, first, config, rng)
             for k, size in enumerate(sizes, start=2):
@@ -98,21 +97,7 @@ def write_synthetic_pairs(
 
 def packaged_photographs() -> list[Path]:
     """The photographs that come with this package."""
-    folder = Path(saccade.__file__).parent / "data"
-    return [folder / f"{name}.jpg" for name in PHOTOGRAPHS]
-
-
-def photographs_in(folder: Path) -> list[Path]:
-    """The image files of a folder, by name.
-
-    Raises:
-        ImageError: there are none.
-    """
-    files = folder.iterdir() if folder.is_dir() else ()
-    paths = sorted(path for path in files if path.suffix.lower() in IMAGE_SUFFIXES)
-    if not paths:
-        raise ImageError(f"{folder}: expected a folder of photographs, found none")
-    return paths
+    return [DATA / f"{name}.jpg" for name in PHOTOGRAPHS]
 
 
 def reduced(gray: Float32Array) -> Float32Array:
@@ -124,12 +109,11 @@ def reduced(gray: Float32Array) -> Float32Array:
     return np.asarray(cv2.resize(gray, (width, height), interpolation=cv2.INTER_AREA))
 
 
-def looked_at(shape: tuple[int, ...], size: float, rng: np.random.Generator) -> FloatArray:
-    """(2,) position on a photograph that a camera looks at, which sees little beside it."""
+def target_of(shape: tuple[int, ...], size: float, rng: np.random.Generator) -> FloatArray:
+    """(2,) position on a photograph that lies in the middle of a view with little beside it."""
     center = np.array([shape[1] - 1, shape[0] - 1]) / 2
     reach = max(0.05, 1 - 1 / size) * center
-    target: FloatArray = center + rng.uniform(-reach, reach)
-    return target
+    return center + rng.uniform(-reach, reach)
 
 
 def view_homography(
@@ -148,18 +132,15 @@ def view_homography(
         shape: (H, W) of the photograph.
         target: (2,) position on it that lies in the middle of the view.
         size: magnification there.
-        turn: roll of the camera, radians.
+        turn: roll of the camera in radians.
         tilt: angle between its direction and the normal of the photograph.
         azimuth: direction on the photograph in which it is tilted.
     """
     center = np.array([shape[1] - 1, shape[0] - 1]) / 2
     focal = float(np.hypot(shape[0], shape[1]))
-    c, s = np.cos(azimuth), np.sin(azimuth)
-    towards = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    lean = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
-    c, s = np.cos(turn), np.sin(turn)
-    roll = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    rotation = roll @ towards.T @ lean @ towards
+    toward, roll = (cv2.Rodrigues(np.array([0, 0, a]))[0] for a in (-azimuth, turn))
+    lean = cv2.Rodrigues(np.array([tilt, 0, 0]))[0]
+    rotation = roll @ toward.T @ lean @ toward
     plane = np.array([[1, 0, -target[0]], [0, 1, -target[1]], [0, 0, 1]])
     pose = np.column_stack([rotation[:, 0], rotation[:, 1], [0, 0, focal / size]])
     camera = np.array([[focal, 0, center[0]], [0, focal, center[1]], [0, 0, 1]])
@@ -209,11 +190,12 @@ def rendered(photograph: Float32Array, homography: FloatArray) -> Float32Array:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("pairs", type=Path, help="new folder")
-    parser.add_argument("--images", type=Path, help="photographs (eleven of the package)")
-    options = parser.parse_args()
-    write_synthetic_pairs(options.pairs, options.images)
+    given = arguments(
+        __doc__,
+        pairs={"flags": "pairs", "type": Path, "help": "new folder"},
+        images={"type": Path, "help": "folder of photographs, by default those of the package"},
+    )
+    write_synthetic_pairs(given.pairs, given.images)
 
 
 if __name__ == "__main__":

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monte_carlo import MonteCarloRuns, run_monte_carlo
+from consistency import run_monte_carlo
 from saccade import datasets, slam
 from saccade.errors import ConfigError
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import EkfConfig
 
 WORLDS = ("loop", "slippery", "car", "coarse")
 each_world = pytest.mark.parametrize("name", WORLDS)
@@ -109,15 +108,10 @@ def test_a_course_that_no_car_can_follow_is_named():
         simulate_world(replace(WorldConfig.car(), course_length=20.0))
 
 
-def _trials(world, kind, runs):
-    found = run_monte_carlo(world, EkfConfig(filter=kind), runs)
-    return MonteCarloRuns(*(np.array(each) for each in zip(*found, strict=True)))
-
-
 def test_the_default_filter_is_as_wrong_as_it_says():
     """And the source's is not, in a world with much noise."""
     world = WorldConfig.coarse()
-    invariant, standard = (_trials(world, kind, 12) for kind in ("invariant", "standard"))
+    invariant, standard = (run_monte_carlo(world, kind, 12) for kind in ("invariant", "standard"))
     low, high = invariant.band
     assert low < invariant.anees < high
     assert standard.anees > 2 * high
@@ -135,7 +129,7 @@ def test_curved_uncertainty_is_not_overconfident():
         range_limits=(0.5, 40.0),
         bearing_sigma_deg=15.0,
     )
-    trials = _trials(world, "invariant", 6)
+    trials = run_monte_carlo(world, "invariant", 6)
     assert trials.anees < 6
     assert trials.landmark_anees < 4
 
