@@ -78,7 +78,9 @@ def overhead(source: Path, out: Path, runs: int) -> None:
         ratios.append(times[1] / times[0])
     points = int(run(*loops(source, 1)))
     size = sum(path.stat().st_size for path in (out / "one0").rglob("*.parquet"))
-    print(f"overhead: {np.median(ratios[1:]) - 1:.1%} of CPU time, {size / points:.1f} bytes a point")
+    print(
+        f"overhead: {np.median(ratios[1:]) - 1:.1%} of CPU time, {size / points:.1f} bytes a point"
+    )
 
 
 def workers(source: Path, out: Path, runs: int) -> None:
@@ -102,7 +104,9 @@ def memory(_: Path, out: Path, __: int) -> None:
             (folder / f"{number:06d}.png").write_bytes(packed.tobytes())
         words = command(folder, out / f"peak{count}", 1)
         peaks.append(int(run([sys.executable, "-c", PEAK, *words])) / 1024)
-    print(f"memory: {peaks[1]:.0f} MB, {peaks[1] / peaks[0]:.3f} times as much for ten times as many")
+    print(
+        f"memory: {peaks[1]:.0f} MB, {peaks[1] / peaks[0]:.3f} times as much for ten times as many"
+    )
 
 
 def again(source: Path, out: Path, _: int) -> None:

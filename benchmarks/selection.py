@@ -98,7 +98,9 @@ def ratios(table: FloatArray, reference: int) -> list[str]:
     """
     per_drive = np.nansum(table, axis=1).transpose(0, 2, 1).reshape(-1, table.shape[2])
     logs = np.log(per_drive[(per_drive > 0).all(1)])
-    return [with_interval(geometric_mean(logs[:, c] - logs[:, reference])) for c in range(len(logs[0]))]
+    if len(logs) == 0:
+        return ["-"] * table.shape[2]
+    return [with_interval(geometric_mean(each - logs[:, reference])) for each in logs.T]
 
 
 def main() -> None:
