@@ -87,9 +87,8 @@ def workers(source: Path, out: Path, runs: int) -> None:
     gains = []
     for number in range(runs):
         loop1, loop2 = (seconds(lambda n=n: run(*loops(source, n))) for n in (1, 2))
-        one, two = (
-            seconds(lambda n=n: run(command(source, out / f"w{number}{n}", n))) for n in (1, 2)
-        )
+        works = [command(source, out / f"workers{number}-{n}", n) for n in (1, 2)]
+        one, two = (seconds(lambda words=words: run(words)) for words in works)
         gains.append((one / two, loop1 / loop2))
     print("two workers {:.2f} times one, two loops {:.2f}".format(*np.median(gains, 0)))
 

@@ -1,31 +1,34 @@
-"""A large map: `OMP_NUM_THREADS=1 uv run python benchmarks/large_map.py`.
+"""A large map of trees, against GTSAM's iSAM2 (docs/measured.md, docs/slam.md).
+
+    OMP_NUM_THREADS=1 uv run python benchmarks/large_map.py [--steps 4000 --trees 400]
 
 A robot with a laser of 30 m and 180 degrees sweeps a field of 5000 trees, lane by lane, and comes
-back across the lanes: 50 000 steps of half a metre. The filter runs over the log whole and, where
+back across the lanes: 50 000 steps of half a meter. The filter runs over the whole log and, where
 GTSAM is installed, its iSAM2 does, with the same association.
 """
 
-import argparse
-import os
 import resource
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
+from scipy.spatial import cKDTree
 
+from measuring import arguments, require_one_thread
 from saccade import slam
+from saccade.evaluation.trajectory import point_rmse
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
 
 STEP, LANE, REACH = 0.5, 50.0, 30.0
-"""Metres: of a step, between two lanes, of the laser."""
+"""Length of a step, distance between two lanes, and range of the laser in meters."""
 DENSITY = 0.005
-"""Trees to the square metre."""
+"""Trees per square meter."""
 ODOMETRY = (0.01, np.deg2rad(0.1))
-"""Standard deviations of the distance and the turn of a step: metres, radians."""
+"""Standard deviations of the distance in meters and the turn in radians of a step."""
 LASER = (0.1, np.deg2rad(0.5))
-"""Of range and bearing: metres, radians."""
+"""Standard deviations of range in meters and bearing in radians."""
 
 
 def sweep(steps: int, side: float) -> np.ndarray:
@@ -57,22 +60,15 @@ def world(steps: int, trees: int, seed: int) -> LandmarkLog:
     path = np.array(truth)
     low, high = path[:, :2].min(0) - REACH / 2, path[:, :2].max(0) + REACH / 2
     xy = rng.uniform(low, high, (trees, 2))
-    cells = np.floor((xy - low) / REACH).astype(int)
-    by_cell: dict[tuple[int, int], list[int]] = {}
-    for tree, cell in enumerate(map(tuple, cells.tolist())):
-        by_cell.setdefault(cell, []).append(tree)
+    order = np.lexsort(np.floor((xy - low) / REACH).T[::-1])
+    near = cKDTree(xy[order]).query_ball_point(path[:, :2], REACH, return_sorted=True)
     which, poses, seen = [], [], []
-    for i, at in enumerate(path):
-        cx, cy = np.floor((at[:2] - low) / REACH).astype(int)
-        near = [
-            t for dx in (-1, 0, 1) for dy in (-1, 0, 1) for t in by_cell.get((cx + dx, cy + dy), ())
-        ]
-        if not near:
-            continue
-        z = slam.observe(at, xy[near])[0]
-        visible = np.flatnonzero((z[:, 0] < REACH) & (np.abs(z[:, 1]) < np.pi / 2))
-        which += [near[k] for k in visible]
-        poses += [i] * len(visible)
+    for i, rows in enumerate(near):
+        trees_near = order[np.array(rows, np.int64)]
+        z = slam.observe(path[i], xy[trees_near])[0]
+        visible = np.abs(z[:, 1]) < np.pi / 2
+        which += trees_near[visible].tolist()
+        poses += [i] * int(visible.sum())
         seen.append(z[visible])
     z = np.concatenate(seen)
     z = z + rng.normal(size=z.shape) * LASER
@@ -166,16 +162,8 @@ def isam2(log: LandmarkLog, interval: int, limit: float) -> tuple[Clock, np.ndar
     return clock, np.array([[(p := estimate.atPose2(i)).x(), p.y()] for i in range(done)])
 
 
-def rmse(log: LandmarkLog, xy: np.ndarray) -> float:
-    """Of the first positions (n, 2), in metres; not aligned, since the start is known."""
-    assert log.truth is not None
-    return float(np.sqrt(np.square(xy - log.truth.pose[: len(xy), :2]).sum(1).mean()))
-
-
 def draw(path: Path, curves: dict[str, Clock]) -> None:
     """CPU seconds over the number of steps."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
     for name, clock in curves.items():
@@ -187,48 +175,40 @@ def draw(path: Path, curves: dict[str, Clock]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=50_000)
-    parser.add_argument("--trees", type=int, default=5000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--interval", type=int, default=10, help="steps per update of iSAM2")
-    parser.add_argument("--limit", type=float, default=600, help="CPU seconds for iSAM2")
-    parser.add_argument("--whole", action="store_true", help="the filter on the whole map, too")
-    parser.add_argument("--only-peer", action="store_true", help="iSAM2 alone")
-    parser.add_argument("--unknown", action="store_true", help="without identities, too")
-    parser.add_argument("--plot", type=Path, help="PNG of the CPU time over the steps")
-    options = parser.parse_args()
-    if os.environ.get("OMP_NUM_THREADS") != "1":
-        sys.exit("expected OMP_NUM_THREADS=1 in the environment: one core is measured")
-    log = world(options.steps, options.trees, options.seed)
-    trees = len(np.unique(log.landmark))
-    print(f"{options.steps} steps, {trees} trees seen, {len(log.observation)} observations")
+    given = arguments(
+        __doc__,
+        steps=50_000,
+        trees=5000,
+        seed=0,
+        interval={"type": int, "default": 10, "help": "steps per update of iSAM2"},
+        limit={"type": float, "default": 600, "help": "CPU seconds for iSAM2"},
+        whole={"action": "store_true", "help": "the filter on the whole map, too"},
+        plot={"type": Path, "help": "PNG of the CPU time over the steps"},
+    )
+    require_one_thread()
+    log = world(given.steps, given.trees, given.seed)
+    truth, trees = log.truth.pose[:, :2], len(np.unique(log.landmark))
+    print(f"{given.steps} steps, {trees} trees seen, {len(log.observation)} observations")
     config = slam.EkfConfig(association="known")
     slam.run(world(400, 100, 0), replace(config, submaps="always"))  # compiles
     curves = {}
-    runs = {"submaps": (log, config)}
-    if options.unknown:
-        unnamed = replace(log, landmark=np.full(len(log.landmark), -1))
-        runs["submaps, unknown association"] = unnamed, slam.EkfConfig(association="mutual")
-    if options.whole:
-        runs["whole map"] = log, replace(config, submaps="never")
-    for name, (each, settings) in runs.items() if not options.only_peer else ():
-        clock = Clock()
-        result = slam.run(each, settings, clock)
-        curves[name] = clock
-        print(
-            f"{name}: {clock.seconds[-1]:.1f} CPU s, {len(result.map)} landmarks, "
-            f"{rmse(log, result.trajectory.pose[:, :2]):.2f} m",
-            flush=True,
-        )
-    print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")
-    peer = isam2(log, options.interval, options.limit)
+    runs = {"submaps": config}
+    if given.whole:
+        runs["whole map"] = replace(config, submaps="never")
+    for name, settings in runs.items():
+        curves[name] = clock = Clock()
+        result = slam.run(log, settings, clock)
+        error = point_rmse(result.trajectory.pose[:, :2], truth, aligned=False)
+        print(f"{name}: {clock.seconds[-1]:.1f} CPU s, {len(result.map)} landmarks, {error:.2f} m")
+    print(f"peak memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")
+    peer = isam2(log, given.interval, given.limit)
     if peer is not None:
         clock, xy = peer
-        curves[f"iSAM2, every {options.interval} steps"] = clock
-        print(f"iSAM2: {clock.seconds[-1]:.1f} CPU s for {len(xy)} steps, {rmse(log, xy):.2f} m")
-    if options.plot is not None:
-        draw(options.plot, curves)
+        curves[f"iSAM2, every {given.interval} steps"] = clock
+        error = point_rmse(xy, truth[: len(xy)], aligned=False)
+        print(f"iSAM2: {clock.seconds[-1]:.1f} CPU s for {len(xy)} steps, {error:.2f} m")
+    if given.plot is not None:
+        draw(given.plot, curves)
 
 
 if __name__ == "__main__":

@@ -1,37 +1,36 @@
-"""Latency and memory of `slam.Slam` on a robot: odometry a thousand times a second for ten minutes.
+"""Latency and memory of `slam.Slam` on a robot with odometry at 1000 Hz (docs/live.md).
 
-    OMP_NUM_THREADS=1 uv run python benchmarks/live.py [--minutes 10] [--landmarks 100,500]
+    OMP_NUM_THREADS=1 uv run python benchmarks/live.py [--minutes 10] [--landmarks 100 500]
 
 A robot drives round a course at 2 m/s among landmarks, each within 8 m of it observed forty times a
 second. Time is simulated: steps are taken one after the other, and the time of the processor is
-measured for each, without that of other processes. "Over 1 ms" is the fraction of the steps that
-take longer than the robot has; memory is that of the process, after the first minute and at the
-end.
+measured for each. "Over 1 ms" is the fraction of the steps that take longer than the robot has;
+memory is that of the process, after the first minute and at the end.
 """
 
-import argparse
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from measuring import arguments
 from saccade import slam
 from saccade.types import FloatArray, IntArray
 
 RATE = 1000
-"""Steps a second."""
+"""Steps per second."""
 SCAN_INTERVAL = 25
 """Steps from a scan to the next."""
 SPEED = 2.0
-"""Metres a second."""
+"""Speed in meters per second."""
 REACH = 8.0
-"""Metres."""
+"""Range in meters."""
 SPACING = 1.2
-"""Metres of the course for each landmark."""
+"""Length of the course for each landmark in meters."""
 U = np.diag([0.02, 0.01]) ** 2
-"""Of a metre: 2 cm and 0.01 rad."""
+"""Covariance of distance and turn of one meter: 2 cm and 0.01 rad."""
 SIGMA = np.array([0.05, 0.01])
 R = np.diag(SIGMA) ** 2
 
@@ -90,23 +89,17 @@ def soak(live: slam.Slam, steps: Iterator[Step], count: int) -> tuple[FloatArray
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=int, default=10)
-    parser.add_argument("--landmarks", default="100,500")
-    options = parser.parse_args()
-    count = options.minutes * 60 * RATE
-    settings: dict[str, dict[str, Any]] = {
-        "known": {"association": "known"},
-        "mutual": {"association": "mutual"},
-    }
+    given = arguments(__doc__, minutes=10, landmarks=[100, 500])
+    count = given.minutes * 60 * RATE
     print("                                 milliseconds of a step")
     print(
         "landmarks  association  mapped   median   99 %  99.9 %     max  over 1 ms  scans   memory"
     )
-    for landmarks in map(int, options.landmarks.split(",")):
-        for name, setting in settings.items():
-            live = slam.Slam(slam.EkfConfig(**setting))
-            soak(slam.Slam(slam.EkfConfig(**setting)), robot(100, landmarks), 100)  # compiles
+    for landmarks in given.landmarks:
+        for name in ("known", "mutual"):
+            config = slam.EkfConfig(association=name)
+            live = slam.Slam(config)
+            soak(slam.Slam(config), robot(100, landmarks), 100)  # compiles
             seconds, memory = soak(live, robot(count, landmarks), count)
             ms = 1e3 * seconds
             median, most, nearly, longest = np.quantile(ms, (0.5, 0.99, 0.999, 1.0))

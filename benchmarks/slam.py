@@ -1,32 +1,26 @@
-"""EKF-SLAM by the size of the map: `OMP_NUM_THREADS=1 uv run python benchmarks/slam.py`.
+"""EKF-SLAM by the size of the map (docs/measured.md, docs/slam.md).
 
-For each size a steady state is timed, one prediction and one landmark's update after the
-other, by `Slam.step` and by `EkfSlam` alone, against the update of the textbook on
-whole matrices in NumPy, and against one pass over the covariance: reading and writing its
-upper triangle at the bandwidth that is measured in the same run; then whole logs if they are
-given. Everything runs in turns with its peer; what is printed are medians. `large_map.py` times
-the compressed filter.
+    OMP_NUM_THREADS=1 uv run python benchmarks/slam.py [--logs data/logs]
+
+For each size a steady state is timed, one prediction and one landmark's update after the other, by
+`Slam.step` and by `EkfSlam` alone, against the update of the textbook on whole matrices in NumPy,
+and against one pass over the covariance: reading and writing its upper triangle at the bandwidth
+that is measured in the same run; then whole logs if they are given. Everything takes turns with
+its peer; printed are medians. `large_map.py` times the compressed filter.
 """
 
-import argparse
-import contextlib
 import copy
-import os
 import resource
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from measuring import arguments, require_one_thread, seconds, times_in_turns
 from saccade import datasets, slam
-from saccade.errors import ConfigError
 from saccade.slam import INVARIANT, STANDARD, EkfSlam, observe
 from saccade.slam.association.nearest_neighbor import mahalanobis_squared
-from saccade.types import LandmarkLog
 
-SIZES = (100, 500, 1000, 2000, 5000)
 STEPS = 96
 """A multiple of the steps from one addition of the delayed rows to the next."""
 DENSITY = 0.02
@@ -187,14 +181,8 @@ def gating(landmarks: int, observations: int, rounds: int) -> None:
         S = expected.covariance + R[:, None]
         return np.einsum("mni,mni->mn", v, np.linalg.solve(S, v[..., None])[..., 0])
 
-    times = []
-    for _ in range(rounds + 1):
-        start = time.perf_counter()
-        mahalanobis_squared(ekf, z, R, 18.4)
-        middle = time.perf_counter()
-        plain()
-        times.append((middle - start, time.perf_counter() - middle))
-    ours, theirs = np.median(times[1:], 0) * 1e3
+    actions = {"ours": lambda: mahalanobis_squared(ekf, z, R, 18.4), "NumPy": plain}
+    ours, theirs = 1e3 * np.median(times_in_turns(actions, rounds), 0)
     print(
         f"gating {landmarks} landmarks x {observations} observations: {ours:.2f} ms, "
         f"NumPy on whole arrays {theirs:.2f} ms, {theirs / ours:.0f}x"
@@ -202,60 +190,39 @@ def gating(landmarks: int, observations: int, rounds: int) -> None:
 
 
 def logs(folder: Path, rounds: int) -> None:
-    """Whole logs, with the reckoning and every record of `slam.run`, after they were read.
-
-    Where GTSAM is installed it smooths the same association, which it is given.
-    """
+    """Whole logs after they were read, and the smoothing of the same association."""
     paths = [(folder / "mrclam" / "mrclam6.npz", {"robot": robot}) for robot in range(1, 6)]
     paths.append((folder / "citytrees" / "cityTrees10000.txt", {}))
     paths.append((folder / "victoria_park" / "VictoriaParkSinSincronizar.mat", {}))
-    print("log                   read s   filter s  at best   GTSAM s")
+    print("log                  filter s  at best  smoothing s")
     for path, options in paths:
-        start = time.perf_counter()
         log = datasets.load("auto", path, **options)
-        read = time.perf_counter() - start
         result = slam.run(log)
-        times, peer = [], []
-        for turn in range(rounds):
-            times.append(seconds(lambda log=log: slam.run(log)))
-            if turn < 3:
-                peer.append(seconds(lambda log=log, result=result: smoothed(log, result)))
+        times = [seconds(lambda log=log: slam.run(log)) for _ in range(rounds)]
+        smooth = seconds(lambda log=log, result=result: slam.smooth(log, result))
         print(
-            f"{log.name:20s} {read:7.3f} {np.median(times):10.3f} {min(times):8.3f}"
-            f" {np.median(peer):9.3f}",
+            f"{log.name:20s} {np.median(times):8.3f} {min(times):8.3f} {smooth:12.3f}",
             flush=True,
         )
 
 
-def smoothed(log: LandmarkLog, result: slam.SlamResult) -> None:
-    """GTSAM's batch."""
-    with contextlib.suppress(ConfigError):
-        slam.smooth(log, result)
-
-
-def seconds(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--dense-up-to", type=int, default=2000, help="landmarks")
-    parser.add_argument("--logs", type=Path, help="folder with mrclam, citytrees and victoria_park")
-    options = parser.parse_args()
-    if os.environ.get("OMP_NUM_THREADS") != "1":
-        sys.exit("expected OMP_NUM_THREADS=1 in the environment: the peers run on one thread")
+    given = arguments(
+        __doc__,
+        sizes=[100, 500, 1000, 2000, 5000],
+        rounds=9,
+        dense_up_to={"type": int, "default": 2000, "help": "landmarks"},
+        logs={"type": Path, "help": "folder with mrclam, citytrees and victoria_park"},
+    )
+    require_one_thread()
     print("landmarks   ours ms  by calls   pass ms  ours/pass  textbook ms  textbook/ours")
-    for landmarks in options.sizes:
-        contest(landmarks, options.rounds, landmarks <= options.dense_up_to)
+    for landmarks in given.sizes:
+        contest(landmarks, given.rounds, landmarks <= given.dense_up_to)
     agreement(200)
-    gating(1000, 20, options.rounds)
-    if options.logs is not None:
-        logs(options.logs, options.rounds)
-    print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")
+    gating(1000, 20, given.rounds)
+    if given.logs is not None:
+        logs(given.logs, given.rounds)
+    print(f"peak memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")
 
 
 if __name__ == "__main__":

@@ -1,20 +1,21 @@
 """What a log is worth less when something in it is withheld.
 
-    uv run python benchmarks/withheld.py mrclam6.npz mrclam9.npz dlr_3298.npz cityTrees10000.txt
+    uv run python benchmarks/withheld.py mrclam6.npz mrclam9.npz cityTrees10000.txt [--jitter 12]
 
-Of each log, and of every robot in it, the filter runs three times by its defaults: on the log as it
-is, without the systematic errors of the odometry as a part of the state, and without the names of
-the landmarks. A landmark of the map without names is what most of its observations were of;
-"found" counts how many different ones there are, and the others were of another landmark ("wrong").
+Quoted in docs/measured.md and docs/limits.md. For each log, and every robot in it, the filter runs
+three times by its defaults: on the log as it is, without estimating systematic errors of the
+odometry, and without the labels of the landmarks. A landmark of the map without labels counts as
+the one that most of its observations were of; "found" is the number of different ones, and "wrong"
+the fraction of observations of others. With --jitter, draws of 1 mm of noise are compared.
 """
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from measuring import arguments, without_labels
 from saccade import datasets, slam
 from saccade.datasets.logs.published import ROBOTS
 from saccade.errors import ConfigError
@@ -54,8 +55,7 @@ def print_draws(path: Path, draws: int, config: slam.EkfConfig) -> None:
         for log in robots(path):
             rng = np.random.default_rng([draw, len(log.observation)])
             z = log.observation + 1e-3 * rng.normal(size=log.observation.shape)
-            hidden = replace(log, observation=z, landmark=np.full_like(log.landmark, -1))
-            result = slam.run(hidden, config)
+            result = slam.run(without_labels(replace(log, observation=z)), config)
             rows.append((draw, rmse(log, result), len(result.map), associated(log, result)[1]))
         error, size, wrong = np.array([row[1:] for row in rows if row[0] == draw]).T
         print(
@@ -74,22 +74,23 @@ def print_draws(path: Path, draws: int, config: slam.EkfConfig) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("logs", type=Path, nargs="+")
-    parser.add_argument("--association", default="auto", help="without names; see EkfConfig")
-    parser.add_argument("--jitter", type=int, default=0, metavar="DRAWS")
-    options = parser.parse_args()
-    if options.jitter > 0:
-        for path in options.logs:
-            print_draws(path, options.jitter, slam.EkfConfig(association=options.association))
+    given = arguments(
+        __doc__,
+        logs={"flags": "logs", "type": Path, "nargs": "+"},
+        association="auto",
+        jitter={"type": int, "default": 0, "metavar": "DRAWS"},
+    )
+    config = slam.EkfConfig(association=given.association)
+    if given.jitter > 0:
+        for path in given.logs:
+            print_draws(path, given.jitter, config)
         return
     print("                                  position (m)                 without names")
     print("log                    as it is  no bias  no names   map  found      wrong  used")
-    for path in options.logs:
+    for path in given.logs:
         for log in robots(path):
-            hidden = replace(log, landmark=np.full_like(log.landmark, -1))
             plain = replace(log, odometry_bias=(0.0, 0.0, 0.0))
-            result = slam.run(hidden, slam.EkfConfig(association=options.association))
+            result = slam.run(without_labels(log), config)
             found, wrong = associated(log, result)
             errors = [rmse(log, each) for each in (slam.run(log), slam.run(plain), result)]
             print(

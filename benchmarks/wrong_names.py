@@ -1,6 +1,6 @@
 """What wrong landmark names cost: position RMSE over that with the right names.
 
-    OMP_NUM_THREADS=1 uv run python benchmarks/wrong_names.py --runs 20 --peers
+    OMP_NUM_THREADS=1 uv run python benchmarks/wrong_names.py --runs 20 --peers  (docs/limits.md)
 
 For each simulated world and each fault, over so many seeds: the mean RMSE of the defaults over
 their mean RMSE with the right names, its spread (10 to 90 % of the runs), and the largest of one
@@ -13,16 +13,15 @@ one; two names are swapped in the second half; a quarter of the landmarks have a
 first observation; one landmark moves by 3 m half-way; half of the names are missing.
 """
 
-import argparse
-import os
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from measuring import arguments, require_one_thread
 from saccade import slam
 from saccade.errors import SaccadeError
+from saccade.evaluation.trajectory import position_rmse
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.association._kernels import DROPPED
 from saccade.slam.association.identities import Association
@@ -123,11 +122,6 @@ class PlainGate(Association):
         return association
 
 
-def rmse(log: LandmarkLog, pose: FloatArray) -> float:
-    """Of the position, in metres; the log starts at the true pose."""
-    return float(np.sqrt(np.square((pose - log.truth.pose)[:, :2]).sum(1).mean()))
-
-
 def batch(log: LandmarkLog) -> slam.SmoothResult:
     """GTSAM's batch with the believed names."""
     result, believed = slam.run(log), slam.run(log, KNOWN)
@@ -153,21 +147,22 @@ ESTIMATORS: dict[str, Callable[[LandmarkLog], slam.SlamResult | slam.SmoothResul
 def score(estimator: str, log: LandmarkLog) -> float:
     """RMSE in metres; NaN where there is no estimate."""
     try:
-        return rmse(log, ESTIMATORS[estimator](log).trajectory.pose)
+        estimate = ESTIMATORS[estimator](log).trajectory
+        return position_rmse(estimate, log.truth, aligned=False)
     except SaccadeError:
         return float("nan")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--worlds", nargs="+", choices=WORLDS, default=list(WORLDS))
-    parser.add_argument("--faults", nargs="+", choices=FAULTS, default=list(FAULTS))
-    parser.add_argument("--peers", action="store_true")
-    options = parser.parse_args()
-    if os.environ.get("OMP_NUM_THREADS") != "1":
-        sys.exit("expected OMP_NUM_THREADS=1 in the environment")
+    options = arguments(
+        __doc__,
+        runs=20,
+        seed=0,
+        worlds={"nargs": "+", "choices": WORLDS, "default": list(WORLDS)},
+        faults={"nargs": "+", "choices": FAULTS, "default": list(FAULTS)},
+        peers=False,
+    )
+    require_one_thread()
     for world in options.worlds:
         logs = [simulate_world(WORLDS[world], options.seed + i) for i in range(options.runs)]
         right = np.array([score("default", log) for log in logs])
