@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from saccade.datasets import OdometryNoise, load, write_landmarks, write_tum
 from saccade.datasets.logs.conversions import integrate
 from saccade.datasets.logs.pose_graph import read_pose_graph
-from saccade.errors import ConfigError, LogError
 from saccade.slam import compose
 from saccade.types import LandmarkMap, Trajectory
 
@@ -70,64 +69,6 @@ def test_each_dialect_says_the_same_covariance(tmp_path, rng, entries):
     numbers = " ".join(repr(float(M[i])) for i in order)
     log = load("isam", _file(tmp_path, f"EDGE2 0 1 1 2 3 {numbers}\n"), matrix_form=entries)
     np.testing.assert_allclose(log.control_covariance[0], C, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "found none"),
-        ("LANDMARK 0 1 2 3 1 0 1\n", "expected lines of EDGE_SE2, EDGE2, ODOMETRY, found none"),
-        (ISAM + "GPS 1 2 3\n", "line 8: expected EDGE_SE2, EDGE2, ODOMETRY, .*'GPS'"),
-        (ISAM[: ISAM.index(" 0.1 0.4")], "line 2: expected 8 fields in a line of LANDMARK"),
-        (ISAM.replace("-1 0 0.5", "-1 x 0.5"), "line 7: expected a finite number .*'x'"),
-        (ISAM.replace("-1 0 0.5", "nan 0 0.5"), "line 7: expected a finite number .*'nan'"),
-        (ISAM.replace("-1 0 0.5", "1e200 0 0.5"), "line 7: expected a finite number .*'1e200'"),
-        (ISAM.replace("-1 0 0.5", "0 0 0.5"), "line 7: .*found range 0"),
-        (ISAM.replace("LANDMARK 3 7", "LANDMARK 4 7"), "line 7: expected a pose of the log"),
-        (ISAM.replace("LANDMARK 3 7", "LANDMARK 3 b"), "line 7: expected the number .* 'b'"),
-        (ISAM.replace("LANDMARK 3 7", f"LANDMARK 3 {10**19}"), "line 7: expected the number"),
-        (ISAM.replace("0.5 0.1 0.4", "0.5 2 0.4"), "line 2: .*entries of a covariance"),
-        (ISAM.replace("0.5 0.1 0.4", "0.5 0.46 0.4"), "line 2: .*entries of a covariance"),
-        (ISAM + "ODOMETRY 3 0 0 0 0 1 0 0 1 0 1\n", "line 8: .*loop closures"),
-        (ISAM + "ODOMETRY 1 5 0 0 0 1 0 0 1 0 1\n", "line 8: .*edge from pose 3"),
-    ],
-)
-def test_broken_lines_are_named(tmp_path, text, message):
-    path = _file(tmp_path, text)
-    with pytest.raises(LogError, match=message) as caught:
-        load("auto", path)
-    assert str(caught.value).startswith(str(path))
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("kind", ["auto", "mrclam"])
-def test_missing_and_foreign_files_are_one_clear_line(tmp_path, kind):
-    with pytest.raises(LogError, match="no such file"):
-        load(kind, tmp_path / "nothing")
-    path = tmp_path / "noise.bin"
-    path.write_bytes(bytes(range(256)) * 10)
-    with pytest.raises(LogError, match=r"noise\.bin") as caught:
-        load(kind, path)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(LogError, match=tmp_path.name) as caught:
-        load(kind, tmp_path)
-    assert "\n" not in str(caught.value)
-
-
-def test_arguments_that_a_kind_does_not_have_are_refused(tmp_path):
-    path = _file(tmp_path, ISAM)
-    for argument in (
-        {"robot": 1},
-        {"sensor_sigma": (1.0, 1.0)},
-        {"odometry_noise": QUIET},
-        {"topic": ["/tags"]},
-    ):
-        with pytest.raises(ConfigError, match=f"{next(iter(argument))}.*isam"):
-            load("auto", path, **argument)
-    with pytest.raises(ConfigError, match="kind"):
-        load("carmen", path)
-    with pytest.raises(ConfigError, match="matrix_form"):
-        load("isam", path, matrix_form="sigma")
 
 
 def test_constant_speeds_make_a_circle():

@@ -120,19 +120,3 @@ def test_tracks_of_kitti_and_their_odometry(shared):
     near = np.median(first.disparity) * 0.2
     assert (np.abs(first.xy[a] - second.xy[b]) < 40).all()
     assert (np.abs(first.disparity[a] - second.disparity[b]) < max(near, 10)).mean() > 0.95
-
-
-def test_tracks_that_are_none_are_named(tmp_path):
-    np.savez(tmp_path / "mine.npz", frame=np.zeros(3, int), track=np.zeros(3, int))
-    with refuses(DriveError, "mine.npz, uvlr: expected numbers of shape (3, 4), found only frame"):
-        load_drive("auto", tmp_path / "mine.npz")
-    np.savez(
-        tmp_path / "mine.npz",
-        frame=np.zeros(3, int),
-        track=np.zeros(3, int),
-        uvlr=np.full((3, 4), np.nan),
-    )
-    with refuses(DriveError, "mine.npz, uvlr, row 0: expected finite numbers, found [nan"):
-        load_drive("tracks", tmp_path / "mine.npz")
-    with refuses(DriveError, "expected stereo_tracks_clean.npz or stereo_tracks.npz"):
-        load_drive("tracks", tmp_path)

@@ -124,15 +124,6 @@ def test_a_camera_that_rolls_is_refused(bag):
         load_drive("auto", bag(lambda messages: turning(messages, roll)))
 
 
-def test_a_transform_that_is_repeated_is_no_turn(bag):
-    def still(_):
-        return Rotation.from_euler("z", 0.7)
-
-    drive = load_drive("auto", bag(lambda messages: turning(messages, still)))
-    assert drive.load(1).turn is None
-    np.testing.assert_allclose(drive.camera.rotation, still(0).as_matrix() @ AHEAD, atol=1e-9)
-
-
 def test_what_is_broken_is_named(bag):
     def unknown(messages):
         broken = messages.image(1.0, pictures()[0, 0], "yuv9")
@@ -149,22 +140,6 @@ def test_a_bag_without_images_is_none(bag):
 
     with refuses(DriveError, "expected a topic of images, found /odom"):
         load_drive("rosbag", bag(make))
-
-
-def test_what_is_no_bag_is_refused(tmp_path):
-    (tmp_path / "way.bag").write_bytes(b"no bag at all")
-    with refuses(DriveError, "way.bag: expected a ROS bag"):
-        load_drive("auto", tmp_path / "way.bag")
-
-
-@pytest.mark.parametrize("command", ["check", "drive"])
-def test_a_count_of_messages_that_is_none_is_refused(run, tmp_path, command):
-    path = write_bag(tmp_path, 2, stereo)
-    text = (path / "metadata.yaml").read_text().replace("message_count: 1\n", "message_count: x\n")
-    (path / "metadata.yaml").write_text(text)
-    code, _, err = run(command, path)
-    assert (code, len(err.splitlines())) == (2, 1), err
-    assert "way: expected messages as ROS defines them: " in err
 
 
 @pytest.mark.parametrize("definition", ["uint64 other", "string header\nuint32 height"])

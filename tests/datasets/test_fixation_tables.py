@@ -100,34 +100,6 @@ def test_the_first_fixation_of_a_scanpath_is_number_0(tmp_path, text, index, rem
     assert remark in " ".join(remarks)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "words"),
-    [
-        ("a.csv", "", "image is missing"),
-        ("a.csv", "image,subject,index,x\n", "y is missing"),
-        ("a.csv", "image,subject,index,x,y\n", "found none"),
-        ("a.csv", "image,subject,index,x,y\na,0,0,1,2\na,0,0,one,2\n", "line 3"),
-        ("a.csv", "image,subject,index,x,y\na,0,0,1\n", "line 2"),
-        ("a.csv", "image,subject,index,x,y\na,0,0,inf,2\n", "line 2"),
-        ("a.mat", "hello, this is no such file at all", "expected a MATLAB file"),
-        ("a.csv", "viewer,participant,image,x,y\n", "--columns subject=viewer"),
-        ("a.csv", 'who,"a\nb",image,x,y\n', "subject is missing among who, a b, image, x, y; --"),
-        ("a.csv", "who,image,x,y\n", "subject is missing among who, image, x, y; --columns"),
-        ("a.csv", "subject;image;x;y\n1;a;512;9\n1;a;1,024;9\n", "line 3.*'1,024'"),
-        ("a.tsv", "Participant name\tPresented Media name\tFixation point X\tFixation point Y\t"
-                  "Eye movement type\n", "Eye movement type index"),
-        ("a.asc", "EFIX L 1 2 1 3 4 5\n", "!V IMGLOAD.*found 1 without"),
-        ("a.asc", "EVENTS HREF LEFT\n", "line 1: expected events of GAZE"),
-        ("a.asc", "MSG 1 !V IMGLOAD CENTER a.png 1\n", "line 1: expected IMGLOAD"),
-        ("a.asc", "EFIX L 1 2 1\n", "line 1: expected EFIX"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_read_is_named(tmp_path, name, text, words):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(LogError, match=f"{name}.*{words}"):
-        read_fixations(tmp_path / name)
-
-
 def test_a_wrong_option_is_named(run, seen, photos, tmp_path):
     words = [
         "evaluate",

@@ -11,8 +11,6 @@ from saccade import LogWarning, slam
 from saccade.datasets import load
 from saccade.datasets.ros.messages import parse_labels
 from saccade.errors import LogError
-from saccade.plane import steps_between
-from saccade.types import THREE_SIGMA_2D
 from support import landmark_bags as bags
 from support.error_checks import refuses
 from support.landmark_bags import KINDS, NAMES, START, TRANSFORMS, Builder
@@ -140,47 +138,6 @@ def test_a_covariance_that_means_unknown_is_not_believed(bag, rate):
     assert along == pytest.approx(0.05**2 * bags.SPEED * 4.0, rel=0.01)
 
 
-def on_plane(covariance):
-    """The 36 numbers of ROS for a covariance (3, 3) of x, y and heading."""
-    whole = np.zeros((6, 6))
-    whole[np.ix_([0, 1, 5], [0, 1, 5])] = covariance
-    return whole.ravel()
-
-
-def test_a_map_from_a_bag_is_the_truth_within_its_covariance(bag, rng):
-    """Noise of the odometry by the twist, of tags as declared, and tags are seen by the camera."""
-    U = np.diag([0.05, 0.01, 0.02]) ** 2
-
-    def make(messages):
-        yield "/tf_static", TRANSFORMS, START, bags.static(messages)
-        build, pose = Builder(messages), np.zeros(3)
-        for i in range(241):
-            time = START + i / 2
-            if i > 0:
-                before = bags.pose_at((i - 1) / 2)
-                motion = steps_between(np.array([before, bags.pose_at(i / 2)]))[0]
-                pose = slam.compose(pose, motion + rng.multivariate_normal(np.zeros(3), U))[0]
-            message = messages.odometry(time, *pose.tolist())
-            message.twist.covariance = on_plane(U / 0.5**2)
-            yield "/odom", "nav_msgs/msg/Odometry", time, message
-            true = messages.true(time, *bags.pose_at(i / 2).tolist())
-            yield "/ground_truth", "geometry_msgs/msg/PoseStamped", time, true
-            seen, (r, bearing) = bags.on_robot(i / 2), bags.range_bearing(i / 2).T
-            r, bearing = r * rng.normal(1.0, 0.05, 4), bearing + rng.normal(0.0, 0.02, 4)
-            seen[:, 0], seen[:, 1] = r * np.cos(bearing), r * np.sin(bearing)
-            yield *KINDS["ros1_tags"], time, build.array("ros1_tags", time, bags.in_camera(seen))
-
-    log = load("auto", bag(make, 1))
-    np.testing.assert_allclose(log.control_covariance, np.tile(U, (240, 1, 1)), atol=1e-9)
-    result = slam.run(log)
-    assert sorted(result.map.id) == sorted(NAMES)
-    truth = [bags.LANDMARKS[name == NAMES, :2][0] for name in result.map.id]
-    error = result.map.xy - truth
-    distance = np.einsum("ni,nij,nj->n", error, np.linalg.inv(result.map.covariance), error)
-    assert (distance < THREE_SIGMA_2D).all()
-    assert np.abs(error).max() < 0.3
-
-
 def test_names_become_numbers():
     assert parse_labels(["tag36h11:5", "", "tag36h11:12"]).tolist() == [5, -1, 12]
     for ambiguous in (["7", "007", ""], ["pole", "tree", "cone 3"], [f"a{10**20}", "b3"]):
@@ -280,12 +237,6 @@ def test_tags_whose_transform_is_missing_are_left_out(bag):
     np.testing.assert_allclose(log.observation[:, 0], expected, atol=1e-9)
 
 
-def test_a_file_of_a_bag_is_not_the_bag(bag):
-    path = bag(lambda messages: bags.drive(messages, "poses"))
-    with refuses(LogError, "way.db3: expected the folder of a ROS 2 bag, found one of its files"):
-        load("auto", path / "way.db3")
-
-
 def without_definitions(path):
     """The bag as ROS 2 Humble and before write it."""
     with closing(sqlite3.connect(path / "way.db3")) as database:
@@ -304,12 +255,3 @@ def test_a_bag_without_a_definition_is_refused(bag):
     path = without_definitions(bag(lambda messages: bags.drive(messages, "alvar")))
     with refuses(LogError, "/ar_pose_marker: expected the definition of ar_track_alvar_msgs/msg"):
         load("auto", path)
-
-
-def test_commands_take_a_bag(run, bag, tmp_path):
-    path = bag(lambda messages: bags.drive(messages, "detections"))
-    code, out, err = run("convert", path, tmp_path / "log.csv", "--topic", "/tags")
-    assert (code, err) == (0, "")
-    assert "way, /tags with /odom" in out
-    copy, log = load("csv", tmp_path / "log.csv"), load("rosbag", path)
-    np.testing.assert_array_equal(copy.observation, log.observation)

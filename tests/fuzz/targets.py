@@ -158,6 +158,11 @@ def _kitti(folder: Path) -> None:
     save_drive(folder, small_drive())
 
 
+def _kitti_calib(folder: Path) -> None:
+    _kitti(folder)
+    (folder / "camera.toml").unlink()
+
+
 def _kitti_poses(folder: Path) -> None:
     _kitti(folder)
     rows = [f"1 0 0 0 0 1 0 0 0 0 1 {0.1 * i:.1f}" for i in range(5)]
@@ -352,7 +357,7 @@ TARGETS = {
     "webp": _image("a.webp", a_picture()),
     "bmp": _image("a.bmp", a_picture()),
     "video": a_file("film.mp4", _video, lambda path: [*read_video(path), VideoFrames(path)[0]]),
-    "kitti-calib": _drive(_kitti, "calib.txt"),
+    "kitti-calib": _drive(_kitti_calib, "calib.txt"),
     "kitti-odometry": _drive(_kitti, "odometry.csv"),
     "kitti-poses": Target(
         _kitti_poses,

@@ -1,6 +1,5 @@
 """Simulated camera drives: the pinhole model to the pixel, the truth, and what the dials do."""
 
-import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -8,9 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade import datasets
 from saccade.errors import ConfigError
-from saccade.settings import as_toml
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
 from saccade.simulation.drive import Illumination, render
 from saccade.simulation.scene import Ground, Walls, all_posters, build_scene, poster_images
@@ -226,23 +223,3 @@ def test_posters_repeat_and_mirror_on_demand(rng):
 def test_a_ring_that_cannot_be_is_refused(setting, words):
     with pytest.raises(ConfigError, match=words):
         DriveConfig(**setting)
-
-
-def test_a_drive_from_the_command_line_is_read_back(run, tmp_path):
-    (tmp_path / "small.toml").write_text(as_toml(replace(SMALL, frames=600)), encoding="utf-8")
-    code, out, _ = run(
-        "simulate", "drive", "-c", "small.toml", "--seed", 7, "--frames", 3, "--depth", "--json"
-    )
-    assert code == 0
-    row = json.loads(out)
-    assert (row["frames"], row["cameras"]) == (3, 2)
-    read = datasets.load_drive("auto", tmp_path / row["sequence"])
-    made = simulate_drive(replace(SMALL, frames=3, depth=True), 7)
-    np.testing.assert_allclose(read.truth.pose, made.truth.pose, atol=1e-8)
-    np.testing.assert_allclose(read.control, made.control, rtol=1e-12)
-    np.testing.assert_array_equal(read.load(2).image, made.load(2).image)
-    np.testing.assert_array_equal(read.load(2).right, made.load(2).right)
-    np.testing.assert_allclose(read.load(2).depth, made.load(2).depth, atol=6e-4)
-    code, _, err = run("simulate", "drive", "--preset", "hall")
-    assert code == 2
-    assert "ring, mono, repeated, mirror" in err

@@ -1,13 +1,12 @@
 """Made worlds: their geometry, their noise, and what the filters make of them."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from consistency import run_monte_carlo
-from saccade import datasets, slam
+from saccade import slam
 from saccade.errors import ConfigError
 from saccade.simulation import WorldConfig, simulate_world
 
@@ -132,16 +131,3 @@ def test_curved_uncertainty_is_not_overconfident():
     trials = run_monte_carlo(world, "invariant", 6)
     assert trials.anees < 6
     assert trials.landmark_anees < 4
-
-
-def test_a_world_from_the_command_line_is_read_by_slam(run, tmp_path):
-    code, out, _ = run("simulate", "world", "--seed", 5, "--out", "made", "--json")
-    assert code == 0
-    row = json.loads(out)
-    made = simulate_world(WorldConfig(), 5)
-    log = datasets.load("auto", tmp_path / "made" / "log.csv")
-    assert row["observations"] == len(log.observation) == len(made.observation)
-    np.testing.assert_array_equal(log.observation, made.observation)
-    truth = np.loadtxt(tmp_path / "made" / "truth.tum")
-    np.testing.assert_allclose(truth[:, 1:3], made.truth.pose[:, :2], atol=1e-6)
-    assert len((tmp_path / "made" / "landmarks.csv").read_text().splitlines()) == 21

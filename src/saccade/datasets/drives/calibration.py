@@ -28,7 +28,8 @@ from saccade.types import FloatArray
 
 CAMERA_FILE = "camera.toml"
 _INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
-_CAMERA = {name: name for name in (*_INTRINSICS, "baseline", "rotation")} | {"place": "position"}
+_CAMERA = {name: name for name in (*_INTRINSICS, "baseline")}
+_CAMERA |= {"place": "position", "rotation": "rotation"}
 """Attributes of `Camera` by their names in the file."""
 _OTHERS = ("distortion", "rate", "depth_unit", "odometry_bias", "start")
 """Attributes of `Calibration` in the file."""
