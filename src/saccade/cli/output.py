@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeVar
 
 from saccade.errors import ImageWarning, LogWarning
 from saccade.io.files import as_text, atomic_write
@@ -42,17 +42,12 @@ def print_data_warnings() -> None:
     show = warnings.showwarning
 
     def print_warning(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
+        message: Warning | str, category: type[Warning], *place: Any, **kwargs: Any
     ) -> None:
         if issubclass(category, (ImageWarning, LogWarning)):
             print_message(str(message))
         else:
-            show(message, category, filename, lineno, file, line)
+            show(message, category, *place, **kwargs)
 
     warnings.showwarning = print_warning
 
