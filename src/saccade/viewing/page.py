@@ -141,25 +141,6 @@ class Section:
         return "\n".join(["<section>", *parts, "</section>"])
 
 
-def overview_page(
-    title: str, lead: str, sections: Sequence[Section], links: Mapping[str, str]
-) -> str:
-    """A page of sections side by side, picture first, with images beside it on disk.
-
-    Args:
-        title: of the page.
-        lead: its first paragraph.
-        sections: in their order.
-        links: by path relative to the page, their text; above the sections.
-    """
-    above = "".join(
-        f'<p><a href="{escape(path)}">{escape(text)}</a></p>\n' for path, text in links.items()
-    )
-    cards = "\n".join(section.html() for section in sections)
-    body = f'{above}<div class="cards">\n{cards}\n</div>'
-    return html_page(title, lead, body, ["page.css"], sources=["img-src 'self' file: data:"])
-
-
 def html_page(
     title: str,
     lead: str,
