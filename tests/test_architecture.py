@@ -239,7 +239,7 @@ print(saccade.__file__, len(saccade.Sift()(image)) > 0)
 def test_files_are_opened_in_one_place():
     """By `saccade.io.files`, which refuses what has no end; our own data needs no such care."""
     opening = ("read_text(", "read_bytes(", '.open("rb")', ".open(newline", ".open(encoding")
-    ours = {"_jit.py", "cli/serve.py", "batch/engines.py", "viewing/page.py"}
+    ours = {"_jit.py", "cli/serve.py", "batch/workers.py", "viewing/page.py"}
     ours |= {"__init__.py", "extras.py"}  # our own names, and the record of our installation
     for path in SOURCE.rglob("*.py"):
         if path != SOURCE / "io" / "files.py" and path.relative_to(SOURCE).as_posix() not in ours:

@@ -31,7 +31,7 @@ def refuse(event, arguments):
 sys.addaudithook(refuse)
 """
 OPTIONAL = (
-    *("pyarrow", "h5py", "gtsam", "rosbags", "faiss", "zarr", "fsspec", "starlette", "uvicorn"),
+    *("pyarrow", "h5py", "gtsam", "rosbags", "starlette", "uvicorn"),
     *("rerun", "distributed", "dask", "pycolmap"),
 )
 
@@ -109,10 +109,8 @@ HARMLESS = {"bytes", "offline", "ascii", "narrow", "nonsense", "interpreted", "c
 """Environments in which every command does its work."""
 MISSING = {
     ("no-h5py", "convert --to"): "needs h5py",
-    ("no-faiss", "find"): "needs faiss",
     ("no-starlette", "serve"): "needs starlette",
     ("bare", "extract"): "parquet: needs pyarrow",
-    ("bare", "find"): "parquet: needs pyarrow",
 }
 """What is told of a library that is missing."""
 ONCE = {

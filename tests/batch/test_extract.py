@@ -6,23 +6,22 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 
 import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import zarr
 
-from saccade import __version__, attention_saliency, read_image, scanpath
-from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
-from saccade.batch import Job, extract, open_source
-from saccade.batch.engines import InProcess, Processes, Shard
+from saccade import Sift, attention_saliency, exchange, read_image, scanpath
+from saccade.attention import AttentionConfig
+from saccade.batch import Job, extract, extraction, open_source, read_points
 from saccade.batch.sources import Item
-from saccade.errors import ConfigError
-from saccade.io.files import PARTIAL
+from saccade.batch.workers import DIED, run_blocks
+from saccade.errors import ConfigError, OutputError
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
-from support import extraction
 from support.extraction import SIFT, check_complete, check_whole, extract_here, photographs
+from support.keypoint_files import assert_same
 from support.killed_process import deadly
 from support.limits import TIMEOUT
 
@@ -39,45 +38,37 @@ def folder(tmp_path_factory):
     return path
 
 
-def test_what_comes_out_is_what_the_detector_finds(folder, tmp_path):
-    result = extract_here(folder, tmp_path)
-    assert (result.done, result.unchanged, result.totals.images) == (IMAGES, 0, IMAGES)
-    assert result.totals.shards == IMAGES / 3
-    assert result.totals.rows > 5 * IMAGES
+def files_of(out):
+    return {path.name: path.read_bytes() for path in (out / "sift").iterdir()}
+
+
+def test_extraction_is_what_the_detector_finds(folder, tmp_path):
+    progress = []
+    result = extract_here(folder, tmp_path, on_progress=lambda *counts: progress.append(counts))
+    assert (result.done, result.unchanged, result.images) == (IMAGES, 0, IMAGES)
+    assert progress == [(done, 0, IMAGES) for done in (3, 6, 9, 12, 15)]
+    assert result.rows > 5 * IMAGES
+    assert result.complete
     check_complete(folder, tmp_path)
     manifest = json.loads((tmp_path / "manifest.json").read_text())
-    assert manifest["complete"]
-    assert manifest["configuration"]["settings"]["edge_ratio"] == 15
-    assert (manifest["images"], manifest["rows"]) == (IMAGES, result.totals.rows)
-    assert not (tmp_path / PARTIAL).exists()
+    assert manifest["settings"]["edge_ratio"] == 15
+    assert len(files_of(tmp_path)) == IMAGES / 3
 
 
-def test_a_second_run_does_what_is_new_and_what_has_changed(tmp_path):
+def test_resume_processes_new_and_changed_images(tmp_path):
     source, out = tmp_path / "photos", tmp_path / "out"
     paths = photographs(source, 10)
     extract_here(source, out)
-    before = {path: path.stat().st_mtime_ns for path in out.glob("*/part-*")}
+    before = {path: path.stat().st_mtime_ns for path in out.glob("sift/*")}
+    for path in paths:
+        path.touch()  # another time, but the same content
     assert extract_here(source, out).done == 0
-    assert before == {path: path.stat().st_mtime_ns for path in out.glob("*/part-*")}
+    assert before == {path: path.stat().st_mtime_ns for path in out.glob("sift/*")}
+    photographs(source, 12)
     paths[4].write_bytes(paths[0].read_bytes())
-    photographs(source, 12)[4].write_bytes(paths[0].read_bytes())
-    paths[4].touch()
     result = extract_here(source, out)
     assert (result.done, result.unchanged) == (3, 9)
     check_complete(source, out)
-
-
-def test_what_another_version_did_is_told_and_done_anew_on_request(run, tmp_path):
-    photographs(tmp_path / "photos", 4)
-    extract_here(tmp_path / "photos", tmp_path / "out", Job("sift", SiftConfig(), version="0.0.1"))
-    words = ("extract", "photos", "--out", "out", "--workers", 1, "--json")
-    photographs(tmp_path / "photos", 5)
-    code, printed, err = run(*words)
-    assert (code, json.loads(printed)["by_other_versions"]) == (0, 4)
-    assert "4 images were processed by another version; --redo processes them again" in err
-    code, printed, err = run(*words, "--redo")
-    assert (code, err, json.loads(printed)["by_other_versions"]) == (0, "", 0)
-    assert set(pq.read_table(tmp_path / "out/images")["version"].to_pylist()) == {__version__}
 
 
 def test_other_settings_do_not_mix(folder, tmp_path):
@@ -89,29 +80,38 @@ def test_other_settings_do_not_mix(folder, tmp_path):
     assert all(len(rows) <= 6 for rows in check_whole(tmp_path).values())
 
 
+def test_redo_that_was_stopped_resumes_with_the_new_settings(folder, tmp_path):
+    extract_here(folder, tmp_path)
+    other, calls = Job("sift", SiftConfig(max_keypoints=3)), iter([False, True])
+    extract_here(folder, tmp_path, other, redo=True, should_stop=lambda: next(calls))
+    assert len(check_whole(tmp_path)) == 3
+    assert extract_here(folder, tmp_path, other).unchanged == 3
+    assert all(len(rows) <= 6 for rows in check_whole(tmp_path).values())
+
+
 def test_descriptors_that_are_no_bytes_are_refused():
     with pytest.raises(ConfigError, match="descriptor_dtype: expected uint8"):
         Job("sift", SiftConfig(descriptor_dtype="float32"))
 
 
-def test_what_cannot_be_read_is_told_and_the_rest_is_done(tmp_path):
+def test_images_that_fail_do_not_stop_the_others(tmp_path):
     source, out = tmp_path / "photos", tmp_path / "out"
     paths = photographs(source, 10)
     paths[3].write_text("no image")
     paths[5].write_bytes(paths[5].read_bytes()[:200])
     images = open_source(str(source))
-    paths[7].unlink()  # it was seen, and is gone when its turn comes
-    result = extract(images, SIFT, str(out), InProcess(), shard_size=3)
-    errors = pq.read_table(out / "errors.parquet").to_pandas().set_index("image").error
+    paths[7].unlink()  # after it was listed
+    result = extract(images, SIFT, str(out), block_size=3)
+    summary = pq.read_table(out / "images.parquet").to_pandas().set_index("image")
+    errors = summary.error.dropna()
     assert list(errors.index) == ["003.png", "005.png", "007.png"]
+    assert errors.to_dict() == dict(result.failed)
     assert "expected an image" in errors["003.png"]
     assert "cut short" in errors["005.png"]
     assert "No such file" in errors["007.png"]
-    assert (result.totals.images, result.totals.errors) == (7, 3)
-    assert (result.done, result.failed) == (7, 3)
+    assert (result.images, result.done, result.complete) == (7, 7, True)
     photographs(source, 10)
-    assert extract_here(source, out).totals.errors == 0
-    assert not (out / "errors.parquet").exists()
+    assert extract_here(source, out).done == 3
     check_complete(source, out)
 
 
@@ -121,6 +121,8 @@ def killed(folder, tmp_path_factory):
 
     In the source of the second some images have changed since `before`, one is new, one is gone.
     """
+    from support import extraction
+
     root = tmp_path_factory.mktemp("killed")
     paths = photographs(root / "photos", IMAGES)
     extract_here(root / "photos", root / "before")
@@ -132,8 +134,9 @@ def killed(folder, tmp_path_factory):
     return root
 
 
-def test_killed_at_any_moment_nothing_is_lost_and_nothing_twice(folder, killed):
-    """A second run ends what the one that was killed began."""
+def test_killed_at_any_moment_every_image_is_there_once(folder, killed, tmp_path):
+    """The same command resumes, and makes the files of a run that was not killed."""
+    extract_here(folder, tmp_path)
     unfinished = 0
     for number in range(1, KILLS + 1):
         out = killed / "out" / str(number)
@@ -141,58 +144,94 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_twice(folder, killed):
         unfinished += 0 < done < IMAGES
         result = extract_here(folder, out)
         assert (result.unchanged, result.done) == (done, IMAGES - done)
-        assert len(check_whole(out)) == IMAGES
+        assert files_of(out).keys() == files_of(tmp_path).keys()
     assert unfinished > KILLS / 10
     check_complete(folder, out)
 
 
-def test_killed_while_images_are_done_anew_no_points_are_another_images(killed):
-    """The same where images have changed; the points of the one that is gone stay."""
+def test_killed_while_images_are_done_anew_no_points_are_of_another_image(killed):
+    """The points of the image that is gone stay."""
     gone = check_whole(killed / "before")[f"{GONE:03d}.png"]
-    two = 0
     for number in range(1, KILLS + 1):
         out = killed / "changed" / str(number)
-        records = [path.name for path in (out / "images").iterdir()]
-        two += len({name[:23] for name in records}) < len(records)
+        check_whole(out)
         extract_here(killed / "photos", out)
         kept = check_whole(out).pop(f"{GONE:03d}.png")
         assert kept.reset_index(drop=True).equals(gone.reset_index(drop=True))
         check_complete(killed / "photos", out, [f"{GONE:03d}.png"])
-    assert two > 0
 
 
-def test_a_full_disk_is_told(folder, tmp_path):
-    """No file may be larger than 6 KB: some of the points are, those of the records are not."""
+def test_an_image_in_two_files_is_kept_once(folder, tmp_path):
+    """As two runs into one bucket leave it."""
+    extract_here(folder, tmp_path, size=3)
+    for path in (tmp_path / "sift").iterdir():
+        path.rename(path.with_stem(f"{path.stem}-other"))
+    (tmp_path / "sift").rename(tmp_path / "first")
+    extract_here(folder, tmp_path, size=5)
+    for path in (tmp_path / "first").iterdir():
+        path.rename(tmp_path / "sift" / path.name)
+    (tmp_path / "first").rmdir()
+    assert extract_here(folder, tmp_path).done == 0
+    check_complete(folder, tmp_path)
+
+
+def test_a_full_disk_ends_the_run(folder, tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (6 << 10, before[1]))
     try:
-        result = extract_here(folder, tmp_path, size=8)
+        with pytest.raises(OutputError, match="cannot be written: File too large"):
+            extract_here(folder, tmp_path, size=8)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    errors = pq.read_table(tmp_path / "errors.parquet").to_pandas()
-    assert result.totals.errors == len(errors) > 0
-    assert errors.error.str.contains("cannot be written: File too large").all()
-    assert len(check_whole(tmp_path)) == IMAGES - len(errors) > 0
     extract_here(folder, tmp_path)
     check_complete(folder, tmp_path)
 
 
-def test_processes_find_the_same_as_one_and_change_no_setting_of_it(folder, tmp_path):
-    before = dict(os.environ), cv2.getNumThreads()
-    extract_here(folder, tmp_path / "1")
-    extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2), shard_size=3)
-    assert (dict(os.environ), cv2.getNumThreads()) == before
-    two = check_whole(tmp_path / "2")
-    assert all(two[name].equals(rows) for name, rows in check_whole(tmp_path / "1").items())
+def test_the_number_of_workers_changes_nothing(folder, tmp_path):
+    threads = cv2.getNumThreads()
+    extract_here(folder, tmp_path / "one")
+    extract_here(folder, tmp_path / "two", workers=2)
+    assert cv2.getNumThreads() == threads
+    one, two = check_whole(tmp_path / "one"), check_whole(tmp_path / "two")
+    assert one.keys() == two.keys()
+    assert all(one[name].equals(two[name]) for name in one)
+    assert files_of(tmp_path / "one").keys() == files_of(tmp_path / "two").keys()
 
 
-def test_a_shard_that_kills_its_process_costs_no_other():
-    shards = [Shard(str(number), [Item(f"{number}.png", "")]) for number in range(8)]
-    reports = list(Processes(2).run(deadly, iter(shards)))
-    assert sorted(each.unchanged for each in reports if each.done) == [0, 1, 2, 4, 5, 6, 7]
-    ((name, why),) = [lost for each in reports for lost in each.lost]
-    assert name == "3.png"
-    assert "died" in why
+def test_a_block_that_kills_its_process_fails_alone():
+    blocks = [[Item(str(number), "", "")] for number in range(8)]
+    reports = list(run_blocks(deadly, blocks, workers=2))
+    assert sum(report.done for report in reports) == 7
+    assert [report.failed for report in reports if report.failed] == [{"3": DIED}]
+
+
+def test_workers_end_with_the_command(folder, tmp_path):
+    command = "from support.extraction import *; import sys; " + (
+        "extract(open_source(sys.argv[1]), SIFT, sys.argv[2], block_size=1, workers=2)"
+    )
+    words = [sys.executable, "-c", command, str(folder), str(tmp_path / "out")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(words, env=environment) as process:
+        while not list(tmp_path.glob("out/sift/[!.]*.parquet")):
+            assert process.poll() is None
+            time.sleep(0.01)
+        listed = f"/proc/{process.pid}/task/{process.pid}/children"
+        with open(listed) as file:  # noqa: PTH123
+            children = [int(number) for number in file.read().split()]
+        process.send_signal(signal.SIGKILL)
+    assert children
+    end = time.monotonic() + TIMEOUT
+    while any(is_running(number) for number in children):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def is_running(number):
+    try:
+        with open(f"/proc/{number}/stat") as file:  # noqa: PTH123
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 @pytest.mark.parametrize("what", ["saliency", "scanpath", "symroid"])
@@ -203,7 +242,6 @@ def test_every_kind_is_what_its_function_gives(what, tmp_path):
     extract_here(path, tmp_path, Job(what, kind(), fixations=4))
     (found,) = check_whole(tmp_path, what).values()
     maps = attention_saliency(image)
-    saliency = maps.saliency
     if what == "symroid":
         regions = SymRoid()(image)
         np.testing.assert_allclose(found[["x", "y"]], regions.xy, atol=1 / 512)
@@ -217,58 +255,56 @@ def test_every_kind_is_what_its_function_gives(what, tmp_path):
         assert list(found.fixation) == [1, 2, 3, 4][: len(expected)]
     else:
         (row,) = found.to_dict("records")
-        archive = zarr.storage.ZipStore(tmp_path / row["file"], mode="r")
-        held = zarr.open_group(archive, mode="r")[row["array"]]
-        assert held.dtype == np.float16
-        np.testing.assert_allclose(held[...], saliency, atol=5e-4)
+        saliency = maps.saliency
+        stored = cv2.imread(str(tmp_path / "maps" / f"{row['image']}.png"), -1)
+        assert stored.dtype == np.uint16
+        np.testing.assert_allclose(stored / 65535, saliency, atol=1e-5)
         assert saliency[cell_of(row, saliency.shape, image.shape)] == saliency.max()
-        archive.close()
 
 
 def cell_of(row, shape, image_shape):
-    """The cell of a map at a place of the image."""
+    """The cell of a map at a position in the image."""
     y, x = ((row[each] + 0.5) * s / i for each, s, i in zip("yx", shape, image_shape, strict=False))
     return int(y), int(x)
 
 
-@pytest.mark.parametrize("maps", ["png", "zarr"])
-def test_maps_that_have_not_changed_are_kept(tmp_path, maps):
-    paths = photographs(tmp_path / "photos", 3)
-    job = Job("contrast", ContrastConfig(), maps=maps)
-    extract_here(tmp_path / "photos", tmp_path / "out", job)
-    paths[1].write_bytes(paths[0].read_bytes())
-    assert extract_here(tmp_path / "photos", tmp_path / "out", job).done == 1
-    rows = check_whole(tmp_path / "out", "contrast")
-    for path in paths:
-        file = tmp_path / "out" / rows[path.name].file.iloc[0]
-        if maps == "png":
-            found = cv2.imread(str(file), -1) / 65535
-        else:
-            group = zarr.open_group(zarr.storage.ZipStore(file, mode="r"), mode="r")
-            found = group[path.name][...]
-        expected = contrast_saliency(read_image(path)).saliency
-        np.testing.assert_allclose(found, expected, atol=5e-4)
+def test_ctrl_c_finishes_the_block_in_progress(folder, run, tmp_path, monkeypatch):
+    process = extraction.extract_block
 
-
-def test_ctrl_c_finishes_what_has_begun_and_says_how_to_go_on(folder, run, tmp_path, monkeypatch):
-    from saccade.batch import extraction
-
-    do = extraction.extract_shard
-
-    def interrupted(job, place, shard, redo):
+    def interrupted(job, location, block):
         signal.raise_signal(signal.SIGINT)
-        return do(job, place, shard, redo)
+        return process(job, location, block)
 
-    words = ("extract", folder, "--out", "out", "--workers", 1, "--shard", 3)
+    words = ("extract", folder, "--out", "out", "--workers", 1)
     with monkeypatch.context() as patched:
-        patched.setattr(extraction, "extract_shard", interrupted)
+        patched.setattr(extraction, "extract_block", interrupted)
         code, printed, err = run(*words, "--json")
     assert code == 130
-    assert "stopped after 3 of 15 images; run it again to resume" in err
+    assert "stopped after 4 of 15 images; run it again to resume" in err
     assert json.loads(printed)["complete"] is False
-    assert not json.loads((tmp_path / "out" / "manifest.json").read_text())["complete"]
-    assert len(check_whole(tmp_path / "out")) == 3
+    assert len(check_whole(tmp_path / "out")) == 4
     code, printed, err = run(*words, "--json")
     assert (code, err) == (0, "")
-    assert json.loads(printed)["already_done"] == 3
+    assert json.loads(printed)["already_done"] == 4
     check_complete(folder, tmp_path / "out")
+
+
+def test_points_come_back_and_are_exported(folder, run, tmp_path):
+    exact = Job("sift", SiftConfig(), exact=True)
+    extract_here(folder, tmp_path / "out", exact)
+    expected = {path.name: Sift()(read_image(path)) for path in sorted(folder.iterdir())}
+    found = {each.image: each for each in read_points(str(tmp_path / "out"))}
+    assert found.keys() == expected.keys()
+    assert run("convert", "out", "x.h5")[0] == 0
+    code, printed, _ = run("convert", "out", "tables", "--to", "csv", "--json")
+    assert (code, json.loads(printed)["images"]) == (0, IMAGES)
+    others = exchange.read_parquet(tmp_path / "out" / "sift"), exchange.read_hdf5(tmp_path / "x.h5")
+    for name, points in expected.items():
+        assert found[name].shape == (64, 96)
+        for each in (found[name].points, *(other[name] for other in others)):
+            assert_same(each, points)
+        table = exchange.read_csv(tmp_path / "tables" / f"{name}.csv")
+        assert_same(table, points, ("xy", "size", "angle", "response"))
+    code, _, err = run("convert", "out", "x.g2o")
+    assert code == 2
+    assert "--to: expected one of colmap, hdf5, opencv, csv for keypoints, found 'x.g2o'" in err

@@ -21,7 +21,7 @@ IMAGES = 30
 @pytest.fixture
 def cluster(tmp_path, monkeypatch):
     """Address of a scheduler, and the number of the process of one of its two workers."""
-    monkeypatch.setattr("saccade.batch.engines.TIMEOUT", TIMEOUT)
+    monkeypatch.setattr("saccade.batch.workers.TIMEOUT", TIMEOUT)
     command = [sys.executable, "-m", "support.dask_cluster", tmp_path]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, text=True, cwd=ROOT / "tests", **pipes) as process:
@@ -40,15 +40,13 @@ def test_a_worker_that_is_killed_loses_nothing(cluster, run, tmp_path):
     killed = threading.Event()
 
     def kill_one():
-        while len(list((out / "images").glob("*"))) < 5:
+        while len(list((out / "sift").glob("[!.]*.parquet"))) < 2:
             time.sleep(0.01)
         os.kill(worker, signal.SIGKILL)
         killed.set()
 
     threading.Thread(target=kill_one, daemon=True).start()
-    code, printed, err = run(
-        "extract", source, "--out", out, "--scheduler", address, "--shard", 1, "--json"
-    )
+    code, printed, err = run("extract", source, "--out", out, "--scheduler", address, "--json")
     assert code == 0, err
     assert f'"images": {IMAGES}' in printed
     assert killed.wait(TIMEOUT)
@@ -57,7 +55,7 @@ def test_a_worker_that_is_killed_loses_nothing(cluster, run, tmp_path):
 
 def test_a_scheduler_that_is_not_there_is_named(run, tmp_path, monkeypatch):
     photographs(tmp_path / "photos", 1)
-    monkeypatch.setattr("saccade.batch.engines.TIMEOUT", 0.3)
+    monkeypatch.setattr("saccade.batch.workers.TIMEOUT", 0.3)
     code, _, err = run("extract", tmp_path / "photos", "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "scheduler: expected one at tcp://127.0.0.1:9, found none" in err

@@ -13,7 +13,6 @@ import pytest
 import saccade
 from saccade import exchange
 from saccade.batch import Job, MatchConfig, extraction, match_images
-from saccade.batch.engines import Processes
 from saccade.batch.matching import read_pairs, write_pairs
 from saccade.errors import ConfigError
 from saccade.exchange.colmap import import_pycolmap
@@ -71,10 +70,9 @@ def as_expected(run, expected, pairs=None):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_all_pairs_are_those_of_match_and_verify(photos, expected, tmp_path, workers, monkeypatch):
-    """The images of a pair may be in two shards."""
-    monkeypatch.setattr(extraction, "MIN_SHARD_SIZE", 3)
-    engine = {} if workers == 1 else {"engine": lambda images: Processes(2)}
-    run = match_images(f"{photos}/**/*", tmp_path, job=JOB, **engine)
+    """The images of a pair may be in two blocks."""
+    monkeypatch.setattr(extraction, "MIN_BLOCK", 3)
+    run = match_images(f"{photos}/**/*", tmp_path, job=JOB, workers=workers)
     assert as_expected(run, expected)
     assert (run.done, run.unchanged, run.complete) == (6, 0, True)
     points = exchange.read_hdf5(run.files["features"])
@@ -103,7 +101,7 @@ def test_a_list_is_matched_in_its_order_and_only_that(photos, listed, tmp_path):
     run = match_images(str(photos), tmp_path / "out", pairs=listed, job=JOB)
     pairs = [("b/two.png", "one.png"), ("one.png", "part.png")]
     assert [each.pair for each in run.matched] == read_pairs(run.files["pairs"]) == pairs
-    assert run.extraction.totals.images == 3
+    assert run.extraction.images == 3
     (one, two) = (saccade.read_image(photos / name) for name in pairs[0])
     sift = saccade.Sift(JOB.settings)
     np.testing.assert_array_equal(run.matched[0].indices, saccade.match(sift(one), sift(two)))
@@ -130,7 +128,7 @@ def test_what_is_done_is_not_done_again(photos, listed, tmp_path):
     part = cv2.imread(str(folder / "part.png"))
     cv2.imwrite(str(folder / "part.png"), part[:, ::-1])
     assert counts() == (1, 2, 0)
-    assert counts(redo=True) == (0, 2, 0)
+    assert counts(redo=True) == (3, 2, 0)
     with pytest.raises(ConfigError, match=r"made with settings.* take another --out, or --redo"):
         match_images(str(folder), out, pairs=listed)
     changed = match_images(str(folder), out, pairs=listed, redo=True)
@@ -185,7 +183,7 @@ def test_the_command_leaves_out_images_that_fail(run, photos, tmp_path):
             "same.txt, line 1: expected two images, found 'a a'",
         ),
         (["b", "--pairs", "empty.txt"], "empty.txt: expected pairs of images, found none"),
-        (["b", "--pairs", "gone.txt"], "gone.txt: expected images of b, found 'x.png', which is"),
+        ([".", "--pairs", "gone.txt"], "gone.txt: expected images of ., found 'x.png', which is"),
     ],
 )
 def test_what_cannot_be_matched_is_named(run, photos, tmp_path, words, told):

@@ -1,7 +1,6 @@
 """Every reader of a file format, with a small good file of its kind to begin from."""
 
 import sqlite3
-import tarfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,11 +13,10 @@ from scipy.io import savemat
 
 from saccade import Keypoints, LogWarning, SiftConfig, exchange, slam
 from saccade.batch import Job, extract, match_images, open_source
-from saccade.batch.dataset import read_manifest, read_points, read_records
-from saccade.batch.engines import InProcess
-from saccade.batch.index import Index, build_index
+from saccade.batch.dataset import block_files, read_manifest, read_points, read_records
 from saccade.batch.matching import read_matches, read_pairs
-from saccade.batch.sources import Store, decode, read_content
+from saccade.batch.sources import content_reader, decode
+from saccade.batch.storage import Store
 from saccade.datasets import load, load_drive, save, save_drive
 from saccade.datasets.drives.sidecar_files import read_kitti_poses, read_tum_poses, read_turns
 from saccade.datasets.fixations import read_fixations
@@ -276,19 +274,9 @@ def _extracted(folder: Path) -> None:
     """Points of a picture, in files whose names do not depend on the settings."""
     write_pictures(folder / "photos", "a.png", pixels=cv2.resize(a_picture(), (128, 96)))
     source = open_source(str(folder / "photos"))
-    extract(source, Job("sift", SiftConfig()), str(folder / "out"), InProcess())
-    for kind in ("sift", "images"):
-        (part,) = (folder / "out" / kind).iterdir()
-        part.rename(part.with_name("part-0.parquet"))
-
-
-def _indexed(folder: Path) -> None:
-    _extracted(folder)
-    build_index(folder / "out")
-
-
-def _look_up(folder: Path) -> object:
-    return Index(folder / "out").find(points())
+    extract(source, Job("sift", SiftConfig()), str(folder / "out"))
+    (block,) = (folder / "out" / "sift").iterdir()
+    block.rename(block.with_name("0.parquet"))
 
 
 def _table(folder: Path) -> object:
@@ -297,7 +285,8 @@ def _table(folder: Path) -> object:
 
 def _again(folder: Path) -> object:
     store = Store(str(folder / "out"))
-    return read_manifest(store), list(read_records(store))
+    records = [read_records(store, file) for file in block_files(store, "sift")]
+    return read_manifest(store), records
 
 
 def _list(folder: Path) -> None:
@@ -305,16 +294,10 @@ def _list(folder: Path) -> None:
     (folder / "photos.txt").write_text("# photographs\na.png\n./a.png\n")
 
 
-def _tar(folder: Path) -> None:
-    write_pictures(folder, "a.png")
-    with tarfile.open(folder / "photos.tar", "w") as archive:
-        archive.add(folder / "a.png", "a.png")
-
-
 def _sources(name: str) -> Callable[[Path], object]:
     def read(folder: Path) -> object:
         source = open_source(str(folder / name))
-        return [decode(read_content(source[i]), "a.png") for i in range(len(source))]
+        return [decode(content_reader()(item), "a.png") for item in source]
 
     return read
 
@@ -391,14 +374,8 @@ TARGETS = {
     "colmap": a_file("points.db", _colmap, exchange.read_colmap),
     "settings": _settings("sift.toml", "max_keypoints = 7\nbase_sigma = 2\n", "sift"),
     "manifest": Target(_extracted, "out/manifest.json", _again),
-    "record": Target(_extracted, "out/images/part-0.parquet", _again),
-    "tar": Target(_tar, "photos.tar", _sources("photos.tar")),
     "list": Target(_list, "photos.txt", _sources("photos.txt")),
-    "points-table": Target(_extracted, "out/sift/part-0.parquet", _table),
-    "points-record": Target(_extracted, "out/images/part-0.parquet", _table),
-    "index-images": Target(_indexed, "out/index/images.json", _look_up),
-    "index-places": Target(_indexed, "out/index/places.npy", _look_up),
-    "index-vectors": Target(_indexed, "out/index/vectors.faiss", _look_up),
+    "points-table": Target(_extracted, "out/sift/0.parquet", _table),
     "rosbag1": _bag(1, "way.bag"),
     "rosbag2": _bag(2, "way/way.db3"),
     "rosbag2-metadata": _bag(2, "way/metadata.yaml"),

@@ -15,8 +15,7 @@ import saccade
 from fuzz.targets import a_log, points
 from saccade import SiftConfig, exchange, slam
 from saccade.batch.dataset import read_manifest
-from saccade.batch.index import Index
-from saccade.batch.sources import Store
+from saccade.batch.storage import Store
 from saccade.datasets import load
 from saccade.datasets.drives.calibration import read_calibration
 from saccade.errors import ConfigError, KeypointsError
@@ -30,13 +29,12 @@ LOADS = ("load", "savez", "savez_compressed", "read_array")
 SOURCE = Path(saccade.__file__).parent
 
 
-@pytest.mark.parametrize("suffix", ["npz", "csv", "h5", "parquet"])
+@pytest.mark.parametrize("suffix", ["npz", "csv", "h5"])
 def test_points_of_the_first_release(suffix):
     read = {
         "npz": exchange.read_npz,
         "csv": exchange.read_csv,
         "h5": lambda path: exchange.read_hdf5(path)["a.png"],
-        "parquet": lambda path: exchange.read_parquet(path)["a.png"],
     }[suffix]
     found, expected = read(FIRST / f"points.{suffix}"), points()
     for name in ("xy", "size", "angle", "response", "octave"):
@@ -60,22 +58,6 @@ def test_settings_of_the_first_release():
     )  # which it did not have: the default
     assert load_settings("sift", path=FIRST / "sift.toml") == expected
     assert read_calibration(FIRST / "camera.toml").camera.baseline == 0.2
-
-
-def test_an_extraction_and_an_index_of_the_first_release(run, tmp_path):
-    shutil.copytree(FIRST / "extracted", tmp_path / "extracted")
-    index = Index(tmp_path / "extracted")
-    assert index.images == ["disk.png"]
-    assert len(index.points_of(0)) >= 1
-    words = ("extract", FIRST / "photos", "--what", "sift", "--out", "extracted", "--workers", "1")
-    code, _, err = run(*words)
-    assert code == 2
-    assert "settings.contrast_threshold = 0.016, now None" in err
-    first = 'contrast_threshold = 0.016\nranking = "response"\n'
-    (tmp_path / "first.toml").write_text(first)
-    code, out, err = run(*words, "--config", "first.toml", "--json")
-    assert code == 0, err
-    assert json.loads(out)["already_done"] == 1
 
 
 def newer_points(folder, kind):
@@ -109,16 +91,10 @@ def test_points_of_a_later_release_are_refused(tmp_path, kind, read):
         read(path)
 
 
-@pytest.mark.parametrize("name", ["manifest.json", "index/images.json"])
-def test_a_folder_of_a_later_release_is_refused(tmp_path, name):
-    shutil.copytree(FIRST / "extracted", tmp_path / "extracted")
-    path = tmp_path / "extracted" / name
-    path.write_text(json.dumps({**json.loads(path.read_text()), "format": 99}))
-    with refuses(ConfigError, name, "found 99: a later version of saccade has written it"):
-        if name == "manifest.json":
-            read_manifest(Store(str(tmp_path / "extracted")))
-        else:
-            Index(tmp_path / "extracted")
+def test_a_folder_of_a_later_release_is_refused(tmp_path):
+    (tmp_path / "manifest.json").write_text(json.dumps({"format": 99}))
+    with refuses(ConfigError, "manifest.json", "a later version of saccade has written it"):
+        read_manifest(Store(tmp_path))
 
 
 def test_a_checkpoint_that_was_changed_or_is_of_another_version_is_said(tmp_path, caplog):

@@ -1,6 +1,7 @@
 """Small photographs, what is extracted of them, and processes that are killed at it."""
 
 import itertools
+import json
 import os
 import random
 import shutil
@@ -17,7 +18,6 @@ import pyarrow.parquet as pq
 
 from saccade import Sift, SiftConfig
 from saccade.batch import Job, extract, open_source
-from saccade.batch.engines import InProcess
 from saccade.batch.sources import content_hash
 from saccade.io.image import decode_image
 
@@ -38,24 +38,25 @@ def photographs(folder, count):
 
 def extract_here(source, out, job=SIFT, size=3, **options):
     """`extract` in this process."""
-    return extract(open_source(str(source)), job, str(out), InProcess(), shard_size=size, **options)
+    return extract(open_source(str(source)), job, str(out), block_size=size, **options)
+
+
+def records_of(path):
+    """The records in the metadata of a file."""
+    return json.loads(pq.read_metadata(path).metadata[b"saccade"])["images"]
 
 
 def check_whole(out, table="sift"):
-    """What is recorded is there, once; gives the rows of every image that has been done."""
-    rows, read = {}, set()
-    for path in sorted((out / "images").glob("[!.]*")):
-        found = pq.ParquetFile(out / table / path.name).read().to_pandas()
-        record = pq.ParquetFile(path).read().to_pylist()
-        ends = np.cumsum([0, *(row["rows"] for row in record)])
-        for row, first, end in zip(record, ends, ends[1:], strict=False):
+    """Every image is in one file, with all its rows; gives the rows by image."""
+    rows = {}
+    for path in sorted((out / table).glob("[!.]*.parquet")):
+        found = pq.ParquetFile(path).read().to_pandas()
+        records = records_of(path)
+        ends = np.cumsum([0, *(row["rows"] for row in records)])
+        for row, first, end in zip(records, ends, ends[1:], strict=False):
             assert row["image"] not in rows, "twice"
             rows[row["image"]] = found.iloc[first:end]
-        assert list(found.image) == [row["image"] for row in record for _ in range(row["rows"])]
-        read.add(path.name)
-    for path in (out / table).glob("[!.]*"):
-        if path.name not in read:
-            pq.ParquetFile(path).read()
+        assert list(found.image) == [row["image"] for row in records for _ in range(row["rows"])]
     return rows
 
 
@@ -68,20 +69,18 @@ def check_complete(source, out, gone=()):
         gone: names of images that it held before.
     """
     rows = check_whole(out)
-    recorded = pq.read_table(out / "images").to_pandas().set_index("image")
+    summary = pq.read_table(out / "images.parquet").to_pandas().set_index("image")
     paths = {path.name: path for path in source.iterdir()}
-    assert set(rows) == set(recorded.index) == {*paths, *gone}
-    assert {path.name for path in (out / "sift").iterdir()} == {
-        path.name for path in (out / "images").iterdir()
-    }
+    assert set(rows) == set(summary.index) == {*paths, *gone}
+    assert not list(out.rglob(".*"))
     for name, path in paths.items():
         content = path.read_bytes()
         points = points_of(content)
-        assert len(rows[name]) == len(points)
+        assert len(rows[name]) == summary.rows[name] == len(points)
         np.testing.assert_allclose(rows[name][["x", "y"]], points.xy, atol=0.5 / 256)
         described = np.frombuffer(b"".join(rows[name].descriptor), np.uint8).reshape(-1, 128)
         assert np.abs(described.astype(int) - points.descriptors).max(initial=0) <= 1
-        assert recorded.content[name] == content_hash(content)
+        assert summary.content[name] == content_hash(content)
 
 
 @cache

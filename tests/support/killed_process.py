@@ -1,13 +1,13 @@
-"""A shard that kills its process; here, since the processes import what it comes from."""
+"""A block that kills its process; here, since the processes import it."""
 
 import os
 import signal
 
-from saccade.batch.engines import Shard, ShardReport
+from saccade.batch.workers import BlockReport
 
 
-def deadly(shard: Shard) -> ShardReport:
-    """What kills the process that works on the fourth shard."""
-    if shard.name == "3":
+def deadly(block):
+    """Kills the process that works on the item 3."""
+    if block[0].name == "3":
         os.kill(os.getpid(), signal.SIGKILL)
-    return ShardReport(done=1, unchanged=int(shard.name))
+    return BlockReport(1, {})

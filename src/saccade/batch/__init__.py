@@ -1,13 +1,12 @@
 """Feature extraction from many images, on one machine or a cluster.
 
-`extract` cuts a source into shards, and an engine (processes, or Dask) runs `extract_shard` on
-each. The result is a data set, a folder of Parquet files:
+`extract` cuts a source into blocks, and processes or Dask run `extract_block` on each. The result
+is a data set, a folder of Parquet files:
 
-    manifest.json        configuration and totals
-    images/part-*        a row for every image: hash of its content, size, number of rows, error
-    sift/part-*          the table itself, in a folder with the name of what was extracted
-    maps/part-*          saliency maps, if they were extracted
-    errors.parquet       images that failed, and why; only if there are any
+    manifest.json        settings
+    sift/*.parquet       the table, in a folder with the name of the features
+    maps/*.png           saliency maps, 16 bits
+    images.parquet       a row for every image: hash of its content, size, number of rows, error
 
 `match_images` matches pairs of the images of a source, for hloc and COLMAP.
 """
@@ -16,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from saccade.batch.dataset import read_points as read_points
     from saccade.batch.extraction import Extraction as Extraction
     from saccade.batch.extraction import extract as extract
     from saccade.batch.job import Job as Job
@@ -32,6 +32,7 @@ _HOME_OF = {
     "extract": "extraction",
     "match_images": "matching",
     "open_source": "sources",
+    "read_points": "dataset",
 }
 
 

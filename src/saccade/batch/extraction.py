@@ -1,56 +1,54 @@
-"""Extracts features from all images of a source into a data set, and writes its manifest."""
+"""Extracts features from all images of a source into a data set.
+
+A block of images is processed by one worker and makes one Parquet file, named by the hash of the
+names of its images. An image is done if a file lists it with its content and the settings of the
+job: that is all a run resumes from. Results that are out of date are removed before any image is
+processed, so that every image is in one file at most, whenever a run ends.
+"""
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import takewhile
+from operator import itemgetter
 from typing import Any
 
+import pyarrow as pa
+from pyarrow import compute
+
+import saccade
 from saccade.batch.dataset import (
     MANIFEST,
-    RECORDS,
-    name_generation,
+    SUFFIX,
+    ImageRecord,
+    block_files,
+    read_block,
     read_manifest,
-    read_record,
     read_records,
-    read_table,
-    record_files,
-    split_generation,
-    write_table,
+    write_block,
 )
-from saccade.batch.engines import Engine, Shard, ShardReport
-from saccade.batch.job import MAPS, Job
-from saccade.batch.shards import extract_shard
-from saccade.batch.sources import Item, Source, Store, open_store
-from saccade.batch.tables import ERROR_SCHEMA, MAP_SCHEMA, record_batch
-from saccade.errors import ConfigError
+from saccade.batch.job import MAPS, POINTS, Job
+from saccade.batch.sources import Item, Source, content_hash, content_reader, decode
+from saccade.batch.storage import Store
+from saccade.batch.tables import feature_rows, schema_of
+from saccade.batch.workers import BlockReport, run_blocks
+from saccade.errors import ConfigError, ImageError, SaccadeError
+from saccade.exchange.arrow import column, rows_of, write_rows
+from saccade.exchange.maps import encode_png
 from saccade.io.files import FORMATS
+from saccade.types import Image
 
-ERROR_FILE = "errors.parquet"
-MAX_SHARD_SIZE = 256
-"""Images in a shard: minutes of work, and a file of about 30 MB."""
-MIN_SHARD_SIZE = 4
-"""Images in a shard of a small job: a file costs as much as a tenth of an image."""
-MIN_SHARDS = 32
-"""Into which a small job is cut if it has enough images, so that all workers have work."""
-
-
-@dataclass(frozen=True)
-class Totals:
-    """Counts of a data set."""
-
-    images: int = 0
-    """Images in the table, including those without a row."""
-    rows: int = 0
-    """Rows of the table."""
-    errors: int = 0
-    """Images that failed."""
-    shards: int = 0
-    """Files of the table."""
-    by_other_versions: int = 0
-    """Images that another version of this package did."""
+MAX_BLOCK = 256
+"""Images in a block: minutes of work, and a file of about 30 MB."""
+MIN_BLOCK = 4
+"""Images in a block of a small job: a file costs as much as a tenth of an image."""
+MIN_BLOCKS = 32
+"""Number of blocks of a small job with enough images, so that all workers have work."""
+MAP_FOLDER = "maps"
+SUMMARY = "images.parquet"
+"""Table of all images of a data set, written at the end of a run."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +58,13 @@ class Extraction:
     done: int
     """Images processed, without those that failed."""
     unchanged: int
-    """Images done before, likewise."""
-    failed: int
-    """Images that failed, now or before."""
-    totals: Totals
-    """Totals of the data set."""
+    """Images of the source that were done before."""
+    failed: Mapping[str, str]
+    """Reasons by the names of the images that failed; the next run tries them again."""
+    images: int
+    """Images in the data set."""
+    rows: int
+    """Rows of its table."""
     complete: bool
     """Whether all images of the source were processed; false if the run was stopped."""
 
@@ -73,184 +73,248 @@ def extract(
     source: Source,
     job: Job,
     out: str,
-    engine: Engine,
     *,
-    source_name: str | None = None,
-    shard_size: int | None = None,
+    workers: int = 1,
+    scheduler: str | None = None,
+    block_size: int | None = None,
     redo: bool = False,
     should_stop: Callable[[], bool] = lambda: False,
-    on_report: Callable[[ShardReport], None] = lambda report: None,
+    on_progress: Callable[[int, int, int], None] = lambda done, failed, total: None,
 ) -> Extraction:
-    """Run a job on all images of a source that are not done.
+    """Runs a job on all images of a source that are not done.
 
     Args:
         source: the images.
-        job: what to extract from each.
+        job: features to extract from each.
         out: folder or URL of the data set; of one job only.
-        engine: runs the shards.
-        source_name: for the manifest.
-        shard_size: images in a shard; None to choose it so that every worker has work.
-        redo: whether to redo what another version or configuration made.
-        should_stop: called before every shard; true ends the run after the shards that have begun.
-        on_report: called with the report of every shard.
+        workers: number of processes; with 1 the work is done in this process.
+        scheduler: address of a Dask scheduler, whose workers are used; they must see the same
+            paths or URLs.
+        block_size: images in a block; None to choose it so that every worker has work.
+        redo: whether to remove the results of a data set, of these or other settings.
+        should_stop: called before or after every block; true ends the run after the blocks that
+            have begun.
+        on_progress: called after every block with the numbers of images that are done, that failed,
+            and that this run has to process.
 
     Returns:
-        Counts of this run, and totals of the data set as in its manifest.
+        Counts of this run and of the data set.
 
     Raises:
-        ConfigError: the data set was made with another configuration, or another run writes to it.
+        ConfigError: the data set was made with other settings, or another run writes to it.
         OutputError: it cannot be written.
     """
-    store = open_store(out)
-    done = unchanged = failed = 0
-    lost: list[tuple[str, str]] = []
+    store = Store(out)
     with store.locked():
-        if not redo:
-            _check_manifest(store, job)
-        remove_orphans(store, job)
-        _write_manifest(store, job, source_name, _last_totals(store), complete=False)
-        work = partial(extract_shard, job, out, redo=redo)
-        shards = plan_shards(source, store, shard_size)
-        for report in engine.run(work, takewhile(lambda _: not should_stop(), shards)):
+        _prepare(store, job, redo)
+        finished = remove_outdated(store, source, job)
+        blocks = plan_blocks(source, finished, block_size)
+        total, done, failed = sum(map(len, blocks)), 0, dict[str, str]()
+        work = partial(extract_block, job, out)
+        for report in run_blocks(
+            work, blocks, workers=workers, scheduler=scheduler, should_stop=should_stop
+        ):
             done += report.done
-            unchanged += report.unchanged
-            failed += report.failed
-            lost.extend(report.lost)
-            on_report(report)
-        complete = not should_stop()
-        remove_orphans(store, job)
-        totals = _write_errors(store, job, lost)
-        _write_manifest(store, job, source_name, totals, complete=complete)
-    return Extraction(done, unchanged, failed + len(lost), totals, complete)
-
-
-def plan_shards(source: Source, store: Store, shard_size: int | None = None) -> Iterator[Shard]:
-    """First the recorded shards, whose images may have changed, then the new ones.
-
-    A recorded shard is planned as its next generation, of the images that the source still has. A
-    new shard is a block of the source without the images that are done, so that after any
-    interruption the same images make the same shard.
-
-    Args:
-        source: the images.
-        store: of the results.
-        shard_size: images in a shard; None to choose it.
-    """
-    if shard_size is None:
-        shard_size = min(max(len(source) // MIN_SHARDS, MIN_SHARD_SIZE), MAX_SHARD_SIZE)
-    item_of = {item.name: item for item in source}
-    done: set[str] = set()
-    for file in record_files(store):
-        names = read_record(store, file, ["image"])["image"].to_pylist()
-        done.update(names)
-        shard, generation = split_generation(file)
-        items = [item_of[name] for name in names if name in item_of]
-        yield Shard(name_generation(shard, generation + 1), items, [file])
-    for first in range(0, len(source), shard_size):
-        items = [item for item in source[first : first + shard_size] if item.name not in done]
-        if items:
-            yield Shard(_name_shard(first, items), items)
-
-
-def remove_orphans(store: Store, job: Job) -> None:
-    """Remove tables that an interrupted run left without a record, and older generations."""
-    recorded = record_files(store)
-    for file in store.list_files(RECORDS):
-        if file not in recorded:
-            store.remove(f"{RECORDS}/{file}")
-    orphans = [file for file in store.list_files(job.what) if file not in recorded]
-    if job.what in MAPS and orphans:
-        for map_file in _map_files(store, job, orphans) - _map_files(store, job, recorded):
-            store.remove(map_file)
-    for file in orphans:
-        store.remove(f"{job.what}/{file}")
-
-
-def _map_files(store: Store, job: Job, files: Sequence[str]) -> set[str]:
-    """The files of the maps in these tables."""
-    tables = (read_table(store, f"{job.what}/{file}", MAP_SCHEMA, ["file"]) for file in files)
-    return {name for table in tables for name in table["file"].to_pylist()}
-
-
-def _name_shard(first: int, items: list[Item]) -> str:
-    """The number of the first image, and a hash of the names of all."""
-    names = "\n".join(item.name for item in items)
-    return f"{first:09d}-{hashlib.blake2b(names.encode(), digest_size=4).hexdigest()}"
-
-
-def _check_manifest(store: Store, job: Job) -> None:
-    """Check that a data set was made with the configuration of a job.
-
-    Raises:
-        ConfigError: it was not; says what differs.
-    """
-    manifest = read_manifest(store)
-    if manifest is None:
-        return
-    requested = _flatten(json.loads(json.dumps(job.describe())))
-    recorded = _flatten(manifest["configuration"])
-    for name in dict.fromkeys([*recorded, *requested]):
-        if requested.get(name) != recorded.get(name):
-            raise ConfigError(
-                f"{store.location}: made with {name} = {recorded.get(name)!r}, now "
-                f"{requested.get(name)!r}; take another --out, or --redo to do all anew"
-            )
-
-
-def _last_totals(store: Store) -> Totals:
-    """Totals of the last run that was completed."""
-    manifest = read_manifest(store) or {}
-    return Totals(*(manifest.get(field.name, 0) for field in fields(Totals)))
-
-
-def _write_manifest(
-    store: Store, job: Job, source: str | None, totals: Totals, *, complete: bool
-) -> None:
-    """Write the manifest, which describes the job, its source and its progress."""
-    manifest = {
-        "format": FORMATS["extraction"],
-        "saccade": job.version,
-        "what": job.what,
-        "configuration": job.describe(),
-        "fingerprint": job.fingerprint,
-        "source": source,
-        "complete": complete,
-        **asdict(totals),
-    }
-    with store.writing(MANIFEST) as path:
-        path.write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
-
-
-def _write_errors(store: Store, job: Job, lost: Sequence[tuple[str, str]]) -> Totals:
-    """Collect the failed images in one file, if there are any, and count all images.
-
-    Args:
-        store: with the records of every shard.
-        job: whose version is this one.
-        lost: images whose results could not be written, and why.
-    """
-    records = list(read_records(store))
-    failed = [{"image": name, "error": reason} for name, reason in lost]
-    for record in records:
-        failed += record.filter(record["error"].is_valid()).select(ERROR_SCHEMA.names).to_pylist()
-    if failed:
-        write_table(store, ERROR_FILE, [record_batch(failed, ERROR_SCHEMA)], ERROR_SCHEMA)
-    else:
-        store.remove(ERROR_FILE)
-    return Totals(
-        images=sum(record["error"].null_count for record in records),
-        rows=sum(sum(record["rows"].to_pylist()) for record in records),
-        errors=len(failed),
-        shards=len(records),
-        by_other_versions=sum(
-            version != job.version
-            for record in records
-            for version in record["version"].to_pylist()
-        ),
+            failed |= report.failed
+            on_progress(done, len(failed), total)
+        files = block_files(store, job.what)
+        records = [record for file in files for record in read_records(store, file)]
+        _write_summary(store, records, failed)
+    return Extraction(
+        done,
+        unchanged=len(source) - total,
+        failed=failed,
+        images=len(records),
+        rows=sum(record.rows for record in records),
+        complete=done + len(failed) == total,
     )
 
 
-def _flatten(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def remove_outdated(store: Store, source: Source, job: Job) -> set[str]:
+    """Removes the results of other settings and of images that have changed.
+
+    Results of images that the source does not have are kept.
+
+    Returns:
+        Names of the images that are done.
+    """
+    item_of = {item.name: item for item in source}
+    read, done = content_reader(), set[str]()
+
+    def is_current(record: ImageRecord) -> bool:
+        if record.image in done or record.job != job.fingerprint:
+            return False
+        item = item_of.get(record.image)
+        if item is None or item.stamp == record.stamp:
+            return True
+        try:
+            return content_hash(read(item)) == record.content
+        except ImageError:
+            return True
+
+    for file in block_files(store, job.what):
+        records = read_records(store, file)
+        kept = [record for record in records if is_current(record)]
+        names = [record.image for record in kept]
+        done.update(names)
+        if not kept:
+            store.remove(file)
+        elif len(kept) < len(records):
+            schema = schema_of(job.what)
+            _, table = read_block(store, file, schema)
+            rows = table.filter(compute.is_in(table["image"], column(names, pa.string())))
+            write_block(store, file, rows.to_batches(), schema, kept)
+    return done
+
+
+def plan_blocks(
+    source: Source, finished: Collection[str], block_size: int | None = None
+) -> list[list[Item]]:
+    """Blocks of the images that are not done.
+
+    The source is cut into blocks before finished images are left out, so that the same images make
+    the same block after any interruption.
+
+    Args:
+        source: the images.
+        finished: names of the images that are done.
+        block_size: images in a block; None to choose it.
+    """
+    size = block_size or min(max(len(source) // MIN_BLOCKS, MIN_BLOCK), MAX_BLOCK)
+    blocks = (
+        [item for item in source[first : first + size] if item.name not in finished]
+        for first in range(0, len(source), size)
+    )
+    return [block for block in blocks if block]
+
+
+def extract_block(job: Job, location: str, block: Sequence[Item]) -> BlockReport:
+    """Processes a block of images; runs in any process on any machine.
+
+    Args:
+        job: features to extract.
+        location: folder or URL of the data set.
+        block: the images.
+
+    Raises:
+        OutputError: the file of the block cannot be written.
+    """
+    store = Store(location)
+    digest = hashlib.blake2b("\n".join(item.name for item in block).encode(), digest_size=12)
+    file = f"{job.what}/{digest.hexdigest()}{SUFFIX}"
+    records: list[ImageRecord] = []
+    failed: dict[str, str] = {}
+    rows = _extract_images(job, store, block, records, failed)
+    write_block(store, file, rows, schema_of(job.what), records)
+    if not records:
+        store.remove(file)
+    return BlockReport(len(records), failed)
+
+
+def _extract_images(
+    job: Job,
+    store: Store,
+    block: Sequence[Item],
+    records: list[ImageRecord],
+    failed: dict[str, str],
+) -> Iterator[pa.RecordBatch]:
+    """The rows of each image; fills the records, and the reasons of those that failed."""
+    read, analyze = content_reader(), make_analyzer(job)
+    for item in block:
+        try:
+            start = time.perf_counter()
+            content = read(item)
+            image = decode(content, item.name)
+            found = analyze(image)
+            if job.what in MAPS:
+                with store.writing(f"{MAP_FOLDER}/{item.name}.png") as path:
+                    path.write_bytes(encode_png(found))
+            batch = feature_rows(job, item.name, image.shape, found)
+        except (SaccadeError, MemoryError) as error:
+            failed[item.name] = str(error) or "not enough memory"
+            continue
+        except Exception as error:  # one image must not end the work on a million
+            failed[item.name] = f"{type(error).__name__}: {error}"
+            continue
+        record = ImageRecord(
+            image=item.name,
+            content=content_hash(content),
+            stamp=item.stamp,
+            width=image.shape[1],
+            height=image.shape[0],
+            rows=batch.num_rows,
+            seconds=time.perf_counter() - start,
+            job=job.fingerprint,
+            version=saccade.__version__,
+        )
+        records.append(record)
+        yield batch
+
+
+def make_analyzer(job: Job) -> Callable[[Image], Any]:
+    """A function from an image to its features, which keeps the memory of a detector.
+
+    The features are `Keypoints`, `Regions`, a `Scanpath`, or a map (h, w) in [0, 1].
+    """
+    if job.what in POINTS:
+        from saccade import keypoints
+
+        detectors: dict[str, Any]
+        detectors = {"sift": keypoints.Sift, "must": keypoints.Must, "symroid": keypoints.SymRoid}
+        detector: Callable[[Image], Any] = detectors[job.what](job.settings, threads=1)
+        return detector
+    from saccade.attention import scanpath
+    from saccade.attention.models import AttentionModel
+
+    model = AttentionModel(job.settings)
+    if job.what in MAPS:
+        return lambda image: model.maps(image).saliency
+    return lambda image: scanpath(model.maps(image), job.network, fixations=job.fixations)
+
+
+def _prepare(store: Store, job: Job, redo: bool) -> None:
+    """Checks that a data set was made with the settings of a job, and writes its manifest.
+
+    Raises:
+        ConfigError: other settings; the message has the first that differs.
+    """
+    manifest, requested = read_manifest(store), json.loads(json.dumps(job.describe(), default=str))
+    if redo and manifest is not None:
+        for file in block_files(store, manifest["what"]):
+            store.remove(file)
+    elif manifest is not None:
+        ours, recorded = (_flatten(each) for each in (requested, manifest))
+        for name in dict.fromkeys([*recorded, *ours]):
+            if name not in ("format", "version") and ours.get(name) != recorded.get(name):
+                raise ConfigError(
+                    f"{store.location}: made with {name} = {recorded.get(name)!r}, now "
+                    f"{ours.get(name)!r}; take another --out, or --redo to do all anew"
+                )
+    header = {"format": FORMATS["extraction"], "version": saccade.__version__}
+    with store.writing(MANIFEST) as path:
+        path.write_text(json.dumps(header | requested, indent=2) + "\n", encoding="utf-8")
+
+
+SUMMARY_SCHEMA = pa.schema(
+    [
+        *((name, pa.string()) for name in ("image", "content", "version", "error")),
+        *((name, pa.int64()) for name in ("width", "height", "rows")),
+        ("seconds", pa.float64()),
+    ]
+)
+"""A row for every image: hash of its content, version of saccade, reason if it failed, size,
+number of its rows in the table, and processing time."""
+
+
+def _write_summary(store: Store, records: Sequence[ImageRecord], failed: Mapping[str, str]) -> None:
+    rows = [asdict(record) for record in records]
+    rows += [{"image": name, "error": reason} for name, reason in failed.items()]
+    batch = rows_of(sorted(rows, key=itemgetter("image")), SUMMARY_SCHEMA)
+    with store.writing(SUMMARY) as path:
+        write_rows(path, [batch], SUMMARY_SCHEMA)
+
+
+def _flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested settings by their dotted names."""
     flat: dict[str, Any] = {}
     for name, value in settings.items():

@@ -13,10 +13,10 @@ The folder that it writes:
 import csv
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import combinations, takewhile
+from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias, cast
 
@@ -24,25 +24,25 @@ import numpy as np
 import pyarrow as pa
 
 from saccade.batch.dataset import (
+    SUFFIX,
+    block_files,
+    read_block,
+    read_block_points,
     read_points,
-    read_record,
-    read_shard,
-    read_table,
-    record_files,
-    shard_file,
-    write_table,
+    read_records,
 )
-from saccade.batch.engines import Engine, InProcess, Shard, ShardReport
-from saccade.batch.extraction import MIN_SHARDS, Extraction, extract
+from saccade.batch.extraction import MIN_BLOCKS, Extraction, extract
 from saccade.batch.job import POINTS, Job
-from saccade.batch.sources import Source, Store, image_files, open_source, open_store
-from saccade.batch.tables import record_batch
+from saccade.batch.sources import Source, open_source
+from saccade.batch.storage import Store
+from saccade.batch.workers import BlockReport, count_workers, run_blocks
 from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
+from saccade.exchange.arrow import rows_of, write_rows
 from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.fields import check_name
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write, is_file, read_text, reading
+from saccade.io.files import atomic_write, read_text, reading
 from saccade.keypoints.matching import match
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.two_view_fit import Geometry
@@ -56,9 +56,9 @@ FOLDER = "matches"
 FEATURES = "features"
 """Folder of the data set of keypoints."""
 MAX_IMAGES = 32
-"""Images in a shard of features: a worker has two shards in memory."""
+"""Images in a block of features: a worker has two such blocks in memory."""
 MAX_PAIRS = 256
-"""Pairs in a shard of matches."""
+"""Pairs in a block of matches."""
 
 
 @dataclass(frozen=True)
@@ -74,23 +74,17 @@ class MatchConfig(Settings):
     tolerance: float = setting(2.0, above=0)
     """Inlier threshold in pixels."""
 
-    def fingerprint(self, job: Job) -> str:
-        """Hash of these settings and those of the features, as 16 hexadecimal digits."""
-        text = json.dumps([asdict(self), job.fingerprint], sort_keys=True)
-        return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
-
-class PairKey(NamedTuple):
-    """All that the matches of two images depend on."""
+class PairTask(NamedTuple):
+    """Two images to match."""
 
     first: str
     """Name of an image."""
     second: str
-    first_content: str
-    """Hash of the image."""
-    second_content: str
-    configuration: str
-    """Fingerprint of the settings."""
+    features: tuple[str, str]
+    """Files of the keypoints of both images."""
+    file: str
+    """File of the matches, named by the hash of all they depend on."""
 
     @property
     def name(self) -> str:
@@ -100,13 +94,13 @@ class PairKey(NamedTuple):
 
 SCHEMA = pa.schema(
     [
-        *((name, pa.string()) for name in (*PairKey._fields, "geometry")),
+        *((name, pa.string()) for name in ("first", "second", "geometry")),
         *((name, pa.binary()) for name in ("pairs", "similarity", "inliers", "matrix")),
     ]
 )
-"""A row for every pair of images: its key; (m, 2) int32 indices of the matched points, (m,) float32
-similarities, (m,) which matches are inliers, and the (3, 3) float64 matrix of the geometry, empty
-where there is none."""
+"""A row for every pair of images: their names; the kind of the geometry, empty for none; (m, 2)
+int32 indices of the matched points, (m,) float32 similarities, (m,) which matches are inliers, and
+the (3, 3) float64 matrix of the geometry, empty where there is none."""
 
 
 class MatchedPair(NamedTuple):
@@ -149,24 +143,27 @@ def match_images(
     job: Job | None = None,
     config: MatchConfig | None = None,
     formats: Sequence[Format] = ("hdf5",),
-    engine: Callable[[Source], Engine] = lambda images: InProcess(),
+    workers: int | None = 1,
     redo: bool = False,
     should_stop: Callable[[], bool] = lambda: False,
-    on_report: Callable[[str, int, ShardReport], None] = lambda stage, total, report: None,
+    on_progress: Callable[[str, int, int, int], None] = lambda stage, done, failed, total: None,
 ) -> MatchRun:
-    """Detect, match and verify many images; the same call resumes an interrupted one.
+    """Detects, matches and verifies many images; the same call resumes an interrupted one.
 
     Args:
-        source: images, as for `open_source`; with `pairs` also a folder with what these name.
+        source: images, as for `open_source`; with `pairs` also a folder with their images.
         out: folder to write.
         pairs: list of pairs, two names to a line; None for all pairs.
         job: the features, of points; None for those of SIFT, exactly.
-        config: of matching and verification; None for the default.
+        config: settings of matching and verification; None for the default.
         formats: hdf5 for hloc, colmap for a database.
-        engine: makes what runs the work, for the images.
-        redo: whether features of other settings are replaced, and all pairs matched again.
-        should_stop: called before every shard; true ends the run after those that have begun.
-        on_report: called with "images" or "pairs", their number, and each report.
+        workers: number of processes; with 1 the work is done in this process, None for as many as
+            cores and memory allow.
+        redo: whether features and matches are made anew.
+        should_stop: called before or after every block; true ends the run after the blocks that
+            have begun.
+        on_progress: called after every block with "images" or "pairs", and the numbers of those
+            done, those that failed, and those that this run has to process.
 
     Raises:
         ImageError: the source does not exist, or holds no image.
@@ -182,61 +179,65 @@ def match_images(
     if "hdf5" in formats:
         import_optional("h5py", "hdf5")
     images, wanted = images_and_pairs(source, None if pairs is None else Path(pairs))
-    run_on, out = engine(images), Path(out)
+    workers, out = workers or count_workers(len(images)), Path(out)
     features = str(out / FEATURES)
     extraction = extract(
         images,
         job,
         features,
-        run_on,
-        source_name=source,
-        shard_size=MAX_IMAGES if len(images) > MIN_SHARDS * MAX_IMAGES else None,
+        workers=workers,
+        block_size=MAX_IMAGES if len(images) > MIN_BLOCKS * MAX_IMAGES else None,
         redo=redo,
         should_stop=should_stop,
-        on_report=partial(on_report, "images", len(images)),
+        on_progress=partial(on_progress, "images"),
     )
     if not extraction.complete:
         return MatchRun(extraction, len(wanted), 0, 0, (), False, {})
-    store = open_store(str(out))
+    store = Store(out)
     with store.locked():
-        shards = list(_shards(open_store(features), wanted, config.fingerprint(job)))
-        present = set() if redo else set(store.list_files(FOLDER))
-        todo = [shard for shard in shards if shard_file(shard.name) not in present]
-        total, done = sum(len(shard.items) for shard in todo), 0
-        unchanged = sum(len(shard.items) for shard in shards) - total
-        work = partial(match_shard, config, job.what, features, str(out))
-        for report in run_on.run(work, takewhile(lambda _: not should_stop(), iter(todo))):
-            if report.lost:
-                raise OutputError(report.lost[0][1])
+        blocks = plan_pairs(Store(features), wanted, config, job)
+        present = set() if redo else set(block_files(store, FOLDER))
+        todo = [block for block in blocks if block[0].file not in present]
+        total, done = sum(map(len, todo)), 0
+        work = partial(match_block, config, features, str(out))
+        for report in run_blocks(work, todo, workers=workers, should_stop=should_stop):
+            if report.failed:
+                name, reason = next(iter(report.failed.items()))
+                raise OutputError(f"{name}: {reason}")
             done += report.done
-            on_report("pairs", total, report)
+            on_progress("pairs", done, 0, total)
         complete = done == total
         found: dict[Pair, MatchedPair] = {}
-        for shard in shards if complete else ():
-            found |= {each.pair: each for each in read_matches(store, shard_file(shard.name))}
+        for block in blocks if complete else ():
+            found |= {each.pair: each for each in read_matches(store, block[0].file)}
         matched = [found[pair] for pair in wanted if pair in found]
         files = write_files(out, features, matched, formats) if complete else {}
+    unchanged = sum(map(len, blocks)) - total
     return MatchRun(extraction, len(wanted), done, unchanged, matched, complete, files)
 
 
-def _shards(features: Store, wanted: Sequence[Pair], fingerprint: str) -> Iterator[Shard]:
-    """Blocks of pairs whose features are in the same two files, named by all they depend on."""
-    content_of: dict[str, str] = {}
+def plan_pairs(
+    features: Store, wanted: Sequence[Pair], config: MatchConfig, job: Job
+) -> list[list[PairTask]]:
+    """Blocks of pairs whose features are in the same two files, without images that failed."""
     file_of: dict[str, str] = {}
-    for file in record_files(features):
-        for row in read_record(features, file, ("image", "content", "error")).to_pylist():
-            if row["error"] is None:
-                content_of[row["image"]], file_of[row["image"]] = row["content"], file
-    blocks: dict[tuple[str, str], list[PairKey]] = {}
+    content_of: dict[str, str] = {}
+    for file in block_files(features, job.what):
+        for record in read_records(features, file):
+            file_of[record.image], content_of[record.image] = file, record.content
+    groups: dict[tuple[str, str], list[Pair]] = {}
     for first, second in wanted:
-        if first in content_of and second in content_of:
-            key = PairKey(first, second, content_of[first], content_of[second], fingerprint)
-            blocks.setdefault((file_of[first], file_of[second]), []).append(key)
-    for files, block in blocks.items():
-        for start in range(0, len(block), MAX_PAIRS):
-            pairs = block[start : start + MAX_PAIRS]
-            digest = hashlib.blake2b(json.dumps(pairs).encode(), digest_size=12)
-            yield Shard(digest.hexdigest(), pairs, files)
+        if first in file_of and second in file_of:
+            groups.setdefault((file_of[first], file_of[second]), []).append((first, second))
+    blocks = []
+    for files, group in groups.items():
+        for start in range(0, len(group), MAX_PAIRS):
+            pairs = group[start : start + MAX_PAIRS]
+            contents = [(pair, content_of[pair[0]], content_of[pair[1]]) for pair in pairs]
+            text = json.dumps([asdict(config), job.fingerprint, contents])
+            digest = hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
+            blocks.append([PairTask(*pair, files, f"{FOLDER}/{digest}{SUFFIX}") for pair in pairs])
+    return blocks
 
 
 def read_pairs(path: Path) -> list[Pair]:
@@ -293,11 +294,8 @@ def images_and_pairs(source: str, listed: Path | None) -> tuple[Source, list[Pai
         return images, pairs
     pairs = read_pairs(listed)
     names = sorted({check_name(name) for pair in pairs for name in pair})
-    if Path(source).is_dir():
-        listed_images = image_files(f"{source.rstrip('/')}/", names)
-        items = {each.name: each for each in listed_images if is_file(Path(each.location))}
-    else:
-        items = {image.name: image for image in open_source(source)}
+    found = open_source(f"{source}/**/*" if Path(source).is_dir() else source)
+    items = {item.name: item for item in found}
     absent = [name for name in names if name not in items]
     if absent:
         raise ConfigError(
@@ -307,31 +305,34 @@ def images_and_pairs(source: str, listed: Path | None) -> tuple[Source, list[Pai
     return [items[name] for name in names], pairs
 
 
-def match_shard(
-    config: MatchConfig, what: str, features: str, out: str, shard: Shard
-) -> ShardReport:
-    """Match the pairs of a shard; runs in any process on any machine.
+def match_block(
+    config: MatchConfig, features: str, out: str, block: Sequence[PairTask]
+) -> BlockReport:
+    """Matches the pairs of a block; runs in any process.
 
     Args:
-        config: how they are matched.
-        what: detector of the features.
-        features: location of the data set of keypoints.
-        out: location of the store of matches.
-        shard: the pairs.
+        config: settings of matching and verification.
+        features: folder of the data set of keypoints.
+        out: folder of the results.
+        block: the pairs.
     """
-    store = open_store(features)
+    store = Store(features)
     points = {
         image.image: image.points
-        for file in dict.fromkeys(shard.inputs)
-        for image in read_shard(store, what, file)
+        for file in dict.fromkeys(block[0].features)
+        for image in read_block_points(store, file)
     }
     rows = [
-        {**key._asdict(), **_match(config, points[key.first], points[key.second])}
-        for key in shard.items
+        {
+            "first": task.first,
+            "second": task.second,
+            **_match(config, points[task.first], points[task.second]),
+        }
+        for task in block
     ]
-    name = f"{FOLDER}/{shard_file(shard.name)}"
-    write_table(open_store(out), name, [record_batch(rows, SCHEMA)], SCHEMA)
-    return ShardReport(done=len(rows))
+    with Store(out).writing(block[0].file) as path:
+        write_rows(path, [rows_of(rows, SCHEMA)], SCHEMA)
+    return BlockReport(len(rows), {})
 
 
 def read_matches(store: Store, file: str) -> list[MatchedPair]:
@@ -340,11 +341,11 @@ def read_matches(store: Store, file: str) -> list[MatchedPair]:
     Raises:
         KeypointsError: it is broken.
     """
-    rows = read_table(store, f"{FOLDER}/{file}", SCHEMA).to_pylist()
+    _, table = read_block(store, file, SCHEMA)
     try:
-        return [_matched_pair(row) for row in rows]
+        return [_matched_pair(row) for row in table.to_pylist()]
     except ValueError as error:
-        place = f"{store.location}/{FOLDER}/{file}"
+        place = f"{store.location}/{file}"
         raise KeypointsError(f"{place}: expected matches: {error}; remove it") from error
 
 

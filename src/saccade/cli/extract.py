@@ -1,12 +1,11 @@
 """`saccade extract`: features of many images, on one machine or a cluster."""
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Parameter
 
@@ -24,11 +23,6 @@ from saccade.errors import require, setting
 from saccade.extras import import_optional
 from saccade.settings import load_model
 
-if TYPE_CHECKING:
-    from saccade.batch.engines import Engine, ShardReport
-    from saccade.batch.sources import Source
-
-
 What: TypeAlias = Literal["sift", "must", "symroid", "saliency", "contrast", "symmetry", "scanpath"]
 """Features that can be extracted."""
 KINDS = {"saliency": "attention", "scanpath": "attention"}
@@ -40,7 +34,7 @@ class SourceArgument(Options):
     """Many images."""
 
     source: str
-    """Folder, quoted pattern, list (.txt), video, tar, or a URL of one of these."""
+    """Folder, quoted pattern, list (.txt), video, or a URL of one of these."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,18 +49,16 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     """Fitted model of saccade fit, for saliency and scanpath."""
     fixations: int = setting(10, 1)
     """Length of a scanpath."""
-    maps: Annotated[Literal["zarr", "png"], OUTPUT] = "zarr"
-    """Format of saliency maps: float16 Zarr or 16-bit PNG."""
     exact: Annotated[bool, OUTPUT] = False
     """Store keypoints without rounding, in a third more space."""
     every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
     """Use every Nth frame of a video."""
+    anonymous: Annotated[bool, INPUT] = False
+    """Read a public bucket, without credentials."""
     redo: Annotated[bool, EXECUTION] = False
-    """Replace results of other settings or another version."""
+    """Remove the results in DIR and do all anew."""
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as cores and memory allow."""
-    size: Annotated[int | None, EXECUTION, Parameter("--shard")] = setting(None, 1)
-    """Images per shard; at most 256 by default."""
     scheduler: Annotated[str | None, EXECUTION, Parameter(metavar="ADDRESS")] = None
     """Address of a Dask scheduler: tcp://host:8786."""
 
@@ -85,109 +77,73 @@ def extract(options: ExtractOptions) -> Result:
 
     DuckDB, Polars and pandas read it directly (docs/extract.md). The same
     command resumes an interrupted extraction, and processes images that are
-    new or have changed. Images that cannot be read are listed in
-    errors.parquet; the exit code is then 1.
+    new or have changed. Images that cannot be read are listed with the reason
+    in images.parquet; the exit code is then 1.
 
-    Ctrl-C stops after the shards in progress; pressed twice, at once.
+    Ctrl-C stops after the images in progress; pressed twice, at once.
 
     Example: saccade extract photos --what sift --out features
     """
-    if options.scheduler is None:
-        preload(options.source, options.workers)
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
-    from saccade.batch.engines import connect
+    from saccade.batch.storage import ANONYMOUS
+    from saccade.batch.workers import count_workers
 
-    out, what = options.out, options.what
-    job = Job(
-        what,
-        options.settings_of(what),
-        fixations=options.fixations,
-        exact=options.exact,
-        maps=options.maps,
-    )
-    images = open_source(options.source, options.every)
+    out, what, source = options.out, options.what, options.source
+    settings = options.settings_of(what)
+    job = Job(what, settings, fixations=options.fixations, exact=options.exact)
+    if options.anonymous:
+        source = source.replace("://", f"://{ANONYMOUS}", 1)
+    images = open_source(source, options.every)
     with ExitStack() as stack:
-        engine: Engine = (
-            local_engine(images, options.workers)
-            if options.scheduler is None
-            else stack.enter_context(connect(options.scheduler))
-        )
         stack.enter_context(resumable(Path(out) / "manifest.json"))
         result = extract_all(
             images,
             job,
             out,
-            engine,
-            source_name=options.source,
-            shard_size=options.size,
+            workers=options.workers or count_workers(len(images)),
+            scheduler=options.scheduler,
             redo=options.redo,
             should_stop=stack.enter_context(stop_on_interrupt()),
-            on_report=stack.enter_context(batch_progress("images", len(images))),
+            on_progress=stack.enter_context(batch_progress("images")),
         )
-    totals, code = result.totals, 0
-    if totals.by_other_versions:
-        print_message(
-            f"{totals.by_other_versions} images were processed by another version; --redo "
-            "processes them again"
-        )
+    code, failed = 0, len(result.failed)
     if not result.complete:
-        done, code = result.done + result.unchanged + result.failed, INTERRUPTED
+        done, code = result.done + result.unchanged + failed, INTERRUPTED
         print_message(f"stopped after {done} of {len(images)} images; run it again to resume")
-    elif totals.errors:
+    elif failed:
         code = 1
-        print_message(f"{totals.errors} of {len(images)} images failed; see {out}/errors.parquet")
+        print_message(f"{failed} of {len(images)} images failed; see {out}/images.parquet")
     row = {
         "out": out,
         "done": result.done,
         "already_done": result.unchanged,
-        "failed": result.failed,
-        **asdict(totals),
+        "failed": failed,
+        "images": result.images,
+        "rows": result.rows,
         "complete": result.complete,
     }
     title = f"{what} -> {Path(out) if '://' not in out else out}"
     return Result(row, [facts_table(title, row)], code)
 
 
-def preload(source: str, workers: int | None) -> None:
-    """Let the workers import their libraries while this process does: both take a second."""
-    from saccade.batch.engines import worker_context
-    from saccade.io.files import IMAGE_SUFFIXES
-
-    one_image = source.lower().endswith(IMAGE_SUFFIXES) and Path(source).is_file()
-    if workers != 1 and os.cpu_count() != 1 and not one_image:
-        worker_context("saccade.cli")
-
-
-def local_engine(images: "Source", workers: int | None) -> "Engine":
-    """Processes on this machine, or this one alone."""
-    from saccade.batch.engines import InProcess, Processes, count_workers
-
-    count = count_workers(images) if workers is None else workers
-    return Processes(count) if count > 1 else InProcess()
-
-
 @contextmanager
-def batch_progress(what: str, total: int) -> Iterator[Callable[["ShardReport"], None]]:
-    """A progress bar with speed, in which what was done before does not count, and errors.
+def batch_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
+    """A progress bar with speed and number of errors.
 
     Args:
         what: "images" or "pairs".
-        total: their number.
+
+    Yields:
+        A function that takes the numbers of those done, those that failed, and of all.
     """
-    done = new = errors = 0
     start = monotonic()
-    with progress_bar(what, total) as update:
+    with progress_bar(what) as update:
 
-        def watch(report: "ShardReport") -> None:
-            nonlocal done, new, errors
-            failed = report.failed + len(report.lost)
-            done += report.done + report.unchanged + failed
-            new += report.done + failed
-            errors += failed
-            parts = [f"{new / (monotonic() - start):.1f} {what}/s"] if new else []
-            parts += [f"{errors:,} errors"] if errors else []
-            update(done, total, "  ".join(parts))
+        def show(done: int, failed: int, total: int) -> None:
+            parts = [f"{(done + failed) / (monotonic() - start):.1f} {what}/s"]
+            parts += [f"{failed:,} errors"] if failed else []
+            update(done + failed, total, "  ".join(parts))
 
-        yield watch
+        yield show

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
@@ -11,7 +10,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from saccade.cli.detect import DetectorOptions, keypoints_of
-from saccade.cli.extract import batch_progress, local_engine, preload
+from saccade.cli.extract import batch_progress
 from saccade.cli.options import (
     EXECUTION,
     INPUT,
@@ -43,7 +42,6 @@ from saccade.viewing import Section, match_figure, save_figures
 from saccade.viewing.report import ReportBuilder, match_part
 
 if TYPE_CHECKING:
-    from saccade.batch.engines import ShardReport
     from saccade.batch.matching import Format as ManyFormat
     from saccade.batch.matching import MatchRun
 
@@ -57,7 +55,7 @@ class PairArguments(Options):
     """Two images, or many."""
 
     first: str
-    """First image; or, alone, many: a folder, quoted pattern, list or tar."""
+    """First image; or, alone, many: a folder, quoted pattern or list."""
     second: Path | None = None
     """Second image of the same scene."""
 
@@ -87,7 +85,7 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     """Output format: of the figure of two images, png by default, svg or pdf; of many images hdf5
     for hloc, by default, or colmap; several with commas."""
     redo: Annotated[bool, EXECUTION] = False
-    """Of many images replace the features of other settings."""
+    """Of many images make features and matches anew."""
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as cores and memory allow."""
 
@@ -203,18 +201,17 @@ def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None
 def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
     """Match many images, with a progress bar for the images, then one for the pairs."""
     find = options.detector_of_settings()
-    preload(options.first, options.workers)
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, MatchConfig
     from saccade.batch.matching import FEATURES, match_images
 
-    bars: dict[str, Callable[[ShardReport], None]] = {}
+    bars: dict[str, Callable[[int, int, int], None]] = {}
     with ExitStack() as stack:
 
-        def watch(stage: str, total: int, report: "ShardReport") -> None:
+        def show(stage: str, done: int, failed: int, total: int) -> None:
             if stage not in bars:
-                bars[stage] = stack.enter_context(batch_progress(stage, total))
-            bars[stage](report)
+                bars[stage] = stack.enter_context(batch_progress(stage))
+            bars[stage](done, failed, total)
 
         run = match_images(
             options.first,
@@ -225,10 +222,10 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
                 options.ratio, options.mutual, options.verification, options.tolerance
             ),
             formats=cast("Sequence[ManyFormat]", formats),
-            engine=partial(local_engine, workers=options.workers),
+            workers=options.workers,
             redo=options.redo,
             should_stop=stack.enter_context(stop_on_interrupt()),
-            on_report=watch,
+            on_progress=show,
         )
     row, code = _as_row(run), 0
     if not run.complete:
@@ -237,8 +234,8 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
     elif run.extraction.failed:
         code = 1
         print_message(
-            f"{run.extraction.failed} images failed, and {run.pairs - len(run.matched)} pairs are "
-            f"left out; see {options.out / FEATURES}/errors.parquet"
+            f"{len(run.extraction.failed)} images failed, and {run.pairs - len(run.matched)} pairs "
+            f"are left out; see {options.out / FEATURES}/images.parquet"
         )
     table = facts_table(f"{options.first} -> {options.out}", row | row["files"])
     return Result(row, [table], code)

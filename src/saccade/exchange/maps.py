@@ -1,9 +1,11 @@
 """Saliency maps: NumPy's .npy, MATLAB's .mat, and images of 16 bits or floats."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import OutputError, require
 from saccade.io.files import atomic_write
@@ -38,10 +40,16 @@ def write_map(path: str | Path, values: Float32Array) -> None:
 
             savemat(temporary, {"map": values}, do_compression=True)
         else:
-            pixels = (
-                values if kind == "tiff" else np.rint(values.clip(0, 1) * WHITE).astype(np.uint16)
-            )
-            encoded, packed = cv2.imencode(f".{kind}", pixels)
-            if not encoded:
-                raise OutputError(f"{path}: cannot be written by OpenCV")
-            temporary.write_bytes(packed.tobytes())
+            temporary.write_bytes(_encode(values) if kind == "tiff" else encode_png(values))
+
+
+def encode_png(values: Float32Array) -> bytes:
+    """A PNG of 16 bits of a map in [0, 1]."""
+    return _encode(np.rint(values.clip(0, 1) * WHITE).astype(np.uint16), ".png")
+
+
+def _encode(pixels: npt.NDArray[Any], suffix: str = ".tiff") -> bytes:
+    encoded, packed = cv2.imencode(suffix, pixels)
+    if not encoded:
+        raise OutputError(f"map of shape {pixels.shape}: cannot be written by OpenCV")
+    return packed.tobytes()

@@ -5,28 +5,25 @@ has a row for every point.
 """
 
 import csv
-import json
 from collections.abc import Mapping
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import (
     COLUMNS,
     FIELDS,
-    check_name,
     checked,
     columns_of,
     keypoints_from,
     keypoints_from_columns,
 )
 from saccade.extras import import_optional
-from saccade.io.files import FORMATS, atomic_write, check_file, check_format, read_text, reading
-from saccade.io.npz import check_unpacked, read_arrays, save_arrays
+from saccade.io.files import FORMATS, atomic_write, check_format, read_text, reading
+from saccade.io.npz import read_arrays, save_arrays
 from saccade.types import Keypoints
 
 
@@ -112,13 +109,6 @@ def read_npz(path: str | Path) -> Keypoints:
     return keypoints_from(str(path), arrays["xy"], arrays.get("descriptors"), **fields)
 
 
-DESCRIPTOR_SIZE = 128
-ROW_SIZE = DESCRIPTOR_SIZE + 64
-"""Bytes of a row, about."""
-METADATA = b"saccade"
-"""Key of the metadata, a JSON text with the images: one may have no points."""
-
-
 def to_arrow(keypoints: Mapping[str, Keypoints]) -> Any:
     """Points as a `pyarrow.Table`, image by image.
 
@@ -127,18 +117,18 @@ def to_arrow(keypoints: Mapping[str, Keypoints]) -> Any:
 
     Returns:
         Columns image (string), x, y, size, angle, response (float32), octave (int32) and
-        descriptor (128 uint8, or null). Units are those of `Keypoints`.
+        descriptor (128 bytes, or null). Units are those of `Keypoints`.
 
     Raises:
         KeypointsError: shapes that do not fit together, or NaN.
         ConfigError: pyarrow is not installed.
     """
     pa = import_optional("pyarrow", "parquet")
-    batches = [_record_batch(pa, name, points) for name, points in keypoints.items()]
-    schema = _schema(pa).with_metadata(
-        {METADATA: json.dumps({"images": list(keypoints), "format": FORMATS["points"]})}
-    )
-    return pa.Table.from_batches(batches, schema)
+    from saccade.exchange.arrow import POINT_SCHEMA, metadata_of, point_rows
+
+    batches = [point_rows(name, points) for name, points in keypoints.items()]
+    images = [{"image": name} for name in keypoints]
+    return pa.Table.from_batches(batches, POINT_SCHEMA).replace_schema_metadata(metadata_of(images))
 
 
 def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
@@ -146,23 +136,21 @@ def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
 
     Args:
         path: written whole or not at all; an old file is replaced.
-        keypoints: by the name of their image. If some have no descriptors, those of the others
-            are lists without a fixed size in the file.
+        keypoints: by the name of their image.
 
     Raises:
         KeypointsError: shapes that do not fit together, or NaN.
         ConfigError: pyarrow is not installed.
         OutputError: the file cannot be written.
     """
-    table = to_arrow(keypoints)
-    pa = import_optional("pyarrow", "parquet")
-    pq = import_optional("pyarrow.parquet", "parquet")
-    index = table.schema.get_field_index("descriptor")
-    if table["descriptor"].null_count:  # among fixed-size lists pyarrow reads them from 26 on
-        loose = table.schema.field(index).with_type(pa.list_(pa.uint8()))
-        table = table.cast(table.schema.set(index, loose))
-    with atomic_write(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
-        pq.write_table(table, file, compression="zstd")
+    import_optional("pyarrow", "parquet")
+    from saccade.exchange.arrow import POINT_SCHEMA, point_rows, write_rows
+
+    batches = (point_rows(name, points) for name, points in keypoints.items())
+    with atomic_write(path) as temporary:
+        write_rows(
+            temporary, batches, POINT_SCHEMA, lambda: [{"image": name} for name in keypoints]
+        )
 
 
 def read_parquet(path: str | Path) -> dict[str, Keypoints]:
@@ -175,76 +163,8 @@ def read_parquet(path: str | Path) -> dict[str, Keypoints]:
         ConfigError: pyarrow is not installed.
     """
     pa = import_optional("pyarrow", "parquet")
-    pq = import_optional("pyarrow.parquet", "parquet")
+    from saccade.exchange.arrow import read_points
+
     path = Path(path)
-    with reading(
-        path, KeypointsError, "a Parquet file", pa.ArrowException, ValueError, AttributeError
-    ):
-        check_unpacked(*_sizes(pq, path))
-        table = pq.read_table(path)
-        for name in ("image", *COLUMNS, "descriptor"):
-            if name not in table.column_names:
-                raise KeypointsError(f"{path}: expected a column {name}, found none")
-        columns = {name: table[name].to_numpy() for name in COLUMNS}
-        described, descriptors = _descriptors(pa, table["descriptor"])
-        metadata = json.loads((table.schema.metadata or {}).get(METADATA, b"{}"))
-        check_format("points", metadata.get("format"), path, KeypointsError)
-        rows_of: dict[str, list[int]] = {str(name): [] for name in metadata.get("images", ())}
-        for row, name in enumerate(table["image"].to_pylist()):
-            rows_of.setdefault(name, []).append(row)
-    found = {}
-    for name, numbers in rows_of.items():
-        rows = np.array(numbers, np.int64)
-        source, some = f"{path}: {name}", described[rows]
-        if some.any() and not some.all():
-            raise KeypointsError(f"{source}: expected descriptors for all points, found some empty")
-        fields = {column: values[rows] for column, values in columns.items()}
-        found[name] = keypoints_from_columns(
-            source, fields, descriptors[rows] if some.all() else None
-        )
-    return found
-
-
-def _sizes(pq: Any, path: Path) -> tuple[int, int]:
-    """Bytes of a file, or of a folder of files, and of their rows."""
-    files = sorted(path.glob("**/*.parquet")) if path.is_dir() else [path]
-    for file in files:
-        check_file(file)
-    rows = sum(pq.read_metadata(file).num_rows for file in files)
-    return sum(file.stat().st_size for file in files), rows * ROW_SIZE
-
-
-def _schema(pa: Any) -> Any:
-    numbers = [("x", pa.float32()), ("y", pa.float32())]
-    numbers += [(name, pa.from_numpy_dtype(field.dtype)) for name, field in FIELDS.items()]
-    descriptor = ("descriptor", pa.list_(pa.uint8(), DESCRIPTOR_SIZE))
-    return pa.schema([("image", pa.string()), *numbers, descriptor])
-
-
-def _record_batch(pa: Any, name: str, points: Keypoints) -> Any:
-    """The rows of one image."""
-    points = checked(check_name(name), points)
-    schema = _schema(pa)
-    descriptors = pa.nulls(len(points), schema.field("descriptor").type)
-    if points.descriptors is not None:
-        size = points.descriptors.shape[1]
-        if size != DESCRIPTOR_SIZE:
-            expected = f"expected descriptors of {DESCRIPTOR_SIZE} entries"
-            raise KeypointsError(f"{name}: {expected}, found {size}")
-        descriptors = pa.FixedSizeListArray.from_arrays(points.descriptors.ravel(), size)
-    arrays = [pa.array(np.ascontiguousarray(values)) for values in columns_of(points).values()]
-    image = pa.repeat(name, len(points))
-    return pa.RecordBatch.from_arrays([image, *arrays, descriptors], schema=schema)
-
-
-def _descriptors(pa: Any, column: Any) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.uint8]]:
-    """(n,) whether a row has a descriptor, and (n, 128) with zeros where it has none."""
-    described = column.is_valid().to_numpy()
-    if pa.types.is_fixed_size_binary(column.type):  # as `saccade extract` packs them
-        packed = np.frombuffer(b"".join(column.drop_null().to_pylist()), np.uint8)
-    else:
-        lists = column.drop_null().cast(pa.list_(pa.uint8(), DESCRIPTOR_SIZE))
-        packed = lists.combine_chunks().flatten().to_numpy()
-    descriptors = np.zeros((len(column), DESCRIPTOR_SIZE), np.uint8)
-    descriptors[described] = packed.reshape(-1, DESCRIPTOR_SIZE)
-    return described, descriptors
+    with reading(path, KeypointsError, "a Parquet file", pa.ArrowException, ValueError, TypeError):
+        return read_points(path)

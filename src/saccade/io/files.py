@@ -339,7 +339,6 @@ FORMATS = {
     "checkpoint": 10,  # of an interrupted run; other versions are ignored
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
     "extraction": 1,  # the folder of `saccade extract`: in manifest.json, for all files
-    "index": 1,  # the index of `saccade find`: in images.json, for all files
 }
 """Current versions by name; older ones are read too."""
 

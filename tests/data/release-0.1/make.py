@@ -12,11 +12,12 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1]))
 
+from saccade.batch.engines import Here  # noqa: E402
+from saccade.batch.index import build_index  # noqa: E402
+
 from fuzz.targets import a_log, points  # noqa: E402
 from saccade import SiftConfig, exchange  # noqa: E402
 from saccade.batch import Job, extract, open_source  # noqa: E402
-from saccade.batch.engines import Here  # noqa: E402
-from saccade.batch.index import build_index  # noqa: E402
 from saccade.datasets import save  # noqa: E402
 from saccade.datasets.drives.calibration import Calibration, write_calibration  # noqa: E402
 from saccade.frames import Camera  # noqa: E402

@@ -1,0 +1,175 @@
+"""Workers: processes on this machine, or those of a Dask cluster.
+
+Number of threads and signals are set in worker processes only.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import (
+    BrokenExecutor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+)
+from contextlib import contextmanager, suppress
+from itertools import takewhile
+from multiprocessing.connection import Connection
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, NamedTuple, TypeAlias
+
+from saccade.errors import ConfigError
+from saccade.extras import import_optional
+
+DIED = "the process that worked on it died; was there enough memory?"
+WORKER_MEMORY = 1_800_000_000
+"""Bytes of a worker that analyzes images of 12 megapixels."""
+TIMEOUT = 20.0
+"""Seconds in which a scheduler must answer."""
+
+Block: TypeAlias = Sequence[Any]
+"""Images or pairs of images, each with a `name`, whose results share a file."""
+
+
+class BlockReport(NamedTuple):
+    """Results of a block."""
+
+    done: int
+    """Number of items processed, without those that failed."""
+    failed: dict[str, str]
+    """Reasons by the names of the items that failed."""
+
+
+Work: TypeAlias = Callable[[Block], BlockReport]
+
+
+def run_blocks(
+    work: Work,
+    blocks: Sequence[Block],
+    *,
+    workers: int = 1,
+    scheduler: str | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Iterator[BlockReport]:
+    """The reports of blocks, in the order in which they are done.
+
+    Args:
+        work: processes a block; may run in any process on any machine.
+        blocks: the blocks.
+        workers: number of processes; with 1 the work is done in this process.
+        scheduler: address of a Dask scheduler, such as tcp://host:8786, whose workers are used.
+        should_stop: called before every block in this process, and otherwise after every block;
+            true ends the run after the blocks that have begun.
+
+    Raises:
+        ConfigError: Dask is not installed, or no scheduler answers.
+        OutputError: a file cannot be written.
+    """
+    if not blocks or (scheduler is None and workers == 1):
+        yield from map(work, takewhile(lambda _: not should_stop(), blocks))
+        return
+    start = _processes(min(workers, len(blocks))) if scheduler is None else _cluster(scheduler)
+    with start as (submit, deaths):
+        block_of = {submit(work, block): block for block in blocks}
+        for future in as_completed(block_of):
+            if should_stop():
+                for each in block_of:
+                    each.cancel()
+            if future.cancelled():
+                continue
+            try:
+                yield future.result()
+            except deaths:
+                yield BlockReport(0, {item.name: DIED for item in block_of[future]})
+
+
+Submit: TypeAlias = Callable[[Work, Block], "Future[BlockReport]"]
+Workers: TypeAlias = tuple[Submit, type[Exception]]
+"""A function that submits a block, and the exception raised where its process has died."""
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Workers]:
+    """The workers of a Dask cluster, which reruns the blocks of a worker that died."""
+    distributed = import_optional("distributed", "cluster")
+    try:
+        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ConfigError(f"scheduler: expected one at {address}, found none: {error}") from error
+    with client:
+        yield client.get_executor(pure=False).submit, distributed.KilledWorker
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[Workers]:
+    """Threads on this machine, each with a process of its own: one that dies fails one block.
+
+    The processes end when the other end of their pipe is closed: at the end of the block, or of
+    this process however it ends.
+    """
+    context = multiprocessing.get_context("spawn")
+    lifeline, held = context.Pipe(duplex=False)
+    pools: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
+
+    def new_pool() -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, context, _initialize_worker, (lifeline,))
+
+    def run(work: Work, block: Block) -> BlockReport:
+        pool = pools.get()
+        try:
+            return pool.submit(work, block).result()
+        except BrokenExecutor:
+            pool = new_pool()
+            raise
+        finally:
+            pools.put(pool)
+
+    for _ in range(count):
+        pools.put(new_pool())
+    threads = ThreadPoolExecutor(count)
+    try:
+        yield lambda work, block: threads.submit(run, work, block), BrokenExecutor
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)
+        held.close()
+        threads.shutdown()
+
+
+def _initialize_worker(lifeline: Connection) -> None:
+    """One thread, no Ctrl-C, and an exit when the parent closes its end of the pipe."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # takes effect where NumPy is not loaded yet
+    import cv2
+
+    cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_exit_after, args=(lifeline,), daemon=True).start()
+
+
+def _exit_after(lifeline: Connection) -> None:
+    with suppress(EOFError, OSError):
+        lifeline.recv()
+    os._exit(1)
+
+
+def count_workers(count: int) -> int:
+    """One worker for every core, but no more than fit into memory.
+
+    Args:
+        count: number of images.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    limits = [cores or 1, count]
+    with suppress(OSError, StopIteration):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free = next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+        limits.append(1024 * free // WORKER_MEMORY)
+    with suppress(OSError, ValueError):
+        group = Path("/sys/fs/cgroup")
+        limit, used = (int((group / f"memory.{name}").read_text()) for name in ("max", "current"))
+        limits.append((limit - used) // WORKER_MEMORY)
+    return max(min(limits), 1)
