@@ -1,6 +1,5 @@
-"""The scanpath model of `saccade.attention.scanpath_model`: weights, densities and samples."""
+"""Weights, densities and samples of `saccade.attention.scanpath_model`."""
 
-import math
 from math import exp
 from typing import NamedTuple
 
@@ -61,15 +60,6 @@ class Grid(NamedTuple):
     height: float
 
 
-class Cumulative(NamedTuple):
-    """A distribution over cells for drawing by inversion; each array is (n,)."""
-
-    sums: FloatArray
-    """Probability of each cell and those before it; the last is 1."""
-    first: IntArray
-    """The cell that is drawn by each multiple of 1 / n: no later number draws one before it."""
-
-
 @kernel()
 def _saccade_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
     """Kernel of the saccade from the last row of `path` (k, 2) to a point; in (0, 1]."""
@@ -120,7 +110,7 @@ def fill_density(model: Dynamics, grid: Grid, path: FloatArray, density: FloatAr
 def draw_paths(
     model: Dynamics,
     grid: Grid,
-    cumulative: Cumulative,
+    cumulative: FloatArray,
     rng: np.random.Generator,
     max_trials: int,
     paths: FloatArray,
@@ -129,26 +119,17 @@ def draw_paths(
     """Fill `paths` (p, n, 2) from their second row on, and the cells (p, n).
 
     A cell is proposed by its mass and accepted by its weight; after `max_trials` in vain it is
-    drawn from the density itself, so that the distribution is the same.
+    drawn from the density itself, so that the distribution is the same. `cumulative` (h w,) are
+    the sums of the mass of each cell and those before it, the last of them 1.
     """
     density = np.empty(len(grid.mass))
-    squared_scale = model.amplitude_scale * model.amplitude_scale
-    bounded = model.amplitude_exponent >= 0.01
-    order = math.ceil(1 / model.amplitude_exponent) if bounded else 0
     for p in range(len(paths)):
         for k in range(1, paths.shape[1]):
             path = paths[p, :k]
             cell = -1
             for _ in range(max_trials):
-                u = rng.random()
-                proposed = cumulative.first[int(u * len(density))]
-                while cumulative.sums[proposed] <= u:
-                    proposed += 1
-                x, y = grid.x[proposed], grid.y[proposed]
-                u = rng.random()
-                dx, dy = x - path[k - 1, 0], y - path[k - 1, 1]
-                if bounded and u**order * (1 + (dx * dx + dy * dy) / squared_scale) > 1:
-                    continue  # above a root that bounds the kernel, and is faster than its power
+                proposed = int(np.searchsorted(cumulative, rng.random(), side="right"))
+                x, y, u = grid.x[proposed], grid.y[proposed], rng.random()
                 weight = _saccade_weight(model, x, y, path)
                 if u < weight and u < weight * _inhibition_weight(model, x, y, path):
                     cell = proposed

@@ -26,7 +26,6 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention._scanpath_model_kernels import (
-    Cumulative,
     Dynamics,
     Grid,
     draw_paths,
@@ -183,8 +182,7 @@ def sample_scanpaths(
     cells = np.zeros((count, fixations + 1), np.int64)
     rng_xy, rng_duration = (np.random.default_rng(each) for each in (seed, (seed, 1)))
     sums = np.append(grid.mass.cumsum()[:-1], 1)
-    first = np.searchsorted(sums, np.arange(len(sums)) / len(sums), side="right")
-    draw_paths(config.dynamics, grid, Cumulative(sums, first), rng_xy, MAX_TRIALS, paths, cells)
+    draw_paths(config.dynamics, grid, sums, rng_xy, MAX_TRIALS, paths, cells)
     scale = config.duration_mean / config.duration_shape
     duration = rng_duration.gamma(config.duration_shape, scale, (count, fixations + 1))
     return ScanpathSamples(
