@@ -178,39 +178,17 @@ class Result:
 
 
 LABELS = {
-    "observations": "observations of landmarks",
-    "landmarks": "landmarks in the map",
-    "map_landmarks": "landmarks of the map that was loaded",
-    "map_landmarks_observed": "of them, observed again",
-    "map_landmarks_new": "new landmarks",
-    "odometry_end_error_m": "error of odometry at the end",
     "odometry_end_from_estimate_m": "odometry at the end, from the filter's estimate",
     "nis_mean": "mean normalized innovation squared",
     "nis_band": "of consistent filters",
-    "nonlinearity": "share of second-order terms, root mean",
-    "odometry_rmse_m": "odometry, position RMSE",
-    "odometry_unaligned_rmse_m": "odometry, unaligned",
-    "position_rmse_m": "filter, position RMSE",
-    "position_unaligned_rmse_m": "filter, unaligned",
-    "smoothed_position_rmse_m": "smoother, position RMSE",
-    "smoothed_position_unaligned_rmse_m": "smoother, unaligned",
-    "odometry_gps_rmse_m": "odometry, RMSE to GPS",
-    "position_gps_rmse_m": "filter, RMSE to GPS",
-    "smoothed_position_gps_rmse_m": "smoother, RMSE to GPS",
-    "landmark_rmse_m": "landmarks, RMSE",
-    "landmark_unaligned_rmse_m": "landmarks, unaligned",
-    "smoothed_landmark_rmse_m": "smoothed landmarks, RMSE",
-    "smoothed_landmark_unaligned_rmse_m": "smoothed landmarks, unaligned",
+    "nonlinearity": "fraction of second-order terms, root mean",
     "ate_m": "ATE",
     "ate_unaligned_m": "ATE, unaligned",
     "rpe_m": "RPE",
-    "end_m": "error at the end",
-    "inside_3sigma": "share in the 99.7 % ellipse",
-    "landmarks_observed": "landmarks that were observed",
-    "reidentified": "re-identifications",
+    "inside_3sigma": "fraction in the 99.7 % ellipse",
     "missed": "expected, not re-identified",
 }
-"""What is printed for a name of a row, where its words alone do not say it."""
+"""Labels of figures whose names in words are not clear."""
 
 
 def facts(row: Mapping[str, Any]) -> dict[str, str]:
@@ -222,7 +200,7 @@ def facts(row: Mapping[str, Any]) -> dict[str, str]:
     shown = {}
     for name, value in row.items():
         unit = " m" if name.endswith("_m") else ""
-        words = LABELS.get(name, name.removesuffix("_m").replace("_", " "))
+        words = LABELS.get(name, name.removesuffix("_m").replace("_", " ").replace("rmse", "RMSE"))
         if isinstance(value, float):
             shown[words] = f"{value:.3f}{unit}"
         elif isinstance(value, str | Path) and str(value):
