@@ -153,12 +153,11 @@ def _table(row: dict[str, Any]) -> Table:
     )
 
 
-LEAD = "Saliency by contrast and symmetry, scanpaths, and the strongest interest points."
+LEAD = "Saliency by contrast and symmetry, and scanpaths."
 TEXT = (
     "The map is laid over the photograph, and the scanpath plays four times slower than in the "
-    "model. Point at an interest point to see its size, angle and descriptor. The cloud of thin "
-    "lines is a hundred scanpaths drawn from the scanpath model; below are the amplitudes and the "
-    "directions of their saccades."
+    "model. The cloud of thin lines is a hundred scanpaths drawn from the scanpath model; below "
+    "are the amplitudes and the directions of their saccades."
 )
 SAMPLES = 100
 """Scanpaths of the cloud."""

@@ -212,6 +212,7 @@ kinds.image = (element, data) => {
     if (next.points) {
       points = next.points;
       selected.replace(points.size.length);
+      for (const node of [pointBox, ...selected.nodes]) node.hidden = points.size.length === 0;
     }
     if (next.scanpath) {
       const atEnd = fixation === path.time.length;
