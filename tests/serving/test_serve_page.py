@@ -173,37 +173,25 @@ def test_abandoned_requests_are_skipped(served):
 
 
 def test_errors_are_shown_and_the_page_goes_on(opened, served):
-    analyzer = served[0]
     page = opened()
     alarm = page.locator("#photograph .alarm")
-    assert alarm.is_hidden()
-    for data, name, words in (
-        (b"x" * (MAX_BYTES + 1), "big.jpg", "big.jpg: expected at most 0.4 MB, found 0.4 MB"),
-        (
-            b"not an image",
-            "notes.txt",
-            "notes.txt: expected an image (PNG, JPEG, TIFF, ...), found something else",
-        ),
-    ):
-        _drop(page, data, name)
-        expect(alarm).to_have_text(words)
-        assert alarm.is_visible()
-    page.locator("[data-kind=symmetry] summary").first.click()
+    _drop(page, b"x" * (MAX_BYTES + 1), "big.jpg")
+    expect(alarm).to_have_text("big.jpg: expected at most 0.4 MB, found 0.4 MB")
+    _drop(page, b"not an image", "notes.txt")
+    expect(alarm).to_contain_text("notes.txt: expected an image")
+    page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
+    assert_accessible(page)
     _drop(page, (DATA / "horse.jpg").read_bytes(), "horse.jpg", PASTE)
     alarm.wait_for(state="hidden")
     _settle(page)
     symmetry = page.locator("[data-kind=symmetry]")
-    symmetry.locator(".more summary").click()
     levels = symmetry.get_by_label("levels", exact=True)
-    levels.fill("1, 2, x")
-    levels.press("Enter")
-    assert levels.get_attribute("aria-invalid") == "true"
     levels.fill("3, 2")
     levels.press("Enter")
     expect(alarm).to_contain_text("levels: expected rising levels")
     symmetry.get_by_role("button", name="Reset").click()
     alarm.wait_for(state="hidden")
-    analyzer.photos.clear()  # a server that was started anew
+    served[0].photos.clear()  # as a server that was started anew
     _slide(page, "edge_ratio", 5)
     expect(page.locator("pre").first).to_contain_text("edge_ratio=5")
     assert alarm.is_hidden()
@@ -237,16 +225,6 @@ def test_a_robot_is_driven_by_keys_and_buttons_among_landmarks_that_are_placed(o
     forward = page.get_by_role("button", name="Forward")
     forward.tap()
     page.wait_for_selector("#slam[data-steps='3']")
-    canvas.focus()
-    forward.hover()
-    page.mouse.down()
-    held = re.compile(r"^([5-9]|\d\d+)$")  # a busy machine may show no step in between
-    expect(page.locator("#slam")).to_have_attribute("data-steps", held)
-    page.mouse.up()
-    before = _steps(page)
-    page.keyboard.press("Enter")  # the button has the focus
-    page.keyboard.press("ArrowLeft")
-    expect(counter).not_to_have_text(re.compile(f"^({before}|{before + 1}) steps"))
     canvas.click(position=near)
     expect(counter).to_contain_text(", 0 landmarks, 1 in the map")
     circles = page.get_by_role("button", name="Drive in circles")
@@ -259,22 +237,8 @@ def test_a_robot_is_driven_by_keys_and_buttons_among_landmarks_that_are_placed(o
     page.wait_for_selector("#slam[data-filter=invariant]")
     assert rows.first.get_attribute("class") == "chosen"
     assert "Correlations" in page.locator(".correlation").get_attribute("aria-label")
+    assert_accessible(page)
     served[2].sessions.clear()  # the server lost the session: it is started again
     canvas.press(" ")
     page.wait_for_selector("#slam[data-steps='0']")
     assert page.locator("#slam .alarm").is_hidden()
-
-
-def test_the_page_is_accessible(opened):
-    page = opened()
-    page.get_by_role("link", name="SLAM").click()
-    page.wait_for_selector("#slam[data-steps='0']")
-    assert_accessible(page)
-    page.get_by_role("link", name="Photograph").click()
-    for group in page.locator("details summary").all():
-        if group.is_visible():
-            group.click()
-    page.get_by_role("spinbutton", name="Point").fill("1")
-    _drop(page, b"", "<nothing>")
-    page.locator("#photograph .alarm").wait_for()
-    assert_accessible(page)

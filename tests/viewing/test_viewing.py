@@ -35,7 +35,7 @@ from saccade.viewing import (
 )
 from saccade.viewing.attention import weighted_by
 from saccade.viewing.charts import innovation_charts, uncertainty_charts
-from saccade.viewing.live import LiveMap, save_rrd
+from saccade.viewing.live import LiveMap
 from saccade.viewing.style import BLUE, ORANGE, RED
 from support.processes import run_python
 
@@ -48,11 +48,6 @@ KEYPOINTS = Keypoints(
     response=np.ones(2, np.float32),
     octave=np.zeros(2, np.int32),
 )
-
-
-def ellipses_of(figure):
-    (axes,) = figure.axes
-    return [each for each in axes.collections if isinstance(each, EllipseCollection)]
 
 
 def test_a_scanpath_is_numbered_at_its_fixations():
@@ -119,14 +114,11 @@ def test_regions_are_boxes_about_their_centers():
     np.testing.assert_allclose(axes.collections[0].get_offsets(), largest_first.xy)
 
 
-def test_keypoints_are_circles_of_their_size():
-    (circles,) = ellipses_of(keypoint_figure(IMAGE, KEYPOINTS))
+def test_keypoints_are_circles_of_their_size_with_a_line_along_their_angle():
+    (axes,) = keypoint_figure(IMAGE, KEYPOINTS).axes
+    (circles,) = [each for each in axes.collections if isinstance(each, EllipseCollection)]
     np.testing.assert_allclose(circles.get_widths(), [20, 8])
     np.testing.assert_allclose(circles.get_offsets(), [[60, 10], [20, 30]])
-
-
-def test_a_line_leads_from_each_keypoint_to_its_circle():
-    (axes,) = keypoint_figure(IMAGE, KEYPOINTS).axes
     (lines,) = [each for each in axes.collections if isinstance(each, LineCollection)]
     points = dict(zip(map(tuple, KEYPOINTS.xy.tolist()), range(2), strict=True))
     for start, end in lines.get_segments():
@@ -134,21 +126,6 @@ def test_a_line_leads_from_each_keypoint_to_its_circle():
         along = np.subtract(end, start)
         assert np.hypot(*along) == pytest.approx(KEYPOINTS.size[k] / 2)
         assert np.arctan2(*along[::-1]) == pytest.approx(KEYPOINTS.angle[k], abs=1e-6)
-
-
-def test_inliers_lie_above_other_matches():
-    pairs = np.array([[0, 0], [1, 1], [0, 1]])
-    inliers = np.array([True, False, True])
-    figure = match_figure((IMAGE, IMAGE), (KEYPOINTS, KEYPOINTS), pairs, inliers)
-    lines = [each.get_edgecolor() for each in figure.artists]
-    assert len(set(lines)) == 2
-    assert lines[0] != lines[1] == lines[2]
-    assert [(line.xy1, line.xy2) for line in figure.artists] == [
-        ((60, 10), (60, 10)),
-        ((20, 30), (20, 30)),
-        ((20, 30), (60, 10)),
-    ]
-    assert figure.axes[0].get_title() == "2 interest points, 3 matched, 2 inliers"
 
 
 def test_ellipses_have_the_axes_of_the_covariance():
@@ -231,22 +208,6 @@ def test_innovations_are_drawn_against_their_band(rng):
     assert heading.lines[0].get_ydata()[0] == pytest.approx(3 * np.degrees(0.5))
 
 
-@pytest.mark.peer
-def test_the_rerun_file_has_every_entity(tmp_path):
-    pytest.importorskip("rerun")
-    snapshots = _growing_map()
-    path = save_rrd(
-        tmp_path / "map.rrd",
-        "a drive",
-        snapshots,
-        np.arange(10.0),
-        Trajectory(np.arange(10.0), np.zeros((10, 3))),
-    )
-    found = _entities(path)
-    for entity in ("trajectory", "odometry", "observed", "landmarks", "robot", "landmarks/sigma"):
-        assert f"/map/{entity}" in found
-
-
 def _entities(path):
     done = run_python("-m", "rerun", "rrd", "print", path, check=True)
     return done.stdout
@@ -275,7 +236,9 @@ def test_a_live_viewer_gets_each_snapshot_once(monkeypatch, tmp_path):
     show(snapshots)
     assert [at["sequence"] for line, at in logged if line == "pose"] == [4, 9]
     del show
-    assert "/map/trajectory" in _entities(path)
+    found = _entities(path)
+    for entity in ("trajectory", "odometry", "observed", "landmarks", "robot", "landmarks/sigma"):
+        assert f"/map/{entity}" in found
 
 
 @pytest.mark.peer
