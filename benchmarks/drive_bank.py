@@ -3,10 +3,10 @@
     uv run python benchmarks/drive_bank.py DRIVES               45 simulated drives, then recordings
     uv run python benchmarks/drive_bank.py DRIVES --variants 2 --frames 200 --no-recordings
 
-DRIVES is a folder with `kitti_poses/`, `kitti07/` and `kitti_stereo_*/`. Each of the nine
-trajectories is driven five times: with the tracks and the odometry of a course (all tracks end now
-and then), with tracks that are replaced one by one and better odometry, and without odometry. The
-errors of the calibration are drawn for each drive.
+Quoted in docs/measured.md. DRIVES is a folder with `kitti_poses/`, `kitti07/` and
+`kitti_stereo_*/`. Each of the nine trajectories is driven five times: with the tracks and the
+odometry of a course (all tracks end now and then), with tracks that are replaced one by one and
+better odometry, and without odometry. The errors of the calibration are drawn for each drive.
 
 A row has the errors of the joined estimate, of egomotion and of odometry: translation in % and
 rotation in degrees per 100 m over segments, unaligned RMSE in metres; the largest and the mean
@@ -14,7 +14,6 @@ ratio of the three to the better of the parts; the NEES of the last pose, and th
 three sigma. The worst drives come first.
 """
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from measuring import arguments
 from saccade import datasets, visual
 from saccade.datasets.drives.sidecar_files import camera_truth, read_kitti_poses
 from saccade.evaluation.trajectory import path_length, score_drive
@@ -159,12 +159,13 @@ def report(rows: list[dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--variants", type=int, default=5)
-    parser.add_argument("--frames", type=int, default=300)
-    parser.add_argument("--no-recordings", action="store_true")
-    given = parser.parse_args()
+    given = arguments(
+        __doc__,
+        folder={"flags": "folder", "type": Path},
+        variants=5,
+        frames=300,
+        no_recordings=False,
+    )
     config = replace(visual.VisualConfig(), max_landmarks=50, new_per_frame=1)
     with visual.dedicated_process():
         report([row(drive, config) for drive in bank(given.folder, given.variants, given.frames)])

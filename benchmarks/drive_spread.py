@@ -1,14 +1,13 @@
 """How much the accuracy of a drive depends on the settings, beside its parts and a peer.
 
     uv run python benchmarks/drive_spread.py kitti07/stereo_tracks_clean.npz
-    uv run python benchmarks/drive_spread.py kitti_stereo_60m
+    uv run python benchmarks/drive_spread.py kitti_stereo_60m      (docs/measured.md)
 
 The defaults, `detect_interval` from 1 to 6, and each budget halved and doubled. The peer, where the
 drive has tracks, is OpenCV's stereo PnP from each frame to the next, without odometry; where no
 track is common to two frames it repeats the last motion.
 """
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -16,6 +15,7 @@ from time import perf_counter
 import cv2
 import numpy as np
 
+from measuring import arguments
 from saccade import datasets, visual
 from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Drive
@@ -68,9 +68,8 @@ def peer(drive: Drive) -> Trajectory:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("drive", type=Path)
-    drive = datasets.load_drive("auto", parser.parse_args().drive)
+    given = arguments(__doc__, drive={"flags": "drive", "type": Path})
+    drive = datasets.load_drive("auto", given.drive)
     print(f"{'':22} ATE (m)  visual odometry  odometry  inside 3 sigma  frames a second")
     ates = []
     for name, config in variations():

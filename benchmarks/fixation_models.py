@@ -1,20 +1,21 @@
-"""Models of fixations side by side: `uv run python benchmarks/fixation_models.py IMAGES FIXATIONS`.
+"""Models of fixations side by side (docs/measured.md, docs/fitting.md).
+
+    uv run python benchmarks/fixation_models.py IMAGES FIXATIONS
 
 Every row is scored on the same images as `saccade evaluate fixations` does, with 95 % bootstrap
-intervals over the images, shuffled AUC first, since the center gains nothing in it: the presets of
-this package, peers, a Gaussian in the center and the other images' fixations, which see nothing of
-the image, and people. GBVS is written here from its paper (Harel, Koch & Perona, *Graph-based
-visual saliency*, NIPS 2006; feature maps of 32 pixels, sigma .15 and .06 of their width). People
-are the fixations of the other subjects, blurred: one against the others.
+intervals over the images: the presets of this package, peers, a Gaussian in the center and the
+other images' fixations, which ignore the image, and people: each subject against the others. GBVS
+is written here from its paper (Harel, Koch & Perona, *Graph-based visual saliency*, NIPS 2006;
+feature maps of 32 pixels, sigma .15 and .06 of their width).
 """
 
-import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from measuring import arguments, with_interval
 from saccade.attention import (
     AttentionConfig,
     ContrastConfig,
@@ -24,9 +25,9 @@ from saccade.attention import (
     symmetry_saliency,
 )
 from saccade.datasets.fixations import read_fixations
-from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import (
     FixationData,
+    Model,
     PredictionScores,
     score_models,
     score_people,
@@ -34,9 +35,10 @@ from saccade.evaluation.prediction import (
 from saccade.scale.pyramid import resize
 
 SIGMA = 24.0
-"""Pixels to a degree of visual angle."""
+"""Pixels per degree of visual angle."""
 NODES = 32
 """Cells along the longer side of GBVS's feature maps."""
+SCORES = ("shuffled_auc", "auc", "nss", "cc", "information_gain")
 MODELS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "attention (default)": lambda image: attention_saliency(image).saliency,
     "attention, free_viewing": lambda image: (
@@ -118,40 +120,30 @@ def near(shape: tuple[int, ...], sigma: float) -> np.ndarray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("images", type=Path)
-    parser.add_argument("fixations", type=Path)
-    parser.add_argument("--drop", type=int, default=1, help="first fixations left out (1)")
-    parser.add_argument("--every", type=int, default=1, help="of the images, one in N (all)")
-    options = parser.parse_args()
-    table = read_fixations(options.fixations)
-    kept = np.isin(table.image, np.unique(table.image)[:: options.every])
-    data = FixationData.of(table[kept], options.images, options.drop, SIGMA)
+    given = arguments(
+        __doc__,
+        images={"flags": "images", "type": Path},
+        fixations={"flags": "fixations", "type": Path},
+        drop={"type": int, "default": 1, "help": "first fixations left out (1)"},
+        every={"type": int, "default": 1, "help": "score one of N images (all)"},
+    )
+    table = read_fixations(given.fixations)
+    kept = np.isin(table.image, np.unique(table.image)[:: given.every])
+    data = FixationData.of(table[kept], given.images, given.drop, SIGMA)
+    models: dict[str, Model] = {
+        name: lambda image, model=model: resize(model(data.read(image)), data.sizes[image])
+        for name, model in MODELS.items()
+    }
+    models |= {"centered Gaussian": data.center, "other images' fixations": data.shuffled}
     print(f"{'':28} {'sAUC':22} {'AUC':22} {'NSS':22} {'CC':22} IG (bit)")
-
-    def scored(model: Callable[[str], np.ndarray]) -> Iterator[tuple[str, FixationScores]]:
-        for image, scores in score_models({"": model}, data):
-            yield image, scores[""]
-
-    def show(name: str, scored: Iterable[tuple[str, FixationScores]]) -> None:
-        result = PredictionScores(*zip(*scored, strict=True))
-        mean, low, high = result.estimate()
-        cells = [
-            f"{getattr(mean, key):.3f} [{getattr(low, key):.3f} {getattr(high, key):.3f}]"
-            for key in ("shuffled_auc", "auc", "nss", "cc", "information_gain")
-        ]
+    for name in (*models, "people"):
+        rows = score_people(data)
+        if name in models:
+            scored = score_models({name: models[name]}, data)
+            rows = ((image, scores[name]) for image, scores in scored)
+        estimate = PredictionScores(*zip(*rows, strict=True)).estimate()
+        cells = (with_interval([getattr(e, key) for e in estimate], ".3f") for key in SCORES)
         print(f"{name:28} {'  '.join(cells)}", flush=True)
-
-    for name, model in MODELS.items():
-
-        def saliency(image: str, model: Callable[[np.ndarray], np.ndarray] = model) -> np.ndarray:
-            pixels = data.read(image)
-            return resize(model(pixels), pixels.shape[:2])
-
-        show(name, scored(saliency))
-    show("centered Gaussian", scored(data.center))
-    show("other images' fixations", scored(data.shuffled))
-    show("people", score_people(data))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Kidnapping: a robot is moved along its course, and turned, while its odometry says nothing.
 
-    uv run python benchmarks/kidnapped.py [--seeds 5] [--worlds robot park]
+    uv run python benchmarks/kidnapped.py [--seeds 5] [--worlds robot park]      (docs/lost.md)
 
 In the worlds of `relocalization.py`, after a lap or so: the robot goes on from another place of the
 course, 0, 5, 15 or 50 m on (0 for an undisturbed run), every second time in the opposite direction.
@@ -10,13 +10,14 @@ distances of mapped landmarks from the nearest true one (root mean square), rela
 the same run without kidnapping; "worst" is the largest ratio among the seeds.
 """
 
-import argparse
 from dataclasses import replace
 
 import numpy as np
 
+from measuring import arguments, without_labels
 from relocalization import WORLDS
 from saccade import slam
+from saccade.plane import steps_between
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 
@@ -37,20 +38,13 @@ def kidnapped(
     truth = np.concatenate([course[: step + 1], after])
     truth[:, 2] = slam.wrap(truth[:, 2])
     t = len(truth)
-    control = increments(truth)
-    control[step] = increments(course)[step]  # what the robot believes it did
+    control = steps_between(truth)
+    control[step] = steps_between(course)[step]  # what the robot believes it did
     U = log.control_covariance[: t - 1]
     values, vectors = np.linalg.eigh(U)
     noise = np.sqrt(np.maximum(values, 0)) * rng.standard_normal((t - 1, 3))
     control = control + np.einsum("tij,tj->ti", vectors, noise)
     return replace(log, control=control, control_covariance=U, **scans(world, log, truth, rng))
-
-
-def increments(pose: FloatArray) -> FloatArray:
-    """(t, 3) motion from each pose (t + 1, 3) to the next one, in the frame of the robot."""
-    d, theta = np.diff(pose, axis=0), pose[:-1, 2]
-    c, s = np.cos(theta), np.sin(theta)
-    return np.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], slam.wrap(d[:, 2])], 1)
 
 
 def scans(
@@ -93,12 +87,13 @@ def map_error(log: LandmarkLog, result: slam.SlamResult) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--worlds", nargs="+", default=list(WORLDS))
-    parser.add_argument("--distances", type=float, nargs="+", default=[0, 5, 15, 50])
-    parser.add_argument("--verbose", action="store_true")
-    options = parser.parse_args()
+    options = arguments(
+        __doc__,
+        seeds=5,
+        worlds={"nargs": "+", "choices": WORLDS, "default": list(WORLDS)},
+        distances=[0.0, 5.0, 15.0, 50.0],
+        verbose=False,
+    )
     print(
         "world    names     metres  runs  lost  recovered  without   steps  map error, ratio  worst"
     )
@@ -111,7 +106,7 @@ def main() -> None:
                     turned = seed % 2 == 0 and metres > 0
                     log = kidnapped(WORLDS[name], seed, metres, turned)
                     if not named:
-                        log = replace(log, landmark=np.full_like(log.landmark, -1))
+                        log = without_labels(log)
                     result = slam.run(log)
                     key = seed, turned
                     error = map_error(log, result)

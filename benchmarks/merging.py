@@ -1,6 +1,6 @@
 """Merging the maps of two simulated runs, without names: correctness and consistency.
 
-    uv run python benchmarks/merging.py [--pairs 20]
+    uv run python benchmarks/merging.py [--pairs 20]      (docs/map-files.md)
 
 Each map is of the whole course or of a part of it, in the frame of its first pose. For each world:
 merges that were refused, pairs of landmarks that are not the same, the mean NEES of the landmarks
@@ -8,23 +8,19 @@ of the merged map (2 if it is consistent) and of the transform (3), and the RMSE
 landmarks of the first map, after the merge and before.
 """
 
-import argparse
 import copy
 from dataclasses import replace
 
 import numpy as np
 
+from measuring import ROBOT, arguments
 from saccade import slam
 from saccade.errors import LogError
 from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam.consistency import normalized_squared
 from saccade.types import LandmarkLog
 
-WORLDS = {
-    "60 landmarks": WorldConfig(
-        course_length=60, landmarks=60, landmark_spread=6, steps=600, range_limits=(0.5, 8.0)
-    ),
-    "loop": WorldConfig.loop(),
-}
+WORLDS = {"60 landmarks": ROBOT, "loop": WorldConfig.loop()}
 PARTS = {"half in common": ((0.0, 0.6), (0.3, 0.9)), "a third": ((0.0, 0.5), (0.35, 0.85))}
 """Laps in which the first and the second map are made."""
 
@@ -71,20 +67,18 @@ def measure(
     to_map = np.array([[c, -s], [s, c]])
     true = (truth.xy[rows] - start[:2]) @ to_map
     error, C = merged.slam.ekf.landmarks - true, merged.slam.ekf.landmark_covariances
-    nees = (error * np.linalg.solve(C, error[..., None])[..., 0]).sum(1)
+    nees = normalized_squared(error, C)
     difference = logs[1].truth.pose[parts[1][0]] - start
     wrong = merged.transform - np.append(difference[:2] @ to_map, difference[2])
     wrong[2] = slam.wrap(wrong[2])
     before = maps[0].ekf.landmarks - true[: len(names[0])]
     rmse = [np.sqrt(np.square(e).sum(1).mean()) for e in (error[: len(names[0])], before)]
-    transform_nees = wrong @ np.linalg.solve(merged.covariance, wrong)
+    transform_nees = normalized_squared(wrong, merged.covariance)
     return (~same).sum(), len(same), nees.mean(), transform_nees, *rmse
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pairs", type=int, default=20)
-    count = parser.parse_args().pairs
+    count = arguments(__doc__, pairs=20).pairs
     for name, world in WORLDS.items():
         lap, whole = world.course_length / world.step_length, (0, world.steps)
         places = {"whole course": (whole, whole)}

@@ -1,15 +1,14 @@
-"""How fast each filter of the SLAM playground becomes wrong with the settings at its start.
-
-The playground of `saccade serve` drives three rounds between its two rings of landmarks, with the
-noise of each of so many seeds. The docs (serve.md) quote the table.
+"""Inconsistency of each filter in the SLAM playground (the table of docs/serve.md).
 
     uv run python benchmarks/playground.py [--seeds 100]
-"""
 
-import argparse
+The playground of `saccade serve` drives three rounds between its two rings of landmarks, with its
+initial settings and the noise of each seed.
+"""
 
 import numpy as np
 
+from measuring import arguments
 from saccade.serving.playground import PlaygroundNoise, Session, positions, rings
 from saccade.slam.config import RETRACTIONS
 
@@ -35,9 +34,7 @@ def rounds(seed: int) -> list[list[list[float]]]:
 
 def main() -> None:
     """Print the mean over the seeds, with the 10 % and 90 % quantiles of the second column."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=100)
-    runs = np.array([rounds(seed) for seed in range(parser.parse_args().seeds)])
+    runs = np.array([rounds(seed) for seed in range(arguments(__doc__, seeds=100).seeds)])
     print(f"{'filter':16} {'round':>5} {'NEES':>7} {'inside':>7} {'10-90 %':>11} {'landmarks':>9}")
     for i, name in enumerate(RETRACTIONS):
         for lap in range(3):

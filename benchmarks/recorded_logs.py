@@ -4,11 +4,11 @@ Filters Victoria Park, cityTrees10000, DLR and all robots of MRCLAM 6 and 9, wit
 their landmarks, and prints the number of poses at which the robot found itself kidnapped.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 
+from measuring import arguments
 from saccade import datasets, slam
 from saccade.datasets.logs.conversions import to_range_bearing
 from saccade.datasets.tables import from_upper_triangle
@@ -46,9 +46,7 @@ def read_dlr(path: Path) -> LandmarkLog:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("logs", type=Path, help="folder of the recorded logs")
-    folder = parser.parse_args().logs
+    folder = arguments(__doc__, logs={"flags": "logs", "type": Path}).logs
     texts = ("victoria_park/victoria_park_gtsam.txt", "citytrees/cityTrees10000.txt")
     logs = [datasets.load("auto", folder / text) for text in texts]
     logs.append(read_dlr(folder / "dlr" / "dlr_3298.npz"))

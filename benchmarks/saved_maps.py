@@ -1,6 +1,6 @@
 """What a saved map is worth to another run: localizing in it, mapping on, and mapping anew.
 
-    uv run python benchmarks/saved_maps.py mrclam6.npz [--seeds 20]
+    uv run python benchmarks/saved_maps.py mrclam6.npz [--seeds 20]      (docs/map-files.md)
 
 Simulated worlds: the map is that of one run, the robot that of another one; the start is the true
 one in the frame of the map. "exact" takes the landmarks of the map as exact. Of MRCLAM, robots 2 to
@@ -9,27 +9,21 @@ consistent) from the first hundred poses on. Then the five maps of MRCLAM are me
 landmarks after alignment.
 """
 
-import argparse
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from measuring import ROBOT, arguments
 from saccade import datasets, slam
 from saccade.errors import LogError
-from saccade.evaluation.trajectory import landmark_rmse
+from saccade.evaluation.trajectory import landmark_rmse, point_rmse
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.consistency import pose_nees
 from saccade.types import LandmarkLog, LandmarkMap
 
-WORLDS = {
-    "loop": WorldConfig.loop(),
-    "slippery": WorldConfig.slippery(),
-    "robot": WorldConfig(
-        course_length=60, landmarks=60, landmark_spread=6, steps=600, range_limits=(0.5, 8.0)
-    ),
-}
+WORLDS = {"loop": WorldConfig.loop(), "slippery": WorldConfig.slippery(), "robot": ROBOT}
 
 
 def mapped(log: LandmarkLog) -> slam.Slam:
@@ -61,12 +55,14 @@ def scores(log: LandmarkLog, file: Path) -> Iterator[tuple[str, float, float]]:
     }
     for name, robot in ways.items():
         estimate = slam.run(log, initial=robot).trajectory
-        truth = estimate.pose if log.truth is None else log.truth.at(log.time)
-        error = np.hypot(*(estimate.pose - truth)[:, :2].T)
         nees = np.nan
-        if log.truth is not None and len(log.truth) == len(estimate):
+        if len(log.truth) == len(estimate):
             nees = float(np.nanmean(pose_nees(estimate, log.truth, slam.INVARIANT)[100:]))
-        yield name, float(np.sqrt(np.mean(error**2))), nees
+        yield (
+            name,
+            point_rmse(estimate.pose[:, :2], log.truth.at(log.time)[:, :2], aligned=False),
+            nees,
+        )
 
 
 def show(title: str, rows: list[list[tuple[str, float, float]]]) -> None:
@@ -80,18 +76,15 @@ def show(title: str, rows: list[list[tuple[str, float, float]]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("mrclam", type=Path)
-    parser.add_argument("--seeds", type=int, default=20)
-    arguments = parser.parse_args()
+    given = arguments(__doc__, mrclam={"flags": "mrclam", "type": Path}, seeds=20)
     file = Path(tempfile.mkdtemp()) / "map.npz"
     for name, world in WORLDS.items():
         rows = []
-        for seed in range(arguments.seeds):
+        for seed in range(given.seeds):
             mapped(simulate_world(world, seed)).save(file)
             rows.append([*scores(simulate_world(world, seed + 500), file)])
         show(name, rows)
-    logs = [datasets.load("mrclam", arguments.mrclam, robot=robot) for robot in range(1, 6)]
+    logs = [datasets.load("mrclam", given.mrclam, robot=robot) for robot in range(1, 6)]
     robots = [mapped(log) for log in logs]
     robots[0].save(file)
     for number, log in enumerate(logs[1:], 2):
