@@ -14,8 +14,6 @@ over seeds:
 - used: observations that were associated
 - known, hidden: RMSE of the position in metres; ratio: the second by the first
 
-With --clutter, every scan has so many false detections on average, and a landmark is missed with
-the probability --missed.
 """
 
 from dataclasses import dataclass, replace
@@ -54,12 +52,8 @@ class DenseWorld:
     """Metres up to which they are observed."""
     noise: str = "middle"
     """Of `NOISES`."""
-    clutter: float = 0.0
-    """False detections of a scan."""
     missed: float = 0.0
     """Probability with which a landmark in reach is missed."""
-    field_of_view: float = 360.0
-    """Degrees."""
     laps: int = 2
 
 
@@ -78,13 +72,8 @@ def simulate(world: DenseWorld, seed: int) -> LandmarkLog:
     for i, pose in enumerate(truth):
         z, _ = slam.observe(pose, landmarks)
         visible = (z[:, 0] < world.reach) & (z[:, 0] > 0.3)
-        visible &= np.abs(z[:, 1]) <= np.deg2rad(world.field_of_view / 2)
         visible &= rng.random(len(z)) >= world.missed
         names, z = np.flatnonzero(visible), z[visible] + sigma * rng.normal(size=(visible.sum(), 2))
-        false = rng.poisson(world.clutter)
-        where = np.stack([rng.uniform(0.3, world.reach, false), rng.uniform(-1, 1, false)], 1)
-        where[:, 1] *= np.deg2rad(world.field_of_view / 2)
-        names, z = np.append(names, np.full(false, -1)), np.concatenate([z, where])
         rows.append(np.column_stack([np.full(len(z), i), names, z]))
     seen = np.concatenate(rows)
     control = steps_between(truth)
@@ -153,15 +142,12 @@ def main() -> None:
         reach=[4.0, 10.0, 20.0, 40.0],
         noise={"nargs": "+", "choices": NOISES, "default": list(NOISES)},
         seeds=3,
-        clutter=0.0,
-        missed=0.0,
-        field_of_view=360.0,
     )
     print(
         "spacing reach  noise    sigma  seen    map split false   wrong   used   known hidden ratio"
     )
     for spacing, reach, noise in product(given.spacing, given.reach, given.noise):
-        world = DenseWorld(spacing, reach, noise, given.clutter, given.missed, given.field_of_view)
+        world = DenseWorld(spacing, reach, noise)
         rows = [compare(world, seed) for seed in range(given.seeds)]
         sigma, seen, landmarks, split, false, wrong, used, known, hidden = np.mean(rows, 0)
         print(

@@ -1,6 +1,6 @@
-"""Lost on a camera drive: kidnappings, and drives that are not disturbed.
+"""Lost on a camera drive: kidnappings, and undisturbed drives (docs/lost.md).
 
-    uv run python benchmarks/lost_drives.py [--seeds 100 101] [--presets ring dark] [--keep FOLDER]
+    uv run python benchmarks/lost_drives.py [--seeds 100 101] [--presets ring dark]
     uv run python benchmarks/lost_drives.py --undisturbed --presets dark flicker --seeds 100 101 102
     uv run python benchmarks/lost_drives.py --recordings kitti07 kitti_stereo_60m
 
@@ -13,18 +13,17 @@ course again, it is not lost, and the true position is in the 99.7 % ellipse or 
 within 0.5 m or twice the error before. It is sure and wrong if the true position at the end is
 neither in the ellipse nor within 0.2 m.
 
-Undisturbed: whether it was ever lost, and the fraction of the frames in the 99.7 % ellipse. The
-frames of each drive are rendered once, and kept in a folder.
+Undisturbed: the number of lost frames, and the fraction of the frames in the 99.7 % ellipse.
 """
 
-import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
-from tempfile import gettempdir
 
 import numpy as np
 
+from measuring import arguments
 from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
 from saccade.datasets import load_drive
@@ -35,7 +34,6 @@ from saccade.simulation.drive import Illumination, render
 from saccade.simulation.scene import floor_scene
 from saccade.slam.consistency import normalized_squared
 from saccade.types import THREE_SIGMA_2D, FloatArray, Trajectory
-from saccade.visual.pipeline import Pipeline
 
 PRESETS = ("ring", "mono", "repeated", "mirror", "dark", "flicker")
 KIDNAPPINGS = (
@@ -52,37 +50,21 @@ BLACK, TURN_RATE = 12, 9.0
 
 
 class Source:
-    """A simulated drive whose frames are kept in a file, and views from other poses."""
+    """A simulated drive whose frames are rendered once, and views from other poses."""
 
-    def __init__(self, preset: str, seed: int, folder: Path) -> None:
+    def __init__(self, preset: str, seed: int) -> None:
         self.config, self.seed = getattr(DriveConfig, preset)(), seed
         drive, self.has_right = simulate_drive(self.config, seed), self.config.baseline is not None
-        file = folder / f"{'ring' if preset == 'mono' else preset}-{seed}.npy"
-        if not file.exists():
-            self._render_all(file, replace(self.config, baseline=DriveConfig.baseline))
-        self._images = np.load(file, mmap_mode="r")
-        self.drive = replace(drive, name=f"{preset} {seed}", load=self._load)
-        _, _, self._light_seed, _ = np.random.SeedSequence(seed).spawn(4)
-        self._scene: object = None
-
-    def _render_all(self, file: Path, config: DriveConfig) -> None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        drive = simulate_drive(config, self.seed)
-        frames = [drive.load(i) for i in range(len(drive))]
-        np.save(file, np.array([[each.image, each.right] for each in frames]))
-
-    def _load(self, i: int) -> Frame:
-        left, right = np.array(self._images[i])
-        return Frame(float(self.drive.time[i]), left, right if self.has_right else None)
+        self.drive = replace(drive, name=f"{preset} {seed}", load=cache(drive.load))
+        scene, _, light, _ = np.random.SeedSequence(seed).spawn(4)
+        self._scene = floor_scene(self.config, scene)
+        camera = self.config.camera
+        self._light = Illumination.sample(self.config.light, camera, drive.time, light)
 
     def view(self, pose: FloatArray, i: int) -> Frame:
         """The frame from a pose (3,) in the light of frame i."""
-        seeds, camera = np.random.SeedSequence(self.seed).spawn(4), self.config.camera
-        if self._scene is None:
-            self._scene = floor_scene(self.config, seeds[0])
-            self._light = Illumination.sample(self.config.light, camera, self.drive.time, seeds[2])
         left, right = (
-            self._light.apply(render(self._scene, camera, pose, side), i, int(side))
+            self._light.apply(render(self._scene, self.config.camera, pose, side), i, int(side))
             for side in (False, True)
         )
         return Frame(0.0, left, right if self.has_right else None)
@@ -93,10 +75,10 @@ class Course:
     """Poses, increments and frames of a robot that is kidnapped."""
 
     source: Source
-    pose: list[FloatArray] = field(default_factory=list)
-    control: list[FloatArray] = field(default_factory=list)
-    covariance: list[FloatArray] = field(default_factory=list)
-    load: list[Callable[[], Frame]] = field(default_factory=list)
+    rows: list[tuple[FloatArray, FloatArray, FloatArray, Callable[[], Frame]]] = field(
+        default_factory=list
+    )
+    """Pose, increment before it, covariance, and frame."""
 
     def follow(self, first: int, end: int) -> None:
         """Drive on as the recorded one; the first frame is reached by the increment before it."""
@@ -114,22 +96,20 @@ class Course:
         load: Callable[[], Frame] | None = None,
     ) -> None:
         """A frame at a pose (3,), by default frame i of the drive."""
-        self.pose.append(pose)
-        self.control.append(control)
-        self.covariance.append(covariance)
-        self.load.append(load or (lambda: self.source.drive.load(i)))
+        self.rows.append((pose, control, covariance, load or (lambda: self.source.drive.load(i))))
 
     def drive(self, name: str) -> Drive:
         """The drive."""
-        time = self.source.drive.time[0] + 0.1 * np.arange(len(self.pose))
+        time = self.source.drive.time[0] + 0.1 * np.arange(len(self.rows))
+        pose, control, covariance, load = zip(*self.rows, strict=True)
         return replace(
             self.source.drive,
             name=name,
             time=time,
-            control=np.array(self.control[1:]),
-            control_covariance=np.array(self.covariance[1:]),
-            load=lambda i: replace(self.load[i](), time=float(time[i])),
-            truth=Trajectory(time, np.array(self.pose)),
+            control=np.array(control[1:]),
+            control_covariance=np.array(covariance[1:]),
+            load=lambda i: replace(load[i](), time=float(time[i])),
+            truth=Trajectory(time, np.array(pose)),
         )
 
 
@@ -141,9 +121,9 @@ class Kidnapping:
     last: int
     """The last frame before."""
     seen: int
-    """The first that sees the new place."""
+    """The first frame that sees the new place."""
     back: int
-    """The first on the course."""
+    """The first frame on the course."""
 
 
 def kidnap(source: Source, kind: str, amount: float, last: int) -> Kidnapping:
@@ -180,33 +160,19 @@ def kidnap(source: Source, kind: str, amount: float, last: int) -> Kidnapping:
                 covariance if number == 0 else nothing,
                 lambda turned=turned: source.view(turned, following),
             )
-    back = len(course.pose) - 1
+    back = len(course.rows) - 1
     course.follow(following + 1, following + 1 + AFTER)
     name = f"{source.drive.name}, {kind} {amount:g}"
     return Kidnapping(course.drive(name), last, seen, back)
 
 
-def kidnappings(source: Source) -> Iterator[tuple[Kidnapping, visual.VisualResult]]:
-    """All kinds of kidnapping at random frames, each with its result.
-
-    The undisturbed frames before are processed once.
-    """
+def kidnappings(source: Source) -> Iterator[Kidnapping]:
+    """All kinds of kidnapping at random frames."""
     rng = np.random.default_rng([source.seed, *map(ord, source.drive.name)])
     last = np.sort(rng.integers(FIRST, LAST, len(KIDNAPPINGS)))
     kinds = rng.permutation(len(KIDNAPPINGS))
-    with Pipeline(source.drive, visual.VisualConfig()) as before:
-        done = 0
-        for number, kind in zip(last.tolist(), kinds.tolist(), strict=True):
-            for frame in range(done, number + 1):
-                before.step(frame)
-            done = number + 1
-            each = kidnap(source, *KIDNAPPINGS[kind], number)
-            state = {name: array.copy() for name, array in before.to_arrays().items()}
-            with Pipeline(each.drive, visual.VisualConfig()) as pipeline:
-                pipeline.from_arrays(state)
-                for i in range(done, len(each.drive)):
-                    pipeline.step(i)
-                yield each, pipeline.result()
+    for number, kind in zip(last.tolist(), kinds.tolist(), strict=True):
+        yield kidnap(source, *KIDNAPPINGS[kind], number)
 
 
 def judge(each: Kidnapping, result: visual.VisualResult) -> tuple[bool, bool, bool]:
@@ -225,29 +191,25 @@ def judge(each: Kidnapping, result: visual.VisualResult) -> tuple[bool, bool, bo
     return bool(noticed), bool(recovered), not right[-1]
 
 
-def report_kidnappings(presets: Sequence[str], seeds: Sequence[int], folder: Path) -> None:
-    """A row for each preset, and one for all."""
-    print("preset     seeds  kidnapped  noticed  recovered  sure and wrong")
+def report_kidnappings(presets: Sequence[str], seeds: Sequence[int]) -> None:
+    """Print a row for each preset, and one for all."""
+    print("preset     kidnapped  noticed  recovered  sure and wrong")
     everything = []
     for preset in presets:
         rows = []
         for seed in seeds:
-            for each, result in kidnappings(Source(preset, seed, folder)):
-                rows.append(judge(each, result))
+            for each in kidnappings(Source(preset, seed)):
+                rows.append(judge(each, visual.run(each.drive)))
                 if rows[-1] != (True, True, False):
                     print("    ", each.drive.name, "frame", each.last, *rows[-1])
         everything += rows
-        _print_row(preset, len(seeds), rows)
-    _print_row("all", len(seeds), everything)
+        _print_row(preset, rows)
+    _print_row("all", everything)
 
 
-def _print_row(name: str, seeds: int, rows: Sequence[tuple[bool, bool, bool]]) -> None:
+def _print_row(name: str, rows: Sequence[tuple[bool, bool, bool]]) -> None:
     noticed, recovered, wrong = np.sum(rows, 0)
-    print(
-        f"{name:9}{seeds:7}{len(rows):11}{noticed:9}{recovered:11}{wrong:16}"
-        f"    {noticed / len(rows):.1%}, {recovered / len(rows):.1%}",
-        flush=True,
-    )
+    print(f"{name:9}{len(rows):11}{noticed:9}{recovered:11}{wrong:16}", flush=True)
 
 
 def report_undisturbed(drives: Iterator[Drive]) -> None:
@@ -279,23 +241,20 @@ def recordings(folders: Sequence[Path]) -> Iterator[Drive]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs="+", default=[100, 101])
-    parser.add_argument("--presets", nargs="+", default=list(PRESETS), choices=PRESETS)
-    parser.add_argument("--undisturbed", action="store_true")
-    parser.add_argument("--recordings", type=Path, nargs="+")
-    parser.add_argument("--keep", type=Path, default=Path(gettempdir()) / "saccade-lost-drives")
-    given = parser.parse_args()
+    given = arguments(
+        __doc__,
+        seeds=[100, 101],
+        presets={"nargs": "+", "choices": PRESETS, "default": list(PRESETS)},
+        undisturbed=False,
+        recordings={"type": Path, "nargs": "+"},
+    )
     if given.recordings:
         report_undisturbed(recordings(given.recordings))
     elif given.undisturbed:
-        report_undisturbed(
-            Source(preset, seed, given.keep).drive
-            for preset in given.presets
-            for seed in given.seeds
-        )
+        pairs = ((preset, seed) for preset in given.presets for seed in given.seeds)
+        report_undisturbed(Source(*pair).drive for pair in pairs)
     else:
-        report_kidnappings(given.presets, given.seeds, given.keep)
+        report_kidnappings(given.presets, given.seeds)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
-"""Scanpaths: the fit of the model, the disc of inhibition, the scores, and the time.
+"""Scanpaths: the fit of the model, and its scores (docs/scanpaths.md, docs/measured.md).
 
-    uv run python benchmarks/scanpaths.py IMAGES FIXATIONS            scores on half B, and the time
-    uv run python benchmarks/scanpaths.py IMAGES FIXATIONS --disc     the disc, on half A
+    uv run python benchmarks/scanpaths.py IMAGES FIXATIONS            scores on half B
     uv run python benchmarks/scanpaths.py IMAGES FIXATIONS --fit      the parameters, on half A
 
 The images, sorted by number, are split alternately: half A (1st, 3rd, ...) develops, half B (2nd,
@@ -10,42 +9,37 @@ points, of which one has a wide inhibition) and prints the gain over a uniform d
 halves. The scores are those of `saccade evaluate scanpaths`.
 """
 
-import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from time import process_time
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import gamma
 
-from saccade import AttentionConfig, ScanpathConfig, ScanpathModelConfig, attention_saliency
+from measuring import arguments
+from saccade import AttentionConfig, ScanpathModelConfig, attention_saliency
 from saccade.attention import (
     SaliencyMaps,
-    sample_scanpaths,
-    scanpath,
     scanpath_log_likelihood,
 )
 from saccade.datasets.fixations import read_fixations
 from saccade.evaluation.conditional import score_fixations, summary
 from saccade.evaluation.prediction import FixationData
 from saccade.evaluation.scanpaths import (
-    GazePath,
     PathSettings,
     ScanMatchConfig,
     Viewing,
     mean_fixations,
-    scanmatch,
     score_paths,
     viewings,
 )
 from saccade.io.image import read_image
 
 DEGREE = 24.0
-"""Pixels."""
+"""Pixels per degree of visual angle."""
 EVERY = 4
-"""Paths of half A of which one is fitted."""
+"""One of so many paths of half A is fitted."""
 STARTS = (
     ScanpathModelConfig(
         exponent=1.0,
@@ -134,23 +128,6 @@ def fit_durations(people: Mapping[str, Viewing]) -> tuple[float, float]:
     return shape * scale, shape
 
 
-def disc(people: Mapping[str, Viewing], maps: Maps) -> None:
-    """Similarity of the winner-take-all network's paths to people's by the size of its disc."""
-    count = mean_fixations(people)
-    for sigma in (0.01, 0.0125, 0.015, 0.0175, 0.02, 0.025, 0.03, 0.04, 0.05):
-        scores, amplitudes = [], []
-        for name, (shape, paths) in people.items():
-            config = ScanpathConfig(inhibition_sigma=sigma)
-            xy = scanpath(SaliencyMaps(maps[name], shape), config, fixations=count).xy
-            seen = [GazePath(path.xy[:count], path.duration[:count]) for path in paths.values()]
-            own = [GazePath(xy, np.full(len(xy), np.nan))] * len(seen)
-            grids = (ScanMatchConfig(), ScanMatchConfig(columns=8, rows=6))
-            scores.append([scanmatch(own, seen, shape, grid).mean() for grid in grids])
-            amplitudes.append(np.hypot(*np.diff(xy, axis=0).T).mean() / DEGREE)
-        fine, coarse = np.mean(scores, axis=0)
-        print(f"{sigma:.4f}: {fine:.3f}, {coarse:.3f}; {np.mean(amplitudes):.1f} degrees")
-
-
 def report(people: Mapping[str, Viewing], maps: Maps, title: str, grid: ScanMatchConfig) -> None:
     """Print the scores of `saccade evaluate scanpaths`."""
     settings = PathSettings(mean_fixations(people), similarity=grid)
@@ -170,28 +147,13 @@ def show(title: str, scores: Mapping[str, Mapping[str, tuple[float, float, float
         print(f"  {name:22} {'; '.join(cells)}")
 
 
-def time_sampling(saliency: np.ndarray, shape: tuple[int, int]) -> None:
-    """Print the milliseconds for 1000 paths of 10 fixations."""
-    maps = SaliencyMaps(saliency, shape)
-    for name in ("default", "similar"):
-        config = ScanpathModelConfig() if name == "default" else ScanpathModelConfig.similar()
-        times = []
-        for seed in range(6):
-            start = process_time()
-            sample_scanpaths(maps, config, count=1000, seed=seed)
-            times.append(1000 * (process_time() - start))
-        print(
-            f"1000 paths of 10 fixations, {name}: {np.median(times[1:]):.1f} ms of one core, warm"
-        )
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("images", type=Path)
-    parser.add_argument("fixations", type=Path)
-    parser.add_argument("--fit", action="store_true", help="fit the parameters on half A")
-    parser.add_argument("--disc", action="store_true", help="the disc of inhibition on half A")
-    options = parser.parse_args()
+    options = arguments(
+        __doc__,
+        images={"flags": "images", "type": Path},
+        fixations={"flags": "fixations", "type": Path},
+        fit={"action": "store_true", "help": "fit the parameters on half A"},
+    )
     table = read_fixations(options.fixations)
     names = sorted(np.unique(table.image).tolist(), key=lambda name: (len(name), name))
     parts = [table[np.isin(table.image, names[k::2])] for k in (0, 1)]
@@ -204,15 +166,12 @@ def main() -> None:
             for name in people
         }
 
-    if options.disc:
-        disc(halves[0], maps_of(halves[0]))
     if options.fit:
         maps = [maps_of(half) for half in halves]
         mean, shape = fit_durations(halves[0])
         config = replace(fit(halves[0], maps[0]), duration_mean=mean, duration_shape=shape)
         gains = [gain(half, each, config, 1) for half, each in zip(halves, maps, strict=True)]
         print(f"{config}\nhalf A {gains[0]:.3f}, half B {gains[1]:.3f} bits over uniform")
-    if options.fit or options.disc:
         return
     people = halves[1]
     for title, config in (("default", None), ("free_viewing", AttentionConfig.free_viewing())):
@@ -225,7 +184,6 @@ def main() -> None:
             for row in score_fixations(name, data[1], maps[name], ScanpathModelConfig())
         ]
         show(f"half B, {title}: each next fixation", summary(rows))
-    time_sampling(maps[names[1]], data[1].sizes[names[1]])
 
 
 if __name__ == "__main__":

@@ -9,17 +9,15 @@ that is measured in the same run; then whole logs if they are given. Everything 
 its peer; printed are medians. `large_map.py` times the compressed filter.
 """
 
-import copy
 import resource
 import time
 from pathlib import Path
 
 import numpy as np
 
-from measuring import arguments, require_one_thread, seconds, times_in_turns
+from measuring import arguments, require_one_thread, seconds
 from saccade import datasets, slam
-from saccade.slam import INVARIANT, STANDARD, EkfSlam, observe
-from saccade.slam.association.nearest_neighbor import mahalanobis_squared
+from saccade.slam import INVARIANT, EkfSlam, observe
 
 STEPS = 96
 """A multiple of the steps from one addition of the delayed rows to the next."""
@@ -154,41 +152,6 @@ def contest(landmarks: int, rounds: int, dense: bool) -> None:
     )
 
 
-def agreement(landmarks: int) -> None:
-    """Delayed against added up at every step."""
-    for name, kind in (("standard", STANDARD), ("invariant", INVARIANT)):
-        one = filled(landmarks, kind)
-        two, seen = copy.deepcopy(one), nearest(one, 40)
-        for control, z, landmark in zip(*stretch(one.pose, seen), strict=True):
-            for each in (one, two):
-                each.predict(control, U)
-                each.update(z, NOISE, int(landmark))
-            two.covariance  # noqa: B018  adds up what is delayed
-        state, covariance = one.state - two.state, one.covariance - two.covariance
-        apart = max(np.abs(state).max(), np.abs(covariance).max())
-        print(f"{name}: delayed {apart:.0e} from the plain filter")
-
-
-def gating(landmarks: int, observations: int, rounds: int) -> None:
-    """Distances of a scan with all of a map, against the same as NumPy writes it."""
-    ekf = filled(landmarks)
-    z = observe(ekf.pose, nearest(ekf, observations)[:, 1:])[0]
-    R = np.tile(NOISE, (observations, 1, 1))
-
-    def plain() -> np.ndarray:
-        expected = ekf.predict_observations()
-        v = slam.difference(z[:, None], expected.z)
-        S = expected.covariance + R[:, None]
-        return np.einsum("mni,mni->mn", v, np.linalg.solve(S, v[..., None])[..., 0])
-
-    actions = {"ours": lambda: mahalanobis_squared(ekf, z, R, 18.4), "NumPy": plain}
-    ours, theirs = 1e3 * np.median(times_in_turns(actions, rounds), 0)
-    print(
-        f"gating {landmarks} landmarks x {observations} observations: {ours:.2f} ms, "
-        f"NumPy on whole arrays {theirs:.2f} ms, {theirs / ours:.0f}x"
-    )
-
-
 def logs(folder: Path, rounds: int) -> None:
     """Whole logs after they were read, and the smoothing of the same association."""
     paths = [(folder / "mrclam" / "mrclam6.npz", {"robot": robot}) for robot in range(1, 6)]
@@ -218,8 +181,6 @@ def main() -> None:
     print("landmarks   ours ms  by calls   pass ms  ours/pass  textbook ms  textbook/ours")
     for landmarks in given.sizes:
         contest(landmarks, given.rounds, landmarks <= given.dense_up_to)
-    agreement(200)
-    gating(1000, 20, given.rounds)
     if given.logs is not None:
         logs(given.logs, given.rounds)
     print(f"peak memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")

@@ -2,7 +2,6 @@
 
     uv run python benchmarks/synthetic_pairs.py PAIRS [--images DIR]     then
     saccade evaluate features --pairs PAIRS --detector opencv-root --detector sift --points 1000
-    uv run python benchmarks/homography_estimators.py PAIRS              verify, MAGSAC and COLMAP
 
 Quoted in docs/keypoints.md and docs/evaluation.md. A photograph hangs on a plane. Every view of it
 is resampled, degraded and compressed on its own, so that the pixels of no view are those of the

@@ -1,6 +1,8 @@
 """The textbook against the presets that follow it, and against the default of SIFT.
 
-`uv run python benchmarks/textbook.py [IMAGE ...]`: of each image the correlation of the contrast
+    uv run python benchmarks/textbook.py [IMAGE ...]
+
+For each image the correlation of the contrast
 maps, and how many keypoints of the textbook the preset finds within 0.1 px and a tenth of the
 scale. The figures are in `docs/appendices.md`.
 """

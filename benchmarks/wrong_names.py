@@ -1,12 +1,10 @@
 """What wrong landmark names cost: position RMSE over that with the right names.
 
-    OMP_NUM_THREADS=1 uv run python benchmarks/wrong_names.py --runs 20 --peers  (docs/limits.md)
+    OMP_NUM_THREADS=1 uv run python benchmarks/wrong_names.py --runs 20  (docs/limits.md)
 
-For each simulated world and each fault, over so many seeds: the mean RMSE of the defaults over
-their mean RMSE with the right names, its spread (10 to 90 % of the runs), and the largest of one
-run in metres, beside its own RMSE with the right names. With --peers also believed names
-(`association="known"`), a plain gate of 99 % on names, and, if it is installed, GTSAM's batch with
-Huber's loss on the believed names, started from the defaults' trajectory.
+For each simulated world and each fault, over so many seeds: the mean RMSE over the mean RMSE with
+the right names, its spread (10 to 90 % of the runs), and the largest of one run in meters, beside
+its own RMSE with the right names.
 
 Faults: 1 and 5 % of the names are those of a random other landmark; 5 % those of the nearest other
 one; two names are swapped in the second half; a quarter of the landmarks have a wrong name at their
@@ -20,13 +18,9 @@ import numpy as np
 
 from measuring import arguments, require_one_thread
 from saccade import slam
-from saccade.errors import SaccadeError
 from saccade.evaluation.trajectory import position_rmse
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam.association._kernels import DROPPED
-from saccade.slam.association.identities import Association
-from saccade.slam.consistency import chi_square_gate
-from saccade.types import FloatArray, IntArray, LandmarkLog
+from saccade.types import LandmarkLog
 
 WORLDS = {
     "loop": WorldConfig.loop(),
@@ -108,49 +102,9 @@ FAULTS: dict[str, Callable[[LandmarkLog, np.random.Generator], LandmarkLog]] = {
 }
 
 
-class PlainGate(Association):
-    """Names, where the observation is inside the 99 % gate of their landmark."""
-
-    def __call__(
-        self, ekf: slam.EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray
-    ) -> IntArray:
-        """Look up, then gate."""
-        association = super().__call__(ekf, z, R, identity)
-        for i in np.flatnonzero((association >= 0) & (association < len(ekf))):
-            if ekf.innovation(z[i], R[i], int(association[i])).nis > chi_square_gate(2, 0.99):
-                association[i] = DROPPED
-        return association
-
-
-def batch(log: LandmarkLog) -> slam.SmoothResult:
-    """GTSAM's batch with the believed names."""
-    result, believed = slam.run(log), slam.run(log, KNOWN)
-    return slam.smooth(log, replace(believed, trajectory=result.trajectory))
-
-
-def gated(log: LandmarkLog) -> slam.SlamResult:
-    """The filter with a plain gate on believed names."""
-    robot = slam.slam_for(log, KNOWN)
-    robot.associate = PlainGate(KNOWN)
-    return slam.run(log, initial=robot)
-
-
-KNOWN = slam.EkfConfig(association="known")
-ESTIMATORS: dict[str, Callable[[LandmarkLog], slam.SlamResult | slam.SmoothResult]] = {
-    "default": slam.run,
-    "believed": lambda log: slam.run(log, KNOWN),
-    "gate": gated,
-    "batch": batch,
-}
-
-
-def score(estimator: str, log: LandmarkLog) -> float:
-    """RMSE in metres; NaN where there is no estimate."""
-    try:
-        estimate = ESTIMATORS[estimator](log).trajectory
-        return position_rmse(estimate, log.truth, aligned=False)
-    except SaccadeError:
-        return float("nan")
+def rmse(log: LandmarkLog) -> float:
+    """RMSE of the position in meters; the log starts at the true pose."""
+    return position_rmse(slam.run(log).trajectory, log.truth, aligned=False)
 
 
 def main() -> None:
@@ -160,25 +114,23 @@ def main() -> None:
         seed=0,
         worlds={"nargs": "+", "choices": WORLDS, "default": list(WORLDS)},
         faults={"nargs": "+", "choices": FAULTS, "default": list(FAULTS)},
-        peers=False,
     )
     require_one_thread()
     for world in options.worlds:
         logs = [simulate_world(WORLDS[world], options.seed + i) for i in range(options.runs)]
-        right = np.array([score("default", log) for log in logs])
+        right = np.array([rmse(log) for log in logs])
         print(f"{world}: right names {right.mean():.3f} m", flush=True)
         for fault in options.faults:
-            wrong = [FAULTS[fault](log, np.random.default_rng(i)) for i, log in enumerate(logs)]
-            row = f"  {fault:9}"
-            for name in ESTIMATORS if options.peers else ["default"]:
-                errors = np.array([score(name, log) for log in wrong])
-                worst = int(np.nan_to_num(errors / right, nan=np.inf).argmax())
-                low, high = np.nanquantile(errors / right, [0.1, 0.9])
-                row += (
-                    f"  {name} {np.nanmean(errors) / right.mean():5.2f} ({low:.2f}-{high:.2f}), "
-                    f"worst {errors[worst]:.2f} for {right[worst]:.2f} m"
-                )
-            print(row, flush=True)
+            errors = np.array(
+                [rmse(FAULTS[fault](log, np.random.default_rng(i))) for i, log in enumerate(logs)]
+            )
+            worst = int((errors / right).argmax())
+            low, high = np.quantile(errors / right, [0.1, 0.9])
+            print(
+                f"  {fault:9} {errors.mean() / right.mean():5.2f} ({low:.2f}-{high:.2f}), "
+                f"worst {errors[worst]:.2f} for {right[worst]:.2f} m",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
