@@ -1,9 +1,9 @@
 """Reads and writes recorded data, in the data types of `saccade.types` and `saccade.frames`.
 
-All readers raise a subclass of `SaccadeError` (`LogError` for logs, tables and fixations,
-`DriveError` for drives, `ImageError` for images) for a file that is missing, broken, or of another
-format: one line that names the file, the line or row where there is one, what was expected, and
-what was found. All writers raise `OutputError`, and `ConfigError` for another suffix.
+A file that is missing, broken, or of another format raises a subclass of `SaccadeError`: `LogError`
+for logs, tables and fixations, `DriveError` for drives, `ImageError` for images. The message is one
+line with the file, the line or row, the expected content and the found content. All writers raise
+`OutputError`, and `ConfigError` for another suffix.
 """
 
 from saccade.datasets.drives.loading import DriveKind, load_drive

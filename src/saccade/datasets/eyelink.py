@@ -1,7 +1,7 @@
 """Fixations in EyeLink's text (.asc), as edf2asc writes it.
 
-Lines and their fields are those of "The ASC File Format" in SR Research's user manuals; messages
-that name trials and images are those of its "Protocol for EyeLink Data to Viewer Integration".
+Source of lines and fields: "The ASC File Format" in SR Research's user manuals; of messages with
+trials and images: "Protocol for EyeLink Data to Viewer Integration".
 """
 
 from collections.abc import Iterable, Mapping
@@ -39,10 +39,10 @@ class _Trial:
 def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> FixationList:
     """The fixations of a recording; its subject is the name of the file.
 
-    A fixation is on the image that is on the screen when it ends: the first one of a trial often
-    began before its image came. The image is that of the message `!V IMGLOAD`, which has its
-    position on the screen too; else the value of a trial variable (`!V TRIAL_VAR`) called image or
-    alike; else a file name in TRIALID. Of two eyes the one with more fixations is taken.
+    A fixation belongs to the image on the screen at its end: the first one of a trial often begins
+    before its image. The message `!V IMGLOAD` names the image and its position on the screen; else
+    a trial variable (`!V TRIAL_VAR`) called image or alike, or a file name in TRIALID. If both eyes
+    are recorded, the eye with more fixations is taken.
 
     Args:
         path: the .asc.
@@ -97,7 +97,7 @@ def _trials(path: Path) -> list[_Trial]:
 
 
 def _read_message(row: Row, trials: list[_Trial], screen: Box | None) -> Box | None:
-    """Add what a message says to the trials; gives the screen that is known then."""
+    """Add the content of a message to the trials; returns the screen, if known."""
     words, offset = row.cells[2:], 0.0
     if len(words) > 1 and words[0].lstrip("+-").isdecimal():
         offset = float(words.pop(0))

@@ -17,21 +17,20 @@ Names = npt.NDArray[np.str_]
 NORMALIZED = (-0.5, 1.5)
 """Range of normalized coordinates, including fixations beside the image."""
 OUTSIDE = 0.2
-"""Fraction of fixations outside their images at which all are refused; 0 to .01 is usual."""
+"""Largest accepted fraction of fixations outside their images; 0 to .01 is usual."""
 SHIFTED = 0.03
-"""Fraction outside at which a shift that brings three quarters inside is an error; below it is a
-warning."""
+"""Largest accepted fraction outside if a shift brings three quarters of these inside."""
 FEWEST = 5
 """Minimum number of fixations outside for positions to be judged."""
 MIDDLE = 50
-"""Number of fixations at which some are expected in the middle of their images."""
+"""Minimum number of fixations for a check that they reach the middle of their images."""
 EXTENT = (0.02, 0.98)
 """Quantiles taken for the borders of all fixations: blinks are beyond."""
 PIXELS = "--xy pixels takes them as they are"
 
 
 def list_folder(folder: Path) -> list[Path]:
-    """Content of a folder, by name; nothing where there is none."""
+    """Content of a folder, by name; empty if it does not exist."""
     with reading(folder, LogError):
         return sorted(folder.iterdir()) if folder.is_dir() else []
 
@@ -44,7 +43,7 @@ def resolve_images(names: Names, folder: Path) -> Names:
         folder: of the images.
 
     Returns:
-        (n,) names of files; those of which there is none stay as they are.
+        (n,) names of files; names without a file are unchanged.
     """
     files: dict[str, list[str]] = {}
     for name in (path.name for path in list_folder(folder)):

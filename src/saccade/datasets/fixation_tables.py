@@ -1,7 +1,7 @@
 """Fixations in a table of any lab, or in an export of Tobii Pro Lab.
 
-Columns are found by their usual names. Tobii's are those of the data export in Tobii Pro Lab's
-manual: a row for each sample, with the fixation that it belongs to.
+Columns are found by their usual names. Tobii's data export, described in Tobii Pro Lab's manual,
+has a row for each sample, with its fixation.
 """
 
 import re
@@ -26,7 +26,7 @@ class Box(NamedTuple):
     """NaN for the width of the image in pixels."""
     height: float = np.nan
     centered: bool = False
-    """Whether `x` and `y` are those of the center."""
+    """Whether `x` and `y` are the center."""
 
 
 class RawFixation(NamedTuple):
@@ -80,7 +80,7 @@ UNITS = re.compile(r"(px|pix|pixels?|ms|msec|milliseconds|s|sec|seconds)$")
 BLANK = ("", ".", "-", "na", "nan", "n/a", "none", "null")
 """Cells without a number, in lower case: of tables, R, MATLAB, pandas and EyeLink."""
 SHORTEST = 10.0
-"""Median duration below which durations are in seconds: no fixation lasts ten, and none 10 ms."""
+"""Durations with a smaller median are in seconds: no fixation lasts 10 s, and none 10 ms."""
 THOUSANDS = re.compile(r"-?[1-9]\d{0,2},\d{3}")
 
 TOBII = {

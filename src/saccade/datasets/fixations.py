@@ -40,13 +40,13 @@ _Cells = npt.NDArray[np.object_]
 
 @dataclass(frozen=True)
 class FixationFormat:
-    """Format of fixations, where a file does not say it by itself."""
+    """Format of a file of fixations; defaults are detected."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
-    """Columns by what they hold: image, subject, index, time, x, y, duration."""
+    """Names of columns by their role: image, subject, index, time, x, y, duration."""
     shown: tuple[float, float] | None = None
     """Size of the images on the screen, in the units of x and y: (1, 1) if these are normalized.
-    None for that of the files, in pixels."""
+    None for the size of the files in pixels."""
     offset: tuple[float, float] | None = None
     """x and y of the images' upper left corner; None for (0, 0)."""
     checked: bool = True
@@ -72,13 +72,13 @@ def read_fixations(
     only_present: bool = False,
     say: Callable[[str], None] = _warn,
 ) -> FixationTable:
-    """The fixations in a file, or in those of a folder.
+    """The fixations in a file, or in all files of a folder.
 
     A row with an empty cell, as of a blink, is left out, and so is one that repeats another, which
     is counted in a remark. `FixationTable.subject` is the subject's number, or, where subjects
-    have names, the position of the name among them. `FixationTable.index` is that of the file less
-    the first one (0 or 1), so that it is 0 for the first fixation of a scanpath; where a file has
-    times, or numbers that go on from image to image, the rank among the fixations of the scanpath.
+    have names, the position of the name among them. `FixationTable.index` counts from 0, the
+    first fixation of a scanpath; where a file has times, or numbers that go on from image to image,
+    it is the rank among the fixations of the scanpath.
 
     Args:
         path: a table separated by commas, semicolons or tabs, with columns of image, subject, x
@@ -90,7 +90,7 @@ def read_fixations(
             converted to pixels of the images and checked. None to take both as they are.
         form: columns of other names, and where images were on the screen.
         only_present: whether fixations on images that are not in the folder are left out.
-        say: called with each remark on what was left out or assumed; a `LogWarning` by default.
+        say: called with each remark on omissions and assumptions; a `LogWarning` by default.
 
     Returns:
         Fixations by image, subject and index.

@@ -25,11 +25,15 @@ class HomographyPair:
     first: Path
     second: Path
     homography: FloatArray
-    """(3, 3) from pixels (x, y, 1) of the first image to those of the second."""
+    """(3, 3) from pixels (x, y, 1) of the first image to pixels of the second."""
 
 
 def homography_pairs(folder: Path) -> list[HomographyPair]:
-    """All pairs of a folder of sequences, or of one sequence, by name and number."""
+    """All pairs of a folder of sequences, or of one sequence, by name and number.
+
+    Raises:
+        ImageError: there are none, an image is missing, or a homography cannot be read.
+    """
     found = folder.rglob("H_1_*.txt")
     files = sorted(found, key=lambda path: (path.parent, len(path.stem), path.stem))
     if not files:
@@ -54,10 +58,7 @@ def _image(sequence: Path, number: str) -> Path:
 
 def _homography(path: Path) -> FloatArray:
     with reading(path, ImageError, "nine numbers", ValueError):
-        homography = np.array(read_text(path).split(), np.float64)
-    if homography.size != 9 or not np.isfinite(homography).all():
-        raise ImageError(f"{path}: expected nine finite numbers, found {homography.size} numbers")
-    matrix = homography.reshape(3, 3)
-    if abs(np.linalg.det(matrix)) < np.finfo(float).tiny:
+        homography = np.array(read_text(path).split(), np.float64).reshape(3, 3)
+    if not np.isfinite(homography).all() or abs(np.linalg.det(homography)) < np.finfo(float).tiny:
         raise ImageError(f"{path}: expected a homography, found a matrix without inverse")
-    return matrix
+    return homography

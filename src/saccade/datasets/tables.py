@@ -44,7 +44,7 @@ class Row:
         return LogError(f"{self.name}: expected {expected}, found {found}")
 
     def numbers(self, columns: slice = slice(None), blank: float | None = None) -> list[float]:
-        """Cells as numbers under `LARGEST`; an empty cell is `blank`, unless that is None."""
+        """Cells as numbers under `LARGEST`; `blank`, if given, stands for empty cells."""
         values = []
         for cell in self.cells[columns]:
             if not cell and blank is not None:
@@ -148,7 +148,7 @@ class TextTable(NamedTuple):
         return self._replace(rows=[self.rows[i] for i in rows])
 
     def numbers(self, *names: str, blank: float | None = None) -> FloatArray:
-        """Columns as numbers (n, len(names)); an empty cell is `blank`, unless that is None."""
+        """Columns as numbers (n, len(names)); `blank`, if given, stands for empty cells."""
         columns = [self.names.index(name) for name in names]
         cells = [row.numbers(slice(c, c + 1), blank)[0] for row in self.rows for c in columns]
         return np.array(cells, np.float64).reshape(len(self.rows), len(names))

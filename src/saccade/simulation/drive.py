@@ -25,8 +25,10 @@ SAMPLES = (3, 2)
 """Samples per pixel, across and down, which are averaged."""
 NEAREST = 0.02
 """Near clipping plane, meters along the optical axis."""
-WAVES, PERIODS = 4, (8.0, 40.0)
-"""Number of sine waves in a drift, and seconds of the shortest and the longest."""
+WAVES = 4
+"""Number of sine waves in a drift."""
+PERIODS = (8.0, 40.0)
+"""Shortest and longest period of these waves in seconds."""
 
 
 class Columns(NamedTuple):
@@ -234,7 +236,7 @@ ENCODER_SIGMA = float(np.radians(0.1))
 
 
 class PanCamera:
-    """The pan of a camera over time, from the gazes it was told.
+    """The pan of a camera over time, from gaze commands.
 
     Args:
         limits: range, rate and latency.
@@ -291,7 +293,7 @@ def simulate_drive(
     Returns:
         The drive with its ground truth, which starts at the origin. `load` renders a frame, from
         any thread and in any order; its first call builds the scene, which takes a second.
-        The covariances are those of the simulated noise; the bias has the magnitudes of the scale
+        The covariances describe the simulated noise; the bias has the magnitudes of the scale
         error and the heading drift.
     """
     config = config or DriveConfig()

@@ -23,7 +23,7 @@ class LightConfig(Settings):
     gain_sigma: float = setting(0.08, 0, 2)
     """Standard deviation of the logarithm of the gain, which drifts over a dozen seconds."""
     gamma_sigma: float = setting(0.04, 0, 2)
-    """Standard deviation of the logarithm of gamma, which drifts likewise."""
+    """Standard deviation of the logarithm of gamma, which drifts as slowly."""
     vignetting: float = setting(0.15, 0, 1)
     """Fraction of the intensity lost in the corners of the image; drifts by a third of it."""
     flicker_sigma: float = setting(0.0, 0, 2)

@@ -16,7 +16,7 @@ TURNING_RADIUS = 0.45
 def wall_outlines(config: DriveConfig) -> list[FloatArray]:
     """Closed polylines (k, 2) of connected walls in meters, visible from their right.
 
-    Of a ring the outer walls and those of the central block.
+    A ring has outer walls and the walls of the central block.
     """
     if config.world == "ring":
         (width, depth), corridor = config.size, config.corridor

@@ -34,8 +34,10 @@ PHOTOGRAPHS = {
 """Photographs of the package, and the columns and rows into which each is cut: posters are
 disjoint parts."""
 
-BRICK, MORTAR = (0.30, 0.09), 0.012
-"""Width and height of a brick with its mortar, and width of the mortar, in meters."""
+BRICK = (0.30, 0.09)
+"""Width and height of a brick with its mortar in meters."""
+MORTAR = 0.012
+"""Width of the mortar in meters."""
 
 
 def all_posters() -> list[Texture]:

@@ -55,7 +55,7 @@ class WorldConfig(Settings):
     """Odometry noise f of a robot: standard deviations in a step of v meters are f v / sqrt 2
     meters ahead and 2 sqrt 2 f v radians of turn."""
     turn_sigma_deg: float = setting(0.0, 0, 1000)
-    """Standard deviation added to that of a robot's turn in a step, in degrees."""
+    """Additional standard deviation of a robot's turn in a step, in degrees."""
     scale_percent: float = setting(0.0, 0, 1000)
     """Systematic error of a robot's distances, in percent, whose sign is drawn."""
     heading_drift_deg: float = setting(0.0, 0, 1000)
@@ -117,7 +117,7 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
 
     Returns:
         A log with landmark identities and ground truth. It starts at the true pose, the origin;
-        its covariances are those of the simulated noise.
+        its covariances describe the simulated noise.
     """
     rng = np.random.default_rng(seed)
     commands = _commands(config)
@@ -175,8 +175,8 @@ def _commands(config: WorldConfig) -> FloatArray:
 def _increments(config: WorldConfig, commands: FloatArray) -> FloatArray:
     """Motion (t, 3) by commands (t, 2), in the frame of the vehicle.
 
-    A robot turns, then goes ahead. A car's pose is that of the middle of its front axle, which
-    moves in the direction of its wheels.
+    A robot turns, then goes ahead. The pose of a car is the middle of its front axle, which moves
+    in the direction of its wheels.
     """
     d, angle = commands.T
     if config.vehicle == "robot":

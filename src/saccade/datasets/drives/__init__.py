@@ -1,5 +1,4 @@
 """Camera drives, one file per layout.
 
-Readers raise `DriveError` or `LogError`, one line that names the file, what was expected and what
-was found; loading a frame raises `ImageError`.
+Loading a frame raises `ImageError`; reading a drive raises `DriveError` or `LogError`.
 """

@@ -9,9 +9,9 @@ rotation                        three rows: from the camera's frame to the robot
                                 looking straight ahead
 rate                            frames per second of a folder without times; default 30
 depth_unit                      meters per step of an integer depth image; default 0.001
-odometry_bias                   as that of `Drive`; default zeros
-start                           [x, y, heading] at the first frame; default that of the ground
-                                truth, or zeros
+odometry_bias                   see `Drive.odometry_bias`; default zeros
+start                           [x, y, heading] at the first frame; default the true pose, or
+                                zeros
 """
 
 from dataclasses import dataclass

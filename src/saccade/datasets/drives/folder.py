@@ -75,7 +75,7 @@ FOCAL_LENGTH_35MM = 0xA405
 
 
 class CameraOptions(NamedTuple):
-    """Camera as far as the user knows it."""
+    """Camera of images without a calibration, as given by the user."""
 
     intrinsics: Intrinsics | None = None
     baseline: float | None = None
@@ -96,7 +96,7 @@ def parse_intrinsics(text: str | None) -> Intrinsics | None:
 
 
 class BareCamera(NamedTuple):
-    """A calibration without a camera.toml, and what of it was guessed."""
+    """A calibration and its assumptions."""
 
     calibration: Calibration
     assumptions: tuple[str, ...] = ()
@@ -139,9 +139,9 @@ def calibration_beside(
 ) -> BareCamera:
     """The calibration of camera.toml, or for images of a width and height one without it.
 
-    That is given by the options, by a calib.txt, by the EXIF tags of an `image`, or guessed; what
-    is assumed names the `source`, if that is not the folder. Only a pair of cameras has the
-    baseline of a calib.txt.
+    Sources are the options, a calib.txt, the EXIF tags of an `image`, or a guess, in this order.
+    Assumptions name the `source`; by default the folder. Only a pair of cameras has the baseline
+    of a calib.txt.
     """
     file, options = folder / CAMERA_FILE, options or CameraOptions()
     if file.exists():
@@ -177,7 +177,7 @@ def calibration_beside(
 
 
 def exif_focal_length(image: Path, width: int) -> float | None:
-    """Focal length in pixels by the EXIF tags of an image; None where they do not tell it."""
+    """Focal length in pixels by the EXIF tags of an image; None if unknown."""
     try:
         with Pillow.open(image) as opened:
             tags = opened.getexif().get_ifd(EXIF_FOLDER)
@@ -259,7 +259,7 @@ def read_folder_drive(
 
 
 def _same_names(folder: Path | None, images: Mapping[int, Path]) -> Callable[[int], Path | None]:
-    """The image of a folder with the name of another, by its number; None where there is none."""
+    """A function from the number of an image to the file of the same name in a folder, or None."""
     others = {path.stem: path for path in list_images(folder)} if folder and folder.is_dir() else {}
     return lambda number: others.get(images[number].stem)
 
@@ -318,7 +318,7 @@ def assumed_increments(duration: FloatArray) -> OdometryIncrements:
 def _frame_times(
     folder: Path, files: Mapping[int, Path], rate: float, *, is_required: bool = False
 ) -> FrameTimes:
-    """Times of frames by their numbers: those of times.txt, or by the rate without it."""
+    """Times of frames by their numbers, from times.txt or by the rate."""
     available, path = np.array(sorted(files), np.int64), folder / "times.txt"
     last = int(available[-1])
     recorded = np.arange(last + 1) / rate

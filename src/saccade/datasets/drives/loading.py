@@ -89,7 +89,7 @@ def detect_layout(path: Path) -> DriveKind:
     if has_images(path):
         return "folder"
     expected = ", ".join(f"{names[0]} ({kind})" for kind, names in marks if names)
-    raise DriveError(f"{path}: expected one of {expected}; found none of them")
+    raise DriveError(f"{path}: expected one of {expected}; found nothing of this kind")
 
 
 def _is_kitti(path: Path) -> bool:

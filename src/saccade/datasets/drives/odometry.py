@@ -35,8 +35,10 @@ INCREMENT_COLUMNS = ("ahead_m", "left_m", "turn_rad", *covariance_names(_MOTION)
 SPEED_COLUMNS = ("time_s", "ahead_mps", "turn_radps")
 OXTS_COLUMNS = ("frame", "t", "vf", "vl", "vu", "wf", "wl", "wu")
 
-UNKNOWN_SPEED, UNKNOWN_TURN = 2.0, 1.0
-"""Standard deviations of the speed (m/s) and turn rate (rad/s) of a robot without odometry."""
+UNKNOWN_SPEED = 2.0
+"""Standard deviation of the speed of a robot without odometry, in meters per second."""
+UNKNOWN_TURN = 1.0
+"""Standard deviation of its turn rate, in radians per second."""
 BIAS_HORIZON = 10.0
 """Seconds without landmark updates after which white noise must cover a gyroscope bias."""
 
@@ -57,7 +59,7 @@ class SpeedNoise:
     ahead: float
     """Meters per root second: standard deviation of the distance after one second."""
     left: float
-    """Standard deviation to the side, likewise."""
+    """Standard deviation to the side after one second."""
     turn: float
     """Radians per root second."""
     turn_bias: float = 0.0

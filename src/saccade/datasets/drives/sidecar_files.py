@@ -148,9 +148,9 @@ def assemble_drive(
 ) -> Drive:
     """A drive from its parts.
 
-    `read` gives a recorded frame by its number. Odometry, ground truth and the turns of the camera
-    that are None are read from the folder; without odometry the motion is unknown. The start is
-    that of the calibration, else that of the ground truth, else the origin.
+    `read` gives a recorded frame by its number. Odometry, ground truth and turns of the camera are
+    read from the folder if they are None; without odometry the motion is unknown. The drive starts
+    at the pose of the calibration, else at the true pose, else at the origin.
     """
     if increments is None:
         increments = read_odometry(folder, frames) or unknown_increments(frames.time)

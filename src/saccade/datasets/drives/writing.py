@@ -1,4 +1,4 @@
-"""Writes drives, and records those of a live camera."""
+"""Writes drives, and records a live camera."""
 
 import shutil
 from collections.abc import Callable
@@ -42,7 +42,7 @@ DRIVE_FILES = (
 def save_drive(
     path: str | Path, drive: Drive, progress: Callable[[int, int], None] | None = None
 ) -> None:
-    """Write a drive as a folder in KITTI's layout, or that of tracks, with odometry and truth.
+    """Write a drive in KITTI's layout, or as tracks, with odometry and truth.
 
     The folder is written atomically; one of an earlier drive is replaced.
 

@@ -43,7 +43,8 @@ _FILES: dict[str, Kind] = {
     ".npz": "mrclam",
 }
 """Formats by the suffix of a file."""
-_SUFFIXES = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro"}
+_SUFFIXES = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro", "": "mrclam"}
+"""Formats to write by the suffix of the file."""
 
 
 def load(
@@ -59,9 +60,9 @@ def load(
     """Read a landmark log. An option that is None has the default of its format.
 
     Args:
-        kind: "csv" (see `log_csv`; a file, or a folder with log.csv), "g2o" or "isam" (either
-            reads g2o, iSAM, TORO and GTSAM text), "mrclam" (folder or .npz), "victoria-park" (raw
-            .mat, or GTSAM's .txt), "rosbag" (ROS 1 and 2), or "auto".
+        kind: "csv" (a file, or a folder with log.csv), "g2o" or "isam" (either reads g2o, iSAM,
+            TORO and GTSAM text), "mrclam" (folder or .npz), "victoria-park" (raw .mat, or GTSAM's
+            .txt), "rosbag" (ROS 1 and 2), or "auto".
         path: the file or folder.
         robot: mrclam: number of the robot, 1 to 5; default 1.
         matrix_form: g2o and isam: form of the matrices; detected by default.
@@ -82,17 +83,17 @@ def load(
         raise LogError(f"{path}: expected a landmark log, found no such file or folder")
     if kind == "auto":
         kind = detect_format(path)
-    options: dict[str, Any] = {
+    reader = _READERS[kind]
+    if kind == "victoria-park" and path.suffix.lower() != ".mat":
+        reader = read_pose_graph
+    given: dict[str, Any] = {
         "robot": robot,
         "matrix_form": matrix_form,
         "odometry_noise": odometry_noise,
         "sensor_sigma": sensor_sigma,
         "topic": topic,
     }
-    options = {name: value for name, value in options.items() if value is not None}
-    reader = _READERS[kind]
-    if kind == "victoria-park" and path.suffix.lower() != ".mat":
-        reader = read_pose_graph
+    options = {name: value for name, value in given.items() if value is not None}
     for name in options.keys() - signature(reader).parameters.keys():
         raise ConfigError(f"{name}: {path} read as {kind} does not have it; leave it out")
     if sensor_sigma is not None:
@@ -112,9 +113,8 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
         path: the file, or the folder of "mrclam".
         log: the log.
         kind: "csv", which keeps everything but the ground truth; "g2o", "isam", "toro" or
-            "gtsam", text without a clock (see `write_pose_graph`); "mrclam", a folder of speeds
-            without noise; or "auto": .csv, .g2o, .isam, .graph (TORO), a name without suffix (a
-            folder of mrclam).
+            "gtsam", text without a clock; "mrclam", a folder of speeds without noise; or "auto":
+            .csv, .g2o, .isam, .graph (TORO), a name without suffix (a folder of mrclam).
 
     Raises:
         LogError: the format cannot represent the log.
@@ -122,13 +122,12 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
         ConfigError: no such format.
     """
     require(kind in get_args(Format), "kind", f"one of {', '.join(get_args(Format))}", kind)
-    path = Path(path)
-    name: str = kind
+    path, name = Path(path), str(kind)
     if kind == "auto":
-        known = {**_SUFFIXES, "": "mrclam"}
         suffix = path.suffix.lower()
-        require(suffix in known, "path", f"a file that ends in {', '.join(_SUFFIXES)}", str(path))
-        name = known[suffix]
+        known = f"a file that ends in {', '.join(filter(None, _SUFFIXES))}"
+        require(suffix in _SUFFIXES, "path", known, str(path))
+        name = _SUFFIXES[suffix]
     _WRITERS[name](path, log)
 
 

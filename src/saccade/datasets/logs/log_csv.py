@@ -1,20 +1,8 @@
 """Landmark logs as one CSV table, which any program can write and read.
 
-A row is a pose or an observation, and the header names its cells:
-
-    time                            seconds, or the number of the pose; never goes back
-    x, y, heading                   of the first row alone: the start pose
-    forward, left, turn             this pose in the frame of the last one
-      or distance, turn             turned before driven
-    cov_forward_forward, ...        its covariance, upper triangle
-    landmark                        name of the landmark, an integer from 0 on or text; empty where
-                                    it is not known
-    range, bearing                  of an observation from the last pose above
-    cov_range_range, ...            its covariance, upper triangle
-
-The first row is the first pose and has no control; every other row has either a control or an
-observation. An empty off-diagonal covariance is zero; without a column of the covariances of
-either, they are assumed. Meters and radians.
+A row is a pose or an observation, and the header names its cells; docs/slam.md lists them. The
+first row is the first pose and has no control; every other row has either a control or an
+observation. Meters and radians.
 """
 
 import warnings
@@ -184,7 +172,7 @@ def _cells(table: TextTable, names: tuple[str, ...]) -> FloatArray:
 
 
 def _covariances(table: TextTable, names: tuple[str, ...], assumed: FloatArray) -> FloatArray:
-    """Covariances (n, d, d); without a column of them those of the assumed variances (n, d)."""
+    """Covariances (n, d, d); without a column, diagonal with the assumed variances (n, d)."""
     columns = covariance_names(names)
     if not set(columns) & set(table.names):
         warnings.warn(

@@ -11,8 +11,8 @@
     FIX         pose
 
 The last numbers of an edge are a symmetric or a triangular matrix in one of several forms, see
-`MatrixForm`. Vertices are initial estimates: only that of the first pose is read, as the start of
-the log.
+`MatrixForm`. Vertices are initial estimates: only the vertex of the first pose is read, the start
+of the log.
 """
 
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ from saccade.plane import path_of, point_covariance, rotated, to_points, to_rela
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
 MatrixForm: TypeAlias = Literal["covariance", "information", "root", "toro"]
-"""What the matrix of an edge is.
+"""Form of the matrix of an edge.
 
 - "covariance": its upper triangle row by row, as in the Victoria Park file that GTSAM
   distributes (`ODOMETRY` lines).
@@ -86,7 +86,13 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
     require(matrix_form in (None, *forms), "matrix_form", f"one of {forms}", matrix_form)
     path = Path(path)
     edges, observations, vertices, tags = _parse(path)
-    form = matrix_form or _detect_form(edges, tags)
+    form = matrix_form or "root"
+    if matrix_form is None and tags & {"EDGE_SE2", "EDGE_SE2_XY"}:
+        form = "information"
+    elif matrix_form is None and "VERTEX2" in tags:
+        form = "toro"
+    elif matrix_form is None and edges[0].tag == "ODOMETRY":
+        form = "covariance"
     edges = _chain(edges)
     poses = [edges[0].first, *(edge.second for edge in edges)]
     observations.sort(key=lambda edge: edge.first)
@@ -132,14 +138,6 @@ def _parse(path: Path) -> tuple[list[_Edge], list[_Edge], dict[int, list[float]]
     if not edges:
         raise LogError(f"{path}: expected lines of {', '.join(_EDGES)}, found none")
     return edges, observations, vertices, tags
-
-
-def _detect_form(edges: list[_Edge], tags: set[str]) -> MatrixForm:
-    if tags & {"EDGE_SE2", "EDGE_SE2_XY"}:
-        return "information"
-    if "VERTEX2" in tags:
-        return "toro"
-    return "covariance" if edges[0].tag == "ODOMETRY" else "root"
 
 
 def _chain(edges: list[_Edge]) -> list[_Edge]:
@@ -191,9 +189,8 @@ def _covariances(edges: list[_Edge], entries: FloatArray, form: MatrixForm) -> F
         matrices = root.transpose(0, 2, 1) @ root
     eigenvalues = np.linalg.eigvalsh(matrices)
     threshold = 1e-12 * np.abs(eigenvalues[:, -1])
-    invalid = eigenvalues[:, 0] <= threshold
-    if form == "covariance":
-        invalid = eigenvalues[:, 0] < -threshold
+    smallest = eigenvalues[:, 0]
+    invalid = smallest < -threshold if form == "covariance" else smallest <= threshold
     for i in np.flatnonzero(invalid)[:1].tolist():
         raise edges[i].row.error(f"the {form} entries of a covariance", str(entries[i].tolist()))
     return matrices if form == "covariance" else np.asarray(np.linalg.inv(matrices), np.float64)
@@ -218,10 +215,17 @@ def write_pose_graph(path: str | Path, log: LandmarkLog, dialect: Dialect) -> No
     steps = np.stack([poses[:-1], poses[1:]], 1)
     vertices = np.stack([log.observation_pose, landmark_offset + log.landmark], 1)
     control, control_covariance = to_relative_poses(log)
+    for k in np.flatnonzero(log.observation[:, 0] < 1e-9)[:1].tolist():
+        raise LogError(
+            f"{log.name}, observation {k}: expected a landmark away from the robot, found range "
+            f"{log.observation[k, 0]:g}"
+        )
+    covariance = point_covariance(log.observation, log.observation_covariance)
+    points = np.hstack([to_points(log.observation), _entries(covariance, form)])
     lines = [
         *([] if vertex is None else _vertex_lines(log, control, vertex, landmark_offset)),
         *_lines(edge, steps, np.hstack([control, _entries(control_covariance, form)])),
-        *_lines(observation, vertices, _cartesian_values(log, form)),
+        *_lines(observation, vertices, points),
         *(["FIX 0"] if dialect == "g2o" else []),  # at the end: GTSAM reads no farther
     ]
     with atomic_write(path) as temporary:
@@ -242,16 +246,6 @@ def _vertex_lines(
     pose = pose[log.observation_pose[first]]
     xy = pose[:, :2] + rotated(to_points(log.observation[first]), pose[:, 2])
     yield from _lines("VERTEX_XY", landmark_offset + landmarks[:, None], xy)
-
-
-def _cartesian_values(log: LandmarkLog, form: MatrixForm) -> FloatArray:
-    covariance = point_covariance(log.observation, log.observation_covariance)
-    for k in np.flatnonzero(log.observation[:, 0] < 1e-9)[:1].tolist():
-        raise LogError(
-            f"{log.name}, observation {k}: expected a landmark away from the robot, found range "
-            f"{log.observation[k, 0]:g}"
-        )
-    return np.hstack([to_points(log.observation), _entries(covariance, form)])
 
 
 def _entries(covariance: FloatArray, form: MatrixForm) -> FloatArray:

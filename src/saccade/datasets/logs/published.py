@@ -22,9 +22,10 @@ from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajec
 
 ROBOTS = 5
 """Subjects 1 to 5 are the robots themselves; the others are landmarks."""
-MAX_STEP, MAX_DURATION = 0.5, 1e6
-"""Seconds: poses are inserted between observations that are farther apart; a longer log contains a
-corrupt time stamp."""
+MAX_STEP = 0.5
+"""Largest time in seconds between poses of the log."""
+MAX_DURATION = 1e6
+"""Seconds; a longer log contains a corrupt time stamp."""
 STALE_LIMIT = 0.2
 """Seconds by which the first odometry sample may be stamped after the second: it is in the logs of
 most robots of set 9, and is dropped."""
@@ -88,7 +89,7 @@ def read_mrclam(
     There is a pose at every time of a measurement, and others between them so that no step is
     longer than half a second; the odometry is integrated between them by `integrate`. Observations
     of other robots and of unlisted barcodes are dropped. Where the ground truth is known, the log
-    starts at the true pose: its frame is that of the surveyed landmarks.
+    starts at the true pose, in the frame of the surveyed landmarks.
 
     Args:
         path: the published folder (Barcodes.dat, RobotN_Odometry.dat, ...), or an .npz with the
@@ -187,8 +188,8 @@ def _integers(path: Path, name: str, table: FloatArray) -> IntArray:
 def write_mrclam(folder: str | Path, log: LandmarkLog) -> None:
     """Write the files of robot 1.
 
-    The format stores velocities: a step that is not an arc becomes a turn, a straight line and
-    another turn, each in a third of its time. It stores no noise, and the start pose only as part
+    The format stores velocities: a step becomes a turn, a straight line and another turn, each in a
+    third of its time. It stores no noise, and the start pose only as part
     of the ground truth. Landmark numbers up to 5, which are the robots', are shifted to start at 6.
 
     Args:
@@ -240,11 +241,7 @@ def _velocities(log: LandmarkLog) -> FloatArray:
             )
         if begin == end:
             continue
-        duration, third = end - begin, (end - begin) / 3
-        if abs(left - forward * np.tan(turn / 2)) < 1e-9 and abs(turn) < np.pi:  # an arc
-            length = forward / (np.cos(turn / 2) * np.sinc(turn / (2 * np.pi)))
-            rows.append((begin, length / duration, turn / duration))
-            continue
+        third = (end - begin) / 3
         direction, length = float(np.arctan2(left, forward)), float(np.hypot(left, forward))
         if abs(direction) > np.pi / 2:
             direction, length = direction - np.copysign(np.pi, direction), -length
@@ -260,9 +257,10 @@ def _number(value: float) -> str:
     return str(int(value)) if value == int(value) and abs(value) < 1e9 else repr(value)
 
 
-WHEEL_BASE, ENCODER_OFFSET = 2.83, 0.76
-"""L, H: meters from the rear to the front axle, and from the middle of the rear axle to the left
-rear wheel, which has the encoder."""
+WHEEL_BASE = 2.83
+"""L: distance from the rear to the front axle in meters."""
+ENCODER_OFFSET = 0.76
+"""H: distance from the middle of the rear axle to the left rear wheel, which has the encoder."""
 LASER = (3.78, 0.5)
 """a, b: position of the laser, meters ahead of and to the left of the middle of the rear axle."""
 VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.06, turn=0.06, drift=0.0125)
@@ -281,7 +279,7 @@ def read_victoria_park(
     odometry_noise: OdometryNoise = VICTORIA_PARK_ODOMETRY,
     sensor_sigma: tuple[float, float] = VICTORIA_PARK_SENSOR,
 ) -> LandmarkLog:
-    """Read the raw Victoria Park log; that of GTSAM is a pose graph.
+    """Read the raw Victoria Park log (GTSAM distributes it as a pose graph).
 
     The .mat has speed and steering angle at 40 Hz and the trees detected in each laser scan.
     There is a pose at the time of each scan; between scans the motion of the rear axle is

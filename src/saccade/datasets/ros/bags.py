@@ -196,7 +196,7 @@ FIELDS = (
     *("messages as ROS defines them", AttributeError, LookupError, TypeError, ValueError),
     OverflowError,
 )
-"""What `reading` expects of messages: a bag contains its own definitions, which may differ."""
+"""Arguments of `reading` for messages: the definitions in a bag may differ from those of ROS."""
 
 
 def _close(readers: list[Any]) -> None:
@@ -226,7 +226,7 @@ class Transforms:
 
     @classmethod
     def read(cls, bag: Bag) -> "Transforms":
-        """All transforms of a bag; those of topics that end in "static" are constant."""
+        """All transforms of a bag; topics that end in "static" are constant."""
         edges: dict[tuple[str, str], Poses] = {}
         for topic in sorted(bag.topics(TRANSFORMS), key=lambda topic: not topic.endswith("static")):
             rows: dict[tuple[str, str], array[float]] = {}

@@ -86,7 +86,7 @@ _ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
 """Number type, channels, and OpenCV's conversion to RGB."""
 DISTORTION_MODELS = ("plumb_bob", "rational_polynomial", "")
 STILL = 1e-4
-"""Rotations that differ by less, in radians, are those of a camera that does not turn."""
+"""Largest rotation of a camera that does not turn, in radians."""
 MAX_ROLL = 0.02
 """Radians by which a camera that pans and tilts may roll about its optical axis."""
 MAX_SHIFT = 0.01
@@ -129,7 +129,7 @@ def read_rosbag_drive(path: Path) -> Drive:
 
 
 def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:
-    """Topics of the left and right images and of the depth; None where there is none."""
+    """Topics of the left and right images and of the depth, or None."""
     topics = bag.topics(IMAGES)
     depth = next((topic for topic in topics if "depth" in topic), None)
     right = next((topic for topic in topics if "right" in topic and "depth" not in topic), None)
@@ -140,7 +140,7 @@ def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:
 
 
 def _topic_images(bag: Bag, topic: str, stamps: IntArray) -> ImageSource:
-    """Images of a topic recorded at `stamps` (n,) in nanoseconds, -1 where there is none."""
+    """Images of a topic recorded at `stamps` (n,) in nanoseconds; -1 for no image."""
 
     def read(i: int) -> SourceImage | None:
         if stamps[i] < 0:
@@ -194,7 +194,7 @@ def _closest(topics: list[str], image: str) -> str:
 def mounted(
     camera: Camera, poses: Poses, name: str
 ) -> tuple[Camera, list[CameraTurn], tuple[str, ...]]:
-    """A camera as it is mounted on the robot, its turns from there, and what is assumed.
+    """A camera as it is mounted on the robot, its turns, and assumptions.
 
     Pan and tilt are the azimuth and elevation of the optical axis, so that without them the
     camera faces ahead.

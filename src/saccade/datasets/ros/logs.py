@@ -1,13 +1,12 @@
 """Landmark logs from ROS 1 bags (.bag) and ROS 2 bags (a folder with metadata.yaml).
 
-Landmarks are those of the first topic of a known type (`messages.MESSAGE_TYPES`), or of the wanted
-topics. Their positions are transformed to the frame of the robot, that of the odometry, by tf at
-the time of each, and projected to the ground. Odometry is nav_msgs Odometry, or the transform from
-odom to the robot. Ground truth of the robot is a topic with "truth", "gt", "vicon" or "mocap" in
-its name.
+Landmarks are read from the first topic of a known type (`messages.MESSAGE_TYPES`), or from the
+wanted topics. Tf transforms their positions to the frame of the robot at the time of each, and they
+are projected to the ground. Odometry is nav_msgs Odometry, or the transform from odom to the robot.
+Ground truth of the robot is a topic with "truth", "gt", "vicon" or "mocap" in its name.
 
-Times are those of the headers, from the first odometry on. There is a pose at every time of an
-observation, and others between them. Needs the extra `ros`.
+Times are read from the headers and count from the first odometry. There is a pose at every time of
+an observation, and others between them. Needs the extra `ros`.
 """
 
 import warnings
@@ -37,13 +36,13 @@ from saccade.types import FloatArray, LandmarkLog, Trajectory
 MAX_STEP = 0.5
 """Largest time in seconds between poses of the log."""
 MIN_RANGE = 1e-3
-"""Range in meters below which a landmark has no bearing."""
+"""Minimum range of a landmark with a bearing, in meters."""
 BASE = "base_link"
-"""Name of the robot's frame, where odometry does not say it."""
+"""Name of the robot's frame, where the odometry has none."""
 PLANE = [0, 7, 35]
 """Indices of the variances of x, y and heading among the 36 numbers of a covariance of ROS."""
 MAX_SPEED = 50.0
-"""Speed in meters and radians per second above which odometry was reset, and is no motion."""
+"""Largest speed of odometry that was not reset, in meters and radians per second."""
 UNKNOWN_SPEED = 0.5
 """Standard deviation of the speed while it was reset, in meters and radians per second."""
 MAX_RATE_VARIANCE = 100.0
@@ -60,7 +59,7 @@ class BagOdometry(NamedTuple):
     base: str
     """The frame of the robot."""
     poses: Trajectory
-    """From the first on; the robot stands still where odometry was reset."""
+    """Poses relative to the first; the robot stands still where odometry was reset."""
     covariance: FloatArray
     """(n - 1, 3, 3) of the motion to each pose in the frame of the previous."""
 

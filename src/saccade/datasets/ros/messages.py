@@ -114,8 +114,8 @@ def read_detections(bag: Bag, topic: str, transforms: Transforms) -> list[Detect
 def _detections(kind: MessageType, message: Any, recorded: float) -> Iterator[Detection]:
     """The landmarks of a message that was recorded at a time in seconds.
 
-    Time and frame are those of the first header that has them: of the pose, of the landmark, then
-    of the message.
+    The first header with a time, and the first with a frame, count: of the pose, of the landmark,
+    then of the message.
     """
     for each in getattr(message, kind.items):
         pose: Any = kind.pose and kind.pose(each)
