@@ -4,13 +4,13 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import saccade
-from saccade.viewing.textbook import (
+from saccade.viewing.textbook.ekf import simulated_log
+from saccade.viewing.textbook.walkthrough import (
     Implementation,
     equations_html,
     load_steps,
     run_appendix,
     save_webp,
-    simulated_log,
 )
 
 PHOTO = "coffee.jpg"

@@ -9,7 +9,9 @@ from pathlib import Path
 
 from latex2mathml.converter import convert
 
-from saccade.viewing.textbook import load_steps
+from saccade.viewing.textbook.walkthrough import (
+    load_steps,
+)
 
 FORMULAS = Path(str(files("saccade.viewing") / "web" / "formulas.json"))
 

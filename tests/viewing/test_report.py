@@ -235,7 +235,7 @@ def test_a_photograph_and_a_match_are_explored(opened):
 
 def _table_page(name="a table"):
     rows = [["b", "10.5"], ["a", "9.25"], [name, "-1"]]
-    figure = Picture(photograph(np.zeros((40, 400), np.uint8))["address"], name, name, wide=True)
+    figure = Picture(photograph(np.zeros((40, 400), np.uint8))["address"], name, name)
     table = Table(name, ["", "AUC"], rows, name, figures=[figure])
     return report_page(name, name, [table.part()])
 

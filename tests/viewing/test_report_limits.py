@@ -147,7 +147,7 @@ def test_names_are_escaped(tmp_path):
     image = np.zeros((40, 60, 3), np.float32)
     maps = {NAME: image[:, :, 0]}
     points = Keypoints.at([[1, 1]], size=2)
-    section = Section(NAME, NAME, facts={NAME: NAME}, links=[NAME])
+    section = Section(NAME, NAME, facts={NAME: NAME})
     builder = ReportBuilder(NAME, NAME)
     builder.add(lambda: image_part(section, image, maps, PATH, points))
     builder.add(Table(NAME, ["", NAME], [[NAME, NAME]], NAME, NAME).part)

@@ -17,9 +17,11 @@ import pytest
 import saccade
 from saccade import textbook
 from saccade.cli import main
-from saccade.viewing.textbook import load_steps, simulated_log
-from saccade.viewing.textbook.ekf import trace_filter
+from saccade.viewing.textbook.ekf import simulated_log, trace_filter
 from saccade.viewing.textbook.equations import equation_code
+from saccade.viewing.textbook.walkthrough import (
+    load_steps,
+)
 from support.accessibility import assert_accessible
 from support.paths import ROOT
 

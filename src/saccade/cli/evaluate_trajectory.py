@@ -173,7 +173,6 @@ def _drawn(scores: Mapping[str, PoseScores], paths: Sequence[Path]) -> Table:
         figure_uri(figure),
         "The trajectories from above, and their errors over time",
         "Aligned trajectories from above, and distances from the true positions over time.",
-        wide=True,
     )
     rows = [[f"{name}: {row[0]}", *row[1:]] for name, each in scores.items() for row in _rows(each)]
     return Table("Errors", COLUMNS, rows, MEANING, "estimate and error", [picture])

@@ -13,11 +13,11 @@ from saccade.errors import ConfigError, setting
 from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import read_image
 from saccade.viewing.page import shrunk
-from saccade.viewing.textbook import (
+from saccade.viewing.textbook.ekf import simulated_log
+from saccade.viewing.textbook.walkthrough import (
     ENTRY_POINTS,
     Implementation,
     load_implementations,
-    simulated_log,
     walk_through,
     walkthrough_page,
 )

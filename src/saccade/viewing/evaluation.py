@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -41,30 +42,26 @@ def fixation_score_figure(
         references: names of the models that are drawn in gray.
     """
     models = list(dict.fromkeys(name for of_models in scores.values() for name in of_models))
+    labels = [n if len(n) <= LONGEST else f"...{n[3 - LONGEST :]}" for n in models]
     rows = -(-len(scores) // 2)
     height = rows * (0.55 + 0.17 * len(models))
     figure = Figure(figsize=(COLUMN_WIDTH, height), layout="constrained", dpi=300)
-    panels = figure.subplots(rows, 2, squeeze=False, sharey=True)
-    place = np.arange(len(models))[::-1]
-    for axes, (title, of_models) in zip(panels.ravel(), scores.items(), strict=False):
+    panels = figure.subplots(rows, 2, squeeze=False, sharey=True).ravel()
+    for axes, (title, of_models) in zip(panels, scores.items(), strict=False):
         grid_axes(axes)
-        for y, name in zip(place, models, strict=True):
+        for y, name in enumerate(models):
             if name in of_models:
                 mean, low, high = of_models[name]
                 color = GRAY if name in references else BLUE
                 axes.plot([low, high], [y, y], color=color, linewidth=1.2)
                 axes.plot([mean], [y], "o", color=color, markersize=3)
         axes.set_title(title, fontsize=7, pad=2)
-        axes.set_yticks(place, [_shortened(name) for name in models])
-        axes.set_ylim(-0.6, len(models) - 0.4)
+        axes.set_yticks(range(len(models)), labels)
+        axes.set_ylim(len(models) - 0.4, -0.6)
         axes.tick_params(labelsize=6, length=0)
-    for axes in panels.ravel()[len(scores) :]:
+    for axes in panels[len(scores) :]:
         axes.set_axis_off()
     return figure
-
-
-def _shortened(name: str) -> str:
-    return name if len(name) <= LONGEST else f"...{name[3 - LONGEST :]}"
 
 
 def saccades(paths: Sequence[FloatArray]) -> FloatArray:
@@ -86,15 +83,12 @@ def scanpath_figure(
     """
     figure = Figure(figsize=(9.6, 3.2), layout="constrained")
     amplitude, duration = figure.add_subplot(1, 3, 1), figure.add_subplot(1, 3, 3)
-    direction = figure.add_subplot(1, 3, 2, projection="polar")
     steps = {name: saccades(group) for name, group in paths.items()}
     lengths = {name: np.hypot(*each.T) / pixels_per_degree for name, each in steps.items()}
     draw_distributions(amplitude, lengths, "amplitude of saccades [degrees]")
-    draw_directions(direction, steps)
-    known = {name: values[np.isfinite(values)] for name, values in durations.items()}
-    draw_distributions(
-        duration, {name: 1000 * values for name, values in known.items()}, "duration [ms]"
-    )
+    draw_directions(figure.add_subplot(1, 3, 2, projection="polar"), steps)
+    known = {name: 1000 * values[np.isfinite(values)] for name, values in durations.items()}
+    draw_distributions(duration, known, "duration [ms]")
     handles, labels = amplitude.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
     return figure
@@ -106,24 +100,22 @@ def draw_distributions(axes: Axes, groups: Mapping[str, FloatArray], label: str)
     edges = np.linspace(0, max(tails, default=1.0), 25)
     for color, (name, values) in zip(GROUP_COLORS, groups.items(), strict=False):
         if len(values):
-            share = np.histogram(values, edges)[0] / len(values)
-            axes.plot((edges[1:] + edges[:-1]) / 2, share, color=color, label=name, linewidth=1.4)
-    axes.set_xlabel(label)
-    axes.set_ylabel("fraction")
-    axes.set_ylim(bottom=0)
+            fraction = np.histogram(values, edges)[0] / len(values)
+            axes.plot((edges[1:] + edges[:-1]) / 2, fraction, color=color, label=name, lw=1.4)
+    axes.set(xlabel=label, ylabel="fraction", ylim=(0, None))
     grid_axes(axes)
 
 
 def draw_directions(axes: Axes, groups: Mapping[str, FloatArray]) -> None:
     """Fraction of saccades (n, 2) by direction, on polar axes; up is up on the screen."""
     width = 2 * np.pi / DIRECTIONS
-    centers = width * np.arange(DIRECTIONS + 1)
     for color, steps in zip(GROUP_COLORS, groups.values(), strict=False):
         if len(steps):
             angle = np.arctan2(-steps[:, 1], steps[:, 0])
             bins = np.floor(angle / width + 0.5).astype(np.int64) % DIRECTIONS
-            share = np.bincount(bins, minlength=DIRECTIONS) / len(steps)
-            axes.plot(centers, np.append(share, share[0]), color=color, linewidth=1.4)
+            fraction = np.bincount(bins, minlength=DIRECTIONS) / len(steps)
+            closed = np.append(fraction, fraction[0])
+            axes.plot(width * np.arange(DIRECTIONS + 1), closed, color=color, linewidth=1.4)
     axes.set_title("direction", fontsize=10)
     axes.set_yticklabels([])
     axes.tick_params(labelsize=8, labelcolor="0.3")
@@ -154,24 +146,20 @@ def trajectory_figure(trajectories: Sequence[ComparedTrajectory]) -> Figure:
     kinds = list(trajectories[0].errors)
     figure = Figure(figsize=(12.0, 5.2), layout="constrained", dpi=110)
     grid = figure.add_gridspec(len(kinds), 2)
-    above = figure.add_subplot(grid[:, 0])
-    above.set(xlabel="x [m]", ylabel="y [m]")
+    above = figure.add_subplot(grid[:, 0], xlabel="x [m]", ylabel="y [m]")
     above.set_aspect("equal", adjustable="datalim")
     longest = max(trajectories, key=lambda each: len(each.time))
     above.plot(*longest.truth[:, :2].T, color=GREEN, lw=2.6, alpha=0.45, label="truth")
-    for number, each in enumerate(trajectories):
-        color = ESTIMATE_COLORS[number % len(ESTIMATE_COLORS)]
-        above.plot(*each.position[:, :2].T, color=color, lw=1.1, label=each.name)
-    grid_axes(above)
+    panels = [figure.add_subplot(grid[row, 1]) for row in range(len(kinds))]
     start = min(float(each.time[0]) for each in trajectories)
-    for row, kind in enumerate(kinds):
-        axes = figure.add_subplot(grid[row, 1])
-        for number, each in enumerate(trajectories):
-            color = ESTIMATE_COLORS[number % len(ESTIMATE_COLORS)]
+    for each, color in zip(trajectories, cycle(ESTIMATE_COLORS), strict=False):
+        above.plot(*each.position[:, :2].T, color=color, lw=1.1, label=each.name)
+        for axes, kind in zip(panels, kinds, strict=True):
             axes.plot(each.time - start, each.errors[kind], color=color, lw=0.9)
+    for axes, kind in zip(panels, kinds, strict=True):
         axes.set_title(f"position error, {kind} [m]", loc="left", fontsize=10, color="0.2")
-        axes.set_xlabel("seconds since the start")
-        axes.set_ylim(bottom=0)
+        axes.set(xlabel="seconds since the start", ylim=(0, None))
+    for axes in (above, *panels):
         grid_axes(axes)
     figure.legend(loc="outside lower center", ncols=3, frameon=False, handlelength=1.6)
     return figure

@@ -257,38 +257,31 @@ def _camera_panel(
     panel = np.full((HEIGHT, CAMERA_WIDTH, 3), 255, np.uint8)
     if image is None:
         return panel
-    rgb = image if image.ndim == 3 else np.repeat(image[:, :, None], 3, 2)
+    rgb = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image[:, :, :3]
     height, width = rgb.shape[:2]
     scale = min(CAMERA_WIDTH / width, (HEIGHT / 2 - 30) / height)
     size = (round(width * scale), round(height * scale))
-    resized = cv2.resize(np.ascontiguousarray(rgb[:, :, :3]), size, interpolation=cv2.INTER_AREA)
-    small = np.asarray(resized, np.uint8)
+    small = cv2.resize(np.ascontiguousarray(rgb), size, interpolation=cv2.INTER_AREA)
     marked = small.copy()
     if observed.xy is not None and observed.kind is not None:
         rows = slice(*np.searchsorted(observed.step, [step, step + 1]))
         for kind, xy in zip(observed.kind[rows].tolist(), observed.xy[rows], strict=True):
             center = ((xy + 0.5) * scale - 0.5).round().astype(int).tolist()
             cv2.circle(marked, center, RADIUS, rgb_levels(KINDS[kind][1]), 2, cv2.LINE_AA)
-    left = _insert(panel, marked, 0, "landmarks")
-    for column, (label, color_name) in enumerate(KINDS):
-        _write(panel, label, left + 130 + 120 * column, 0, rgb_levels(color_name))
+    left = (CAMERA_WIDTH - size[0]) // 2
+    shown = [("landmarks", marked)]
     if attention is not None:
         saliency = cv2.resize(attention(image), size, interpolation=cv2.INTER_LINEAR).clip(0, 1)
         heat = heat_colors(np.asarray((saliency * 255).round(), np.uint8))
-        blended = cv2.addWeighted(small, 1 - HEAT_OPACITY, heat, HEAT_OPACITY, 0)
-        _insert(panel, np.asarray(blended, np.uint8), HEIGHT // 2, "attention")
+        shown += [("attention", cv2.addWeighted(small, 1 - HEAT_OPACITY, heat, HEAT_OPACITY, 0))]
+    for top, (title, picture) in zip((0, HEIGHT // 2), shown, strict=False):
+        panel[top + 26 : top + 26 + size[1], left : left + size[0]] = picture
+        _write(panel, title, left + 4, top, "0.2")
+    for column, (label, color) in enumerate(KINDS):
+        _write(panel, label, left + 130 + 120 * column, 0, color)
     return panel
 
 
-def _insert(panel: Frame, image: Frame, top: int, title: str) -> int:
-    """Draw an image under its title, centered; returns its left edge."""
-    height, width = image.shape[:2]
-    left = int(CAMERA_WIDTH - width) // 2
-    panel[top + 26 : top + 26 + height, left : left + width] = image
-    _write(panel, title, left + 4, top, (51, 51, 51))
-    return left
-
-
-def _write(panel: Frame, text: str, left: int, top: int, color: tuple[int, int, int]) -> None:
-    origin = (left, top + 18)
-    cv2.putText(panel, text, origin, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, 1, cv2.LINE_AA)
+def _write(panel: Frame, text: str, left: int, top: int, color: str) -> None:
+    origin, levels = (left, top + 18), rgb_levels(color)
+    cv2.putText(panel, text, origin, cv2.FONT_HERSHEY_SIMPLEX, 0.5, levels, 1, cv2.LINE_AA)

@@ -98,34 +98,29 @@ class Picture:
     """An image on a page."""
 
     source: str
-    """Path relative to the page, or a data URI."""
+    """Data URI."""
     alternative: str
     """Alternative text."""
     caption: str
-    wide: bool = False
-    """Whether it scrolls sideways on a narrow screen rather than shrinks."""
 
     @property
     def html(self) -> str:
-        """The picture with its caption."""
+        """The picture with its caption; it scrolls sideways on a narrow screen."""
         caption = escape(self.caption)
         image = f'<img src="{escape(self.source)}" alt="{escape(self.alternative)}">'
-        if self.wide:
-            scrollable = f'class="wide" tabindex="0" role="group" aria-label="{caption}"'
-            image = f"<div {scrollable}>{image}</div>"
-        return f"<figure>\n{image}\n<figcaption>{caption}</figcaption>\n</figure>"
+        scrollable = f'class="wide" tabindex="0" role="group" aria-label="{caption}"'
+        caption = f"<figcaption>{caption}</figcaption>"
+        return f"<figure>\n<div {scrollable}>{image}</div>\n{caption}\n</figure>"
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, a paragraph, pictures, facts and links to files, in that order."""
+    """A heading, a paragraph, pictures and facts, in that order."""
 
     heading: str
     text: str
     pictures: Sequence[Picture] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
-    links: Sequence[str] = ()
-    """Paths relative to the page."""
 
     def html(self, content: str = "") -> str:
         """The section, with more HTML after its text."""
@@ -136,8 +131,6 @@ class Section:
             for name, value in self.facts.items()
         )
         parts += [f"<table>\n{''.join(rows)}</table>"] if self.facts else []
-        links = ", ".join(f'<a href="{escape(link)}">{escape(link)}</a>' for link in self.links)
-        parts += [f"<p>Files: {links}</p>"] if links else []
         return "\n".join(["<section>", *parts, "</section>"])
 
 

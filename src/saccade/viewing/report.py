@@ -32,7 +32,7 @@ class Part:
     """An interactive section of a report."""
 
     section: Section
-    """Its heading, text, facts and links."""
+    """Its heading, text and facts."""
     kind: Literal["map", "image", "match", "table"]
     """Script that shows it."""
     data: Mapping[str, Any]
@@ -137,7 +137,7 @@ def image_part(
     """A photograph with saliency maps, scanpaths and interest points as layers.
 
     Args:
-        section: heading, text, facts and links.
+        section: heading, text and facts.
         image: (H, W, 3) in [0, 1].
         maps: by title; each (h, w), not negative.
         path: fixations.
@@ -165,7 +165,7 @@ def match_part(
     """Two photographs with their matches.
 
     Args:
-        section: heading, text, facts and links.
+        section: heading, text and facts.
         images: two (H, W, 3) in [0, 1].
         keypoints: of each.
         pairs: (m, 2) indices into the two.
@@ -214,7 +214,7 @@ def with_notes(section: Section, thinned: Mapping[str, tuple[int, int]]) -> Sect
     """A section whose text says which of its data were left out.
 
     Args:
-        section: heading, text, facts and links.
+        section: heading, text and facts.
         thinned: by name, the number of items and the stride at which they were taken.
     """
     notes = [

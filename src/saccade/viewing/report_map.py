@@ -55,7 +55,7 @@ def map_part(
     """Trajectories and the map over time.
 
     Args:
-        section: heading, text, facts and links.
+        section: heading, text and facts.
         trajectories: "estimate", and where known "odometry", "truth" and "smoothed".
         snapshots: of the map over time, at least one.
         observed: when each landmark was observed.

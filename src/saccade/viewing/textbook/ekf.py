@@ -37,6 +37,16 @@ class State(NamedTuple):
     P: FloatArray
     """(3 + 2N, 3 + 2N) covariance."""
 
+    @property
+    def positions(self) -> FloatArray:
+        """(N + 1, 2) of robot and landmarks."""
+        return np.concatenate([self.s[None, :2], self.s[3:].reshape(-1, 2)])
+
+    @property
+    def covariances(self) -> FloatArray:
+        """(N + 1, 2, 2) of those positions."""
+        return np.array([self.P[i : i + 2, i : i + 2] for i in (0, *range(3, len(self.s), 2))])
+
 
 class Transition(NamedTuple):
     """One step of the filter."""
@@ -219,9 +229,8 @@ def _draw_correlations(axes: Axes, P: FloatArray, size: int, title: str) -> None
     axes.set_ylim(size - 0.5, -0.5)
     hide_ticks(axes)
     axes.add_patch(Rectangle((-0.5, -0.5), len(P), len(P), fill=False, edgecolor="0.3"))
-    for line in range(3, len(P), 2):
-        axes.plot([line - 0.5] * 2, [-0.5, len(P) - 0.5], color="0.6", linewidth=0.5)
-        axes.plot([-0.5, len(P) - 0.5], [line - 0.5] * 2, color="0.6", linewidth=0.5)
+    for draw_lines in (axes.hlines, axes.vlines):
+        draw_lines(np.arange(2.5, len(P) - 1, 2), -0.5, len(P) - 0.5, color="0.6", linewidth=0.5)
     if size <= 3 + 2 * MAX_LABELS:
         landmarks = (len(P) - 3) // 2
         axes.set_yticks([1, *(3.5 + 2 * i for i in range(landmarks))])
@@ -234,8 +243,8 @@ def _draw_state(
     axes: Axes, state: State, robot: str, landmark: str, magnification: int
 ) -> FloatArray:
     """Pose and landmarks with their ellipses; returns the points (k, 2) that must be visible."""
-    xy = _positions(state)
-    outlines = ellipse_outlines(xy, _covariances(state), magnification)
+    xy = state.positions
+    outlines = ellipse_outlines(xy, state.covariances, magnification)
     for color, shapes in ((robot, outlines[:1]), (landmark, outlines[1:])):
         style: Any = {"facecolor": (color, 0.15), "edgecolor": (color, 0.95), "linewidth": 1.2}
         axes.add_collection(PolyCollection([*shapes], **style), autolim=False)
@@ -244,23 +253,16 @@ def _draw_state(
     return np.concatenate([xy, outlines.reshape(-1, 2)])
 
 
-def _positions(state: State) -> FloatArray:
-    """(N + 1, 2) positions of robot and landmarks."""
-    return np.concatenate([state.s[None, :2], state.s[3:].reshape(-1, 2)])
-
-
-def _covariances(state: State) -> FloatArray:
-    """(N + 1, 2, 2) covariances of those positions."""
-    return np.array([state.P[i : i + 2, i : i + 2] for i in (0, *range(3, len(state.s), 2))])
-
-
 def _magnification(transition: Transition) -> int:
     """Magnification of the ellipses that makes the largest legible."""
     before, after, observed = transition
-    points = [_positions(before), _positions(after)]
-    points += [] if observed is None else [observed[None]]
+    points = [
+        before.positions,
+        after.positions,
+        np.empty((0, 2)) if observed is None else observed[None],
+    ]
     width = float(np.ptp(np.concatenate(points), axis=0).max())
-    covariances = np.concatenate([_covariances(before), _covariances(after)])
-    largest = 2 * ELLIPSE_SCALE * float(np.sqrt(np.linalg.eigvalsh(covariances).max().clip(1e-300)))
+    variance = np.linalg.eigvalsh(np.concatenate([before.covariances, after.covariances])).max()
+    largest = 2 * ELLIPSE_SCALE * float(np.sqrt(variance.clip(1e-300)))
     factor = MIN_ELLIPSE_FRACTION * width / largest
     return next((each for each in (1, 2, 5, 10, 20, 50, 100) if each >= factor), 100)

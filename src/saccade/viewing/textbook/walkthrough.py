@@ -261,7 +261,7 @@ def _step_html(
         with BytesIO() as file:
             save_webp(figures[name], file)
             source = data_uri("webp", file.getvalue())
-        parts.append(Picture(source, step["alt"], step["caption"], wide=True).html)
+        parts.append(Picture(source, step["alt"], step["caption"]).html)
     if name in results:
         rows = (f"<dt>{escape(n)}</dt><dd>{escape(each)}</dd>" for n, each in results[name].items())
         parts.append(f"<dl>{''.join(rows)}</dl>")
