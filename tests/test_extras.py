@@ -1,4 +1,4 @@
-"""What is said where an optional dependency is missing, in a clone and in an installed package."""
+"""The hint where an optional dependency is missing, in a clone and in an installed package."""
 
 import json
 import re
@@ -16,30 +16,6 @@ from support.paths import ROOT
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
     "optional-dependencies"
 ]
-CLONE = {"url": "file:///home/me/saccade", "dir_info": {"editable": True}}
-FOLDER = {"url": "file:///home/me/saccade", "dir_info": {}}
-WHEEL = {"url": "file:///tmp/saccade.whl", "archive_info": {}}
-
-
-@pytest.fixture
-def install(tmp_path, monkeypatch):
-    """Make Python find a package `saccade` that was installed from `origin` (PEP 610)."""
-
-    def call(origin):
-        info = tmp_path / "saccade-0.1.0.dist-info"
-        info.mkdir()
-        required = [
-            f"Requires-Dist: {line}; extra == '{extra}'"
-            for extra, lines in EXTRAS.items()
-            for line in lines
-        ]
-        head = ["Metadata-Version: 2.4", "Name: saccade", "Version: 0.1.0", "Requires-Dist: numpy"]
-        (info / "METADATA").write_text("\n".join(head + required) + "\n")
-        if origin is not None:
-            (info / "direct_url.json").write_text(json.dumps(origin))
-        monkeypatch.syspath_prepend(tmp_path)
-
-    return call
 
 
 def hint(extra):
@@ -50,22 +26,22 @@ def hint(extra):
     return command
 
 
-@pytest.mark.parametrize("extra", EXTRAS)
-def test_a_clone_is_told_to_sync(install, extra):
-    install(CLONE)
-    assert hint(extra) == f"uv sync --extra {extra}"
-
-
-def test_sources_on_the_path_are_told_to_sync(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", [str(tmp_path)])
-    assert hint("parquet") == "uv sync --extra parquet"
-
-
-@pytest.mark.parametrize("origin", [None, FOLDER, WHEEL], ids=["index", "folder", "wheel"])
-@pytest.mark.parametrize("extra", EXTRAS)
-def test_an_installed_package_is_told_what_to_install(install, extra, origin):
+@pytest.mark.parametrize("editable", [True, False, None], ids=["clone", "wheel", "sources"])
+def test_the_hint_installs_the_extra(tmp_path, monkeypatch, editable):
     """By pip's own reading of the command; never by the name `saccade`, another's on PyPI."""
-    install(origin)
+    extra = "parquet"
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    if editable is not None:
+        info = tmp_path / "saccade-0.1.0.dist-info"
+        info.mkdir()
+        required = [f"Requires-Dist: {each}; extra == '{extra}'" for each in EXTRAS[extra]]
+        head = ["Metadata-Version: 2.4", "Name: saccade", "Version: 0.1.0", "Requires-Dist: numpy"]
+        (info / "METADATA").write_text("\n".join(head + required) + "\n")
+        origin = {"url": "file:///home/me/saccade", "dir_info": {"editable": editable}}
+        (info / "direct_url.json").write_text(json.dumps(origin))
+    if editable is not False:
+        assert hint(extra) == f"uv sync --extra {extra}"
+        return
     pip, verb, *required = shlex.split(hint(extra))
     assert (pip, verb) == ("pip", "install")
     assert {Requirement(line) for line in required} == {Requirement(x) for x in EXTRAS[extra]}

@@ -1,8 +1,12 @@
 """The public names, which `saccade/__init__.py` loads when they are first used."""
 
+from saccade import batch as batch
 from saccade import datasets as datasets
+from saccade import evaluation as evaluation
 from saccade import exchange as exchange
+from saccade import frames as frames
 from saccade import gaze as gaze
+from saccade import simulation as simulation
 from saccade import slam as slam
 from saccade import textbook as textbook
 from saccade import viewing as viewing

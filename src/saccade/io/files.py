@@ -329,8 +329,7 @@ def _lock(file: BinaryIO, path: Path) -> None:
         return
 
 
-# A change to a format adds 1 here, and files of the older versions must stay readable:
-# `tests/data/release-0.1` has one of each. Text files with named columns have no version.
+# A change to a format adds 1 here. Text files with named columns have no version.
 FORMATS = {
     "run": 1,  # run.json of `saccade slam` and `saccade drive`
     "map": 1,  # map.npz of `saccade drive`
@@ -340,7 +339,7 @@ FORMATS = {
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
     "extraction": 1,  # the folder of `saccade extract`: in manifest.json, for all files
 }
-"""Current versions by name; older ones are read too."""
+"""Current versions by name."""
 
 
 def check_format(name: str, version: object, path: object, error: type[Exception]) -> None:
