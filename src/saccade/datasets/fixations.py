@@ -35,7 +35,6 @@ from saccade.types import BoolArray, FixationTable, FloatArray, IntArray
 
 DURATION = "duration_ms"
 TABLES = (".csv", ".tsv", ".txt")
-_Cells = npt.NDArray[np.object_]
 
 
 @dataclass(frozen=True)
@@ -210,14 +209,10 @@ def _subject_numbers(path: Path, subjects: Sequence[str], say: Callable[[str], N
     return np.array([numbers[subject] for subject in subjects])
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
+def _natural(name: str) -> list[str]:
     """A key that sorts P2 before P10."""
-    parts = re.findall(r"[0-9]+|[^0-9]+", name)
-    digits = [part.lstrip("0") if part[0].isdigit() else None for part in parts]
-    return [
-        (-1, part) if number is None else (len(number), number)
-        for part, number in zip(parts, digits, strict=True)
-    ]
+    parts = re.split("([0-9]+)", name)
+    return [part.zfill(300) if part[:1].isdigit() else part for part in parts]
 
 
 def _indices(
@@ -298,14 +293,7 @@ def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArr
             rows = own[table.subject[own] == subject]
             numbers = {f"fix_{key}": values[rows] for key, values in fields.items()}
             subjects.append({"subject": subject, **numbers})
-        images.append({"img": str(name), "subjects": _cells(subjects)})
+        images.append({"img": str(name), "subjects": np.array(subjects, object)})
     with atomic_write(path) as temporary:
-        content = {"fixations": _cells(images)}
+        content = {"fixations": np.array(images, object)}
         savemat(temporary, content, do_compression=True, oned_as="column")
-
-
-def _cells(structs: Sequence[Mapping[str, Any]]) -> _Cells:
-    """A cell array of structs."""
-    cells = np.empty(len(structs), object)
-    cells[:] = structs
-    return cells
