@@ -75,7 +75,7 @@ def test_the_file_holds_the_model(photo, tmp_path):
         ("scanpath_weights = [1.0]", "scanpath_weights: expected 55 finite numbers, or none"),
         ("features = [3]", "features: expected str"),
         ('features = ["color", "skin"]', "weights: expected a finite number for each of the 2"),
-        ("weights = [inf]", "weights: expected a finite number"),
+        ("weights = [inf]", "weights: expected finite"),
         ("weights = []", "weights: expected a finite number"),
         ("features = [", "expected TOML"),
     ],

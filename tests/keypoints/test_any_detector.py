@@ -13,7 +13,7 @@ from support.symmetric_images import texture
 
 DETECTORS = {
     **{name: (Sift, config) for name, config in PRESETS.items()},
-    **{f"must {spread}": (Must, MustConfig(max_keypoints=15, spread=spread)) for spread in (0, 1)},
+    **{f"must {each}": (Must, MustConfig(max_keypoints=15, spread=each)) for each in (False, True)},
     "must of 2010": (Must, MustConfig.kootstra2010()),
     "symroid": (SymRoid, SymRoidConfig(max_keypoints=None)),
 }
