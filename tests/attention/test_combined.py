@@ -2,8 +2,6 @@ import numpy as np
 
 from saccade.attention import (
     AttentionConfig,
-    ContrastConfig,
-    SymmetryConfig,
     attention_saliency,
     contrast_saliency,
     symmetry_saliency,
@@ -57,12 +55,3 @@ def test_the_prior_is_a_gaussian_above_the_middle_and_falls_at_the_border():
     ):
         prior = attention_saliency(image, config)
         np.testing.assert_allclose(prior.saliency, plain.saliency * factor, atol=1e-6)
-
-
-def test_maps_of_different_sizes_are_added():
-    config = AttentionConfig(
-        contrast=ContrastConfig(map_level=3), symmetry=SymmetryConfig(map_level=5)
-    )
-    maps = attention_saliency(noise(4, (400, 800)), config)
-    assert maps.saliency.shape == maps.contrast.saliency.shape == (50, 100)
-    assert maps.symmetry.saliency.shape == (13, 25)

@@ -11,9 +11,7 @@ from saccade.attention import AttentionConfig, ContrastConfig, attention_salienc
 from saccade.attention.channels import Color
 from saccade.attention.normalize import Normalization, normalize, sharpen, smooth
 from saccade.io.image import read_image
-from saccade.scale.pyramid import resize
 from support import oracles_attention as oracles
-from support.pyramids import dyadic_pyramid
 from support.saliency_images import noise, rank_of_the_odd_item
 
 MAPS = ("saliency", "intensity", "color", "orientation")
@@ -127,27 +125,6 @@ def test_pop_out(shared, model, config):
     assert set(rank.values()) == {1}, rank
 
 
-def test_pyramids_are_those_of_the_channels():
-    rgb = noise(2, (80, 64)) / np.float32(255)
-    config = replace(SOURCE, color="linear")
-    maps = contrast_saliency(rgb, config, keep_features=True)
-    pyramids = maps.pyramids
-    assert list(pyramids) == list(dict.fromkeys(each.channel for each in maps.features))
-    red, green, blue = (rgb[..., i] for i in range(3))
-    for (name, _), plane in {
-        ("intensity", None): rgb.mean(axis=2),
-        ("red-green", None): red - green,
-        ("blue-yellow", None): blue - (red + green) / 2,
-    }.items():
-        levels = dyadic_pyramid(plane, 6)
-        found = pyramids[(name, None)]
-        assert sorted(found) == [2, 3, 5, 6]
-        for number, level in found.items():
-            np.testing.assert_allclose(level, levels[number], atol=1e-6)
-    colorless = contrast_saliency(rgb, replace(config, color_weight=0), keep_features=True)
-    assert "red-green" not in {channel.name for channel in colorless.pyramids}
-
-
 @pytest.fixture(scope="module")
 def scene():
     """(150, 203, 3) uint8: color patches, a bright disc and some noise."""
@@ -155,31 +132,6 @@ def scene():
     patches = cv2.resize(rng.random((5, 6, 3)), (203, 150), interpolation=cv2.INTER_NEAREST)
     cv2.circle(patches, (60, 90), 14, (1.0, 0.9, 0.1), -1)
     return (200 * patches + 55 * rng.random((150, 203, 3))).astype(np.uint8)
-
-
-@pytest.mark.parametrize("preset", ["default", "itti1998"])
-def test_conspicuity_is_summed_from_the_normalized_features(scene, preset):
-    config = replace(
-        PRESETS[preset],
-        scale_weights=(1.0, 0.5, 0.25, 2.0, 1.0, 1.0)[: len(PRESETS[preset].scales)],
-    )
-    maps = contrast_saliency(scene, config, keep_features=True)
-    scales = config.at_size(scene.shape[:2]).scales
-    weight = dict(zip(scales, config.scale_weights, strict=True))
-    sums = {}
-    for channel, center, surround, _, normalized in maps.features:
-        share = 1.0 if channel.name == "orientation" else weight[center, surround]
-        at_map = share * resize(normalized, maps.saliency.shape)
-        sums[channel] = sums.get(channel, 0) + at_map
-
-    def promoted(name, angle=None):
-        return normalize(sums[name, angle], config.normalization, radius=config.maxima_radius)
-
-    np.testing.assert_allclose(maps.intensity, sums["intensity", None], atol=1e-6)  # A.11
-    color = promoted("red-green") + promoted("blue-yellow")
-    np.testing.assert_allclose(maps.color, color, atol=1e-6)  # A.12
-    orientation = sum(promoted("orientation", angle) for angle in (0, 45, 90, 135))
-    np.testing.assert_allclose(maps.orientation, orientation, atol=1e-6)  # A.13
 
 
 def test_a_small_map_is_smoothed_by_an_eighth_of_its_sides_at_most():
@@ -196,22 +148,3 @@ def test_sharpening_is_a_power_of_the_scaled_map(scene):
     plain = contrast_saliency(scene, replace(DEFAULT, sharpening=1.0)).saliency
     sharp = contrast_saliency(scene).saliency
     np.testing.assert_allclose(sharp, ((plain - plain.min()) / np.ptp(plain)) ** 1.5, atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("preset", "method"), [*zip(PRESETS, get_args(Normalization), strict=True)]
-)
-def test_the_number_of_threads_changes_no_byte(preset, method):
-    rng = np.random.default_rng(5)
-    image = cv2.resize(rng.integers(0, 256, (60, 80, 3), np.uint8), (640, 480))
-    config = replace(PRESETS[preset], normalization=method)
-    threads = cv2.getNumThreads()
-    try:
-        results = []
-        for number in (1, 2, 4):
-            cv2.setNumThreads(number)
-            maps = contrast_saliency(image, config)
-            results.append(b"".join(getattr(maps, name).tobytes() for name in MAPS))
-    finally:
-        cv2.setNumThreads(threads)
-    assert results[0] == results[1] == results[2]

@@ -60,16 +60,6 @@ def test_a_face_is_salient_as_far_as_it_weighs(photo):
     np.testing.assert_allclose(unweighted.saliency, without.saliency, atol=1e-6)
 
 
-def test_a_photograph_without_faces_is_as_without_a_detector(photo):
-    maps = attention_saliency(photo, faces=lambda image: np.zeros((0, 4)))
-    np.testing.assert_allclose(maps.saliency, attention_saliency(photo).saliency, atol=1e-6)
-
-
-def test_opencv_without_a_cascade_has_no_detector(tmp_path, monkeypatch):
-    monkeypatch.setattr(cv2.data, "haarcascades", str(tmp_path), raising=False)
-    assert find_face_detector() is None
-
-
 @pytest.mark.parametrize("name", ["absent.onnx", "broken.onnx", "absent.xml", "broken.xml"])
 def test_a_file_that_is_no_detector_is_named(tmp_path, name):
     if name.startswith("broken"):

@@ -17,10 +17,7 @@ from saccade.attention import (
 )
 from saccade.attention.saliencytoolbox2 import (
     SALIENCYTOOLBOX2,
-    fade_borders,
-    nearest,
     promote_by_maxima,
-    rescale,
     whole_levels,
 )
 from support.reference_images import REFERENCE_IMAGES
@@ -146,29 +143,6 @@ def test_levels_round_down_and_keep_a_flat_image(shape, half):
     level = SALIENCYTOOLBOX2.halve(np.full(shape, 0.7))
     assert level.shape == half
     np.testing.assert_allclose(level, 0.7)
-
-
-def test_short_axes_have_their_own_kernels():
-    column = np.array([[4.0], [8.0], [16.0]])
-    np.testing.assert_allclose(SALIENCYTOOLBOX2.halve(column), [[9]])
-    np.testing.assert_allclose(SALIENCYTOOLBOX2.halve(column[:2]), [[6]])
-
-
-def test_nearest_takes_the_place_that_the_middle_of_a_cell_falls_on():
-    np.testing.assert_array_equal(nearest(np.arange(6)[None], (1, 3)), [[1, 3, 5]])
-    np.testing.assert_array_equal(nearest(np.arange(2)[None], (1, 5)), [[0, 0, 1, 1, 1]])
-
-
-def test_borders_fade():
-    faded = fade_borders(np.ones((8, 40)))
-    np.testing.assert_allclose(faded[4, :3], [1 / 3, 2 / 3, 1])
-    np.testing.assert_allclose(faded[:, 20], [1 / 3, 2 / 3, 1, 1, 1, 1, 2 / 3, 1 / 3])
-    assert faded[0, -1] == pytest.approx(1 / 9)
-
-
-def test_ranges_by_hand():
-    np.testing.assert_allclose(rescale(np.array([[-1.0, 0, 2, 4]]), 10), [[0, 0, 5, 10]])
-    np.testing.assert_allclose(rescale(np.full((2, 2), 3.0), 10), 5)
 
 
 def test_maxima_by_hand():

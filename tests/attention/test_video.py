@@ -1,7 +1,5 @@
 """Flicker, motion and gaze in films whose answer is known."""
 
-import doctest
-
 import cv2
 import numpy as np
 import pytest
@@ -156,24 +154,6 @@ def test_the_gaze_pursues_a_slow_dot(seed):
     assert (error < 12).mean() > 0.7
     steps = np.diff(gaze[25:], axis=0)[(error[1:] < 12) & (error[:-1] < 12)]
     np.testing.assert_allclose(np.median(steps, 0), (1.2, 0), atol=0.1)
-
-
-def test_the_static_saliency_is_computed_once_an_interval():
-    computed = []
-
-    def static(frame):
-        computed.append(frame)
-        return np.zeros((23, 40), np.float32)
-
-    video = saccade.VideoSaliency(saccade.VideoConfig(static_interval=0.2), static)
-    for number in range(26):
-        video(plain(number), 10 + number / RATE)
-    assert len(computed) == 6
-
-
-def test_the_example_runs():
-    results = doctest.testmod(saccade.attention.video, extraglobs={"saccade": saccade})
-    assert (results.attempted, results.failed) == (6, 0)
 
 
 def test_invalid_frames_and_settings_are_named():

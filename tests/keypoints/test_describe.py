@@ -6,13 +6,12 @@ from importlib.resources import files
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from saccade import Keypoints, Sift, SiftConfig, exchange
 from saccade.errors import ImageError, KeypointsError
 from saccade.keypoints.scale_space_points import locate
 from saccade.scale.scale_space import gaussian_scale_space
-from support.sift_images import PRESETS, assert_same, features, texture
+from support.sift_images import PRESETS, assert_same, texture
 
 ROCKET = str(files("saccade") / "data" / "rocket.jpg")
 
@@ -63,28 +62,6 @@ def test_orientations_are_those_that_opencv_finds(photo):
     assert abs(len(oriented) - len(given)) < 0.02 * len(given)
 
 
-def test_orientations_of_our_own_points_in_their_order(rng):
-    image = texture(rng, (150, 170))
-    found = Sift()(image)
-    places, first = np.unique(np.c_[found.xy, found.size], axis=0, return_index=True)
-    order = rng.permutation(len(places))
-    again = Sift().describe(image, found[first[order]], orient=True)
-    assert len(found) > 1.1 * len(places)
-    _, rank = np.unique(np.c_[again.xy, again.size], axis=0, return_inverse=True)
-    assert (np.diff(np.argsort(order)[rank]) >= 0).all()
-    trees = [features(each.xy, each.size, each.angle) for each in (again, found)]
-    for a, b in (trees, trees[::-1]):
-        assert (cKDTree(a).query(b)[0] < 1e-2).mean() > 0.99
-
-
-def test_an_upright_configuration_orients_upright(rng):
-    image = texture(rng, (60, 60))
-    given = Keypoints.at([[20, 30], [40, 30]], size=8, angle=[1.0, 2.0])
-    upright = Sift(SiftConfig(upright=True))
-    assert not upright.describe(image, given, orient=True).angle.any()
-    np.testing.assert_array_equal(upright.describe(image, given).angle, given.angle)
-
-
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("size", [1e-3, 0.5, 5, 300, 1e6])
 def test_any_size_at_any_edge_is_described(rng, preset, size):
@@ -105,15 +82,6 @@ def test_a_black_image_has_empty_descriptors_and_no_orientation():
     image, point = np.zeros((30, 30)), Keypoints.at([[15, 15]], 6)
     assert not Sift().describe(image, point).descriptors.any()
     assert Sift().describe(image, point, orient=True).descriptors.shape == (0, 128)
-
-
-def test_fields_of_any_kind_of_array(rng):
-    image = texture(rng, (60, 60))
-    expected = Sift().describe(image, Keypoints.at([[20, 30], [40, 25]], [6, 9], [1, 2]))
-    rows = np.array([[20, 30, 6, 1], [0, 0, 0, 0], [40, 25, 9, 2]], np.float64)[::2]
-    rows.flags.writeable = False
-    loose = Keypoints(rows[:, :2], rows[:, 2], rows[:, 3], np.zeros(2), np.zeros(2, int))
-    assert_same(Sift().describe(image, loose), expected)
 
 
 @pytest.mark.parametrize(

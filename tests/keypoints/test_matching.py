@@ -98,11 +98,6 @@ def test_a_single_candidate_has_no_rival(rng):
     np.testing.assert_array_equal(match(points(a), points(a[2:3])), [[2, 0]])
 
 
-def test_repeated_structure_fails_the_ratio_test(rng):
-    a = rng.integers(0, 256, (1, 128)).astype(np.uint8)
-    assert len(match(points(a), points(np.repeat(a, 2, axis=0)), ratio=1.0)) == 0
-
-
 def test_what_cannot_be_matched(rng):
     described = points(np.zeros((3, 128), np.uint8))
     with pytest.raises(ConfigError, match=r"second: expected keypoints with descriptors.*describe"):

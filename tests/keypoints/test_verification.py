@@ -138,25 +138,6 @@ def test_the_covariance_of_a_fundamental_matrix_is_that_of_its_errors(rng, wrong
     assert 0.85 < np.mean(squared) < 1.25
 
 
-def test_exact_positions_count_more(rng):
-    """Half of the positions are off by a quarter of the others: the best weights gain 2.1 times.
-
-    Variances of 1 and 16 average 8.5; weighted by their inverses, they are worth 1.88. The robust
-    loss alone gains a part of that.
-    """
-    errors = {"weighted": [], "equal": []}
-    for _ in range(60):
-        matched, _ = plane(rng, 100)
-        sigma = np.where(np.arange(100) % 2, 0.2, 0.8)[:, None] * np.ones(2)
-        seen = observed(rng, matched, sigma, 0)
-        for name, weights in (("weighted", sigma), ("equal", np.ones((100, 2)))):
-            fit = refine(HOMOGRAPHY, "homography", seen, weights)
-            errors[name].append(project(fit.matrix, CORNERS) - project(HOMOGRAPHY, CORNERS))
-    rms = {name: np.sqrt(np.mean(np.square(gaps))) for name, gaps in errors.items()}
-    print(f"\ncorner errors: weighted {rms['weighted']:.3f}, equal {rms['equal']:.3f} px")
-    assert rms["weighted"] < rms["equal"] / 1.15
-
-
 def test_the_sigma_of_a_position():
     points = Keypoints.at(np.zeros((3, 2)), [4, 4, 0.1])
     points.response[1] = 0.01
@@ -207,21 +188,6 @@ def test_the_covariance_of_a_pose_is_that_of_its_errors(rng, wrong):
           f"{inside:.2f}, direction {np.median(angles):.2f} degrees")  # fmt: skip
     assert 3.5 < squared.mean() < 7.5
     assert inside > 0.85
-
-
-def test_points_of_a_plane_give_the_pose_of_its_homography(rng):
-    """Samples of five points on a plane have several solutions; a few points beside it decide."""
-    R, t = cv2.Rodrigues(np.array([0.02, 0.05, 0.01]))[0], np.array([0.3, 0, 0.1])
-    normal = np.array([0.3, 0.1, -1.0])
-    first = rng.uniform([0, 0], [640, 480], (300, 2))
-    rays = np.c_[first, np.ones(300)] @ np.linalg.inv(CAMERA).T
-    depth = -5 / (rays @ normal)
-    depth[:40] = rng.uniform(2, 4, 40)  # these decide between the two
-    matched = seen_again(first, depth, R, t) + rng.normal(0, 0.2, (300, 4))
-    pose = verify_positions(matched, np.ones((300, 2)), "essential", 2.0, 15, CAMERA).pose
-    assert np.degrees(np.arccos(pose.translation @ t / np.linalg.norm(t))) < 2
-    assert pose.direction_sigma < 2
-    assert pose.rotation_sigma < 0.5
 
 
 def test_an_essential_matrix_needs_a_camera(rng):

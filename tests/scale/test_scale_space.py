@@ -1,5 +1,3 @@
-import threading
-
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -7,14 +5,13 @@ from scipy import ndimage
 from saccade.errors import ConfigError
 from saccade.scale.scale_space import (
     blurred,
-    difference_of_gaussians,
     gaussian_kernel,
     gaussian_scale_space,
     interpolated,
     upsampled,
 )
 from saccade.scale.scale_space_config import ScaleSpaceConfig
-from saccade.scale.workspace import Workspace, WorkspacePool
+from saccade.scale.workspace import WorkspacePool
 
 
 def lowe(**changes):
@@ -119,23 +116,6 @@ def test_octaves_can_be_limited(rng):
     assert len(gaussian_scale_space(image, lowe(octaves=9)).octaves) == 4
 
 
-def test_differences(rng):
-    for count in (1, 3):
-        with WorkspacePool(count).workspace() as workspace:
-            for shape in ((6, 350, 8), (6, 75, 4)):
-                octave = rng.random(shape, np.float32)
-                found = difference_of_gaussians(octave, workspace)
-                np.testing.assert_array_equal(found, octave[1:] - octave[:-1])
-
-
-def test_memory_is_used_again():
-    workspace = Workspace()
-    large = workspace.array("a", 0, (4, 5))
-    assert np.shares_memory(large, workspace.array("a", 0, (2, 3)))
-    assert not np.shares_memory(large, workspace.array("a", 1, (2, 3)))
-    assert workspace.array("a", 0, (9, 9)).shape == (9, 9)
-
-
 @pytest.mark.parametrize("sigma", [0.3, 0.59, 0.79, 0.81, 1.3, 2.6])
 @pytest.mark.parametrize("radius", [3.0, 4.0])
 def test_a_corrected_kernel_has_the_variance_of_the_gaussian(sigma, radius):
@@ -157,33 +137,6 @@ def test_threads_change_no_bit(rng, threads):
         alone = blurred(plane, sigma, 3.0)
         with WorkspacePool(threads).workspace() as workspace:
             np.testing.assert_array_equal(blurred(plane, sigma, 3.0, workspace=workspace), alone)
-
-
-@pytest.mark.parametrize("count", [1, 2, 5])
-@pytest.mark.parametrize(("items", "block_size"), [(0, 3), (1, 3), (7, 3), (9, 3)])
-def test_blocks_cover_all_items_once(count, items, block_size):
-    blocks = []
-    with WorkspacePool(count).workspace() as workspace:
-        workspace.run_in_blocks(blocks.append, items, block_size)
-    starts = range(0, items, block_size)
-    expected = [slice(start, min(start + block_size, items)) for start in starts]
-    assert sorted(blocks, key=lambda block: block.start) == expected
-
-
-def test_threads_end_with_the_computation():
-    before = set(threading.enumerate())
-    with WorkspacePool(3).workspace() as workspace:
-        workspace.run_in_blocks(lambda block: None, 100, 1)
-        assert set(threading.enumerate()) - before
-    assert set(threading.enumerate()) <= before
-
-
-def test_an_error_in_a_thread_is_raised():
-    def work(block):
-        raise ValueError(block.start)
-
-    with pytest.raises(ValueError, match="0"), WorkspacePool(2).workspace() as workspace:
-        workspace.run_in_blocks(work, 10, 3)
 
 
 def test_workspaces_of_a_pool_share_memory_in_turn_only():

@@ -167,7 +167,7 @@ def describe_points(
 
     Source: Lowe (2004), section 6; Arandjelovic & Zisserman (2012) for the root.
     """
-    vectors_of = printed_vectors if config.descriptor == "kootstra2010" else descriptor_vectors
+    vectors_of = published_vectors if config.descriptor == "kootstra2010" else descriptor_vectors
     dtype = np.dtype(config.descriptor_dtype)
     descriptors: Descriptors = np.empty((len(points.octave), LENGTH), dtype)
 
@@ -201,15 +201,17 @@ def descriptor_vectors(
     return vectors
 
 
-def printed_vectors(octave: Float32Array, points: Points, config: DescriptorConfig) -> Float32Array:
-    """(n, 128) descriptors as section B.2 prints them, ordered as `descriptor_vectors`."""
-    from saccade.textbook.sift import descriptor as printed_descriptor  # with SciPy: not for all
+def published_vectors(
+    octave: Float32Array, points: Points, config: DescriptorConfig
+) -> Float32Array:
+    """(n, 128) descriptors as section B.2 has them, ordered as `descriptor_vectors`."""
+    from saccade.textbook.sift import descriptor as published_descriptor  # with SciPy: not for all
 
     vectors = np.empty((len(points.plane), LENGTH), np.float32)
     for i, (plane, (x, y), sigma, angle) in enumerate(
         zip(points.plane, points.xy, points.sigma, points.angle, strict=True)
     ):
-        vectors[i] = printed_descriptor(octave[plane], x, y, sigma, angle).vector
+        vectors[i] = published_descriptor(octave[plane], x, y, sigma, angle).vector
     # The bins of the textbook turn from x towards y, those of keypoints from y towards x.
     cells = vectors.reshape(-1, CELLS**2, DIRECTIONS)[:, :, -np.arange(DIRECTIONS)]
     return cells.reshape(-1, LENGTH)

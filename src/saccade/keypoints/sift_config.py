@@ -160,7 +160,7 @@ class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
     def kootstra2010(cls) -> Self:
         """Kootstra (2010): appendix B, three octaves from the image itself.
 
-        What the print leaves open is as in `saccade.textbook.sift`.
+        What the source leaves open is as in `saccade.textbook.sift`.
         """
         return replace(
             super().kootstra2010(),
@@ -171,7 +171,7 @@ class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
             density=1.0,
             camera_sigma=0.0,
             kernel_radius=3.0,
-            grid="printed",
+            grid="published",
             border=2,
             contrast_threshold=0.02,
             candidate_fraction=0.0,

@@ -92,7 +92,7 @@ def gaussian_scale_space(
             origin = origin + spacing * start
         else:
             even = np.array(plane.shape) // 2 * 2
-            height, width = plane.shape if config.grid == "printed" else even
+            height, width = plane.shape if config.grid == "published" else even
             plane = octave[intervals, :height:2, :width:2]
         spacing *= 2
         first, intervals = sigmas[intervals] / 2, config.intervals

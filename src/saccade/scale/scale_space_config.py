@@ -8,7 +8,7 @@ import numpy as np
 from saccade.errors import Settings, require, setting
 from saccade.types import FloatArray, IntArray
 
-Grid: TypeAlias = Literal["centered", "shifted", "printed"]
+Grid: TypeAlias = Literal["centered", "shifted", "published"]
 Level = TypeVar("Level", float, FloatArray)
 
 
@@ -42,7 +42,7 @@ class ScaleSpaceConfig(Settings):
     """"centered" lays the samples of every octave symmetrically about the middle of the image:
     positions are unbiased, and a mirrored image has the mirrored keypoints. "shifted" samples as
     OpenCV does: doubling shifts the image by a quarter pixel to the right and down, and every
-    octave starts at the upper left sample of the one before. "printed" does too, and keeps the
+    octave starts at the upper left sample of the one before. "published" does too, and keeps the
     last sample of an odd side, which OpenCV drops."""
 
     def __post_init__(self) -> None:
