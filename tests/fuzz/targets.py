@@ -13,8 +13,8 @@ from scipy.io import savemat
 
 from saccade import Keypoints, LogWarning, SiftConfig, exchange, slam
 from saccade.batch import Job, extract, match_images, open_source
-from saccade.batch.dataset import block_files, read_manifest, read_points, read_records
-from saccade.batch.matching import read_matches, read_pairs
+from saccade.batch.dataset import block_files, read_block, read_manifest, read_points
+from saccade.batch.matching import MatchConfig, PairBlock, read_matches, read_pairs
 from saccade.batch.sources import content_reader, decode
 from saccade.batch.storage import Store
 from saccade.datasets import load, load_drive, save, save_drive
@@ -285,7 +285,7 @@ def _table(folder: Path) -> object:
 
 def _again(folder: Path) -> object:
     store = Store(str(folder / "out"))
-    records = [read_records(store, file) for file in block_files(store, "sift")]
+    records = [read_block(store, file)[0] for file in block_files(store, "sift")]
     return read_manifest(store), records
 
 
@@ -307,13 +307,13 @@ def _matched(folder: Path) -> None:
     write_pictures(folder, "a.png", "b.png")
     job = Job("sift", SiftConfig(max_keypoints=20), exact=True)
     match_images(str(folder), folder / "out", job=job, formats=["hdf5"])
-    (part,) = (folder / "out" / "matches").glob("*.parquet")
-    part.rename(part.with_name("part-0.parquet"))
+    (block,) = (folder / "out" / "matches").iterdir()
+    block.rename(block.with_name("0.npz"))
 
 
 def _rematched(folder: Path) -> object:
-    store = Store(str(folder / "out"))
-    return [read_matches(store, file) for file in store.list_files("matches")]
+    block = PairBlock([("a.png", "b.png")], [], "matches/0.npz")
+    return read_matches(folder / "out", block, MatchConfig())
 
 
 def _exchanged(name: str, write, read, content) -> Target:
@@ -369,7 +369,7 @@ TARGETS = {
     "hloc-matches": _exchanged(
         "a.h5", exchange.write_hloc_matches, exchange.read_hloc_matches, MATCHED
     ),
-    "matched-pairs": Target(_matched, "out/matches/part-0.parquet", _rematched),
+    "matched-pairs": Target(_matched, "out/matches/0.npz", _rematched),
     "pairs": a_text("pairs.txt", "a.png b.png\nb c.png\tb/c.png\n", read_pairs),
     "colmap": a_file("points.db", _colmap, exchange.read_colmap),
     "settings": _settings("sift.toml", "max_keypoints = 7\nbase_sigma = 2\n", "sift"),

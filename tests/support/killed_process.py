@@ -3,11 +3,9 @@
 import os
 import signal
 
-from saccade.batch.workers import BlockReport
-
 
 def deadly(block):
-    """Kills the process that works on the item 3."""
-    if block[0].name == "3":
+    """Kills the process that works on block 3."""
+    if block == 3:
         os.kill(os.getpid(), signal.SIGKILL)
-    return BlockReport(1, {})
+    return 10 * block

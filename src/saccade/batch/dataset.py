@@ -2,9 +2,9 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -21,7 +21,6 @@ from saccade.exchange.arrow import (
     points_by_image,
     read_metadata,
     read_rows,
-    write_rows,
 )
 from saccade.exchange.fields import check_name
 from saccade.exchange.opencv import write_opencv
@@ -130,16 +129,12 @@ def block_files(store: Store, folder: str) -> list[str]:
     return [name for name in store.list_files(folder) if name.endswith(SUFFIX)]
 
 
-def read_records(store: Store, file: str) -> list[ImageRecord]:
-    """The images of a file, without its rows.
-
-    Raises:
-        KeypointsError: the file is broken, or something else.
-    """
-    return read_block(store, file, pa.schema([]))[0]
+NO_COLUMNS = pa.schema([])
 
 
-def read_block(store: Store, file: str, schema: pa.Schema) -> tuple[list[ImageRecord], pa.Table]:
+def read_block(
+    store: Store, file: str, schema: pa.Schema = NO_COLUMNS
+) -> tuple[list[ImageRecord], pa.Table]:
     """The images of a file, and the columns of a schema.
 
     Raises:
@@ -155,29 +150,6 @@ def read_block(store: Store, file: str, schema: pa.Schema) -> tuple[list[ImageRe
         images = read_metadata(parquet, path)["images"]
         table = read_rows(parquet, opened.seek(0, os.SEEK_END), schema)
         return [ImageRecord(**image) for image in images], table
-
-
-def write_block(
-    store: Store,
-    file: str,
-    batches: Iterable[pa.RecordBatch],
-    schema: pa.Schema,
-    records: Sequence[ImageRecord],
-) -> None:
-    """Writes a file of a data set.
-
-    Args:
-        store: the data set.
-        file: name of the file.
-        batches: rows of the images.
-        schema: columns of the rows.
-        records: the images; read when the rows are written.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    with store.writing(file) as path:
-        write_rows(path, batches, schema, lambda: [asdict(record) for record in records])
 
 
 FILE_FORMATS: dict[str, Callable[..., None]] = {"colmap": write_colmap, "hdf5": write_hdf5}

@@ -26,14 +26,12 @@ from saccade.batch.dataset import (
     block_files,
     read_block,
     read_manifest,
-    read_records,
-    write_block,
 )
 from saccade.batch.job import MAPS, POINTS, Job
 from saccade.batch.sources import Item, Source, content_hash, content_reader, decode
 from saccade.batch.storage import Store
 from saccade.batch.tables import feature_rows, schema_of
-from saccade.batch.workers import BlockReport, run_blocks
+from saccade.batch.workers import DIED, run_blocks
 from saccade.errors import ConfigError, ImageError, SaccadeError
 from saccade.exchange.arrow import column, rows_of, write_rows
 from saccade.exchange.maps import encode_png
@@ -111,14 +109,15 @@ def extract(
         blocks = plan_blocks(source, finished, block_size)
         total, done, failed = sum(map(len, blocks)), 0, dict[str, str]()
         work = partial(extract_block, job, out)
-        for report in run_blocks(
+        for block, report in run_blocks(
             work, blocks, workers=workers, scheduler=scheduler, should_stop=should_stop
         ):
-            done += report.done
-            failed |= report.failed
+            reasons = {item.name: DIED for item in block} if report is None else report
+            done += len(block) - len(reasons)
+            failed |= reasons
             on_progress(done, len(failed), total)
         files = block_files(store, job.what)
-        records = [record for file in files for record in read_records(store, file)]
+        records = [record for file in files for record in read_block(store, file)[0]]
         _write_summary(store, records, failed)
     return Extraction(
         done,
@@ -133,10 +132,8 @@ def extract(
 def remove_outdated(store: Store, source: Source, job: Job) -> set[str]:
     """Removes the results of other settings and of images that have changed.
 
-    Results of images that the source does not have are kept.
-
-    Returns:
-        Names of the images that are done.
+    Results of images that the source does not have are kept. Returns the names of images that are
+    done.
     """
     item_of = {item.name: item for item in source}
     read, done = content_reader(), set[str]()
@@ -153,7 +150,7 @@ def remove_outdated(store: Store, source: Source, job: Job) -> set[str]:
             return True
 
     for file in block_files(store, job.what):
-        records = read_records(store, file)
+        records, _ = read_block(store, file)
         kept = [record for record in records if is_current(record)]
         names = [record.image for record in kept]
         done.update(names)
@@ -163,22 +160,18 @@ def remove_outdated(store: Store, source: Source, job: Job) -> set[str]:
             schema = schema_of(job.what)
             _, table = read_block(store, file, schema)
             rows = table.filter(compute.is_in(table["image"], column(names, pa.string())))
-            write_block(store, file, rows.to_batches(), schema, kept)
+            with store.writing(file) as path:
+                write_rows(path, rows.to_batches(), schema, [asdict(record) for record in kept])
     return done
 
 
 def plan_blocks(
     source: Source, finished: Collection[str], block_size: int | None = None
 ) -> list[list[Item]]:
-    """Blocks of the images that are not done.
+    """Blocks of the images whose names are not in `finished`.
 
     The source is cut into blocks before finished images are left out, so that the same images make
     the same block after any interruption.
-
-    Args:
-        source: the images.
-        finished: names of the images that are done.
-        block_size: images in a block; None to choose it.
     """
     size = block_size or min(max(len(source) // MIN_BLOCKS, MIN_BLOCK), MAX_BLOCK)
     blocks = (
@@ -188,37 +181,33 @@ def plan_blocks(
     return [block for block in blocks if block]
 
 
-def extract_block(job: Job, location: str, block: Sequence[Item]) -> BlockReport:
-    """Processes a block of images; runs in any process on any machine.
+def extract_block(job: Job, location: str, block: Sequence[Item]) -> dict[str, str]:
+    """Processes a block of images into a file; runs in any process on any machine.
 
-    Args:
-        job: features to extract.
-        location: folder or URL of the data set.
-        block: the images.
-
-    Raises:
-        OutputError: the file of the block cannot be written.
+    Returns:
+        Reasons by the names of the images that failed.
     """
     store = Store(location)
     digest = hashlib.blake2b("\n".join(item.name for item in block).encode(), digest_size=12)
     file = f"{job.what}/{digest.hexdigest()}{SUFFIX}"
-    records: list[ImageRecord] = []
+    records: list[dict[str, Any]] = []
     failed: dict[str, str] = {}
     rows = _extract_images(job, store, block, records, failed)
-    write_block(store, file, rows, schema_of(job.what), records)
+    with store.writing(file) as path:
+        write_rows(path, rows, schema_of(job.what), records)
     if not records:
         store.remove(file)
-    return BlockReport(len(records), failed)
+    return failed
 
 
 def _extract_images(
     job: Job,
     store: Store,
     block: Sequence[Item],
-    records: list[ImageRecord],
+    records: list[dict[str, Any]],
     failed: dict[str, str],
 ) -> Iterator[pa.RecordBatch]:
-    """The rows of each image; fills the records, and the reasons of those that failed."""
+    """The rows of each image; fills the records, and the reasons of images that failed."""
     read, analyze = content_reader(), make_analyzer(job)
     for item in block:
         try:
@@ -247,7 +236,7 @@ def _extract_images(
             job=job.fingerprint,
             version=saccade.__version__,
         )
-        records.append(record)
+        records.append(asdict(record))
         yield batch
 
 
@@ -273,22 +262,18 @@ def make_analyzer(job: Job) -> Callable[[Image], Any]:
 
 
 def _prepare(store: Store, job: Job, redo: bool) -> None:
-    """Checks that a data set was made with the settings of a job, and writes its manifest.
-
-    Raises:
-        ConfigError: other settings; the message has the first that differs.
-    """
+    """Writes the manifest; refuses a data set of other settings by the first that differs."""
     manifest, requested = read_manifest(store), json.loads(json.dumps(job.describe(), default=str))
     if redo and manifest is not None:
         for file in block_files(store, manifest["what"]):
             store.remove(file)
     elif manifest is not None:
-        ours, recorded = (_flatten(each) for each in (requested, manifest))
-        for name in dict.fromkeys([*recorded, *ours]):
-            if name not in ("format", "version") and ours.get(name) != recorded.get(name):
+        made, now = ({**each, **each["settings"]} for each in (manifest, requested))
+        for name in now:
+            if name != "settings" and made.get(name) != now[name]:
                 raise ConfigError(
-                    f"{store.location}: made with {name} = {recorded.get(name)!r}, now "
-                    f"{ours.get(name)!r}; take another --out, or --redo to do all anew"
+                    f"{store.location}: made with {name} = {made.get(name)!r}, now {now[name]!r}; "
+                    "take another --out, or --redo to do all anew"
                 )
     header = {"format": FORMATS["extraction"], "version": saccade.__version__}
     with store.writing(MANIFEST) as path:
@@ -312,14 +297,3 @@ def _write_summary(store: Store, records: Sequence[ImageRecord], failed: Mapping
     batch = rows_of(sorted(rows, key=itemgetter("image")), SUMMARY_SCHEMA)
     with store.writing(SUMMARY) as path:
         write_rows(path, [batch], SUMMARY_SCHEMA)
-
-
-def _flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested settings by their dotted names."""
-    flat: dict[str, Any] = {}
-    for name, value in settings.items():
-        if isinstance(value, dict):
-            flat |= _flatten(value, f"{prefix}{name}.")
-        else:
-            flat[f"{prefix}{name}"] = value
-    return flat

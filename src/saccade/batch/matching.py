@@ -3,8 +3,7 @@
 The folder that it writes:
 
     features/      the data set of keypoints, as `saccade.batch.extract` writes it
-    matches/       a row for every pair of images, in blocks that are matched again if an image of
-                   theirs or the settings have changed
+    matches/       blocks of matches, named by the hash of all they depend on
     pairs.txt      the pairs
     pairs.csv      their numbers of matches and inliers
     features.h5, matches.h5    in hloc's layout; database.db for COLMAP
@@ -18,31 +17,29 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias, cast
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
-import pyarrow as pa
+import numpy.typing as npt
 
 from saccade.batch.dataset import (
-    SUFFIX,
     block_files,
     read_block,
     read_block_points,
     read_points,
-    read_records,
 )
 from saccade.batch.extraction import MIN_BLOCKS, Extraction, extract
 from saccade.batch.job import POINTS, Job
 from saccade.batch.sources import Source, open_source
 from saccade.batch.storage import Store
-from saccade.batch.workers import BlockReport, count_workers, run_blocks
+from saccade.batch.workers import DIED, count_workers, run_blocks
 from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
-from saccade.exchange.arrow import rows_of, write_rows
 from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.fields import check_name
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write, read_text, reading
+from saccade.io.files import atomic_write, locked, read_text, reading
+from saccade.io.npz import read_arrays, save_arrays
 from saccade.keypoints.matching import match
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.two_view_fit import Geometry
@@ -75,32 +72,14 @@ class MatchConfig(Settings):
     """Inlier threshold in pixels."""
 
 
-class PairTask(NamedTuple):
-    """Two images to match."""
+class PairBlock(NamedTuple):
+    """Pairs of images whose matches share a file."""
 
-    first: str
-    """Name of an image."""
-    second: str
-    features: tuple[str, str]
-    """Files of the keypoints of both images."""
+    pairs: Sequence[Pair]
+    features: Sequence[str]
+    """Files with the keypoints of their images."""
     file: str
     """File of the matches, named by the hash of all they depend on."""
-
-    @property
-    def name(self) -> str:
-        """Name of the pair in reports."""
-        return f"{self.first} {self.second}"
-
-
-SCHEMA = pa.schema(
-    [
-        *((name, pa.string()) for name in ("first", "second", "geometry")),
-        *((name, pa.binary()) for name in ("pairs", "similarity", "inliers", "matrix")),
-    ]
-)
-"""A row for every pair of images: their names; the kind of the geometry, empty for none; (m, 2)
-int32 indices of the matched points, (m,) float32 similarities, (m,) which matches are inliers, and
-the (3, 3) float64 matrix of the geometry, empty where there is none."""
 
 
 class MatchedPair(NamedTuple):
@@ -153,17 +132,14 @@ def match_images(
     Args:
         source: images, as for `open_source`; with `pairs` also a folder with their images.
         out: folder to write.
-        pairs: list of pairs, two names to a line; None for all pairs.
+        pairs: file with two names to a line; None for all pairs.
         job: the features, of points; None for those of SIFT, exactly.
         config: settings of matching and verification; None for the default.
         formats: hdf5 for hloc, colmap for a database.
-        workers: number of processes; with 1 the work is done in this process, None for as many as
-            cores and memory allow.
+        workers: see `extract`; None for as many as cores and memory allow.
         redo: whether features and matches are made anew.
-        should_stop: called before or after every block; true ends the run after the blocks that
-            have begun.
-        on_progress: called after every block with "images" or "pairs", and the numbers of those
-            done, those that failed, and those that this run has to process.
+        should_stop: see `extract`.
+        on_progress: see `extract`; its first argument is "images" or "pairs".
 
     Raises:
         ImageError: the source does not exist, or holds no image.
@@ -193,62 +169,55 @@ def match_images(
     )
     if not extraction.complete:
         return MatchRun(extraction, len(wanted), 0, 0, (), False, {})
-    store = Store(out)
-    with store.locked():
+    with locked(out):
         blocks = plan_pairs(Store(features), wanted, config, job)
-        present = set() if redo else set(block_files(store, FOLDER))
-        todo = [block for block in blocks if block[0].file not in present]
-        total, done = sum(map(len, todo)), 0
+        todo = [block for block in blocks if redo or not (out / block.file).exists()]
+        total, done = sum(len(block.pairs) for block in todo), 0
         work = partial(match_block, config, features, str(out))
-        for report in run_blocks(work, todo, workers=workers, should_stop=should_stop):
-            if report.failed:
-                name, reason = next(iter(report.failed.items()))
-                raise OutputError(f"{name}: {reason}")
-            done += report.done
+        for block, matched_now in run_blocks(work, todo, workers=workers, should_stop=should_stop):
+            if matched_now is None:
+                raise OutputError(f"{out / block.file}: {DIED}")
+            done += matched_now
             on_progress("pairs", done, 0, total)
-        complete = done == total
-        found: dict[Pair, MatchedPair] = {}
-        for block in blocks if complete else ():
-            found |= {each.pair: each for each in read_matches(store, block[0].file)}
+        unchanged = sum(len(block.pairs) for block in blocks) - total
+        if done < total:
+            return MatchRun(extraction, len(wanted), done, unchanged, (), False, {})
+        found = {each.pair: each for block in blocks for each in read_matches(out, block, config)}
         matched = [found[pair] for pair in wanted if pair in found]
-        files = write_files(out, features, matched, formats) if complete else {}
-    unchanged = sum(map(len, blocks)) - total
-    return MatchRun(extraction, len(wanted), done, unchanged, matched, complete, files)
+        files = write_files(out, features, matched, formats)
+    return MatchRun(extraction, len(wanted), done, unchanged, matched, True, files)
 
 
 def plan_pairs(
     features: Store, wanted: Sequence[Pair], config: MatchConfig, job: Job
-) -> list[list[PairTask]]:
-    """Blocks of pairs whose features are in the same two files, without images that failed."""
+) -> list[PairBlock]:
+    """Blocks of the pairs that are wanted, without images that failed."""
     file_of: dict[str, str] = {}
     content_of: dict[str, str] = {}
     for file in block_files(features, job.what):
-        for record in read_records(features, file):
+        for record in read_block(features, file)[0]:
             file_of[record.image], content_of[record.image] = file, record.content
-    groups: dict[tuple[str, str], list[Pair]] = {}
-    for first, second in wanted:
-        if first in file_of and second in file_of:
-            groups.setdefault((file_of[first], file_of[second]), []).append((first, second))
+    possible = [pair for pair in wanted if file_of.keys() >= {*pair}]
     blocks = []
-    for files, group in groups.items():
-        for start in range(0, len(group), MAX_PAIRS):
-            pairs = group[start : start + MAX_PAIRS]
-            contents = [(pair, content_of[pair[0]], content_of[pair[1]]) for pair in pairs]
-            text = json.dumps([asdict(config), job.fingerprint, contents])
-            digest = hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
-            blocks.append([PairTask(*pair, files, f"{FOLDER}/{digest}{SUFFIX}") for pair in pairs])
+    for start in range(0, len(possible), MAX_PAIRS):
+        pairs = possible[start : start + MAX_PAIRS]
+        names = sorted({name for pair in pairs for name in pair})
+        contents = [content_of[name] for name in names]
+        text = json.dumps([asdict(config), job.fingerprint, pairs, contents])
+        digest = hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
+        files = sorted({file_of[name] for name in names})
+        blocks.append(PairBlock(pairs, files, f"{FOLDER}/{digest}.npz"))
     return blocks
 
 
 def read_pairs(path: Path) -> list[Pair]:
     """The pairs in a list, as hloc and COLMAP have it; each once, in the first of its orders.
 
-    Args:
-        path: two names to a line, separated by blanks, or by a tab where names have blanks;
-            empty lines and those that begin with # are skipped.
+    A line has two names, separated by blanks, or by a tab where names have blanks. Empty lines and
+    those that begin with # are skipped.
 
     Raises:
-        ConfigError: the list cannot be read or is empty, or a line is no pair; tells which.
+        ConfigError: the list cannot be read or is empty, or a line is no pair.
     """
     with reading(path, ConfigError):
         lines = read_text(path).splitlines()
@@ -276,10 +245,6 @@ def write_pairs(path: Path, pairs: Sequence[Pair]) -> None:
 def images_and_pairs(source: str, listed: Path | None) -> tuple[Source, list[Pair]]:
     """The images of a source, and their pairs.
 
-    Args:
-        source: as for `saccade extract`; with a list also a folder whose subfolders it names.
-        listed: a list of pairs; None for all pairs.
-
     Raises:
         ImageError: the source does not exist, or holds no image.
         ConfigError: the list is broken, or names an image that is not in the source; or the
@@ -305,107 +270,64 @@ def images_and_pairs(source: str, listed: Path | None) -> tuple[Source, list[Pai
     return [items[name] for name in names], pairs
 
 
-def match_block(
-    config: MatchConfig, features: str, out: str, block: Sequence[PairTask]
-) -> BlockReport:
-    """Matches the pairs of a block; runs in any process.
-
-    Args:
-        config: settings of matching and verification.
-        features: folder of the data set of keypoints.
-        out: folder of the results.
-        block: the pairs.
-    """
-    store = Store(features)
+def match_block(config: MatchConfig, features: str, out: str, block: PairBlock) -> int:
+    """Matches the pairs of a block and writes them to a file; runs in any process."""
+    store, names = Store(features), {name for pair in block.pairs for name in pair}
     points = {
         image.image: image.points
-        for file in dict.fromkeys(block[0].features)
+        for file in block.features
         for image in read_block_points(store, file)
+        if image.image in names
     }
-    rows = [
-        {
-            "first": task.first,
-            "second": task.second,
-            **_match(config, points[task.first], points[task.second]),
-        }
-        for task in block
-    ]
-    with Store(out).writing(block[0].file) as path:
-        write_rows(path, [rows_of(rows, SCHEMA)], SCHEMA)
-    return BlockReport(len(rows), {})
+    arrays: dict[str, npt.ArrayLike] = {}
+    for number, (first, second) in enumerate(block.pairs):
+        both = points[first], points[second]
+        indices = match(*both, config.ratio, config.mutual)
+        arrays[f"{number} indices"] = indices
+        arrays[f"{number} similarity"] = _similarity(*both, indices)
+        if config.geometry is not None:
+            verified = verify(*both, indices, config.geometry, config.tolerance)
+            arrays[f"{number} inliers"] = verified.inliers
+            if verified.matrix is not None:
+                arrays[f"{number} matrix"] = verified.matrix
+    with atomic_write(Path(out, block.file)) as path:
+        save_arrays(path, arrays, compressed=False)
+    return len(block.pairs)
 
 
-def read_matches(store: Store, file: str) -> list[MatchedPair]:
-    """The matches in a file.
+def read_matches(out: Path, block: PairBlock, config: MatchConfig) -> list[MatchedPair]:
+    """The matches of a block.
 
     Raises:
-        KeypointsError: it is broken.
+        KeypointsError: their file is broken.
     """
-    _, table = read_block(store, file, SCHEMA)
-    try:
-        return [_matched_pair(row) for row in table.to_pylist()]
-    except ValueError as error:
-        place = f"{store.location}/{file}"
-        raise KeypointsError(f"{place}: expected matches: {error}; remove it") from error
+    found, path = [], out / block.file
+    with reading(path, KeypointsError, "matches; remove it", ValueError, KeyError):
+        arrays = read_arrays(path)
+        for number, pair in enumerate(block.pairs):
+            verified = None
+            if config.geometry is not None:
+                matrix = arrays.get(f"{number} matrix")
+                verified = Verification(config.geometry, matrix, arrays[f"{number} inliers"])
+            indices, similarity = arrays[f"{number} indices"], arrays[f"{number} similarity"]
+            found.append(MatchedPair(pair, indices, similarity, verified))
+    return found
 
 
-def _match(config: MatchConfig, first: Keypoints, second: Keypoints) -> dict[str, Any]:
-    """The cells of the matches of two images."""
-    indices = match(first, second, config.ratio, config.mutual)
-    units = [
-        _unit(points.descriptors[column])
-        for points, column in zip((first, second), indices.T, strict=True)
-        if points.descriptors is not None
-    ]
-    cells: dict[str, Any] = {
-        "geometry": config.geometry or "",
-        "pairs": indices.astype("<i4").tobytes(),
-        "similarity": ((1 + np.einsum("ij,ij->i", *units)) / 2).astype("<f4").tobytes(),
-        "inliers": b"",
-        "matrix": b"",
-    }
-    if config.geometry is not None:
-        found = verify(first, second, indices, config.geometry, config.tolerance)
-        cells["inliers"] = found.inliers.astype(np.uint8).tobytes()
-        if found.matrix is not None:
-            cells["matrix"] = found.matrix.astype("<f8").tobytes()
-    return cells
-
-
-def _unit(descriptors: Any) -> Float32Array:
-    rows = descriptors.astype(np.float32)
-    units: Float32Array = rows / np.maximum(np.linalg.norm(rows, axis=1), 1e-12)[:, None]
-    return units
-
-
-def _matched_pair(row: dict[str, Any]) -> MatchedPair:
-    verification = None
-    if row["geometry"]:
-        matrix = np.frombuffer(row["matrix"], "<f8").reshape(-1, 3, 3)
-        verification = Verification(
-            cast("Geometry", row["geometry"]),
-            matrix[0] if len(matrix) else None,
-            np.frombuffer(row["inliers"], np.uint8) != 0,
-        )
-    return MatchedPair(
-        (row["first"], row["second"]),
-        np.frombuffer(row["pairs"], "<i4").reshape(-1, 2).astype(np.int64),
-        np.frombuffer(row["similarity"], "<f4").astype(np.float32),
-        verification,
-    )
+def _similarity(first: Keypoints, second: Keypoints, indices: IntArray) -> Float32Array:
+    """(m,) cosine of the angle between matched descriptors, moved from [-1, 1] to [0, 1]."""
+    units = []
+    for points, rows in zip((first, second), indices.T, strict=True):
+        vectors = np.asarray(points.descriptors, np.float32)[rows]
+        units.append(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-12)[:, None])
+    similarity: Float32Array = ((1 + np.einsum("ij,ij->i", *units)) / 2).astype(np.float32)
+    return similarity
 
 
 def write_files(
     out: Path, features: str, matched: Sequence[MatchedPair], formats: Sequence[Format]
 ) -> dict[str, Path]:
-    """Write pairs.txt, pairs.csv and the files of the formats; returns them by name.
-
-    Args:
-        out: folder.
-        features: location of the data set of keypoints.
-        matched: the matches.
-        formats: hdf5 (features.h5 and matches.h5, as hloc reads them) or colmap (database.db).
-    """
+    """Writes pairs.txt, pairs.csv and the files of the formats; returns them by name."""
     names = {name for each in matched for name in each.pair}
     images = {image.image: image for image in read_points(features) if image.image in names}
     points = {name: image.points for name, image in images.items()}
@@ -429,11 +351,8 @@ def write_files(
 
 
 def _write_table(path: Path, matched: Sequence[MatchedPair]) -> None:
-    """Write the numbers of matches and inliers of each pair."""
-    with (
-        atomic_write(path) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as file,
-    ):
+    """Writes the numbers of matches and inliers of each pair."""
+    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["first", "second", "matches", "inliers"])
         for each in matched:

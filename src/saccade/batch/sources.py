@@ -74,10 +74,9 @@ def stamp_of(info: fs.FileInfo) -> str:
 
 
 def content_reader() -> Callable[[Item], Content]:
-    """A function that reads the bytes of an image file, or the frame of a video.
+    """A function that reads images for one thread; raises `ImageError` where it cannot.
 
-    It keeps the video of the last frame open: frames are read fastest in their order. It raises
-    `ImageError` where a file cannot be read, and is not for several threads.
+    It keeps the video of the last frame open: frames are read fastest in their order.
     """
     open_video = lru_cache(maxsize=1)(VideoFrames)
 
@@ -99,11 +98,7 @@ def content_hash(content: Content) -> str:
 
 
 def decode(content: Content, name: str) -> Image:
-    """The image of a content.
-
-    Raises:
-        ImageError: the bytes are no image.
-    """
+    """The image of a content; raises `ImageError` where the bytes are no image."""
     return decode_image(content, name) if isinstance(content, bytes) else content
 
 

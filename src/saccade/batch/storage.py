@@ -78,20 +78,12 @@ class Store:
         return sorted(f"{folder}/{name}" for name in names if not name.startswith("."))
 
     def open(self, name: str) -> Any:
-        """A file, open for reading and seeking.
-
-        Raises:
-            FileNotFoundError: there is no file of this name.
-        """
+        """A file, open for reading and seeking; raises `FileNotFoundError` without a file."""
         return self._system.open_input_file(f"{self._root}/{name}")
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
-        """A temporary local path; the file appears whole when the block ends without an error.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """A temporary local path; the file appears whole when the block ends without an error."""
         if not is_url(self.location):
             with atomic_write(Path(self.location, name)) as temporary:
                 yield temporary
@@ -110,11 +102,7 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Excludes other runs from a folder while the block lasts.
-
-        Raises:
-            ConfigError: another run writes to the folder.
-        """
+        """Excludes other runs from a folder while the block lasts."""
         if is_url(self.location):
             yield
             return

@@ -60,14 +60,7 @@ def feature_rows(
     shape: tuple[int, ...],
     found: Keypoints | Regions | Scanpath | Float32Array,
 ) -> pa.RecordBatch:
-    """The rows of the features of an image.
-
-    Args:
-        job: how they were extracted.
-        name: of the image.
-        shape: (H, W, ...) of the image.
-        found: the features; of a saliency map the (h, w) map itself.
-    """
+    """The rows of the features of an image of a shape (H, W, ...); a map is an (h, w) array."""
     if isinstance(found, Scanpath):
         numbers = np.arange(1, len(found) + 1)
         fixations = [numbers, *found.xy.T, found.time, found.saliency]

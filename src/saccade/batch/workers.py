@@ -20,7 +20,10 @@ from itertools import takewhile
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias, TypeVar
+
+import cv2
+from threadpoolctl import threadpool_limits
 
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
@@ -31,46 +34,32 @@ WORKER_MEMORY = 1_800_000_000
 TIMEOUT = 20.0
 """Seconds in which a scheduler must answer."""
 
-Block: TypeAlias = Sequence[Any]
-"""Images or pairs of images, each with a `name`, whose results share a file."""
-
-
-class BlockReport(NamedTuple):
-    """Results of a block."""
-
-    done: int
-    """Number of items processed, without those that failed."""
-    failed: dict[str, str]
-    """Reasons by the names of the items that failed."""
-
-
-Work: TypeAlias = Callable[[Block], BlockReport]
+Block = TypeVar("Block")
+Report = TypeVar("Report")
 
 
 def run_blocks(
-    work: Work,
+    work: Callable[[Block], Report],
     blocks: Sequence[Block],
     *,
     workers: int = 1,
     scheduler: str | None = None,
     should_stop: Callable[[], bool] = lambda: False,
-) -> Iterator[BlockReport]:
-    """The reports of blocks, in the order in which they are done.
+) -> Iterator[tuple[Block, Report | None]]:
+    """Every block with its report, as soon as it is done; None where its process has died.
 
     Args:
         work: processes a block; may run in any process on any machine.
         blocks: the blocks.
         workers: number of processes; with 1 the work is done in this process.
-        scheduler: address of a Dask scheduler, such as tcp://host:8786, whose workers are used.
-        should_stop: called before every block in this process, and otherwise after every block;
-            true ends the run after the blocks that have begun.
-
-    Raises:
-        ConfigError: Dask is not installed, or no scheduler answers.
-        OutputError: a file cannot be written.
+        scheduler: address of a Dask scheduler, whose workers are used.
+        should_stop: called before or after every block; true ends the run after the blocks that
+            have begun.
     """
     if not blocks or (scheduler is None and workers == 1):
-        yield from map(work, takewhile(lambda _: not should_stop(), blocks))
+        yield from (
+            (block, work(block)) for block in takewhile(lambda _: not should_stop(), blocks)
+        )
         return
     start = _processes(min(workers, len(blocks))) if scheduler is None else _cluster(scheduler)
     with start as (submit, deaths):
@@ -82,14 +71,13 @@ def run_blocks(
             if future.cancelled():
                 continue
             try:
-                yield future.result()
+                yield block_of[future], future.result()
             except deaths:
-                yield BlockReport(0, {item.name: DIED for item in block_of[future]})
+                yield block_of[future], None
 
 
-Submit: TypeAlias = Callable[[Work, Block], "Future[BlockReport]"]
-Workers: TypeAlias = tuple[Submit, type[Exception]]
-"""A function that submits a block, and the exception raised where its process has died."""
+Workers: TypeAlias = tuple[Callable[..., "Future[Any]"], type[Exception]]
+"""A function that submits work for a block, and the exception raised where its process died."""
 
 
 @contextmanager
@@ -118,7 +106,7 @@ def _processes(count: int) -> Iterator[Workers]:
     def new_pool() -> ProcessPoolExecutor:
         return ProcessPoolExecutor(1, context, _initialize_worker, (lifeline,))
 
-    def run(work: Work, block: Block) -> BlockReport:
+    def run(work: Callable[[Any], Any], block: Any) -> Any:
         pool = pools.get()
         try:
             return pool.submit(work, block).result()
@@ -141,10 +129,7 @@ def _processes(count: int) -> Iterator[Workers]:
 
 def _initialize_worker(lifeline: Connection) -> None:
     """One thread, no Ctrl-C, and an exit when the parent closes its end of the pipe."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # takes effect where NumPy is not loaded yet
-    import cv2
-
+    threadpool_limits(1)  # of NumPy's BLAS
     cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_after, args=(lifeline,), daemon=True).start()
@@ -157,11 +142,7 @@ def _exit_after(lifeline: Connection) -> None:
 
 
 def count_workers(count: int) -> int:
-    """One worker for every core, but no more than fit into memory.
-
-    Args:
-        count: number of images.
-    """
+    """One worker for every core, but no more than fit into memory or than there are images."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     limits = [cores or 1, count]
     with suppress(OSError, StopIteration):

@@ -4,7 +4,7 @@ The list is JSON text in the metadata of a file: an image may have no points.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -131,7 +131,7 @@ def write_rows(
     path: Path,
     batches: Iterable[pa.RecordBatch],
     schema: pa.Schema,
-    images: Callable[[], Sequence[Mapping[str, Any]]] = tuple,
+    images: Sequence[Mapping[str, Any]] = (),
 ) -> None:
     """Writes a Parquet file.
 
@@ -139,7 +139,7 @@ def write_rows(
         path: the file.
         batches: of rows; many of them need not fit into memory.
         schema: of the rows.
-        images: called when the rows are written; each has a name, "image".
+        images: each with a name, "image"; used after the last batch.
 
     Raises:
         OSError: it cannot be written.
@@ -147,7 +147,7 @@ def write_rows(
     with path.open("wb") as file, pq.ParquetWriter(file, schema, **_options(schema)) as writer:
         for group in _grouped(batches):
             writer.write_table(pa.Table.from_batches(group))
-        writer.add_key_value_metadata(metadata_of(images()))
+        writer.add_key_value_metadata(metadata_of(images))
 
 
 def read_rows(file: pq.ParquetFile, size: int, schema: pa.Schema) -> pa.Table:

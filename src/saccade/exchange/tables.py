@@ -148,9 +148,7 @@ def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
 
     batches = (point_rows(name, points) for name, points in keypoints.items())
     with atomic_write(path) as temporary:
-        write_rows(
-            temporary, batches, POINT_SCHEMA, lambda: [{"image": name} for name in keypoints]
-        )
+        write_rows(temporary, batches, POINT_SCHEMA, [{"image": name} for name in keypoints])
 
 
 def read_parquet(path: str | Path) -> dict[str, Keypoints]:
