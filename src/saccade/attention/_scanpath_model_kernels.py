@@ -81,7 +81,7 @@ def _saccade_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> fl
 
 @kernel()
 def _inhibition_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
-    """What inhibition of return by the fixations of `path` (k, 2) leaves at a point; in (0, 1]."""
+    """Factor of inhibition of return by the fixations of `path` (k, 2) at a point; in (0, 1]."""
     weight, strength = 1.0, model.inhibition
     width = 2 * model.inhibition_sigma * model.inhibition_sigma
     for k in range(len(path) - 1, -1, -1):

@@ -77,8 +77,8 @@ class ContrastMaps(SaliencyMaps):
     features: tuple[FeatureMap, ...] = ()
     """The feature maps; empty without `keep_features`."""
     pyramids: Mapping[Channel, Mapping[int, FloatMap]] = field(default_factory=dict)
-    """By channel and number of the level, 0 for the size of the image: the levels (h, w) that are
-    compared (A.1-A.6); empty without `keep_features`."""
+    """Compared levels (h, w) by channel and number, 0 for the size of the image (A.1-A.6); empty
+    without `keep_features`."""
 
     @property
     def layers(self) -> dict[str, FloatMap]:
@@ -161,7 +161,7 @@ def contrast_maps(
 
 
 def existing_scales(shape: tuple[int, int], config: ContrastConfig, steps: Steps) -> Scales:
-    """The scales of each channel that an image of this shape has; none of one without weight."""
+    """The scales that an image of this shape has, of the channels with weight."""
     pairs = zip(config.scales, config.scale_weights, strict=True)
     color_scales = [Scale(center, surround, weight) for (center, surround), weight in pairs]
     orientation_scales = [Scale(*levels, 1.0) for levels in config.orientation_scales]

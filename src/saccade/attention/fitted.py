@@ -37,7 +37,7 @@ FLOOR = 0.1
 SURROUNDINGS = (3, 8)
 """Standard deviations in cells of the smoothed maps."""
 AROUND = " around "
-"""Between the parts of a feature's name."""
+"""Separator of the parts of a feature's name."""
 GEOMETRY = ("center x", "center y", "height", "border", "edge")
 """Squared distance from the center along each axis, downward position, distance from the border as
 fractions of the sides, and closeness to it."""
@@ -234,15 +234,12 @@ class FittedModel(Settings):
             base, around, cells = str(name).partition(AROUND)
             holds = base in known and (not around or _is_size(cells))
             require(holds, "features", "names of features of its attention settings", name)
-        finite = all(isinstance(w, float) and np.isfinite(w) for w in self.weights)
         matching = len(self.weights) == len(self.features) > 0
         expected = f"a finite number for each of the {len(self.features)} features"
-        require(finite and matching, "weights", expected, len(self.weights))
+        require(matching, "weights", expected, len(self.weights))
         count = len(self.features) + len(self._early) + FUNCTIONS
-        finite = all(isinstance(w, float) and np.isfinite(w) for w in self.scanpath_weights)
-        matching = len(self.scanpath_weights) in (0, count)
-        expected = f"{count} finite numbers, or none"
-        require(finite and matching, "scanpath_weights", expected, len(self.scanpath_weights))
+        found = len(self.scanpath_weights)
+        require(found in (0, count), "scanpath_weights", f"{count} finite numbers, or none", found)
 
     def maps(self, image: Image, faces: FaceDetector | None = None) -> FittedMaps:
         """The saliency of an image.
@@ -346,7 +343,7 @@ def saccade_tables(shape: tuple[int, int], image_shape: tuple[int, int]) -> Floa
 def path_terms(
     xy: FloatArray, shape: tuple[int, ...], image_shape: tuple[int, int]
 ) -> tuple[IntArray, FloatArray]:
-    """What the fixation after a path depends on.
+    """Anchors and factors of the tables for the fixation after a path.
 
     Args:
         xy: (n, 2) fixations so far in pixels, at least one; the last is the current one.

@@ -181,7 +181,7 @@ class SymmetryMaps(SaliencyMaps):
     """Saliency, in [0, 1], and the symmetry of each level; (h, w) float32."""
 
     levels: Mapping[int, FloatMap]
-    """By number of the pyramid level: (h, w) symmetry, not negative, not scaled."""
+    """(h, w) symmetry by number of the pyramid level, not negative, not scaled."""
 
 
 def symmetry_saliency(

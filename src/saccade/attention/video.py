@@ -33,14 +33,18 @@ from saccade.types import BoolArray, Float32Array, FloatArray, Image
 
 WINDOW = (15, 15)
 """Pixels around a point whose motion is that of the point."""
-CORNERS, QUALITY, SPACING = 200, 0.01, 8
-"""Points from which the motion of the camera is estimated: their number, the quality by that of the
-best, and the distance between them in pixels."""
+CORNERS = 200
+"""Maximum number of points from which the motion of the camera is estimated."""
+QUALITY = 0.01
+"""Minimum quality of these points, as a fraction of that of the best."""
+SPACING = 8
+"""Minimum distance between these points, in pixels."""
 RANSAC_DISTANCE = 1.0
 """Pixels within which a point moves with the camera."""
-TILES, MIN_TILES = 4, 5
-"""Tiles along each side of the image, and in how many of them points have to move with the camera:
-a single object lies in fewer."""
+TILES = 4
+"""Number of tiles along each side of the image."""
+MIN_TILES = 5
+"""Minimum number of tiles with points that move with the camera: one object lies in fewer."""
 
 
 def tracked(

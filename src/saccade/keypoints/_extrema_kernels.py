@@ -33,7 +33,7 @@ LAGRANGE = np.array(
 def mark_duplicates(
     positions: FloatArray, distance: FloatArray, radius: float, out: BoolArray
 ) -> None:
-    """Mark of any two positions within `radius` along every axis the one of larger distance.
+    """Mark the one of larger distance of two positions within `radius` along every axis.
 
     The positions, (n, 3) plane, row and column, are in order of rows.
     """

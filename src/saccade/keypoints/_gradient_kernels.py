@@ -13,7 +13,7 @@ Int32Array: TypeAlias = npt.NDArray[np.int32]
 
 ORIENTATION_BINS = 36
 ORIENTATION_SIGMA = 1.5
-"""Of the Gaussian window, in scales of the keypoint."""
+"""Standard deviation of the Gaussian window, in scales of the keypoint."""
 ORIENTATION_RADIUS = 4.5
 """Half a side of the square around the keypoint, in scales: three sigmas of the window."""
 

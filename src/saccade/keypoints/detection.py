@@ -1,4 +1,4 @@
-"""From the responses of a scale space to keypoints, as SIFT, MUST and SymRoID share it."""
+"""Keypoints from the responses of a scale space, shared by SIFT, MUST and SymRoID."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -19,7 +19,7 @@ KEYPOINTS_PER_SCALE = 50
 """Keypoints asked for, for each pixel of the scale at which the ranking levels off: chosen by the
 matches and homographies of known pairs at 100 to 4000 keypoints."""
 ROBUSTNESS = 0.9
-"""A point is suppressed only by those of which this fraction exceeds its own response."""
+"""Fraction of a response that must exceed another for its point to be suppressed."""
 FIRST_NEIGHBORS = 8
 """Neighbors that are queried of every point."""
 
@@ -84,7 +84,7 @@ def to_keypoints(
     keypoints = points.keypoints(space, config.first_octave)
     if not describe:
         return keypoints
-    # From what is returned, so that it can be described again to the same bytes.
+    # Located from the keypoints, which can so be described again to the same bytes.
     points = locate(keypoints, space, config)
     return replace(keypoints, descriptors=describe_points(space.octaves, points, config, workspace))
 

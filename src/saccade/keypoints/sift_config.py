@@ -116,8 +116,8 @@ class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
     samples each way, which localizes a blob's center within 0.003 samples rather than 0.07, and
     keeps the extrema halfway between two samples, where the quadratic goes back and forth."""
     ranking: Literal["signal-to-noise", "response"] = "signal-to-noise"
-    """What makes a keypoint strong: "response" is |D|; "signal-to-noise" is |D| times the scale
-    in pixels, which is proportional to that ratio: white noise of the pixels has in D a standard
+    """Strength of a keypoint: "response" is |D|; "signal-to-noise" is |D| times the scale in
+    pixels, which is proportional to that ratio: white noise of the pixels has in D a standard
     deviation that falls as 1 / sigma. With `max_keypoints` scales level off at a fiftieth of it:
     the strongest few would else all be large, and large ones are localized coarsely."""
 
@@ -185,7 +185,7 @@ class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
     def opencv(cls) -> Self:
         """As `cv2.SIFT_create()`, its shift by a quarter pixel included.
 
-        Of a large keypoint every second sample is described, where OpenCV takes all: descriptors
+        Every second sample of a large keypoint is described, where OpenCV takes all: descriptors
         have a median cosine of 0.9998 with OpenCV's, and 99 % of them one of over 0.997.
         """
         return replace(

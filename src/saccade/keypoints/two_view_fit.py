@@ -10,7 +10,7 @@ from saccade.types import FloatArray
 
 Geometry: TypeAlias = Literal["fundamental", "homography", "essential"]
 Parametrization: TypeAlias = Callable[[FloatArray], FloatArray]
-"""From (k,) parameters, 0 at the initial model, to a (3, 3) matrix."""
+"""Function from (k,) parameters, 0 at the initial model, to a (3, 3) matrix."""
 
 CAUCHY_WIDTH = 1.0
 """Residual at which the Cauchy loss begins to level off, in robust standard deviations: chosen
@@ -18,11 +18,11 @@ among 1, 2 and 3 by the homographies of synthetic pairs."""
 NORMAL_MAD = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 MAX_CONDITION = 1e14
-"""Of the information, beyond which the matches do not determine the model."""
+"""Largest condition number of the information of matches that determine a model."""
 MIN_FREEDOM = 0.05
 """One minus the largest leverage: a residual of a higher one says nothing of its error."""
 DERIVATIVE_STEP = 1e-6
-"""Of central differences; the parameters are of unit scale."""
+"""Step of central differences; the parameters are of unit scale."""
 
 
 class Fit(NamedTuple):

@@ -36,7 +36,7 @@ MIN_SIGMA = 0.02
 SCALE_ERROR = 0.064
 """Error of a position in each axis, in scales of its keypoint."""
 NOISE_ERROR = 0.0028
-"""The same in pixels, times |D|: what the noise of the image contributes."""
+"""Error of a position in pixels due to the noise of the image, times |D|."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Verification:
     """(3, 3), whose properties by kind are `F`, `E` and `H`; None where there are too few
     inliers."""
     inliers: BoolArray
-    """(m,) which matches are consistent with it; all false where it is None."""
+    """(m,) which matches are consistent with it; all false without a matrix."""
     covariance: FloatArray | None = None
     """(9, 9) of the entries of `matrix`, row by row, at its norm; None where the matches do not
     determine it, and in stored runs."""
