@@ -4,9 +4,8 @@
 
 Simulated worlds: the map is that of one run, the robot that of another one; the start is the true
 one in the frame of the map. "exact" takes the landmarks of the map as exact. Of MRCLAM, robots 2 to
-5 drive in the map of robot 1. Position RMSE in metres, and the mean NEES of the pose (3 if it is
-consistent) from the first hundred poses on. Then the five maps of MRCLAM are merged: RMSE of the
-landmarks after alignment.
+5 drive in the map of robot 1. Position RMSE in meters, and the mean NEES of the pose (3 if it is
+consistent) from the first hundred poses on.
 """
 
 import tempfile
@@ -17,11 +16,10 @@ import numpy as np
 
 from measuring import ROBOT, arguments
 from saccade import datasets, slam
-from saccade.errors import LogError
-from saccade.evaluation.trajectory import landmark_rmse, point_rmse
+from saccade.evaluation.trajectory import point_rmse
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.consistency import pose_nees
-from saccade.types import LandmarkLog, LandmarkMap
+from saccade.types import LandmarkLog
 
 WORLDS = {"loop": WorldConfig.loop(), "slippery": WorldConfig.slippery(), "robot": ROBOT}
 
@@ -47,7 +45,6 @@ def scores(log: LandmarkLog, file: Path) -> Iterator[tuple[str, float, float]]:
     """RMSE without alignment and NEES of the four ways to drive a log."""
     ways = {
         "anew": slam.slam_for(log),
-        "continue": slam.Slam.load(file, start=log.start, odometry_bias=log.odometry_bias),
         "localize": slam.Slam.load(
             file, "localize", start=log.start, odometry_bias=log.odometry_bias
         ),
@@ -89,15 +86,6 @@ def main() -> None:
     robots[0].save(file)
     for number, log in enumerate(logs[1:], 2):
         show(f"MRCLAM, robot {number}", [[*scores(log, file)]])
-    merged, truth = robots[0], logs[0].landmark_truth
-    for robot in robots[1:]:
-        try:
-            merged = slam.merge_maps(merged, robot).slam
-        except LogError as error:
-            print(error)
-    each = [landmark_rmse(LandmarkMap(r.identities, r.ekf.landmarks), truth) for r in robots]
-    both = landmark_rmse(LandmarkMap(merged.identities, merged.ekf.landmarks), truth)
-    print(f"landmarks: {np.round(each, 3)}, mean {np.mean(each):.3f}; merged {both:.3f} m")
 
 
 if __name__ == "__main__":

@@ -3,10 +3,9 @@
     OMP_NUM_THREADS=1 uv run python benchmarks/slam.py [--logs data/logs]
 
 For each size a steady state is timed, one prediction and one landmark's update after the other, by
-`Slam.step` and by `EkfSlam` alone, against the update of the textbook on whole matrices in NumPy,
-and against one pass over the covariance: reading and writing its upper triangle at the bandwidth
-that is measured in the same run; then whole logs if they are given. Everything takes turns with
-its peer; printed are medians. `large_map.py` times the compressed filter.
+`Slam.step` and by `EkfSlam` alone, against one pass over the covariance: reading and writing its
+upper triangle at the bandwidth that is measured in the same run; then whole logs if they are given.
+Everything takes turns; printed are medians. `large_map.py` times the compressed filter.
 """
 
 import resource
@@ -35,36 +34,6 @@ def filled(landmarks: int, retraction: slam.Retraction = INVARIANT) -> EkfSlam:
     for xy in rng.uniform(-half, half, (landmarks, 2)):
         ekf.augment(observe(np.zeros(3), xy)[0], NOISE)
     return ekf
-
-
-class Textbook:
-    """C.5-C.14 on whole matrices, as they are printed, but for a prediction by blocks."""
-
-    def __init__(self, state: np.ndarray, covariance: np.ndarray) -> None:
-        self.s, self.P = state, covariance
-
-    def predict(self, u: np.ndarray, U: np.ndarray) -> None:
-        """C.5-C.9."""
-        self.s[:3], F, G = slam.turn_then_translate(self.s[:3], u)
-        self.P[:3] = F @ self.P[:3]
-        self.P[:, :3] = self.P[:, :3] @ F.T
-        self.P[:3, :3] += G @ U @ G.T
-
-    def update(self, z: np.ndarray, R: np.ndarray, landmark: int) -> None:
-        """C.10-C.14."""
-        m = 3 + 2 * landmark
-        expected, Hm = observe(self.s[:3], self.s[m : m + 2])
-        H = np.zeros((2, len(self.s)))
-        H[:, :3], H[:, m : m + 2] = Hm[:, :3], Hm[:, 3:]
-        S = H @ self.P @ H.T + R
-        W = self.P @ H.T @ np.linalg.inv(S)
-        self.s = self.s + W @ slam.difference(z, expected)
-        self.P = self.P - W @ S @ W.T
-
-    @property
-    def pose(self) -> np.ndarray:
-        """(3,)."""
-        return self.s[:3]
 
 
 def stretch(pose: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -98,7 +67,7 @@ def stepped(ekf: EkfSlam, seen: np.ndarray) -> float:
     return (time.perf_counter() - start) / STEPS
 
 
-def called(ekf: EkfSlam | Textbook, seen: np.ndarray) -> float:
+def called(ekf: EkfSlam, seen: np.ndarray) -> float:
     """Seconds that a step takes if each is called for by itself."""
     steps = list(zip(*stretch(ekf.pose, seen), strict=True))
     start = time.perf_counter()
@@ -122,7 +91,7 @@ def bytes_a_second(array: np.ndarray) -> float:
     return 2 * array.nbytes / (time.perf_counter() - start)
 
 
-def contest(landmarks: int, rounds: int, dense: bool) -> None:
+def contest(landmarks: int, rounds: int) -> None:
     ekf = filled(landmarks)
     seen = nearest(ekf, 20)
     large = np.ones(2**25)
@@ -135,19 +104,9 @@ def contest(landmarks: int, rounds: int, dense: bool) -> None:
         ours = stepped(ekf, seen)
         rows.append((ours, called(ekf, seen), one_pass, ours / one_pass))
     ours, by_calls, one_pass, share = np.median(rows, 0)
-    whole = np.nan
-    if dense:
-        textbook = Textbook(ekf.state, ekf.covariance)
-        times = []
-        for z in stretch(ekf.pose, seen)[1][: max(rounds // 3, 2)]:
-            start = time.perf_counter()
-            textbook.predict(CONTROL, U)
-            textbook.update(z, NOISE, int(seen[0, 0]))
-            times.append(time.perf_counter() - start)
-        whole = float(np.median(times))
     print(
         f"{landmarks:9d}  {ours * 1e3:8.3f}  {by_calls * 1e3:8.3f}  {one_pass * 1e3:8.3f}"
-        f"  {share:9.2f}  {whole * 1e3:11.3f}  {whole / ours:13.0f}",
+        f"  {share:9.2f}",
         flush=True,
     )
 
@@ -174,13 +133,12 @@ def main() -> None:
         __doc__,
         sizes=[100, 500, 1000, 2000, 5000],
         rounds=9,
-        dense_up_to={"type": int, "default": 2000, "help": "landmarks"},
         logs={"type": Path, "help": "folder with mrclam, citytrees and victoria_park"},
     )
     require_one_thread()
-    print("landmarks   ours ms  by calls   pass ms  ours/pass  textbook ms  textbook/ours")
+    print("landmarks   ours ms  by calls   pass ms  ours/pass")
     for landmarks in given.sizes:
-        contest(landmarks, given.rounds, landmarks <= given.dense_up_to)
+        contest(landmarks, given.rounds)
     if given.logs is not None:
         logs(given.logs, given.rounds)
     print(f"peak memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")

@@ -7,13 +7,12 @@ maps, and how many keypoints of the textbook the preset finds within 0.1 px and 
 scale. The figures are in `docs/appendices.md`.
 """
 
-import sys
 from dataclasses import replace
-from importlib.resources import files
 
 import numpy as np
 
 import saccade
+from measuring import DATA, arguments
 from saccade.textbook import contrast_saliency, sift
 from saccade.types import Float32Array, Keypoints
 
@@ -22,9 +21,10 @@ PHOTOGRAPHS = ("coffee", "chelsea", "rocket", "astronaut", "hallway_1")
 
 
 def main() -> None:
-    photographs = [str(files("saccade") / "data" / f"{name}.jpg") for name in PHOTOGRAPHS]
+    given = arguments(__doc__, images={"flags": "images", "nargs": "*"})
+    photographs = [str(DATA / f"{name}.jpg") for name in PHOTOGRAPHS]
     print("image:", *MAPS, "| printed, found, others, median and least cosine of descriptors")
-    for path in sys.argv[1:] or photographs:
+    for path in given.images or photographs:
         image = saccade.read_image(path)
         correlations = " ".join(f"{each:.5f}" for each in map_agreement(image))
         print(f"{path.rpartition('/')[2]}: {correlations} | {sift_agreement(image)}")
