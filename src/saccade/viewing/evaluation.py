@@ -130,11 +130,11 @@ class ComparedTrajectory:
     time: FloatArray
     """(n,) seconds."""
     position: FloatArray
-    """(n, 3) metres, aligned with the truth."""
+    """(n, 3) meters, aligned with the truth."""
     truth: FloatArray
-    """(n, 3) metres, at the same times."""
+    """(n, 3) meters, at the same times."""
     errors: Mapping[str, FloatArray]
-    """(n,) metres, by the name of the alignment."""
+    """(n,) meters, by the name of the alignment."""
 
 
 def trajectory_figure(trajectories: Sequence[ComparedTrajectory]) -> Figure:

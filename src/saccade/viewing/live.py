@@ -21,7 +21,7 @@ PLAYBACK_RATE = 24
 ARROW_FRACTION = 0.03
 """Length of the robot, as a fraction of the size of the map."""
 UNKNOWN_AREA = np.array([[-20.0, -20.0], [20.0, 20.0]])
-"""Box (2, 2) in metres that is shown of a map whose size nobody knows yet."""
+"""Box (2, 2) in meters that is shown of a map whose size nobody knows yet."""
 MAX_POINTS = 2000
 """Poses of a trajectory: it is sent again with each snapshot."""
 
@@ -37,7 +37,7 @@ class LiveMap:
         dead_reckoning: from odometry alone; None without odometry.
         in_browser: open the viewer as a page in the browser, which this process serves.
         image_at: gives the image of a pose, (H, W) or (H, W, 3) uint8, or None; None shows none.
-        box: (2, 2) metres that are shown; by default those of dead reckoning.
+        box: (2, 2) meters that are shown; by default those of dead reckoning.
         file: written in place of a viewer.
 
     Raises:
@@ -68,22 +68,18 @@ class LiveMap:
         layout = self.rerun.blueprint
         (x, y), size = box.mean(0).tolist(), float((box[1] - box[0]).max())
         position = [x, y - 0.01 * size, 1.1 * size]
-        camera = layout.EyeControls3D(
-            position=position, look_target=[x, y, 0.0], eye_up=[0.0, 1.0, 0.0]
-        )
-        white = [255, 255, 255]
-        view = layout.Spatial3DView(origin="map", name="map", background=white, eye_controls=camera)
-        series = layout.TimeSeriesView
-        sigma = series(origin="plots/sigma", name="sigma of the position [m]")
-        beside = [sigma, series(origin="plots/landmarks", name="landmarks")]
-        if self.image_at is not None:
-            beside.insert(0, layout.Spatial2DView(origin="camera", name="camera"))
+        eye = layout.EyeControls3D(position=position, look_target=[x, y, 0.0], eye_up=[0, 1, 0])
+        view = layout.Spatial3DView(origin="map", background=[255] * 3, eye_controls=eye)
+        beside = [layout.Spatial2DView(origin="camera")] if self.image_at is not None else []
+        beside += [
+            layout.TimeSeriesView(origin=f"plots/{name.split()[0]}", name=name)
+            for name in ("sigma of the position [m]", "landmarks")
+        ]
         self.stream.send_blueprint(
             layout.Blueprint(
                 layout.Horizontal(view, layout.Vertical(*beside), column_shares=[3, 1]),
                 layout.TimePanel(timeline="frame", fps=PLAYBACK_RATE, state="collapsed"),
-                layout.BlueprintPanel(state="collapsed"),
-                layout.SelectionPanel(state="collapsed"),
+                collapse_panels=True,
             )
         )
         self.stream.log("map", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

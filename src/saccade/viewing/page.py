@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from PIL import Image as Pillow
 
 from saccade.types import Float32Array, Image
-from saccade.viewing.style import HEAT, png_bytes
+from saccade.viewing.style import HEAT
 
 MAX_SIDE, MAX_MAP_SIDE = 1200, 400
 """Pixels of the longer side of a photograph and of a saliency map on a page."""
@@ -34,7 +34,9 @@ def data_uri(kind: str, data: bytes) -> str:
 
 def figure_uri(figure: Figure) -> str:
     """The data URI of a figure as a PNG."""
-    return data_uri("png", png_bytes(figure))
+    with BytesIO() as file:
+        figure.savefig(file, format="png", facecolor="white")
+        return data_uri("png", file.getvalue())
 
 
 def shrunk(image: npt.NDArray[Any], scale: float) -> npt.NDArray[Any]:

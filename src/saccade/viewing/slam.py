@@ -35,7 +35,7 @@ def map_figure(
     filtered: Trajectory | None = None,
     lost: BoolArray | None = None,
 ) -> Figure:
-    """The map from above; x to the right, y up, in metres.
+    """The map from above; x to the right, y up, in meters.
 
     The axes enclose everything but dead reckoning, which may leave them.
 
@@ -129,7 +129,7 @@ def bounds(points: FloatArray, margin: float = 0.04) -> FloatArray:
 
 
 def map_axes(axes: Axes, box: FloatArray) -> None:
-    """Axes in metres that show a box (2, 2) at equal scales."""
+    """Axes in meters that show a box (2, 2) at equal scales."""
     axes.set(xlim=box[:, 0], ylim=box[:, 1], xlabel="x [m]", ylabel="y [m]")
     axes.set_aspect("equal", adjustable="box")
     grid_axes(axes)

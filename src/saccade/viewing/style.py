@@ -1,7 +1,6 @@
 """Colors and axes of every figure; safe for color-blind readers."""
 
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -119,10 +118,3 @@ def save_figures(figure: Figure, path: str | Path, formats: Sequence[str]) -> Pa
     """
     first, *_ = [save_figure(figure, f"{path}.{each}") for each in formats]
     return first
-
-
-def png_bytes(figure: Figure) -> bytes:
-    """A figure as a PNG in memory, for pages and films."""
-    with BytesIO() as file:
-        figure.savefig(file, format="png", facecolor="white")
-        return file.getvalue()
