@@ -27,7 +27,7 @@ MODELS = {
     "symmetry": ("symmetry",),
     "boolean": ("boolean",),
 }
-"""The configurations of each attention model, the one that contains the others first."""
+"""Configurations of each attention model: its own, then the nested ones."""
 
 
 GROUPS: dict[str, dict[str, Any]] = tomllib.loads(web_file("serving/controls.toml"))
@@ -79,13 +79,11 @@ def setting_controls(configuration: type, group: Mapping[str, Any]) -> list[dict
 
 
 def _group(kind: str) -> dict[str, Any]:
-    settings, group = load_settings(kind), GROUPS[kind]
+    group = GROUPS[kind]
     presets: dict[str, dict[str, dict[str, Any]]] = {}
     for name in preset_names(kind):
-        preset = load_settings(kind, name)
-        values = _values(kind, preset)
-        # A preset may differ from the default only in what the page does not show.
-        if preset == settings or values != presets[DEFAULT]:
+        values = _values(kind, load_settings(kind, name))
+        if values not in presets.values():  # some differ in settings that have no control
             presets[name] = values
     return {
         "kind": kind,
@@ -93,12 +91,12 @@ def _group(kind: str) -> dict[str, Any]:
         "first": len(group["first"]),
         "presets": presets,
         "initial": group.get("initial", DEFAULT),
-        "fields": setting_controls(type(settings), group),
+        "fields": setting_controls(type(load_settings(kind)), group),
     }
 
 
 def _values(kind: str, settings: Any) -> dict[str, dict[str, Any]]:
-    """By kind, the values of a configuration and of its nested ones that have a group."""
+    """Values of a configuration and of its nested ones that have a group, by kind."""
     hints, values = get_type_hints(type(settings)), dict[str, Any]()
     by_kind = {kind: values}
     for name, hint in hints.items():
@@ -116,7 +114,7 @@ def _is_group(hint: Any) -> bool:
 
 
 def _control(hint: Any, slider: Sequence[float] | None) -> dict[str, Any]:
-    """The control of a type; that of an optional type can be switched off, which means None."""
+    """The control of a type; an optional one can be switched off, which means None."""
     if NoneType in get_args(hint):
         (inner,) = (each for each in get_args(hint) if each is not NoneType)
         return {**_control(inner, slider), "optional": True}

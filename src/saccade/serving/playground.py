@@ -31,10 +31,12 @@ MAX_STEPS = 5000
 """Steps of a session."""
 MAX_STEPS_AT_ONCE = 50
 """Steps of one request."""
-MAX_DISTANCE, MAX_TURN = 2.0, np.pi
-"""Meters and radians of one step."""
+MAX_DISTANCE = 2.0
+"""Maximum distance of one step in meters."""
+MAX_TURN = np.pi
+"""Maximum turn of one step in radians."""
 SURE_AND_WRONG = 0.999
-"""Probability under which the NEES of a consistent filter stays."""
+"""Quantile of the NEES above which a filter is called sure and wrong."""
 
 
 @dataclass(frozen=True)
@@ -132,11 +134,11 @@ class Session:
         self.num_steps = 0
         self.filters = {name: Slam(_config(name), start=START) for name in RETRACTIONS}
         self.scores: dict[str, list[tuple[float, bool]]] = {name: [] for name in RETRACTIONS}
-        """By filter, the NEES of each pose, NaN where it is certain, and whether the true position
-        was in its 99.7 % ellipse."""
+        """NEES of each pose by filter, NaN where it is certain, and whether the true position was
+        in its 99.7 % ellipse."""
 
     def step(self, command: FloatArray | None, noise: PlaygroundNoise) -> dict[str, Any]:
-        """Take a step with every filter; returns what was observed, and each filter's estimate."""
+        """Take a step with every filter; returns the observations and all estimates."""
         scan = self.world.move(command, noise)
         truth, time = self.world.pose, float(self.num_steps)
         estimates = {}
@@ -260,7 +262,7 @@ class Playground:
 
 
 def commands_from(value: Any) -> list[FloatArray | None]:
-    """The commands in a request, None for those that stand still."""
+    """The commands in a request; None stands still."""
     is_list = isinstance(value, list) and len(value) <= MAX_STEPS_AT_ONCE
     require(is_list, "commands", f"a list of at most {MAX_STEPS_AT_ONCE}", value)
     limits = f"a distance up to {MAX_DISTANCE:g} m and up to half a turn, or null"
@@ -302,7 +304,7 @@ def _config(name: str) -> EkfConfig:
 
 
 def _state(session: Session, steps: Sequence[Mapping[str, Any]], name: str) -> dict[str, Any]:
-    """What the page draws: the new steps, the world, the map of one filter, and the scores."""
+    """The new steps, the world, the map of one filter, and all scores, for the page."""
     landmarks = session.world.landmarks
     return {
         "steps": list(steps),

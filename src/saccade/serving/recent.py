@@ -1,4 +1,4 @@
-"""What the server keeps in memory: the most recently used of each kind."""
+"""Most recently used photographs and sessions of the server."""
 
 import secrets
 from collections import OrderedDict
@@ -12,7 +12,7 @@ class Recent(Generic[T]):
 
     Args:
         size: number of values that are kept.
-        name: what a value is, for error messages.
+        name: kind of the values, for error messages.
     """
 
     def __init__(self, size: int, name: str) -> None:

@@ -45,7 +45,7 @@ def attention_figure(
 
     Args:
         image: (H, W, 3) in [0, 1].
-        maps: what a model returns; or by title, each (h, w), the first is the saliency map. Each
+        maps: the result of a model, or maps (h, w) by title, the saliency map first. Each
             is drawn from 0 to its own maximum.
         path: fixations in image pixels, numbered in their order, the first in white; None for the
             image alone.
@@ -82,7 +82,7 @@ def pair_figure(image: Float32Array, pairs: Sequence[SymmetricPairs]) -> Figure:
 
     Args:
         image: (H, W, 3) in [0, 1].
-        pairs: those of each point.
+        pairs: symmetric pairs of each point.
     """
     figure = figure_for(image.shape[1], image.shape[0], panel=9)
     points = "a point" if len(pairs) == 1 else f"{len(pairs)} points"
@@ -126,7 +126,7 @@ def draw_pair_lines(axes: Axes, pairs: SymmetricPairs) -> None:
 def axis_of(pairs: SymmetricPairs) -> float | None:
     """Direction of the axis of symmetry in radians, modulo pi; None where the pairs have no one.
 
-    The axis of a pair is its perpendicular bisector. The mean is that of axial data: of the doubled
+    The axis of a pair is its perpendicular bisector. Their mean is that of the doubled
     angles, weighted by strength.
     """
     dx, dy = (pairs.second - pairs.first).T

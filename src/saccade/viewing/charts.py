@@ -25,7 +25,7 @@ class Chart:
     time: FloatArray
     """(k,) seconds."""
     values: FloatArray
-    """(k,) NaN where there is none."""
+    """(k,) values, NaN where unknown."""
     band: tuple[FloatArray, FloatArray]
     """(k,) lower and upper limit."""
     band_name: str
@@ -81,7 +81,7 @@ def innovation_charts(
     Args:
         time: (k,) of each observation, ascending.
         innovation: (k, 2), NaN for an observation without update.
-        covariance: (k, 2, 2) of them.
+        covariance: (k, 2, 2) covariances of the innovations.
         nis: (k,) normalized innovation squared.
         band: 95 % interval of the running mean of a consistent filter.
         window: observations in the running mean.
@@ -134,7 +134,7 @@ def chart_figure(charts: Sequence[Chart], start: float = 0.0) -> Figure:
 
     Args:
         charts: in their order.
-        start: time in seconds at which the axes begin.
+        start: origin of the time axes, in seconds.
     """
     columns = max(1, min(len(charts), MAX_COLUMNS))
     rows = max(1, -(-len(charts) // columns))

@@ -78,7 +78,7 @@ def scanpath_figure(
 
     Args:
         paths: by the name of the group, fixations (k, 2) in image pixels.
-        durations: by name, seconds; those that are not finite are left out.
+        durations: by name, seconds; values that are not finite are omitted.
         pixels_per_degree: unit of the amplitudes.
     """
     figure = Figure(figsize=(9.6, 3.2), layout="constrained")

@@ -40,8 +40,10 @@ SLOWDOWN = 4.0
 """Slow motion of the film of a scanpath."""
 LAST_SECONDS = 1.5
 """Duration of its last frame."""
-WIDTH, HEIGHT = 1280, 720
-"""Pixels of a frame of the map."""
+WIDTH = 1280
+"""Width of a frame of the map in pixels."""
+HEIGHT = 720
+"""Height of a frame in pixels."""
 CAMERA_WIDTH = 640
 """Pixels of the camera image on its left."""
 ROBOT = [(14, 0), (-9, 8), (-5, 0), (-9, -8), (14, 0)]
@@ -173,7 +175,7 @@ def drive_frames(
 
 
 class _MapCanvas:
-    """A figure whose background is drawn once; each frame moves what is drawn over it."""
+    """A figure whose background is drawn once; each frame redraws the rest."""
 
     def __init__(self, box: FloatArray, *, has_odometry: bool) -> None:
         figure = Figure(figsize=(WIDTH / 100, HEIGHT / 100), dpi=100)
@@ -214,7 +216,7 @@ class _MapCanvas:
     def draw(
         self, snapshot: MapSnapshot, odometry: FloatArray, time: float, eye: Eye | None = None
     ) -> Frame:
-        """The next frame; its trajectories continue those of the frames before.
+        """The next frame; it extends the trajectories of earlier frames.
 
         Args:
             snapshot: what to draw.

@@ -74,7 +74,7 @@ def match_figure(
 ) -> Figure:
     """Two images side by side, matched interest points joined by lines.
 
-    Lines of inliers are green; those of other matches lie beneath, red and dashed.
+    Inliers are green lines; the other matches lie beneath as red dashed lines.
 
     Args:
         images: two (H, W, 3) in [0, 1].

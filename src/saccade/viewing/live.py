@@ -21,7 +21,7 @@ PLAYBACK_RATE = 24
 ARROW_FRACTION = 0.03
 """Length of the robot, as a fraction of the size of the map."""
 UNKNOWN_AREA = np.array([[-20.0, -20.0], [20.0, 20.0]])
-"""Box (2, 2) in meters that is shown of a map whose size nobody knows yet."""
+"""Box (2, 2) in meters that is shown while the size of the map is unknown."""
 MAX_POINTS = 2000
 """Poses of a trajectory: it is sent again with each snapshot."""
 
@@ -37,7 +37,7 @@ class LiveMap:
         dead_reckoning: from odometry alone; None without odometry.
         in_browser: open the viewer as a page in the browser, which this process serves.
         image_at: gives the image of a pose, (H, W) or (H, W, 3) uint8, or None; None shows none.
-        box: (2, 2) meters that are shown; by default those of dead reckoning.
+        box: (2, 2) meters that are shown; by default the bounds of dead reckoning.
         file: written in place of a viewer.
 
     Raises:
@@ -141,7 +141,7 @@ class LiveMap:
 
 
 class LiveImages:
-    """A rerun viewer, opened at once, that shows the images of a camera and what is found in them.
+    """A rerun viewer, opened at once, of a camera's images, saliency and interest points.
 
     Args:
         name: of the camera.

@@ -21,8 +21,10 @@ from PIL import Image as Pillow
 from saccade.types import Float32Array, Image
 from saccade.viewing.style import HEAT
 
-MAX_SIDE, MAX_MAP_SIDE = 1200, 400
-"""Pixels of the longer side of a photograph and of a saliency map on a page."""
+MAX_SIDE = 1200
+"""Longer side of a photograph on a page, in pixels."""
+MAX_MAP_SIDE = 400
+"""Longer side of a saliency map on a page, in pixels."""
 PACKED_TYPES = ("float32", "int32", "int16", "uint16", "uint8")
 """Data types of JavaScript's typed arrays."""
 

@@ -18,11 +18,13 @@ SCRIPTS: dict[str, tuple[str, ...]] = {
     "match": ("photo.js", "match.js"),
     "table": ("table.js",),
 }
-"""Scripts of each kind of part, besides those of every page."""
+"""Additional scripts for each kind of part."""
 MAX_LENGTH = 4_700_000
 """Characters of all parts together: the page stays under 5 MB."""
-MAX_POINTS, MAX_MATCHES = 400, 5000
-"""Interest points shown with their descriptors, and matches of two photographs."""
+MAX_POINTS = 400
+"""Maximum number of interest points, shown with their descriptors."""
+MAX_MATCHES = 5000
+"""Maximum number of matches of two photographs."""
 SORT_HINT = "Click a heading to sort by it, and once more to reverse the order."
 """Appended to the text of a table."""
 
@@ -50,7 +52,7 @@ class Table(NamedTuple):
 
     title: str
     columns: Sequence[str]
-    """Headings; that of the first column may be empty."""
+    """Headings; the first may be empty."""
     rows: Sequence[Sequence[str]]
     """One cell for each column; the first names the row."""
     text: str = ""
@@ -141,7 +143,7 @@ def image_part(
         image: (H, W, 3) in [0, 1].
         maps: by title; each (h, w), not negative.
         path: fixations.
-        keypoints: the first `MAX_POINTS` of them are shown.
+        keypoints: the first `MAX_POINTS` are shown.
         samples: more scanpaths, with the distributions of their saccades.
     """
     data: dict[str, Any] = {
@@ -211,11 +213,11 @@ def stride(count: int, limit: int) -> int:
 
 
 def with_notes(section: Section, thinned: Mapping[str, tuple[int, int]]) -> Section:
-    """A section whose text says which of its data were left out.
+    """Adds notes about omitted data to the text of a section.
 
     Args:
         section: heading, text and facts.
-        thinned: by name, the number of items and the stride at which they were taken.
+        thinned: number of items and stride of the selection, by name.
     """
     notes = [
         f"Of {count:,} {name} one in {step} is on this page."

@@ -12,23 +12,29 @@ from saccade.viewing.page import Section, photograph
 from saccade.viewing.report import Part, stride, with_notes
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
 
-MAX_POSES, MAX_DOTS = 6000, 3000
-"""Poses of each trajectory, and values of each chart."""
+MAX_POSES = 6000
+"""Maximum number of poses of a trajectory."""
+MAX_DOTS = 3000
+"""Maximum number of values of a chart."""
 MAX_ROWS = 24_000
 """Landmarks in all snapshots together; where there are more, snapshots are left out."""
 MAX_INTERVALS = 30_000
 """Intervals in which a landmark was observed without a gap."""
 MAX_GAP = 2
 """Largest difference of pose numbers between two observations of one interval."""
-MAX_IMAGES, MAX_IMAGE_LENGTH = 160, 1_100_000
-"""Camera images, and characters of all of them."""
-IMAGE_SIDE, IMAGE_QUALITY = 280, 65
-"""Pixels of the longer side of a camera image, and quality of its JPEG."""
+MAX_IMAGES = 160
+"""Maximum number of camera images."""
+MAX_IMAGE_LENGTH = 1_100_000
+"""Maximum number of characters of all camera images."""
+IMAGE_SIDE = 280
+"""Longer side of a camera image in pixels."""
+IMAGE_QUALITY = 65
+"""Quality of its JPEG."""
 
 
 @dataclass(frozen=True)
 class ObservedLandmarks:
-    """Landmarks with the poses from which they were observed."""
+    """Observations of landmarks, by pose."""
 
     step: IntArray
     """(k,) index of the pose, ascending."""

@@ -11,12 +11,16 @@ from matplotlib.figure import Figure
 from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, LandmarkMap, Trajectory
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, grid_axes
 
-ELLIPSE_SCALE, ELLIPSE_LABEL = sqrt(THREE_SIGMA_2D), "3 sigma (99.7 %)"
-"""Semi-axes of an ellipse that holds 99.73 %, in standard deviations, and its name in legends."""
+ELLIPSE_SCALE = sqrt(THREE_SIGMA_2D)
+"""Semi-axes of an ellipse that holds 99.73 %, in standard deviations."""
+ELLIPSE_LABEL = "3 sigma (99.7 %)"
+"""Name of such an ellipse in legends."""
 CORNERS = 48
 """Corners of the polygon that approximates an ellipse."""
-LONG_SIDE, MIN_SHORT_SIDE = 8.8, 4.2
-"""Inches: the longer side of the map, and the least of its shorter side."""
+LONG_SIDE = 8.8
+"""Longer side of the map in inches."""
+MIN_SHORT_SIDE = 4.2
+"""Minimum of its shorter side in inches."""
 ELLIPSE: dict[str, Any] = {
     "facecolor": (ORANGE, 0.18),
     "edgecolor": (ORANGE, 0.9),
@@ -117,7 +121,7 @@ def bounds(points: FloatArray, margin: float = 0.04) -> FloatArray:
     """The box (2, 2) around points (n, 2), lowest corner first.
 
     Args:
-        points: those that are not finite are left out.
+        points: points that are not finite are ignored.
         margin: around them, as a fraction of the longer side.
     """
     points = points[np.isfinite(points).all(1)]

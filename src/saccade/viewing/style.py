@@ -18,7 +18,7 @@ FIGURE_FORMATS: Mapping[str, dict[str, Any]] = {
     "svg": {"Date": None},
     "pdf": {"CreationDate": None},
 }
-"""Formats of figures by suffix, and what is left out of their metadata."""
+"""Formats of figures by suffix, and metadata that is omitted."""
 VECTOR_TEXT: Any = {
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
@@ -51,7 +51,7 @@ def picture_axes(axes: Axes, title: str) -> None:
 
 
 def draw_panel(axes: Axes, image: npt.NDArray[Any], title: str, **options: Any) -> None:
-    """An image or a map under its title; options are those of `Axes.imshow`."""
+    """An image or a map under its title; options are passed to `Axes.imshow`."""
     axes.imshow(image, **options)
     picture_axes(axes, title)
 

@@ -54,7 +54,7 @@ class Transition(NamedTuple):
     before: State
     after: State
     observed: FloatArray | None
-    """(2,) position at which the observation puts its landmark; None for a prediction."""
+    """(2,) landmark position by the observation alone; None for a prediction."""
 
 
 class FilterTrace(NamedTuple):

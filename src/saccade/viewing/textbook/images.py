@@ -183,7 +183,7 @@ PATCH = 160
 def sift_figures(image: Image, result: Any) -> dict[str, Figure]:
     """The figures of the steps from an image to its keypoints, by name.
 
-    Those of a single keypoint are left out where there is none.
+    Without a keypoint there are no figures of a single one.
 
     Args:
         image: (H, W, 3) in [0, 1].

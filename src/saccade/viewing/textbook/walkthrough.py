@@ -33,16 +33,16 @@ from saccade.viewing.textbook.images import (
 )
 
 ENTRY_POINTS = {"A": "contrast_saliency", "B": "sift", "C": "EkfSlam"}
-"""By appendix: the function or class that implements it."""
+"""Function or class that implements each appendix."""
 TITLES = {
     "A": "A. The contrast-saliency model",
     "B": "B. The Scale-Invariant Feature Transform",
     "C": "C. EKF-SLAM",
 }
 Figures = dict[str, Figure]
-"""By step."""
+"""Figures by step."""
 Results = dict[str, dict[str, str]]
-"""By step and name."""
+"""Results by step and name."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def _errors_located_in(path: Path) -> Iterator[None]:
 
 
 WIDE_TEX = 36
-"""Characters of TeX from which a formula may be wider than a phone."""
+"""Maximum number of characters of TeX for a formula that fits a phone."""
 
 
 def load_steps(appendix: str) -> list[dict[str, Any]]:
