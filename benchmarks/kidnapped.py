@@ -92,7 +92,6 @@ def main() -> None:
         seeds=5,
         worlds={"nargs": "+", "choices": WORLDS, "default": list(WORLDS)},
         distances=[0.0, 5.0, 15.0, 50.0],
-        verbose=False,
     )
     print(
         "world    names     metres  runs  lost  recovered  without   steps  map error, ratio  worst"
@@ -118,8 +117,6 @@ def main() -> None:
                         (result.lost.any(), recovered(log, result), recovered(log, plain),
                          result.lost.sum(), error, ratio)
                     )  # fmt: skip
-                    if options.verbose:
-                        print("   ", seed, turned, rows[-1], np.flatnonzero(result.lost)[:1])
                 lost, right, plain_right, steps, errors, ratios = np.transpose(rows)
                 print(
                     f"{name:8} {'known' if named else 'unknown':8}{metres:8g}{len(rows):6}"

@@ -14,24 +14,20 @@
 
 FineGrained lives in OpenCV's contrib build, which cannot stand beside the plain one: the script
 has an environment of its own. The two take turns; the ratio of their shortest times counts, of a
-photograph of 8 bits and of the same in floating point, as `read_image` returns it. Then come the
-time and the peak memory beyond the input by size, each in a fresh process.
+photograph of 8 bits and of the same in floating point, as `read_image` returns it.
 """
 
 import json
-import subprocess
-import sys
 from typing import Any
 
 import cv2
 import numpy as np
 
 import saccade
-from measuring import DATA, arguments, peak_bytes, seconds, times_in_turns
+from measuring import DATA, arguments, times_in_turns
 from saccade.attention import SaliencyMaps, scanpath
 
 SIZES = ((640, 480), (1024, 768))
-MEGAPIXELS = (0.3, 1, 3, 12, 50)
 
 
 def photograph(width: int, height: int) -> np.ndarray:
@@ -59,33 +55,13 @@ def against_fine_grained(size: tuple[int, int], threads: int, rounds: int) -> di
     return row | dict(zip(("ratio", "ratio_float"), ratios, strict=True))
 
 
-def by_size(megapixels: float) -> dict[str, float]:
-    """Nanoseconds per pixel, and peak bytes per pixel beyond the input."""
-    width = round((megapixels * 1e6 * 4 / 3) ** 0.5)
-    rgb = photograph(width, round(width * 3 / 4))
-    pixels = rgb.shape[0] * rgb.shape[1]
-    cv2.setNumThreads(1)
-    saccade.contrast_saliency(rgb[:256, :256])
-    before = peak_bytes(reset=True)
-    times = [seconds(lambda: saccade.contrast_saliency(rgb))]
-    beyond = peak_bytes() - before
-    times += [seconds(lambda: saccade.contrast_saliency(rgb)) for _ in range(4)]
-    size, time = pixels / 1e6, 1e9 * min(times) / pixels
-    return {"megapixels": size, "ns_per_pixel": time, "bytes_per_pixel": beyond / pixels}
-
-
 def main() -> None:
-    given = arguments(__doc__, rounds=40, json=False, megapixels=0.0)
-    if given.megapixels:
-        print(json.dumps(by_size(given.megapixels)))
-        return
+    given = arguments(__doc__, rounds=40, json=False)
     rows = [against_fine_grained(s, n, given.rounds) for n in (1, 2) for s in SIZES]
-    commands = ([sys.executable, __file__, "--megapixels", str(each)] for each in MEGAPIXELS)
-    sizes = [json.loads(subprocess.check_output(command)) for command in commands]
     if given.json:
-        print(json.dumps({"against_fine_grained": rows, "by_size": sizes}, indent=2))
+        print(json.dumps(rows, indent=2))
         return
-    for row in rows + sizes:
+    for row in rows:
         cells = (f"{k} {v:.3f}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items())
         print("; ".join(cells))
 
