@@ -1,7 +1,6 @@
 """The commands as a person runs them: what they print, write and return."""
 
 import json
-import re
 import subprocess
 import sys
 import tomllib
@@ -14,7 +13,7 @@ import pytest
 from scipy.io import savemat
 
 import saccade
-from saccade.cli.output import names_for, print_json
+from saccade.cli.output import names_for
 from saccade.settings import KINDS, load_settings
 from support.pictures import looks_like_a_picture
 
@@ -59,14 +58,6 @@ def test_settings_within_settings_can_be_handed_back(run, tmp_path):
         code, _, err = run("look", ROCKET, "--config", "broken.toml")
         assert code == 2
         assert f"broken.toml: {words}" in err
-
-
-def test_look_prints_a_table_for_people(run):
-    code, out, _ = run("look", ROCKET, "--fixations", 3, "--model", "symmetry")
-    assert code == 0
-    assert "saccade-look/rocket.look.png" in out.replace("\n", "")
-    assert out.count("\n") < 15
-    assert re.search(r"fixation +x \[px\] +y \[px\] +time \[ms\] +saliency", out)
 
 
 def test_demo_makes_a_page_of_four_results(run, tmp_path, monkeypatch):
@@ -343,7 +334,8 @@ def test_evaluate_fixations_names_what_is_missing(run, gazes):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["soup"], 'Unknown command "soup".'),
+        (["slan"], 'Unknown command "slan". Did you mean "slam"?; see saccade --help'),
+        (["evaluate", "soup"], 'Unknown command "soup"; see saccade evaluate --help'),
         (["look"], "IMAGES: expected images or --camera, found neither"),
         (["match"], "requires an argument; see saccade match --help"),
         (["look", "a.png", "--fixations", "0"], "fixations: expected 1 to 1000, found 0"),
@@ -391,12 +383,6 @@ def test_a_full_disk_behind_stdout_is_one_line(tmp_path):
         )  # fmt: skip
     assert ended.returncode == 1
     assert ended.stderr == "saccade: standard output: No space left on device\n"
-
-
-def test_json_has_no_nan(capsys):
-    with pytest.raises(ValueError, match="JSON"):
-        print_json({"score": float("nan")})
-    assert capsys.readouterr().out == ""
 
 
 def test_brackets_in_a_name_are_no_markup(run, tmp_path):

@@ -176,18 +176,3 @@ def test_fixations_on_absent_images_can_be_left_out(run, photos, tmp_path):
     code, _, err = run("evaluate", "fixations", *data, "--only-present")
     assert (code, err.count("\n")) == (2, 1)
     assert "1 of the 1 images of none.csv are not in" in err
-
-
-def test_scores_fit_into_eighty_columns(run, photos, tmp_path, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    rows = [f"{i}.png,{v},1,{20 + v},{30 + 7 * i}" for i in (0, 1) for v in (0, 1)]
-    (tmp_path / "seen.csv").write_text("\n".join(["image,viewer,index,x,y", *rows]) + "\n")
-    name = "a-model-with-a-very-long-name"
-    words = ["evaluate", "fixations", "--images", photos, "--fixations", "seen.csv", "--drop", 0]
-    models = ["--model", f"{name}=symmetry", "--model", "contrast"]
-    _, out, _ = run(*words, *models)
-    lines = out.splitlines()
-    assert max(map(len, lines)) <= 80
-    assert sum(name in line for line in lines) == 3  # two tables, and the title of the differences
-    _, out, _ = run(*words, "--model", "symmetry")
-    assert sum("AUC" in line and "IG (bit)" in line for line in out.splitlines()) == 1

@@ -15,7 +15,6 @@ from evo.tools import file_interface
 
 import saccade
 from saccade import slam
-from saccade.cli.mapping import run_facts
 from saccade.datasets import load
 from saccade.evaluation.runs import summarize_run
 from saccade.extras import install_command
@@ -68,18 +67,6 @@ def test_a_run_writes_all_that_is_known(made, short):
     a, b, d = (seen[f"cov_{name}"] for name in ("1_1", "1_2", "2_2"))
     square = (d * v[:, 0] ** 2 - 2 * b * v[:, 0] * v[:, 1] + a * v[:, 1] ** 2) / (a * d - b * b)
     np.testing.assert_allclose(square, result.consistency.nis, rtol=1e-6)
-
-
-def test_every_figure_is_told_in_words(made):
-    row, _ = made
-    shown = run_facts(row)
-    figures = [value for name, value in row.items() if name != "format"]
-    numbers = sum(type(value) in (int, float) for value in figures)
-    assert sum(value[0].isdigit() for value in shown.values()) == numbers + 1  # and a band
-    apart = f"{row['odometry_end_from_estimate_m']:.3f} m"  # this log has no truth
-    assert shown["odometry at the end, from the filter's estimate"] == apart
-    low, high = row["nis_band"]
-    assert shown["of consistent filters"] == f"{low:.2f} to {high:.2f} in 95 %"
 
 
 def test_how_far_odometry_ends_from_what(rng):

@@ -13,11 +13,12 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from inspect import getdoc
 from pathlib import Path
 from typing import Any, NoReturn
 
-from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts import App, CycloptsError, Group, Parameter, UnknownCommandError
 
 from saccade import __version__
 from saccade.cli.output import INTERRUPTED, Result, emit, print_data_warnings, print_message
@@ -204,7 +205,7 @@ def main() -> None:
         _end(str(error), 2)
     except CycloptsError as error:
         command = " ".join(("saccade", *(error.command_chain or ())))
-        _end(f"{one_line(error).rstrip('.')}; see {command} --help", 2)
+        _end(f"{_usage_error(error).rstrip('.')}; see {command} --help", 2)
     except KeyboardInterrupt:
         _end("interrupted", INTERRUPTED)
     except MemoryError as error:
@@ -217,6 +218,15 @@ def main() -> None:
             raise
         _end(f"{type(error).__name__}: {one_line(error)}; set {TRACEBACK}=1 for a traceback", 1)
     sys.exit(code)
+
+
+def _usage_error(error: CycloptsError) -> str:
+    """The error in one line; that of cyclopts for an unknown command imports every command."""
+    if not isinstance(error, UnknownCommandError):
+        return one_line(error)
+    word = "".join((error.unused_tokens or [])[:1])
+    near = get_close_matches(word, list(error.app or app), 1)
+    return " ".join((f'Unknown command "{word}".', *(f'Did you mean "{each}"?' for each in near)))
 
 
 def _end(message: str, code: int) -> NoReturn:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 from saccade.errors import ImageWarning, LogWarning
 from saccade.io.files import as_text, atomic_write
@@ -123,42 +123,27 @@ class Table(NamedTuple):
     rows: Sequence[Sequence[str]]
 
 
-MAX_NAME = 32
-"""Characters of a name in the first column of a table before it is wrapped."""
 MAX_CELL = 60
 """Characters of a number with its unit or remark; what is longer is text, which is left-aligned."""
 
 
 def print_table(table: "Table | ReportTable") -> None:
-    """Print a table on stdout; of one that is too wide some columns stand below the others."""
+    """Print a table on stdout."""
     from rich import box
     from rich.console import Console
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    console = Console()
     title, columns, rows = table[:3]
-    widths = [max(map(len, cells)) + 3 for cells in zip(columns, *rows, strict=True)]
-    parts: list[list[int]] = [[0]]
-    for column in range(1, len(columns)):
-        others = sum(widths[each] for each in (*parts[-1][1:], column))
-        if len(parts[-1]) > 1 and min(widths[0], MAX_NAME) + others >= console.width:
-            parts.append([0])
-        parts[-1].append(column)
-    texts = {
-        i for i, cells in enumerate(zip(*rows, strict=True)) if max(map(len, cells)) > MAX_CELL
-    }
-    for part in parts:
-        shown = RichTable(
-            title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_header=any(columns)
-        )
-        for each in part:
-            justify: Literal["left", "right"] = "left" if each == 0 or each in texts else "right"
-            shown.add_column(Text(columns[each]), justify=justify)
-        for row in rows:
-            shown.add_row(*(Text(row[each]) for each in part))  # brackets are no markup
-        console.print(shown)
-        title = ""
+    shown = RichTable(
+        title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_header=any(columns)
+    )
+    for heading, *cells in zip(columns, *rows, strict=True):
+        is_text = not shown.columns or max(map(len, cells), default=0) > MAX_CELL
+        shown.add_column(Text(heading), justify="left" if is_text else "right", overflow="fold")
+    for row in rows:
+        shown.add_row(*map(Text, row))  # brackets are no markup
+    Console().print(shown)
 
 
 @dataclass(frozen=True)
