@@ -122,6 +122,10 @@ class Settings:
             object.__setattr__(self, each.name, checked)
 
 
+NUMBERS = {int: "a whole number", float: "a number"}
+"""Types of numbers in words."""
+
+
 @cache
 def _declared_types(kind: type) -> dict[str, Any]:
     return get_type_hints(kind)
@@ -137,26 +141,24 @@ def _checked(value: Any, kind: Any, name: str, allowed: Range) -> Any:
     if origin is Literal:
         require(value in parts, name, " or ".join(map(repr, parts)), value)
     elif origin in (tuple, list):
-        count = f"{len(parts)} values" if origin is tuple and parts[-1] is not ... else "a list"
-        require(isinstance(value, tuple | list), name, count, value)
-        kinds = parts if count != "a list" else parts[:1] * len(value)
-        require(len(value) == len(kinds), name, count, value)
-        pairs = zip(value, kinds, strict=True)
-        return origin(_checked(item, each, name, allowed) for item, each in pairs)
+        require(isinstance(value, tuple | list), name, "a list", value)
+        kinds = parts[:1] * len(value) if origin is list or parts[-1] is ... else parts
+        require(len(value) == len(kinds), name, f"{len(kinds)} values", value)
+        return origin(
+            _checked(item, each, name, allowed) for item, each in zip(value, kinds, strict=True)
+        )
     elif isinstance(kind, type) and kind is not Any:
         require(isinstance(value, kind), name, kind.__name__, value)
     return value
 
 
-def _checked_number(value: Any, kind: type[int] | type[float], name: str, allowed: Range) -> Any:
+def _checked_number(value: Any, kind: Any, name: str, allowed: Range) -> Any:
     """The number as its declared type; kernels are compiled for one type only."""
-    expected = "a whole number" if kind is int else "a number"
-    require(isinstance(value, Real) and not isinstance(value, bool), name, expected, value)
     try:
-        number = kind(value)
+        number = kind(value) if isinstance(value, Real) and type(value) is not bool else None
     except (OverflowError, ValueError):  # infinite, NaN, or an integer too large for a float
-        number = kind()
-        require(False, name, f"{expected}, {allowed}", value)
-    require(kind is float or number == value, name, expected, value)
+        number = None
+    if number is None or (kind is int and number != value):
+        raise ConfigError(f"{name}: expected {NUMBERS[kind]}, found {value!r}")
     require(number in allowed, name, str(allowed), value)
     return number

@@ -61,13 +61,7 @@ def settings_from(kind: str, values: dict[str, Any], source: str) -> Any:
 
 
 def load_model(path: str | Path) -> Any:
-    """The model that `saccade fit` wrote.
-
-    Args:
-        path: its TOML file.
-
-    Returns:
-        A `saccade.attention.FittedModel`; its `maps(image)` has the saliency.
+    """The `saccade.attention.FittedModel` that `saccade fit` wrote.
 
     Raises:
         ConfigError: as `load_settings`.

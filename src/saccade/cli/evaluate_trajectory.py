@@ -115,7 +115,6 @@ def _errors(scores: PoseScores) -> dict[str, FloatArray]:
 
 
 def _rows(scores: PoseScores) -> list[list[str]]:
-
     return [
         [ERRORS[key][0], *("" if isnan(x) else f"{x:.3f}" for x in statistics(errors))]
         for key, errors in _errors(scores).items()
@@ -124,7 +123,6 @@ def _rows(scores: PoseScores) -> list[list[str]]:
 
 
 def _summary(scores: PoseScores) -> dict[str, Any]:
-
     row: dict[str, Any] = {
         "poses": len(scores.estimate.time),
         "pairs": len(scores.first),

@@ -21,7 +21,6 @@ from saccade.cli.output import (
 )
 from saccade.errors import require, setting
 from saccade.extras import import_optional
-from saccade.settings import load_model
 
 What: TypeAlias = Literal["sift", "must", "symroid", "saliency", "contrast", "symmetry", "scanpath"]
 """Features that can be extracted."""
@@ -67,9 +66,7 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
         if self.model is None:
             return self.settings(KINDS.get(what, what))
         require(what in KINDS, "model", "--what saliency or scanpath", what)
-        given = self.preset or self.config
-        require(given is None, "model", "no --preset and --config with a fitted model", given)
-        return load_model(self.model)
+        return self.fitted_model(self.model)
 
 
 def extract(options: ExtractOptions) -> Result:

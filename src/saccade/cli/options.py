@@ -120,6 +120,12 @@ class SettingsOptions(Options):
         """The configuration of a kind."""
         return load_settings(kind, self.preset, self.config)
 
+    def fitted_model(self, path: str | Path) -> Any:
+        """The model of saccade fit, which has its own settings."""
+        given = self.preset or self.config
+        require(given is None, "model", "no --preset and --config with a fitted model", given)
+        return load_model(path)
+
 
 @dataclass(frozen=True, kw_only=True)
 class LogOptions(Options):
@@ -261,9 +267,7 @@ class FaceOptions(SettingsOptions):
 
         preset, detector = preset or self.preset, self.face_detector()
         if model.endswith(".toml"):
-            given = preset or self.config
-            require(given is None, "model", "no --preset and --config with a fitted model", given)
-            return AttentionModel(load_model(model), detector)
+            return AttentionModel(self.fitted_model(model), detector)
         require(model in MODEL_NAMES, "model", MODELS, model)
         usable = self.faces is None or model == DEFAULT_MODEL
         require(usable, "faces", "--model attention or a fitted one", model)
