@@ -155,7 +155,8 @@ def _checked(value: Any, kind: Any, name: str, allowed: Range) -> Any:
 def _checked_number(value: Any, kind: Any, name: str, allowed: Range) -> Any:
     """The number as its declared type; kernels are compiled for one type only."""
     try:
-        number = kind(value) if isinstance(value, Real) and type(value) is not bool else None
+        is_number = not isinstance(value, bool) and isinstance(value, Real)
+        number = kind(value) if is_number else None
     except (OverflowError, ValueError):  # infinite, NaN, or an integer too large for a float
         number = None
     if number is None or (kind is int and number != value):
