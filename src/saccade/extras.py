@@ -1,4 +1,4 @@
-"""Optional dependencies: imports them, or tells how to install them."""
+"""Optional dependencies: import, and the command that installs them."""
 
 import json
 import shlex
@@ -19,7 +19,7 @@ def import_optional(library: str, extra: str) -> Any:
         extra: that installs it.
 
     Raises:
-        ConfigError: it is not installed; tells how to install it.
+        ConfigError: it is not installed; the message has the command that installs it.
     """
     try:
         return import_module(library)
@@ -32,8 +32,8 @@ def import_optional(library: str, extra: str) -> Any:
 def install_command(extra: str) -> str:
     """The shell command that installs an extra.
 
-    In a clone, where the install is editable or there is none, uv installs the extra. Elsewhere
-    pip installs its requirements by their own names: `saccade` on PyPI is another project.
+    This is `uv sync` in a clone (an editable installation, or none). Elsewhere pip installs the
+    requirements by their own names: `saccade` on PyPI is another project.
     """
     try:
         package = distribution("saccade")
@@ -52,7 +52,7 @@ def import_function(what: str, name: str) -> Callable[..., Any]:
     """The function at module:function.
 
     Raises:
-        ConfigError: there is no such function; names what it was to be.
+        ConfigError: there is no such function; the message begins with `what`.
     """
     try:
         found = resolve_name(name)

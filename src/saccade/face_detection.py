@@ -1,4 +1,4 @@
-"""OpenCV's detectors of faces, from a model file or from what its installed version carries.
+"""OpenCV's face detectors, from a model file or from the installed version of OpenCV.
 
 OpenCV 5 carries no model: give it YuNet's (`.onnx`). OpenCV 4 carries cascades (`.xml`), which are
 less sure.

@@ -64,7 +64,7 @@ class Camera(Settings):
 class CameraTurn(NamedTuple):
     """How far a camera that pans and tilts is turned from how it is mounted.
 
-    It turns about its optical center, a stereo rig about that of the left camera.
+    The axis passes through the optical center, of the left camera in a stereo rig.
     """
 
     pan: float
@@ -98,7 +98,7 @@ class Gaze:
 
 @dataclass(frozen=True)
 class GazeLimits(Settings):
-    """What a gaze can do.
+    """Limits of the direction of view.
 
     Raises:
         ConfigError: a limit outside its range.
@@ -200,17 +200,17 @@ class Drive:
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviations of systematic errors, as `LandmarkLog.odometry_bias`."""
     truth: Trajectory | None = None
-    """Ground truth, if known; its times need not be those of the frames."""
+    """Ground truth, if known; its times may differ from the times of the frames."""
     truth_off_plane: FloatArray | None = None
     """(t, 3) ground truth off the plane, if known: height in meters, pitch (nose up) and roll in
     radians, at the poses of `truth`."""
     scale: Literal["metric", "held", "assumed"] = "metric"
     """Unit of lengths, arbitrary for a single camera without odometry: "held" from step to step
-    by triangulated points, or "assumed" as those of a constant speed."""
+    by triangulated points, or "assumed" from a constant speed."""
     remarks: tuple[str, ...] = ()
     """Repairs made when its files were read, one line each."""
     assumptions: tuple[str, ...] = ()
-    """Assumptions on camera and motion, which the files do not tell, one line each."""
+    """Assumptions on camera and motion that the files lack, one line each."""
 
     def __post_init__(self) -> None:
         n = len(self.time)

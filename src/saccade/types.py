@@ -6,7 +6,7 @@ from the x axis.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, Self, TypeAlias, cast
 
 import numpy as np
@@ -27,7 +27,7 @@ def check_arrays(
     Args:
         record: has a `name`, for the message.
         shapes: by name of the array.
-        ascending: names of those that must not decrease.
+        ascending: names of arrays that must not decrease.
         error: to raise.
     """
     for name, shape in shapes.items():
@@ -47,10 +47,10 @@ def check_arrays(
 
 
 def invalid_range_bearing(z: npt.NDArray[np.float64]) -> tuple[int, str, str] | None:
-    """The first of observations (k, 2) that is no range and bearing, with what was expected.
+    """The first invalid range or bearing among observations (k, 2).
 
     Returns:
-        Its number, what was expected and what was found; None if all are valid.
+        Row, expected value and found value; None if all are valid.
     """
     for k, (distance, bearing) in enumerate(z.tolist()):
         if distance < 0:
@@ -107,7 +107,7 @@ THREE_SIGMA_2D = 11.829
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Keypoints(Table):
-    """Interest points of one image, the strongest first unless a detector says otherwise."""
+    """Keypoints of one image, normally in order of decreasing strength."""
 
     xy: Float32Array
     """(n, 2) position in image pixels."""
@@ -167,12 +167,6 @@ class Regions:
     boxes: Float32Array
     """(n, 4) left, top, right and bottom in image pixels."""
 
-    @classmethod
-    def none(cls) -> "Regions":
-        """An empty set of regions."""
-        keypoints = replace(Keypoints.at([], 1.0), descriptors=np.zeros((0, 128), np.uint8))
-        return cls(keypoints, np.zeros((0, 4), np.float32))
-
     @property
     def xy(self) -> Float32Array:
         """(n, 2) centers in image pixels."""
@@ -180,7 +174,7 @@ class Regions:
 
     @property
     def descriptors(self) -> npt.NDArray[np.uint8] | npt.NDArray[np.float32] | None:
-        """(n, 128), as those of `Keypoints`."""
+        """(n, 128), as `Keypoints.descriptors`."""
         return self.keypoints.descriptors
 
     def __len__(self) -> int:
@@ -386,7 +380,7 @@ class LandmarkLog:
     """Standard deviations of systematic odometry errors: the relative error of the distance, the
     turn in radians per meter of distance, and the distance in meters per radian of turn."""
     truth: Trajectory | None = None
-    """Ground truth, if known; its times need not be those of the log."""
+    """Ground truth, if known; its times may differ from the times of the log."""
     landmark_truth: LandmarkMap | None = None
     """True positions of the landmarks, if known."""
     text_names: tuple[str, ...] = ()

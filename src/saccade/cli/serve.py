@@ -88,13 +88,13 @@ def _listening(port: int) -> "socket":
     import socket
 
     from saccade.errors import ConfigError
-    from saccade.io.files import reason_of
+    from saccade.io.files import one_line
 
     try:
         return socket.create_server(("127.0.0.1", port), backlog=64)
     except OSError as error:
         raise ConfigError(
-            f"port: {port} cannot be used: {reason_of(error)}; try --port 0"
+            f"port: {port} cannot be used: {one_line(error)}; try --port 0"
         ) from error
 
 

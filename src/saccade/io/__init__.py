@@ -1,1 +1,1 @@
-"""Images, films, cameras, files and checkpoints: what is read and written."""
+"""Reading and writing of images, videos, arrays and files."""

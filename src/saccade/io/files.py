@@ -16,18 +16,19 @@ from zlib import crc32
 from saccade.errors import ConfigError, OutputError, SaccadeError
 
 LARGEST_IMAGE = 1 << 28
-"""Pixels. As float32 RGB they take 3 GB, and what is computed from them several times that."""
+"""Maximum number of pixels: 3 GB as float32 RGB, and several times that while computing."""
 LARGEST_FILE = 1 << 31
 """Bytes of a file that is read into memory."""
 LARGEST_TEXT = 1 << 28
 """Bytes of a text file; parsed into lines and numbers it takes twenty times as much."""
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 UNREAD_SUFFIXES = (".avif", ".gif", ".heic", ".heif")
-"""Suffixes of pictures that are not read; folders are said to hold them."""
+"""Suffixes of pictures that cannot be read; a warning names them."""
 PARTIAL = ".partial"
 """Folder in an output folder where results wait for the end of a run."""
 LOCK = ".saccade-lock"
 """File in an output folder by which a run excludes others."""
+KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 
@@ -45,7 +46,8 @@ def check_file(path: Path, max_bytes: int | None = None) -> None:
     """
     status = path.stat()
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
-        raise OSError(None, f"expected a file, found {_kind(status.st_mode)}", str(path))
+        kind = KINDS.get(stat.S_IFMT(status.st_mode), "a device")
+        raise OSError(None, f"expected a file, found {kind}", str(path))
     if max_bytes is not None and status.st_size > max_bytes:
         expected = f"expected at most {max_bytes:,} bytes, found {status.st_size:,}"
         raise OSError(None, expected, str(path))
@@ -120,8 +122,8 @@ def reading(
         path: the file or folder that is read.
         error: to raise.
         expected: format of the file.
-        foreign: what is raised for a file of another format, beside bytes that are not UTF-8; an
-            OSError among them is one that a library raises without an error of the system.
+        foreign: exceptions of a library for a file of another format; an OSError among them counts
+            only if it carries no error of the system.
     """
     expectable: tuple[type[Exception], ...] = (OSError, UnicodeDecodeError, *foreign)
     try:
@@ -141,10 +143,10 @@ def writing(path: Path) -> Iterator[None]:
     """Turn errors of the operating system in the block into an `OutputError` that names a path."""
     try:
         yield
-    except SaccadeError:  # of another file, in the block
+    except SaccadeError:  # it names another file
         raise
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
+        raise OutputError(f"{path}: cannot be written: {one_line(error)}") from error
 
 
 def read_toml(path: Path, error: type[SaccadeError]) -> dict[str, Any]:
@@ -164,7 +166,7 @@ def results_in(folder: Path) -> Iterator[Path]:
         folder: output folder; it is created.
 
     Yields:
-        The folder of the waiting files, for those that are written without `atomic_write`.
+        The folder of the waiting files, for files written without `atomic_write`.
 
     Raises:
         ConfigError: another run writes to it.
@@ -260,23 +262,13 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
                 raise
 
 
-def reason_of(error: Exception) -> str:
-    """Message of an error: that of the operating system, if it comes from there."""
+def one_line(error: Exception) -> str:
+    """Message of an error in one line; errors of the system get the text of their number."""
     number = getattr(error, "errno", None)
     if number:
         return os.strerror(number)
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__
-
-
-def one_line(error: Exception) -> str:
-    """`reason_of` in one line."""
-    return " ".join(reason_of(error).split())
-
-
-def _kind(mode: int) -> str:
-    if stat.S_ISFIFO(mode):
-        return "a pipe"
-    return "a socket" if stat.S_ISSOCK(mode) else "a device"
+    message = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return " ".join(message.split())
 
 
 _RESULTS: ContextVar[Path | None] = ContextVar("_RESULTS", default=None)
@@ -311,22 +303,17 @@ def _locked(file: Path, path: Path) -> Iterator[None]:
         while is_removed:
             file.parent.mkdir(parents=True, exist_ok=True)
             lock = stack.enter_context(file.open("ab"))
-            _lock(lock, path)
+            try:
+                import fcntl
+
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                expected = "wait until it has ended, or choose another output"
+                raise ConfigError(f"{path}: another run writes to it; {expected}") from error
+            except (ImportError, OSError):  # Windows; a file system without locks
+                pass
             is_removed = os.fstat(lock.fileno()).st_nlink == 0  # by the run that just ended
         yield
-
-
-def _lock(file: BinaryIO, path: Path) -> None:
-    try:
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise ConfigError(
-            f"{path}: another run writes to it; wait until it has ended, or choose another output"
-        ) from error
-    except (ImportError, OSError):  # Windows; a file system without locks
-        return
 
 
 # A change to a format adds 1 here. Text files with named columns have no version.

@@ -77,7 +77,7 @@ SILENT = 0
 """OpenCV's lowest log level."""
 
 OVERSHOOT = 1e-3
-"""By how much float values may exceed [0, 1], as interpolation and rounding make them."""
+"""Overshoot of float values beyond [0, 1] that interpolation and rounding may cause."""
 
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 """Weights of R, G and B in gray, after ITU-R BT.601."""
@@ -86,7 +86,7 @@ SENSOR_BITS = (10, 12, 14)
 """Bit depths of cameras whose values are stored in uint16."""
 
 HEIF_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis")
-"""In the header of a HEIC or AVIF file."""
+"""Brands in the headers of HEIC and AVIF files."""
 
 NOT_AN_IMAGE = "expected an image (PNG, JPEG, TIFF, ...), found something else"
 
@@ -94,13 +94,13 @@ NOT_AN_IMAGE = "expected an image (PNG, JPEG, TIFF, ...), found something else"
 def read_image(
     path: str | Path, *, background: Color = WHITE, white: float | None = None
 ) -> Float32Array:
-    """The image in a file, upright as its EXIF orientation says.
+    """The image in a file, turned upright by its EXIF orientation.
 
     Args:
         path: any format that OpenCV reads; gray, color, 8 or 16 bit, or floats in [0, 1].
-        background: RGB in [0, 1] over which a transparent image is laid.
+        background: RGB in [0, 1] behind a transparent image.
         white: the stored value that becomes 1, as 4095 for 12-bit data; None for the highest of
-            the data type. Data of 10, 12 or 14 bits in uint16 are remarked on where it is None.
+            the data type, with a warning if uint16 data look like 10, 12 or 14 bits.
 
     Returns:
         (H, W, 3) RGB in [0, 1].
@@ -386,7 +386,7 @@ def _check_values(image: npt.NDArray[Any], name: str, white: float | None) -> np
 
 
 def _remark_on_depth(highest: int, name: str) -> None:
-    """Warns of a uint16 image whose highest value is that of a sensor with fewer bits."""
+    """Warns if the highest value of a uint16 image suggests a sensor with fewer bits."""
     for bits in SENSOR_BITS:
         if 2 ** (bits - 1) <= highest < 2**bits:
             warnings.warn(

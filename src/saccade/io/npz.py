@@ -15,7 +15,7 @@ from saccade.io.files import check_file, one_line, open_file
 MAX_UNPACKED = 1 << 30
 """Bytes that any file may unpack to."""
 MAX_RATIO = 100
-"""Compression ratio above which a larger file is refused; measurements compress less."""
+"""Maximum compression ratio of larger files; measurements compress less."""
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Condition, Thread
 from time import monotonic
-from typing import Self
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from saccade.types import Image
 
 
 def is_video(path: str | Path) -> bool:
-    """Whether the suffix of a file is that of a video."""
+    """Whether a file has the suffix of a video."""
     return Path(path).suffix.lower() in VIDEO_SUFFIXES
 
 
@@ -27,7 +27,7 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
 
     Args:
         path: any video that OpenCV reads.
-        every: take one frame of this many.
+        every: interval of the frames that are taken.
 
     Yields:
         Seconds since the start, and the (H, W, 3) RGB frame.
@@ -43,7 +43,7 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
                 decoded, frame = capture.retrieve()
                 if not decoded:
                     break
-                yield number / rate, np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
+                yield number / rate, _as_rgb(frame)
             number += 1
     finally:
         capture.release()
@@ -137,7 +137,11 @@ class VideoFrames:
         decoded, frame = self._capture.retrieve()
         if not decoded or self._next != number + 1:
             raise ImageError(f"{self.path}, frame {number}: cannot be decoded")
-        return np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
+        return _as_rgb(frame)
+
+
+def _as_rgb(frame: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    return np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
 
 
 def _check_written(path: Path) -> None:
@@ -161,7 +165,7 @@ def open_video(path: str | Path) -> cv2.VideoCapture:
 
 
 USUAL_RATE = 30.0
-"""Frames per second of a camera that does not tell its own."""
+"""Frames per second of a camera without a known rate."""
 TIMEOUT = 10.0
 """Seconds without a frame after which a camera has ended."""
 POLL = 0.1
@@ -171,8 +175,7 @@ POLL = 0.1
 class LiveVideo:
     """A camera, or a video file in its place, whose frames are taken one by one.
 
-    Of a camera the latest frame is taken, and those that came before it are dropped. Of a video
-    file each frame is taken in turn.
+    A camera yields its latest frame and drops earlier ones; a video file yields every frame.
 
     A context manager: the camera is released at its end.
 
@@ -229,7 +232,7 @@ class LiveVideo:
                 return None
             self.dropped += self._number - self._taken - 1
             self._taken = self._number
-            return self._time, np.ascontiguousarray(self._frame[:, :, ::-1], np.uint8)
+            return self._time, _as_rgb(self._frame)
 
     def close(self) -> None:
         """Release the camera."""
