@@ -153,11 +153,6 @@ def slice_assignments(tree):
                     yield ast.unparse(node)
 
 
-@pytest.mark.parametrize("statement", ["a[:] = 0", "(a[1:k], b) = (c, 0)", "a[i, :] += 1"])
-def test_a_slice_assignment_is_recognized(statement):
-    assert len(list(slice_assignments(ast.parse(statement)))) == 1
-
-
 def test_kernels_assign_no_slices():
     """They are broadcast: Numba compiles its formatting of strings for the error, for a second."""
     for path in SOURCE.rglob("_*kernels.py"):

@@ -3,7 +3,6 @@
 import importlib.util
 import re
 from importlib.resources import files
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,12 +10,11 @@ import pytest
 from saccade import Keypoints, Scanpath, Verification
 from saccade.datasets import save_drive
 from saccade.datasets.drives.calibration import read_calibration
-from support.documentation import PAGES, code_of, prose_of
+from support.documentation import PAGES, code_of
 from support.extraction import check_whole, extract_here, photographs
 from support.paths import ROOT
 from support.small_drive import small_drive
 
-DOCS = ROOT / "docs"
 ELSEWHERE = {"drives", "extract", "slam", "system"}
 """Pages with tests of their own."""
 WHOLE = {page.stem: page.read_text("utf-8") for page in PAGES if page.stem not in ELSEWHERE}
@@ -46,19 +44,6 @@ def run_code(text, folder):
     for block in blocks:
         exec(block, names)
     return names
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_lists_and_tables_stand_apart_from_what_is_above(page):
-    """Else they are set as a paragraph, signs and all."""
-    lines = prose_of(page).splitlines()
-    for above, line in pairwise(lines):
-        begins = re.match(r"- |\|", line) and re.match(r"[^\s\-|]", above)
-        assert not begins, f"{page.name}: {above!r} above {line!r}"
-
-
-def test_the_code_of_the_home_page_is_that_of_the_readme():
-    assert '--8<-- "README.md:ten-lines"' in (DOCS / "index.md").read_text()
 
 
 @pytest.mark.parametrize(

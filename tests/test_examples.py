@@ -45,7 +45,6 @@ FOUND = {
 
 def test_there_is_a_check_of_every_example():
     assert [example.stem for example in EXAMPLES] == sorted(FOUND)
-    assert len(EXAMPLES) == 9
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
@@ -55,11 +54,3 @@ def test_the_example_runs(example, tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert FOUND[example.stem](said), said
     assert cv2.imread(f"{example.stem}.png").std() > 10
-    assert 15 <= len(example.read_text().splitlines()) <= 42
-
-
-def test_the_gallery_shows_every_example():
-    gallery = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
-    for example in EXAMPLES:
-        assert f'--8<-- "examples/{example.name}"' in gallery
-        assert f"](pictures/{example.stem}.png)" in gallery
