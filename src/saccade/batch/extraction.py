@@ -54,7 +54,7 @@ class Extraction:
     """Results of a run."""
 
     done: int
-    """Images processed, without those that failed."""
+    """Images processed without failure."""
     unchanged: int
     """Images of the source that were done before."""
     failed: Mapping[str, str]

@@ -111,7 +111,7 @@ class MatchRun:
     complete: bool
     """False if the run was stopped; then no files are written."""
     files: Mapping[str, Path]
-    """By name: pairs, table, and features, matches or database."""
+    """Paths by name: pairs, table, and features, matches or database."""
 
 
 def match_images(
@@ -133,7 +133,7 @@ def match_images(
         source: images, as for `open_source`; with `pairs` also a folder with their images.
         out: folder to write.
         pairs: file with two names to a line; None for all pairs.
-        job: the features, of points; None for those of SIFT, exactly.
+        job: the features, of points; None for exact SIFT points.
         config: settings of matching and verification; None for the default.
         formats: hdf5 for hloc, colmap for a database.
         workers: see `extract`; None for as many as cores and memory allow.
@@ -214,7 +214,7 @@ def read_pairs(path: Path) -> list[Pair]:
     """The pairs in a list, as hloc and COLMAP have it; each once, in the first of its orders.
 
     A line has two names, separated by blanks, or by a tab where names have blanks. Empty lines and
-    those that begin with # are skipped.
+    comments after # are skipped.
 
     Raises:
         ConfigError: the list cannot be read or is empty, or a line is no pair.

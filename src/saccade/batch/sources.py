@@ -29,7 +29,7 @@ class Item(NamedTuple):
     """One image: its name, and the location of its bytes."""
 
     name: str
-    """In the data set: its path below the source."""
+    """Path below the source."""
     location: str
     """Path or URL of the file that holds it."""
     stamp: str
@@ -47,8 +47,8 @@ def open_source(source: str, every: int = 1) -> Source:
 
     Args:
         source: a folder, without its subfolders; a pattern such as `photos/**/*.jpg`; a list with a
-            path or URL on each line (.txt); an image; a video; or the URL of any of them but a
-            video, such as `s3://bucket/photos`. A pattern may match videos; one that ends in `*`
+            path or URL on each line (.txt); an image; a video; or a URL of images,
+            such as `s3://bucket/photos`. A pattern may match videos; one that ends in `*`
             skips files that are neither images nor videos.
         every: of a video, take one frame of this many.
 

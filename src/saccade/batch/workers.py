@@ -1,4 +1,4 @@
-"""Workers: processes on this machine, or those of a Dask cluster.
+"""Workers: processes on this machine, or a Dask cluster.
 
 Number of threads and signals are set in worker processes only.
 """

@@ -23,7 +23,7 @@ from saccade.exchange.fields import (
     keypoints_from,
     keypoints_from_columns,
 )
-from saccade.io.files import FORMATS, check_format, open_file
+from saccade.io.files import FORMATS, atomic_write, check_format, open_file, reading
 from saccade.io.npz import check_unpacked
 from saccade.types import Keypoints
 
@@ -113,7 +113,7 @@ def metadata_of(images: Sequence[Mapping[str, Any]]) -> dict[bytes, str]:
 
 
 def read_metadata(file: pq.ParquetFile, path: object) -> dict[str, Any]:
-    """What `metadata_of` has written; of a file of another program an empty list of images.
+    """The metadata of a file; the list of images is empty in a file of another program.
 
     Raises:
         KeypointsError: a file of a later version.
@@ -137,7 +137,7 @@ def write_rows(
 
     Args:
         path: the file.
-        batches: of rows; many of them need not fit into memory.
+        batches: of rows; they are written group by group.
         schema: of the rows.
         images: each with a name, "image"; used after the last batch.
 
@@ -175,23 +175,59 @@ def read_rows(file: pq.ParquetFile, size: int, schema: pa.Schema) -> pa.Table:
     return table
 
 
-def read_points(path: Path) -> dict[str, Keypoints]:
-    """The points in a file, or in all files of a folder, by the name of their image.
+def to_arrow(keypoints: Mapping[str, Keypoints]) -> pa.Table:
+    """Points as a `pyarrow.Table`, image by image.
+
+    Args:
+        keypoints: by the name of their image; descriptors have 128 entries or are None.
+
+    Returns:
+        Columns image (string), x, y, size, angle, response (float32), octave (int32) and
+        descriptor (128 bytes, or null), in the units of `Keypoints`.
 
     Raises:
-        OSError: it cannot be read.
-        KeypointsError: numbers that are no points, or a file of a later version.
-        ValueError: another file.
-        pyarrow.ArrowException: another file.
+        KeypointsError: shapes that do not fit together, or NaN.
     """
-    files = sorted(path.glob("**/*.parquet")) if path.is_dir() else [path]
+    batches = [point_rows(name, points) for name, points in keypoints.items()]
+    metadata = metadata_of([{"image": name} for name in keypoints])
+    return pa.Table.from_batches(batches, POINT_SCHEMA).replace_schema_metadata(metadata)
+
+
+def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
+    """Writes the points of many images to one file; see `to_arrow` for its columns.
+
+    Args:
+        path: written whole or not at all; an old file is replaced.
+        keypoints: by the name of their image.
+
+    Raises:
+        KeypointsError: shapes that do not fit together, or NaN.
+        OutputError: the file cannot be written.
+    """
+    batches = (point_rows(name, points) for name, points in keypoints.items())
+    with atomic_write(path) as temporary:
+        write_rows(temporary, batches, POINT_SCHEMA, [{"image": name} for name in keypoints])
+
+
+def read_parquet(path: str | Path) -> dict[str, Keypoints]:
+    """Reads a file as `write_parquet` or `saccade extract` writes it, or a folder of such files.
+
+    The rows of an image need not be adjacent; they keep their order.
+
+    Raises:
+        KeypointsError: the file is missing, is something else, or lacks a column.
+    """
+    path = Path(path)
     names: dict[str, None] = {}
     tables = [POINT_SCHEMA.empty_table()]
-    for each in files:
-        with open_file(each) as opened, pq.ParquetFile(opened) as file:
-            names |= {str(image["image"]): None for image in read_metadata(file, each)["images"]}
-            tables.append(read_rows(file, each.stat().st_size, POINT_SCHEMA))
-    found = points_by_image(path, pa.concat_tables(tables))
+    with reading(path, KeypointsError, "a Parquet file", pa.ArrowException, ValueError, TypeError):
+        for each in sorted(path.glob("**/*.parquet")) if path.is_dir() else [path]:
+            with open_file(each) as opened, pq.ParquetFile(opened) as file:
+                names |= {
+                    str(image["image"]): None for image in read_metadata(file, each)["images"]
+                }
+                tables.append(read_rows(file, each.stat().st_size, POINT_SCHEMA))
+        found = points_by_image(path, pa.concat_tables(tables))
     return {name: found.get(name, NO_POINTS) for name in names | dict.fromkeys(found)}
 
 

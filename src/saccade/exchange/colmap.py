@@ -25,7 +25,7 @@ PIXEL_CENTER = np.float32(0.5)
 """Position of the center of the first pixel."""
 TABLES = ("images", "cameras", "keypoints", "descriptors", "matches")
 MAX_IMAGES = 2147483647
-"""With which COLMAP combines the ids of two images into the id of a pair."""
+"""Factor by which COLMAP combines the ids of two images into the id of a pair."""
 FOCAL_LENGTH = 1.2
 """COLMAP's default, in longer sides of the image."""
 
@@ -35,9 +35,9 @@ class ColmapFeatures:
     """Interest points and matches of a COLMAP database."""
 
     keypoints: Mapping[str, Keypoints]
-    """By the name of their image. COLMAP has no response and no octave: both are 0."""
+    """Points by the name of their image. COLMAP has no response and no octave: both are 0."""
     matches: Mapping[tuple[str, str], IntArray]
-    """By the names of two images: (m, 2) indices into their points, as `saccade.match` gives."""
+    """Matches by the names of two images: (m, 2) indices into their points."""
     shapes: Mapping[str, tuple[int, int]]
     """(H, W) of every image."""
 

@@ -1,14 +1,11 @@
-"""Tables of keypoints: CSV and NumPy's .npz of one image, Parquet of many.
+"""Tables of the keypoints of an image: CSV and NumPy's .npz.
 
-CSV has all fields but the descriptors; .npz has the fields of `Keypoints` by their names; Parquet
-has a row for every point.
+CSV has all fields but the descriptors; .npz has the fields of `Keypoints` by their names.
 """
 
 import csv
-from collections.abc import Mapping
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +18,6 @@ from saccade.exchange.fields import (
     keypoints_from,
     keypoints_from_columns,
 )
-from saccade.extras import import_optional
 from saccade.io.files import FORMATS, atomic_write, check_format, read_text, reading
 from saccade.io.npz import read_arrays, save_arrays
 from saccade.types import Keypoints
@@ -107,62 +103,3 @@ def read_npz(path: str | Path) -> Keypoints:
         raise KeypointsError(f"{path}: expected an array xy, found {found}")
     fields = {name: arrays.get(name) for name in FIELDS}
     return keypoints_from(str(path), arrays["xy"], arrays.get("descriptors"), **fields)
-
-
-def to_arrow(keypoints: Mapping[str, Keypoints]) -> Any:
-    """Points as a `pyarrow.Table`, image by image.
-
-    Args:
-        keypoints: by the name of their image; descriptors have 128 entries or are None.
-
-    Returns:
-        Columns image (string), x, y, size, angle, response (float32), octave (int32) and
-        descriptor (128 bytes, or null). Units are those of `Keypoints`.
-
-    Raises:
-        KeypointsError: shapes that do not fit together, or NaN.
-        ConfigError: pyarrow is not installed.
-    """
-    pa = import_optional("pyarrow", "parquet")
-    from saccade.exchange.arrow import POINT_SCHEMA, metadata_of, point_rows
-
-    batches = [point_rows(name, points) for name, points in keypoints.items()]
-    images = [{"image": name} for name in keypoints]
-    return pa.Table.from_batches(batches, POINT_SCHEMA).replace_schema_metadata(metadata_of(images))
-
-
-def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
-    """Write the points of many images to one file; see `to_arrow` for its columns.
-
-    Args:
-        path: written whole or not at all; an old file is replaced.
-        keypoints: by the name of their image.
-
-    Raises:
-        KeypointsError: shapes that do not fit together, or NaN.
-        ConfigError: pyarrow is not installed.
-        OutputError: the file cannot be written.
-    """
-    import_optional("pyarrow", "parquet")
-    from saccade.exchange.arrow import POINT_SCHEMA, point_rows, write_rows
-
-    batches = (point_rows(name, points) for name, points in keypoints.items())
-    with atomic_write(path) as temporary:
-        write_rows(temporary, batches, POINT_SCHEMA, [{"image": name} for name in keypoints])
-
-
-def read_parquet(path: str | Path) -> dict[str, Keypoints]:
-    """Read a file as `write_parquet` or `saccade extract` writes it, or a folder of such files.
-
-    The rows of an image need not be adjacent; they keep their order.
-
-    Raises:
-        KeypointsError: the file is missing, is something else, or lacks a column.
-        ConfigError: pyarrow is not installed.
-    """
-    pa = import_optional("pyarrow", "parquet")
-    from saccade.exchange.arrow import read_points
-
-    path = Path(path)
-    with reading(path, KeypointsError, "a Parquet file", pa.ArrowException, ValueError, TypeError):
-        return read_points(path)
