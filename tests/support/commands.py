@@ -74,7 +74,7 @@ def make_inputs(folder):
         ("seen", "fixations"),
         ("pairs", "homography"),
         ("drive", "folder-times"),
-        ("made", "index-images"),
+        ("made", "points-table"),
         (".", "log-csv"),
         (".", "world"),
         (".", "drive-settings"),

@@ -4,7 +4,7 @@ import hashlib
 import os
 import re
 from collections.abc import Callable, Sequence
-from errno import ENOENT
+from errno import EFBIG, ENOENT
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -13,7 +13,14 @@ from pyarrow import fs
 
 from saccade.batch.storage import ANONYMOUS, is_url, locate
 from saccade.errors import ImageError
-from saccade.io.files import IMAGE_SUFFIXES, LARGEST_TEXT, VIDEO_SUFFIXES, reading
+from saccade.io.files import (
+    IMAGE_SUFFIXES,
+    LARGEST_FILE,
+    LARGEST_TEXT,
+    VIDEO_SUFFIXES,
+    read_bytes,
+    reading,
+)
 from saccade.io.image import decode_image, warn_of_unread
 from saccade.io.video import VideoFrames
 from saccade.types import Image
@@ -84,9 +91,7 @@ def content_reader() -> Callable[[Item], Content]:
         with reading(item.location, ImageError, "an image", ValueError):
             if item.frame is not None:
                 return open_video(item.location)[item.frame]
-            system, path = locate(item.location)
-            with system.open_input_stream(path) as stream:
-                return bytes(stream.read())
+            return _read(item.location)
 
     return read
 
@@ -100,6 +105,17 @@ def content_hash(content: Content) -> str:
 def decode(content: Content, name: str) -> Image:
     """The image of a content; raises `ImageError` where the bytes are no image."""
     return decode_image(content, name) if isinstance(content, bytes) else content
+
+
+def _read(location: str, max_bytes: int = LARGEST_FILE) -> bytes:
+    """The content of a file of limited size."""
+    if not is_url(location):
+        return read_bytes(Path(location), max_bytes)
+    system, path = locate(location)
+    with system.open_input_file(path) as file:
+        if file.size() > max_bytes:
+            raise OSError(EFBIG, os.strerror(EFBIG))
+        return bytes(file.read())
 
 
 def _find(source: str, every: int) -> list[Item]:
@@ -151,8 +167,7 @@ def _video_frames(location: str, stamp: str, every: int) -> list[Item]:
 def _listed(source: str) -> list[Item]:
     """The images of a list, in its order; relative paths start from its folder."""
     system, path = locate(source)
-    with system.open_input_stream(path) as stream:
-        lines = stream.read(LARGEST_TEXT).decode("utf-8-sig").splitlines()
+    lines = _read(source, LARGEST_TEXT).decode("utf-8-sig").splitlines()
     root = (source if is_url(source) else path).rpartition("/")[0]
     items = {}
     for entry in map(str.strip, lines):
