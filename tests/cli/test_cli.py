@@ -290,11 +290,9 @@ def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
     saliency = np.load("looked/rocket.look.npz")["saliency"]
     np.testing.assert_array_equal(saliency, model.maps(saccade.read_image(ROCKET)).saliency)
     pytest.importorskip("pyarrow")
-    words = ["extract", gazes, "--what", "saliency", "--maps", "png", "--workers", 1]
+    words = ["extract", gazes, "--what", "saliency", "--workers", 1]
     assert run(*words, "--model", "m.toml", "--out", "maps")[0] == 0
-    assert json.loads(Path("maps/manifest.json").read_text())["configuration"]["settings"][
-        "weights"
-    ]
+    assert json.loads(Path("maps/manifest.json").read_text())["settings"]["weights"]
     assert run("extract", gazes, "--model", "m.toml")[0] == 2
     code, _, err = run("look", ROCKET, "--model", "m.toml", "--preset", "itti1998")
     assert (code, err.count("\n")) == (2, 1)
