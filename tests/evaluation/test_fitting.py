@@ -32,7 +32,6 @@ from saccade.evaluation.fitting import (
     folds_by_subject,
     score_held_out,
     score_steps,
-    split,
     step_densities,
 )
 from saccade.evaluation.fixations import FixationScores, auc, fixation_density, nss
@@ -163,13 +162,6 @@ def test_nothing_is_scored_by_weights_that_were_fitted_to_it(rng, folds_of):
     same = [np.array_equal(a, b) for a, b in zip(after, before, strict=True)]
     assert same == [False, True, False]
     assert len([*score_held_out(data, folds, after)]) == 9
-
-
-def test_the_parts_are_a_partition():
-    for count, folds in ((10, 3), (2, 5), (7, 7)):
-        sizes = np.bincount(split(count, folds, 1))
-        assert (len(sizes), sizes.sum()) == (min(count, folds), count)
-        assert sizes.max() - sizes.min() <= 1
 
 
 @pytest.fixture

@@ -122,17 +122,6 @@ def test_the_density_counts_every_fixation():
     assert np.unravel_index(density.argmax(), density.shape) == (40, 50)
 
 
-def test_score_holds_every_metric(a_map_and_places):
-    saliency, places, others = a_map_and_places
-    scores = metrics.score(saliency, places, others, sigma=6)
-    assert scores.auc == metrics.auc(saliency, places)
-    assert scores.shuffled_auc == metrics.shuffled_auc(saliency, places, others)
-    best = metrics.score(metrics.fixation_density(places, (60, 80), 6), places, others, sigma=6)
-    assert best.cc == pytest.approx(1)
-    assert best.sim == pytest.approx(1)
-    assert best.kl == pytest.approx(0, abs=1e-9)
-
-
 def test_a_density_is_scored_by_the_map_that_is_best_for_each_metric():
     """Blurred it is the fixation density; where others look, a uniform one is not surprised."""
     place, others = np.array([[30.0, 20.0]]), np.array([[60.0, 40.0]] * 5)

@@ -239,19 +239,13 @@ def _figures(survey: Survey, series: MotionSeries, lag: Lag | None) -> dict[str,
     }
     if lag is not None:
         figures |= {"turn_correlation": lag.correlation, "clock_lag_frames": lag.frames}
-    steps = np.stack([series.rotation[:, 2], series.duration], 1)
-    turn = fit(steps, series.odometry[:, 2])
+    turn = fit(np.stack([series.rotation[:, 2], series.duration], 1), series.odometry[:, 2])
     if turn is not None:
-        figures |= {
-            "turn_scale": float(turn.value[0]),
-            "turn_bias_deg_per_s": float(np.rad2deg(turn.value[1])),
-            "turn_noise_deg": float(np.rad2deg(turn.sigma)),
-        }
-    if series.metric.any():
-        translation = fit(series.translation[:, :1], series.odometry[:, 0])
-        if translation is not None:
-            figures |= {
-                "translation_scale": float(translation.value[0]),
-                "translation_noise_m": translation.sigma,
-            }
+        figures["turn_scale"] = float(turn.value[0])
+        figures["turn_bias_deg_per_s"] = float(np.rad2deg(turn.value[1]))
+        figures["turn_noise_deg"] = float(np.rad2deg(turn.sigma))
+    translation = fit(series.translation[:, :1], series.odometry[:, 0])
+    if translation is not None and series.metric.any():
+        figures["translation_scale"] = float(translation.value[0])
+        figures["translation_noise_m"] = translation.sigma
     return figures

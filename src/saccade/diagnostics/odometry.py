@@ -17,7 +17,6 @@ from saccade.diagnostics.survey import (
 )
 from saccade.frames import Drive
 from saccade.plane import steps_between
-from saccade.types import BoolArray
 
 MIN_TURN_RATE = 0.01
 """Standard deviation of the turn rate in rad/s from which turns are compared."""
@@ -188,32 +187,21 @@ MAX_LENGTH_ERROR = 0.05
 
 
 def check_truth(drive: Drive, survey: Survey, agree: bool) -> Iterator[Finding]:
-    """Lengths, turns and clock of the truth, by the images and by odometry.
+    """Turns, clock and lengths of the truth against the images.
 
-    Where images and odometry do not `agree`, only the lengths of the images, which tell whose
-    fault it is: the rest would follow.
+    Where images and odometry do not `agree`, only the lengths: turns would repeat the fault.
     """
     if drive.truth is None:
         return
     period = float(np.median(np.diff(drive.truth.time))) if len(drive.truth.time) > 1 else 0.0
     begin, end = drive.truth.time[0] - period, drive.truth.time[-1] + period
     inside = (drive.time >= begin) & (drive.time <= end)
-    if inside.sum() <= MIN_STEPS:
-        return
-    yield from _check_images(drive, inside, survey, agree)
-
-
-def _check_images(
-    drive: Drive, inside: BoolArray, survey: Survey, compare_turns: bool
-) -> Iterator[Finding]:
-    """Turns, clock and lengths of the truth against the images."""
-    assert drive.truth is not None
     steps = steps_between(drive.truth.at(drive.time))
     steps[~(inside[1:] & inside[:-1])] = np.nan
     series, lag = series_of(drive, survey, steps), lag_of(drive, survey, steps)
     if len(series) < MIN_STEPS:
         return
-    if compare_turns and lag is not None and _turns(series):
+    if agree and lag is not None and _turns(series):
         names = "truth turns", "truth turns", "truth clock"
         if wrong := [*_check_correlation(series, lag, "the truth", names)]:
             yield from wrong

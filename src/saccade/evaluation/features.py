@@ -197,21 +197,16 @@ def score_pair(
     sigma = np.stack([first.position_sigma[i], second.position_sigma[j]], axis=1)
     found = verify_positions(matched, sigma, "homography", INLIER_PX, min_inliers=4)
     corners = np.array([corner_error(found.H, homography, first.shape)])
+    limits = (1, 3, 5)
+    by_limit = {f"mma_{limit}": fraction(error <= limit) for limit in limits}
+    by_limit |= {f"ratio_{limit}": fraction(error[kept] <= limit) for limit in limits}
+    by_limit |= {f"auc_{limit}": mean_precision(corners, limit) for limit in (*limits, 10)}
     return PairScores(
         keypoints=float(len(first.xy)),
         repeatability=len(repeated) / max(len(distance), 1),
         localization=float(repeated.mean()) if len(repeated) else radius,
-        mma_1=fraction(error <= 1),
-        mma_3=fraction(error <= 3),
-        mma_5=fraction(error <= 5),
-        ratio_1=fraction(error[kept] <= 1),
-        ratio_3=fraction(error[kept] <= 3),
-        ratio_5=fraction(error[kept] <= 5),
         score=float((error <= radius).sum()) / max(min(len(common1), len(common2)), 1),
-        auc_1=mean_precision(corners, 1),
-        auc_3=mean_precision(corners, 3),
-        auc_5=mean_precision(corners, 5),
-        auc_10=mean_precision(corners, 10),
+        **by_limit,
     )
 
 
