@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias, get_args
 import numpy.typing as npt
 
 from saccade.attention.channels import CONSPICUITY, Channel, ChannelName, Conspicuity
-from saccade.attention.contrast_config import ContrastConfig
+from saccade.attention.contrast_config import DEFAULT, ContrastConfig
 from saccade.attention.contrast_steps import KOOTSTRA2010, MIRRORED, Steps
 from saccade.attention.maps import SaliencyMaps
 from saccade.attention.saliencytoolbox2 import SALIENCYTOOLBOX2
@@ -122,7 +122,7 @@ def contrast_maps(
 ) -> ContrastMaps:
     """`contrast_saliency` of a checked image; `steps` are by default those of its variant."""
     shape = pixels.shape[:2]
-    config = (config or ContrastConfig()).at_size(shape)
+    config = (config or DEFAULT).at_size(shape)
     steps = steps or VARIANTS[config.variant]
     scales = existing_scales(shape, config, steps)
     map_shape = steps.level_shape(shape, config.map_level)  # (h, w)

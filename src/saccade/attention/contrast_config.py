@@ -1,6 +1,7 @@
 """The settings of the contrast model, and the published models as presets of it."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal, Self
 
 from saccade.attention.channels import Color
@@ -111,7 +112,7 @@ class ContrastConfig(Settings):
         possible = self.variant != "saliencytoolbox2" or at_map
         require(possible, "normalize_at", expected, self.normalize_at)
 
-    def at_size(self, shape: tuple[int, int]) -> Self:
+    def at_size(self, shape: tuple[int, int]) -> "ContrastConfig":
         """The configuration with the levels for an image of (H, W) pixels.
 
         No level becomes finer than the image itself, and no map finer than level 1.
@@ -120,13 +121,7 @@ class ContrastConfig(Settings):
             return self
         finest = min(level for pair in (*self.scales, *self.orientation_scales) for level in pair)
         coarser = coarser_levels(shape, self.viewing_size, finest, self.map_level)
-        return replace(
-            self,
-            scales=_shifted(self.scales, coarser),
-            orientation_scales=_shifted(self.orientation_scales, coarser),
-            map_level=self.map_level + coarser,
-            viewing_size=None,
-        )
+        return _coarser(self, coarser)
 
     @classmethod
     def kootstra2010(cls) -> Self:
@@ -179,6 +174,22 @@ class ContrastConfig(Settings):
             normalization="iterative",
             variant="saliencytoolbox2",
         )
+
+
+DEFAULT = ContrastConfig()
+"""The default settings, checked once."""
+
+
+@lru_cache(maxsize=64)
+def _coarser(config: ContrastConfig, levels: int) -> ContrastConfig:
+    """The configuration with coarser levels; the check of new settings takes a third of a ms."""
+    return replace(
+        config,
+        scales=_shifted(config.scales, levels),
+        orientation_scales=_shifted(config.orientation_scales, levels),
+        map_level=config.map_level + levels,
+        viewing_size=None,
+    )
 
 
 def _shifted(scales: Scales, levels: int) -> Scales:

@@ -26,6 +26,7 @@ all symmetries are the faint ones of a flat background.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Literal, Self
 
@@ -137,7 +138,7 @@ class SymmetryConfig(Settings):
         possible = self.variant != "kootstra2010" or self.channels == "gray"
         require(possible, "channels", expected, self.channels)
 
-    def at_size(self, shape: tuple[int, int]) -> Self:
+    def at_size(self, shape: tuple[int, int]) -> "SymmetryConfig":
         """The configuration with the levels for an image of (H, W) pixels.
 
         No level becomes finer than the image itself, and no map finer than level 1.
@@ -145,12 +146,7 @@ class SymmetryConfig(Settings):
         if self.viewing_size is None:
             return self
         coarser = coarser_levels(shape, self.viewing_size, self.levels[0], self.map_level)
-        return replace(
-            self,
-            levels=tuple(level + coarser for level in self.levels),
-            map_level=self.map_level + coarser,
-            viewing_size=None,
-        )
+        return _coarser(self, coarser)
 
     @classmethod
     def kootstra2010(cls) -> Self:
@@ -174,6 +170,21 @@ class SymmetryConfig(Settings):
             viewing_size=None,
             variant="kootstra2010",
         )
+
+
+DEFAULT = SymmetryConfig()
+"""The default settings, checked once."""
+
+
+@lru_cache(maxsize=64)
+def _coarser(config: SymmetryConfig, levels: int) -> SymmetryConfig:
+    """The configuration with coarser levels; the check of new settings takes a third of a ms."""
+    return replace(
+        config,
+        levels=tuple(level + levels for level in config.levels),
+        map_level=config.map_level + levels,
+        viewing_size=None,
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -210,7 +221,7 @@ def symmetry_saliency(
 def symmetry_maps(pixels: npt.NDArray[Any], config: SymmetryConfig | None = None) -> SymmetryMaps:
     """`symmetry_saliency` of a checked image."""
     shape = pixels.shape[:2]
-    config = (config or SymmetryConfig()).at_size(shape)
+    config = (config or DEFAULT).at_size(shape)
     pairs = pair_kernel(config.inner, config.outer, config.sigma)
     symmetry = {
         number: symmetry_at(gradients, pairs, config)
@@ -382,7 +393,7 @@ def symmetric_pairs_at(
     for xy in positions:
         if not (-0.5 <= xy[0] < shape[1] - 0.5 and -0.5 <= xy[1] < shape[0] - 0.5):
             raise ImageError(f"position: expected inside {shape[1]} x {shape[0]} px, found {xy}")
-    config = (config or SymmetryConfig()).at_size(shape)
+    config = (config or DEFAULT).at_size(shape)
     kernel = pair_kernel(config.inner, config.outer, config.sigma)
     weights = dict(zip(config.levels, config.level_weights, strict=True))
     selected: list[list[SymmetricPairs]] = [[] for _ in positions]
