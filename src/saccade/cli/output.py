@@ -38,7 +38,7 @@ def print_message(message: str) -> None:
 
 
 def print_data_warnings() -> None:
-    """Print warnings of images and logs as messages; those of libraries stay as they are."""
+    """Print warnings of images and logs as messages; warnings of libraries are unchanged."""
     show = warnings.showwarning
 
     def print_warning(
@@ -54,7 +54,7 @@ def print_data_warnings() -> None:
 
 @contextmanager
 def resumable(checkpoint: Path) -> Iterator[None]:
-    """On Ctrl-C, say how to resume the run."""
+    """Print how to resume the run if Ctrl-C interrupts it."""
     try:
         yield
     except KeyboardInterrupt:
@@ -148,12 +148,12 @@ def print_table(table: "Table | ReportTable") -> None:
 
 @dataclass(frozen=True)
 class Result:
-    """What a command prints, and how it ends."""
+    """The output and the exit code of a command."""
 
     row: Mapping[str, Any]
     """Figures, for --json."""
     tables: Sequence[Any] = ()
-    """Each a `Table`, or the one of a report."""
+    """`Table` objects, of this module or of a report."""
     code: int = 0
     """Exit code."""
     lead: str = ""
@@ -179,8 +179,8 @@ LABELS = {
 def facts(row: Mapping[str, Any]) -> dict[str, str]:
     """The numbers and texts of a row for --json, formatted, by `LABELS` or their names in words.
 
-    The end of a name is its unit: "odometry_rmse_m" is in metres. What is None, empty, true or
-    false, or has parts, is left out.
+    The end of a name is its unit: "odometry_rmse_m" is in meters. None, empty texts,
+    truth values and nested values are left out.
     """
     shown = {}
     for name, value in row.items():
