@@ -5,14 +5,15 @@ A name that is an integer is its own number. Any other name is text, as tags hav
 """
 
 import re
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import LogError
 
+Label: TypeAlias = int | str
+"""What a sensor reads from a landmark: an integer from 0 on, or text."""
 FIRST_TEXT = 10**18
 """Number of the first name that is text; integers are below."""
 UNKNOWN = ("", "-1")
@@ -46,16 +47,45 @@ def number_names(
         if wrong.any():
             raise LogError(f"{name}: expected {EXPECTED}, found {values[wrong][0]}")
         return values.astype(np.int64, copy=False), table
+    return number_labels(parse_labels(values, name=name), table)
+
+
+def number_labels(
+    labels: list[Label | None], table: tuple[str, ...] = ()
+) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
+    """Numbers (k,) of valid labels, and the table with the new ones at its end."""
     known = {text: FIRST_TEXT + i for i, text in enumerate(table)}
     numbers = []
-    for value in values.tolist():
-        number = parse_name(value)
-        if number is None:
-            raise LogError(f"{name}: expected {EXPECTED}, found {value!r}")
-        if isinstance(number, str):
-            number = known.setdefault(number, FIRST_TEXT + len(known))
-        numbers.append(number)
+    for label in labels:
+        if isinstance(label, str):
+            label = known.setdefault(label, FIRST_TEXT + len(known))
+        numbers.append(-1 if label is None else label)
     return np.array(numbers, np.int64), tuple(known)
+
+
+def parse_labels(labels: npt.ArrayLike, *, name: str = "labels") -> list[Label | None]:
+    """Labels (k,) as integers or text, None where unknown; see `number_names`.
+
+    Raises:
+        LogError: something else is among them, such as a number with a fraction.
+    """
+    values = labels if isinstance(labels, np.ndarray) else np.array(labels, object)
+    if values.ndim != 1:
+        raise LogError(f"{name}: expected a list of names, found shape {values.shape}")
+    found: list[Label | None] = []
+    for value in values.tolist():
+        label = parse_name(value)
+        if label is None:
+            raise LogError(f"{name}: expected {EXPECTED}, found {value!r}")
+        found.append(None if label == -1 else label)
+    return found
+
+
+def labels_of(numbers: npt.NDArray[np.int64], table: tuple[str, ...]) -> list[Label | None]:
+    """Labels (k,) of numbers (k,), None where unknown."""
+    return [
+        None if n < 0 else n if n < FIRST_TEXT else table[n - FIRST_TEXT] for n in numbers.tolist()
+    ]
 
 
 def parse_name(value: Any) -> int | str | None:
@@ -88,11 +118,6 @@ def renumber(
     return np.where(numbers >= FIRST_TEXT, of_text[text], numbers), other
 
 
-def stored_texts(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[str, ...]:
-    """The table of a state that was stored as arrays; empty if it has none."""
-    return tuple(arrays["text_names"].tolist()) if "text_names" in arrays else ()
-
-
 def name_texts(numbers: npt.NDArray[np.int64], table: tuple[str, ...]) -> npt.NDArray[Any]:
     """Names (k,) of numbers (k,) as they are written: the numbers themselves if none is text.
 
@@ -100,8 +125,12 @@ def name_texts(numbers: npt.NDArray[np.int64], table: tuple[str, ...]) -> npt.ND
     """
     if not table:
         return numbers
-    texts = [
-        "" if n < 0 else str(n) if n < FIRST_TEXT else table[n - FIRST_TEXT]
-        for n in numbers.tolist()
-    ]
+    texts = ["" if label is None else str(label) for label in labels_of(numbers, table)]
     return np.array(texts, object)
+
+
+def label_array(labels: list[Label | None]) -> npt.NDArray[Any]:
+    """Labels (k,) as integers, -1 where unknown; if one is text, all as text, "" where unknown."""
+    if any(isinstance(label, str) for label in labels):
+        return np.array(["" if label is None else str(label) for label in labels], object)
+    return np.array([-1 if label is None else label for label in labels], np.int64)

@@ -1,10 +1,10 @@
 """Range-bearing landmark SLAM; independent of images."""
 
-from saccade.io.checkpoint import Checkpoint
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import INVARIANT, STANDARD, Retraction
+from saccade.slam.kidnapping import KidnappingDetector
 from saccade.slam.merging import MergedMaps, merge_maps
 from saccade.slam.models import (
     compose,
@@ -16,7 +16,7 @@ from saccade.slam.models import (
 )
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
-from saccade.slam.results import Innovation, PoseHypotheses, StepResult
+from saccade.slam.results import Innovation, PoseHypotheses, SlamMap, StepResult
 from saccade.slam.run import SlamResult, dead_reckon, find_start, run, slam_for
 from saccade.slam.smoothing import SmoothResult, smooth
 from saccade.slam.snapshots import Recorder
@@ -24,17 +24,18 @@ from saccade.slam.snapshots import Recorder
 __all__ = [
     "INVARIANT",
     "STANDARD",
-    "Checkpoint",
     "Consistency",
     "EkfConfig",
     "EkfSlam",
     "Innovation",
+    "KidnappingDetector",
     "MergedMaps",
     "PoseHypotheses",
     "Recorder",
     "Relocalizer",
     "Retraction",
     "Slam",
+    "SlamMap",
     "SlamResult",
     "SmoothResult",
     "StepResult",

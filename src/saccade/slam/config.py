@@ -22,11 +22,11 @@ class EkfConfig(Settings):
 
     filter: Literal["invariant", "standard"] = "invariant"
     """Error parametrization: right-invariant, which stays consistent, or the source's."""
-    association: Literal["auto", "known", "nearest", "mutual", "multiple"] = "auto"
-    """Data association. "auto": by identity where an observation has one that agrees with the map
-    (`name_gate`), else "mutual"; "multiple" while no observation has had an identity. "known": by
-    identity, which is never doubted. By geometry alone, to the nearest landmark, to the mutually
-    nearest one, or by "multiple" hypotheses while the map is small, for landmarks that are closer
+    association: Literal["auto", "known", "nearest", "mutual", "hypotheses"] = "auto"
+    """Data association. "auto": by label where an observation has one that agrees with the map
+    (`label_gate`), else "mutual"; "hypotheses" while no observation has had a label. "known": by
+    label, which is never rejected. By geometry alone: to the nearest landmark, to the mutually
+    nearest one, or by several "hypotheses" while the map is small, for landmarks that are closer
     together than the pose is certain."""
     gate: float = setting(0.99, above=0, below=1)
     """Unknown association: probability with which an observation of a landmark is accepted."""
@@ -40,14 +40,13 @@ class EkfConfig(Settings):
     culling_ratio: float | None = setting(0.4, above=0, below=1)
     """Unknown association: a landmark that is observed less often than this fraction of what is
     usual at the same ranges and bearings is removed; None keeps all."""
-    name_gate: float = setting(0.99999, above=0, below=1)
-    """"auto": probability with which an observation of the landmark that its identity says is
-    inside its gate; outside, the identity is refused."""
+    label_gate: float = setting(0.99999, above=0, below=1)
+    """"auto": probability with which an observation of the landmark of its label is inside its
+    gate; outside, the label is rejected."""
     max_hypotheses: int = setting(8, 1)
-    """"auto" and "multiple": association hypotheses that are kept at most; 1 for one filter."""
+    """"auto" and "hypotheses": association hypotheses that are kept at most; 1 for one filter."""
     recover: bool = True
-    """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
-    pose in it. Never with a custom sensor model."""
+    """Whether a kidnapped robot stops the filter, keeps its map, and searches for its pose."""
     motion_noise_scale: float = setting(1.0, above=0, below=1e6)
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = setting(1.0, above=0, below=1e6)
@@ -57,14 +56,15 @@ class EkfConfig(Settings):
     covariance multiplied by their ratio. The usual value costs 5 % of efficiency where all noise is
     Gaussian; infinite for full weight always."""
     start_sigma: tuple[float, float, float] = setting((0.0, 0.0, 0.0), 0, below=1e6)
-    """Standard deviation of the first pose: metres, metres, radians."""
+    """Standard deviation of the first pose: meters, meters, radians."""
     estimate_odometry_bias: bool = True
     """Whether systematic odometry errors are states of the filter where the log gives their
     standard deviations (`LandmarkLog.odometry_bias`)."""
 
     submaps: Literal["auto", "always", "never"] = "auto"
-    """Whether steps change the landmarks around the robot only, and the others later: with "auto"
-    in maps of 1000 landmarks and more. The estimate is the same up to rounding."""
+    """Whether steps change the landmarks around the robot only, and the others later (the
+    compressed filter): with "auto" in maps of 1000 landmarks and more. The estimate is the same up
+    to rounding."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

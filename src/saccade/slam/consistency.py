@@ -42,8 +42,8 @@ class Consistency:
     """95 % band of the mean of a consistent filter."""
     inside: float
     """Fraction of the innovations within the 95 % band of a single one; NaN without any."""
-    refused: float = 0.0
-    """Fraction of the observations whose landmark name contradicted the map and was refused."""
+    rejected: float = 0.0
+    """Fraction of the observations whose landmark name contradicted the map and was rejected."""
 
     @property
     def warning(self) -> str:
@@ -52,9 +52,9 @@ class Consistency:
         The median is a robust measure of the noise; the fraction far outside is one of outliers.
         """
         found = []
-        if self.refused > WRONG_FRACTION:
+        if self.rejected > WRONG_FRACTION:
             found.append(
-                f"{self.refused:.1%} of the landmark names contradict the map and were not used"
+                f"{self.rejected:.1%} of the landmark names contradict the map and were not used"
             )
         if self._count < MIN_OBSERVATIONS:
             return "; ".join(found)
@@ -74,8 +74,8 @@ class Consistency:
     def remark(self) -> str:
         """Signs of a conservative filter and of few outliers; empty if there are none."""
         found = []
-        if 0 < self.refused <= WRONG_FRACTION:
-            found.append(f"{self.refused:.2%} of the landmark names contradict the map: not used")
+        if 0 < self.rejected <= WRONG_FRACTION:
+            found.append(f"{self.rejected:.2%} of the landmark names contradict the map: not used")
         if self._count < MIN_OBSERVATIONS:
             return "; ".join(found)
         if self._factor < 1 / TOLERATED_FRACTION:
@@ -197,13 +197,13 @@ def chi_square_band(dof: int, count: int = 1, confidence: float = 0.95) -> tuple
     return low / count, high / count
 
 
-def summarize(nis: FloatArray, dof: int = 2, refused: float = 0.0) -> Consistency:
+def summarize(nis: FloatArray, dof: int = 2, rejected: float = 0.0) -> Consistency:
     """Consistency of a run by its NIS, NaN where an observation updated nothing.
 
     Args:
         nis: (k,) of each observation.
         dof: degrees of freedom of one innovation.
-        refused: fraction of the observations whose landmark name was refused.
+        rejected: fraction of the observations whose landmark name was rejected.
     """
     used = nis[np.isfinite(nis)]
     low, high = chi_square_band(dof)
@@ -214,5 +214,5 @@ def summarize(nis: FloatArray, dof: int = 2, refused: float = 0.0) -> Consistenc
         mean=float(used.mean()) if len(used) else float("nan"),
         band=chi_square_band(dof, max(len(used), 1)),
         inside=float(inside.mean()) if len(used) else float("nan"),
-        refused=refused,
+        rejected=rejected,
     )

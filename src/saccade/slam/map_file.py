@@ -1,56 +1,91 @@
-"""Map files: the whole state of a `Slam` in one .npz, for another day or another robot.
+"""Map files: a map with all that is known of its landmarks, for another day or another robot.
 
-Plain arrays, named after the part of the `Slam` and the array in it: `associate.known.landmark`,
-`hypotheses.0.ekf.state`. Nothing in the file is executed when it is read.
+One .npz of plain arrays. Nothing in the file is executed when it is read.
 """
 
+import hashlib
 import json
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import LogError
-from saccade.io.checkpoint import Arrays, checksum
 from saccade.io.files import FORMATS, atomic_write, check_format, reading
 from saccade.io.npz import read_arrays, save_arrays
+from saccade.landmark_names import parse_name
 from saccade.slam.config import EkfConfig
+from saccade.slam.landmarks import CullingPolicy, LabelRecord, LandmarkRows, LandmarkTable
+from saccade.types import FloatArray
 
+Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 KIND = "landmark map of saccade slam"
 """What the file says it is."""
+TABLE_NUMBERS = (
+    *("scans", "ambiguous", "forgotten", "culled", "session"),
+    *("has_unlabeled", "max_range", "log_likelihood", "detections"),
+)
+"""Attributes of a `LandmarkTable` that are saved as they are."""
 
 
-def write_map(
-    path: str | Path, config: EkfConfig, odometry_bias: tuple[float, float, float], arrays: Arrays
-) -> None:
-    """Write a map file, whole or not at all.
+@dataclass(frozen=True, eq=False)
+class SavedMap:
+    """The content of a map file."""
 
-    Args:
-        path: the file.
-        config: settings of the filter that made the map.
-        odometry_bias: as for `Slam`.
-        arrays: state of the parts of the `Slam`, and its `sessions` and `descriptors`.
+    config: EkfConfig
+    """Settings of the filter that made the map."""
+    odometry_bias: tuple[float, float, float]
+    """Standard deviations, as for `Slam`."""
+    num_steps: int
+    """Steps that were taken."""
+    mean: FloatArray
+    """(n,) the robot's numbers, then the landmarks (C.3)."""
+    covariance: FloatArray
+    """(n, n) of the mean (C.4)."""
+    heading_lever: FloatArray
+    """(n,) see `filter._kernels`."""
+    table: LandmarkTable
+    """Its landmarks."""
+    clock: tuple[int, int, int]
+    """Numbers of the `LabelAssociation`."""
+
+
+def write_map(path: str | Path, saved: SavedMap) -> None:
+    """Writes a map file, whole or not at all.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    arrays = {
-        **arrays,
+    table = saved.table
+    settings = {"config": asdict(saved.config), "odometry_bias": saved.odometry_bias}
+    arrays: Arrays = {
         "kind": np.array(KIND),
         "format": np.array(FORMATS["slam_map"]),
-        "config": np.array(json.dumps(asdict(config))),
-        "models": np.array(json.dumps({"odometry_bias": odometry_bias})),
+        "settings": np.array(json.dumps(settings)),
+        "num_steps": np.array(saved.num_steps),
+        **{name: getattr(saved, name) for name in ("mean", "covariance", "heading_lever")},
+        "clock": np.array(saved.clock),
+        **{f"landmark.{name}": each for name, each in vars(table.counts).items()},
+        **{f"table.{name}": np.array(getattr(table, name)) for name in TABLE_NUMBERS},
+        "labels": np.array([str(label) for label in table.labels], np.str_),
+        "descriptor.id": np.array(list(table.descriptors), np.int64),
+        "descriptor.value": np.array(list(table.descriptors.values())),
     }
-    arrays["checksum"] = np.array(checksum(arrays))
+    for field in fields(LabelRecord):
+        column = [getattr(record, field.name) for record in table.labels.values()]
+        arrays[f"label.{field.name}"] = np.array(column)
+    arrays["checksum"] = np.array(_checksum(arrays))
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         save_arrays(file, arrays, compressed=False)
 
 
-def read_map(path: str | Path) -> tuple[EkfConfig, tuple[float, float, float], Arrays]:
-    """Read what `write_map` wrote: settings, odometry biases and arrays.
+def read_map(path: str | Path) -> SavedMap:
+    """Reads what `write_map` wrote.
 
     Raises:
-        LogError: it cannot be read, is damaged, no map, or of another version.
+        LogError: it cannot be read, is damaged, not a map, or of another version.
     """
     path = Path(path)
     with reading(path, LogError, f"a {KIND}, found no .npz, or a damaged one", ValueError):
@@ -60,14 +95,56 @@ def read_map(path: str | Path) -> tuple[EkfConfig, tuple[float, float, float], A
     check_format("slam_map", int(arrays["format"]), path, LogError)
     if int(arrays["format"]) < FORMATS["slam_map"]:
         raise LogError(
-            f"{path}: expected a {KIND} of format {FORMATS['slam_map']}, found that of a version "
-            "before the first release that saves maps; run the log again"
+            f"{path}: expected a {KIND} of format {FORMATS['slam_map']}, found "
+            f"{int(arrays['format'])}, that of an earlier version; run the log again"
         )
-    if str(arrays.pop("checksum", "")) != checksum(arrays):  # kernels trust the shapes of arrays
+    if str(arrays.pop("checksum", "")) != _checksum(arrays):  # kernels trust the shapes of arrays
         raise LogError(f"{path}: expected a {KIND}, found a damaged one")
-    settings = json.loads(str(arrays["config"]))
-    settings["start_sigma"] = tuple(settings["start_sigma"])
-    known = {field.name for field in fields(EkfConfig)}  # those of an older version may be gone
-    config = EkfConfig(**{name: value for name, value in settings.items() if name in known})
-    distance, turn, loss = json.loads(str(arrays["models"]))["odometry_bias"]
-    return config, (distance, turn, loss), arrays
+    settings = json.loads(str(arrays["settings"]))
+    settings["config"]["start_sigma"] = tuple(settings["config"]["start_sigma"])
+    config = EkfConfig(**settings["config"])
+    distance, turn, loss = settings["odometry_bias"]
+    clock, streak, until = arrays["clock"].tolist()
+    return SavedMap(
+        config,
+        (distance, turn, loss),
+        int(arrays["num_steps"]),
+        *(arrays[name] for name in ("mean", "covariance", "heading_lever")),
+        _table(arrays),
+        (clock, streak, until),
+    )
+
+
+def _table(arrays: Arrays) -> LandmarkTable:
+    """The landmark table of a map file."""
+    table = LandmarkTable(CullingPolicy(False, 1, 1))
+    table.counts = LandmarkRows(**_columns(arrays, "landmark."))
+    for name in TABLE_NUMBERS:
+        value = arrays[f"table.{name}"]
+        setattr(table, name, value if value.ndim > 0 else value.item())
+    columns = {
+        name: list(column) if column.ndim > 1 else column.tolist()
+        for name, column in _columns(arrays, "label.").items()
+    }
+    for i, text in enumerate(arrays["labels"].tolist()):
+        record = LabelRecord(**{name: column[i] for name, column in columns.items()})
+        label = parse_name(text)
+        assert label is not None
+        table.labels[label] = record
+    values = zip(arrays["descriptor.id"].tolist(), arrays["descriptor.value"], strict=True)
+    table.descriptors = dict(values)
+    return table
+
+
+def _columns(arrays: Arrays, prefix: str) -> Arrays:
+    found = {name: array for name, array in arrays.items() if name.startswith(prefix)}
+    return {name.removeprefix(prefix): array for name, array in found.items()}
+
+
+def _checksum(arrays: Arrays) -> str:
+    """A hash of names, types, shapes and contents."""
+    digest = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        digest.update(f"{name} {array.dtype} {array.shape} ".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

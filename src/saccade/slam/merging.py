@@ -16,6 +16,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from saccade.errors import LogError, require
+from saccade.landmark_names import Label
 from saccade.plane import rotations
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.models import observe, wrap
@@ -53,11 +54,11 @@ class MergedMaps:
     slam: Slam
     """The first map's robot and landmarks, then those landmarks of the second that are new."""
     transform: FloatArray
-    """(3,) x, y in metres, heading in radians: the frame of the second map in the first."""
+    """(3,) x, y in meters, heading in radians: the frame of the second map in the first."""
     covariance: FloatArray
     """(3, 3) of the transform."""
     common: IntArray
-    """(m, 2) numbers of the common landmarks in the first and the second map."""
+    """(m, 2) ids of the common landmarks in the first and the second map."""
     probability: float
     """Of the correspondence; 1 if it is by names."""
     nis: float
@@ -65,7 +66,7 @@ class MergedMaps:
 
     def __repr__(self) -> str:
         return (
-            f"MergedMaps({len(self.slam.ekf)} landmarks, {len(self.common)} common, "
+            f"MergedMaps({len(self.slam.filter)} landmarks, {len(self.common)} common, "
             f"probability {self.probability:.3f})"
         )
 
@@ -89,10 +90,10 @@ def merge_maps(first: Slam, second: Slam, min_common: int = 5) -> MergedMaps:
     first, second = copy.deepcopy(first), copy.deepcopy(second)
     for each in (first, second):
         each.remove_candidates()
-    maps = _Maps.of(first, second, first.number(second.identities, second.text_names))
-    _, by_name, other = np.intersect1d(*maps.names, return_indices=True)
-    named = maps.names[0][by_name] >= 0
-    pairs = np.column_stack([by_name, other])[named]
+    maps = _Maps.of(first, second)
+    _, by_label, other = np.intersect1d(*maps.labels, return_indices=True)
+    labeled = maps.labels[0][by_label] >= 0
+    pairs = np.column_stack([by_label, other])[labeled]
     if len(pairs) >= min_common:
         best, probability = _grown(maps, pairs, _fitted(maps, pairs)), 1.0
     else:
@@ -112,11 +113,12 @@ def merge_maps(first: Slam, second: Slam, min_common: int = 5) -> MergedMaps:
             f"merging: expected {min_common} common landmarks with probability "
             f"{MIN_PROBABILITY:g}, found {len(best.pairs)} with {probability:.3f}"
         )
+    first_ids = first.filter.ids
     return MergedMaps(
-        _as_slam(first, maps, best),
+        _as_slam(first, second, maps, best),
         best.transform,
         best.covariance,
-        best.pairs,
+        np.column_stack([first_ids[best.pairs[:, 0]], second.filter.ids[best.pairs[:, 1]]]),
         probability,
         best.nis,
     )
@@ -131,18 +133,31 @@ class _Maps(NamedTuple):
     """(N, 2) of each map."""
     P: tuple[FloatArray, FloatArray]
     """(r + 2 N, r + 2 N) of the first, (2 N, 2 N) of the second."""
-    names: tuple[IntArray, IntArray]
+    labels: tuple[IntArray, IntArray]
+    """(N,) number of the label of each landmark, the same in both maps; -1 for none."""
 
     @classmethod
-    def of(cls, first: Slam, second: Slam, names: IntArray) -> "_Maps":
-        """Two maps, the names of the second by the numbers of the first."""
-        r, q = len(first.ekf.robot_state), len(second.ekf.robot_state)
+    def of(cls, first: Slam, second: Slam) -> "_Maps":
+        """The maps of two robots."""
+        a, b = first.filter, second.filter
+        numbers: dict[Label, int] = {}
+        labels = [
+            np.array(
+                [
+                    -1 if label is None else numbers.setdefault(label, len(numbers))
+                    for label in each.landmarks.labels_of(each.filter.ids.tolist())
+                ],
+                np.int64,
+            )
+            for each in (first, second)
+        ]
+        q = len(b.robot_state)
         return cls(
-            r=r,
-            robot=first.ekf.robot_state,
-            xy=(first.ekf.landmarks, second.ekf.landmarks),
-            P=(first.ekf.covariance, second.ekf.covariance[q:, q:]),
-            names=(first.identities, names),
+            r=len(a.robot_state),
+            robot=a.robot_state,
+            xy=(a.landmarks, b.landmarks),
+            P=(a.covariance, b.covariance[q:, q:]),
+            labels=(labels[0], labels[1]),
         )
 
 
@@ -213,8 +228,8 @@ def _grown(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
         S = fused.scale * S + 1e-12 * np.eye(2)
         v = points[:n, None] - points[None, n:]
         square = np.einsum("nmi,nmij,nmj->nm", v, np.linalg.inv(S), v)
-        names = maps.names[0][:, None], maps.names[1][None]
-        square[(names[0] != names[1]) & (names[0] >= 0) & (names[1] >= 0)] = np.inf
+        labels = maps.labels[0][:, None], maps.labels[1][None]
+        square[(labels[0] != labels[1]) & (labels[0] >= 0) & (labels[1] >= 0)] = np.inf
         square[fused.pairs[:, 0]] = square[:, fused.pairs[:, 1]] = np.inf
         nearest = square.argmin(1)
         i = np.arange(n)
@@ -313,20 +328,22 @@ def _fitted(maps: _Maps, pairs: IntArray) -> FloatArray:
     return np.append(a.mean(0) - rotations(heading) @ b.mean(0), heading)
 
 
-def _as_slam(first: Slam, maps: _Maps, fused: _Fused) -> Slam:
-    """The merged map with the settings and models of the first."""
+def _as_slam(first: Slam, second: Slam, maps: _Maps, fused: _Fused) -> Slam:
+    """The merged map with the settings of the first."""
     n, m = len(maps.xy[0]), len(maps.xy[1])
-    new = np.setdiff1d(np.arange(m), fused.pairs[:, 1])
+    new, ids = np.setdiff1d(np.arange(m), fused.pairs[:, 1]), first.filter.ids
+    added = first.filter.next_id + np.arange(len(new))
     rows = np.concatenate(
         [np.arange(maps.r + 2 * n), (maps.r + 2 * (n + new[:, None]) + [0, 1]).ravel()]
     )
-    merged = first
-    merged.ekf.set_gaussian(fused.mean[rows], fused.P[np.ix_(rows, rows)], np.arange(n + len(new)))
-    merged.sessions = [0, n]
-    merged.culling.add_confirmed(n, len(new))
-    named = [(n + k, name) for k, name in enumerate(maps.names[1][new].tolist())]
-    named += [(i, int(maps.names[1][j])) for i, j in fused.pairs.tolist() if maps.names[0][i] < 0]
-    for number, name in named:
-        if name >= 0:
-            merged.associate.bind(name, number)
-    return merged
+    first.filter.set_gaussian(fused.mean[rows], fused.P[np.ix_(rows, rows)], np.append(ids, added))
+    table = first.landmarks
+    table.session += 1
+    table.add_confirmed(added)
+    labels = second.landmarks.labels_of(second.filter.ids.tolist())
+    pairs = [*zip(added.tolist(), new.tolist(), strict=True)]
+    pairs += [(int(ids[i]), j) for i, j in fused.pairs.tolist() if maps.labels[0][i] < 0]
+    for landmark, j in pairs:
+        if labels[j] is not None:
+            table.label(labels[j], landmark)
+    return first

@@ -1,50 +1,34 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from saccade.errors import ConfigError, LogError, require
-from saccade.io.checkpoint import Arrays, Stateful, arrays_of, merge, select
-from saccade.landmark_names import name_texts, number_names, renumber, stored_texts
+from saccade.landmark_names import label_array
 from saccade.slam.association._kernels import DROPPED, NEW
-from saccade.slam.association.identities import Association
+from saccade.slam.association.labels import LabelAssociation
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.consistency import chi_square_gate
-from saccade.slam.culling import Culling, numbers_of_kept
-from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import new_innovations
-from saccade.slam.filter.validation import (
-    MIN_SIGMA,
-    as_array,
-    as_number,
-    as_numbers,
-    check_covariance,
-    check_noise,
-    check_range_bearing,
-    require_shape,
-)
+from saccade.slam.filter.validation import check_covariance
 from saccade.slam.hypotheses import Hypotheses, Hypothesis
-from saccade.slam.local_map_choice import LocalMapChoice
-from saccade.slam.map_file import read_map, write_map
-from saccade.slam.recovery import Recovery
-from saccade.slam.results import PoseHypotheses, StepResult, check_diverged
-from saccade.slam.scans import NO_SCAN, Scan
-from saccade.types import BoolArray, FloatArray, IntArray
+from saccade.slam.kidnapping import KidnappingDetector
+from saccade.slam.landmarks import CullingPolicy, LandmarkTable
+from saccade.slam.map_file import SavedMap, read_map, write_map
+from saccade.slam.pose_search import PoseSearch
+from saccade.slam.results import PoseHypotheses, SlamMap, StepResult, check_diverged
+from saccade.slam.scans import Scan, checked_scan
+from saccade.slam.submaps import SubmapChoice
+from saccade.types import FloatArray, IntArray
 
 MODES = ("continue", "localize")
 """What a robot does with a map that was saved."""
 START_SIGMA = (0.5, 0.5, 0.1)
-"""Metres and radians: standard deviation of a start in a map, if neither it nor the settings say
-one."""
-NONE = np.empty(0, np.int64)
-"""No landmarks."""
-NOTHING_OBSERVED = NONE, *new_innovations(0), np.zeros(0, np.bool_), NONE
-"""Fields of `StepResult` from the association on, of a step without observations."""
+"""Standard deviation of a start in a map by default, in meters and radians."""
 
 
 class Slam:
@@ -60,19 +44,19 @@ class Slam:
             still change, as their covariance lets them.
 
     Raises:
-        LogError: here and in `step`, an argument that is no number, not finite or of another shape.
-        ConfigError: a mode that there is not.
+        LogError: here and in `step`, an argument is not a number, not finite or of another shape.
+        ConfigError: unknown mode.
 
     Examples:
         >>> import numpy as np
         >>> from saccade.slam import Slam
         >>> slam = Slam()
-        >>> U, R = np.diag([0.02, 0.01]) ** 2, np.tile(np.diag([0.1, 0.02]) ** 2, (2, 1, 1))
-        >>> names = np.array([7, 9])
-        >>> _ = slam.step(0.0, z=np.array([[4.0, 0.3], [6.0, -0.8]]), R=R, names=names)
-        >>> slam.step(1.0, np.array([1.0, 0.0]), U, np.array([[3.1, 0.4], [5.3, -0.9]]), R, names)
+        >>> U, R = np.diag([0.02, 0.01]) ** 2, np.diag([0.1, 0.02]) ** 2
+        >>> labels = [7, 9]
+        >>> _ = slam.step(0.0, z=np.array([[4.0, 0.3], [6.0, -0.8]]), R=R, labels=labels)
+        >>> slam.step(1.0, np.array([1.0, 0.0]), U, np.array([[3.1, 0.4], [5.3, -0.9]]), R, labels)
         StepResult(pose 1.00 -0.00 m -0.004 rad, 2 of 2 observations used)
-        >>> slam.ekf.landmarks.round(1)
+        >>> slam.map.xy.round(1)
         array([[ 3.8,  1.2],
                [ 4.2, -4.2]])
     """
@@ -88,53 +72,71 @@ class Slam:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
         estimated = config.estimate_odometry_bias and any(odometry_bias)
         bias = odometry_bias if estimated else ()
-        self.config = config
+        self.config, self.mode, self.odometry_bias = config, mode, odometry_bias
         ekf = EkfSlam(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
             retraction=RETRACTIONS[config.filter],
             huber=config.huber,
         )
-        self.associate = Association(config)
-        """The association rule."""
-        self.mode = mode
-        adds = mode == "continue"
-        doubted = adds and config.association != "known"
-        culling = Culling(
-            doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
+        adds, all_accepted = mode == "continue", config.association == "known"
+        policy = CullingPolicy(
+            adds and not all_accepted,
+            config.confirm_after,
+            config.candidate_scans,
+            config.culling_ratio or 0.0,
         )
-        self.recovery = Recovery(config.recover, config.new_gate)
-        gate = (
-            float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
-        )
-        self._choice = LocalMapChoice(config.submaps, gate)
-        several = config.association in ("auto", "multiple")
-        self._may_branch = several and adds and config.max_hypotheses > 1
         self.hypotheses = Hypotheses(
-            *(Hypothesis(ekf, culling), config.gate, config.new_gate, config.huber),
-            most=config.max_hypotheses,
+            *(Hypothesis(ekf, LandmarkTable(policy)), config.gate, config.new_gate, config.huber),
+            max_hypotheses=config.max_hypotheses,
         )
-        """The association hypotheses, of which `ekf` and `culling` are the most probable one's."""
+        """The association hypotheses; `filter` and `landmarks` are the most probable one's."""
+        self.association = LabelAssociation(config)
+        """The association rule of a single hypothesis."""
+        self.kidnapping = KidnappingDetector(config.recover, config.new_gate)
+        """The test whether the robot is where the filter believes it."""
         self.num_steps = 0
         """Steps that were taken."""
+        gate = float("inf") if all_accepted else chi_square_gate(2, config.new_gate)
+        self._submaps = SubmapChoice(config.submaps, gate)
+        several = config.association in ("auto", "hypotheses")
+        self._may_branch = several and adds and config.max_hypotheses > 1
+        self._uses_labels = config.association in ("auto", "known")
         self._time = -np.inf
-        self.text_names: tuple[str, ...] = ()
-        """Names of landmarks that are text; `identities` has their numbers."""
-        self.sessions = [0]
-        """Landmarks that were added to the map before each session, which `load` begins."""
-        self.descriptors: npt.NDArray[Any] | None = None
-        """(m, d) of the first m landmarks, if their user gives any; removed with the landmarks."""
-        self._odometry_bias = odometry_bias
 
     @property
-    def ekf(self) -> EkfSlam:
+    def filter(self) -> EkfSlam:
         """The filter."""
         return self.hypotheses.best.ekf
 
     @property
-    def culling(self) -> Culling:
-        """The counts of its landmarks."""
-        return self.hypotheses.best.culling
+    def landmarks(self) -> LandmarkTable:
+        """Counts and labels of all landmarks of the filter, candidates too."""
+        return self.hypotheses.best.table
+
+    @property
+    def pose(self) -> FloatArray:
+        """(3,) x, y in meters, heading in radians: the mean over the association hypotheses."""
+        return self.hypotheses.pose[0]
+
+    @property
+    def pose_covariance(self) -> FloatArray:
+        """(3, 3) of the pose, with the differences between the hypotheses."""
+        return self.hypotheses.pose[1]
+
+    @property
+    def map(self) -> SlamMap:
+        """The landmarks of the map, without candidates."""
+        ekf, kept = self.filter, self.landmarks.in_map
+        ids = ekf.ids[kept]
+        labels = label_array(self.landmarks.labels_of(ids.tolist()))
+        return SlamMap(ids, labels, ekf.landmarks[kept], ekf.landmark_covariances[kept])
+
+    def joint_covariance(self, landmarks: IntArray) -> FloatArray:
+        """(3 + 2k, 3 + 2k) of the pose and of landmarks (k,), by their ids."""
+        C, r = self.filter.marginal(landmarks), len(self.filter.robot_state)
+        kept = np.delete(np.arange(len(C)), np.s_[3:r])
+        return C[np.ix_(kept, kept)]
 
     def step(
         self,
@@ -143,9 +145,9 @@ class Slam:
         U: FloatArray | None = None,
         z: FloatArray | None = None,
         R: FloatArray | None = None,
-        names: npt.ArrayLike | None = None,
+        labels: npt.ArrayLike | None = None,
     ) -> StepResult:
-        """Move to the next pose and process the scan that is observed there.
+        """Moves to the next pose and processes the scan that is observed there.
 
         Args:
             time: of the pose, in any unit; not before that of the last step.
@@ -153,10 +155,10 @@ class Slam:
                 or forward, left and turn (`compose`); None where the robot has not moved, as at the
                 first pose.
             U: (c, c) its covariance.
-            z: (k, 2) range in metres, bearing in radians within 2 pi; None without observations.
-            R: (k, 2, 2) their covariances.
-            names: (k,) landmark names, integers from 0 on or text, -1 or "" where unknown; compared
-                with the map, and not believed if they contradict it, unless
+            z: (k, 2) range in meters, bearing in radians within 2 pi; None without observations.
+            R: (k, 2, 2) their covariances, or (2, 2) one for all.
+            labels: (k,) labels of the landmarks, integers from 0 on or text, -1 or "" where
+                unknown; compared with the map, and rejected if they contradict it, unless
                 `EkfConfig.association` is "known".
 
         Returns:
@@ -165,220 +167,175 @@ class Slam:
         Raises:
             LogError: the estimate diverged, or an argument is invalid; then nothing has changed.
         """
-        scan, text_names = self._validated(time, control, U, z, R, names)
-        result = self.process(scan)
-        self._time, self.text_names = scan.time, text_names
-        return result
-
-    def _validated(
-        self,
-        time: object,
-        control: npt.ArrayLike | None,
-        U: npt.ArrayLike | None,
-        z: npt.ArrayLike | None,
-        R: npt.ArrayLike | None,
-        names: npt.ArrayLike | None,
-    ) -> tuple[Scan, tuple[str, ...]]:
-        """The arguments of `step`, copied, and the table of the names that are text."""
-        seconds, motion, text_names = as_number("time", time), None, self.text_names
-        if seconds < self._time:
-            raise LogError(f"time: expected {self._time:g} or later, found {seconds:g}")
-        if control is not None:
-            c = 3 if np.size(control) == 3 else 2
-            u = np.array(as_array("control", (c,), control), np.float64)
-            U = np.array(as_array("covariance of the control", (c, c), U), np.float64)
-            check_noise("control", u[None], U[None], self.config.motion_noise_scale**2)
-            motion = u, U
-        z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
-        k = len(z)
-        identity = np.full(k, -1)
-        if names is not None:
-            identity, text_names = number_names(names, text_names)
-            require_shape("names", (k,), identity)
-        z = as_array("observations", (k, 2), z).astype(np.float64)
-        R = as_array("covariances of the observations", (k, 2, 2), R).astype(np.float64)
-        if k == 0:
-            return Scan(seconds, motion, *NO_SCAN), text_names
-        check_range_bearing(z)
-        check_noise("observation", z, R, self.config.sensor_noise_scale**2, MIN_SIGMA)
-        return Scan(seconds, motion, z, R, identity.astype(np.int64)), text_names
-
-    def number(self, numbers: IntArray, text_names: tuple[str, ...]) -> IntArray:
-        """Numbers (k,) that names have here, where those that are text come from another table."""
-        numbers, self.text_names = renumber(numbers, text_names, self.text_names)
-        return numbers
+        scan = checked_scan(self.config, time, control, U, z, R, labels)
+        if scan.time < self._time:
+            raise LogError(f"time: expected {self._time:g} or later, found {scan.time:g}")
+        return self.process(scan)
 
     def process(self, scan: Scan) -> StepResult:
-        """Take one step: the loop of the filter, in the order of appendix C.
+        """`step` by a valid scan.
 
         Raises:
             LogError: the estimate diverged; names the step.
         """
-        if self.config.association not in ("auto", "known"):
-            scan = scan._replace(names=np.full(len(scan.z), -1))
-        named, ekf, k = self.known_landmarks(scan.names), self.ekf, len(scan.z)
-        rule, may_cull = self.associate, self.culling.enabled and self.associate.has_unnamed
-        self._choose_hypotheses(scan)
-        expects = self.recovery.rule.enabled or may_cull
-        reach = max(self.culling.reach, 0.0) if expects else 0.0
-        self._choice.choose_view(ekf, scan, named, reach)
+        if not self._uses_labels:
+            scan = scan._replace(labels=[None] * len(scan.z))
+        self._prepare(scan)
+        result = self._step(scan)
+        check_diverged(result.pose, self.num_steps)
+        self._time, self.num_steps = scan.time, self.num_steps + 1
+        return result
+
+    def _step(self, scan: Scan) -> StepResult:
+        """One step of EKF-SLAM, in the order of appendix C."""
         self.hypotheses.predict(scan)  # C.5-C.9
-        if self.recovery.lost:
-            return self._result(scan, self.recovery.follow(ekf, self.culling, scan, named))
-        if k == 0:
-            return self._result(scan, NONE)
-        if self.recovery.contradicts(ekf, self.culling, scan, named):
-            self.hypotheses.leave_out(k)
-            if self.recovery.begin_if_lost(ekf, self.confirmed, scan, named):
-                self.hypotheses.settle()
-            return self._result(scan, np.full(k, -1))
-        if self.hypotheses.branching:
-            self.hypotheses.branch(scan.z, scan.R)
-            best = self.hypotheses.best
-            return self._result(scan, best.association[-k:].copy(), best.innovations, best.culled)
-        association = self._associate(scan)
-        best = self.hypotheses.best
-        missed = best.observe(scan.z, scan.R, association, may_cull=rule.has_unnamed)  # C.10-C.18
-        culled = self._cull(missed, association)
-        return self._result(scan, association, best.innovations, culled)
+        self.kidnapping.update(self.filter, self.landmarks, scan)  # evidence for and against
+        self._relocalize(scan)  # if lost
+        for hypothesis, matches in self._associate(scan):  # labels, gates; none while contradicted
+            hypothesis.update(scan, matches)  # C.10-C.14
+            hypothesis.augment(scan)  # C.15-C.18
+            hypothesis.count()  # confirm, cull
+        self.hypotheses.reduce(scan)  # join, prune
+        return self._result(scan)
+
+    def _prepare(self, scan: Scan) -> None:
+        """Chooses the hypotheses and the submap of a step, and reserves memory."""
+        self._choose_hypotheses(scan)
+        ekf, table, max_range = self.filter, self.landmarks, 0.0
+        ekf.inflate_heading_covariance()
+        if self.kidnapping.enabled or (table.policy.enabled and table.has_unlabeled):
+            max_range = max(table.max_range, 0.0)
+        self._submaps.update(ekf, scan, table.landmarks_of(scan.labels), max_range)
+        ekf.reserve(len(scan.z))
 
     def _choose_hypotheses(self, scan: Scan) -> None:
-        """Follow alternatives from the first scan on, while the map is small.
+        """Follows alternatives from the first scan on, while the map is small.
 
-        With "auto", while no observation has an identity.
+        With "auto", while no observation has a label.
         """
         if len(scan.z) == 0 or not self._may_branch:
             return
         hypotheses = self.hypotheses
-        begins = len(self.ekf) == 0 and self.culling.scans == 0
+        begins = len(self.filter) == 0 and self.landmarks.scans == 0
         if not (hypotheses.branching or begins):
             return
-        identified = self.config.association == "auto" and bool(scan.names.max() >= 0)
-        if hypotheses.branching and (identified or hypotheses.is_large):
+        auto = self.config.association == "auto"
+        labeled = auto and any(label is not None for label in scan.labels)
+        if hypotheses.branching and (labeled or hypotheses.is_large):
             hypotheses.settle()
-            self.associate.has_unnamed = True
-        elif begins and not identified:
-            hypotheses.branching = True
+        elif begins and not labeled:
+            hypotheses.branching = self.landmarks.has_unlabeled = True
 
-    def _associate(self, scan: Scan) -> IntArray:
-        """(k,) landmark of each observation, `NEW` or `DROPPED`."""
-        if self.culling.enabled:
-            self.ekf.confirmed_in_view = self.culling.confirmed_in_view(self.ekf)
-        association = np.array(self.associate(self.ekf, scan.z, scan.R, scan.names), np.int64)
-        if self.mode == "localize":
-            association[(association == NEW) | (association >= len(self.ekf))] = DROPPED
-            self.associate.forget_from(len(self.ekf))
-        return association
+    def _relocalize(self, scan: Scan) -> None:
+        """Searches the pose of a lost robot."""
+        kidnapping = self.kidnapping
+        if kidnapping.lost or (kidnapping.contradicted and kidnapping.kidnapped):
+            self.hypotheses.settle()
+            best = self.hypotheses.best
+            best.matches = kidnapping.relocalize(best.ekf, best.table, scan)
 
-    def _cull(self, missed: IntArray, association: IntArray) -> IntArray:
-        """Remove (g,) landmarks that are missed often, or whose identity has left them."""
-        stale = self.associate.stale
-        if len(missed) == 0 and len(stale) == 0:
-            return NONE
-        self.culling.keep(missed[self.identities[missed] >= 0])
-        culled = self.culling.remove_culled(np.array(stale, np.int64))
-        if len(culled) > 0:
-            self.remove(culled, association)
-        return culled
+    def _associate(self, scan: Scan) -> list[tuple[Hypothesis, IntArray]]:
+        """The hypotheses to follow, and (k,) the id of the landmark of each observation in each.
 
-    def _result(
-        self,
-        scan: Scan,
-        association: IntArray,
-        innovations: Innovations | None = None,
-        culled: IntArray = NONE,
-    ) -> StepResult:
-        """The result of a step; counts it."""
-        lost, (pose, covariance) = self.recovery.lost, self.hypotheses.pose
-        check_diverged(pose, self.num_steps)
-        self.num_steps += 1
-        alive, found = len(self.hypotheses.alive), self.recovery.hypotheses
-        if len(scan.z) == 0:
-            return StepResult(pose, covariance, *NOTHING_OBSERVED, lost, found, alive)
-        refused = self.associate.refused
-        if self.hypotheses.branching or innovations is None or len(refused) == 0:
-            refused = np.zeros(len(scan.z), np.bool_)
+        Some are `NEW` or `DROPPED`. None is followed while the scan must not update the filter.
+        """
+        best, branching = self.hypotheses.best, self.hypotheses.branching
+        if len(scan.z) == 0 or self.kidnapping.blocks_update:
+            followed = []
+        elif branching:
+            followed = self.hypotheses.branch(scan)
+        else:
+            matches = self.association(best.ekf, best.table, scan.z, scan.R, scan.labels)
+            followed = [(best, self._known(matches) if self.mode == "localize" else matches)]
+        return followed
+
+    def _known(self, matches: IntArray) -> IntArray:
+        """Matches (k,) without new landmarks, and takes their labels back."""
+        next_id = self.filter.next_id
+        for record in self.landmarks.labels.values():
+            if record.landmark >= next_id:
+                record.landmark = -1
+        return np.where((matches == NEW) | (matches >= next_id), DROPPED, matches)
+
+    def _result(self, scan: Scan) -> StepResult:
+        """The result of a step."""
+        best, rejected = self.hypotheses.best, self.association.rejected
+        if not best.updated or self.hypotheses.branching or len(rejected) == 0:
+            rejected = np.zeros(len(scan.z), np.bool_)
         return StepResult(
-            pose,
-            covariance,
-            np.maximum(association, -1),
-            *(innovations or new_innovations(len(scan.z))),
-            refused,
-            culled,
-            lost,
-            found,
-            alive,
+            *self.hypotheses.pose,
+            np.maximum(best.matches, -1),
+            *best.innovations,
+            rejected,
+            best.culled,
+            self.kidnapping.lost,
+            self.kidnapping.hypotheses,
+            len(self.hypotheses.hypotheses),
         )
 
-    def remove(self, landmarks: IntArray, association: IntArray = NONE) -> None:
-        """Remove landmarks (g,) from the filter, and from an association (k,) in place."""
-        kept = np.ones(len(self.ekf), np.bool_)
-        kept[landmarks] = False
-        number = numbers_of_kept(kept)
-        used = association >= 0
-        association[used] = number[association[used]]
-        self.ekf.remove(landmarks)
-        self.associate.removed(number)
-        if self.descriptors is not None:
-            self.descriptors = self.descriptors[kept[: len(self.descriptors)]]
+    def remove(self, landmarks: IntArray) -> None:
+        """Removes landmarks (g,), by their ids."""
+        if len(landmarks) > 0:
+            self.hypotheses.best.remove(landmarks)
 
-    def renumber(self, association: IntArray, result: StepResult) -> None:
-        """Bring the associations (k,) of earlier steps up to date with a step, in place.
-
-        Of several hypotheses, they become those of the one that is now the most probable.
-        """
-        if self.hypotheses.branching:
-            m, found = len(result.association), self.hypotheses.best.association
-            association[:] = found[len(found) - m - len(association) : len(found) - m]
-            return
-        if len(result.culled) > 0:
-            kept = np.ones(len(self.ekf) + len(result.culled), np.bool_)
-            kept[result.culled] = False
-            association[:] = numbers_of_kept(kept)[association]
-
-    def known_landmarks(self, identity: IntArray) -> IntArray:
-        """(k,) landmark of the map that each observation names, -1 for none."""
-        if len(identity) == 0:
-            return NONE
-        return np.array(self.associate.landmarks(identity.tolist()), np.int64)
+    def remove_candidates(self) -> None:
+        """Removes the landmarks that are not in the map yet."""
+        self.remove(self.landmarks.counts.id[~self.landmarks.in_map])
 
     def relocalize(
-        self, z: FloatArray, R: FloatArray, names: npt.ArrayLike | None = None
+        self, z: FloatArray, R: FloatArray, labels: npt.ArrayLike | None = None
     ) -> PoseHypotheses:
-        """Search the pose of a robot that is anywhere in the map, by the scan at its pose.
+        """Searches the pose of a robot that is anywhere in the map, by the scan at its pose.
 
         The robot counts as lost from then on: the steps that follow keep the map as it is, and
         narrow the hypotheses down until one is left, which sets the pose. Called again, it adds a
         scan of the same pose.
 
         Args:
-            z: (k, 2) range in metres, bearing in radians.
-            R: (k, 2, 2) their covariances.
-            names: (k,) landmark identities, as of `step`.
+            z: (k, 2) range in meters, bearing in radians.
+            R: (k, 2, 2) their covariances, or (2, 2) one for all.
+            labels: (k,) labels of the landmarks, as of `step`.
 
         Returns:
-            Hypotheses of the pose with probabilities; `association` has numbers of landmarks.
+            Hypotheses of the pose with probabilities; `association` has ids of landmarks.
 
         Raises:
             ConfigError: the map has no landmarks.
             LogError: an argument is invalid.
         """
-        confirmed = self.confirmed
-        scan, _ = self._validated(max(self._time, 0.0), None, None, z, R, names)
-        require(bool(confirmed.any()), "map", "landmarks to find the robot among", "none")
-        return self.recovery.locate(self.ekf, confirmed, scan, self.known_landmarks(scan.names))
+        scan = checked_scan(self.config, max(self._time, 0.0), None, None, z, R, labels)
+        table = self.landmarks
+        require(bool(table.in_map.any()), "map", "landmarks to find the robot among", "none")
+        if self.kidnapping.search is None:
+            ids = table.counts.id[table.in_map]
+            self.kidnapping.begin(PoseSearch(self.filter, ids, anywhere=True))
+        assert self.kidnapping.search is not None
+        return self.kidnapping.search.add(scan.z, scan.R, table.landmarks_of(scan.labels))
 
     def save(self, path: str | Path) -> None:
-        """Save the whole state as a map file, for `load`.
+        """Saves the map as one file, for `load`; of several hypotheses, the most probable one.
 
         Raises:
-            ConfigError: the mode is "localize", or a part has a state that cannot be saved.
+            ConfigError: the mode is "localize".
             OutputError: the file cannot be written; an old one stays.
         """
         if self.mode == "localize":
             raise ConfigError("mode: expected continue for a map to be saved, found localize")
-        arrays = self.to_arrays() | self._session_arrays()
-        write_map(path, self.config, self._odometry_bias, arrays)
+        self.filter.leave()
+        rule, mean = self.association, self.filter.state
+        write_map(
+            path,
+            SavedMap(
+                config=self.config,
+                odometry_bias=self.odometry_bias,
+                num_steps=self.num_steps,
+                mean=mean,
+                covariance=self.filter.covariance,
+                heading_lever=self.filter.active.heading_lever[: len(mean)],
+                table=self.landmarks,
+                clock=(rule.clock, rule.streak, rule.overriding_until),
+            ),
+        )
 
     @classmethod
     def load(
@@ -391,119 +348,56 @@ class Slam:
         covariance: FloatArray | None = None,
         odometry_bias: tuple[float, float, float] | None = None,
     ) -> Self:
-        """Load a map that `save` wrote, and begin a session in it.
+        """Loads a map that `save` wrote, and begins a session in it.
 
         Args:
             path: the map file.
             mode: "continue" mapping, or "localize", which adds and culls no landmarks.
             config: other settings than those saved, with the same `filter`.
             start: (3,) pose in the frame of the map, independent of the map. By default the robot
-                has not moved since: all goes on as if there were no file between.
+                has not moved since.
             covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma` or, where
                 this is zero, of `START_SIGMA`: half a meter and a tenth of a radian.
             odometry_bias: with a start, as for `Slam`; by default as saved.
 
         Raises:
-            LogError: the file cannot be read, is damaged, no map, or of a later version.
+            LogError: the file cannot be read, is damaged, not a map, or of another version.
             ConfigError: the settings do not suit the map.
         """
-        saved, saved_bias, arrays = read_map(path)
-        settings = config or saved
-        same = settings.filter == saved.filter
-        require(same, "filter", f"{saved.filter!r}, as in {path}", settings.filter)
+        saved = read_map(path)
+        settings = config or saved.config
+        same = settings.filter == saved.config.filter
+        require(same, "filter", f"{saved.config.filter!r}, as in {path}", settings.filter)
         if start is None or odometry_bias is None:
-            odometry_bias = saved_bias
+            odometry_bias = saved.odometry_bias
         slam = cls(
             settings,
             start=(0.0, 0.0, 0.0) if start is None else start,
             odometry_bias=odometry_bias,
             mode=mode,
         )
+        size, N = len(slam.filter.robot_state), len(saved.table)
+        r = len(saved.mean) - 2 * N
+        mean, P, lever = saved.mean, saved.covariance, saved.heading_lever
         if start is None:
-            size, robot_size = len(slam.ekf.robot_state), int(arrays["robot_size"])
-            as_saved = f"{robot_size > 3}, as in {path}"
-            require(size == robot_size, "estimate_odometry_bias", as_saved, size > 3)
-            slam.from_arrays(arrays)
+            as_saved = f"{r > 3}, as in {path}"
+            require(size == r, "estimate_odometry_bias", as_saved, size > 3)
+            rule = slam.association
+            rule.clock, rule.streak, rule.overriding_until = saved.clock
+            slam.num_steps = saved.num_steps
         else:
-            slam._take_map(arrays, covariance)
+            robot = slam.filter.covariance
+            if covariance is None and not any(settings.start_sigma):
+                covariance = np.diag(np.square(START_SIGMA))
+            if covariance is not None:
+                robot[:3, :3] = check_covariance("covariance of the start", covariance, 3)
+            mean = np.concatenate([slam.filter.robot_state, mean[r:]])
+            P, lever = block_diag(robot, P[r:, r:]), np.zeros(len(mean))
+        slam.filter.set_gaussian(mean, P, saved.table.counts.id, lever)
+        slam.landmarks.adopt(saved.table)
         if start is not None or mode == "localize":
             slam.remove_candidates()
-        slam.text_names = stored_texts(arrays)
-        slam.sessions = [*arrays["sessions"].tolist(), slam.ekf.num_added]
-        slam.descriptors = arrays.get("descriptors")
         return slam
 
-    def _take_map(self, arrays: Arrays, covariance: FloatArray | None) -> None:
-        """Take the landmarks of a saved map, independent of the robot."""
-        P = self.ekf.covariance
-        if covariance is None and not any(self.config.start_sigma):
-            covariance = np.diag(np.square(START_SIGMA))
-        if covariance is not None:
-            P[:3, :3] = check_covariance("covariance of the start", covariance, 3)
-        best, r = select(arrays, "hypotheses.0"), int(arrays["robot_size"])
-        other = EkfSlam(np.zeros(r), np.zeros((r, r)), retraction=RETRACTIONS[self.config.filter])
-        other.from_arrays(select(best, "ekf"))
-        mean = np.concatenate([self.ekf.robot_state, other.state[r:]])
-        self.ekf.set_gaussian(mean, block_diag(P, other.covariance[r:, r:]), other.ids)
-        self.associate.from_arrays(select(arrays, "associate"))
-        self.culling.from_arrays(select(best, "culling"))
-
-    def remove_candidates(self) -> None:
-        """Remove the landmarks that are not in the map yet."""
-        landmarks, confirmed = len(self.ekf), self.culling.is_confirmed
-        if self.config.association == "known" or len(confirmed) < landmarks:
-            return
-        candidates = np.flatnonzero(~confirmed[:landmarks] & (self.identities < 0))
-        self.culling.remove_culled(candidates)
-        self.remove(candidates)
-
-    def _session_arrays(self) -> Arrays:
-        numbers = {
-            "robot_size": np.array(len(self.ekf.robot_state)),
-            "sessions": np.array(self.sessions),
-        }
-        return numbers if self.descriptors is None else numbers | {"descriptors": self.descriptors}
-
-    @property
-    def identities(self) -> IntArray:
-        """(N,) name of each landmark of the map as a number, -1 for those without."""
-        return self.associate.identities(len(self.ekf))
-
-    @property
-    def landmark_names(self) -> npt.NDArray[Any]:
-        """(N,) name of each landmark: `identities`, or text if any name is text."""
-        return name_texts(self.identities, self.text_names)
-
-    @property
-    def confirmed(self) -> BoolArray:
-        """(N,) which landmarks of the filter are in the map; the others are candidates."""
-        return self.culling.confirmed(len(self.ekf)) | (self.identities >= 0)
-
-    @property
-    def landmark_sessions(self) -> IntArray:
-        """(N,) index of the session in which each landmark was added."""
-        return np.asarray(np.searchsorted(self.sessions, self.ekf.ids, side="right") - 1)
-
-    def to_arrays(self) -> Arrays:
-        """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments.
-
-        They are the filter's own: save or copy them before the next step.
-        """
-        parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
-        parts["recovery"] = self.recovery.to_arrays()
-        texts = {"text_names": np.array(self.text_names)} if self.text_names else {}
-        return {**merge(parts), **texts, "num_steps": np.array(self.num_steps)}
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore what `to_arrays` gave."""
-        for name, part in self._parts().items():
-            part.from_arrays(select(arrays, name))
-        self.recovery.from_arrays(select(arrays, "recovery"), self.ekf)
-        self.num_steps = int(arrays["num_steps"])
-        self.text_names = stored_texts(arrays)
-
-    def _parts(self) -> dict[str, Stateful]:
-        return {"hypotheses": self.hypotheses, "associate": self.associate}
-
     def __repr__(self) -> str:
-        return f"Slam({self.num_steps} steps, {self.ekf!r})"
+        return f"Slam({self.num_steps} steps, {self.filter!r})"

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.special import logsumexp
 
 from saccade.errors import require
-from saccade.io.checkpoint import Arrays, attribute_arrays, restore_attributes
 from saccade.plane import rotations
 from saccade.slam._relocalization_kernels import Grid, add_support, select_distinct
 from saccade.slam.consistency import chi_square_gate, normalized_squared
@@ -46,8 +45,6 @@ NEGLIGIBLE = 1e-6
 """Probability below which a hypothesis is no longer followed."""
 ITERATIONS = 4
 """Gauss-Newton steps of a refinement."""
-STATE = ("_points", "_covariances", "_named", "_age", "_tracked", "_total")
-"""Attributes of `Relocalizer` that change from scan to scan."""
 SAME_POSITION, SAME_HEADING = 0.5, 0.1
 """Metres and radians within which proposals are the same."""
 
@@ -159,14 +156,6 @@ class Relocalizer:
         z, H = observe(np.zeros(3), self._points)
         J = H[..., 3:]
         return z, J @ self._covariances @ J.swapaxes(-1, -2)
-
-    def to_arrays(self) -> Arrays:
-        """Its state as named arrays, for `from_arrays` of a search with the same map."""
-        return attribute_arrays(self, *STATE)
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore what `to_arrays` gave."""
-        restore_attributes(self, {name: arrays[name] for name in STATE})
 
     def _remember(self, z: FloatArray, R: FloatArray, named: IntArray) -> None:
         """Merge the points of a scan with those of earlier ones; drop points not seen for long."""

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy.typing as npt
 
 from saccade.errors import LogError
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -13,13 +15,13 @@ class PoseHypotheses:
     """Hypotheses of the robot's pose in a map, the most probable first."""
 
     pose: FloatArray
-    """(h, 3) x, y in metres, heading in radians."""
+    """(h, 3) x, y in meters, heading in radians."""
     covariance: FloatArray
     """(h, 3, 3)."""
     probability: FloatArray
     """(h,) posterior probabilities; the rest to 1 is that of being outside of the map."""
     association: IntArray
-    """(h, k) row of the landmark of each of the k observed points, -1 for none."""
+    """(h, k) landmark of each of the k observed points, -1 for none."""
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -35,7 +37,7 @@ class PoseHypotheses:
 
 
 MAX_COORDINATE = 1e9
-"""Metres from the origin at which the estimate has diverged."""
+"""Meters from the origin at which the estimate has diverged."""
 
 
 class Innovation(NamedTuple):
@@ -50,34 +52,54 @@ class Innovation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class SlamMap:
+    """The landmarks of a map."""
+
+    id: IntArray
+    """(n,) ascending; the id of a landmark never changes."""
+    label: npt.NDArray[Any]
+    """(n,) labels, -1 for those without; if any is text, all are, "" for those without."""
+    xy: FloatArray
+    """(n, 2) meters."""
+    covariance: FloatArray
+    """(n, 2, 2) square meters."""
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def __repr__(self) -> str:
+        return f"SlamMap({len(self)} landmarks)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class StepResult:
     """Pose, association and innovations of one step; depends on nothing that comes later."""
 
     pose: FloatArray
-    """(3,) x, y in metres, heading in radians: the mean over the association hypotheses."""
+    """(3,) x, y in meters, heading in radians: the mean over the association hypotheses."""
     covariance: FloatArray
     """(3, 3) of the pose, with the differences between the hypotheses."""
     association: IntArray
-    """(k,) number of the landmark in the filter for each observation, -1 if it was not used; it
-    may be a candidate (see `Slam.confirmed`)."""
+    """(k,) id of the landmark of each observation, -1 if it was not used; the landmark may be a
+    candidate, or culled after this step. While several hypotheses are followed, the ids are those
+    of the most probable one."""
     innovations: FloatArray
     """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing."""
     innovation_covariances: FloatArray
     """(k, 2, 2) before the update."""
     nis: FloatArray
     """(k,) normalized innovations squared."""
-    refused: BoolArray
-    """(k,) whether the landmark name of each observation contradicted the map and was refused."""
+    rejected: BoolArray
+    """(k,) whether the label of each observation contradicted the map and was rejected."""
     culled: IntArray
-    """(g,) landmarks that were removed from the map, by their numbers before this; those behind
-    them have moved up, also in `association`."""
+    """(g,) ids of landmarks and candidates that were removed."""
     lost: bool = False
-    """Whether the robot finds itself lost: the map is kept as it is, and the pose is by odometry
-    until the robot is found in it."""
+    """Whether the robot was kidnapped and not found yet: the map is kept as it is, and the pose is
+    by odometry until the robot is found in it."""
     hypotheses: PoseHypotheses | None = None
-    """Of the pose of a lost robot, after its first scan."""
+    """Hypotheses of the pose of a lost robot, after its first scan."""
     num_hypotheses: int = 1
-    """Association hypotheses that are followed after it."""
+    """Number of association hypotheses that are followed after it."""
 
     def __repr__(self) -> str:
         x, y, theta = self.pose

@@ -1,21 +1,18 @@
 """EKF-SLAM on a landmark log."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.io.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
-from saccade.landmark_names import FIRST_TEXT
+from saccade.landmark_names import FIRST_TEXT, number_labels
 from saccade.plane import rotations
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.culling import numbers_of_kept
 from saccade.slam.filter.models import new_innovations
 from saccade.slam.online import Slam
-from saccade.slam.recovery import PoseSearch
-from saccade.slam.results import StepResult
+from saccade.slam.pose_search import PoseSearch
 from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
 from saccade.types import (
@@ -27,12 +24,16 @@ from saccade.types import (
     Trajectory,
 )
 
-SURE, MOST_AMBIGUOUS, MOST_WRONG = 0.8, 0.28, 0.2
-"""A map without names is in doubt if its hypothesis has a smaller probability, or if more of the
-observations may be of several landmarks or, as far as is known, are of other ones."""
+MIN_PROBABILITY = 0.8
+"""Probability of its hypothesis below which a map without labels may be unreliable."""
+MAX_AMBIGUOUS = 0.28
+"""Fraction of observations that may be of several landmarks above which a map without labels may be
+unreliable."""
+MAX_MISASSOCIATED = 0.2
+"""Expected fraction of wrong associations above which a map without labels may be unreliable."""
 MAX_NONLINEARITY = 0.12
-"""Of `SlamResult.nonlinearity`: above it the filter is overconfident in simulated worlds."""
-FOUND = 0.99
+"""`SlamResult.nonlinearity` above which the filter is overconfident in simulated worlds."""
+START_PROBABILITY = 0.99
 """Probability from which a hypothesis of the first pose is right."""
 MAX_SCANS = 50
 """Scans after which a robot that was not found is not in the map."""
@@ -49,15 +50,15 @@ class SlamResult:
     consistency: Consistency
     """Normalized innovations squared, and whether they agree with the filter's covariances."""
     association: IntArray
-    """(k,) number of the landmark in the map for each observation, -1 if it was not used."""
+    """(k,) row of the landmark in the map for each observation, -1 if it was not used."""
     innovation: FloatArray
     """(k, 2) of each observation (see `Innovation`); NaN where the NIS is."""
     innovation_covariance: FloatArray
     """(k, 2, 2) before the update."""
     dead_reckoning: Trajectory
     """(t + 1) poses from the controls alone, with covariance."""
-    refused: BoolArray
-    """(k,) whether the landmark name of each observation contradicted the map and was refused."""
+    rejected: BoolArray
+    """(k,) whether the label of each observation contradicted the map and was rejected."""
     removed: int = 0
     """Landmarks that were culled."""
     warning: str = ""
@@ -65,12 +66,13 @@ class SlamResult:
     odometry_bias: FloatArray | None = None
     """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
     nonlinearity: float = 0.0
-    """Root of the mean share of second-order terms in the variance of the innovations; the
-    covariances are doubtful over `MAX_NONLINEARITY`. Zero for the standard filter."""
+    """Root of the mean fraction of second-order terms in the variance of the innovations; the
+    covariances are unreliable over `MAX_NONLINEARITY`. Zero for the standard filter."""
     lost: BoolArray | None = None
-    """(t + 1,) whether the robot found itself lost at each pose: that is by odometry alone."""
+    """(t + 1,) whether the robot was kidnapped and not found yet at each pose: the pose is by
+    odometry alone there."""
     session: IntArray | None = None
-    """(n,) in which session each landmark of the map was added, from 0, see `Slam.load`."""
+    """(n,) session in which each landmark of the map was added, from 0, see `Slam.load`."""
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
@@ -82,10 +84,9 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     *,
     recorder: Recorder | None = None,
-    checkpoint: Checkpoint | None = None,
     initial: Slam | None = None,
 ) -> SlamResult:
-    """Filter a landmark log with EKF-SLAM (C.1-C.18).
+    """Filters a landmark log with EKF-SLAM (C.1-C.18).
 
     Every pose depends on earlier measurements only. Candidates that are not confirmed at the end
     are left out of the map and of the association.
@@ -96,7 +97,6 @@ def run(
         progress: called with the number of poses done and of all poses, some
             hundred times in all.
         recorder: records snapshots of the map while it grows.
-        checkpoint: where the run saves its state, and from where it resumes.
         initial: a `Slam` that takes the steps of the log, as `Slam.load` or `slam_for` gives it;
             then `config` is its own, and the first pose of
             the log is the one at which it is. Without one, the log begins a map.
@@ -114,91 +114,66 @@ def run(
             "association: expected nearest, found known, but the log does not name "
             "the landmarks it sees"
         )
-    config, poses = slam.config, len(log.time)
-    removed_before = slam.culling.removed
-    odometry = dead_reckon(replace(log, start=slam.ekf.pose), config)
-    k = len(log.observation)
+    poses, k, culled_before = len(log.time), len(log.observation), slam.landmarks.culled
+    odometry = dead_reckon(replace(log, start=slam.filter.pose), slam.config)
     pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
-    lost, refused = np.zeros(poses, np.bool_), np.zeros(k, np.bool_)
-    association, innovations = np.full(k, -1), new_innovations(k)
-    arrays: Arrays = {
-        **{"pose": pose, "covariance": covariance, "lost": lost, "refused": refused},
-        "association": association,
-        **{f"innovation_{name}": array for name, array in innovations._asdict().items()},
-    }
-    parts: dict[str, Stateful | None] = {
-        "slam": slam,
-        "results": StoredArrays(arrays),
-        "recorder": recorder,
-    }
-    identity = (log, config, initial and initial.to_arrays())
-    done = 0 if checkpoint is None else checkpoint.resume(identity, parts)
-    hundredth, start = poses // 100 + 1, int((log.observation_pose < done).sum())
-    slam.num_steps = max(slam.num_steps - (done == 0), 0)  # at the first pose it is already
+    lost, rejected = np.zeros(poses, np.bool_), np.zeros(k, np.bool_)
+    association, innovations = np.full(k, -1), new_innovations(k)  # association by ids
+    hundredth, start = poses // 100 + 1, 0
+    slam.num_steps = max(slam.num_steps - 1, 0)  # at the first pose it is already
 
-    names = slam.number(log.landmark, log.text_names)
-    for i, result in _steps(slam, log, names, done):
-        end = start + len(result.association)
+    for i, scan in enumerate(scans_of(log, slam.config)):
+        result = slam.process(scan)
+        rows = slice(start, start := start + len(scan.z))
         pose[i], covariance[i], lost[i] = result.pose, result.covariance, result.lost
-        if end > start:
-            slam.renumber(association[:start], result)
-            rows = slice(start, end)
-            association[rows], refused[rows] = result.association, result.refused
-            innovations.value[rows] = result.innovations
-            innovations.covariance[rows] = result.innovation_covariances
-            innovations.nis[rows] = result.nis
+        association[rows], rejected[rows] = result.association, result.rejected
+        innovations.value[rows] = result.innovations
+        innovations.covariance[rows] = result.innovation_covariances
+        innovations.nis[rows] = result.nis
+        if slam.hypotheses.branching:  # another one may be the most probable now
+            history = slam.hypotheses.best.history
+            association[:start] = history[len(history) - start :]
         if recorder is not None:
-            confirmed = slam.confirmed if recorder.is_due(i, poses) else None
-            found, hypotheses = association[start:end], result.hypotheses
-            recorder.add(i, poses, slam.ekf, found, confirmed, hypotheses)
-        if checkpoint is not None:
-            checkpoint.save(i + 1, parts)
+            recorder.add(i, poses, slam, result.association, result.hypotheses)
         if progress is not None and (i % hundredth == 0 or i + 1 == poses):
             progress(i + 1, poses)
-        start = end
 
-    kept = slam.confirmed
-    landmarks = _landmark_map(slam, names, association, kept)
-    association = numbers_of_kept(kept)[association]
+    found = slam.map
+    row = np.searchsorted(found.id, association).clip(max=max(len(found) - 1, 0))
+    known = np.isin(association, found.id)
+    association = np.where(known, row, -1)
     return SlamResult(
         trajectory=Trajectory(log.time, pose, covariance),
-        map=landmarks,
-        consistency=summarize(innovations.nis, refused=float(refused.sum()) / max(k, 1)),
+        map=_landmark_map(slam, log, association),
+        consistency=summarize(innovations.nis, rejected=float(rejected.sum()) / max(k, 1)),
         association=association,
         innovation=innovations.value,
         innovation_covariance=innovations.covariance,
         dead_reckoning=odometry,
-        refused=refused,
-        removed=slam.culling.removed - removed_before,
-        warning=slam.culling.warning(association) or _doubt(association, slam),
-        odometry_bias=slam.ekf.odometry_bias,
-        nonlinearity=slam.ekf.nonlinearity,
+        rejected=rejected,
+        removed=slam.landmarks.culled - culled_before,
+        warning=slam.landmarks.warning(association) or _reliability(association, slam),
+        odometry_bias=slam.filter.odometry_bias,
+        nonlinearity=slam.filter.nonlinearity,
         lost=lost,
-        session=slam.landmark_sessions[kept],
+        session=slam.landmarks.counts.session[slam.landmarks.in_map],
     )
 
 
-def _steps(
-    slam: Slam, log: LandmarkLog, names: IntArray, done: int
-) -> Iterator[tuple[int, StepResult]]:
-    """Take the steps of a log from a pose on; gives their numbers and results."""
-    scans = scans_of(log, slam.config, names)
-    return ((i, slam.process(scan)) for i, scan in enumerate(scans) if i >= done)
-
-
-def _doubt(association: IntArray, slam: Slam) -> str:
-    """Why a map without names is in doubt, if it is."""
-    if (slam.identities >= 0).any():
+def _reliability(association: IntArray, slam: Slam) -> str:
+    """Why a map without labels may be unreliable; empty if it seems reliable."""
+    if slam.landmarks.labeled.any():
         return ""
     count, followed = max(len(association), 1), slam.hypotheses
-    unused, ambiguous = (association < 0).sum() / count, slam.culling.ambiguous / count
-    sure = followed.probability > SURE and followed.wrong < MOST_WRONG
-    if sure and ambiguous < MOST_AMBIGUOUS:
+    unused, ambiguous = (association < 0).sum() / count, slam.landmarks.ambiguous / count
+    sure = followed.probability > MIN_PROBABILITY and followed.misassociated < MAX_MISASSOCIATED
+    if sure and ambiguous < MAX_AMBIGUOUS:
         return ""
     return (
-        f"the map is in doubt: no observation names a landmark; {unused:.0%} of them are not used, "
-        f"up to {followed.wrong:.0%} of the associations may be wrong, and the probability of the "
-        f"map among the hypotheses that were followed is {followed.probability:.2f}"
+        f"the map may be unreliable: no observation has a label; {unused:.0%} of them are not "
+        f"used, up to {followed.misassociated:.0%} of the associations may be wrong, and the "
+        "probability of the map among the hypotheses that were followed is "
+        f"{followed.probability:.2f}"
     )
 
 
@@ -218,7 +193,7 @@ def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory
         landmark=log.landmark[none],
     )
     slam = slam_for(blind, config)
-    results = [result for _, result in _steps(slam, blind, blind.landmark, 0)]
+    results = [slam.process(scan) for scan in scans_of(blind, config)]
     pose, covariance = (
         np.array([getattr(r, name) for r in results]) for name in ("pose", "covariance")
     )
@@ -241,8 +216,8 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
     Raises:
         LogError: no pose is certain.
     """
-    ekf, scans, best = slam.ekf, 0, 0.0
-    search = PoseSearch(ekf, np.arange(len(ekf)), anywhere=True, found=FOUND, scans=1)
+    ekf, scans, best = slam.filter, 0, 0.0
+    search = PoseSearch(ekf, ekf.ids, anywhere=True, min_probability=START_PROBABILITY, scans=1)
     for step in range(len(log.time)):
         if step > 0:
             search.predict(log.control[step - 1], log.control_covariance[step - 1])
@@ -255,7 +230,7 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
         best = float(found.probability[0]) if len(found) > 0 else best
         if search.is_found:
             association, covariance = found.association[0], found.covariance[0].copy()
-            used = association[association >= 0]
+            used = np.searchsorted(ekf.ids, association[association >= 0])
             covariance[:2, :2] += ekf.landmark_covariances[used].mean(0)
             blind = replace(log, start=np.zeros(3), odometry_bias=(0.0, 0.0, 0.0))
             moved = dead_reckon(blind, EkfConfig(filter="standard"))
@@ -280,21 +255,19 @@ def _before(
     return np.append(pose[:2] - arm, heading), J @ C @ J.T + K @ moved_covariance @ K.T
 
 
-def _landmark_map(
-    slam: Slam, named: IntArray, association: IntArray, kept: BoolArray
-) -> LandmarkMap:
-    """The map; `named` (k,) are the names of the observations."""
-    identity, used = slam.identities, np.flatnonzero(association >= 0)
-    if (identity < 0).all():  # a rule that does not use them
+def _landmark_map(slam: Slam, log: LandmarkLog, association: IntArray) -> LandmarkMap:
+    """The map; association (k,) by its rows."""
+    found, used = slam.map, np.flatnonzero(association >= 0)
+    label, text_names = number_labels(slam.landmarks.labels_of(found.id.tolist()), log.text_names)
+    if (label < 0).all():  # a rule that does not use them
         landmark, first = np.unique(association[used], return_index=True)
-        identity[landmark] = named[used[first]]
-    identity = identity[kept]
-    unnamed = identity < 0  # numbered in order, after the names that are integers
-    last = identity[identity < FIRST_TEXT].max(initial=-1)
+        label[landmark] = log.landmark[used[first]]
+    unlabeled = label < 0  # numbered in order, after the labels that are integers
+    last = label[label < FIRST_TEXT].max(initial=-1)
     return LandmarkMap(
-        id=np.where(unnamed, last + np.cumsum(unnamed), identity),
-        xy=slam.ekf.landmarks[kept],
-        covariance=slam.ekf.landmark_covariances[kept],
-        observations=np.bincount(association[used], minlength=len(kept))[kept],
-        text_names=slam.text_names,
+        id=np.where(unlabeled, last + np.cumsum(unlabeled), label),
+        xy=found.xy,
+        covariance=found.covariance,
+        observations=np.bincount(association[used], minlength=len(found)),
+        text_names=text_names,
     )

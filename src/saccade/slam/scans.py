@@ -1,44 +1,87 @@
 """Scans: the arguments of a step of the filter, and those of the steps of a log."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from saccade.landmark_names import Label, labels_of, parse_labels
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.validation import (
     MIN_SIGMA,
+    as_array,
+    as_number,
+    as_numbers,
     check_noise,
     check_range_bearing,
+    require_shape,
 )
-from saccade.types import FloatArray, IntArray, LandmarkLog
+from saccade.types import FloatArray, LandmarkLog
 
-NO_SCAN = np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0, np.int64)
-"""Observations, covariances and names of a step without observations."""
+NO_SCAN = np.empty((0, 2)), np.empty((0, 2, 2)), ()
+"""Observations, covariances and labels of a step without observations."""
 
 
 class Scan(NamedTuple):
     """The motion to a pose, and what is observed there."""
 
     time: float
-    """Of the pose."""
+    """Time of the pose."""
     control: tuple[FloatArray, FloatArray] | None
     """(c,) from the last pose to this one and its covariance (c, c); None without a motion."""
     z: FloatArray
-    """(k, 2) range in metres, bearing in radians."""
+    """(k, 2) range in meters, bearing in radians."""
     R: FloatArray
     """(k, 2, 2) their covariances."""
-    names: IntArray
-    """(k,) landmark identities, -1 where unknown."""
+    labels: Sequence[Label | None]
+    """(k,) labels of the landmarks, None where unknown."""
 
 
-def scans_of(log: LandmarkLog, config: EkfConfig, names: IntArray) -> Iterator[Scan]:
+def checked_scan(
+    config: EkfConfig,
+    time: object,
+    control: npt.ArrayLike | None,
+    U: npt.ArrayLike | None,
+    z: npt.ArrayLike | None,
+    R: npt.ArrayLike | None,
+    labels: npt.ArrayLike | None,
+) -> Scan:
+    """The arguments of `Slam.step`, copied, with the noise scales of the settings.
+
+    Raises:
+        LogError: an argument is invalid.
+    """
+    seconds, motion = as_number("time", time), None
+    if control is not None:
+        c = 3 if np.size(control) == 3 else 2
+        u = np.array(as_array("control", (c,), control), np.float64)
+        C = np.array(as_array("covariance of the control", (c, c), U), np.float64)
+        check_noise("control", u[None], C[None], config.motion_noise_scale**2)
+        motion = u, C
+    z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
+    k = len(z)
+    found: Sequence[Label | None] = [None] * k
+    if labels is not None:
+        found = parse_labels(labels)
+        require_shape("labels", (k,), np.empty(len(found)))
+    z = as_array("observations", (k, 2), z).astype(np.float64)
+    if k > 0 and np.shape(R) == (2, 2):
+        R = np.broadcast_to(as_numbers("covariance of the observations", R), (k, 2, 2))
+    R = as_array("covariances of the observations", (k, 2, 2), R).astype(np.float64)
+    if k == 0:
+        return Scan(seconds, motion, *NO_SCAN)
+    check_range_bearing(z)
+    check_noise("observation", z, R, config.sensor_noise_scale**2, MIN_SIGMA)
+    return Scan(seconds, motion, z, R, found)
+
+
+def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
     """The steps of a log, the first without a motion.
 
     Args:
         log: controls and observations.
-        config: whose noise scales apply.
-        names: (k,) numbers of the landmarks' names, -1 where unknown.
+        config: settings with the noise scales.
 
     Raises:
         LogError: before the first of them, a control or an observation is invalid.
@@ -49,13 +92,13 @@ def scans_of(log: LandmarkLog, config: EkfConfig, names: IntArray) -> Iterator[S
     check_noise("observation", z, R, config.sensor_noise_scale**2, MIN_SIGMA)
     check_range_bearing(z)
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1)).tolist()
-    times = log.time.tolist()
+    times, labels = log.time.tolist(), labels_of(log.landmark, log.text_names)
 
     def scans() -> Iterator[Scan]:
         for i, time in enumerate(times):
             motion = None if i == 0 else (u[i - 1], U[i - 1])
             start, end = edge[i], edge[i + 1]
-            scan = NO_SCAN if start == end else (z[start:end], R[start:end], names[start:end])
+            scan = NO_SCAN if start == end else (z[start:end], R[start:end], labels[start:end])
             yield Scan(time, motion, *scan)
 
     return scans()

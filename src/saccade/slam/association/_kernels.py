@@ -69,7 +69,7 @@ def squared_distance(v: float, w: float, a: float, c: float, d: float) -> float:
 
 
 @kernel()
-def compare_identities(
+def compare_with_landmarks(
     f: FilterState,
     z: FloatArray,
     R: FloatArray,

@@ -77,7 +77,8 @@ class Alternatives:
         nearest = distance.min(1, initial=np.inf)
         unpaired = np.where((nearest > gate) & (nearest <= new_gate), DROPPED, NEW)
         columns = np.flatnonzero(np.isfinite(distance).any(0))
-        predicted, joint = ekf.predict_jointly(columns)  # (c, 2), (2c, 2c)
+        landmarks = ekf.ids[columns]
+        predicted, joint = ekf.predict_jointly(landmarks)  # (c, 2), (2c, 2c)
         noise = log_determinant(R)  # (m,)
         c = np.arange(len(columns))
         blocks = joint.reshape(len(c), 2, len(c), 2)[c, :, c]  # (c, 2, 2)
@@ -120,7 +121,7 @@ class Alternatives:
             column[rows] = np.where(pairs >= 0, pair[pairs], -1)
             settled = np.where(column < 0, by_known.any(1), by_known[np.arange(len(z)), column])
             which = tuple(np.where(settled, -2, column).tolist())
-            association = np.where(column >= 0, columns[column], unpaired)
+            association = np.where(column >= 0, landmarks[column], unpaired)
             paired = np.flatnonzero(column >= 0)
             wrong = len(paired) - float(likelihood[paired, column[paired]].sum())
             found.setdefault(which, Alternative(total, association, wrong))
@@ -134,7 +135,7 @@ class Alternative(NamedTuple):
     """Minus twice the logarithm of its likelihood, up to a constant."""
     association: IntArray
     """(m,) numbers of landmarks, `NEW` and `DROPPED`."""
-    wrong: float
+    misassociations: float
     """Expected number of its observations that are of other landmarks, each taken by itself."""
 
 

@@ -9,16 +9,18 @@ from saccade.slam.association._kernels import (
 )
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.types import FloatArray, IntArray
-
-NONE = np.empty(0, np.int64)
-"""No landmarks."""
+from saccade.types import BoolArray, FloatArray, IntArray
 
 
 def associate_by_geometry(
-    ekf: EkfSlam, z: FloatArray, R: FloatArray, gates: Gates, taken: IntArray = NONE
+    ekf: EkfSlam,
+    z: FloatArray,
+    R: FloatArray,
+    gates: Gates,
+    taken: IntArray | None = None,
+    confirmed: BoolArray | None = None,
 ) -> IntArray:
-    """Associate a scan with the nearest landmarks by Mahalanobis distance, within a gate.
+    """Associates a scan with the nearest landmarks by Mahalanobis distance, within a gate.
 
     Within a scan each landmark is paired with at most one observation and each observation with
     at most one landmark, the closest pair first. An observation outside the larger gate of every
@@ -27,18 +29,22 @@ def associate_by_geometry(
 
     Args:
         ekf: the filter, predicted to the pose of the scan.
-        z: (m, 2) range in metres, bearing in radians.
+        z: (m, 2) range in meters, bearing in radians.
         R: (m, 2, 2) their covariances.
         gates: the gates, and whether pairs must be mutually nearest.
-        taken: (n,) landmarks of which other observations of the scan are.
+        taken: (n,) ids of the landmarks of other observations of the scan.
+        confirmed: (N,) landmarks of `EkfSlam.active` that are more than candidates; by default all.
 
     Returns:
-        (m,) the number of the landmark in the map, `NEW` or `DROPPED`.
+        (m,) the id of the landmark, `NEW` or `DROPPED`.
     """
-    paired = np.empty(len(z), np.int64)
-    taken, confirmed = ekf.to_view(taken), ekf.confirmed_in_view
-    associate_nearest(ekf.view, z, R, gates, taken, confirmed, paired)
-    return ekf.from_view(paired)
+    ids, paired = ekf.active_ids, np.empty(len(z), np.int64)
+    used = ekf.rows(np.empty(0, np.int64) if taken is None else taken)
+    confirmed = np.ones(len(ids), np.bool_) if confirmed is None else confirmed
+    associate_nearest(ekf.active, z, R, gates, used, confirmed, paired)
+    found = paired >= 0
+    paired[found] = ids[paired[found]]
+    return paired
 
 
 def mahalanobis_squared(
@@ -53,7 +59,8 @@ def mahalanobis_squared(
         gate: largest distance that is of interest.
 
     Returns:
-        (m, N); infinite over the gate and where the innovation covariance is singular.
+        (m, N) in the order of the landmarks' ids; infinite over the gate and where the innovation
+        covariance is singular.
     """
     distance = np.empty((len(z), len(ekf)))
     mahalanobis_distances(*ekf.predict_observations(), z, R, gate, distance)

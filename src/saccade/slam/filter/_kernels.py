@@ -414,4 +414,6 @@ def augment(f: FilterState, xy: FloatArray, Gx: FloatArray, noise: FloatArray) -
         pair[i] = -1
     now.cached = 0
     now.heading_variance = P[2, 2]
+    f.ids[N] = now.next_id
+    now.next_id += 1
     now.landmarks = N + 1

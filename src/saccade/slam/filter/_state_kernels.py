@@ -16,6 +16,7 @@ class Scalars(Structure):
 
     _fields_ = (
         ("landmarks", c_int64),  # N
+        ("next_id", c_int64),  # id of the landmark that is augmented next
         ("downdates", c_int64),  # rows of `FilterState.downdates` in use
         ("updates", c_int64),  # rows of `FilterState.updates` in use
         ("cached", c_int64),  # pairs of `FilterState.cached_rows` in use
@@ -49,6 +50,8 @@ class FilterState:
     auxiliary: int
     """Points behind the landmarks that are corrected with them and never observed, see
     `local_map`; without diagonal blocks."""
+    ids: IntArray
+    """(c,) id of the landmark in each row, ascending; it never changes and is never used again."""
     state: FloatArray
     """(size,) x, y, theta, other states of the robot, m1x, m1y, ... (C.3)."""
     heading_lever: FloatArray
@@ -78,6 +81,7 @@ def bind_state(
     error_state: int,
     huber: float,
     auxiliary: int,
+    ids: IntArray,
     state: FloatArray,
     heading_lever: FloatArray,
     P: FloatArray,
@@ -95,6 +99,7 @@ def bind_state(
         error_state,
         huber,
         auxiliary,
+        ids,
         state,
         heading_lever,
         P,

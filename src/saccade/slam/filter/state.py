@@ -5,7 +5,7 @@ added in one pass over the matrix (a blocked symmetric rank-k update), which is 
 arithmetic; adding each by itself would be limited by memory bandwidth.
 """
 
-from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int64, c_void_p
+from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
 from enum import IntEnum
 from functools import cache
 
@@ -13,7 +13,6 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from saccade._jit import blas, share
-from saccade.io.checkpoint import Arrays
 from saccade.slam.filter import _state_kernels
 from saccade.slam.filter._state_kernels import (
     MAX_HEADING_GROWTH,
@@ -78,6 +77,7 @@ def new_state(
         error_state,
         float(huber),
         auxiliary,
+        np.zeros(capacity, np.int64),
         state,
         np.zeros(size),
         P,
@@ -90,17 +90,24 @@ def new_state(
 
 
 def like(
-    f: FilterState, mean: FloatArray, covariance: FloatArray, capacity: int, rank: int = RANK
+    f: FilterState,
+    mean: FloatArray,
+    covariance: FloatArray,
+    ids: IntArray,
+    heading_lever: FloatArray | None = None,
 ) -> FilterState:
-    """A state of this mean (n,), covariance (n, n) of eta, and the parameters of another one.
+    """A state of this mean (n,) and covariance of e (n, n), with the parameters of another one.
 
-    Its levers are zero: the estimates are the first ones, so that eta = e.
+    Without heading levers (n,) these are zero: the estimates are the first ones.
     """
-    r, n = f.robot_size, len(mean)
-    robot = mean[:r], covariance[:r, :r]
-    new = new_state(*robot, capacity, f.error_state, f.huber, rank=rank)
-    new.state[:n], new.P[:n, :n] = mean, covariance
-    set_landmarks(new, (n - r) // 2)
+    r, n, N = f.robot_size, len(mean), len(ids)
+    a = np.zeros(n) if heading_lever is None else heading_lever
+    cross = np.outer(a, covariance[2] - covariance[2, 2] / 2 * a)
+    P = covariance - (cross + cross.T)  # of eta = e - a e_theta
+    new = new_state(mean[:r], P[:r, :r], N + FIRST_CAPACITY, f.error_state, f.huber)
+    new.state[:n], new.heading_lever[:n], new.P[:n, :n], new.ids[:N] = mean, a, P, ids
+    new.now.next_id = int(ids.max(initial=-1)) + 1
+    set_landmarks(new, N)
     return new
 
 
@@ -111,48 +118,10 @@ def set_landmarks(f: FilterState, landmarks: int) -> None:
     f.now.landmarks = landmarks
 
 
-def to_arrays(f: FilterState) -> Arrays:
-    """The state as named arrays, without those that are memory only."""
-    n, now = state_size(f), f.now
-    return {
-        "state": f.state[:n],
-        "heading_lever": f.heading_lever[:n],
-        "P": f.P[:n, :n][np.triu_indices(n)],
-        "blocks": f.blocks[: now.landmarks],
-        "downdates": f.downdates[: now.downdates, :n],
-        "updates": f.updates[: now.updates, :n],
-        "capacity": np.array([len(f.blocks), len(f.downdates)]),
-        "now": numbers_of(now),
-    }
-
-
-def from_arrays(f: FilterState, arrays: Arrays) -> FilterState:
-    """A state with arrays of `to_arrays`, and the parameters of another one."""
-    r, n = f.robot_size, len(arrays["state"])
-    P = np.zeros((n, n))
-    P[np.triu_indices(n)] = arrays["P"]
-    P[:r, :r] = symmetric(P[:r, :r])
-    new = like(f, arrays["state"], P, *arrays["capacity"].tolist())
-    new.heading_lever[:n], new.blocks[: new.now.landmarks] = (
-        arrays["heading_lever"],
-        arrays["blocks"],
-    )
-    for name in ("downdates", "updates"):
-        getattr(new, name)[: len(arrays[name]), :n] = arrays[name]
-    set_numbers(new.now, arrays["now"])
-    new.now.cached = 0
-    return new
-
-
-def numbers_of(record: Structure) -> FloatArray:
-    """The numbers of a record, in their order."""
-    return np.array([float(getattr(record, name)) for name, _ in record._fields_])  # type: ignore[misc]
-
-
-def set_numbers(record: Structure, numbers: FloatArray) -> None:
-    """Set the numbers of a record to those of `numbers_of` another one."""
-    for (name, kind), number in zip(record._fields_, numbers.tolist(), strict=True):  # type: ignore[misc]
-        setattr(record, name, int(number) if kind is c_int64 else number)
+def copy_scalars(source: FilterState, target: FilterState) -> None:
+    """Give a state the numbers of another one that change from step to step."""
+    for name, _ in Scalars._fields_:
+        setattr(target.now, name, getattr(source.now, name))
 
 
 def with_capacity(f: FilterState, landmarks: int, rows: int) -> FilterState:
@@ -208,7 +177,8 @@ def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
         new.P[:n, new_rows] = f.P[:n, old_rows]
     new.P[auxiliary_rows(new), auxiliary_rows(new)] = f.P[auxiliary_rows(f), auxiliary_rows(f)]
     new.blocks[: now.landmarks] = f.blocks[: now.landmarks]
-    set_numbers(new.now, numbers_of(now))
+    new.ids[: now.landmarks] = f.ids[: now.landmarks]
+    copy_scalars(f, new)
     return new
 
 
@@ -217,14 +187,14 @@ def auxiliary_rows(f: FilterState) -> slice:
     return slice(len(f.state) - 2 * f.auxiliary, len(f.state))
 
 
-def remove_landmarks(f: FilterState, landmarks: IntArray) -> None:
-    """Marginalize landmarks out; those behind them move up."""
+def remove_landmarks(f: FilterState, removed: IntArray) -> None:
+    """Marginalize out the landmarks in these rows."""
     flush(f)
-    kept = np.setdiff1d(np.arange(f.now.landmarks), landmarks)
+    kept = np.delete(np.arange(f.now.landmarks), removed)
     rows = state_rows(kept, f.robot_size)
     gather(f.P, rows)
     f.state[: len(rows)], f.heading_lever[: len(rows)] = f.state[rows], f.heading_lever[rows]
-    f.blocks[: len(kept)] = f.blocks[kept]
+    f.blocks[: len(kept)], f.ids[: len(kept)] = f.blocks[kept], f.ids[kept]
     f.now.landmarks = len(kept)
 
 
@@ -236,6 +206,7 @@ def replace_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> No
     """
     n = state_size(f)
     P = dense(f)
+    flush(f)
     P[:3], P[:, :3] = 0.0, 0.0
     P[:3, :3] = covariance
     f.state[:3], f.P[:n, :n] = pose, P
@@ -336,9 +307,7 @@ def marginal(f: FilterState, landmarks: IntArray) -> FloatArray:
 
 def dense(f: FilterState) -> FloatArray:
     """The covariance of e of the whole state (n, n)."""
-    flush(f)
-    n = state_size(f)
-    return _by_map(symmetric(f.P[:n, :n]), f.heading_lever[:n])
+    return marginal(f, np.arange(f.now.landmarks))
 
 
 def symmetric(upper: FloatArray) -> FloatArray:

@@ -1,8 +1,7 @@
 """Evidence of a scan that the robot is not where the filter believes."""
 
-from ctypes import Structure, c_double, c_int64
+from ctypes import Structure, c_double
 from math import atan2, cos, exp, floor, hypot, inf, log, log2, pi, sin, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,19 +48,8 @@ CONTRADICTIONS = 3
 out; of fewer, the doubt of each name takes care."""
 
 
-class LostRule(NamedTuple):
-    """When a robot is lost."""
-
-    enabled: bool
-    """Whether this is tested at all."""
-    limit: float
-    """Cumulative evidence (log likelihood ratio) from which it is."""
-    gate: float
-    """Squared Mahalanobis distance up to which an observation may be of a landmark."""
-
-
 class EvidenceScalars(Structure):
-    """Numbers of `LostEvidence`."""
+    """Numbers of `LandmarkEvidence`."""
 
     _fields_ = (
         ("total", c_double),  # cumulative evidence
@@ -71,12 +59,11 @@ class EvidenceScalars(Structure):
         ("scale", c_double),  # mean of half the normalized innovation squared
         ("squares", c_double),  # mean of the square of excess misses in a scan
         ("variance", c_double),  # mean of its variance if they were independent
-        ("left_out", c_int64),  # 1 if the latest scan is not processed
     )
 
 
 @structure
-class LostEvidence:
+class LandmarkEvidence:
     """What was expected and observed so far."""
 
     expected: FloatArray
@@ -92,30 +79,30 @@ class LostEvidence:
 @kernel()
 def bind_evidence(
     expected: FloatArray, observed: FloatArray, points: FloatArray, now: EvidenceScalars
-) -> LostEvidence:
+) -> LandmarkEvidence:
     """Evidence of these fields, see `_jit.share`."""
-    return LostEvidence(expected, observed, points, now)
+    return LandmarkEvidence(expected, observed, points, now)
 
 
 @kernel()
-def contradicts(
+def update_evidence(
     f: FilterState,
-    evidence: LostEvidence,
-    rule: LostRule,
+    evidence: LandmarkEvidence,
+    gate: float,
     z: FloatArray,
     R: FloatArray,
     confirmed: BoolArray,
     association: IntArray,
     others: int,
 ) -> bool:
-    """Add the evidence of a scan to the cumulative sum (Page 1954); whether to leave it out.
+    """Add the evidence of a scan to the cumulative sum; whether it contradicts the believed pose.
 
-    Of a scan that is not left out, the landmarks that were expected and observed are counted.
-    Only `confirmed` and named landmarks are expected. The association (k,) has the
-    landmarks of named observations; others are negative. The map has `others` that are not in f.
+    Of a scan that does not, the landmarks that were expected and observed are counted. Only
+    `confirmed` and labeled landmarks are expected, within the gate. The association (k,) has the
+    rows of the landmarks of labels; others are negative. The map has `others` that are not in f.
     """
     N, now = f.now.landmarks, evidence.now
-    now.latest, now.left_out = 0.0, 0
+    now.latest = 0.0
     if N + others < MIN_LANDMARKS:
         return False
     landmark, cell = np.empty(N, np.int64), np.empty((N, 2), np.int64)
@@ -125,7 +112,7 @@ def contradicts(
     expected_observations(f, landmark, expected, S)
     density, least = np.empty((len(z), count)), np.empty(len(z))
     view = 2 * pi * _reach(now.reach, z)
-    _fill_densities(expected, S, z, R, rule.gate, now.scale, view, density, least)
+    _fill_densities(expected, S, z, R, gate, now.scale, view, density, least)
     for k in range(len(z)):
         if 0 <= association[k] < N:
             for j in range(count):
@@ -144,7 +131,7 @@ def contradicts(
             room[k] = 0.0
         elif not 0 <= association[k] < N:
             room[k] = min(rarity, MAX_UNEXPLAINED)
-    now.latest = max(_limited(f, evidence.points, z, R, rule.gate, room, value), -MAX_EVIDENCE)
+    now.latest = max(_limited(f, evidence.points, z, R, gate, room, value), -MAX_EVIDENCE)
     now.total = max(now.total + now.latest, 0.0)
     if now.total == 0.0:
         points = evidence.points
@@ -157,7 +144,6 @@ def contradicts(
             contradictions += _total(density[k]) == 0.0
     enough = contradictions >= CONTRADICTIONS if named > 0 else now.total >= PATIENCE
     if now.latest >= LEFT_OUT and enough:
-        now.left_out = 1
         return True
     for j in range(count):
         _count(tries, hits, cell[j], owner[j] >= 0)
@@ -189,7 +175,7 @@ def _explained(density: FloatArray, p: FloatArray, owner: IntArray) -> BoolArray
 
 @kernel(inline=True)
 def _learn(
-    evidence: LostEvidence,
+    evidence: LandmarkEvidence,
     p: FloatArray,
     owner: IntArray,
     explained: BoolArray,
@@ -282,7 +268,7 @@ def _fill_densities(
 
 @kernel(inline=True)
 def _evidence(
-    evidence: LostEvidence,
+    evidence: LandmarkEvidence,
     density: FloatArray,
     p: FloatArray,
     owner: IntArray,

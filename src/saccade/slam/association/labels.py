@@ -1,0 +1,387 @@
+"""Data association by labels that may be wrong, and by geometry without one.
+
+A label is accepted where the observation is inside the gate of its landmark: nearly always. What
+follows from one that is not is rare, and plain NumPy.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from saccade.landmark_names import Label
+from saccade.slam.association._kernels import DROPPED, NEW, Gates, compare_with_landmarks
+from saccade.slam.association.nearest_neighbor import associate_by_geometry, squared_distances
+from saccade.slam.config import EkfConfig
+from saccade.slam.consistency import chi_square_gate
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.landmarks import UNDECIDED, LabelRecord, LandmarkTable
+from saccade.slam.models import inverse_observe
+from saccade.types import BoolArray, FloatArray, IntArray
+
+TRUSTED = 10
+"""Accepted observations after which a label alone overrides the filter, and rejected ones at one
+position after which it moves there, whatever was accepted."""
+MIN_AGREEING = 3
+"""Labels or observations, rejected by the filter, that override it if they agree."""
+WINDOW = 10
+"""Labeled observations for which a rejected one counts."""
+FAR = 100.0
+"""Normalized innovation squared up to which a wrong filter is likelier than swapped labels. It is
+also the gate before a long loop is closed, where the heading is too uncertain for a linear one."""
+LOOSE = 4.0
+"""Ratio of predicted variance to noise from which the labels of a scan are checked in pairs."""
+LOOP = 100.0
+"""Ratio of predicted variance to noise from which one observation of a new label closes no loop."""
+LONG_LOOP = 1000.0
+"""Ratio of predicted variance to noise from which one observation closes no loop."""
+PAIR_GATE = 10.83
+"""Squared deviation, in standard deviations, of the distance of two landmarks: 99.9 %."""
+
+
+class LabelAssociation:
+    """Association by label where there is one, if it agrees with the map; else by geometry.
+
+    A label is rejected if the observation is outside the gate of its landmark. It overrides the
+    filter where several labels agree with one another against it. Where the pose is so uncertain
+    that it closes a loop, two labels of a scan must agree, or one be repeated. Several rejected
+    ones at one position move the label there: the landmark has moved, or its first observation had
+    the wrong label.
+
+    With "known" association every label is accepted. Observations without one are dropped then, and
+    so is a second observation, in one scan, of a landmark that is not in the map yet.
+    """
+
+    def __init__(self, config: EkfConfig) -> None:
+        self.gates = Gates(
+            chi_square_gate(2, config.gate),
+            chi_square_gate(2, config.new_gate),
+            config.association != "nearest",
+        )
+        """Gates of observations without a label, and of those whose label is rejected."""
+        self.rejected: BoolArray = np.zeros(0, np.bool_)
+        """(m,) whether the label of each observation of the last scan was rejected."""
+        self.clock = 0
+        """Labeled observations so far."""
+        self.streak = 0
+        """Rejected observations since the last accepted one."""
+        self.overriding_until = -1
+        """Time until which one label is enough to override the filter."""
+        self._all_accepted = config.association == "known"
+        self._gate = chi_square_gate(2, config.label_gate)
+
+    def __call__(
+        self,
+        ekf: EkfSlam,
+        table: LandmarkTable,
+        z: FloatArray,
+        R: FloatArray,
+        labels: Sequence[Label | None],
+    ) -> IntArray:
+        """Associates a scan.
+
+        Args:
+            ekf: the filter, predicted to the pose of the scan.
+            table: its landmarks and labels, which are updated.
+            z: (m, 2) range in meters, bearing in radians.
+            R: (m, 2, 2) their covariances.
+            labels: (m,) labels, None where unknown.
+
+        Returns:
+            (m,) the id of the landmark, `NEW` or `DROPPED`; `next_id` of the filter and the ids
+            that follow are of new landmarks that need no more observations.
+        """
+        if self._all_accepted:
+            return self._look_up(ekf.next_id, table, labels)
+        self.rejected = np.zeros(len(labels), np.bool_)
+        table.has_unlabeled = table.has_unlabeled or None in labels
+        if all(label is None for label in labels):
+            return self._by_geometry(ekf, table, z, R)
+        matches = np.array(self._gate_labels(ekf, table, z, R, labels), np.int64)
+        rest = np.flatnonzero(matches == UNDECIDED)
+        if len(rest) > 0:
+            near = self._by_geometry(ekf, table, z[rest], R[rest], matches[matches >= 0])
+            pairs = zip(rest.tolist(), near.tolist(), strict=True)
+            self._resolve(ekf.next_id, table, labels, dict(pairs), matches)
+        return matches
+
+    def _by_geometry(
+        self,
+        ekf: EkfSlam,
+        table: LandmarkTable,
+        z: FloatArray,
+        R: FloatArray,
+        taken: IntArray | None = None,
+    ) -> IntArray:
+        confirmed = None
+        if table.policy.enabled:
+            confirmed = table.counts.confirmed
+            if ekf.submap is not None:
+                confirmed = confirmed[table.rows(ekf.active_ids)]
+        return associate_by_geometry(ekf, z, R, self.gates, taken, confirmed)
+
+    def _look_up(
+        self, next_id: int, table: LandmarkTable, labels: Sequence[Label | None]
+    ) -> IntArray:
+        """(m,) landmark of each label, new ones from `next_id` on."""
+        new: set[Label] = set()  # labels first observed in this scan
+        matches = np.full(len(labels), DROPPED)
+        for i, label in enumerate(labels):
+            if label is None or label in new:
+                continue
+            record = table.labels.setdefault(label, LabelRecord())
+            if record.landmark < 0:
+                record.landmark = next_id + len(new)
+                new.add(label)
+            matches[i] = record.landmark
+        return matches
+
+    def _gate_labels(
+        self,
+        ekf: EkfSlam,
+        table: LandmarkTable,
+        z: FloatArray,
+        R: FloatArray,
+        labels: Sequence[Label | None],
+    ) -> list[int]:
+        """Accepts the observations that agree with the landmarks of their labels.
+
+        Returns:
+            The landmark of each of these, `DROPPED`, and `UNDECIDED` for all others. Fills
+            `rejected`. Where several labels contradict the filter and agree with one another, they
+            are accepted.
+        """
+        landmarks, matches = table.landmarks_of(labels), [UNDECIDED] * len(labels)
+        known = {i: table.labels[labels[i]] for i in np.flatnonzero(landmarks >= 0).tolist()}  # type: ignore[index]
+        if not known:
+            return matches
+        nis, looseness = np.full(len(z), np.inf), np.zeros(len(z))
+        compare_with_landmarks(ekf.active, z, R, ekf.rows(landmarks), nis, looseness)
+        nis, looseness = nis.tolist(), looseness.tolist()
+        gate = [FAR if each > LOOP else self._gate for each in looseness]
+        rejected = {i for i in known if not nis[i] <= gate[i]}
+        scan = _Positions(ekf, z, R)
+        if any(looseness[i] > LOOSE for i in known.keys() - rejected):
+            self._reject_inconsistent(scan, known, rejected)
+        closing = sum(looseness[i] > LOOP for i in known if i not in rejected)
+        num_accepted, start = 0, self.clock
+        for i, record in known.items():
+            self.clock += 1
+            few = not record.is_established
+            self.streak += i in rejected and not few
+            loose = looseness[i] > (LOOP if few else LONG_LOOP)
+            alone = loose and closing <= 1 and i not in rejected
+            if alone and few and _is_duplicate(scan, table, i, record):
+                rejected.add(i)
+            if i in rejected:
+                self._remember(scan, i, record)
+            elif alone and not self._is_repeated(record):
+                matches[i] = DROPPED
+            else:
+                num_accepted += 1
+                self.streak = 0
+        overriding = {
+            i
+            for i in rejected
+            if self._overrides(ekf, table, known[i], nis[i], num_accepted, start)
+        }
+        if overriding:
+            self.overriding_until = self.clock + WINDOW
+        elif num_accepted > 0:
+            self.overriding_until = -1
+        for i, record in known.items():
+            if (i not in rejected or i in overriding) and matches[i] != DROPPED:
+                matches[i] = record.landmark
+                record.accepted += 1
+                record.accepted_at, record.votes = self.clock, 0
+        self.rejected[list(rejected - overriding)] = True
+        return matches
+
+    def _resolve(
+        self,
+        next_id: int,
+        table: LandmarkTable,
+        labels: Sequence[Label | None],
+        near: dict[int, int],
+        matches: IntArray,
+    ) -> None:
+        """Associates the other observations, given the landmark that each is near to.
+
+        A first observation of a label is of a new landmark, or of one without a label. A rejected
+        one is not used; after several at one position the label moves there.
+        """
+        for i, j in near.items():
+            label, matches[i] = labels[i], DROPPED
+            if label is None:
+                matches[i] = j
+                continue
+            record = table.labels.setdefault(label, LabelRecord())
+            if not self.rejected[i]:
+                if record.landmark < 0:
+                    if j < 0 or table.is_labeled(j):
+                        j, next_id = next_id, next_id + 1
+                    record.landmark, record.accepted, record.votes = j, 1, 0
+                    record.accepted_at = self.clock
+                    matches[i] = j
+                continue
+            if not record.is_established and (j == DROPPED or (j >= 0 and table.is_labeled(j))):
+                j = NEW  # the only landmark that the observation may not be near is its own
+            if j != DROPPED and record.target not in (UNDECIDED, DROPPED, j):
+                record.votes, record.since = 1, self.clock
+            record.target = j
+            if j != DROPPED and _moves(table, record, j):
+                if j < 0:
+                    j, next_id = next_id, next_id + 1
+                self._move(table, record, j)
+                matches[i] = j
+
+    def _move(self, table: LandmarkTable, record: LabelRecord, j: int) -> None:
+        """Gives a label to landmark j; the one before is removed if few observations made it."""
+        old, record.landmark = record.landmark, j
+        table.has_unlabeled = True
+        if old >= 0 and not record.is_established and not table.is_labeled(old):
+            table.stale.append(old)
+        record.accepted, record.votes, record.accepted_at = record.votes, 0, self.clock
+
+    def _is_repeated(self, record: LabelRecord) -> bool:
+        """Counts an observation that closes a loop by itself; whether there are enough."""
+        if self.clock - record.closing_at > WINDOW:
+            record.closings = 0
+        record.closings += 1
+        record.closing_at = self.clock
+        return record.closings >= MIN_AGREEING
+
+    def _remember(self, scan: "_Positions", i: int, record: LabelRecord) -> None:
+        """Notes a rejected observation of a label."""
+        xy, C = scan.position(i)
+        near = record.votes > 0 and squared_distances(xy - record.xy, C + record.covariance)
+        if record.votes > 0 and near <= PAIR_GATE:
+            record.votes += 1
+        else:
+            record.votes, record.since, record.target = 1, self.clock, UNDECIDED
+        record.xy, record.covariance, record.rejected_at = xy, C, self.clock
+
+    def _overrides(
+        self,
+        ekf: EkfSlam,
+        table: LandmarkTable,
+        record: LabelRecord,
+        nis: float,
+        num_accepted: int,
+        scan_start: int,
+    ) -> bool:
+        """Whether a rejected label and others that agree with it override the filter.
+
+        Either there are more of them than of those that were accepted or that contradict it, or
+        none was accepted since, and none contradicts it. Once labels override the filter, one is
+        enough until one is accepted: the filter is corrected step by step.
+        """
+        if not record.is_established:
+            return False
+        recovering = self.clock <= self.overriding_until
+        first = scan_start if recovering else self.clock - WINDOW
+        supporting, contradicting = 1, 0
+        for other in table.labels.values():
+            recent = other.votes > 0 and other.rejected_at > first and other.landmark >= 0
+            if other is record or not recent or not other.is_established:
+                continue
+            landmarks, position = (record.landmark, other.landmark), (record.xy, record.covariance)
+            if _distances_agree(ekf, *landmarks, *position, other.xy, other.covariance):
+                supporting += 1
+            else:
+                contradicting += 1
+        enough = recovering or supporting >= MIN_AGREEING
+        if enough and supporting > max(num_accepted, contradicting):
+            return True
+        if supporting == 1:
+            swapped = record.votes > 1 and record.target >= 0 and nis > FAR
+            if swapped or record.accepted < TRUSTED:
+                return False
+        needed = MIN_AGREEING if nis > FAR else MIN_AGREEING - 1
+        return self.streak >= needed and contradicting == 0
+
+    def _reject_inconsistent(
+        self, scan: "_Positions", known: dict[int, LabelRecord], rejected: set[int]
+    ) -> None:
+        """Rejects labels whose landmarks are not as far from one another as the observations.
+
+        An uncertain prediction, as before a loop is closed, accepts many landmarks; the distances
+        between landmarks are certain all the same.
+        """
+        names = [i for i in known if i not in rejected]
+        conflicts = np.zeros((len(names), len(names)), np.bool_)
+        for p, i in enumerate(names):
+            for q, j in enumerate(names[:p]):
+                a, b = known[i].landmark, known[j].landmark
+                if a != b:
+                    agree = _distances_agree(scan.ekf, a, b, *scan.position(i), *scan.position(j))
+                    conflicts[p, q] = conflicts[q, p] = not agree
+        while conflicts.any():
+            count = conflicts.sum(1)
+            for p in np.flatnonzero(count == count.max()).tolist():
+                rejected.add(names[p])
+                conflicts[p] = conflicts[:, p] = False
+
+
+def _moves(table: LandmarkTable, record: LabelRecord, j: int) -> bool:
+    """Whether a label moves to landmark j, or to a new one for `NEW`."""
+    if record.votes < min(record.accepted + 1, TRUSTED):
+        return False
+    others = (each for each in table.labels.values() if j >= 0 and each.landmark == j)
+    if any(each.accepted_at >= record.since for each in others):
+        record.votes = 0
+        return False  # the landmark has a label that is accepted
+    return True
+
+
+def _is_duplicate(scan: "_Positions", table: LandmarkTable, i: int, record: LabelRecord) -> bool:
+    """Whether a landmark with a better known label is where that of `record` is.
+
+    The first observation of that label was wrong then, and i is of another landmark.
+    """
+    ids = [n.landmark for n in table.labels.values() if n.landmark >= 0 and n.is_established]
+    others = np.array(ids, np.int64)
+    others = others[(scan.ekf.rows(others) >= 0) & (others != record.landmark)]
+    xy, C = scan.position(i)
+    f = scan.ekf.active
+    rows = scan.ekf.rows(np.append(record.landmark, others))
+    positions = f.state[f.robot_size :].reshape(-1, 2)[rows]
+    squared = ((positions[1:] - positions[0]) ** 2).sum(1)
+    near = others[squared < LOOSE * PAIR_GATE * C.trace()].tolist()
+    return any(_distances_agree(scan.ekf, record.landmark, j, xy, C, xy, C) for j in near)
+
+
+class _Positions:
+    """Positions in the map of the observations of a scan, computed where they are needed."""
+
+    def __init__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray) -> None:
+        self.ekf, self._z, self._R = ekf, z, R
+        self._positions: tuple[FloatArray, FloatArray] | None = None
+
+    def position(self, i: int) -> tuple[FloatArray, FloatArray]:
+        """Position (2,) of observation i, and the covariance (2, 2) of its noise."""
+        if self._positions is None:
+            xy, _, Gz = inverse_observe(self.ekf.pose, self._z)  # C.15
+            self._positions = xy, Gz @ self._R @ Gz.transpose(0, 2, 1)
+        return self._positions[0][i], self._positions[1][i]
+
+
+def _distances_agree(
+    ekf: EkfSlam,
+    a: int,
+    b: int,
+    xy: FloatArray,
+    C: FloatArray,
+    other_xy: FloatArray,
+    other_C: FloatArray,
+) -> bool:
+    """Whether two observed points are as far from each other as landmarks a and b of the map."""
+    mean, joint = ekf.relative_position(a, b)
+    observed, mapped = float(np.hypot(*(xy - other_xy))), float(np.hypot(*mean))
+    variance = 0.0
+    if observed > 0:
+        along = (xy - other_xy) / observed
+        variance += float(along @ (C + other_C) @ along)
+    if mapped > 0:
+        along = mean / mapped
+        variance += max(float(along @ joint @ along), 0.0)
+    return (observed - mapped) ** 2 <= PAIR_GATE * variance

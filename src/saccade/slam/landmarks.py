@@ -1,0 +1,346 @@
+"""The landmark table: everything that is known of landmarks beside their positions."""
+
+import copy
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.landmark_names import Label
+from saccade.slam.association._kernels import DROPPED
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.models import observe
+from saccade.types import BoolArray, FloatArray, IntArray, Table, column
+
+MAX_AMBIGUOUS = 0.5
+"""Fraction of ambiguous observations above which a run warns."""
+RANGE_BINS = 96
+"""Bins of the detection rate by range: quarters of an octave from 0.24 mm to 4 km."""
+BEARING_BINS = 24
+"""Bins of the detection rate by bearing."""
+CHECKS = 4
+"""Checks from one removal of landmarks to the next: a removal costs more than a step."""
+PRIOR_CHECKS = 4.0
+"""Checks without a detection that each bin begins with, so that new bins expect none."""
+UNDECIDED = -3
+"""Match of an observation that geometry is still to decide."""
+ESTABLISHED = 3
+"""Accepted observations from which a label can contradict the filter, along with others."""
+DescriptorArray: TypeAlias = npt.NDArray[np.generic]
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkRows(Table):
+    """Counts of landmarks, one row each."""
+
+    id: IntArray = column(dtype=np.int64)
+    """(n,) ascending; as in the filter."""
+    confirmed: BoolArray = column(dtype=np.bool_)
+    """(n,) whether it is a landmark of the map; else a candidate."""
+    observations: IntArray = column(dtype=np.int64)
+    """(n,) number of observations."""
+    last_observed: IntArray = column(dtype=np.int64)
+    """(n,) number of the scan of the last one."""
+    detected: FloatArray = column()
+    """(n,) checks in which it was observed, without the scan in which it was added."""
+    expected: FloatArray = column()
+    """(n,) detections that were expected in all checks."""
+    session: IntArray = column(dtype=np.int64)
+    """(n,) session in which it was added, see `Slam.load`."""
+
+
+@dataclass
+class LabelRecord:
+    """Evidence on one label. Times count the labeled observations before."""
+
+    landmark: int = -1
+    """Id of its landmark, -1 for none."""
+    accepted: int = 0
+    """Observations that were accepted for that landmark."""
+    accepted_at: int = -1
+    """Time of the last of them."""
+    rejected_at: int = -1
+    """Time of the last rejected observation."""
+    votes: int = 0
+    """Successive rejected observations at one position."""
+    since: int = -1
+    """Time of the first of them."""
+    target: int = UNDECIDED
+    """Id of the landmark that they are near to, `NEW` or `UNDECIDED`."""
+    closings: int = 0
+    """Recent observations that would close a loop by themselves."""
+    closing_at: int = -1
+    """Time of the last of them."""
+    xy: FloatArray = field(default_factory=lambda: np.zeros(2))
+    """(2,) position in the map of the last rejected observation."""
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
+    """(2, 2) of its noise."""
+
+    @property
+    def is_established(self) -> bool:
+        """Whether it can contradict the filter."""
+        return self.accepted >= ESTABLISHED
+
+
+@dataclass(frozen=True)
+class CullingPolicy:
+    """When candidates become landmarks, and when landmarks are removed."""
+
+    enabled: bool
+    """Whether landmarks are doubted at all."""
+    confirm_after: int
+    """Observations after which a candidate becomes a landmark; 1 for the first."""
+    candidate_scans: int
+    """Scans without an observation after which a candidate is removed."""
+    culling_ratio: float = 0.0
+    """Fraction of the expected detections that a landmark must have."""
+    max_missed: float = 5.0
+    """Missed detections that are tolerated before that fraction counts."""
+    interval: int = 4
+    """Scans from one check of the detections to the next."""
+
+
+class LandmarkTable:
+    """Ids, labels, counts, sessions and descriptors of the landmarks of a filter.
+
+    A new landmark is a candidate: it is in the filter, so that no observation of it is lost, but
+    not in the map until it was observed often enough, and it is removed if it is not. A landmark is
+    culled if it is observed much less often than landmarks at the same ranges and bearings usually
+    are; how often that is, is learned from the scans so far.
+    """
+
+    def __init__(self, policy: CullingPolicy) -> None:
+        self.policy = policy
+        self.counts = LandmarkRows()
+        """One row for each landmark, in the order of their ids."""
+        self.labels: dict[Label, LabelRecord] = {}
+        """Evidence on each label, with the landmark that it is of."""
+        self.descriptors: dict[int, DescriptorArray] = {}
+        """(d,) descriptor of landmarks by their ids, if the user gives any; removed with them."""
+        self.has_unlabeled = False
+        """Whether there may be a landmark without a label. The others are not culled: it is a label
+        that tells a landmark that is gone from one that is not detected."""
+        self.stale: list[int] = []
+        """Ids of landmarks that have lost their label, and are to be removed."""
+        self.session = 0
+        """Number of the present session."""
+        self.detections = np.zeros((2, RANGE_BINS, BEARING_BINS))
+        """Detections and checks of confirmed landmarks, by range and bearing."""
+        self.scans = 0
+        """Scans so far."""
+        self.max_range = -np.inf
+        """Largest range that was observed so far."""
+        self.ambiguous = 0
+        """Observations that were dropped because they may be of several landmarks."""
+        self.forgotten = 0
+        """Candidates that were removed."""
+        self.culled = 0
+        """Landmarks of the map that were removed."""
+        self.log_likelihood = 0.0
+        """Log-likelihood of the detections and misses of confirmed landmarks in all checks."""
+
+    def __len__(self) -> int:
+        return len(self.counts)
+
+    def rows(self, landmarks: IntArray) -> IntArray:
+        """Rows (k,) of landmarks by their ids."""
+        ids = self.counts.id
+        dense = len(ids) > 0 and ids[-1] == len(ids) - 1
+        return landmarks if dense else np.searchsorted(ids, landmarks)
+
+    def add(self, landmarks: IntArray, *, confirmed: bool) -> None:
+        """Adds new landmarks (k,), by their ids, as candidates or as confirmed landmarks.
+
+        Where landmarks are not doubted, their labels alone put them into the map.
+        """
+        k = len(landmarks)
+        if k == 0:
+            return
+        new = LandmarkRows.zeros(
+            k,
+            id=landmarks,
+            confirmed=np.full(k, confirmed and self.policy.enabled),
+            session=np.full(k, self.session),
+        )
+        self.counts = LandmarkRows.concatenate([self.counts, new])
+
+    def add_confirmed(self, landmarks: IntArray) -> None:
+        """Adds landmarks (k,), by their ids, of another map."""
+        n = len(self.counts)
+        self.add(landmarks, confirmed=True)
+        self.counts.observations[n:] = self.policy.confirm_after
+        self.counts.last_observed[n:] = self.scans
+
+    def remove(self, landmarks: IntArray) -> None:
+        """Removes landmarks (k,), by their ids, and takes their labels from them."""
+        removed = np.isin(self.counts.id, landmarks)
+        confirmed = int(self.counts.confirmed[removed].sum())
+        self.culled += confirmed
+        self.forgotten += int(removed.sum()) - confirmed
+        self.counts = self.counts[~removed]
+        gone = set(landmarks.tolist())
+        for record in self.labels.values():
+            if record.landmark in gone:
+                record.landmark = -1
+            if record.target in gone:
+                record.target, record.votes = UNDECIDED, 0
+        self.descriptors = {i: each for i, each in self.descriptors.items() if i not in gone}
+
+    def join(self, kept: int, removed: int) -> None:
+        """Counts the observations of two landmarks as those of the first; the second stays.
+
+        A check in which one of them was observed expected one detection, not two.
+        """
+        table, (i, j) = self.counts, self.rows(np.array([kept, removed])).tolist()
+        table.observations[i] += table.observations[j]
+        table.detected[i] += table.detected[j]
+        for each in (table.last_observed, table.expected, table.confirmed):
+            each[i] = max(each[i], each[j])
+
+    def predict_visible(self, ekf: EkfSlam, z: FloatArray) -> tuple[IntArray, FloatArray] | None:
+        """Ids (n,) and predicted observations (n, 2) if missed landmarks are counted in a scan.
+
+        Args:
+            ekf: the filter, before the update by the scan.
+            z: (k, 2) the scan.
+
+        Returns:
+            Of the landmarks of the map, or of the submap in which the filter works; None if missed
+            landmarks are not counted.
+        """
+        self.max_range = max(self.max_range, *z[:, 0].tolist())
+        due = self.policy.enabled and (self.scans + 1) % self.policy.interval == 0
+        if not (due and self.has_unlabeled):
+            return None
+        f = ekf.active
+        points = f.state[f.robot_size :][: 2 * f.now.landmarks].reshape(-1, 2)
+        return ekf.active_ids.copy(), observe(f.state[: f.robot_size], points)[0]
+
+    def count(self, matches: IntArray, visible: tuple[IntArray, FloatArray] | None) -> IntArray:
+        """Counts the observed and the missed landmarks of a scan.
+
+        Args:
+            matches: (k,) id of the landmark of each observation, negative for none.
+            visible: result of `predict_visible`.
+
+        Returns:
+            (g,) ids of landmarks that are to be culled.
+        """
+        stale, self.stale = np.array(self.stale, np.int64), []
+        if self.policy.enabled:
+            self.scans += 1
+            used, table = self.rows(matches[matches >= 0]), self.counts
+            np.add.at(table.observations, used, 1)
+            table.last_observed[used] = self.scans
+            table.confirmed[used] |= table.observations[used] >= self.policy.confirm_after
+            self.ambiguous += int((matches == DROPPED).sum())
+        return stale if visible is None else np.union1d(stale, self._missed(*visible))
+
+    def _missed(self, visible: IntArray, predicted: FloatArray) -> IntArray:
+        """Counts detections; (g,) ids of missed landmarks without a label."""
+        inside = predicted[:, 0] <= self.max_range
+        self._count_detections(self.rows(visible[inside]), predicted[inside])
+        if self.scans % (CHECKS * self.policy.interval) > 0:
+            return visible[:0]
+        table, policy = self.counts, self.policy
+        few = table.detected < policy.culling_ratio * table.expected
+        missed = few & (table.expected - table.detected > policy.max_missed)
+        late = self.scans - table.last_observed > policy.candidate_scans
+        return table.id[np.where(table.confirmed, missed, late) & ~self.labeled]
+
+    def _count_detections(self, rows: IntArray, predicted: FloatArray) -> None:
+        """Counts whether landmarks in view, predicted at (n, 2), were detected and expected.
+
+        A detection is expected with the probability with which the confirmed landmarks of the map
+        were detected, so far, at the same range and bearing.
+        """
+        table = self.counts
+        octaves = 4 * np.log2(np.maximum(predicted[:, 0], 1e-6))
+        row = (octaves + RANGE_BINS / 2).astype(np.int64).clip(0, RANGE_BINS - 1)
+        sector = ((predicted[:, 1] / (2 * np.pi) + 0.5) * BEARING_BINS).astype(np.int64)
+        sector %= BEARING_BINS
+        hits, checks = self.detections[:, row, sector]
+        detected = table.last_observed[rows] == self.scans
+        table.expected[rows] += hits / (checks + PRIOR_CHECKS)
+        table.detected[rows] += detected
+        known, p = table.confirmed[rows], (hits + 1) / (checks + 2)
+        self.log_likelihood += float(np.log(np.where(detected, p, 1 - p))[known].sum())
+        cell = row[known], sector[known]
+        np.add.at(self.detections[0], cell, detected[known])
+        np.add.at(self.detections[1], cell, 1.0)
+
+    def landmarks_of(self, labels: Sequence[Label | None]) -> IntArray:
+        """(k,) id of the landmark of each label, -1 for none."""
+        known = self.labels
+        found = [known[label].landmark if label in known else -1 for label in labels]
+        return np.array(found, np.int64)
+
+    def labels_of(self, landmarks: Iterable[int]) -> list[Label | None]:
+        """Label of each landmark, by ids; None where it has none."""
+        found = {record.landmark: label for label, record in self.labels.items()}
+        return [found.get(landmark) for landmark in landmarks]
+
+    def is_labeled(self, landmark: int) -> bool:
+        """Whether any label is of a landmark."""
+        return any(record.landmark == landmark for record in self.labels.values())
+
+    def label(self, label: Label, landmark: int) -> None:
+        """Gives a label that has no landmark that of another map."""
+        record = self.labels.setdefault(label, LabelRecord())
+        if record.landmark < 0:
+            record.landmark, record.accepted = landmark, ESTABLISHED
+
+    @property
+    def labeled(self) -> BoolArray:
+        """(n,) landmarks that have a label."""
+        return np.isin(self.counts.id, [each.landmark for each in self.labels.values()])
+
+    @property
+    def in_map(self) -> BoolArray:
+        """(n,) landmarks of the map; the others are candidates without a label."""
+        return self.counts.confirmed | self.labeled
+
+    def warning(self, association: IntArray) -> str:
+        """Why nothing was mapped, or most observations were not used; empty if neither is so.
+
+        Args:
+            association: (k,) landmark of the map for each observation, negative for none.
+        """
+        observations, policy = len(association), self.policy
+        if observations == 0:
+            return "nothing is mapped: there are no observations"
+        if not policy.enabled:
+            return "" if (association >= 0).any() else "no observation names a landmark"
+        if self.ambiguous > MAX_AMBIGUOUS * observations:
+            return (
+                f"{self.ambiguous} of {observations} observations are not used: each may be of "
+                "several landmarks, which are too close together for the odometry and its noise"
+            )
+        if (association >= 0).any():
+            return ""
+        if self.culled > 0:
+            return (
+                f"nothing is mapped: all of {self.culled} landmarks were culled, as they were "
+                "often not observed where landmarks usually are; see culling_ratio"
+            )
+        return (
+            f"nothing is mapped: no candidate was observed {policy.confirm_after} times with at "
+            f"most {policy.candidate_scans} scans in between; see confirm_after and candidate_scans"
+        )
+
+    def adopt(self, saved: "LandmarkTable") -> None:
+        """Takes the content of a saved table, after which a new session begins."""
+        policy = self.policy
+        vars(self).update(vars(saved))
+        self.policy, self.session = policy, saved.session + 1
+
+    def copy(self) -> Self:
+        """An independent table with the same content."""
+        new = copy.copy(self)
+        columns = {name: each.copy() for name, each in vars(self.counts).items()}
+        new.counts, new.detections = replace(self.counts, **columns), self.detections.copy()
+        new.labels = {label: copy.copy(each) for label, each in self.labels.items()}
+        new.descriptors = dict(self.descriptors)
+        return new

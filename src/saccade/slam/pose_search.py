@@ -1,0 +1,109 @@
+"""The search of a kidnapped robot for its pose in its own map."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from saccade.slam.consistency import chi_square_gate
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.models import wrap
+from saccade.slam.relocalization import Relocalizer
+from saccade.slam.results import PoseHypotheses
+from saccade.types import FloatArray, IntArray
+
+PRIOR_WEIGHT = 9.0
+"""Covariance of the prior of a pose that is found, relative to that of the hypothesis: the
+observations that follow dominate it, but it is narrow enough that they are linear."""
+MIN_HEADING_SIGMA = 0.03
+"""Least standard deviation of the heading of that prior, in radians."""
+SAME_POSE = chi_square_gate(3, 0.999)
+"""Squared Mahalanobis distance within which the robot is found where it was believed to be."""
+
+
+class PoseSearch:
+    """The search for the pose in a map, until one hypothesis is left.
+
+    Args:
+        ekf: the filter, whose map stays as it is.
+        landmarks: (n,) ids of those among which the pose is searched, ascending.
+        anywhere: whether nothing is known of the pose; else that of the filter is a hypothesis.
+        min_matched: observed points that must be landmarks of the map for the robot to be found.
+        scans: successive scans in which one hypothesis must be right for the robot to be found.
+        min_probability: probability from which a hypothesis is right.
+    """
+
+    def __init__(
+        self,
+        ekf: EkfSlam,
+        landmarks: IntArray,
+        *,
+        anywhere: bool,
+        min_matched: int = 3,
+        scans: int = 3,
+        min_probability: float = 0.999,
+    ) -> None:
+        self._ekf, self.landmarks, self.anywhere = ekf, landmarks, anywhere
+        self._min_matched, self._scans, self._min = min_matched, scans, min_probability
+        self._agreeing = 0
+        covariance, r = ekf.marginal(landmarks), len(ekf.robot_state)
+        positions = ekf.landmarks[np.searchsorted(ekf.ids, landmarks)]
+        self._search = Relocalizer(positions, covariance[r:, r:])
+        if not anywhere:
+            self._search.propose(ekf.pose)
+        self.hypotheses: PoseHypotheses | None = None
+        """Hypotheses of the pose at the last scan, with the ids of landmarks."""
+
+    def predict(self, u: FloatArray, U: FloatArray) -> None:
+        """Moves the hypotheses by a control (c,) with its covariance (c, c)."""
+        self._search.predict(u, U)
+
+    def add(self, z: FloatArray, R: FloatArray, labeled: IntArray) -> PoseHypotheses:
+        """Weights the hypotheses by a scan, and looks for others.
+
+        Args:
+            z: (k, 2).
+            R: (k, 2, 2) their covariances.
+            labeled: (k,) id of the landmark of each label, -1 for none.
+        """
+        row = np.searchsorted(self.landmarks, labeled).clip(0, len(self.landmarks) - 1)
+        rows = np.where(self.landmarks[row] == labeled, row, -1)
+        found = self._search.add(z, R, rows)
+        ids = np.append(self.landmarks, -1)  # the last is for none
+        self.hypotheses = found = replace(found, association=ids[found.association])
+        sure = len(found) > 0 and found.probability[0] >= self._min
+        sure = sure and np.count_nonzero(found.association[0] >= 0) >= self._min_matched
+        self._agreeing = self._agreeing + 1 if sure else 0
+        return found
+
+    @property
+    def is_found(self) -> bool:
+        """Whether one hypothesis is left."""
+        return self._agreeing >= self._scans
+
+    @property
+    def latest(self) -> IntArray:
+        """(k,) landmark of each observation of the last scan by the first hypothesis, else -1."""
+        assert self.hypotheses is not None
+        return np.asarray(self.hypotheses.association[0][self._search.latest], np.int64)
+
+    def is_elsewhere(self) -> bool:
+        """Whether the most probable pose is not that of the filter."""
+        assert self.hypotheses is not None
+        error = self.hypotheses.pose[0] - self._ekf.pose
+        error[2] = float(wrap(error[2]))
+        S = self._ekf.pose_covariance + self.hypotheses.covariance[0]
+        return self.anywhere or bool(error @ np.linalg.solve(S, error) > SAME_POSE)
+
+    def reset_pose(self) -> None:
+        """Gives the filter the most probable pose.
+
+        The points of the last scans update it, so that it has its covariance with the landmarks:
+        its own before that is wide beside theirs and that of the hypothesis.
+        """
+        assert self.hypotheses is not None
+        pose, association = self.hypotheses.pose[0], self.hypotheses.association[0]
+        used = np.searchsorted(self._ekf.ids, association[association >= 0])
+        position = self._ekf.landmark_covariances[used].trace(axis1=1, axis2=2).mean()
+        wide = np.diag([position, position, MIN_HEADING_SIGMA**2])
+        self._ekf.reset_pose(pose, PRIOR_WEIGHT * (self.hypotheses.covariance[0] + wide))
+        self._ekf.update_scan(*self._search.observations, association)  # C.10-C.14
