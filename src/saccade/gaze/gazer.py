@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import require
+from saccade.landmark_names import parse_labels
 from saccade.slam import Slam
 from saccade.slam.models import MOTIONS, observe, wrap
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -48,7 +49,7 @@ class Look:
     tilt: float
     """Radians up; 0, as the map is planar."""
     target: tuple[float, float]
-    """x, y in the map of the point on the optical axis at half the reach, in metres."""
+    """x, y in the map of the point on the optical axis at half the largest range, in meters."""
     reason: str
     """Why the camera looks there."""
 
@@ -59,13 +60,13 @@ class Gazer:
     Args:
         slam: SLAM of the robot, live or with a loaded map; only read.
         fov: horizontal field of view of the camera, in radians.
-        reach: greatest range of an observation, in metres.
+        max_range: largest range of an observation, in meters.
         pan: least and greatest pan, in radians to the left of the heading.
         rate: angular rate of the camera, in radians per second.
         policy: a name of `POLICIES`, or a function from the gazer to a pan in radians.
         period: seconds between decisions, and of one control of a plan.
         seed: seed of the policy "random".
-        odometry: standard deviations of the motion after one metre, in metres and radians.
+        odometry: standard deviations of the motion after one meter, in meters and radians.
         pan_sigma: standard deviation of the measured pan, in radians.
 
     Raises:
@@ -76,9 +77,9 @@ class Gazer:
         >>> from saccade.gaze import Gazer
         >>> from saccade.slam import Slam
         >>> slam = Slam()
-        >>> R, names = np.diag([0.1, 0.02])[None] ** 2, [7]
-        >>> _ = slam.step(0.0, z=np.array([[4.0, 1.5]]), R=R, names=names)
-        >>> gazer = Gazer(slam, fov=0.9, reach=8.0, policy="salient", period=1.0)
+        >>> R = np.diag([0.1, 0.02]) ** 2
+        >>> _ = slam.step(0.0, z=np.array([[4.0, 1.5]]), R=R, labels=[7])
+        >>> gazer = Gazer(slam, fov=0.9, max_range=8.0, policy="salient", period=1.0)
         >>> gazer.next().pan > 1
         True
     """
@@ -87,7 +88,7 @@ class Gazer:
         self,
         slam: Slam,
         fov: float,
-        reach: float,
+        max_range: float,
         pan: tuple[float, float] = (-2.4, 2.4),
         rate: float = 2.0,
         policy: "str | Policy" = "active",
@@ -98,14 +99,14 @@ class Gazer:
         pan_sigma: float = 0.0,
     ) -> None:
         require(0 < fov <= 2 * pi, "fov", "over 0 and up to 2 pi", fov)
-        require(0 < reach < 1e3, "reach", "over 0 and under 1000", reach)
+        require(0 < max_range < 1e3, "max_range", "over 0 and under 1000", max_range)
         require(-2 * pi <= pan[0] <= pan[1] <= 2 * pi, "pan", "ascending, within 2 pi", pan)
         require(rate > 0, "rate", "over 0", rate)
         require(0 < period <= HORIZON, "period", f"over 0 and up to {HORIZON}", period)
         require(0 <= pan_sigma <= 1, "pan_sigma", "from 0 to 1", pan_sigma)
         known = callable(policy) or policy in POLICIES
         require(known, "policy", f"one of {', '.join(POLICIES)}", policy)
-        self.slam, self.fov, self.reach, self.limits = slam, fov, reach, pan
+        self.slam, self.fov, self.max_range, self.limits = slam, fov, max_range, pan
         self.rate, self.period = rate, period
         self.pan = float(np.clip(0.0, *pan))
         """Present pan in radians."""
@@ -114,9 +115,9 @@ class Gazer:
         self.plan = np.zeros((0, 2))
         """(h, c) controls to come."""
         self.salience: dict[object, float] = {}
-        """Salience of landmarks by name; 1 for others."""
+        """Salience of landmarks by label; 1 for others."""
         self.last_seen: dict[object, float] = {}
-        """Time at which each landmark was last looked at, by name."""
+        """Time at which each landmark was last looked at, by label."""
         self.candidates = np.linspace(*pan, max(1, ceil(3 * (pan[1] - pan[0]) / fov)) + 1)
         """(c,) candidate pans, at most a third of the field of view apart."""
         self._policy: Policy = policy if callable(policy) else getattr(self, f"_{policy}")
@@ -124,7 +125,7 @@ class Gazer:
         self._rng, self._goal = np.random.default_rng(seed), 0.0
         self._odometry, self._pan_sigma = odometry, pan_sigma
         self._seen_cells: set[tuple[int, int]] = set()
-        cells = np.arange(-ceil(reach), ceil(reach) + 1)
+        cells = np.arange(-ceil(max_range), ceil(max_range) + 1)
         self._around = np.stack(np.meshgrid(cells, cells), -1).reshape(-1, 2)
 
     def next(
@@ -135,7 +136,7 @@ class Gazer:
         Args:
             plan: (h, c) controls of the next periods, in the convention of the motion model; the
                 last one is repeated. By default the robot goes straight on as in the last plan.
-            salience: salience of landmarks by name, in [0, 1]; it is remembered.
+            salience: salience of landmarks by label, in [0, 1]; it is remembered.
         """
         if plan is not None:
             self.plan = np.asarray(plan, np.float64)
@@ -146,21 +147,21 @@ class Gazer:
         turn = self.rate * self.period
         self.pan += float(np.clip(goal - self.pan, -turn, turn))
         self.time += self.period
-        x, y, heading = self.slam.ekf.pose.tolist()
-        direction, half = heading + self.pan, self.reach / 2
+        x, y, heading = self.slam.filter.pose.tolist()
+        direction, half = heading + self.pan, self.max_range / 2
         target = x + half * cos(direction), y + half * sin(direction)
         return Look(self.pan, 0.0, target, self._reason)
 
-    def observed(self, pan: float, names: npt.ArrayLike = ()) -> None:
-        """Record what was seen, for the inhibition of return and for the area that is new.
+    def record(self, *, pan: float, labels: npt.ArrayLike = ()) -> None:
+        """Records what was seen, for the inhibition of return and for the area that is new.
 
         Args:
             pan: measured pan of the camera, in radians.
-            names: (k,) names of the observed landmarks.
+            labels: (k,) labels of the observed landmarks.
         """
         self.pan = float(pan)
-        self.last_seen |= dict.fromkeys(np.ravel(names).tolist(), self.time)
-        pose = self.slam.ekf.pose
+        self.last_seen |= dict.fromkeys(parse_labels(np.ravel(labels)), self.time)
+        pose = self.slam.filter.pose
         cells = self._cells(pose)
         seen = self._sees(pose[None], np.array([[self.pan]]), cells + 0.5)[0, 0]
         self._seen_cells.update(map(tuple, cells[seen].tolist()))
@@ -215,10 +216,10 @@ class Gazer:
 
     def _roll_out(self) -> "View":
         """The next `HORIZON` seconds: the robot follows its plan, the camera turns to each pan."""
-        ekf, r = self.slam.ekf, len(self.slam.ekf.robot_state)
+        start, found = self.slam.filter.pose, self.slam.map
         steps = np.minimum(np.arange(ceil(HORIZON / self.period)), len(self.plan) - 1)
         controls = self.plan[steps] if len(self.plan) else np.zeros((0, 2))
-        poses, F, Q = [ekf.pose], np.eye(r), np.zeros((r, r))
+        poses, F, Q = [start], np.eye(3), np.zeros((3, 3))
         for i, u in enumerate(np.array_split(controls, SAMPLES)):
             if len(u) == 0:
                 poses.append(poses[-1])
@@ -227,50 +228,43 @@ class Gazer:
             moved, Fx, Fu = MOTIONS[len(u)](poses[-1], u)
             poses.append(moved)
             if i < SAMPLES // 2:
-                A = np.eye(r)
-                A[:3, :3] = Fx
                 sigma = np.append(np.full(len(u) - 1, self._odometry[0]), self._odometry[1])
-                F, Q = A @ F, A @ Q @ A.T
-                Q[:3, :3] += (Fu * sigma**2 * abs(u[0])) @ Fu.T
+                F, Q = Fx @ F, Fx @ Q @ Fx.T + (Fu * sigma**2 * abs(u[0])) @ Fu.T
         sampled, center = np.array(poses[1:]), poses[SAMPLES // 2]
-        distance = np.hypot(*(ekf.landmarks - center[:2]).T)
-        distance[~self.slam.confirmed] = np.inf
+        distance = np.hypot(*(found.xy - center[:2]).T)
         nearest = np.argsort(distance, kind="stable")[:MAX_LANDMARKS]
-        landmarks = nearest[distance[nearest] < 2 * self.reach]
+        near = nearest[distance[nearest] < 2 * self.max_range]
         turn = self.rate * HORIZON * np.arange(1, SAMPLES + 1)[:, None] / SAMPLES
         pan = self.pan + np.clip(self.candidates - self.pan, -turn, turn)  # (s, c)
-        seen = self._sees(sampled, pan, ekf.landmarks[landmarks]).mean(0)
-        return View(center, F, Q, landmarks, seen)
+        seen = self._sees(sampled, pan, found.xy[near]).mean(0)
+        return View(center, F, Q, found.id[near], found.xy[near], seen)
 
     def _sees(self, poses: FloatArray, pan: FloatArray, points: npt.NDArray[Any]) -> BoolArray:
         """(s, c, k) whether points (k, 2) are in view from poses (s, 3) with pans (s, c)."""
         offset = points - poses[:, None, :2]
         bearing = np.arctan2(offset[..., 1], offset[..., 0]) - poses[:, 2, None]
         inside = np.abs(wrap(bearing[:, None] - pan[..., None])) < (0.5 - MARGIN) * self.fov
-        near = np.hypot(offset[..., 0], offset[..., 1]) < self.reach
+        near = np.hypot(offset[..., 0], offset[..., 1]) < self.max_range
         return np.asarray(inside & near[:, None])
 
     def _information(self, view: "View") -> FloatArray:
         """(c,) mutual information of the state and the expected observations, in nats.
 
-        Of the whole state, since the landmarks that are measured now are what the pose is measured
-        by later. By the joint covariance of pose and landmarks, so that what both have in common
-        is worth nothing.
+        The whole state counts, since the landmarks that are measured now are what the pose is
+        measured by later. The joint covariance of pose and landmarks makes what both have in common
+        worth nothing.
         """
-        ekf, landmarks, seen = self.slam.ekf, view.landmarks, view.seen
-        robot, k = ekf.robot_state, len(view.landmarks)
+        seen, k = view.seen, len(view.landmarks)
         if k == 0:
             return np.zeros(len(seen))
-        r = len(robot)
-        P = ekf.marginal(landmarks)
-        P[:r] = view.F @ P[:r]
-        P[:, :r] = P[:, :r] @ view.F.T
-        P[:r, :r] += view.Q
-        robot[:3] = view.pose
-        z, H = observe(robot, ekf.landmarks[landmarks])
+        P = self.slam.joint_covariance(view.landmarks)
+        P[:3] = view.F @ P[:3]
+        P[:, :3] = P[:, :3] @ view.F.T
+        P[:3, :3] += view.Q
+        z, H = observe(view.pose, view.xy)
         by_landmark = np.zeros((k, 2, k, 2))
-        by_landmark[np.arange(k), :, np.arange(k)] = H[..., r:]
-        J = np.hstack([H[..., :r].reshape(2 * k, r), by_landmark.reshape(2 * k, 2 * k)])
+        by_landmark[np.arange(k), :, np.arange(k)] = H[..., 3:]
+        J = np.hstack([H[..., :3].reshape(2 * k, 3), by_landmark.reshape(2 * k, 2 * k)])
         bearing = np.hypot(BEARING_SIGMA, np.sqrt(seen.sum(1)) * self._pan_sigma)[:, None]
         sigma = np.stack(np.broadcast_arrays(RANGE_SIGMA * z[:, 0], bearing), -1)  # (c, k, 2)
         B = (np.sqrt(seen)[..., None] / sigma).reshape(len(seen), 2 * k)  # root of R's inverse
@@ -286,13 +280,13 @@ class Gazer:
 
     def _remembered_salience(self, view: "View") -> FloatArray:
         """(c,) salience of the landmarks of each view, inhibited where they were looked at."""
-        names = self.slam.landmark_names[view.landmarks].tolist()
-        salience = np.array([self.salience.get(name, 1.0) for name in names])
-        since = np.array([self.time - self.last_seen.get(name, -np.inf) for name in names])
+        labels = self.slam.landmarks.labels_of(view.landmarks.tolist())
+        salience = np.array([self.salience.get(label, 1.0) for label in labels])
+        since = np.array([self.time - self.last_seen.get(label, -np.inf) for label in labels])
         return np.asarray(view.seen @ (salience * -np.expm1(-since / INHIBITION)))
 
     def _cells(self, pose: FloatArray) -> IntArray:
-        """(n, 2) cells of a square metre around a pose (3,), by their smallest x and y."""
+        """(n, 2) cells of a square meter around a pose (3,), by their smallest x and y."""
         return np.floor(pose[:2]).astype(np.int64) + self._around
 
 
@@ -307,10 +301,12 @@ class View:
     pose: FloatArray
     """(3,) in the middle of the rollout."""
     F: FloatArray
-    """(r, r) Jacobian of that robot state by the present one."""
+    """(3, 3) Jacobian of that pose by the present one."""
     Q: FloatArray
-    """(r, r) covariance of the motion in between."""
+    """(3, 3) covariance of the motion in between."""
     landmarks: IntArray
-    """(k,) numbers of the landmarks."""
+    """(k,) ids of the landmarks."""
+    xy: FloatArray
+    """(k, 2) their positions."""
     seen: FloatArray
     """(c, k) fraction of the rollout in which each is in view."""

@@ -73,7 +73,7 @@ class GazeControl:
         pan_sigma = 0.0 if turn is None else turn.sigma
         gazer = self._gazer = self._gazer or self._make(visual_map, egomotion, pan_sigma)
         pose, own, pan = visual_map.ekf.pose, tracked.landmarks, features.frame.frame.gaze.pan
-        gazer.observed(pan, own.landmark)
+        gazer.record(pan=pan, labels=own.landmark)
         if features.saliency is not None:
             camera = visual_map.camera
             values = sample_saliency(features.saliency, (camera.height, camera.width), own.xy)

@@ -14,9 +14,8 @@ from math import dist, log, nan
 import cv2
 import numpy as np
 
-from saccade.io.checkpoint import Arrays, Checkpointed, select
 from saccade.plane import steps_between
-from saccade.slam.recovery import PoseSearch
+from saccade.slam.pose_search import PoseSearch
 from saccade.slam.results import PoseHypotheses
 from saccade.types import Float32Array, FloatArray
 from saccade.visual.config import VisualConfig
@@ -81,7 +80,7 @@ MIN_MATCHED, FRAMES_IN_AGREEMENT = 5, 2
 in a row in which they must."""
 
 
-class Recovery(Checkpointed):
+class Recovery:
     """Whether the robot is lost, and the search for it.
 
     Args:
@@ -89,8 +88,6 @@ class Recovery(Checkpointed):
         motion: what is known of the steps.
         config: the settings.
     """
-
-    not_state = ("_map", "_motion")
 
     def __init__(
         self, visual_map: VisualMap, motion: MotionEstimator, config: VisualConfig
@@ -186,7 +183,7 @@ class Recovery(Checkpointed):
         keep = usable[index] & has_same_height(observations[index], landmarks.height[rows])
         index, rows = index[keep], rows[keep]
         z, R = observations.z[index], observations.covariance[index]
-        self._hypotheses = self._search.add(z, R, rows)
+        self._hypotheses = self._search.add(z, R, landmarks.id[rows])
         if not self._search.is_found:
             return False
         self._search.reset_pose()
@@ -196,7 +193,7 @@ class Recovery(Checkpointed):
     def _new_search(self) -> PoseSearch:
         ekf = self._map.ekf
         return PoseSearch(
-            *(ekf, np.arange(len(ekf))),
+            *(ekf, ekf.ids),
             anywhere=False,
             min_matched=MIN_MATCHED,
             scans=FRAMES_IN_AGREEMENT,
@@ -221,14 +218,9 @@ class Recovery(Checkpointed):
         self._blind = 0.0
         self.test.reset()
 
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore the state from the arrays of `to_arrays`, with the map of the same frame."""
-        self._search = self._new_search() if select(arrays, "_search") else None
-        super().from_arrays(arrays)
-
 
 @dataclass
-class LostTest(Checkpointed):
+class LostTest:
     """Cumulative evidence that the robot is not where the filter believes it to be."""
 
     acceleration_sigma: tuple[float, float]

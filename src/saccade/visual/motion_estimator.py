@@ -3,7 +3,6 @@
 import numpy as np
 
 from saccade.frames import CameraTurn, Drive
-from saccade.io.checkpoint import Checkpointed
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate, camera_motion
@@ -25,7 +24,7 @@ MIN_TURN_BIAS_SIGMA = 0.02
 """Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
 
 
-class MotionEstimator(Checkpointed):
+class MotionEstimator:
     """The steps of a drive by odometry alone; a camera that measures depth only maps.
 
     Args:

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.io.checkpoint import Checkpointed
 from saccade.slam.consistency import chi_square_gate
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
@@ -39,7 +38,7 @@ def fuse(first: MotionEstimate, second: MotionEstimate) -> MotionEstimate:
 
 
 @dataclass
-class MotionPrior(Checkpointed):
+class MotionPrior:
     """Constant-velocity prediction, fused with odometry."""
 
     acceleration_sigma: FloatArray
@@ -68,7 +67,7 @@ class MotionPrior(Checkpointed):
 
 
 @dataclass
-class Planarity(Checkpointed):
+class Planarity:
     """Standard deviations of roll, pitch and height, from the motion of the camera."""
 
     assumed_tilt: float

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from saccade.io.checkpoint import Checkpointed
 from saccade.types import FloatArray
 from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_prior import CONSTANT_DISTANCE
@@ -22,7 +21,7 @@ MAX_NIS = 9.0
 """Normalized innovation squared per dimension (3 sigma) beyond which a measurement is ignored."""
 
 
-class OdometryErrors(Checkpointed):
+class OdometryErrors:
     """Systematic errors of odometry (information filter).
 
     Scale and turn rate are constant. Odometry knows of no side-slip: its angle is a constant plus

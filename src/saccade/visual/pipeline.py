@@ -1,7 +1,7 @@
 """Visual SLAM, frame by frame: detect, track, predict, update, associate, attend, initialize."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import Self
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from saccade.errors import require
 from saccade.frames import CameraTurn, Drive, EndOfDrive, Frame
-from saccade.io.checkpoint import Arrays, Checkpoint, Checkpointed, Stateful
 from saccade.plane import steps_between
 from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.snapshots import Recorder
@@ -49,7 +48,6 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     *,
     recorder: Recorder | None = None,
-    checkpoint: Checkpoint | None = None,
     tracks: TrackRecorder | None = None,
     gaze: GazeControl | None = None,
 ) -> VisualResult:
@@ -60,31 +58,18 @@ def run(
         config: the settings.
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
-        checkpoint: saves the state of the run; an interrupted run resumes from it.
         tracks: records the tracked points.
-        gaze: turns the camera after each frame. Its state is no part of a checkpoint.
+        gaze: turns the camera after each frame.
 
     Returns:
         Trajectory, map and observations.
 
     Raises:
         DriveError: no frame can be used, or images have another size than the calibration.
-        ConfigError: both a checkpoint and a gaze.
     """
     config = config or VisualConfig()
-    both = checkpoint is not None and gaze is not None
-    require(not both, "checkpoint", "none where a gaze is controlled", "both")
     with Pipeline(drive, config, gaze) as pipeline:
-        first = 0
-        if checkpoint is not None:
-            data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
-            parts: dict[str, Stateful | None] = {
-                "pipeline": pipeline,
-                "recorder": recorder,
-                "tracks": tracks,
-            }
-            first = checkpoint.resume((config, data, tracks is not None), parts)
-        for number in range(first, len(drive)):
+        for number in range(len(drive)):
             try:
                 pipeline.step(number)
             except EndOfDrive:
@@ -93,20 +78,17 @@ def run(
                 tracks.add(pipeline.tracked, pipeline.detected, pipeline.turn)
             if recorder is not None:
                 tracked = pipeline.tracked.landmarks.landmark
-                rows = pipeline.map.landmarks.rows(tracked)
                 recorder.add(
-                    *(number, len(drive), pipeline.map.ekf, rows),
+                    *(number, len(drive), pipeline.map.slam, tracked),
                     hypotheses=pipeline.recovery.hypotheses,
                     covariance=pipeline.pose_covariance,
                 )
-            if checkpoint is not None:
-                checkpoint.save(number + 1, parts)
             if progress is not None:
                 progress(number + 1, len(drive))
         return pipeline.result()
 
 
-class Pipeline(Checkpointed):
+class Pipeline:
     """Visual SLAM over the frames of a drive.
 
     A context manager: the thread that reads the next frames and detects their points ends with it.
@@ -116,8 +98,6 @@ class Pipeline(Checkpointed):
         config: the settings.
         gaze: turns the camera after each frame.
     """
-
-    not_state = ("detected",)
 
     def __init__(self, drive: Drive, config: VisualConfig, gaze: GazeControl | None = None) -> None:
         first = first_frame(drive)
@@ -208,14 +188,6 @@ class Pipeline(Checkpointed):
     def result(self) -> VisualResult:
         """The result of the frames so far."""
         return self.log.result(self.map, self.motion)
-
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore the state from the arrays of `to_arrays`."""
-        super().from_arrays(arrays)
-        if self.log.last_visible is not None:
-            self._previous = self._extract(self.log.last_visible).frame
-            self.motion.turn_camera(self._previous.frame.turn)
-            self.map.turn_camera(self._previous.frame.turn)
 
     def _detect_if_few(self, number: int, features: FrameFeatures) -> FrameFeatures:
         """Detect points ahead of time where a camera that turns has left most of them behind."""

@@ -6,7 +6,6 @@ from enum import IntEnum
 import numpy as np
 
 from saccade.frames import Drive
-from saccade.io.checkpoint import Checkpointed
 from saccade.slam.models import compose
 from saccade.types import (
     BoolArray,
@@ -101,7 +100,7 @@ class VisualResult:
 
 
 @dataclass(eq=False)
-class RunLog(Checkpointed):
+class RunLog:
     """Poses, motions and observations of the frames so far."""
 
     drive: Drive

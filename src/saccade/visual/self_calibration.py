@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from saccade.frames import Camera
-from saccade.io.checkpoint import Checkpointed
 from saccade.slam.models import compose, heading_rotation
 from saccade.types import FloatArray
 
@@ -35,7 +34,7 @@ MIN_GAIN = 12.0
 errors of a track are correlated, they reach 8 by chance."""
 
 
-class SelfCalibration(Checkpointed):
+class SelfCalibration:
     """Constant errors of a calibration, estimated from all windows so far.
 
     Args:
@@ -125,7 +124,7 @@ class CalibrationReport:
     """Fraction by which a disparity offset of one pixel changes all distances."""
 
 
-class CalibrationDrift(Checkpointed):
+class CalibrationDrift:
     """What errors of the calibration have done to the pose since the start.
 
     Errors that are estimated late, or remain, displace the whole trajectory: they widen the

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from saccade.frames import Camera, Drive
-from saccade.io.checkpoint import Checkpointed
 from saccade.types import FloatArray
 from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
@@ -156,7 +155,7 @@ class SingleCameraMotionEstimator(MotionEstimator):
 
 
 @dataclass
-class CameraTrajectory(Checkpointed):
+class CameraTrajectory:
     """Poses of the camera at each frame, accumulated from its motions."""
 
     rotation: list[FloatArray] = field(default_factory=lambda: [np.eye(3)])

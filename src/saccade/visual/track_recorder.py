@@ -6,7 +6,6 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from saccade.frames import CameraTurn, Drive, Frame, Tracks
-from saccade.io.checkpoint import Checkpointed
 from saccade.types import FloatArray, IntArray, Table, column
 from saccade.visual.depth import first_frame
 from saccade.visual.optical_flow import ByteArray
@@ -31,7 +30,7 @@ class RecordedPoints(Table):
     """(k, 128); 0 where the point was not detected."""
 
 
-class TrackRecorder(Checkpointed):
+class TrackRecorder:
     """Records the points that are tracked in each frame.
 
     They have descriptors in those frames in which they are also detected. A landmark that is

@@ -3,7 +3,6 @@
 import numpy as np
 
 from saccade.frames import CameraTurn, Drive
-from saccade.io.checkpoint import Checkpointed
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import PredictedObservations
@@ -22,7 +21,7 @@ MIN_RESCALE = 1e-3
 """Relative change of scale from which the map is rescaled: a tenth of the scale's uncertainty."""
 
 
-class VisualMap(Checkpointed):
+class VisualMap:
     """EKF-SLAM over the landmarks of a drive.
 
     Args:
@@ -56,7 +55,7 @@ class VisualMap(Checkpointed):
         by_wheels = config.egomotion == "wheels"
         bias = drive.odometry_bias if by_wheels else (0.0, 0.0, 0.0)
         self.slam = Slam(settings, start=drive.start, odometry_bias=bias)
-        """Steps the filter; the names of its landmarks are their ids."""
+        """Steps the filter; the labels of its landmarks are their ids."""
         self.landmarks = Landmarks()
         self.next_id = 0
         """Id of the next landmark."""
@@ -69,7 +68,7 @@ class VisualMap(Checkpointed):
     @property
     def ekf(self) -> EkfSlam:
         """The filter, to read."""
-        return self.slam.ekf
+        return self.slam.filter
 
     def move(self, number: int, control: MotionEstimate) -> None:
         """Predict the pose of a frame by a control (3,) with covariance (3, 3)."""
@@ -145,7 +144,7 @@ class VisualMap(Checkpointed):
     def _observe(self, ids: IntArray, z: FloatArray, R: FloatArray) -> None:
         """Process observations of landmarks (k,) at the present pose; unknown ones are added."""
         if len(ids) > 0:
-            self.slam.process(Scan(0.0, None, np.ascontiguousarray(z), R, ids))
+            self.slam.process(Scan(0.0, None, np.ascontiguousarray(z), R, ids.tolist()))
 
     def initialize(
         self, observations: RangeBearings, descriptors: ByteArray, number: int
@@ -174,7 +173,7 @@ class VisualMap(Checkpointed):
 
     def remove(self, rows: IntArray) -> None:
         """Remove landmarks by their rows, ascending."""
-        self.slam.remove(rows)
+        self.slam.remove(self.landmarks.id[rows])
         self.landmarks = self.landmarks[np.delete(np.arange(len(self.landmarks)), rows)]
 
     def _covariance(self, observations: RangeBearings, count: int) -> FloatArray:

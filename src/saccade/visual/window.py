@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from saccade.frames import Camera
-from saccade.io.checkpoint import Checkpointed
 from saccade.types import FloatArray, IntArray
 from saccade.visual._window_kernels import add_motion_factors, eliminate_points, step_motion
 from saccade.visual.camera import directions, intrinsics_of
@@ -39,7 +38,7 @@ MAX_INVERSE_DEPTH = 10.0
 """Upper bound of the estimated inverse depths, in 1 / metres."""
 
 
-class SlidingWindow(Checkpointed):
+class SlidingWindow:
     """Bundle adjustment over the last frames.
 
     Args:
