@@ -111,7 +111,7 @@ def drive(run: Run) -> tuple[float, bool, float]:
         z = log.observation[rows] + np.array([0.0, encoder[i]])
         scan = z, gazer.add_pan_error(log.observation_covariance[rows]), labels
         results.append(slam.step(time, *moved, *(scan if len(rows) else ())))
-        gazer.observed(pan + encoder[i], labels)
+        gazer.record(pan=pan + encoder[i], labels=labels)
         for label in labels.tolist():
             closed |= i - first.setdefault(label, i) > len(log.time) / LAPS / 2
         pan = gazer.next(steps[i:] if i < len(steps) else None).pan
@@ -128,7 +128,7 @@ def _robot(log: LandmarkLog, known: bool) -> Slam:
     if known:
         z = observe(log.start, log.landmark_truth.xy)[0]
         R = KNOWN_SIGMA**2 * np.stack([np.ones(len(z)), z[:, 0] ** -2.0], 1)[:, None] * np.eye(2)
-        slam.step(float(log.time[0]), z=z, R=R, names=log.landmark_truth.id)
+        slam.step(float(log.time[0]), z=z, R=R, labels=log.landmark_truth.id)
         slam.mode = "localize"
     return slam
 

@@ -43,7 +43,7 @@ class Step(NamedTuple):
     U: FloatArray | None
     z: FloatArray | None = None
     R: FloatArray | None = None
-    names: IntArray | None = None
+    labels: IntArray | None = None
 
 
 def robot(
@@ -66,7 +66,7 @@ def robot(
         if i % interval == 0:
             near = np.flatnonzero(np.hypot(*(world - pose[:2]).T) < REACH)
             z = slam.observe(pose, world[near])[0] + SIGMA * rng.normal(size=(len(near), 2))
-            step = step._replace(z=z, R=np.tile(R, (len(z), 1, 1)), names=near)
+            step = step._replace(z=z, R=R, labels=near)
         yield step
 
 
@@ -105,7 +105,7 @@ def main() -> None:
             median, most, nearly, longest = np.quantile(ms, (0.5, 0.99, 0.999, 1.0))
             scans = np.median(ms[::SCAN_INTERVAL])
             print(
-                f"{landmarks:9}  {name:11}{len(live.ekf):8}{median:9.3f}{most:7.3f}{nearly:8.3f}"
+                f"{landmarks:9}  {name:11}{len(live.map):8}{median:9.3f}{most:7.3f}{nearly:8.3f}"
                 f"{longest:8.2f}{(ms > 1).mean():11.4%}{scans:7.3f}"
                 f"{memory[0]:7.0f} -> {memory[-1]:.0f} MB",
                 flush=True,

@@ -52,12 +52,12 @@ def measure(
         maps.append(slam.slam_for(log, slam.EkfConfig(association="known")))
         slam.run(log, initial=maps[-1])
         unnamed.append(copy.deepcopy(maps[-1]))
-        unnamed[-1].associate.known = {}
+        unnamed[-1].landmarks.labels = {}
     try:
         merged = slam.merge_maps(*unnamed)
     except LogError:
         return None
-    names = [each.identities for each in maps]
+    names = [each.map.label for each in maps]
     same = names[0][merged.common[:, 0]] == names[1][merged.common[:, 1]]
     new = np.setdiff1d(np.arange(len(names[1])), merged.common[:, 1])
     truth = logs[0].landmark_truth
@@ -66,12 +66,12 @@ def measure(
     c, s = np.cos(start[2]), np.sin(start[2])
     to_map = np.array([[c, -s], [s, c]])
     true = (truth.xy[rows] - start[:2]) @ to_map
-    error, C = merged.slam.ekf.landmarks - true, merged.slam.ekf.landmark_covariances
+    error, C = merged.slam.filter.landmarks - true, merged.slam.filter.landmark_covariances
     nees = normalized_squared(error, C)
     difference = logs[1].truth.pose[parts[1][0]] - start
     wrong = merged.transform - np.append(difference[:2] @ to_map, difference[2])
     wrong[2] = slam.wrap(wrong[2])
-    before = maps[0].ekf.landmarks - true[: len(names[0])]
+    before = maps[0].filter.landmarks - true[: len(names[0])]
     rmse = [np.sqrt(np.square(e).sum(1).mean()) for e in (error[: len(names[0])], before)]
     transform_nees = normalized_squared(wrong, merged.covariance)
     return (~same).sum(), len(same), nees.mean(), transform_nees, *rmse

@@ -34,10 +34,10 @@ def mapped(log: LandmarkLog) -> slam.Slam:
 def exact(file: Path, log: LandmarkLog) -> slam.Slam:
     """The map with landmarks that have no uncertainty."""
     robot = slam.Slam.load(file, "localize", start=log.start)
-    r = len(robot.ekf.robot_state)
-    P = robot.ekf.covariance
+    ekf, r = robot.filter, len(robot.filter.robot_state)
+    P = ekf.covariance
     P[r:, r:] = 1e-8 * np.eye(len(P) - r)
-    robot.ekf.set_gaussian(robot.ekf.state, P, robot.ekf.ids)
+    ekf.set_gaussian(ekf.state, P, ekf.ids)
     return robot
 
 

@@ -59,8 +59,9 @@ def stepped(ekf: EkfSlam, seen: np.ndarray) -> float:
     control, z, landmark = stretch(ekf.pose, seen)
     live = slam.Slam(slam.EkfConfig(association="known", submaps="never", recover=False))
     live.hypotheses.best.ekf = ekf
-    for number in range(len(ekf)):
-        live.associate.bind(number, number)
+    live.landmarks.add(ekf.ids, confirmed=True)
+    for number in ekf.ids.tolist():
+        live.landmarks.label(number, number)
     start = time.perf_counter()
     for i in range(STEPS):
         live.step(float(i), control[i], U, z[i : i + 1], NOISE[None], landmark[i : i + 1])

@@ -1,13 +1,13 @@
 """Turn the camera of a ROS 2 robot to where its map tells most.
 
-    gazer = Gazer(slam, fov=radians(50), reach=8.0, period=0.2, pan_sigma=0.002)
+    gazer = Gazer(slam, fov=radians(50), max_range=8.0, period=0.2, pan_sigma=0.002)
     turn = GazePublisher(node, "pan_tilt_controller/joint_trajectory")
 
 and for each image, with ranges and bearings z in the frame of the camera and their covariances R:
 
     pan = pan_of(buffer, "base_link", "camera_optical", stamp)
-    slam.step(time, control, U, z + np.array([0.0, pan]), gazer.add_pan_error(R), names)
-    gazer.observed(pan, names)
+    slam.step(time, control, U, z + np.array([0.0, pan]), gazer.add_pan_error(R), labels)
+    gazer.record(pan=pan, labels=labels)
     turn(gazer.next(plan))
 
 The controller of the pan-tilt unit turns the joints `pan` and `tilt`: radians to the left and up,

@@ -316,14 +316,14 @@ def main() -> None:
             tf.transform.rotation.z = np.sin(heading / 2)
             tf.transform.rotation.w = np.cos(heading / 2)
             broadcaster.sendTransform(tf)
-        markers, ekf = MarkerArray(), queue.filter.ekf
+        markers, found = MarkerArray(), queue.filter.map
         delete = Marker()
         delete.action = 3  # all
         markers.markers.append(delete)
-        for number, xy in enumerate(ekf.landmarks):
+        for i, xy in enumerate(found.xy):
             marker = Marker()
             marker.header.stamp, marker.header.frame_id = stamp, "map"
-            fill_marker(marker, number, xy, ekf.landmark_covariances[number])
+            fill_marker(marker, int(found.id[i]), xy, found.covariance[i])
             markers.markers.append(marker)
         landmarks.publish(markers)
 

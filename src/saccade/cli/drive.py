@@ -37,7 +37,6 @@ from saccade.cli.output import (
     Table,
     print_message,
     progress_bar,
-    resumable,
     write_arrays,
 )
 from saccade.datasets import load_drive, save_drive, write_landmarks, write_table, write_tum
@@ -47,7 +46,7 @@ from saccade.errors import ImageError, setting
 from saccade.evaluation.runs import summarize_drive
 from saccade.frames import Drive, Frame
 from saccade.io.files import FORMATS, results_in
-from saccade.slam import Checkpoint, Recorder
+from saccade.slam import Recorder
 from saccade.types import Float32Array, Image, MapSnapshot
 from saccade.viewing import drive_frames, map_figure
 from saccade.viewing.film import Eye
@@ -85,8 +84,6 @@ def drive(options: DriveOptions) -> Result:
     (observations.csv), a figure (map.png), an interactive report (report.html),
     and settings and scores (run.json); with --film a film (drive.mp4) and a
     frame of it (drive.png) too.
-
-    An interrupted run resumes from its last checkpoint.
 
     With --camera a camera is mapped live, and recorded in the folder SEQUENCE,
     whose camera.toml is its calibration; Ctrl-C ends the drive.
@@ -173,22 +170,19 @@ def map_drive(
         require_writable(options.save_tracks, drive)
         tracks = visual.TrackRecorder()
     recorder = Recorder(SNAPSHOTS)
-    checkpoint = Checkpoint(options.out / "checkpoint.npz", options.checkpoint)
 
     def report(done: int, total: int) -> None:
         progress(done, total, "map")
 
-    with resumable(checkpoint.path), visual.dedicated_process():
+    with visual.dedicated_process():
         result = visual.run(
             *(drive, settings, report),
             recorder=recorder,
-            checkpoint=checkpoint,
             tracks=tracks,
         )
     row = write_results(drive, settings, options, progress, result, recorder.snapshots)
     if options.save_tracks is not None and tracks is not None:
         save_drive(options.save_tracks, tracks.drive(drive))
-    checkpoint.remove()
     return row
 
 

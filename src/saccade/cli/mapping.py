@@ -22,7 +22,6 @@ from saccade.cli.options import (
 )
 from saccade.cli.output import Progress, facts, write_text
 from saccade.datasets import symmetric_columns
-from saccade.errors import setting
 from saccade.io.files import FORMATS, atomic_write
 from saccade.io.video import video_writer
 from saccade.slam.consistency import chi_square_band, normalized_squared
@@ -50,8 +49,6 @@ class RunOutput(JsonOptions):
     """Format of the figures, png by default; several with commas."""
     film: Annotated[bool, OUTPUT, Parameter(negative="--no-film")] = False
     """Also write a film of the growing map."""
-    checkpoint: Annotated[float, OUTPUT, Parameter(metavar="SECONDS")] = setting(10.0, 0)
-    """Time between checkpoints, from which an interrupted run resumes."""
 
     def save_figure(self, figure: Figure, name: str) -> Path:
         """Write a figure in each format; returns the file of the first."""

@@ -34,7 +34,6 @@ from saccade.cli.output import (
     facts_table,
     print_message,
     progress_bar,
-    resumable,
 )
 from saccade.datasets import symmetric_columns, write_landmarks, write_table, write_tum
 from saccade.diagnostics.landmark_log import check_log
@@ -45,7 +44,6 @@ from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.landmark_names import name_texts
 from saccade.slam import (
-    Checkpoint,
     EkfConfig,
     Recorder,
     Slam,
@@ -147,10 +145,9 @@ def slam(options: SlamOptions = SlamOptions()) -> Result:
     interactive report (report.html), and settings and scores (run.json); with
     --film a film too (map.mp4).
 
-    An interrupted run resumes from its last checkpoint. With --map, the
-    settings are those of the map unless others are given. With --merge the
-    common landmarks of maps are found by their names or, without, by their
-    mutual distances.
+    With --map, the settings are those of the map unless others are given. With
+    --merge the common landmarks of maps are found by their labels or, without,
+    by their mutual distances.
 
     Example: saccade slam victoria_park.txt --out mapped
     """
@@ -188,7 +185,6 @@ def map_log(
     causes = check_log(log)
     out, slam = options.out, options.filter_of(log)
     settings = slam.config
-    checkpoint = Checkpoint(out / "checkpoint.npz", options.checkpoint)
     smoothed: SmoothResult | None = None
     try:
         viewer = LiveMap(log.name, log.time, dead_reckon(log, settings)) if options.live else None
@@ -197,10 +193,7 @@ def map_log(
         def filtered(done: int, total: int) -> None:
             progress(done, total, "filter")
 
-        with resumable(checkpoint.path):
-            result: SlamResult = run(
-                log, progress=filtered, recorder=recorder, checkpoint=checkpoint, initial=slam
-            )
+        result: SlamResult = run(log, progress=filtered, recorder=recorder, initial=slam)
         if options.smooth:
             progress(0, 1, "smoothing")
             smoothed = smooth(log, result, settings)
@@ -225,11 +218,11 @@ def map_log(
     summary = summarize_run(log, result, smoothed) | _map_figures(options, slam, result)
     found = filter(None, (*map(str, findings), summary["warning"]))
     summary |= {"warning": " ".join(found), "findings": [asdict(each) for each in findings]}
-    row = write_run(
+    return write_run(
         out,
         f"saccade slam: {log.name}",
         LEAD,
-        lambda: slam_part(log, result, smoothed, snapshots, summary, slam.sessions[-1]),
+        lambda: slam_part(log, result, smoothed, snapshots, summary, _num_loaded(slam)),
         files,
         {
             **summary,
@@ -239,8 +232,12 @@ def map_log(
         },
         report,
     )
-    checkpoint.remove()
-    return row
+
+
+def _num_loaded(slam: Slam) -> int:
+    """The id from which on landmarks are new in this session."""
+    counts = slam.landmarks.counts
+    return int(counts.id[counts.session < slam.landmarks.session].max(initial=-1)) + 1
 
 
 def _map_figures(options: SlamOptions, slam: Slam, result: SlamResult) -> dict[str, Any]:
@@ -248,7 +245,7 @@ def _map_figures(options: SlamOptions, slam: Slam, result: SlamResult) -> dict[s
     observations = result.map.observations
     if options.map_file is None or result.session is None or observations is None:
         return {"map": None}
-    session = len(slam.sessions) - 1
+    session = slam.landmarks.session
     loaded = result.session < session
     return {
         "map": str(options.map_file),
@@ -422,7 +419,7 @@ def _merge_maps(options: SlamOptions, maps: Sequence[Path]) -> Result:
             }
         )
     slam.save(out)
-    row = {"map": str(maps[0]), "merged": merged, "landmarks": len(slam.ekf), "file": str(out)}
+    row = {"map": str(maps[0]), "merged": merged, "landmarks": len(slam.map), "file": str(out)}
     common = ", ".join(str(each["common"]) for each in merged)
-    shown = {"landmarks": f"{len(slam.ekf):,}", "common landmarks": common}
+    shown = {"landmarks": f"{len(slam.map):,}", "common landmarks": common}
     return Result(row, [facts_table(f"{' + '.join(map(str, maps))} -> {out}", shown)])

@@ -103,14 +103,15 @@ def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iter
 def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     """Names that change their meaning, or that several landmarks share."""
     unused = (log.landmark >= 0) & (result.association < 0)
-    for refused in (result.refused, result.refused | unused):
-        change = _change(refused, log.landmark)
+    for rejected in (result.rejected, result.rejected | unused):
+        change = _change(rejected, log.landmark)
         if change is not None:
             time = float(log.time[log.observation_pose[change]] - log.time[0])
-            after = 100 * float(refused[change:].mean())
+            before = 100 * rejected[:change].mean()
+            after = 100 * float(rejected[change:].mean())
             what = (
                 f"names change their meaning about {time:.0f} s after the first pose: "
-                f"{after:.0f} % are not used after it, {100 * refused[:change].mean():.1f} % before"
+                f"{after:.0f} % are not used after it, {before:.1f} % before"
             )
             advice = "Give a landmark the same name in all of the log, or map its parts one by one"
             yield Finding("error", "names change", what, advice, time, "s")
@@ -158,7 +159,7 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
         rows = np.flatnonzero(log.landmark == name)
         if len(rows) < MIN_SIGHTINGS:
             continue
-        if result.refused[rows].mean() < MIN_NAME_REFUSED:
+        if result.rejected[rows].mean() < MIN_NAME_REFUSED:
             continue
         second = _split(place[rows])
         share = min(second.mean(), 1 - second.mean())

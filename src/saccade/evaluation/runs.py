@@ -41,7 +41,7 @@ def summarize_run(
         "poses": len(result.trajectory),
         "observations": len(log.observation),
         "observations_used": int((result.association >= 0).sum()),
-        "names_refused": int(result.refused.sum()),
+        "names_refused": int(result.rejected.sum()),
         "landmarks": len(result.map),
         "landmarks_culled": result.removed,
         **_odometry_end(log, result),

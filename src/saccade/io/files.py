@@ -322,7 +322,6 @@ FORMATS = {
     "map": 1,  # map.npz of `saccade drive`
     "look": 1,  # NAME.look.npz of `saccade look`
     "slam_map": 5,  # of `Slam.save` and `saccade slam --save-map`
-    "checkpoint": 10,  # of an interrupted run; other versions are ignored
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
     "extraction": 1,  # the folder of `saccade extract`: in manifest.json, for all files
 }

@@ -165,23 +165,24 @@ class Session:
     def map_of(self, name: str) -> dict[str, Any]:
         """The map of one filter: its landmarks and the correlations of its state."""
         slam = self.filters[name]
-        covariance = slam.ekf.covariance
+        covariance = slam.filter.covariance
         sigma = np.sqrt(np.diagonal(covariance).clip(1e-300))
-        blocks = slam.ekf.landmark_covariances.reshape(-1, 4)[:, [0, 1, 3]]
+        blocks = slam.filter.landmark_covariances.reshape(-1, 4)[:, [0, 1, 3]]
         return {
-            "labels": slam.identities,
-            "landmarks": np.hstack([slam.ekf.landmarks, blocks]).ravel(),
-            "covariance": slam.ekf.pose_covariance[[0, 0, 1], [0, 1, 1]],
+            "labels": slam.map.label,
+            "landmarks": np.hstack([slam.filter.landmarks, blocks]).ravel(),
+            "covariance": slam.filter.pose_covariance[[0, 0, 1], [0, 1, 1]],
             "correlation": (covariance / np.outer(sigma, sigma)).ravel(),
         }
 
     def summary(self, name: str) -> dict[str, Any]:
         """Errors of one filter, and their covariance as it states it."""
         slam, landmarks = self.filters[name], self.world.landmarks
-        known = [i for i, each in enumerate(slam.identities.tolist()) if each in landmarks]
-        truth = np.array([landmarks[slam.identities[i]] for i in known]).reshape(-1, 2)
-        error = truth - slam.ekf.landmarks[known]
-        squared = normalized_squared(error, slam.ekf.landmark_covariances[known])
+        found, labels = slam.map, slam.map.label.tolist()
+        known = [i for i, label in enumerate(labels) if label in landmarks]
+        truth = np.array([landmarks[labels[i]] for i in known]).reshape(-1, 2)
+        error = truth - found.xy[known]
+        squared = normalized_squared(error, found.covariance[known])
         scores = np.array(self.scores[name])
         nees, inside = scores[np.isfinite(scores[:, 0])].T
         last = scores[-1, 0]

@@ -106,12 +106,14 @@ def read_map(path: str | Path) -> SavedMap:
     distance, turn, loss = settings["odometry_bias"]
     clock, streak, until = arrays["clock"].tolist()
     return SavedMap(
-        config,
-        (distance, turn, loss),
-        int(arrays["num_steps"]),
-        *(arrays[name] for name in ("mean", "covariance", "heading_lever")),
-        _table(arrays),
-        (clock, streak, until),
+        config=config,
+        odometry_bias=(distance, turn, loss),
+        num_steps=int(arrays["num_steps"]),
+        mean=arrays["mean"],
+        covariance=arrays["covariance"],
+        heading_lever=arrays["heading_lever"],
+        table=_table(arrays),
+        clock=(clock, streak, until),
     )
 
 

@@ -66,14 +66,14 @@ def checked_scan(
         found = parse_labels(labels)
         require_shape("labels", (k,), np.empty(len(found)))
     z = as_array("observations", (k, 2), z).astype(np.float64)
-    if k > 0 and np.shape(R) == (2, 2):
-        R = np.broadcast_to(as_numbers("covariance of the observations", R), (k, 2, 2))
-    R = as_array("covariances of the observations", (k, 2, 2), R).astype(np.float64)
     if k == 0:
         return Scan(seconds, motion, *NO_SCAN)
+    C = as_numbers("covariances of the observations", R)
+    C = np.tile(C, (k, 1, 1)) if C.shape == (2, 2) else C.copy()
+    require_shape("covariances of the observations", (k, 2, 2), C)
     check_range_bearing(z)
-    check_noise("observation", z, R, config.sensor_noise_scale**2, MIN_SIGMA)
-    return Scan(seconds, motion, z, R, found)
+    check_noise("observation", z, C, config.sensor_noise_scale**2, MIN_SIGMA)
+    return Scan(seconds, motion, z, C, found)
 
 
 def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:

@@ -316,9 +316,9 @@ class _Excursion:
 
     def reach(self, gate: float) -> float:
         """Meters that the robot may have moved, within `gate` standard deviations."""
-        position, heading = self.biased.tolist()
+        position, heading = map(float, self.biased)
         sigma = sqrt(self.position) + position + self.length * (sqrt(self.heading) + heading)
-        return self.length + gate * sigma
+        return float(self.length + gate * sigma)
 
 
 class SubmapChoice:

@@ -154,9 +154,9 @@ class LabelAssociation:
         known = {i: table.labels[labels[i]] for i in np.flatnonzero(landmarks >= 0).tolist()}  # type: ignore[index]
         if not known:
             return matches
-        nis, looseness = np.full(len(z), np.inf), np.zeros(len(z))
-        compare_with_landmarks(ekf.active, z, R, ekf.rows(landmarks), nis, looseness)
-        nis, looseness = nis.tolist(), looseness.tolist()
+        squared, ratio = np.full(len(z), np.inf), np.zeros(len(z))
+        compare_with_landmarks(ekf.active, z, R, ekf.rows(landmarks), squared, ratio)
+        nis, looseness = squared.tolist(), ratio.tolist()
         gate = [FAR if each > LOOP else self._gate for each in looseness]
         rejected = {i for i in known if not nis[i] <= gate[i]}
         scan = _Positions(ekf, z, R)
