@@ -23,7 +23,7 @@ def robot(landmarks=(), names=None, motion_sigma=0.0, **options):
     if len(xy):
         R = np.tile(np.diag([1e-4, 1e-5]), (len(xy), 1, 1))
         names = np.arange(len(xy)) if names is None else names
-        slam.step(0.0, z=observe(np.zeros(3), xy)[0], R=R, names=names)
+        slam.step(0.0, z=observe(np.zeros(3), xy)[0], R=R, labels=names)
     slam.step(1.0, np.zeros(3), motion_sigma**2 * np.diag([1, 1, 0.1]) + 1e-9 * np.eye(3))
     return slam
 
@@ -35,7 +35,7 @@ def gazer(slam, policy="active", **options):
 def look_around(made):
     """Nothing around is new any more."""
     for pan in np.linspace(-pi, pi, 20):
-        made.observed(pan)
+        made.record(pan=pan)
     made.pan = 0.0
 
 
@@ -48,12 +48,12 @@ def test_the_information_is_the_entropy_that_an_update_takes_from_the_state(pan_
     ahead = int(np.argmin(np.abs(made.candidates)))
     assert view.seen[ahead].tolist() == [1, 1, 1]
     information = made._information(view)[ahead]
-    before = np.linalg.slogdet(slam.ekf.covariance)[1]
+    before = np.linalg.slogdet(slam.filter.covariance)[1]
     r = np.hypot(*landmarks.T)
     R = np.stack([(RANGE_SIGMA * r) ** 2, np.full(3, BEARING_SIGMA**2)], 1)[:, None] * np.eye(2)
     R[:, 1, 1] += 3 * pan_sigma**2
-    slam.step(2.0, z=observe(np.zeros(3), landmarks)[0], R=R, names=np.arange(3))
-    after = np.linalg.slogdet(slam.ekf.covariance)[1]
+    slam.step(2.0, z=observe(np.zeros(3), landmarks)[0], R=R, labels=np.arange(3))
+    after = np.linalg.slogdet(slam.filter.covariance)[1]
     assert_allclose(information, (before - after) / 2, rtol=1e-3)
 
 
@@ -74,7 +74,7 @@ def test_a_landmark_that_was_seen_from_here_tells_nothing_of_an_uncertain_pose(s
     slam = Slam(CONFIG)
     slam.step(1.0, np.zeros(3), sigma**2 * np.diag([1.0, 1.0, 0.1]))
     R = np.array([0.05, 0.02]) ** 2
-    slam.step(2.0, z=np.array([[3.0, 0.0]]), R=np.diag(R)[None], names=np.array([0]))
+    slam.step(2.0, z=np.array([[3.0, 0.0]]), R=np.diag(R)[None], labels=np.array([0]))
     made = gazer(slam)
     again = np.square([3.0 * RANGE_SIGMA, BEARING_SIGMA])
     expected = np.log1p(R / again).sum() / 2
@@ -90,7 +90,7 @@ def test_an_uncertain_robot_looks_at_known_landmarks_and_a_certain_one_at_what_i
     assert look.reason == "informative landmarks"
     certain = gazer(robot(behind))
     for pan in np.linspace(-0.5, 2.4, 20):
-        certain.observed(pan, [0, 1, 2])
+        certain.record(pan=pan, labels=[0, 1, 2])
     look = certain.next()
     assert look.pan < -1
     assert look.reason == "new area"
@@ -102,7 +102,7 @@ def test_in_a_map_that_does_not_grow_new_area_is_worth_nothing():
     for mode in ("continue", "localize"):
         slam.mode = mode
         made = gazer(slam)
-        made.observed(0.0, [0, 1])
+        made.record(pan=0.0, labels=[0, 1])
         reasons.add((mode, made.next().reason == "new area"))
     assert reasons == {("continue", True), ("localize", False)}
 
@@ -110,9 +110,9 @@ def test_in_a_map_that_does_not_grow_new_area_is_worth_nothing():
 def test_landmarks_that_were_looked_at_are_inhibited_until_they_are_forgotten():
     made = gazer(robot([[0.0, 3.0], [0.0, -3.0]]), "salient")
     assert made.next(salience={0: 0.9, 1: 0.6}).pan > 1
-    made.observed(1.5, [0])
+    made.record(pan=1.5, labels=[0])
     assert made.next().pan < -1
-    made.observed(-1.5, [1])
+    made.record(pan=-1.5, labels=[1])
     made.time += 10 * INHIBITION
     assert made.next().pan > 1
 
@@ -152,7 +152,7 @@ def test_a_policy_of_ones_own_is_a_function_of_the_gazer():
     "wrong",
     [
         {"fov": 0.0},
-        {"reach": 0.0},
+        {"max_range": 0.0},
         {"pan": (1.0, 0.0)},
         {"rate": 0.0},
         {"period": 2 * HORIZON},
@@ -162,4 +162,4 @@ def test_a_policy_of_ones_own_is_a_function_of_the_gazer():
 )
 def test_arguments_out_of_range_are_named(wrong):
     with pytest.raises(ConfigError, match=next(iter(wrong))):
-        Gazer(robot(), **{"fov": 1.0, "reach": 8.0, **wrong})
+        Gazer(robot(), **{"fov": 1.0, "max_range": 8.0, **wrong})

@@ -23,8 +23,9 @@ from saccade.slam.association._kernels import (
     prefilter_landmarks,
     squared_distance,
 )
-from saccade.slam.association.identities import Association
+from saccade.slam.association.labels import LabelAssociation
 from saccade.slam.association.nearest_neighbor import associate_by_geometry, mahalanobis_squared
+from saccade.slam.landmarks import CullingPolicy, LandmarkTable
 
 R = np.diag([0.01, 1e-4])
 GREEDY = Gates(chi2.ppf(0.99, 2), chi2.ppf(0.9999, 2), False)
@@ -61,16 +62,16 @@ def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too
     """Two landmarks a little over a sigma to either side of where something is seen."""
     pair = np.array([[5.0, -0.1], [5.0, 0.12]])
 
-    def rule(ekf, z, noise):
-        return associate_by_geometry(ekf, z, noise, GREEDY._replace(mutual=True))
+    def rule(ekf, z, noise, confirmed=None):
+        gates = GREEDY._replace(mutual=True)
+        return associate_by_geometry(ekf, z, noise, gates, confirmed=confirmed)
 
     z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
     assert rule(_filter(pair), z[:1], noise[:1]).tolist() == [DROPPED]
     assert rule(_filter(pair), z, noise).tolist() == [0, 1]
     for confirmed, expected in (([1, 1], DROPPED), ([1, 0], 0), ([0, 0], DROPPED)):
-        ekf = _filter(pair)
-        ekf.confirmed_in_view = np.array(confirmed, bool)
-        assert rule(ekf, z[:1], noise[:1]).tolist() == [expected]
+        found = rule(_filter(pair), z[:1], noise[:1], np.array(confirmed, bool))
+        assert found.tolist() == [expected]
     far = pair * [1.0, 9.0]
     z, noise = _scan(far[0])
     assert rule(_filter(far), z, noise).tolist() == [0]
@@ -92,13 +93,14 @@ def test_pairs_exclude_each_other_and_no_better_pair_is_left(distance, limit):
             assert mine <= distance[row, column] or theirs <= distance[row, column]
 
 
-def test_known_identities_are_looked_up():
-    associate, ekf = Association(EkfConfig(association="known")), _filter([])
+def test_known_labels_are_looked_up():
+    associate, ekf = LabelAssociation(EkfConfig(association="known")), _filter([])
+    table = LandmarkTable(CullingPolicy(False, 1, 1))
     z, noise = _scan(WORLD)
-    identity = np.array([7, 7, -1, 0])
-    assert associate(ekf, z, noise, identity).tolist() == [0, DROPPED, DROPPED, 1]
-    assert associate.landmarks([7, 0, 5]) == [0, 1, -1]
-    assert associate(ekf, z, noise, identity).tolist() == [0, 0, DROPPED, 1]
+    labels = [7, 7, None, "door"]
+    assert associate(ekf, table, z, noise, labels).tolist() == [0, DROPPED, DROPPED, 1]
+    assert table.landmarks_of([7, "door", 5]).tolist() == [0, 1, -1]
+    assert associate(ekf, table, z, noise, labels).tolist() == [0, 0, DROPPED, 1]
 
 
 @given(
@@ -167,8 +169,10 @@ def test_removed_landmarks_leave_the_others_as_they_were(rng):
     ekf.augment(np.array([2.0, 0.1]), R)
     fresh = ekf.covariance
     assert np.linalg.eigvalsh(fresh).min() > -1e-12
+    assert ekf.ids.tolist() == [*kept, 8]
+    ekf.update(observe(ekf.pose, ekf.landmarks[-2])[0], R, 7)
     with pytest.raises(LogError, match="landmark"):
-        ekf.remove(np.array([7, 9]))
+        ekf.remove(np.array([6, 7]))
 
 
 @pytest.mark.parametrize("retraction", Retraction)
@@ -183,6 +187,6 @@ def test_what_is_out_of_reach_is_over_the_limit(retraction, seed, away):
     ekf.predict(np.array([0.5, 0.3]), np.diag([1e-4, rng.uniform(0, 0.3)]))
     z = ekf.predict_observations().z[:3] + rng.normal(size=(3, 2)) * [0.3, rng.uniform(0, 0.8)]
     noise, found = np.tile(R, (3, 1, 1)), np.empty(6, np.int64)
-    count = prefilter_landmarks(ekf.filter_state, z, noise, 9.0, found)
+    count = prefilter_landmarks(ekf.active, z, noise, 9.0, found)
     near = (mahalanobis_squared(ekf, z, noise) <= 9.0).any(0)
     assert set(np.flatnonzero(near)) <= set(found[:count])

@@ -83,12 +83,12 @@ def test_a_model_that_is_too_sure_is_warned_of_and_a_cautious_one_is_remarked_on
     assert (few_in_all.warning, few_in_all.remark) == ("", "")
 
 
-def test_refused_names_are_warned_of(rng):
+def test_rejected_labels_are_warned_of(rng):
     right = chi2.ppf((np.arange(1000) + 0.5) / 1000, 2)
-    many, few = summarize(right, refused=0.31), summarize(right, refused=0.002)
+    many, few = summarize(right, rejected=0.31), summarize(right, rejected=0.002)
     assert "31.0% of the landmark names contradict the map" in many.warning
     assert (few.warning, "0.20% of the landmark names" in few.remark) == ("", True)
-    assert "contradict the map" in summarize(right[:5], refused=0.5).warning
+    assert "contradict the map" in summarize(right[:5], rejected=0.5).warning
 
 
 def _as_matrix(x, y, theta):

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from saccade import datasets, slam
-from saccade.slam import EkfConfig, EkfSlam, observe
+from saccade.slam import EkfConfig, observe
 from saccade.slam.association._kernels import DROPPED
-from saccade.slam.culling import Culling
+from saccade.slam.landmarks import CullingPolicy, LandmarkTable
 from support.circular_log import simulate
 from support.logs import between, with_observations, without_names
 from support.oracles_slam import ListedLandmarks
@@ -32,7 +32,7 @@ def test_a_candidate_becomes_a_landmark_at_its_third_observation():
     for confirmed in ([False], [False, False], [True, False]):
         xy = [[4.0, 1.0], [-2.0, 3.0]][: len(confirmed)]
         assert _scan(live, xy).association.tolist() == list(range(len(confirmed)))
-        assert live.confirmed.tolist() == confirmed
+        assert live.landmarks.in_map.tolist() == confirmed
 
 
 def test_a_candidate_that_is_not_observed_again_is_dropped():
@@ -40,8 +40,8 @@ def test_a_candidate_that_is_not_observed_again_is_dropped():
     _scan(live, [[4.0, 1.0], [-2.0, 3.0]])
     removed = [_scan(live, [[4.0, 1.0]]).culled.tolist() for _ in range(31)]
     assert removed == [[]] * 14 + [[1]] + [[]] * 16  # in the 16th scan, as in every 16th
-    assert live.culling.forgotten == 1
-    assert live.culling.removed == 0
+    assert live.landmarks.forgotten == 1
+    assert live.landmarks.culled == 0
 
 
 def test_a_landmark_that_is_no_longer_there_is_culled_and_one_out_of_view_is_not():
@@ -58,10 +58,11 @@ def test_a_landmark_that_is_no_longer_there_is_culled_and_one_out_of_view_is_not
         noise = np.tile(R, (seen.sum(), 1, 1))
         live.step(float(step), np.array([0.0, 0.2]), U * 1e-4, z[seen], noise)
         if step == taken:
-            assert live.confirmed.sum() == 16
-    assert live.confirmed.sum() == len(live.ekf) == 15
+            assert len(live.map) == 16
+    assert len(live.map) == len(live.landmarks) == 15
+    assert live.map.id.tolist() == [i for i in range(16) if i in live.map.id]
     np.testing.assert_allclose(
-        np.sort(np.hypot(*(live.ekf.landmarks[:, None] - world).transpose(2, 0, 1)).argmin(1)),
+        np.sort(np.hypot(*(live.map.xy[:, None] - world).transpose(2, 0, 1)).argmin(1)),
         np.delete(np.arange(16), 3),
     )
 
@@ -69,25 +70,29 @@ def test_a_landmark_that_is_no_longer_there_is_culled_and_one_out_of_view_is_not
 @given(st.integers(0, 10**6))
 def test_counts_are_those_of_a_list(seed):
     rng = np.random.default_rng(seed)
-    culling = Culling(True, int(rng.integers(1, 4)), 5, 0.6, 0.5, interval=2)
-    listed, ekf = ListedLandmarks(culling), EkfSlam(np.zeros(3), np.zeros((3, 3)))
-    for _ in range(80):
-        mapped = len(ekf)
+    policy = CullingPolicy(True, int(rng.integers(1, 4)), 5, 0.6, 0.5, interval=2)
+    table, listed, next_id = LandmarkTable(policy), ListedLandmarks(policy), 0
+    table.max_range = 5.0
+    for scan in range(1, 81):
+        ids = table.counts.id
+        mapped = len(ids)
         predicted = np.stack([rng.uniform(4, 5, mapped), rng.uniform(-3.1, -2.9, mapped)], 1)
         found = [i if rng.random() < (0.1, 0.9)[i % 2] else DROPPED for i in range(mapped)]
+        matches = [int(ids[i]) if i >= 0 else i for i in found]
         added = int(rng.integers(0, 3)) if mapped < 8 else 0
+        candidates = int(rng.integers(0, added + 1))
+        new = np.arange(next_id, next_id + added)
+        table.add(new[:candidates], confirmed=True)
+        table.add(new[candidates:], confirmed=False)
+        next_id += added
+        visible = (ids, predicted) if scan % policy.interval == 0 else None
+        removed = table.count(np.array([*matches, *new], np.int64), visible)
+        rows = np.flatnonzero(np.isin(table.counts.id, removed)).tolist()
         found += range(mapped, mapped + added)
-        for _ in range(added):
-            ekf.augment(np.array([1.0, 0.0]), R)
-        candidates = mapped + int(rng.integers(0, added + 1))
-        expected = predicted if culling.is_due() else None
-        culling.reach = 5.0
-        culling.count_scan(ekf, expected, candidates, np.array(found, np.int64))
-        removed = culling.remove_culled(np.empty(0, np.int64))
-        assert removed.tolist() == listed.update(predicted, candidates, found)
-        ekf.remove(removed)
-        assert culling.confirmed(len(ekf)).tolist() == [m["confirmed"] for m in listed.landmarks]
-    assert culling.removed + culling.forgotten > 0
+        assert rows == listed.update(predicted, mapped + candidates, found)
+        table.remove(removed)
+        assert table.counts.confirmed.tolist() == [m["confirmed"] for m in listed.landmarks]
+    assert table.culled + table.forgotten > 0
 
 
 def test_early_observations_of_a_candidate_are_not_lost(rng):
@@ -127,10 +132,10 @@ def test_no_observations_and_only_culled_landmarks_are_warnings(rng):
     log = simulate(rng)[0]
     blind = with_observations(log, np.array([], np.int64))
     assert "there are no observations" in slam.run(blind).warning
-    culling = Culling(True, 3, 5, 0.4)
-    culling.removed = 7
-    assert "all of 7 landmarks were culled" in culling.warning(np.full(9, -1))
-    assert culling.warning(np.array([-1, 0])) == ""
+    table = LandmarkTable(CullingPolicy(True, 3, 5, 0.4))
+    table.culled = 7
+    assert "all of 7 landmarks were culled" in table.warning(np.full(9, -1))
+    assert table.warning(np.array([-1, 0])) == ""
 
 
 def test_snapshots_show_landmarks_without_candidates(rng):

@@ -30,7 +30,7 @@ def mapped(log):
 
 def without_names(robot):
     robot = copy.deepcopy(robot)
-    robot.associate.known = {}
+    robot.landmarks.labels = {}
     return robot
 
 
@@ -94,25 +94,25 @@ def test_fused_maps_are_the_least_squares_estimate(rng):
 @pytest.mark.parametrize("seed", range(3))
 def test_maps_are_merged_without_names(seed):
     first, second, transform = halves(seed)
-    names = first.identities, second.identities
+    names = first.map.label, second.map.label
     merged = slam.merge_maps(without_names(first), without_names(second))
     common = merged.common
     np.testing.assert_array_equal(names[0][common[:, 0]], names[1][common[:, 1]])
     assert len(common) >= 0.7 * len(np.intersect1d(*names))
-    assert len(merged.slam.ekf) == len(names[0]) + len(names[1]) - len(common)
+    assert len(merged.slam.filter) == len(names[0]) + len(names[1]) - len(common)
     error = merged.transform - transform
     error[2] = slam.wrap(error[2])
     assert error @ np.linalg.solve(merged.covariance, error) < 21  # chi-square, 3 degrees, .9999
-    assert (np.linalg.eigvalsh(merged.slam.ekf.covariance) > -1e-9).all()
+    assert (np.linalg.eigvalsh(merged.slam.filter.covariance) > -1e-9).all()
 
 
 def test_names_give_the_same_map(tmp_path):
     first, second, _ = halves(0)
     named = slam.merge_maps(first, second)
-    assert set(named.slam.identities.tolist()) == {*first.identities, *second.identities}
+    assert set(named.slam.map.label.tolist()) == {*first.map.label, *second.map.label}
     assert named.probability == 1
-    n = len(first.ekf)
-    np.testing.assert_array_equal(named.slam.landmark_sessions, np.arange(len(named.slam.ekf)) >= n)
+    sessions = named.slam.landmarks.counts.session
+    np.testing.assert_array_equal(sessions, named.slam.map.id >= len(first.map))
     unnamed = slam.merge_maps(without_names(first), without_names(second))
     np.testing.assert_allclose(unnamed.transform, named.transform, atol=0.2)
     named.slam.save(tmp_path / "merged.npz")
@@ -126,9 +126,9 @@ def test_names_give_the_same_map(tmp_path):
 
 def test_maps_of_different_places_are_not_merged():
     first, second, _ = halves(1)
-    xy = np.random.default_rng(0).uniform(0, 20, (len(second.ekf), 2))
-    P = second.ekf.covariance
-    second.ekf.set_gaussian(np.concatenate([np.zeros(3), xy.ravel()]), P, second.ekf.ids)
+    xy = np.random.default_rng(0).uniform(0, 20, (len(second.map), 2))
+    P = second.filter.covariance
+    second.filter.set_gaussian(np.concatenate([np.zeros(3), xy.ravel()]), P, second.filter.ids)
     with pytest.raises(LogError, match=r"merging: expected .*, found"):
         slam.merge_maps(without_names(first), without_names(second))
 
@@ -140,10 +140,10 @@ def test_five_robots_of_mrclam_make_one_map(shared):
     robots, truth = [mapped(log) for log in logs], logs[0].landmark_truth
 
     def rmse(robot):
-        return landmark_rmse(LandmarkMap(robot.identities, robot.ekf.landmarks), truth)
+        return landmark_rmse(LandmarkMap(robot.map.label, robot.map.xy), truth)
 
     merged = robots[0]
     for other in robots[1:]:
         merged = slam.merge_maps(merged, other).slam
-    assert len(merged.ekf) == 15
+    assert len(merged.map) == 15
     assert rmse(merged) < np.max([rmse(robot) for robot in robots])

@@ -11,11 +11,10 @@ from saccade.evaluation.trajectory import position_rmse
 from saccade.slam import EkfConfig, EkfSlam, Retraction, Slam
 from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives
-from saccade.slam.filter.ekf import join_landmarks
 from support.clustered_world import clustered_world
 from support.logs import scan_of, without_names
 
-MULTIPLE = EkfConfig(association="multiple")
+SEVERAL = EkfConfig(association="hypotheses")
 
 
 def _wrong(log, association):
@@ -37,14 +36,14 @@ def test_a_clustered_world_without_names_is_mapped_almost_as_with_them(seed):
     assert _wrong(log, result.association) < 0.1 < _wrong(log, single.association)
 
 
-def test_a_map_from_wrong_odometry_is_in_doubt(rng):
+def test_a_map_from_wrong_odometry_may_be_unreliable(rng):
     log = without_names(clustered_world(1, steps=600))
     assert slam.run(log).warning == ""
     turned = log.control.copy()
     turned[200:, 2] += 0.3 * rng.normal(size=len(turned) - 200)
     result = slam.run(dataclasses.replace(log, control=turned))
     unused = (result.association < 0).mean()
-    assert "the map is in doubt" in result.warning
+    assert "the map may be unreliable" in result.warning
     assert f"{unused:.0%} of them are not used" in result.warning
 
 
@@ -55,8 +54,10 @@ def test_the_pose_has_the_mean_and_the_covariance_of_the_mixture():
     weights = np.array([0.5, 0.3, 0.2])
     hypotheses = Slam().hypotheses
     first = hypotheses.best
-    hypotheses.alive = [first, first.copy(), first.copy()]
-    for each, mean, C, weight in zip(hypotheses.alive, means, covariances, weights, strict=True):
+    hypotheses.hypotheses = [first, first.copy(), first.copy()]
+    for each, mean, C, weight in zip(
+        hypotheses.hypotheses, means, covariances, weights, strict=True
+    ):
         each.ekf, each.weight = EkfSlam(mean, C), np.log(weight / weights[0])
     which = rng.choice(3, 400_000, p=weights)
     drawn = (
@@ -77,7 +78,7 @@ def test_names_end_the_hypotheses():
     live = slam.slam_for(log)
     slam.run(dataclasses.replace(log, landmark=late), initial=live)
     assert live.hypotheses.branching is False
-    assert set(log.landmark[log.observation_pose > 150]) <= set(live.identities)
+    assert set(log.landmark[log.observation_pose > 150]) <= set(live.map.label)
 
 
 def test_a_new_landmark_costs_what_its_density_says():
@@ -90,21 +91,19 @@ def test_a_new_landmark_costs_what_its_density_says():
     assert Alternatives().new_cost(1.0) == 10.0
 
 
-def test_a_log_is_resumed_and_taken_apart_with_the_same_bits():
+def test_steps_and_copies_have_the_bits_of_a_run():
     log = without_names(clustered_world(2, steps=160))
-    config = dataclasses.replace(MULTIPLE, max_hypotheses=6)
+    config = dataclasses.replace(SEVERAL, max_hypotheses=6)
     whole = slam.run(log, config)
     live, poses, several = slam.slam_for(log, config), [], 0
     for i in range(len(log.time)):
         poses.append(live.step(*scan_of(log, i)).pose)
-        several = max(several, len(live.hypotheses.alive))
+        several = max(several, len(live.hypotheses.hypotheses))
         if i % 60 == 40:
-            arrays = {name: np.array(array) for name, array in live.to_arrays().items()}
-            live = slam.slam_for(log, config)
-            live.from_arrays(arrays)
+            live.hypotheses.hypotheses = [each.copy() for each in live.hypotheses.hypotheses]
     assert np.array(poses).tobytes() == whole.trajectory.pose.tobytes()
     assert 1 < several <= 6
-    assert live.hypotheses.alive[0].weight == 0.0
+    assert live.hypotheses.best.weight == 0.0
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -178,7 +177,7 @@ def test_joining_landmarks_is_an_update_by_a_distance_of_zero(kind):
     H = np.zeros((2, 9))
     H[:, 3:5], H[:, 5:7] = np.eye(2), -np.eye(2)
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + 1e-8 * np.eye(2))
-    join_landmarks(ekf, 0, 1)
+    ekf.join(0, 1)
     # the invariant filter corrects along the exponential and carries its covariance along
     np.testing.assert_allclose(ekf.state, state - K @ H @ state, atol=2e-4)
     np.testing.assert_allclose(ekf.covariance, (np.eye(9) - K @ H) @ P, atol=1e-4)

@@ -1,6 +1,5 @@
 """Steps one by one, as a live robot takes them, against whole logs and against custom rules."""
 
-import copy
 import doctest
 
 import numpy as np
@@ -21,8 +20,8 @@ from saccade.slam import EkfConfig, online
         ({"U": -np.eye(2)}, "covariance of control 0: expected a symmetric"),
         ({"z": [[1.0, 0.0, 2.0]]}, r"observations: expected shape \(1, 2\)"),
         ({"R": np.zeros((2, 2, 2))}, r"covariances of the observations: expected shape"),
-        ({"names": [1, 2]}, r"names: expected shape \(1,\)"),
-        ({"names": [1.5]}, r"names: expected names of landmarks .*, found 1.5"),
+        ({"labels": [1, 2]}, r"labels: expected shape \(1,\)"),
+        ({"labels": [1.5]}, r"labels: expected names of landmarks .*, found 1.5"),
         ({"time": "now"}, "time: expected numbers, found 'now'"),
         ({"time": 0.5}, "time: expected 1 or later, found 0.5"),
         ({"control": ["a", "b"]}, "control: expected numbers, found"),
@@ -42,17 +41,29 @@ def test_a_step_that_is_none_is_refused_and_changes_nothing(change, message):
         "U": np.eye(2) * 1e-4,
         "z": [[3.0, 0.2]],
         "R": np.eye(2)[None] * 0.01,
-        "names": [4],
+        "labels": [4],
     }
     live = slam.Slam(EkfConfig(association="known"))
     live.step(**step)
-    before = copy.deepcopy(live.to_arrays())
+    before = live.filter.copy(), live.landmarks.copy(), live.num_steps
     with pytest.raises(LogError, match=message) as caught:
         live.step(**{**step, **change})
     assert "\n" not in str(caught.value)
-    for name, array in live.to_arrays().items():
-        assert array.tobytes() == before[name].tobytes()
+    assert live.filter.state.tobytes() == before[0].state.tobytes()
+    assert live.filter.covariance.tobytes() == before[0].covariance.tobytes()
+    assert (live.landmarks.counts.observations == before[1].counts.observations).all()
+    assert (live.landmarks.labels, live.num_steps) == (before[1].labels, before[2])
     live.step(**step)
+
+
+def test_one_covariance_serves_all_observations_and_the_map_is_read_by_label():
+    one, all_alike = slam.Slam(), slam.Slam()
+    z, R = np.array([[3.0, 0.2], [4.0, -0.1]]), np.diag([0.01, 0.001])
+    one.step(0.0, z=z, R=R, labels=["door", 7])
+    all_alike.step(0.0, z=z, R=np.tile(R, (2, 1, 1)), labels=["door", 7])
+    assert one.filter.covariance.tobytes() == all_alike.filter.covariance.tobytes()
+    assert (one.map.id.tolist(), one.map.label.tolist()) == ([0, 1], ["door", "7"])
+    np.testing.assert_array_equal(one.joint_covariance(np.array([1]))[:3, :3], one.pose_covariance)
 
 
 def test_an_estimate_that_diverges_is_named():

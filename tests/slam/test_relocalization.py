@@ -153,7 +153,7 @@ def test_a_robot_that_starts_anywhere_in_a_saved_map_is_found(named, tmp_path):
     expected = slam.run(log, initial=mapped).trajectory.pose
     mapped.save(tmp_path / "map.npz")
     live = slam.Slam.load(tmp_path / "map.npz", "localize", start=(50.0, -50.0, 2.0))
-    landmarks, first = len(live.ekf), 700
+    landmarks, first = len(live.map), 700
     for i in range(first, first + 20):
         k = log.observation_pose == i
         scan = log.observation[k], log.observation_covariance[k], log.landmark[k]
@@ -161,14 +161,14 @@ def test_a_robot_that_starts_anywhere_in_a_saved_map_is_found(named, tmp_path):
             found = live.relocalize(*scan)
             assert 0.9 < found.probability[0] <= found.probability.sum() <= 1 + 1e-9
             points = slam.inverse_observe(found.pose[0], scan[0])[0]
-            near = live.ekf.landmarks[found.association[0]]
+            near = live.map.xy[np.searchsorted(live.map.id, found.association[0])]
             assert np.hypot(*(points - near)[found.association[0] >= 0].T).max() < 1.5
         else:
             step = live.step(i, log.control[i - 1], log.control_covariance[i - 1], *scan)
     assert not step.lost
     assert (step.association >= 0).mean() > 0.5
     assert np.hypot(*(step.pose - expected[i])[:2]) < 0.5
-    assert len(live.ekf) == landmarks
+    assert len(live.map) == landmarks
 
 
 def test_relocalization_asks_for_a_map():

@@ -119,7 +119,7 @@ def test_recorded_messages_give_what_run_gives(log, recorded):
     result = check_against_run(log, updates)
     used = np.concatenate([each.step.association for each in updates])
     np.testing.assert_array_equal(used, result.association)
-    np.testing.assert_allclose(queue.filter.ekf.landmarks, result.map.xy, atol=1e-6)
+    np.testing.assert_allclose(queue.filter.map.xy, result.map.xy, atol=1e-6)
     assert queue.dropped == queue.restarts == 0
 
 

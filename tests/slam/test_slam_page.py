@@ -32,7 +32,7 @@ def page(tmp_path_factory):
 def test_code_of_the_page_runs_and_is_right(page):
     mapped = len(page["result"].map)
     assert mapped == len(page["smoothed"].map) > 20
-    assert 0.3 < len(page["robot"].ekf) / mapped < 2  # without candidates
+    assert 0.3 < len(page["robot"].map) / mapped < 2  # without candidates
 
 
 def test_disparities_and_steering_angles_are_converted_with_their_noise(page, rng):

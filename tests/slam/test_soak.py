@@ -20,7 +20,7 @@ def test_ten_minutes_are_the_same_throughout(rule):
     robot = slam.Slam(slam.EkfConfig(association=rule))
     _, memory = live.soak(robot, live.robot(600_000, 100), 600_000)
     assert memory[-1] - memory[3] < 3
-    assert 95 <= len(robot.ekf) <= 105
+    assert 95 <= len(robot.map) <= 105
     angle = 2.0 * 599.999 / (100 * live.SPACING / (2 * np.pi))
     truth = np.array([np.sin(angle), 1 - np.cos(angle)]) * 100 * live.SPACING / (2 * np.pi)
-    assert np.hypot(*(robot.ekf.pose[:2] - truth)) < 1.0
+    assert np.hypot(*(robot.pose[:2] - truth)) < 1.0

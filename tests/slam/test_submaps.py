@@ -1,4 +1,4 @@
-"""Runs in local maps against runs on the whole map."""
+"""Runs in submaps against runs on the whole map."""
 
 import dataclasses
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from saccade import slam
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import EkfConfig, EkfSlam, local_map_choice
+from saccade.slam import EkfConfig, EkfSlam, submaps
 from support.logs import with_observations
 
 WORLD = WorldConfig(
@@ -40,7 +40,7 @@ def _close(one, two, tolerance=1e-6):
 
 @pytest.fixture
 def entries(monkeypatch):
-    """The sizes of the local maps that were entered, and of their maps."""
+    """The sizes of the submaps that were entered, and of their maps."""
     sizes, enter = [], EkfSlam.enter
 
     def counted(ekf, inside):
@@ -94,8 +94,8 @@ def test_a_large_map_chooses_by_itself(monkeypatch, entries):
     log = simulate_world(WORLD, 1)
     whole = slam.run(log, EkfConfig(submaps="never"))
     assert not entries
-    monkeypatch.setattr(local_map_choice, "LARGE", 30)
-    monkeypatch.setattr(local_map_choice, "MAX_FRACTION", 0.5)
+    monkeypatch.setattr(submaps, "LARGE_MAP", 30)
+    monkeypatch.setattr(submaps, "MAX_FRACTION", 0.5)
     _close(slam.run(log, EkfConfig()), whole)
     assert min(mapped for _, mapped in entries) >= 30
     assert all(inside <= mapped / 2 for inside, mapped in entries)

@@ -113,7 +113,7 @@ class DenseInvariantEkf(DenseEkf):
 
 
 class ListedLandmarks:
-    """`Culling` as a list of landmarks, and of what was seen in each bin."""
+    """`LandmarkTable` as a list of landmarks, and of what was seen in each bin."""
 
     def __init__(self, rule):
         self.rule, self.scan, self.landmarks = rule, 0, []
@@ -154,5 +154,5 @@ class ListedLandmarks:
         if not mark["confirmed"]:
             return self.scan - mark["last"] > self.rule.candidate_scans
         missed = mark["expected"] - mark["seen"]
-        few = mark["seen"] < self.rule.min_ratio * mark["expected"]
+        few = mark["seen"] < self.rule.culling_ratio * mark["expected"]
         return missed > self.rule.max_missed and few

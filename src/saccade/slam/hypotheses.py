@@ -285,8 +285,9 @@ class Hypotheses:
     @property
     def probability(self) -> float:
         """Probability of the best hypothesis among those that are, or were, followed."""
-        followed = float(1 / np.exp([each.weight for each in self.hypotheses]).sum())
-        return followed if self.branching else self.settled[0]
+        if not self.branching:
+            return self.settled[0]
+        return float(1 / np.exp([each.weight for each in self.hypotheses]).sum())
 
     @property
     def misassociated(self) -> float:

@@ -30,7 +30,7 @@ def _wrong(log, fraction, seed=0):
 def test_right_names_are_believed():
     log = simulate_world(WorldConfig(steps=700), seed=2)
     doubted, believed = slam.run(log), slam.run(log, KNOWN)
-    assert not doubted.refused.any()
+    assert not doubted.rejected.any()
     np.testing.assert_array_equal(doubted.association, believed.association)
     np.testing.assert_array_equal(doubted.trajectory.pose, believed.trajectory.pose)
     np.testing.assert_array_equal(doubted.map.id, believed.map.id)
@@ -42,8 +42,8 @@ def test_wrong_names_are_refused_and_cost_little(fraction):
     named, wrong = _wrong(log, fraction)
     result, right = slam.run(named), slam.run(log)
     assert _rmse(log, result) < 1.5 * _rmse(log, right)
-    assert result.refused[wrong].mean() > 0.8
-    assert result.refused[~wrong].mean() < 0.01
+    assert result.rejected[wrong].mean() > 0.8
+    assert result.rejected[~wrong].mean() < 0.01
     assert "of the landmark names contradict the map" in (
         result.consistency.warning + result.consistency.remark
     )
@@ -87,7 +87,7 @@ def test_right_names_are_believed_where_the_pose_is_uncertain(length, seed):
     )
     log = simulate_world(world, seed)
     result, known = slam.run(log), slam.run(log, KNOWN)
-    assert result.refused.mean() < 0.02
+    assert result.rejected.mean() < 0.02
     assert len(result.map) == len(np.unique(log.landmark))
     assert _rmse(log, result) < 1.2 * _rmse(log, known)
 
@@ -100,7 +100,7 @@ def test_names_that_agree_are_believed_against_the_filter():
     log = replace(log, control=control)
     doubted, believed = slam.run(log), slam.run(log, KNOWN)
     late = log.observation_pose > 450
-    assert doubted.refused[late].mean() < 0.02
+    assert doubted.rejected[late].mean() < 0.02
     assert _rmse(log, doubted) < 1.5 * _rmse(log, believed)
 
 
@@ -121,5 +121,5 @@ def test_observations_without_a_name_are_associated_by_geometry():
 def test_the_filter_of_the_source_believes_every_name():
     log, _ = _wrong(simulate_world(WorldConfig(steps=100), 0), 0.1)
     result = slam.run(log, EkfConfig.kootstra2010())
-    assert not result.refused.any()
+    assert not result.rejected.any()
     assert (result.association >= 0).sum() >= len(log.landmark) - 1
