@@ -58,16 +58,16 @@ def test_steps_maps_and_sessions_know_names(named, results, tmp_path):
         u, U = (named.control[i - 1], named.control_covariance[i - 1]) if i else (None, None)
         scan = named.observation_pose == i
         robot.step(time, u, U, z[scan], R[scan], named.names[scan].tolist())
-    assert robot.ekf.pose.tobytes() == results[1].trajectory.pose[-1].tobytes()
+    assert robot.pose.tobytes() == results[1].trajectory.pose[-1].tobytes()
     robot.save(tmp_path / "map.npz")
     again = slam.Slam.load(tmp_path / "map.npz", "localize", start=named.start)
-    assert again.landmark_names.tolist() == robot.landmark_names.tolist()
+    assert again.map.label.tolist() == robot.map.label.tolist()
     other = replace(named, landmark=named.names[::-1], text_names=())  # numbered in another order
     assert other.text_names != named.text_names
     at_home = replace(other, landmark=named.names, text_names=other.text_names)
     result = slam.run(at_home, initial=again)
     assert (result.association >= 0).mean() > 0.9
-    assert not result.refused.any()
+    assert not result.rejected.any()
     assert set(result.map.names) == set(results[1].map.names)
 
 
@@ -85,11 +85,11 @@ def test_maps_are_merged_by_text(named):
         halves.append(slam.slam_for(log))
         slam.run(log, initial=halves[-1])
     merged = slam.merge_maps(*halves)
-    names = [each.landmark_names for each in halves]
+    names = [each.map.label for each in halves]
     assert merged.probability == 1.0
     for i, j in merged.common.tolist():
         assert names[0][i] == names[1][j]
-    found = merged.slam.landmark_names.tolist()
+    found = merged.slam.map.label.tolist()
     assert sorted(found) == sorted(set(names[0]) | set(names[1]))
 
 

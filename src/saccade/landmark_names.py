@@ -72,6 +72,8 @@ def parse_labels(labels: npt.ArrayLike, *, name: str = "labels") -> list[Label |
     values = labels if isinstance(labels, np.ndarray) else np.array(labels, object)
     if values.ndim != 1:
         raise LogError(f"{name}: expected a list of names, found shape {values.shape}")
+    if values.dtype.kind == "i" and not ((values < -1) | (values >= FIRST_TEXT)).any():
+        return [None if value < 0 else value for value in values.tolist()]
     found: list[Label | None] = []
     for value in values.tolist():
         label = parse_name(value)

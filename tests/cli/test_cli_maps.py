@@ -38,7 +38,7 @@ def test_a_run_begins_with_a_map(folder, mode, tmp_path):
     assert row["map"] == str(folder / "park.npz")
     assert row["map_mode"] == mode
     assert row["map_start"] == "log"
-    assert row["map_landmarks"] == row["map_landmarks_observed"] == len(saved.ekf)
+    assert row["map_landmarks"] == row["map_landmarks_observed"] == len(saved.map)
     assert row["map_landmarks_new"] == 0
     assert json.loads((tmp_path / "run.json").read_text()) == row
     assert "of the map that was loaded" in (tmp_path / "report.html").read_text()
@@ -76,7 +76,7 @@ def test_maps_are_merged(folder, tmp_path):
     both = f"{folder / 'park.npz'},{folder / 'park.npz'}"
     row = json_of("slam", "--merge", both, "--save-map", out)
     (merged,) = row["merged"]
-    assert row["landmarks"] == merged["common"] == len(slam.Slam.load(out).ekf)
+    assert row["landmarks"] == merged["common"] == len(slam.Slam.load(out).map)
     np.testing.assert_allclose(merged["transform"], 0, atol=1e-6)
     for words in (["--merge", folder / "park.npz", "--save-map", out], ["--merge", both]):
         with pytest.raises(ConfigError, match="--merge: expected two maps or more, --save-map"):

@@ -1,8 +1,6 @@
 """`saccade slam` as a person runs it: what it writes, and what becomes of it when it is stopped."""
 
 import json
-import signal
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -20,10 +18,8 @@ from saccade.evaluation.runs import summarize_run
 from saccade.extras import install_command
 from saccade.io.video import read_video
 from saccade.types import Trajectory
-from support import interrupted_run
 from support.circular_log import simulate
 from support.commands import json_of
-from support.limits import TIMEOUT
 
 PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
 
@@ -138,38 +134,6 @@ def test_what_an_option_needs_is_named_before_the_work(run, short, monkeypatch):
             f"saccade: {extra}: needs {module}, which is not installed; {install_command(extra)}\n"
         )
     assert not Path("saccade-slam").exists()
-
-
-def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path):
-    """By Ctrl-C; what a killed one leaves, `test_runs_at_once` has."""
-    whole = json.loads(run("slam", short, "--out", "whole", "--no-film", "--json")[1])
-    command = ["slam", short, "--out", "stopped", "--no-film", "--checkpoint", "0"]
-    kept = tmp_path / "stopped" / "checkpoint.npz"
-    kept.parent.mkdir()
-    (kept.parent / "landmarks.csv").write_text("of an earlier run")
-    running = subprocess.run(
-        [sys.executable, interrupted_run.__file__, str(int(signal.SIGINT)), *map(str, command)],
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
-    assert running.returncode == 130
-    assert kept.exists()
-    assert (kept.parent / "landmarks.csv").read_text() == "of an earlier run"
-    resume = f"run the same command again to resume from {Path('stopped', 'checkpoint.npz')}"
-    assert resume in running.stderr
-    assert "Traceback" not in running.stderr
-    code, out, _ = run("slam", short, "--out", "stopped", "--no-film", "--json")
-    assert code == 0
-    resumed = json.loads(out)
-    assert not kept.exists()
-    assert not (kept.parent / ".partial").exists()
-    for name in ("trajectory", "landmarks", "poses", "innovations"):
-        assert Path(resumed["files"][name]).read_bytes() == Path(whole["files"][name]).read_bytes()
-    resumed["files"] = whole["files"]
-    assert resumed == whole
 
 
 def test_a_log_in_another_format_is_the_same(run, short):

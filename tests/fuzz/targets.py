@@ -258,12 +258,10 @@ def _colmap(path: Path) -> None:
     database.close()
 
 
-def _checkpoint(path: Path) -> None:
-    slam.run(a_log(), checkpoint=slam.Checkpoint(path, None))
-
-
-def _resume(path: Path) -> object:
-    return slam.run(a_log(), checkpoint=slam.Checkpoint(path))
+def _map(path: Path) -> None:
+    robot = slam.Slam()
+    slam.run(a_log(), initial=robot)
+    robot.save(path)
 
 
 def _settings(name: str, text: str, kind: str) -> Target:
@@ -333,7 +331,7 @@ TARGETS = {
     "mrclam-npz": a_file("log.npz", _mrclam_npz, run_log),
     "matlab": Target(_park, "log.mat", lambda f: load("auto", f / "log.mat")),
     "matlab-gps": Target(_park, "aa3_gpsx.mat", lambda f: load("auto", f / "log.mat")),
-    "checkpoint": a_file("run.npz", _checkpoint, _resume),
+    "map": a_file("map.npz", _map, slam.Slam.load),
     "png": _image("a.png", a_picture()),
     "jpeg": _image("a.jpg", a_picture()),
     "tiff": _image("a.tif", a_picture().astype(np.uint16) * 257),

@@ -49,6 +49,8 @@ EQUAL_MAP = 1.5
 """Difference of landmarks that never counts, in standard deviations of an observation."""
 EQUAL_HEADING = 0.005
 """Difference of headings that never counts, in radians."""
+NO_MATCHES = np.empty(0, np.int64), new_innovations(0)
+"""Matches and innovations of a step without observations."""
 MAX_LANDMARKS = 24
 """Map size above which only the best hypothesis is kept: several cost more than a step then, and
 a few landmarks seldom leave a robot that has come so far in doubt."""
@@ -98,8 +100,8 @@ class Hypothesis:
         if scan.control is not None:
             self.ekf.move(*scan.control)
         k = len(scan.z)
-        self.matches, self.innovations = np.full(k, -1), new_innovations(k)
-        self.culled, self.updated = self.matches[:0], False
+        self.matches, self.innovations = (np.full(k, -1), new_innovations(k)) if k else NO_MATCHES
+        self.culled, self.updated = NO_MATCHES[0], False
 
     def update(self, scan: Scan, matches: IntArray) -> None:
         """Updates the filter by a scan (C.10-C.14).
@@ -114,14 +116,15 @@ class Hypothesis:
         self.matches, self.updated = matches, True
         self._visible = table.predict_visible(ekf, scan.z)
         self.innovations = ekf.observe(scan.z, scan.R, matches)
-        table.add(np.arange(first, ekf.next_id), confirmed=True)
+        if ekf.next_id > first:
+            table.add(np.arange(first, ekf.next_id), confirmed=True)
 
     def augment(self, scan: Scan) -> None:
         """Adds the landmarks of new observations as candidates (C.15-C.18)."""
-        first = self.ekf.next_id
-        for k in np.flatnonzero(self.matches == NEW).tolist():
-            self.matches[k] = self.ekf.add(scan.z[k], scan.R[k])
-        self.table.add(np.arange(first, self.ekf.next_id), confirmed=False)
+        if NEW in (matches := self.matches.tolist()):
+            new = [k for k, match in enumerate(matches) if match == NEW]
+            self.matches[new] = [self.ekf.add(scan.z[k], scan.R[k]) for k in new]
+            self.table.add(self.matches[new], confirmed=False)
 
     def count(self) -> None:
         """Counts observed and missed landmarks, of which some are to be removed."""

@@ -28,6 +28,8 @@ UNDECIDED = -3
 """Match of an observation that geometry is still to decide."""
 ESTABLISHED = 3
 """Accepted observations from which a label can contradict the filter, along with others."""
+NONE = np.empty(0, np.int64)
+"""No landmarks."""
 DescriptorArray: TypeAlias = npt.NDArray[np.generic]
 
 
@@ -156,8 +158,6 @@ class LandmarkTable:
         Where landmarks are not doubted, their labels alone put them into the map.
         """
         k = len(landmarks)
-        if k == 0:
-            return
         new = LandmarkRows.zeros(
             k,
             id=landmarks,
@@ -228,7 +228,9 @@ class LandmarkTable:
         Returns:
             (g,) ids of landmarks that are to be culled.
         """
-        stale, self.stale = np.array(self.stale, np.int64), []
+        stale = NONE
+        if len(self.stale) > 0:
+            stale, self.stale = np.array(self.stale), []
         if self.policy.enabled:
             self.scans += 1
             used, table = self.rows(matches[matches >= 0]), self.counts

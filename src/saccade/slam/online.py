@@ -205,7 +205,7 @@ class Slam:
         ekf.inflate_heading_covariance()
         if self.kidnapping.enabled or (table.policy.enabled and table.has_unlabeled):
             max_range = max(table.max_range, 0.0)
-        self._submaps.update(ekf, scan, table.landmarks_of(scan.labels), max_range)
+        self._submaps.update(ekf, table, scan, max_range)
         ekf.reserve(len(scan.z))
 
     def _choose_hypotheses(self, scan: Scan) -> None:
@@ -260,7 +260,7 @@ class Slam:
     def _result(self, scan: Scan) -> StepResult:
         """The result of a step."""
         best, rejected = self.hypotheses.best, self.association.rejected
-        if not best.updated or self.hypotheses.branching or len(rejected) == 0:
+        if not best.updated or self.hypotheses.branching or len(rejected) != len(scan.z):
             rejected = np.zeros(len(scan.z), np.bool_)
         return StepResult(
             *self.hypotheses.pose,

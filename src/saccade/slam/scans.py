@@ -59,15 +59,13 @@ def checked_scan(
         C = np.array(as_array("covariance of the control", (c, c), U), np.float64)
         check_noise("control", u[None], C[None], config.motion_noise_scale**2)
         motion = u, C
-    z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
-    k = len(z)
-    found: Sequence[Label | None] = [None] * k
-    if labels is not None:
-        found = parse_labels(labels)
-        require_shape("labels", (k,), np.empty(len(found)))
-    z = as_array("observations", (k, 2), z).astype(np.float64)
-    if k == 0:
+    if z is None or np.size(z) == 0:
         return Scan(seconds, motion, *NO_SCAN)
+    z = np.atleast_1d(as_numbers("observations", z))
+    k = len(z)
+    found = [None] * k if labels is None else parse_labels(labels)
+    require_shape("labels", (k,), np.empty(len(found)))
+    z = as_array("observations", (k, 2), z).copy()
     C = as_numbers("covariances of the observations", R)
     C = np.tile(C, (k, 1, 1)) if C.shape == (2, 2) else C.copy()
     require_shape("covariances of the observations", (k, 2, 2), C)

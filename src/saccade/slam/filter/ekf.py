@@ -323,10 +323,11 @@ class EkfSlam:
         N, next_id = f.now.landmarks, f.now.next_id
         if next_id == N:  # none is missing
             return landmarks
-        rows = np.searchsorted(f.ids[:N], landmarks)
-        found = f.ids[np.minimum(rows, max(N - 1, 0))] == landmarks
-        rows = np.where(landmarks < 0, landmarks, np.where(found & (rows < N), rows, -1))
-        return np.where(landmarks >= next_id, landmarks - next_id + N, rows)
+        rows = f.ids[:N].searchsorted(landmarks)
+        if self.submap is not None:
+            rows = np.where(f.ids[rows.clip(max=max(N - 1, 0))] == landmarks, rows, -1)
+        rows = rows + np.maximum(landmarks - next_id, 0)
+        return np.where(landmarks < 0, landmarks, rows)
 
     def _known_rows(self, landmarks: IntArray) -> IntArray:
         """Rows in the whole map of landmarks (k,)."""
