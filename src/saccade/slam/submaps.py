@@ -18,13 +18,14 @@ range that a scan needs, and the distance since the entry with the gate of its o
 radius, or when a landmark outside is observed by its label.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import hypot, isfinite, sqrt
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from saccade.slam.filter._state_kernels import STANDARD, FilterState, read_block, write_block
+from saccade.slam.filter.models import control_bias
 from saccade.slam.filter.state import (
     add_rows,
     auxiliary_rows,
@@ -283,6 +284,44 @@ def _quarter_turn(points: FloatArray) -> FloatArray:
     return turned
 
 
+@dataclass
+class _Excursion:
+    """The motion since the entry into a submap, with its uncertainty."""
+
+    bias: FloatArray
+    """(r - 3,) odometry biases at the entry."""
+    bias_sigma: FloatArray
+    """(r - 3,) their standard deviations."""
+    length: float = 0.0
+    position: float = 0.0
+    heading: float = 0.0
+    """Variances of position and heading by the noise."""
+    biased: FloatArray = field(default_factory=lambda: np.zeros(2))
+    """(2,) bounds of the errors of position and heading by the biases."""
+
+    def add(self, control: tuple[FloatArray, FloatArray] | None) -> None:
+        """Add a motion."""
+        if control is None:
+            return
+        u, U = control
+        c = len(u) - 1  # the heading's
+        if len(self.bias) > 0:
+            D = control_bias(u, 3 + len(self.bias))
+            u, bias = u + D @ self.bias, np.abs(D) @ self.bias_sigma
+            self.biased += float(np.hypot.reduce(bias[:c])), float(bias[c])
+        length = hypot(u[0], u[1]) if c == 2 else abs(float(u[0]))
+        heading = float(U[c, c])
+        self.length += length
+        self.position += float(U[0, 0] + (U[1, 1] if c == 2 else 0.0)) + length**2 * heading
+        self.heading += heading
+
+    def reach(self, gate: float) -> float:
+        """Meters that the robot may have moved, within `gate` standard deviations."""
+        position, heading = map(float, self.biased)
+        sigma = sqrt(self.position) + position + self.length * (sqrt(self.heading) + heading)
+        return float(self.length + gate * sigma)
+
+
 class SubmapChoice:
     """Chooses the submap in which the next step is taken.
 
@@ -297,7 +336,7 @@ class SubmapChoice:
         self._radius = -1.0
         self._in_whole = False
         self._needed = 0.0
-        self._entry = np.zeros(2)
+        self._excursion = _Excursion(np.zeros(0), np.zeros(0))
 
     def update(self, ekf: "EkfSlam", table: "LandmarkTable", scan: Scan, max_range: float) -> None:
         """Enter or leave a submap for a step; most often that of the last step serves.
@@ -322,16 +361,21 @@ class SubmapChoice:
         if self._radius < 0 or (ekf.submap is None and not self._in_whole):
             self._enter(ekf, scan, labeled, max_range)
             return
+        self._excursion.add(scan.control)
         outside = ekf.submap is not None and bool((ekf.rows(labeled) < 0).any())
-        if outside or self._distance(ekf, scan) + max_range > self._radius:
+        if outside or self._excursion.reach(self._gate) + max_range > self._radius:
             self._enter(ekf, scan, labeled, max_range)
         self._needed = max(self._needed, max_range)
 
     def _enter(self, ekf: "EkfSlam", scan: Scan, labeled: IntArray, needed: float) -> None:
         """Enter the submap around the robot for this step and some that may follow."""
         ekf.leave()
-        self._entry = ekf.pose[:2]
-        self._radius = max(needed, self._needed) * (1 + MARGIN) + self._distance(ekf, scan)
+        f, r = ekf.active, ekf.active.robot_size
+        sigma = np.sqrt(np.abs(f.P[range(3, r), range(3, r)]))
+        self._excursion = _Excursion(f.state[3:r].copy(), sigma)
+        self._excursion.add(scan.control)
+        distance = self._excursion.reach(self._gate)
+        self._radius = max(needed, self._needed) * (1 + MARGIN) + distance
         self._needed = needed
         predicted, S = ekf.predict_observations()
         q = predicted[:, 0]
@@ -341,9 +385,3 @@ class SubmapChoice:
         self._in_whole = not self._always and near.mean() > MAX_FRACTION
         if not self._in_whole:
             ekf.enter(np.flatnonzero(near))
-
-    def _distance(self, ekf: "EkfSlam", scan: Scan) -> float:
-        """Meters that the robot is from the entry after a motion, within the gate."""
-        step = 0.0 if scan.control is None else float(np.abs(scan.control[0][:-1]).sum())
-        variance = float(np.abs(ekf.pose_covariance[[0, 1], [0, 1]]).sum())
-        return hypot(*(ekf.pose[:2] - self._entry)) + step + self._gate * sqrt(variance)

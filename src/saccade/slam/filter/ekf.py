@@ -325,7 +325,8 @@ class EkfSlam:
             return landmarks
         rows = f.ids[:N].searchsorted(landmarks)
         if self.submap is not None:
-            rows = np.where(f.ids[rows.clip(max=max(N - 1, 0))] == landmarks, rows, -1)
+            known = f.ids[rows.clip(max=max(N - 1, 0))] == landmarks
+            rows = np.where(known | (landmarks >= next_id), rows, -1)
         rows = rows + np.maximum(landmarks - next_id, 0)
         return np.where(landmarks < 0, landmarks, rows)
 
