@@ -12,16 +12,18 @@ from saccade.slam.filter._range_bearing_kernels import expected_observations
 from saccade.slam.filter._state_kernels import FilterState
 from saccade.types import BoolArray, FloatArray, IntArray
 
-RANGES, BEARINGS = 64, 16
-"""Cells of the sensor's view: quarter octaves of the range from `SHORTEST` on, sectors."""
+RANGES = 64
+"""Cells of the sensor's view by range: quarter octaves from `SHORTEST` on."""
+BEARINGS = 16
+"""Cells of the sensor's view by bearing."""
 SHORTEST = 0.1
-"""Metres."""
+"""Range at which the cells begin, in meters."""
 UNTRIED = 10.0
-"""Misses that every cell is assumed to have begun with: without experience, no evidence."""
+"""Misses that every cell begins with: without experience, no evidence."""
 MEMORY = 500.0
 """Expected landmarks in a cell after which its counts are halved, so that they follow changes."""
-WRONG_NAME = 0.05
-"""Probability that a named observation is not of its landmark."""
+WRONG_LABEL = 0.05
+"""Probability that a labeled observation is not of its landmark."""
 SCALE_MEMORY = 200.0
 """Observations over which the normalized innovation squared is averaged."""
 MAX_UNEXPLAINED = 1.5
@@ -32,20 +34,24 @@ RAREST = 0.01
 """Least number of unexplained observations, and of squared misses, that is expected in a scan."""
 TINY = 1e-9
 """Evidence of a point that has none yet; 0 is that of a free row."""
-SIGHTINGS = 2.0
-"""Observations of a point that count, however often it is observed."""
-POINTS, EVIDENCE = 32, 2
-"""Unexplained points that are remembered, and the column of their evidence."""
+MAX_OBSERVATIONS = 2.0
+"""Observations of an unexplained point that count, however often it is observed."""
+POINTS = 32
+"""Number of unexplained points that are remembered."""
+EVIDENCE = 2
+"""Column of the evidence of an unexplained point."""
 MAX_EVIDENCE = 3.0
 """Largest evidence of one scan: its misses have common causes."""
 MIN_LANDMARKS = 8
-"""Landmarks of a map in which a robot may be lost; in a smaller one it cannot be found again."""
-LEFT_OUT, PATIENCE = 1.5, 4.0
-"""Evidence of a scan from which it is left out of the filter, and the cumulative evidence that this
-takes if the scan has no names: gates protect the filter from most of a single wrong scan."""
-CONTRADICTIONS = 3
-"""Landmarks named in a scan that must not be where the filter expects them for the scan to be left
-out; of fewer, the doubt of each name takes care."""
+"""Size of the smallest map that is tested; in a smaller one a robot cannot be found again."""
+MIN_CONTRADICTION = 1.5
+"""Evidence of a scan from which it contradicts the believed pose."""
+MIN_CUMULATIVE = 4.0
+"""Cumulative evidence from which a scan without labels contradicts the believed pose: gates protect
+the filter from most of a single wrong scan."""
+MIN_CONTRADICTED_LABELS = 3
+"""Labels of a scan whose landmarks are not where the filter expects them for the scan to
+contradict the believed pose; fewer are rejected one by one."""
 
 
 class EvidenceScalars(Structure):
@@ -54,7 +60,7 @@ class EvidenceScalars(Structure):
     _fields_ = (
         ("total", c_double),  # cumulative evidence
         ("latest", c_double),  # of the latest scan
-        ("reach", c_double),  # metres to the most distant landmark observed
+        ("max_range", c_double),  # meters to the most distant landmark observed
         ("clutter", c_double),  # mean number of unexplained observations in a scan
         ("scale", c_double),  # mean of half the normalized innovation squared
         ("squares", c_double),  # mean of the square of excess misses in a scan
@@ -71,7 +77,7 @@ class LandmarkEvidence:
     observed: FloatArray
     """(RANGES, BEARINGS) of these, how many were observed."""
     points: FloatArray
-    """(POINTS, 3) x, y in metres and the evidence of unexplained points, 0 for free rows."""
+    """(POINTS, 3) x, y in meters and the evidence of unexplained points, 0 for free rows."""
     now: EvidenceScalars
     """Numbers that change from scan to scan."""
 
@@ -106,12 +112,12 @@ def update_evidence(
     if N + others < MIN_LANDMARKS:
         return False
     landmark, cell = np.empty(N, np.int64), np.empty((N, 2), np.int64)
-    count = _landmarks_in_view(f, now.reach, z, confirmed, association, landmark, cell)
+    count = _landmarks_in_view(f, now.max_range, z, confirmed, association, landmark, cell)
     landmark = landmark[:count]
     expected, S = np.empty((count, 2)), np.empty((count, 2, 2))
     expected_observations(f, landmark, expected, S)
     density, least = np.empty((len(z), count)), np.empty(len(z))
-    view = 2 * pi * _reach(now.reach, z)
+    view = 2 * pi * _max_range(now.max_range, z)
     _fill_densities(expected, S, z, R, gate, now.scale, view, density, least)
     for k in range(len(z)):
         if 0 <= association[k] < N:
@@ -137,18 +143,20 @@ def update_evidence(
         points = evidence.points
         for i in range(POINTS):
             points[i, EVIDENCE] = 0.0
-    named, contradictions = 0, 0
+    labeled, contradictions = 0, 0
     for k in range(len(z)):
         if 0 <= association[k] < N:
-            named += 1
+            labeled += 1
             contradictions += _total(density[k]) == 0.0
-    enough = contradictions >= CONTRADICTIONS if named > 0 else now.total >= PATIENCE
-    if now.latest >= LEFT_OUT and enough:
+    enough = (
+        contradictions >= MIN_CONTRADICTED_LABELS if labeled > 0 else now.total >= MIN_CUMULATIVE
+    )
+    if now.latest >= MIN_CONTRADICTION and enough:
         return True
     for j in range(count):
         _count(tries, hits, cell[j], owner[j] >= 0)
         if owner[j] >= 0:
-            now.reach = max(now.reach, z[owner[j], 0])
+            now.max_range = max(now.max_range, z[owner[j], 0])
     _learn(evidence, p, owner, explained, least)
     return False
 
@@ -210,22 +218,22 @@ def _landmarks_in_view(
     landmark: IntArray,
     cell: IntArray,
 ) -> int:
-    """Fill the landmarks that are named, or as far away as any observation so far, and their cells.
+    """Fill the landmarks that are labeled, or within the largest range so far, and their cells.
 
     Returns how many.
     """
-    s, r, reach, count = f.state, f.robot_size, _reach(farthest, z), 0
+    s, r, reach, count = f.state, f.robot_size, _max_range(farthest, z), 0
     for i in range(f.now.landmarks):
-        is_named = False
+        is_labeled = False
         for k in association:
-            is_named = is_named or k == i
-        if not confirmed[i] and not is_named:
+            is_labeled = is_labeled or k == i
+        if not confirmed[i] and not is_labeled:
             continue
         dx, dy = s[r + 2 * i] - s[0], s[r + 2 * i + 1] - s[1]
-        if max(abs(dx), abs(dy)) > reach and not is_named:
+        if max(abs(dx), abs(dy)) > reach and not is_labeled:
             continue
         q = hypot(dx, dy)
-        if q > reach and not is_named:
+        if q > reach and not is_labeled:
             continue
         landmark[count] = i
         octaves = log2(max(q, SHORTEST) / SHORTEST)
@@ -279,7 +287,7 @@ def _evidence(
     """Log likelihood ratio of a lost robot to one that is not, by densities (k, c).
 
     Each observation of a robot that is not lost is of an expected landmark, with the density of
-    the filter, or of something else, anywhere in the view, metres times radians; in proportion to
+    the filter, or of something else, anywhere in the view, meters times radians; in proportion to
     how many of both there are in a scan. Those of a lost one are anywhere in the view. Missed
     landmarks count as far as misses were independent so far: what hides one may hide many.
     """
@@ -287,7 +295,7 @@ def _evidence(
     clutter, expected = now.clutter, _total(p)
     for k in range(len(density)):
         if 0 <= association[k] < landmarks:
-            value = -log(WRONG_NAME + (1 - WRONG_NAME) * view * _total(density[k]))
+            value = -log(WRONG_LABEL + (1 - WRONG_LABEL) * view * _total(density[k]))
         else:
             known = 0.0
             for j in range(len(p)):
@@ -333,7 +341,7 @@ def _limited(
                     row[k] = i
             points[row[k], EVIDENCE] = TINY
         points[row[k], 0], points[row[k], 1] = x, y
-        room[k] = min(room[k], max(SIGHTINGS * room[k] - points[row[k], EVIDENCE], 0.0))
+        room[k] = min(room[k], max(MAX_OBSERVATIONS * room[k] - points[row[k], EVIDENCE], 0.0))
     total = _total(room)
     limited = min(value, total, MAX_EVIDENCE)
     if limited > 0:
@@ -355,12 +363,12 @@ def _count(tries: FloatArray, hits: FloatArray, cell: IntArray, observed: bool) 
 
 
 @kernel()
-def _reach(farthest: float, z: FloatArray) -> float:
-    """Metres to the most distant landmark observed, in the scan z (k, 2) or before."""
-    reach = farthest
+def _max_range(before: float, z: FloatArray) -> float:
+    """Meters to the most distant landmark observed, in the scan z (k, 2) or before."""
+    farthest = before
     for k in range(len(z)):
-        reach = max(reach, z[k, 0])
-    return reach
+        farthest = max(farthest, z[k, 0])
+    return farthest
 
 
 @kernel()

@@ -12,20 +12,20 @@ class Grid(NamedTuple):
     """Landmarks by the square cells in which they are."""
 
     low: FloatArray
-    """(2,) metres: the corner of the first cell."""
+    """(2,) meters: the corner of the first cell."""
     size: float
-    """Metres: the side of a cell."""
+    """Meters: the side of a cell."""
     shape: tuple[int, int]
     """Cells along x and y."""
     start: IntArray
     """(cells + 1,) index in `xy` of the first landmark of each cell, row by row."""
     xy: FloatArray
-    """(N, 2) metres, sorted by cell."""
+    """(N, 2) meters, sorted by cell."""
 
 
 @kernel()
 def squared_distance_to_nearest(grid: Grid, x: float, y: float) -> float:
-    """Square metres to the nearest landmark within one cell's side; infinite without any."""
+    """Square meters to the nearest landmark within one cell's side; infinite without any."""
     i, j = floor((x - grid.low[0]) / grid.size), floor((y - grid.low[1]) / grid.size)
     nx, ny = grid.shape
     least = inf
@@ -61,7 +61,7 @@ def add_support(
 def select_distinct(poses: FloatArray, position: float, heading: float, selected: IntArray) -> int:
     """Fill rows of poses (h, 3) that are not near an earlier one; returns how many there are.
 
-    As many as there is room for; near is within metres and radians.
+    As many as there is room for; near is within meters and radians.
     """
     count = 0
     for h in range(len(poses)):

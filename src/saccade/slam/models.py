@@ -25,8 +25,8 @@ def turn_then_translate(
     """Turn-then-translate motion model (C.5-C.9).
 
     Args:
-        pose: (3,) x, y in metres, heading in radians.
-        control: (2,) distance in metres, turn in radians.
+        pose: (3,) x, y in meters, heading in radians.
+        control: (2,) distance in meters, turn in radians.
 
     Returns:
         The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 2).
@@ -47,8 +47,8 @@ def compose(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArr
     """Pose composition: the control is the next pose in the frame of the last one.
 
     Args:
-        pose: (3,) x, y in metres, heading in radians.
-        control: (3,) forward, left in metres, turn in radians.
+        pose: (3,) x, y in meters, heading in radians.
+        control: (3,) forward, left in meters, turn in radians.
 
     Returns:
         The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 3).
@@ -76,12 +76,12 @@ def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatA
     """Range and bearing of landmarks from a pose (C.14).
 
     Args:
-        pose: (3,) x, y in metres, heading in radians.
-        landmarks: (..., 2) in metres.
+        pose: (3,) x, y in meters, heading in radians.
+        landmarks: (..., 2) in meters.
 
     Returns:
-        Range in metres and bearing in radians (..., 2), and the Jacobian (..., 2, 5)
-        by x, y, theta, mx, my. Within a micrometre of the robot the bearing is undefined:
+        Range in meters and bearing in radians (..., 2), and the Jacobian (..., 2, 5)
+        by x, y, theta, mx, my. Within a micrometer of the robot the bearing is undefined:
         it and its Jacobian are zero, so that the observation corrects nothing.
     """
     pose, landmarks = as_numbers("pose", pose), as_numbers("landmarks", landmarks)
@@ -108,11 +108,11 @@ def inverse_observe(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatA
     """Positions of observed landmarks (C.15, C.18).
 
     Args:
-        pose: (3,) x, y in metres, heading in radians.
-        z: (..., 2) range in metres, bearing in radians.
+        pose: (3,) x, y in meters, heading in radians.
+        z: (..., 2) range in meters, bearing in radians.
 
     Returns:
-        Positions in metres (..., 2), and their Jacobians by pose (..., 2, 3) and
+        Positions in meters (..., 2), and their Jacobians by pose (..., 2, 3) and
         by z (..., 2, 2).
     """
     pose, z = as_numbers("pose", pose), as_numbers("observations", z)

@@ -46,14 +46,14 @@ NEGLIGIBLE = 1e-6
 ITERATIONS = 4
 """Gauss-Newton steps of a refinement."""
 SAME_POSITION, SAME_HEADING = 0.5, 0.1
-"""Metres and radians within which proposals are the same."""
+"""Meters and radians within which proposals are the same."""
 
 
 class Relocalizer:
     """Global localization in a map of point landmarks, scan by scan.
 
     Args:
-        landmarks: (N, 2) metres.
+        landmarks: (N, 2) meters.
         covariance: (N, 2, 2) of each landmark or, better, (2N, 2N) of all: with correlations the
             errors that neighboring landmarks share are left out.
         max_proposals: proposed poses whose support is computed, after those of the first few pairs.
@@ -125,7 +125,7 @@ class Relocalizer:
         """Add a scan, and search for the pose at which it was made.
 
         Args:
-            z: (k, 2) range in metres, bearing in radians.
+            z: (k, 2) range in meters, bearing in radians.
             R: (k, 2, 2) their covariances.
             landmark: (k,) row of the landmark that each observation names, -1 for none.
 
@@ -319,12 +319,12 @@ class Relocalizer:
 
     @property
     def _reach(self) -> float:
-        """Metres to the most distant point observed."""
+        """Meters to the most distant point observed."""
         return float(np.linalg.norm(self._points, axis=1).max(initial=1e-6))
 
 
 class _LandmarkPairs(NamedTuple):
-    """Ordered pairs of landmarks (m, 2) up to a reach in metres, by their distance (m,)."""
+    """Ordered pairs of landmarks (m, 2) up to a reach in meters, by their distance (m,)."""
 
     reach: float
     ends: IntArray

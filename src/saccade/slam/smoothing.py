@@ -19,9 +19,9 @@ from saccade.slam.run import SlamResult
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MIN_SIGMA = 1e-4
-"""Metres and radians of noise added to every measurement, so that no weight is infinite."""
+"""Meters and radians of noise added to every measurement, so that no weight is infinite."""
 ISOTROPIC_NOISE = 1e-2
-"""Noise added to a control in every direction, relative to its largest in metres and in radians:
+"""Noise added to a control in every direction, relative to its largest in meters and in radians:
 GTSAM fails where the roots of weights differ by more than a factor of about four thousand."""
 MAX_ITERATIONS, RELATIVE_CHANGE = 100, 1e-6
 """Of Levenberg-Marquardt: it stops where an iteration decreases the error by less than that."""

@@ -365,6 +365,8 @@ class SubmapChoice:
         outside = ekf.submap is not None and bool((ekf.rows(labeled) < 0).any())
         if outside or self._excursion.reach(self._gate) + max_range > self._radius:
             self._enter(ekf, scan, labeled, max_range)
+        else:
+            ekf.flush_early()
         self._needed = max(self._needed, max_range)
 
     def _enter(self, ekf: "EkfSlam", scan: Scan, labeled: IntArray, needed: float) -> None:

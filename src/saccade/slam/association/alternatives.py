@@ -1,4 +1,4 @@
-"""What the observations of a scan may be of, jointly, with the likelihood of each alternative."""
+"""Joint association hypotheses of a scan, with their likelihoods."""
 
 from dataclasses import dataclass
 from math import log, pi
@@ -17,10 +17,10 @@ from saccade.types import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Alternatives:
-    """How alternatives are found. Costs are minus twice the logarithm of a likelihood.
+    """Rule for the alternatives of a scan. Costs are minus twice the logarithm of a likelihood.
 
-    The wheels of a robot slip at times by more than their noise says. A landmark at an uncertain
-    place is an alternative far beyond the gate, then, at the cost of Huber's loss.
+    Wheels slip at times by more than their declared noise. A landmark at an uncertain position is
+    therefore an alternative far beyond the gate, at the cost of Huber's loss.
     """
 
     gate: float = 0.99
@@ -30,27 +30,27 @@ class Alternatives:
     huber: float = np.inf
     """See `EkfConfig`."""
     slip_gate: float = 60.0
-    """Normalized innovation squared up to which an observation may be of a landmark that is not at
-    a known place."""
+    """Largest normalized innovation squared of an observation of a landmark at an uncertain
+    position."""
     density: float = 0.1
-    """Landmarks that are not in the map, per square metre of what is observed, at most."""
+    """Largest number of unmapped landmarks per square meter in view."""
     least_new_cost: float = 10.0
-    """Of an observation of a new landmark, however coarse the sensor; see `new_cost`."""
+    """Least cost of an observation of a new landmark, however coarse the sensor; see `new_cost`."""
     window: float = 10.0
-    """Alternatives that cost so much more than the best one are left out."""
+    """Cost above that of the best alternative from which others are left out."""
     known: float = 2.0
-    """A landmark is at a known place if the variance of its innovation is by less than this (log of
-    the ratio of determinants) larger than the noise of the observation."""
+    """Log ratio of the determinants of an innovation's covariance and of the noise below which a
+    landmark is at a known position."""
     max_assignments: int = 6
-    """Of the scan, from which the alternatives are taken."""
+    """Number of joint associations from which the alternatives are taken."""
     max_nodes: int = 500
     """Pairs of an observation and a landmark that are tried."""
 
     def new_cost(self, size: float) -> float:
-        """Of an observation of a new landmark, relative to one of a landmark at a known place.
+        """Cost of a new landmark, relative to an observation of one at a known position.
 
         Args:
-            size: metres, standard deviation of the position of an observed point.
+            size: standard deviation of the position of an observed point, in meters.
         """
         return max(self.least_new_cost, -2 * log(2 * pi * self.density * size**2))
 
@@ -59,7 +59,7 @@ class Alternatives:
     ) -> list["Alternative"]:
         """The alternatives, the best one first.
 
-        An association has numbers of landmarks, `NEW`, and `DROPPED` for an observation that is
+        An association has ids of landmarks, `NEW`, and `DROPPED` for an observation that is
         between the two gates of the nearest landmark. Which of several landmarks at known
         places an observation is of, and whether it is of a new one beside them, moves the estimate
         by less than their distance: of those associations there is the best one only. Others move
@@ -67,7 +67,7 @@ class Alternatives:
 
         Args:
             ekf: the filter, predicted to the pose of the scan.
-            z: (m, 2) range in metres, bearing in radians.
+            z: (m, 2) range in meters, bearing in radians.
             R: (m, 2, 2) their covariances.
             new_cost: of an observation of a new landmark, see the method.
         """
@@ -129,16 +129,16 @@ class Alternatives:
 
 
 class Alternative(NamedTuple):
-    """What the observations of a scan may be of."""
+    """A joint association of a scan."""
 
     cost: float
     """Minus twice the logarithm of its likelihood, up to a constant."""
     association: IntArray
-    """(m,) numbers of landmarks, `NEW` and `DROPPED`."""
+    """(m,) ids of landmarks, `NEW` and `DROPPED`."""
     misassociations: float
-    """Expected number of its observations that are of other landmarks, each taken by itself."""
+    """Expected number of wrong associations, each observation taken by itself."""
 
 
 def log_determinant(C: FloatArray) -> FloatArray:
-    """Of covariances (..., 2, 2)."""
+    """Logarithms of the determinants of covariances (..., 2, 2)."""
     return np.asarray(np.log(C[..., 0, 0] * C[..., 1, 1] - C[..., 0, 1] * C[..., 1, 0]))

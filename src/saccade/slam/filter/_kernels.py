@@ -75,7 +75,7 @@ SINGULAR = 1e-13
 ROUNDING = 1e-9
 """Fraction of a variance by which rounding may make an update subtract more than all of it."""
 TINY = 1e-100
-"""Square metres or radians; variances below it are zero."""
+"""Square meters or radians; variances below it are zero."""
 
 
 @kernel()
@@ -195,29 +195,32 @@ def update(
 ) -> float:
     """Update by an innovation v (2,) of the landmark at row m; returns the NIS and fills S.
 
+    With A the inverse root of S and V = A H P, the gain W = P H^T S^-1 (C.13) is V^T A: W v is V^T
+    (A v), and W S W^T is V^T V.
+
     Where the root of the NIS exceeds `huber`, the noise is multiplied by their ratio.
     H (2, r + 2) is by eta of the robot and the landmark, `noise` (2, 2) the covariance of the
     observation. Only the columns of these two take part in the gain (C.10-C.13).
     """
     r, n, P, now = f.robot_size, num_rows(f), f.P, f.now
     D, A = np.empty((2, r + 2)), np.empty((2, 2))
-    whiten(f, m, H, noise, 1.0, S, D, A)
+    whiten(f, m, H, noise, 1.0, S, D, A)  # C.12
     first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
     nis = first * first + second * second
     if nis > f.huber * f.huber:
         whiten(f, m, H, noise, sqrt(nis) / f.huber, np.empty((2, 2)), D, A)
         first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
     V = f.downdates[now.downdates : now.downdates + 2]
-    _observed_rows(f, m, D, V)
+    _observed_rows(f, m, D, V)  # C.13
     for i in range(r):
         if squared_norm(V[0, i], V[1, i]) > P[i, i] * (1 + ROUNDING):
             V[0, i] = V[1, i] = 0.0
-    _downdate_blocks(f, V)
+    _downdate_blocks(f, V)  # C.11
     x, y = V[0, :n], V[1, :n]
     for i in range(r):
         _add_two_rows(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
     now.downdates += 2
-    retract(f, first, second, V)
+    retract(f, first, second, V)  # C.10
     now.heading_variance = P[2, 2]
     return float(nis)
 

@@ -18,7 +18,7 @@ from saccade.slam.filter._state_kernels import INVARIANT, FilterState
 from saccade.types import FloatArray, IntArray
 
 MIN_RANGE = 1e-6
-"""Metres; a landmark closer than this to the robot has no bearing."""
+"""Meters; a landmark closer than this to the robot has no bearing."""
 
 
 class Innovations(NamedTuple):

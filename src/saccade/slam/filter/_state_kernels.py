@@ -49,7 +49,7 @@ class FilterState:
     """Root of the normalized innovation squared beyond which an observation has less weight."""
     auxiliary: int
     """Points behind the landmarks that are corrected with them and never observed, see
-    `local_map`; without diagonal blocks."""
+    `submaps`; without diagonal blocks."""
     ids: IntArray
     """(c,) id of the landmark in each row, ascending; it never changes and is never used again."""
     state: FloatArray

@@ -8,7 +8,7 @@ from saccade._jit import kernel
 from saccade.types import FloatArray
 
 LARGEST = 1e9
-"""Metres or radians; larger numbers are invalid, and their squares might overflow."""
+"""Meters or radians; larger numbers are invalid, and their squares might overflow."""
 SLACK = 1e-9
 """Rounding tolerance of a covariance, as a fraction of its largest entry."""
 

@@ -17,6 +17,7 @@ from saccade.slam.filter._range_bearing_kernels import (
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
 from saccade.slam.filter.models import BIASES, PredictedObservations, expected, predict, update
 from saccade.slam.filter.state import (
+    RANK,
     STANDARD,
     Retraction,
     add_rows,
@@ -50,7 +51,7 @@ class EkfSlam:
 
     The state is s = (x, y, theta, m1x, m1y, ..., mNx, mNy) (C.3). Its covariance P (C.4)
     is one buffer that doubles when it is full; see `_kernels` for its parametrization. A landmark
-    has an id that never changes; only this class knows in which rows of the state it is.
+    has an id that never changes; its row in the state is used only here.
 
     Args:
         pose: (3,) x, y in meters, heading in radians; or (6,) with the biases of the odometry (see
@@ -302,6 +303,11 @@ class EkfSlam:
         if self.submap is not None:
             submap, self.submap = self.submap, None
             self._whole = leave(self._whole, submap)
+
+    def flush_early(self) -> None:
+        """Adds delayed rows to the whole map before it has to, in a step that is cheap itself."""
+        if self.submap is not None and self._whole.now.downdates > RANK // 2:
+            flush(self._whole)
 
     @property
     def active(self) -> FilterState:

@@ -14,8 +14,8 @@ from saccade.slam.filter._state_kernels import FilterState
 from saccade.types import FloatArray, IntArray
 
 BIASES = 3
-"""States after the pose: relative error of the distance; turn in radians per metre driven; and
-metres lost per radian turned."""
+"""States after the pose: relative error of the distance; turn in radians per meter driven; and
+meters lost per radian turned."""
 
 
 def bias_jacobian(control: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from saccade.slam.filter._validation_kernels import LARGEST, first_invalid, prep
 from saccade.types import FloatArray, invalid_range_bearing
 
 MIN_SIGMA = 1e-4
-"""Metres and radians: standard deviation added to observations with a singular covariance. Exact
+"""Meters and radians: standard deviation added to observations with a singular covariance. Exact
 ones would make a filter diverge by its own linearization errors."""
 
 
@@ -76,15 +76,6 @@ def check_range_bearing(z: FloatArray) -> None:
     if invalid is not None:
         number, expected, found = invalid
         raise LogError(f"observation {number}: expected {expected}, found {found}")
-
-
-def check_landmark(landmark: int, count: int) -> None:
-    """Raise unless it is the number of a landmark in a map of `count`."""
-    if not 0 <= landmark < count:
-        raise LogError(
-            f"landmark: expected a number from 0 to {count - 1} of a map of "
-            f"{count} landmarks, found {landmark}"
-        )
 
 
 def as_numbers(name: str, value: object) -> FloatArray:
