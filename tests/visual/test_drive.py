@@ -14,11 +14,9 @@ from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.evaluation.runs import correct_associations, summarize_drive
 from saccade.evaluation.trajectory import score_drive
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.slam import Checkpoint, Recorder
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.models import wrap
 from saccade.visual import VisualConfig
-from support.interrupted_run import interrupt_at
 from support.short_ring import short_ring
 
 FRAMES = 48
@@ -83,37 +81,6 @@ def test_every_frame_is_read_once(drive):
     read = []
     visual.run(changed(drive.until(3), lambda number, frame: read.append(number) or frame))
     assert sorted(read) == [0, 1, 2]
-
-
-@pytest.mark.parametrize("right", [True, False], ids=["stereo", "one camera"])
-def test_an_interrupted_run_resumes_to_the_same_bits(drive, tmp_path, right):
-    def seen(number, frame):
-        dark = replace(frame, image=np.zeros_like(frame.image), right=None)
-        return dark if number in (11, 12) else frame if right else replace(frame, right=None)
-
-    lens = drive.camera if right else replace(drive.camera, baseline=0.0)
-    some = replace(changed(drive, seen), camera=lens).until(24)
-    recorders = [Recorder(8), Recorder(8)]
-    whole = visual.run(some, recorder=recorders[0])
-    for frame in (1, 12, 17):
-        recorder, kept = Recorder(8), Checkpoint(tmp_path / "c.npz", 0)
-        with pytest.raises(KeyboardInterrupt):
-            visual.run(some, None, interrupt_at(frame), recorder=recorder, checkpoint=kept)
-    kept = Checkpoint(tmp_path / "c.npz", 0)
-    resumed = visual.run(some, recorder=recorders[1], checkpoint=kept)
-    assert kept.resumed == 17
-    for one, two in (
-        (whole.trajectory.pose, resumed.trajectory.pose),
-        (whole.trajectory.covariance, resumed.trajectory.covariance),
-        (whole.visual_odometry.pose, resumed.visual_odometry.pose),
-        (whole.map.xy, resumed.map.xy),
-        (whole.map.covariance, resumed.map.covariance),
-        (whole.descriptors, resumed.descriptors),
-        (whole.observations.z, resumed.observations.z),
-        (whole.observations.kind, resumed.observations.kind),
-        *((a.path, b.path) for a, b in zip(*(each.snapshots for each in recorders), strict=True)),
-    ):
-        assert one.tobytes() == two.tobytes()
 
 
 def test_the_map_keeps_to_its_budget(drive):

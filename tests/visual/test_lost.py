@@ -11,13 +11,11 @@ from saccade import datasets, visual
 from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Frame
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.slam import Checkpoint
 from saccade.slam.consistency import normalized_squared
 from saccade.types import THREE_SIGMA_2D, Trajectory
 from saccade.visual import VisualConfig
 from saccade.visual.lost import LIMIT, LostTest
 from saccade.visual.optical_flow import PreparedFrame
-from support.interrupted_run import interrupt_at
 from support.short_ring import short_ring
 
 FRAMES = 64
@@ -106,23 +104,6 @@ def test_a_robot_in_an_unknown_place_stays_lost_and_keeps_its_map():
     inside = normalized_squared(error, result.trajectory.covariance[-1:, :2, :2])
     assert np.hypot(*error[0]) > 5
     assert inside[0] < THREE_SIGMA_2D
-
-
-def test_an_interrupted_search_resumes_to_the_same_bits(carried, tmp_path):
-    moved, whole = carried
-    kept = Checkpoint(tmp_path / "c.npz", 0)
-    with pytest.raises(KeyboardInterrupt):
-        visual.run(moved, None, interrupt_at(AFTER + 1), checkpoint=kept)
-    kept = Checkpoint(tmp_path / "c.npz", 0)
-    resumed = visual.run(moved, checkpoint=kept)
-    assert kept.resumed == AFTER + 1
-    assert whole.lost.tolist() == resumed.lost.tolist()
-    for one, two in (
-        (whole.trajectory.pose, resumed.trajectory.pose),
-        (whole.trajectory.covariance, resumed.trajectory.covariance),
-        (whole.map.covariance, resumed.map.covariance),
-    ):
-        assert one.tobytes() == two.tobytes()
 
 
 def test_the_times_at_which_it_was_lost_are_reported(carried, run, tmp_path):

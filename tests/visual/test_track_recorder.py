@@ -9,9 +9,7 @@ from saccade import datasets, visual
 from saccade.errors import DriveError, OutputError
 from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Frame
-from saccade.slam import Checkpoint
 from saccade.visual.track_recorder import DEPTH_BASELINE
-from support.interrupted_run import interrupt_at
 from support.short_ring import short_ring
 from support.small_drive import small_drive
 
@@ -24,11 +22,8 @@ def drive():
 
 
 def test_recorded_tracks_close_the_same_loop(drive, tmp_path):
-    kept = Checkpoint(tmp_path / "c.npz", 0)
-    with pytest.raises(KeyboardInterrupt):
-        visual.run(drive, None, interrupt_at(17), checkpoint=kept, tracks=visual.TrackRecorder())
     recorder = visual.TrackRecorder()
-    by_images = visual.run(drive, checkpoint=Checkpoint(tmp_path / "c.npz", 0), tracks=recorder)
+    by_images = visual.run(drive, tracks=recorder)
     datasets.save_drive(tmp_path / "tracks", recorder.drive(drive))
     loaded = datasets.load_drive("auto", tmp_path / "tracks")
     assert len(loaded) == FRAMES
