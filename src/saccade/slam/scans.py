@@ -59,9 +59,9 @@ def checked_scan(
         C = np.array(as_array("covariance of the control", (c, c), U), np.float64)
         check_noise("control", u[None], C[None], config.motion_noise_scale**2)
         motion = u, C
-    if z is None or np.size(z) == 0:
+    z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
+    if z.size == 0:
         return Scan(seconds, motion, *NO_SCAN)
-    z = np.atleast_1d(as_numbers("observations", z))
     k = len(z)
     found = [None] * k if labels is None else parse_labels(labels)
     require_shape("labels", (k,), np.empty(len(found)))

@@ -7,11 +7,10 @@ from typing import Self
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam.filter._kernels import retract, whiten
+from saccade.slam.filter._kernels import retract
 from saccade.slam.filter._range_bearing_kernels import (
     Innovations,
     augment_range_bearing,
-    linearize_range_bearing,
     write_pose,
 )
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
@@ -114,25 +113,6 @@ class EkfSlam:
         self.reserve()
         v, S, nis = self.observe(z[None], R[None], np.array([landmark]))
         return Innovation(v[0], S[0], float(nis[0]))
-
-    def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
-        """The innovation of an observation without an update, in constant time.
-
-        Args:
-            z: (2,) range in meters and bearing in radians.
-            R: (2, 2) its covariance.
-            landmark: id of the landmark.
-        """
-        z, R = _observation(z, R)
-        self.leave()
-        f = self.active
-        m = f.robot_size + 2 * int(self._known_rows(np.array([landmark]))[0])
-        v, H, noise = np.empty(2), np.empty((2, f.robot_size + 2)), np.empty((2, 2))
-        S, A, D = np.empty((2, 2)), np.empty((2, 2)), np.empty(H.shape)
-        linearize_range_bearing(f, m, z, R, v, H, noise)  # C.14
-        whiten(f, m, H, noise, 1.0, S, D, A)  # C.12
-        whitened = A @ v
-        return Innovation(v, S, float(whitened @ whitened))
 
     def update_scan(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
         """Updates by all observations from one pose.
