@@ -56,11 +56,19 @@ def point_covariance(observation: FloatArray, covariance: FloatArray) -> FloatAr
 
 def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
     """The controls of a log as relative poses (t, 3), and their covariance (t, 3, 3)."""
+    A = relative_pose_jacobian(log)
+    covariance = A @ log.control_covariance @ A.transpose(0, 2, 1)
     if log.motion == "compose":
-        return log.control, log.control_covariance
+        return log.control, covariance
+    return np.column_stack([to_points(log.control), log.control[:, 1]]), covariance
+
+
+def relative_pose_jacobian(log: LandmarkLog) -> FloatArray:
+    """(t, 3, c) Jacobians of the relative poses of a log by its controls."""
+    if log.motion == "compose":
+        return np.broadcast_to(np.eye(3), (len(log.control), 3, 3))
     A = np.zeros((len(log.control), 3, 2))
     A[:, :2] = rotations(log.control[:, 1])
     A[:, :2, 1] *= log.control[:, :1]
     A[:, 2, 1] = 1.0
-    control = np.column_stack([to_points(log.control), log.control[:, 1]])
-    return control, A @ log.control_covariance @ A.transpose(0, 2, 1)
+    return A

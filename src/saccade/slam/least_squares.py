@@ -1,0 +1,263 @@
+"""Least squares over a chain of poses and what is observed from them.
+
+Every pose and every landmark is a variable (Dellaert & Kaess 2006, "Square root SAM"). The normal
+equations are sparse. The poses are a chain, so that their part is block tridiagonal, from which the
+covariances follow.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse.linalg import splu
+
+from saccade.plane import relative_poses, rotations
+from saccade.slam.models import difference, observe, wrap
+from saccade.types import FloatArray, IntArray
+
+MAX_ITERATIONS = 50
+"""Largest number of iterations of Levenberg-Marquardt."""
+MIN_DECREASE = 1e-6
+"""Relative decrease of the cost in an iteration below which the estimate has converged."""
+FIRST_DAMPING = 1e-9
+"""Damping of the first iteration, relative to the diagonal of the normal equations."""
+DAMPING_FACTOR = 100.0
+"""Factor of the damping after a step that does not decrease the cost; its inverse after others."""
+MAX_DAMPING = 1e6
+"""Damping at which no step decreases the cost any more."""
+
+
+class Estimate(NamedTuple):
+    """The variables of the problem."""
+
+    pose: FloatArray
+    """(v, 3) x, y in meters, heading in radians."""
+    landmark: FloatArray
+    """(n, 2) meters."""
+    bias: FloatArray
+    """(b,) odometry biases, see `bias_jacobian`; b is 0 or 3."""
+
+    def moved(self, step: FloatArray) -> Self:
+        """The estimate after a step (3 v + 2 n + b,) of poses, landmarks and biases."""
+        v, n = len(self.pose), len(self.landmark)
+        by_pose, by_landmark, by_bias = np.split(step, [3 * v, 3 * v + 2 * n])
+        pose = self.pose + by_pose.reshape(v, 3)
+        pose[:, 2] = wrap(pose[:, 2])
+        landmark = self.landmark + by_landmark.reshape(n, 2)
+        return self._replace(pose=pose, landmark=landmark, bias=self.bias + by_bias)
+
+
+class Factors(NamedTuple):
+    """Residuals of one kind, whitened, and their Jacobians."""
+
+    residual: FloatArray
+    """(f, r) of standard deviation 1."""
+    by_first: FloatArray
+    """(f, r, 3) Jacobian by the first pose of each."""
+    by_second: FloatArray
+    """(f, r, 3 or 2) Jacobian by the second pose, or by the landmark."""
+    by_bias: FloatArray
+    """(f, r, b) Jacobian by the biases."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """What is measured: the first pose, the steps between poses, and landmarks from poses."""
+
+    start: FloatArray
+    """(3,) first pose."""
+    start_root: FloatArray
+    """(3, 3) square root of its information: W^T W is the inverse of the covariance."""
+    step: FloatArray
+    """(v - 1, 3) each pose in the frame of the one before."""
+    step_root: FloatArray
+    """(v - 1, 3, 3) square roots of their information, in the frame of the later pose."""
+    step_by_bias: FloatArray
+    """(v - 1, 3, b) Jacobian of the steps by the biases."""
+    bias_sigma: FloatArray
+    """(b,) standard deviations of the biases before anything is observed."""
+    observer: IntArray
+    """(k,) pose from which each observation was made."""
+    landmark: IntArray
+    """(k,) landmark of each."""
+    observation: FloatArray
+    """(k, 2) range in meters, bearing in radians."""
+    observation_root: FloatArray
+    """(k, 2, 2) square roots of their information."""
+    huber: float
+    """Norm of a whitened residual beyond which an observation has less weight."""
+
+    def steps(self, at: Estimate) -> Factors:
+        """The steps between successive poses."""
+        first, second = at.pose[:-1], at.pose[1:]
+        expected = self.step + self.step_by_bias @ at.bias
+        between = relative_poses(first, second)
+        turned = rotations(expected[:, 2]).transpose(0, 2, 1)
+        error = np.empty_like(expected)  # in the frame where the later pose is expected
+        error[:, :2] = (turned @ (between - expected)[:, :2, None])[:, :, 0]
+        error[:, 2] = wrap(second[:, 2] - first[:, 2] - expected[:, 2])
+        by_second = np.zeros((len(first), 3, 3))
+        by_second[:, :2, :2] = rotations(first[:, 2] + expected[:, 2]).transpose(0, 2, 1)
+        by_second[:, 2, 2] = 1.0
+        by_first = -by_second
+        by_first[:, :2, 2] = (turned @ _perpendicular(between[:, :2])[:, :, None])[:, :, 0]
+        by_expected = np.zeros((len(first), 3, 3))
+        by_expected[:, :2, :2] = -turned
+        by_expected[:, :2, 2] = _perpendicular(error[:, :2])
+        by_expected[:, 2, 2] = -1.0
+        W = self.step_root
+        return Factors(
+            (W @ error[:, :, None])[:, :, 0],
+            *(W @ by_first, W @ by_second, W @ by_expected @ self.step_by_bias),
+        )
+
+    def observations(self, at: Estimate) -> Factors:
+        """The observations of landmarks (C.14)."""
+        z, H = observe(at.pose[self.observer].T, at.landmark[self.landmark])
+        error, W = difference(z, self.observation), self.observation_root
+        whitened = (W @ error[:, :, None])[:, :, 0]
+        none = np.zeros((len(z), 2, len(at.bias)))
+        return Factors(whitened, W @ H[:, :, :3], W @ H[:, :, 3:], none)
+
+    def weights(self, observations: Factors) -> FloatArray:
+        """(k,) robust weight of each observation (Huber 1964)."""
+        norm = np.sqrt(np.square(observations.residual).sum(1))
+        return np.asarray(np.minimum(1.0, self.huber / np.maximum(norm, 1e-300)))
+
+    def cost(self, at: Estimate) -> float:
+        """Half the sum of the squared residuals; of observations, Huber's loss."""
+        norm = np.sqrt(np.square(self.observations(at).residual).sum(1))
+        inside = np.minimum(norm, self.huber)
+        loss = inside * (norm - inside / 2)  # norm^2 / 2 up to the threshold, linear beyond
+        others = [self.steps(at).residual, self.start_root @ _minus(at.pose[0], self.start)]
+        others.append(at.bias / self.bias_sigma)
+        return float(loss.sum() + sum(np.square(each).sum() for each in others) / 2)
+
+
+class NormalEquations:
+    """The normal equations H x = -g about an estimate, poses before landmarks and biases."""
+
+    def __init__(self, measured: Measurements, at: Estimate) -> None:
+        steps, seen = measured.steps(at), measured.observations(at)
+        root = np.sqrt(measured.weights(seen))[:, None]
+        pose = 3 * np.arange(len(at.pose))
+        landmark = pose.size * 3 + 2 * np.arange(len(at.landmark))
+        bias = landmark.size * 2 + pose.size * 3 + np.zeros(len(steps.residual), np.int64)
+        W, observer = root[:, None], pose[measured.observer]
+        rows = (  # of the Jacobian, by kind of measurement: blocks with their first columns
+            ((measured.start_root[None], pose[:1]),),
+            ((steps.by_first, pose[:-1]), (steps.by_second, pose[1:]), (steps.by_bias, bias)),
+            ((W * seen.by_first, observer), (W * seen.by_second, landmark[measured.landmark])),
+            ((np.diag(1 / measured.bias_sigma)[None], bias[:1]),),
+        )
+        J = _sparse(rows, pose.size * 3 + landmark.size * 2 + len(at.bias))
+        residual = (
+            measured.start_root @ _minus(at.pose[0], measured.start),
+            steps.residual,
+            root * seen.residual,
+            at.bias / measured.bias_sigma,
+        )
+        self._H = csc_array(J.T @ J)
+        self._gradient = J.T @ np.concatenate([each.ravel() for each in residual])
+        self._poses = 3 * len(at.pose)
+
+    def step(self, damping: float) -> FloatArray:
+        """The step of all variables, with the diagonal of H increased by a fraction of it."""
+        damped = csc_array(self._H + damping * diags_array(self._H.diagonal()))
+        factors = splu(damped, "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
+        return -factors.solve(self._gradient)
+
+    def covariances(self) -> tuple[FloatArray, FloatArray]:
+        """Marginal covariances of poses (v, 3, 3), and of landmarks and biases (m, m) together.
+
+        That of a pose is its covariance given the others, and X S^-1 X^T, with X = H_pp^-1 H_pl
+        and S the Schur complement of the poses.
+        """
+        p = self._poses
+        H_pl, H_ll = self._H[:p, p:], self._H[p:, p:].toarray()
+        given, X = _solve_chain(self._H[:p, :p], H_pl.toarray())
+        L = cholesky(H_ll - H_pl.T @ X, lower=True)
+        Y = solve_triangular(L, X.T, lower=True).T.reshape(p // 3, 3, len(L))  # X S^-1 X^T = Y Y^T
+        return given + Y @ Y.transpose(0, 2, 1), cho_solve((L, True), np.eye(len(L)))
+
+
+def minimize(
+    measured: Measurements, start: Estimate, min_decrease: float = MIN_DECREASE
+) -> tuple[Estimate, int]:
+    """The least-squares estimate by Levenberg-Marquardt, and the number of iterations."""
+    best, cost, damping, iterations = start, measured.cost(start), FIRST_DAMPING, 0
+    while iterations < MAX_ITERATIONS:
+        iterations += 1
+        equations, new = NormalEquations(measured, best), np.inf
+        while new > cost and damping < MAX_DAMPING:
+            moved = best.moved(equations.step(damping))
+            new = measured.cost(moved)
+            damping *= DAMPING_FACTOR if new > cost else 1 / DAMPING_FACTOR
+        if new > cost:
+            break
+        damping, decrease = max(damping, FIRST_DAMPING), cost - new
+        best, cost = moved, new
+        if decrease <= min_decrease * cost:
+            break
+    return best, iterations
+
+
+def _sparse(rows: Sequence[Sequence[tuple[FloatArray, IntArray]]], columns: int) -> csr_array:
+    """A sparse matrix of blocks (f, r, c) with the first column (f,) of each.
+
+    Blocks of one group stand in the same rows; the groups stand one below another.
+    """
+    values, where, first = [], [], 0
+    for group in rows:
+        for block, column in group:
+            f, r, c = block.shape
+            row = first + np.arange(f * r).reshape(f, r, 1)
+            place = np.broadcast_arrays(row, column[:, None, None] + np.arange(c))
+            values.append(block.ravel())
+            where.append(np.stack([each.ravel() for each in place]))
+        first += len(group[0][0]) * group[0][0].shape[1]
+    return csr_array((np.concatenate(values), np.concatenate(where, 1)), (first, columns))
+
+
+def _perpendicular(v: FloatArray) -> FloatArray:
+    """Derivatives (f, 2) of vectors (f, 2) by a turn of their frame."""
+    return np.stack([v[:, 1], -v[:, 0]], 1)
+
+
+def _minus(pose: FloatArray, other: FloatArray) -> FloatArray:
+    """Difference of two poses (3,), the heading wrapped."""
+    return np.append((pose - other)[:2], wrap(pose[2] - other[2]))
+
+
+def _solve_chain(H: csc_array, right: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Solve a block tridiagonal system, block by block.
+
+    Args:
+        H: (3 v, 3 v) symmetric, with blocks of 3 x 3.
+        right: (3 v, m).
+
+    Returns:
+        (v, 3, 3) diagonal blocks of the inverse of H, by the recursion of Rauch, Tung and
+        Striebel (1965), and (3 v, m) the solution.
+    """
+    v = H.shape[0] // 3
+    cells = np.zeros((v, 3, 9))  # row by row, from the block before the diagonal one on
+    row, column = H.nonzero()
+    cells[row // 3, row % 3, column - 3 * (row // 3) + 3] = H[row, column]
+    below, diagonal = cells[1:, :, :3], cells[:, :, 3:6]
+    gain, inverse = np.empty_like(below), np.empty_like(diagonal)
+    inverse[0] = np.linalg.inv(diagonal[0])
+    x = right.reshape(v, 3, right.shape[1])
+    for i in range(1, v):
+        gain[i - 1] = below[i - 1] @ inverse[i - 1]
+        inverse[i] = np.linalg.inv(diagonal[i] - gain[i - 1] @ below[i - 1].T)
+        x[i] -= gain[i - 1] @ x[i - 1]
+    covariance = inverse.copy()
+    x[-1] = inverse[-1] @ x[-1]
+    for i in range(v - 2, -1, -1):
+        covariance[i] += gain[i].T @ covariance[i + 1] @ gain[i]
+        x[i] = inverse[i] @ x[i] - gain[i].T @ x[i + 1]
+    return covariance, x.reshape(right.shape)
