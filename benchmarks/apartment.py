@@ -1,4 +1,4 @@
-"""A simulated robot in six rooms with AprilTags: a second simulator, written apart from the package.
+"""A simulated robot in six rooms with AprilTags, apart from the simulator of the package.
 
 Rooms of 5 x 4 m in two rows, with doors. A differential drive visits the rooms in random order for
 240 m in 20 minutes. Its camera sees tags on the walls where no wall is between. The log has wrong
