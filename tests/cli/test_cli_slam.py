@@ -123,7 +123,6 @@ def test_smoothing_is_written_beside_the_filter(run, short):
 
 def test_what_an_option_needs_is_named_before_the_work(run, short, monkeypatch):
     for option, module, extra in (
-        (["--smooth"], "gtsam", "smooth"),
         (["--rrd", "a.rrd"], "rerun", "live"),
         (["--live"], "rerun", "live"),
     ):

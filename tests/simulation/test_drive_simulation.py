@@ -11,7 +11,7 @@ from saccade.errors import ConfigError
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
 from saccade.simulation.drive import Illumination, render
 from saccade.simulation.scene import Ground, Walls, all_posters, build_scene, poster_images
-from saccade.slam.filter.models import unbiased
+from support.biased_odometry import unbiased
 from support.odometry_alone import followed
 
 TEXELS = 180.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saccade import slam
-from saccade.slam.filter.models import unbiased
+from support.biased_odometry import unbiased
 from support.circular_log import simulate
 
 BIAS = np.array([0.08, -0.04, 0.15])

@@ -87,7 +87,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     """Data association: known (identities of the log, believed), nearest, mutual, multiple (several
     hypotheses), or auto: identities that agree with the map, else mutual."""
     smooth: bool = False
-    """Smooth the trajectory at the end (needs GTSAM)."""
+    """Smooth the trajectory and the map at the end, by the whole log."""
     map_file: Annotated[Path | None, MAP, Parameter("--map")] = None
     """Begin with a map of an earlier run."""
     save_map: Annotated[Path | None, MAP] = None
@@ -178,8 +178,6 @@ def map_log(
 
     The run is added to `report`; None for one of its own.
     """
-    if options.smooth:
-        import_optional("gtsam", "smooth")  # before the work, not after it
     if options.rrd is not None:
         import_optional("rerun", "live")
     causes = check_log(log)

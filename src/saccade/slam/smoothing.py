@@ -20,6 +20,8 @@ from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajec
 
 MIN_SIGMA = 1e-4
 """Standard deviation in meters and radians that is added to every measurement."""
+MAX_BYTES = 2e9
+"""Largest size of the covariances between poses and landmarks, in bytes."""
 MAX_SIGMA = 1e4
 """Standard deviation in meters above which a landmark is not determined."""
 
@@ -65,12 +67,17 @@ def smooth(
         Trajectory, map, and the weight of each observation.
 
     Raises:
-        LogError: the log leaves a landmark undetermined; names it.
+        LogError: the log leaves a landmark undetermined, which is named; or it is too large.
     """
     moves = log.control.any(1) | log.control_covariance.any((1, 2))  # (t,)
     variable = np.concatenate([[0], np.cumsum(moves)])  # poses at standstill share one
     first = np.unique(variable, return_index=True)[1]
     used = np.flatnonzero(filtered.association >= 0)
+    if 8 * 3 * len(first) * 2 * len(filtered.map) > MAX_BYTES:
+        raise LogError(
+            f"smoothing: expected poses times landmarks that fit into {MAX_BYTES / 1e9:g} GB, found "
+            f"{len(first)} poses and {len(filtered.map)} landmarks"
+        )
     measured = _measurements(log, config, variable, filtered.association)
     start = Estimate(
         filtered.trajectory.pose[first], filtered.map.xy, np.zeros(len(measured.bias_sigma))

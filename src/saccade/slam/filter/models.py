@@ -35,11 +35,6 @@ def bias_jacobian(control: FloatArray) -> FloatArray:
     return D
 
 
-def unbiased(control: FloatArray, bias: FloatArray) -> FloatArray:
-    """Controls (t, c) corrected for the biases (3,)."""
-    return np.asarray(control + bias_jacobian(control) @ bias)
-
-
 class PredictedObservations(NamedTuple):
     """Predicted observations of landmarks."""
 
