@@ -75,8 +75,8 @@ def smooth(
     used = np.flatnonzero(filtered.association >= 0)
     if 8 * 3 * len(first) * 2 * len(filtered.map) > MAX_BYTES:
         raise LogError(
-            f"smoothing: expected poses times landmarks that fit into {MAX_BYTES / 1e9:g} GB, found "
-            f"{len(first)} poses and {len(filtered.map)} landmarks"
+            f"smoothing: expected poses and landmarks that fit into {MAX_BYTES / 1e9:g} GB, "
+            f"found {len(first)} and {len(filtered.map)}"
         )
     measured = _measurements(log, config, variable, filtered.association)
     start = Estimate(
