@@ -12,7 +12,6 @@ from hypothesis.internal.conjecture import providers
 import saccade
 from saccade.cli import TRACEBACK, main
 from saccade.simulation import DriveConfig, simulate_drive
-from support.encodable_reports import pytest_report_to_serializable  # noqa: F401
 from support.filmed_wall import filmed
 from support.limits import PAGE_TIMEOUT
 from support.paths import SHARED

@@ -1,7 +1,6 @@
 """The hint where an optional dependency is missing, in a clone and in an installed package."""
 
 import json
-import re
 import shlex
 import sys
 import tomllib
@@ -45,17 +44,3 @@ def test_the_hint_installs_the_extra(tmp_path, monkeypatch, editable):
     pip, verb, *required = shlex.split(hint(extra))
     assert (pip, verb) == ("pip", "install")
     assert {Requirement(line) for line in required} == {Requirement(x) for x in EXTRAS[extra]}
-
-
-def test_every_extra_that_the_sources_name_exists():
-    sources = "".join(path.read_text("utf-8") for path in (ROOT / "src").rglob("*.py"))
-    named = set(re.findall(r'import_optional\("[^"]+", "([^"]+)"\)', sources))
-    assert len(named) > 5
-    assert named <= set(EXTRAS)
-
-
-@pytest.mark.parametrize("path", ["README.md", *(p for p in ROOT.glob("docs/**/*.md"))], ids=str)
-def test_no_page_installs_the_other_project_of_this_name(path):
-    text = (ROOT / path).read_text(encoding="utf-8")
-    assert not re.search(r"pip install '?saccade\b", text)
-    assert set(re.findall(r"uv sync --extra (\w+)", text)) <= set(EXTRAS)

@@ -13,35 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fuzz.mutations import broken
-from fuzz.run import QUICK
 from fuzz.targets import TARGETS
 from support.error_checks import result_or_refusal
 from support.limits import EXAMPLES, TIMEOUT, limited
 from support.processes import run_python
 
 RUN = Path(__file__).parent / "fuzz" / "run.py"
-COMMANDS = {
-    "look": ("bmp", "look {0}/a.bmp --json"),
-    "detect": ("jpeg", "detect {0}/a.jpg -f npz -f csv"),
-    "match": ("tiff", "match {0}/a.tif {0}/a.tif"),
-    "match-pairs": ("pairs", "match {0} --pairs {0}/pairs.txt --workers 1"),
-    "slam": ("log-csv", "slam {0}/log.csv --json"),
-    "convert": ("g2o", "convert {0}/log.g2o there.csv"),
-    "check": ("kitti-odometry", "check {0}"),
-    "drive": ("folder-times", "drive {0}"),
-    "extract": ("list", "extract {0}/photos.txt --what sift --out there --workers 1"),
-    "manifest": ("manifest", "convert {0}/out there --to csv"),
-    "export": ("points-table", "convert {0}/out there --to csv"),
-    "settings": ("settings", "look {0}/sift.toml --config {0}/sift.toml"),
-    "fixations": ("fixations", "evaluate fixations --images {0} --fixations {0}/fixations.csv"),
-    "scanpaths": ("fixations", "evaluate scanpaths --images {0} --fixations {0}/fixations.csv"),
-    "features": ("homography", "evaluate features --pairs {0} --detector opencv"),
-    "trajectory": ("tum-poses", "evaluate trajectory {0}/poses.txt --truth {0}/poses.txt"),
-    "world": ("world", "simulate world --config {0}/world.toml"),
-    "simulate": ("drive-settings", "simulate drive --config {0}/drive.toml --frames 2"),
-    "bag": ("rosbag1", "check {0}/way.bag"),
-}
-"""By name: the target whose file is broken, and a command that reads it."""
 
 
 @pytest.fixture(scope="module")
@@ -67,28 +44,6 @@ def test_a_broken_file_is_read_or_refused(seeds, name, chance):
             result_or_refusal(lambda: target.read(folder))
     finally:
         (folder / target.file).write_bytes(good)
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-@settings(max_examples=max(EXAMPLES // 6, 1), suppress_health_check=list(HealthCheck))
-@given(chance=st.randoms(use_true_random=True))
-def test_a_command_ends_well_or_in_one_line(run, seeds, name, chance):
-    target, words = TARGETS[COMMANDS[name][0]], COMMANDS[name][1]
-    folder = seeds / COMMANDS[name][0]
-    good = (folder / target.file).read_bytes()
-    (folder / target.file).write_bytes(broken(target.file, good, Random(chance.random())))
-    try:
-        with limited():
-            code, _, err = run(*words.format(folder).split())
-    finally:
-        (folder / target.file).write_bytes(good)
-    assert code in (0, 1, 2), err
-    assert code != 2 or "saccade: " in err
-    assert "Traceback" not in err
-
-
-def test_the_targets_of_the_search_exist():
-    assert set(QUICK) <= set(TARGETS)
 
 
 @pytest.mark.nightly

@@ -9,7 +9,6 @@ import pytest
 from saccade import slam
 from saccade.datasets import load, save
 from saccade.errors import LogError
-from saccade.evaluation.trajectory import landmark_rmse
 from saccade.landmark_names import number_names
 from saccade.simulation.world import WorldConfig, simulate_world
 
@@ -44,12 +43,6 @@ def test_names_that_are_text_change_no_number(numbered, results):
     assert of_texts.map.xy.tobytes() == of_numbers.map.xy.tobytes()
     assert of_texts.map.names.tolist() == TEXTS[of_numbers.map.id].tolist()
     assert of_numbers.map.names is of_numbers.map.id
-
-
-def test_truth_is_found_by_name(numbered, named, results):
-    of_numbers, of_texts = results
-    expected = landmark_rmse(of_numbers.map, numbered.landmark_truth)
-    assert landmark_rmse(of_texts.map, named.landmark_truth) == pytest.approx(expected, rel=1e-9)
 
 
 def test_steps_maps_and_sessions_know_names(named, results, tmp_path):
@@ -102,11 +95,6 @@ def test_the_command_writes_the_names(named, tmp_path, run):
             written = {row[column] for row in csv.DictReader(table)}
         assert written - {""} == set(named.names), file
     assert "tag36h11:7" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-
-
-def test_formats_of_numbers_refuse_text(named, tmp_path):
-    with pytest.raises(LogError, match=r"the identity of every landmark as a number.*as CSV"):
-        save(tmp_path / "log.g2o", named)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Settings refuse what is no finite number, and combinations that do not go together."""
 
-import dataclasses
 from math import inf, nan, nextafter
 from typing import get_type_hints
 
@@ -98,17 +97,6 @@ def test_what_does_not_go_together_is_refused(config, words, settings):
         config(**settings)
 
 
-def test_a_step_is_at_most_a_tenth_of_the_shortest_time():
-    times = ("map_time_constant", "winner_time_constant", "inhibition_time_constant")
-    for shortest in times:
-        constants = dict.fromkeys(times, 1.0) | {shortest: 0.5}
-        ScanpathConfig(**constants, time_step=0.05)
-        with pytest.raises(ConfigError, match=r"time_step.*0\.5 s"):
-            ScanpathConfig(**constants, time_step=nextafter(0.05, inf))
-    with pytest.raises(ConfigError, match="time_step"):
-        ScanpathConfig(time_step=0.0)
-
-
 CONTRAST = ContrastConfig(
     scales=((2, 3), (3, 5)), scale_weights=(1.0, 1.0), orientation_scales=((3, 4),), map_level=4
 )
@@ -139,17 +127,3 @@ def test_levels_follow_the_longer_side(config, shape, coarser):
     else:
         assert found.levels == (2 + coarser, 3 + coarser)
     assert found.at_size((5, 5)) is found
-
-
-@pytest.mark.parametrize("config", [CONTRAST, SYMMETRY])
-def test_no_map_is_finer_than_level_1(config):
-    assert dataclasses.replace(config, map_level=2).at_size((50, 50)).map_level == 1
-
-
-def test_the_finest_level_counts_whichever_channel_has_it():
-    config = dataclasses.replace(CONTRAST, orientation_scales=((1, 4),))
-    assert config.at_size((50, 50)).orientation_scales == ((0, 3),)
-
-
-def test_a_ring_may_be_as_thin_as_a_pixel():
-    assert SymmetryConfig(inner=1.0, outer=1.0).outer == 1

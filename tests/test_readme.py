@@ -10,7 +10,6 @@ from support.paths import ROOT
 
 NUMBER = r"(?<![\w.])\d*\.?\d+(?![\w.]\d)"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-FIRST_SCREEN = README.split("## Install")[0].splitlines()
 
 
 def test_the_examples_run(tmp_path, monkeypatch):
@@ -47,10 +46,6 @@ def test_every_link_of_the_readme_leads_somewhere():
         place, _, anchor = link.partition("#")
         assert (ROOT / place).exists(), link
         assert not anchor or anchor in anchors_of(ROOT / place), link
-
-
-def test_what_it_is_fits_a_screen():
-    assert len(FIRST_SCREEN) <= 30
 
 
 def test_every_figure_says_how_it_was_measured():

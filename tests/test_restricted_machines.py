@@ -64,14 +64,6 @@ def with_full_disk():
     resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
 
 
-def with_files_in_the_way():
-    """Where a folder or a file is to be made there is a file, or a folder."""
-    for name in ("out", "saccade-look", "saccade-world"):
-        Path(name).touch()
-    for name in ("out.h5", "log.g2o"):
-        Path(name).mkdir()
-
-
 ODD = "\udcff"
 """A byte that is not UTF-8, in a name as Python has it."""
 FILE = "{in}/log.csv"
@@ -90,22 +82,17 @@ ENVIRONMENTS = {
     "bytes": ("", None, {}),
     "offline": (OFFLINE, with_one_core, {"OMP_NUM_THREADS": "0", **NOWHERE}),
     "ascii": ("", None, ASCII),
-    "narrow": ("", None, {"COLUMNS": "0", "LINES": "-1", "TERMINAL_WIDTH": "x", "TERM": "dumb"}),
     "nonsense": ("", None, {**NONSENSE, "FORCE_COLOR": "1"}),
-    "pixels": ("", None, {"OPENCV_IO_MAX_IMAGE_PIXELS": "nonsense"}),
-    "threads": ("", None, {"NUMBA_NUM_THREADS": "0"}),
-    "interpreted": ("", None, {"NUMBA_DISABLE_JIT": "1"}),
     "closed": ("", lambda: os.close(1), {}),
     "all-closed": ("", with_closed_streams, {}),
     "full": ("", with_full_stdout, {}),
     "full-disk": ("", with_full_disk, {}),
     "gone-folder": ("", lambda: Path.cwd().rmdir(), {}),
-    "in-the-way": ("", with_files_in_the_way, {}),
     "bare": (without(*OPTIONAL), None, {}),
     **{f"no-{library}": (without(library), None, {}) for library in OPTIONAL},
 }
 """By name: code before the command, what is done to its process, and variables."""
-HARMLESS = {"bytes", "offline", "ascii", "narrow", "nonsense", "interpreted", "closed"}
+HARMLESS = {"bytes", "offline", "ascii", "nonsense", "closed"}
 """Environments in which every command does its work."""
 UTF8_ONLY = {"extract", "match --workers", "convert --to"}
 """Commands that refuse paths that are not UTF-8, as PyArrow does."""
@@ -115,12 +102,7 @@ MISSING = {
     ("bare", "extract"): "parquet: needs pyarrow",
 }
 """What is told of a library that is missing."""
-ONCE = {
-    ("interpreted", "look"),
-    ("full-disk", "convert --to"),
-    ("full", "config"),
-    *MISSING,
-}
+ONCE = {("full-disk", "convert --to"), ("full", "config"), *MISSING}
 """Commands that once did not withstand an environment, beside one or several of each."""
 
 
@@ -171,8 +153,6 @@ def test_no_environment_ends_in_a_traceback(inputs, tmp_path, environment, comma
     if (environment, command) in MISSING:
         assert code == 2, err
         assert MISSING[environment, command] in err
-    if environment == "threads":
-        assert "NUMBA_NUM_THREADS: Numba cannot" in err or code == EXITS.get(command, 0), err
     if environment == "full" and command not in EXITS:
         assert code == 1, err
         assert err.endswith("saccade: standard output: No space left on device\n")

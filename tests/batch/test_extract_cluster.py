@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 
@@ -11,7 +9,6 @@ import pytest
 
 from support.extraction import check_complete, photographs
 from support.limits import TIMEOUT
-from support.paths import ROOT
 
 distributed = pytest.importorskip("distributed")
 
@@ -22,14 +19,13 @@ IMAGES = 30
 def cluster(tmp_path, monkeypatch):
     """Address of a scheduler, and the number of the process of one of its two workers."""
     monkeypatch.setattr("saccade.batch.workers.TIMEOUT", TIMEOUT)
-    command = [sys.executable, "-m", "support.dask_cluster", tmp_path]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(command, text=True, cwd=ROOT / "tests", **pipes) as process:
-        address, first, _ = process.stdout.readline().split()
-        with distributed.Client(address, timeout=TIMEOUT, set_as_default=False) as client:
-            client.wait_for_workers(2)
-        yield address, int(first)
-        process.stdin.close()
+    options = {"dashboard_address": ":0", "local_directory": tmp_path / "dask"}
+    with (
+        distributed.LocalCluster(2, threads_per_worker=1, **options) as cluster,
+        distributed.Client(cluster, timeout=TIMEOUT, set_as_default=False) as client,
+    ):
+        client.wait_for_workers(2)
+        yield cluster.scheduler_address, min(client.run(os.getpid).values())
 
 
 def test_a_worker_that_is_killed_loses_nothing(cluster, run, tmp_path):

@@ -1,6 +1,5 @@
 """Sources of images: folders, patterns, lists, videos and a bucket."""
 
-import json
 from pathlib import Path
 
 import cv2
@@ -146,16 +145,3 @@ def test_a_source_that_cannot_be_opened_is_named(source, words, tmp_path, monkey
     Path("empty").mkdir()
     with pytest.raises(SaccadeError, match=words):
         open_source(source)
-
-
-def test_an_output_folder_that_is_not_utf8_is_named(folder, run):
-    code, _, err = run("extract", folder, "--out", "out\udcfd", "--workers", 1)
-    assert (code, len(err.splitlines())) == (2, 1)
-
-
-def test_a_worker_process_reads_a_bucket(bucket, folder, run):
-    upload(bucket, "in/000.png", on_disk(folder)["000.png"])
-    words = ("--out", "s3://photographs/other", "--anonymous", "--workers", 2, "--json")
-    code, printed, err = run("extract", "s3://photographs/in", *words)
-    assert (code, err) == (0, "")
-    assert json.loads(printed)["done"] == 1

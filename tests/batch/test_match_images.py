@@ -135,20 +135,6 @@ def test_what_is_done_is_not_done_again(photos, listed, tmp_path):
     assert (changed.extraction.done, changed.done) == (3, 2)
 
 
-def test_a_run_that_is_stopped_goes_on(photos, expected, tmp_path):
-    calls = iter(range(99))
-    options = {"job": JOB, "formats": ["hdf5"]}
-    stopped = match_images(
-        f"{photos}/**/*", tmp_path, should_stop=lambda: next(calls) >= 1, **options
-    )
-    assert not stopped.complete
-    assert not stopped.files
-    assert not list(tmp_path.glob("*.h5"))
-    run = match_images(f"{photos}/**/*", tmp_path, **options)
-    assert run.complete
-    assert as_expected(run, expected)
-
-
 def test_the_command_leaves_out_images_that_fail(run, photos, tmp_path):
     folder = tmp_path / "photos"
     folder.mkdir()

@@ -36,12 +36,3 @@ def test_programs_get_every_number(run, sequence):
     assert "1 image is missing, first number 7" in by_check["files"]["what"]
     assert by_check["no odometry"]["severity"] == "note"
     assert report["figures"]["points_per_frame"] > 50
-
-
-def test_what_is_no_drive_ends_with_2(run, sequence):
-    code, out, err = run("check", sequence.parent / "nowhere")
-    assert (code, out) == (2, "")
-    assert "expected a camera drive, found no such file or folder" in err
-    code, _, err = run("check", sequence, "--format", "lego")
-    assert code == 2
-    assert "kind: expected one of auto, kitti" in err

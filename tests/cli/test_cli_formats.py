@@ -12,14 +12,12 @@ from scipy.io import loadmat
 
 import saccade
 from saccade.attention.models import AttentionModel
+from saccade.datasets.fixations import read_fixations
 from saccade.scale.pyramid import resize
-from saccade.viewing import save_figure
-from support.circular_log import simulate
 from support.commands import json_of
 
 DATA = Path(str(files("saccade") / "data"))
 HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
-STARTS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 
 
 @pytest.fixture(scope="module")
@@ -30,54 +28,6 @@ def photos(tmp_path_factory):
         small = cv2.resize(cv2.imread(str(path)), (160, 120), interpolation=cv2.INTER_AREA)
         cv2.imwrite(str(folder / f"{number}.png"), small)
     return folder
-
-
-def assert_figure(path, *formats):
-    """The file of the first format is named, and each is there."""
-    assert Path(path).suffix == f".{formats[0]}"
-    for each in formats:
-        assert Path(path).with_suffix(f".{each}").read_bytes().startswith(STARTS[each])
-    for other in STARTS.keys() - set(formats):
-        assert not Path(path).with_suffix(f".{other}").exists()
-
-
-def test_figures_of_images_have_the_formats_asked_for(run, photos):
-    words = ["--format", "pdf", "--format", "svg", "--json"]
-    looked = run("look", photos / "0.png", "--format", "svg", "--model", "contrast", "--json")[1]
-    (look,) = json.loads(looked)["images"]
-    assert_figure(look["picture"], "svg")
-    assert Path(look["arrays"]).exists()
-    detected = run("detect", photos / "0.png", "--detector", "must", "--max", 5, *words)[1]
-    (detect,) = json.loads(detected)["images"]
-    assert_figure(detect["picture"], "pdf", "svg")
-    assert_figure(detect["pairs"], "pdf", "svg")
-    assert Path(detect["arrays"]).exists()
-    text = Path(detect["picture"]).with_suffix(".svg").read_text()
-    assert "5 interest points" in text  # as text, which other programs can edit
-
-
-def test_figures_of_runs_have_the_formats_asked_for(run, rng, tmp_path):
-    saccade.datasets.save(tmp_path / "log.csv", simulate(rng, steps=12)[0])
-    words = ["--figure-format", "svg", "--figure-format", "png"]
-    row = json.loads(run("slam", "log.csv", "--no-film", *words, "--json")[1])
-    assert_figure(row["files"]["picture"], "svg", "png")
-    assert_figure(row["files"]["innovation_picture"], "svg", "png")
-    tum = "saccade-slam/trajectory.tum"
-    code, _, _ = run("evaluate", "trajectory", tum, "--truth", tum, "--figure", "a.pdf")
-    assert code == 0
-    assert_figure("a.pdf", "pdf")
-    code, _, err = run("evaluate", "trajectory", tum, "--truth", tum, "--figure", "a.gif")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "Expected a .png, .svg or .pdf, found a.gif" in err
-
-
-@pytest.mark.parametrize("suffix", STARTS)
-def test_a_figure_is_the_same_to_the_byte(tmp_path, suffix):
-    figures = [tmp_path / f"{number}.{suffix}" for number in range(2)]
-    image = np.random.default_rng(5).random((40, 60, 3)).astype(np.float32)
-    for path in figures:
-        save_figure(saccade.viewing.keypoint_figure(image, saccade.Sift()(image)), path)
-    assert figures[0].read_bytes() == figures[1].read_bytes()
 
 
 def test_maps_at_the_size_of_the_image_are_those_of_the_model(run, photos, tmp_path):
@@ -133,46 +83,24 @@ def test_scanpaths_are_a_tidy_table(looked):
     assert samples.notna().all(axis=None)
 
 
-@pytest.mark.parametrize("stem", ["scanpaths", "samples"])
-def test_matlab_reads_the_same_fixations(looked, stem):
-    out, _ = looked
-    table = pandas.read_csv(out / f"{stem}.csv")
-    cells = loadmat(out / f"{stem}.mat", simplify_cells=True)["fixations"]
-    rows = []
-    for image in cells:
-        subjects = image["subjects"]
-        for eye in [subjects] if isinstance(subjects, dict) else subjects:
-            keys = ("x", "y", "duration", "onset_ms", "saliency")
-            columns = [np.atleast_1d(eye[f"fix_{key}"]) for key in keys]
-            numbers = range(len(columns[0]))
-            rows += [
-                (image["img"], eye["subject"], k, *(column[k] for column in columns))
-                for k in numbers
-            ]
-    pandas.testing.assert_frame_equal(pandas.DataFrame(rows, columns=table.columns), table)
+def test_fixations_for_matlab_are_those_of_the_table(looked):
+    table, mat = (read_fixations(looked[0] / f"samples.{kind}") for kind in ("csv", "mat"))
+    for field in ("image", "subject", "index", "xy"):
+        np.testing.assert_array_equal(getattr(mat, field), getattr(table, field))
 
 
-def test_fixations_on_absent_images_can_be_left_out(run, photos, tmp_path):
+@pytest.mark.parametrize("command", ["fixations", "scanpaths"])
+def test_fixations_on_absent_images_can_be_left_out(run, photos, tmp_path, command):
+    names = ("0.png", "1.png", "absent.png")
     rows = [
-        f"{name},{v},{k},{20 + 9 * v},{30 + k}"
-        for name in ("0.png", "1.png", "absent.png")
-        for v in (0, 1)
-        for k in (0, 1, 2)
+        f"{name},{v},{k},{20 + 9 * v},{30 + k}" for name in names for v in (0, 1) for k in (0, 1, 2)
     ]
     (tmp_path / "seen.csv").write_text("\n".join(["image,viewer,index,x,y", *rows]) + "\n")
-    data = ["--images", photos, "--fixations", "seen.csv", "--model", "symmetry"]
-    for command in ("fixations", "scanpaths"):
-        code, _, err = run("evaluate", command, *data)
-        assert (code, err.count("\n")) == (2, 1)
-        assert "1 of the 3 images of seen.csv are not in" in err
-        assert "absent.png first; --only-present leaves them out" in err
-        code, out, err = run("evaluate", command, *data, "--only-present", "--json")
-        assert code == 0, err
-        assert "1 of the 3 images of seen.csv are not in" in err
-        if command == "fixations":
-            assert set(json.loads(out)["images"]) == {"0.png", "1.png"}
-    (tmp_path / "none.csv").write_text("image,viewer,index,x,y\nc.png,0,1,2,3\n")
-    data[3] = "none.csv"
-    code, _, err = run("evaluate", "fixations", *data, "--only-present")
+    words = ["evaluate", command, "--images", photos, "--fixations", "seen.csv"]
+    code, _, err = run(*words, "--model", "symmetry")
     assert (code, err.count("\n")) == (2, 1)
-    assert "1 of the 1 images of none.csv are not in" in err
+    assert "1 of the 3 images of seen.csv are not in" in err
+    assert "absent.png first; --only-present leaves them out" in err
+    code, _, err = run(*words, "--model", "symmetry", "--only-present", "--json")
+    assert code == 0, err
+    assert "1 of the 3 images of seen.csv are not in" in err

@@ -8,7 +8,6 @@ import pytest
 
 import saccade
 from saccade import slam
-from saccade.datasets import load
 from saccade.errors import ConfigError
 from support.commands import json_of
 
@@ -42,17 +41,6 @@ def test_a_run_begins_with_a_map(folder, mode, tmp_path):
     assert row["map_landmarks_new"] == 0
     assert json.loads((tmp_path / "run.json").read_text()) == row
     assert "of the map that was loaded" in (tmp_path / "report.html").read_text()
-
-
-def test_a_start_is_typed(folder, tmp_path):
-    log = load("auto", folder / "park.txt")
-    start = ",".join(map(str, log.start))
-    json_of(
-        *("slam", folder / "park.txt", "--map", folder / "park.npz", "--start", start),
-        *("--out", tmp_path),
-    )
-    x = float((tmp_path / "poses.csv").read_text().splitlines()[1].split(",")[1])
-    assert x == pytest.approx(log.start[0], abs=0.5)
 
 
 @pytest.mark.parametrize(

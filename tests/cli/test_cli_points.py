@@ -2,7 +2,6 @@
 
 import csv
 import json
-import sys
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,7 +12,6 @@ import pytest
 
 import saccade
 from saccade import exchange
-from saccade.extras import install_command
 from support.keypoint_files import assert_same
 from support.pictures import looks_like_a_picture
 
@@ -64,21 +62,6 @@ def test_detect_writes_every_format(run):
         )
 
 
-@pytest.mark.peer
-def test_detect_writes_what_colmap_opens(run):
-    pytest.importorskip("pycolmap")
-    code, out, _ = run("detect", *HALLWAY, "--format", "colmap", "--json")
-    assert code == 0
-    result = json.loads(out)
-    assert "arrays" not in result["images"][0]
-    found = exchange.read_colmap(result["files"]["colmap"])
-    assert [len(each) for each in found.keypoints.values()] == [
-        row["points"] for row in result["images"]
-    ]
-    height, width = cv2.imread(str(HALLWAY[0])).shape[:2]
-    assert found.shapes == dict.fromkeys(("hallway_1.jpg", "hallway_2.jpg"), (height, width))
-
-
 def test_images_are_named_from_the_folder_that_holds_them_all(run, tmp_path):
     for place in ("photos/a/photo.png", "photos/b/photo.png"):
         (tmp_path / place).parent.mkdir(parents=True)
@@ -91,38 +74,6 @@ def test_nothing_is_written_where_the_only_image_is_bad(run, tmp_path):
     (tmp_path / "bad.jpg").write_text("no image")
     assert run("detect", "bad.jpg", "--format", "parquet", "--out", "out")[0] == 2
     assert not (tmp_path / "out").exists()
-
-
-def test_a_format_without_its_library_is_named_before_the_work(run, monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    code, _, err = run("detect", *HALLWAY, "--format", "hdf5")
-    assert code == 2
-    command = install_command("hdf5")
-    assert err == f"saccade: hdf5: needs h5py, which is not installed; {command}\n"
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("detect", HALLWAY[0], "--spread"), "spread: expected max_keypoints with it"),
-        (
-            ("detect", HALLWAY[0], "--format", "xml"),
-            'Invalid value "xml" for --format. Choose from: "npz", "csv"',
-        ),
-        (
-            ("match", *HALLWAY, "--geometry", "affine"),
-            'Invalid value "affine" for --geometry. Choose from: "fundamental"',
-        ),
-        (("match", *HALLWAY, "--tolerance", "0"), "tolerance: expected at least 0.01"),
-    ],
-)
-def test_a_wrong_option_gets_one_clear_line(run, words, expected):
-    code, out, err = run(*words)
-    assert code == 2
-    assert out == ""
-    assert expected in err
-    assert err.count("\n") == 1
 
 
 def test_match_lists_inliers_of_the_epipolar_geometry(run):

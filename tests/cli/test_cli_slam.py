@@ -5,7 +5,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pandas
 import pytest
@@ -16,7 +15,6 @@ from saccade import slam
 from saccade.datasets import load
 from saccade.evaluation.runs import summarize_run
 from saccade.extras import install_command
-from saccade.io.video import read_video
 from saccade.types import Trajectory
 from support.circular_log import simulate
 from support.commands import json_of
@@ -83,31 +81,11 @@ def test_how_far_odometry_ends_from_what(rng):
         assert ending == pytest.approx(expected)
 
 
-def test_the_truth_may_end_before_the_log(rng):
-    log, poses, _ = simulate(rng, steps=40)
-    result = slam.run(log)
-    found = summarize_run(replace(log, truth=Trajectory(log.time[:31], poses[:31])), result, None)
-    apart = result.dead_reckoning.pose[30, :2] - poses[30, :2]
-    assert found["odometry_end_error_m"] == pytest.approx(np.hypot(*apart))
-
-
 def test_parquet_has_what_csv_has(made):
     files = made[0]["files"]
     for name in ("poses", "innovations"):
         table = pandas.read_parquet(files[f"{name}_parquet"])
         pandas.testing.assert_frame_equal(table, pandas.read_csv(files[name]), check_exact=True)
-
-
-def test_pictures_and_film_are_there(made):
-    files = made[0]["files"]
-    for name in ("picture", "innovation_picture"):
-        picture = cv2.imread(files[name])
-        assert min(picture.shape[:2]) > 400
-        assert picture.std() > 10
-    frames = [frame for _, frame in read_video(files["film"])]
-    assert len(frames) > 100
-    assert frames[0].shape == (720, 1280, 3)
-    assert (np.abs(frames[0].astype(int) - frames[-1]) > 60).any(2).sum() > 300
 
 
 def test_smoothing_is_written_beside_the_filter(run, short):
@@ -133,19 +111,6 @@ def test_what_an_option_needs_is_named_before_the_work(run, short, monkeypatch):
             f"saccade: {extra}: needs {module}, which is not installed; {install_command(extra)}\n"
         )
     assert not Path("saccade-slam").exists()
-
-
-def test_a_log_in_another_format_is_the_same(run, short):
-    before = load("auto", short)
-    for name in ("park.csv", "park.g2o"):
-        code, out, _ = run("convert", short, name, "--json")
-        assert (code, json.loads(out)["file"]) == (0, name)
-        after = load("auto", name)
-        np.testing.assert_allclose(after.observation, before.observation, atol=1e-9)
-        np.testing.assert_allclose(after.control, before.control, atol=1e-9)
-    code, out, err = run("convert", short, "park.bag")
-    assert (code, out) == (2, "")
-    assert "park.bag" in err
 
 
 def test_a_log_of_one_pose_has_a_map_and_a_film(run, tmp_path):

@@ -5,19 +5,10 @@ from itertools import product
 
 import cv2
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from fuzz.targets import TARGETS, a_picture
-from support.commands import all_commands, options_of
 from support.limits import EXAMPLES, limited
 
-WORDS = (
-    *("", " ", "-", "--", "x", "nan", "inf", "-inf", "-1", "0", "0.5", "1e300", "1e-320", "1_0"),
-    *("99999999999999999999", "2147483648", "true", "auto", "é漢字", "a\nb", "'", "["),
-    *("\ud800", "\udcff.png"),
-    *("[red]", "~", "?*", "absent://x", "absent.png", "absent:run", "a.png", "folder.png"),
-)
 READS = {
     "look {}": ("png", "mp4"),
     "look a.png --config {}": ("toml",),
@@ -115,46 +106,3 @@ def test_a_result_takes_the_place_of_no_pipe(run, monkeypatch, here, command):
     monkeypatch.chdir(here)
     assert ends_well_or_in_one_line(run, *command.split(), "pipe.csv") == 1
     assert (here / "pipe.csv").is_fifo()
-
-
-COMMANDS = {name: options_of(command) for name, command in all_commands()}
-GOOD = {
-    "look": ["a.png"],
-    "detect": ["a.png"],
-    "match": ["a.png", "a.png"],
-    "convert": ["log.csv", "there.csv"],
-}
-"""What a command takes that soon is done with it; the others get nothing that is there."""
-ENDS = {
-    "serve": ["--max-upload", "0"],
-    "demo": ["--out", "a.png"],
-    "simulate": ["--config", "absent.toml"],
-}
-"""Last words, for commands that need nothing and work for long: other options are read before."""
-
-
-def is_harmless(word):
-    """Whether it can stand in a command line, and leaves the folder alone if it names a file."""
-    return "\0" not in word and not word.startswith("/") and ".." not in word
-
-
-@settings(max_examples=3 * EXAMPLES, suppress_health_check=list(HealthCheck))
-@given(data=st.data())
-def test_odd_words_are_taken_or_refused(run, monkeypatch, here, data):
-    monkeypatch.chdir(here)
-    names = data.draw(st.sampled_from(sorted(COMMANDS)))
-    odd = st.sampled_from(WORDS) | st.text(max_size=8).filter(is_harmless) | st.floats().map(str)
-    words = [*names.split(), *GOOD.get(names, [])]
-    for each in COMMANDS[names]:
-        if each.index is not None and names not in GOOD:
-            words += [data.draw(odd)]
-    options = [each for each in COMMANDS[names] if each.index is None]
-    for each in data.draw(
-        st.lists(
-            st.sampled_from(options), min_size=1, max_size=3, unique_by=lambda each: each.names
-        )
-    ):
-        words.append(data.draw(st.sampled_from(each.names)))
-        if each.hint is not bool:
-            words.append(data.draw(odd))
-    ends_well_or_in_one_line(run, *words, *ENDS.get(names, []))

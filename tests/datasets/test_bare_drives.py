@@ -11,10 +11,9 @@ from saccade.datasets import load_drive
 from saccade.datasets.drives.folder import (
     CameraOptions,
     assume_speed,
-    parse_intrinsics,
     read_intrinsics,
 )
-from saccade.errors import ConfigError, DriveError
+from saccade.errors import DriveError
 from saccade.simulation import DriveConfig, simulate_drive
 
 GIVEN = CameraOptions((90.0, 91.0, 39.0, 29.0), 0.2)
@@ -83,13 +82,6 @@ def test_a_calib_without_row_names_is_read(tmp_path, text, baseline):
     (tmp_path / "calib.txt").write_text("1 2 3")
     with pytest.raises(DriveError, match=r"calib.txt: expected .* found 3 numbers"):
         load_drive("auto", tmp_path)
-
-
-def test_intrinsics_are_four_numbers():
-    assert parse_intrinsics("1,2,3,4") == (1, 2, 3, 4)
-    for text in ("1,2,3", "a,b,c,d", ""):
-        with pytest.raises(ConfigError, match="expected four numbers"):
-            parse_intrinsics(text)
 
 
 def test_a_single_camera_finds_its_path_up_to_scale():

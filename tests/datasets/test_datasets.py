@@ -1,18 +1,16 @@
 """Readers against files made by hand, and what they say of broken ones; writers against readers."""
 
-import csv
-
 import numpy as np
 import pytest
 from evo.tools import file_interface
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saccade.datasets import OdometryNoise, load, write_landmarks, write_tum
+from saccade.datasets import OdometryNoise, load, write_tum
 from saccade.datasets.logs.conversions import integrate
 from saccade.datasets.logs.pose_graph import read_pose_graph
 from saccade.slam import compose
-from saccade.types import LandmarkMap, Trajectory
+from saccade.types import Trajectory
 
 QUIET = OdometryNoise(0.0, 0.0, 0.0)
 ISAM = """ODOMETRY 0 1 1 0 1.5707963 0.01 0 0 0.02 0.001 0.03
@@ -137,21 +135,3 @@ def test_evo_reads_a_trajectory_as_it_was_written(tmp_path, rng):
     turned = np.array(read.poses_se3)[:, :2, 0]
     np.testing.assert_allclose(turned, np.stack([c, s], 1), atol=1e-8)
     assert read.check()[0]
-
-
-def test_landmarks_are_written_with_their_covariance(tmp_path):
-    path = tmp_path / "map.csv"
-    landmarks = LandmarkMap(
-        np.array([7, 3]),
-        np.array([[1.5, -2.25], [0.1, 0.3]]),
-        np.array([[[2.0, 0.5], [0.5, 3.0]], [[1.0, 0], [0, 1]]]),
-        np.array([4, 9]),
-    )
-    write_landmarks(path, landmarks)
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    first = {"id": 7, "x": 1.5, "y": -2.25, "cov_xx": 2, "cov_xy": 0.5, "cov_yy": 3, "sightings": 4}
-    assert {key: float(value) for key, value in rows[0].items()} == first
-    assert float(rows[1]["x"]) == 0.1  # every digit
-    write_landmarks(path, LandmarkMap(landmarks.id, landmarks.xy))
-    assert path.read_text().splitlines()[1] == "7,1.5,-2.25,,,,"

@@ -12,10 +12,9 @@ from saccade import slam
 from saccade.datasets import OdometryNoise, load, save
 from saccade.datasets.logs.pose_graph import write_pose_graph
 from saccade.datasets.logs.published import read_mrclam, write_mrclam
-from saccade.errors import ConfigError, LogError, LogWarning
+from saccade.errors import LogError, LogWarning
 from saccade.slam import turn_then_translate
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
-from support.odometry_alone import followed
 
 SUFFIX = {"g2o": "g2o", "isam": "isam", "toro": "graph", "gtsam": "txt", "csv": "csv"}
 
@@ -102,26 +101,6 @@ def test_text_is_read_back(tmp_path_factory, dialect, log):
     np.testing.assert_array_equal(again.start, start)
 
 
-def test_gtsam_reads_what_we_write(tmp_path):
-    log = a_log()
-    path = tmp_path / "any.g2o"
-    write_pose_graph(path, log, "g2o")
-    graph, values = gtsam.load2D(
-        str(path), maxIndex=10**6, noiseFormat=gtsam.NoiseFormat.NoiseFormatG2O
-    )
-    factors = [graph.at(i) for i in range(graph.size())]
-    steps = [f for f in factors if isinstance(f, gtsam.BetweenFactorPose2)]
-    for factor, u, U in zip(steps, log.control, log.control_covariance, strict=True):
-        measured = factor.measured()
-        found = [measured.x(), measured.y(), measured.theta()]
-        np.testing.assert_allclose(found[:2], u[:2], atol=1e-12)
-        np.testing.assert_allclose(np.exp(1j * found[2]), np.exp(1j * u[2]), atol=1e-12)
-        np.testing.assert_allclose(factor.noiseModel().covariance(), U, atol=1e-9)
-    for number, pose in enumerate(followed(log.start, log.control)):
-        found = values.atPose2(number)
-        np.testing.assert_allclose([found.x(), found.y()], pose[:2], atol=1e-9)
-
-
 def test_gtsam_and_we_read_the_same_g2o(tmp_path):
     """A file by other hands: ids that leave gaps, edges out of order, a correlated matrix."""
     path = tmp_path / "hand.g2o"
@@ -162,13 +141,6 @@ def test_a_format_without_nameless_landmarks_says_so(tmp_path, dialect):
     assert not (tmp_path / "any").exists()
 
 
-def test_formats_that_do_not_exist_are_named(tmp_path):
-    with pytest.raises(ConfigError, match="kind"):
-        save(tmp_path / "a.bag", a_log(), "rosbag")
-    with pytest.raises(ConfigError, match=r"ends in \.csv, \.g2o"):
-        save(tmp_path / "a.bag", a_log())
-
-
 @pytest.mark.parametrize("motion", ["compose", "turn_then_translate"])
 def test_mrclam_drives_the_same_way(tmp_path, motion):
     log = a_log(motion=motion, steps=20)
@@ -190,38 +162,6 @@ def test_mrclam_drives_the_same_way(tmp_path, motion):
     inside = again.time[there.clip(max=len(again.time) - 1)] == log.time
     assert inside.sum() > 12
     np.testing.assert_allclose(theirs[there[inside], :2], ours[inside, :2], atol=1e-9)
-
-
-def test_mrclam_needs_time_to_move(tmp_path):
-    log = a_log()
-    stopped = dataclasses.replace(log, time=np.maximum(log.time, log.time[3]))
-    with pytest.raises(LogError, match="control 0: expected a motion that takes time"):
-        write_mrclam(tmp_path / "set", stopped)
-
-
-CSV = """time,forward,left,turn,cov_forward_forward,cov_left_left,cov_turn_turn,\
-landmark,range,bearing,cov_range_range,cov_bearing_bearing
-0,,,,,,,,,,,
-0,,,,,,,7,2.5,0.1,0.01,0.0001
-1,0.5,0,0.1,0.01,0.01,0.001,,,,,
-1,,,,,,,,3.5,-0.1,0.01,0.0001
-"""
-
-
-def test_the_least_csv_is_a_log(tmp_path):
-    path = tmp_path / "least.csv"
-    path.write_text(CSV)
-    log = load("auto", path)
-    (tmp_path / "world").mkdir()
-    path.rename(tmp_path / "world" / "log.csv")  # as `saccade simulate world` writes it
-    in_folder = load("auto", tmp_path / "world")
-    np.testing.assert_array_equal(in_folder.observation, log.observation)
-    assert in_folder.name == "world"
-    assert log.start.tolist() == [0, 0, 0]
-    assert log.control.tolist() == [[0.5, 0, 0.1]]
-    np.testing.assert_array_equal(log.control_covariance, [np.diag([0.01, 0.01, 0.001])])
-    assert log.landmark.tolist() == [7, -1]
-    assert log.observation_pose.tolist() == [0, 1]
 
 
 def test_a_csv_without_covariances_has_those_of_a_bag(tmp_path):

@@ -7,7 +7,6 @@ from saccade import slam
 from saccade.datasets import OdometryNoise, load
 from saccade.datasets.logs.published import UTIAS, Platform
 from saccade.datasets.logs.published import read_mrclam as load_mrclam
-from saccade.errors import ConfigError, LogError
 from saccade.evaluation.trajectory import landmark_rmse, position_rmse
 from saccade.slam import observe
 
@@ -43,41 +42,11 @@ def test_folder_becomes_a_log(folder):
     assert len(log.truth) == 2
 
 
-def test_folder_without_truth_begins_at_the_origin(folder):
-    (folder / "Robot1_Groundtruth.dat").unlink()
-    (folder / "Landmark_Groundtruth.dat").unlink()
-    log = load("mrclam", folder, robot=1)
-    assert log.truth is None
-    assert log.landmark_truth is None
-    np.testing.assert_array_equal(log.start, 0)
-
-
-@pytest.mark.parametrize("subject", ["999999999999999999999", "6.5", "-1e90"])
-def test_a_subject_that_is_no_number_of_one_is_one_line(folder, subject):
-    (folder / "Barcodes.dat").write_text(f"1 5\n{subject} 72\n")
-    with pytest.raises(LogError, match="barcodes, row 2: expected whole numbers"):
-        load("mrclam", folder)
-
-
 def test_stale_first_sample_is_left_out(folder):
     before = load("mrclam", folder, robot=1)
     path = folder / "Robot1_Odometry.dat"
     path.write_text("100.1 0.5 3.0\n" + path.read_text())
     np.testing.assert_array_equal(load("mrclam", folder, robot=1).control, before.control)
-
-
-def test_missing_parts_are_named(folder, tmp_path):
-    with pytest.raises(LogError, match=r"Robot3_Odometry\.dat: cannot be read"):
-        load("mrclam", folder, robot=3)
-    with pytest.raises(ConfigError, match="robot"):
-        load("mrclam", folder, robot=6)
-    path = tmp_path / "cut.npz"
-    np.savez(path, barcodes=np.zeros((2, 2)), robot1_odometry=np.zeros((3, 2)))
-    with pytest.raises(LogError, match=r"robot1_odometry: expected numbers of shape \(n, 3\)"):
-        load("auto", path)
-    path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(LogError, match=r"cut\.npz"):
-        load("mrclam", path)
 
 
 @pytest.fixture(scope="module")
@@ -141,13 +110,3 @@ def test_what_a_platform_says_of_its_ranges_is_what_the_survey_says(set_six):
 
     assert error(UTIAS) < 0.02
     assert error(Platform()) > 0.04
-
-
-@pytest.mark.shared
-def test_barcodes_of_the_published_sets_say_whose_robots_they_are(set_six, folder):
-    ranges = [
-        load_mrclam(set_six, 1, platform=p).observation[:, 0] for p in (None, UTIAS, Platform())
-    ]
-    np.testing.assert_array_equal(ranges[0], ranges[1])
-    assert (ranges[0] != ranges[2]).all()
-    assert load("mrclam", folder, robot=1).odometry_bias == (0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ import pytest
 from saccade.datasets import load_drive
 from saccade.diagnostics import check_drive, drop_repeated
 from saccade.diagnostics.checks import report_on
-from saccade.diagnostics.survey import chosen_frames, survey_drive
+from saccade.diagnostics.survey import survey_drive
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
 from saccade.types import Trajectory
@@ -221,15 +221,6 @@ class TestImages:
         assert found(check_drive(replace(filmed, load=load)))["rows"].value == pytest.approx(
             3, abs=0.3
         )
-
-
-def test_a_long_drive_is_looked_at_in_stretches():
-    assert chosen_frames(50, 60) == list(range(50))
-    chosen = chosen_frames(1000, 100)
-    assert len(chosen) == 100
-    assert chosen[0] == 0
-    assert chosen[-1] == 999
-    assert (np.diff(chosen) == 1).sum() == 96
 
 
 @pytest.mark.shared

@@ -1,7 +1,5 @@
 """What is done to images, and points that are counted by places."""
 
-import json
-
 import cv2
 import numpy as np
 import pytest
@@ -50,23 +48,3 @@ def test_blur_is_gaussian():
 def test_nonsense_is_refused(text, words):
     with pytest.raises(ConfigError, match=words):
         Degradation.parse(text)
-
-
-def test_evaluate_features_by_number_and_degradation(run, scene):
-    words = ["evaluate", "features", "--pairs", scene, "--json"]
-    ours = ("sift", "must", "symroid")
-    named = [word for name in ours for word in ("--detector", name)]
-    asked = ["--points", 15, "--points", 30, "--degrade", "clean", "--degrade", "noise:20"]
-    code, out, _ = run(*words, *named, *asked)
-    assert code == 0
-    detectors = json.loads(out)["detectors"]
-    assert len(detectors) == 3 * 4
-    for name in ours:
-        few, more = (detectors[f"{name}, {n} points"]["mean"] for n in (15, 30))
-        assert few["keypoints"] == 15 < more["keypoints"] <= 30
-        assert few["repeatability"] > 0.3, name
-    clean, noisy = (detectors[f"sift, 30 points{d}"]["mean"] for d in ("", ", noise:20"))
-    assert noisy["repeatability"] != clean["repeatability"]
-    code, _, err = run(*words, "--degrade", "fog:1")
-    assert code == 2
-    assert "'fog'" in err

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from saccade.datasets.homography_pairs import homography_pairs
-from saccade.errors import ConfigError, ImageError
+from saccade.errors import ImageError
 from saccade.evaluation.detectors import find_detector
 from saccade.evaluation.features import (
     Features,
     FeatureScores,
     PairScores,
     inside,
-    score_detector,
     score_pair,
 )
 from saccade.exchange.colmap import import_pycolmap
@@ -79,23 +78,6 @@ def test_means_and_intervals():
     assert mean == result.mean() == scores(3)
     assert 1 <= low.score < 3 < high.score <= 6
     assert result.of("a").mean() == scores(1.5)
-
-
-def test_an_image_shared_by_pairs_is_detected_in_once(scene):
-    (scene / "3.png").write_bytes((scene / "2.png").read_bytes())
-    np.savetxt(scene / "H_1_3.txt", SHIFT)
-    pairs = homography_pairs(scene)
-    seen = []
-
-    def detect(image):
-        seen.append(image)
-        xy = [(20 + 5 * i, 20 + 9 * i) for i in range(6)]
-        return SimpleNamespace(xy=xy, descriptors=100 * np.eye(16, dtype=np.uint8)[:6])
-
-    scores = score_detector(detect, pairs)
-    assert len(seen) == 3
-    assert scores.name == [("noise", "2"), ("noise", "3")]
-    assert scores.mean().keypoints == 6
 
 
 def test_pairs_are_read(scene):
@@ -186,15 +168,6 @@ def test_rootsift_of_opencv_is_rootsift(texture):
     np.testing.assert_allclose(np.linalg.norm(root.descriptors, axis=1), 1, atol=1e-5)
 
 
-def test_descriptors_stay_with_their_points(texture):
-    gray = np.rint(255 * texture[:, :, 0]).astype(np.uint8)
-    points, descriptors = cv2.SIFT.create().detectAndCompute(gray, None)
-    found = find_detector("opencv")(texture)
-    rows = {(*point.pt, *map(int, d)) for point, d in zip(points, descriptors, strict=True)}
-    ours = zip(found.xy.tolist(), found.descriptors.tolist(), strict=True)
-    assert {(*xy, *descriptor) for xy, descriptor in ours} == rows
-
-
 @pytest.mark.peer
 def test_of_colmaps_points_those_are_kept_that_colmap_would_keep(texture):
     """Whole planes of its scale space, from the largest scale on, until there are enough."""
@@ -209,14 +182,3 @@ def test_of_colmaps_points_those_are_kept_that_colmap_would_keep(texture):
     assert len(kept) == 20
     places = set(map(tuple, kept.xy.tolist()))
     assert len(places - theirs) <= 1  # a point between two planes may count to either
-
-
-@pytest.mark.peer
-def test_colmap_is_one_of_the_detectors():
-    pytest.importorskip("pycolmap")
-    spot = np.exp(-((np.indices((80, 90)) - [[[41.3]], [[50.6]]]) ** 2).sum(axis=0) / 50)
-    points = find_detector("colmap")(np.repeat(spot[:, :, None], 3, axis=2))
-    assert points.descriptors.shape == (len(points.xy), 128)
-    assert np.hypot(*(points.xy - (50.6, 41.3)).T).min() < 0.1
-    with pytest.raises(ConfigError, match="surf"):
-        find_detector("surf")

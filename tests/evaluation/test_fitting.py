@@ -176,15 +176,6 @@ def looked(rng):
     return FixationData(Path(), table, sizes, 3.0), maps
 
 
-def test_models_side_by_side_have_the_scores_they_have_alone(looked):
-    data, maps = looked
-    models = {name: of_model.__getitem__ for name, of_model in maps.items()}
-    together = dict(score_models(models, data))
-    for name, model in models.items():
-        alone = dict(score_models({name: model}, data))
-        assert alone == {image: {name: together[image][name]} for image in together}
-
-
 def test_differences_are_paired(looked):
     first = FixationScores(*np.linspace(0.1, 0.7, 7))
     shifted = [FixationScores(*(np.array(astuple(first)) + i)) for i in (0, 10, 20)]

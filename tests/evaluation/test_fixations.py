@@ -116,12 +116,6 @@ def test_a_map_twice_as_sure_tells_one_bit():
     assert metrics.information_gain(map_, baseline, np.array([[1.0, 1.0]])) == pytest.approx(1)
 
 
-def test_the_density_counts_every_fixation():
-    density = metrics.fixation_density(np.array([[50.0, 40.0]] * 3), (81, 101), 5)
-    assert density.sum() == pytest.approx(3, rel=1e-3)
-    assert np.unravel_index(density.argmax(), density.shape) == (40, 50)
-
-
 def test_a_density_is_scored_by_the_map_that_is_best_for_each_metric():
     """Blurred it is the fixation density; where others look, a uniform one is not surprised."""
     place, others = np.array([[30.0, 20.0]]), np.array([[60.0, 40.0]] * 5)

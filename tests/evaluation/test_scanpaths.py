@@ -1,7 +1,5 @@
 """Scores of scanpaths and of the prediction of each fixation, on people who are simulated."""
 
-import csv
-import json
 from pathlib import Path
 
 import cv2
@@ -9,7 +7,6 @@ import numpy as np
 import pytest
 
 from saccade.attention import SaliencyMaps, ScanpathModelConfig, sample_scanpaths
-from saccade.errors import LogError
 from saccade.evaluation.conditional import MODELS, score_fixations, summary
 from saccade.evaluation.fixations import auc, nss
 from saccade.evaluation.prediction import FixationData
@@ -80,49 +77,3 @@ def test_scores_of_the_map_are_those_of_fixation_prediction(seen):
     assert np.mean([each.nss for each in scores]) == pytest.approx(nss(maps["a.png"], cells))
     assert np.mean([each.auc for each in scores]) == pytest.approx(auc(maps["a.png"], cells))
     assert all(np.isnan(each.information_gain) for each in scores)
-
-
-def test_one_viewer_has_nobody_to_be_compared_with(seen):
-    _, table = seen
-    alone = table[(table.subject == 3) | (table.image == "a.png")]
-    with pytest.raises(LogError, match="two subjects"):
-        viewings(FixationData(Path(), alone, {"a.png": SHAPE, "b.png": SHAPE}))
-
-
-def test_the_command_prints_and_writes_tidy_tables(run, seen, tmp_path):
-    _, table = seen
-    rng = np.random.default_rng(2)
-    for name in ("a.png", "b.png"):
-        pixels = cv2.GaussianBlur(rng.integers(0, 256, (*SHAPE, 3)).astype(np.uint8), (0, 0), 9)
-        cv2.imwrite(str(tmp_path / name), pixels)
-    lines = ["image,subject,index,x,y,duration_ms"]
-    for k in range(len(table)):
-        x, y = table.xy[k]
-        milliseconds = 1000 * table.duration[k]
-        lines.append(f"{table.image[k]},{table.subject[k]},{table.index[k]},{x},{y},{milliseconds}")
-    (tmp_path / "gazes.csv").write_text("\n".join(lines) + "\n")
-    words = ["evaluate", "scanpaths", "--images", ".", "--fixations", "gazes.csv", "--samples", 2]
-    code, out, _ = run(*words, "--json", "-o", "scores", "--report", "scores.html")
-    assert code == 0
-    found = json.loads(out)
-    assert set(found["paths"]) == set(SOURCES)
-    with Path("scores/paths.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert sum(row["source"] == "people" for row in rows) == 20
-    assert sum(row["source"] == "sampled" for row in rows) == 4
-    by_image = [
-        np.mean(
-            [float(r["scanmatch"]) for r in rows if (r["image"], r["source"]) == (name, "people")]
-        )
-        for name in ("a.png", "b.png")
-    ]
-    assert np.mean(by_image) == pytest.approx(
-        found["paths"]["people"]["scanmatch"]["mean"], abs=1e-5
-    )
-    assert found["paths"]["people"]["seconds"]["mean"] == pytest.approx(0.217, rel=0.15)
-    for name in ("fixations.csv", "scanpaths.png", "scanpaths.svg", "scanpaths.pdf"):
-        assert Path("scores", name).stat().st_size > 5000
-    assert "winner-take-all" in Path("scores.html").read_text()
-    code, _, err = run(*words, "--drop", 8)
-    assert code == 2
-    assert "lower --drop" in err

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 import saccade
 from saccade import exchange
-from saccade.errors import ConfigError, KeypointsError, OutputError
+from saccade.errors import ConfigError, KeypointsError
 from saccade.exchange.colmap import import_pycolmap
 from support.keypoint_files import HALLWAY, assert_same, random_points
 
@@ -156,12 +156,6 @@ def test_what_does_not_fit_is_named_and_not_written(
     with pytest.raises(KeypointsError, match=words):
         exchange.write_colmap(tmp_path / "x", points, dict.fromkeys(shapes, (9, 9)), arrays)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_database_that_cannot_be_written_is_named(pycolmap, tmp_path):
-    (tmp_path / "taken").write_text("a file")
-    with pytest.raises(OutputError, match="taken"):
-        exchange.write_colmap(tmp_path / "taken" / "x.db", {}, {})
 
 
 def test_reading_changes_nothing(tmp_path):

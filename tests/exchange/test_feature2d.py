@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import saccade
-from saccade.errors import ConfigError, ImageError
+from saccade.errors import ImageError
 from saccade.exchange import Feature2D, from_opencv
-from saccade.keypoints.sift_config import SiftConfig
 
 HALLWAY = [str(files("saccade") / "data" / f"hallway_{n}.jpg") for n in (1, 2)]
 INHERITED = {"create", "read", "write", "save"}
@@ -111,19 +110,6 @@ def test_a_flat_image_has_what_opencv_says_of_it(ours):
         assert feature.detectAndCompute(flat, None) == ((), None)
         assert feature.detect(flat) == ()
         assert feature.compute(flat, []) == ((), None)
-
-
-def test_what_opencv_cannot_do_either_is_named(ours, images):
-    with pytest.raises(ConfigError, match="useProvidedKeypoints"):
-        ours.detectAndCompute(images[0], None, useProvidedKeypoints=True)
-    with pytest.raises(ConfigError, match="detector: expected one with `describe`"):
-        Feature2D(saccade.Must()).compute(images[0], [cv2.KeyPoint(20, 20, 7)])
-
-
-def test_descriptors_of_unit_length(images):
-    unit = Feature2D(saccade.Sift(SiftConfig(descriptor_dtype="float32", max_keypoints=20)))
-    rows = unit.detectAndCompute(images[0], None)[1]
-    np.testing.assert_allclose(np.linalg.norm(rows, axis=1), 1, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["attention", "contrast", "symmetry", "boolean"])

@@ -9,7 +9,7 @@ from saccade import exchange
 from saccade.errors import KeypointsError
 from saccade.exchange.hdf5 import group_of
 from support.hloc import import_hloc
-from support.keypoint_files import HALLWAY, random_points
+from support.keypoint_files import HALLWAY
 
 NAMES = ("query/one.jpg", "db/deep/two.jpg")
 
@@ -82,12 +82,3 @@ def test_matches_that_do_not_fit_are_named_and_not_written(tmp_path, matches, wo
     with pytest.raises(KeypointsError, match=words):
         exchange.write_hloc_matches(tmp_path / "x.h5", arrays, {"a": 2, "b": 3, "a/x": 1, "a-x": 1})
     assert not list(tmp_path.iterdir())
-
-
-def test_a_file_that_is_none_is_named(tmp_path):
-    (tmp_path / "x.h5").write_text("no matches")
-    with pytest.raises(KeypointsError, match=r"x\.h5: expected an HDF5 file of matches"):
-        exchange.read_hloc_matches(tmp_path / "x.h5")
-    exchange.write_hdf5(tmp_path / "y.h5", {"a.jpg": random_points(np.random.default_rng(1), 3)})
-    with pytest.raises(KeypointsError, match=r"y\.h5: expected an HDF5 file of matches"):
-        exchange.read_hloc_matches(tmp_path / "y.h5")

@@ -66,9 +66,3 @@ def test_an_interrupted_write_keeps_the_old_file(tmp_path):
         interrupted()
     assert path.read_text() == "old"
     assert [each.name for each in tmp_path.iterdir()] == ["result.txt"]
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path):
-    (tmp_path / "taken").write_text("a file")
-    with pytest.raises(OutputError, match="taken"), atomic_write(tmp_path / "taken" / "x.txt"):
-        pass

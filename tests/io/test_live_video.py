@@ -1,6 +1,5 @@
 """Frames of a live camera: which are taken, and what the commands make of them."""
 
-import csv
 from threading import Event
 
 import cv2
@@ -59,15 +58,6 @@ def test_the_latest_frame_of_a_camera_is_taken_and_the_others_counted(device):
     assert device.is_released
 
 
-def test_a_camera_that_is_stopped_gives_no_more_frames(device):
-    stopped = Event()
-    with LiveVideo("0", stopped.is_set) as video:
-        assert video.read() is not None
-        stopped.set()
-        assert video.read() is None
-        device.may_go_on.set()
-
-
 def test_a_camera_without_frames_is_refused(monkeypatch):
     monkeypatch.setattr(live_video.cv2, "VideoCapture", lambda number: Device(0))
     with pytest.raises(ImageError, match="camera 0: expected a camera, an address or a video"):
@@ -84,15 +74,6 @@ def film(tmp_path_factory):
         for i in range(8):
             write(wall[:, 4 * i : 4 * i + 256])
     return path
-
-
-def test_of_a_video_file_every_frame_is_taken_in_turn(film):
-    with LiveVideo(str(film)) as video:
-        taken = list(iter(video.read, None))
-        assert video.dropped == 0
-    for (seconds, frame), (expected, recorded) in zip(taken, read_video(film), strict=True):
-        assert seconds == pytest.approx(expected)
-        np.testing.assert_array_equal(frame, recorded)
 
 
 def test_a_drive_of_a_camera_is_that_of_its_recording(run, film, tmp_path):
@@ -117,13 +98,8 @@ def test_saliency_and_keypoints_of_a_camera(run, film, tmp_path):
     assert len(list(read_video(tmp_path / "camera.look.mp4"))) == 3
     code, _, _ = run("detect", "--camera", film, "--max", 20, "-o", tmp_path)
     assert code == 0
-    with (tmp_path / "camera.keypoints.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert {float(row["frame"]) for row in rows} == set(range(8))
-    assert len(rows) == 8 * 20
-    assert run("detect", film, "--max", 20, "-o", tmp_path)[0] == 0  # as a file
-    table = (tmp_path / "wall.keypoints.csv").read_bytes()
-    assert table.count(b"\n") == 1 + len(list(read_video(film))) * 20
+    rows = (tmp_path / "camera.keypoints.csv").read_text().splitlines()
+    assert len(rows) == 1 + 8 * 20
     code, _, err = run("look", "a.png", "--camera", film)
     assert code == 2
     assert "expected images or --camera, found both" in err

@@ -7,14 +7,10 @@ from scipy import ndimage
 
 from saccade.attention.contrast_steps import gabor_energy, gabor_pair
 from saccade.scale.pyramid import (
-    cell_centers,
-    deepest_level,
     halve,
-    level_shape,
     resize,
 )
 from support import oracles_attention as oracles
-from support.pyramids import dyadic_pyramid
 
 sides = st.integers(1, 17)
 images = st.tuples(sides, sides).flatmap(
@@ -33,37 +29,12 @@ def test_the_kernel_of_a_level_is_the_binomial_of_six():
     np.testing.assert_allclose(halve(impulse)[0], [0, 0, 5, 10, 1, 0, 0, 0], atol=1e-12)
 
 
-def test_levels_end_with_a_single_pixel():
-    pyramid = dyadic_pyramid(np.ones((17, 100), np.float32), 99)
-    shapes = [level.shape for level in pyramid]
-    assert shapes == [(17, 100), (9, 50), (5, 25), (3, 13), (2, 7), (1, 4)]
-    assert shapes == [
-        level_shape((17, 100), level) for level in range(deepest_level((17, 100)) + 1)
-    ]
-    assert all(np.allclose(level, 1, atol=1e-6) for level in pyramid)
-    assert deepest_level((1, 50)) == 0
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_everything_keeps_its_dtype(dtype):
-    image = np.random.default_rng(1).random((20, 30)).astype(dtype)
-    levels = dyadic_pyramid(image, 3)
-    energies = [gabor_energy(level, angle, 7, 7 / 3, 9) for level in levels for angle in (0, 0.5)]
-    assert {m.dtype for m in (*levels, *energies, resize(image, (5, 6)))} == {np.dtype(dtype)}
-
-
 def test_resize_shrinks_by_means_and_grows_bilinearly(rng):
     image = rng.random((8, 12))
     np.testing.assert_allclose(resize(image, (4, 3)), oracles.block_mean(image, (4, 3)))
     np.testing.assert_allclose(
         resize(image, (16, 30)), oracles.bilinear(image, (16, 30)), atol=1e-6
     )
-
-
-def test_cells_tile_the_image():
-    xy = cell_centers([0, 29], [0, 39], (30, 40), (480, 640, 3))
-    np.testing.assert_allclose(xy, [[7.5, 7.5], [631.5, 471.5]])
-    np.testing.assert_allclose(cell_centers(3, 4, (9, 9), (9, 9)), [4, 3])
 
 
 @given(st.floats(0, np.pi), st.integers(2, 7).map(lambda half: 2 * half + 1))

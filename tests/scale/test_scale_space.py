@@ -2,13 +2,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from saccade.errors import ConfigError
 from saccade.scale.scale_space import (
     blurred,
     gaussian_kernel,
     gaussian_scale_space,
     interpolated,
-    upsampled,
 )
 from saccade.scale.scale_space_config import ScaleSpaceConfig
 from saccade.scale.workspace import WorkspacePool
@@ -84,14 +82,6 @@ def test_interpolation_is_exact_for_polynomials_of_degree_five(rng, start):
     np.testing.assert_allclose(fine[inner], expected, atol=2e-6 * np.abs(coarse).max())
 
 
-def test_doubling_keeps_every_pixel(rng):
-    image = rng.random((7, 5), np.float32)
-    doubled = upsampled(image)
-    assert doubled.shape == (13, 9)
-    np.testing.assert_array_equal(doubled[::2, ::2], image)
-    np.testing.assert_allclose(doubled, ndimage.zoom(image, (13 / 7, 9 / 5), order=1), atol=1e-6)
-
-
 def test_shifted_grid_is_opencvs(rng):
     space = gaussian_scale_space(rng.random((33, 50), np.float32), lowe(grid="shifted"))
     assert [octave.shape[1:] for octave in space.octaves] == [
@@ -110,12 +100,6 @@ def test_no_room_no_octaves(shape):
     assert space.origin.shape == (0, 2)
 
 
-def test_octaves_can_be_limited(rng):
-    image = rng.random((64, 64), np.float32)
-    assert len(gaussian_scale_space(image, lowe(octaves=2)).octaves) == 2
-    assert len(gaussian_scale_space(image, lowe(octaves=9)).octaves) == 4
-
-
 @pytest.mark.parametrize("sigma", [0.3, 0.59, 0.79, 0.81, 1.3, 2.6])
 @pytest.mark.parametrize("radius", [3.0, 4.0])
 def test_a_corrected_kernel_has_the_variance_of_the_gaussian(sigma, radius):
@@ -125,11 +109,6 @@ def test_a_corrected_kernel_has_the_variance_of_the_gaussian(sigma, radius):
     np.testing.assert_allclose(kernel @ taps**2, sigma**2, rtol=1e-5)
 
 
-def test_a_kernel_cut_too_short_for_its_variance_is_still_a_gaussian():
-    kernel = gaussian_kernel(2.0, 1.0, corrected=True)
-    np.testing.assert_allclose(kernel[:-1] / kernel[1:], np.exp((5 - 2 * np.arange(1, 5)) / -8))
-
-
 @pytest.mark.parametrize("threads", [2, 3])
 def test_threads_change_no_bit(rng, threads):
     plane = rng.random((300, 211), np.float32)
@@ -137,18 +116,3 @@ def test_threads_change_no_bit(rng, threads):
         alone = blurred(plane, sigma, 3.0)
         with WorkspacePool(threads).workspace() as workspace:
             np.testing.assert_array_equal(blurred(plane, sigma, 3.0, workspace=workspace), alone)
-
-
-def test_workspaces_of_a_pool_share_memory_in_turn_only():
-    pool = WorkspacePool(1)
-    with pool.workspace() as first, pool.workspace() as second:
-        arrays = [each.array("a", 0, (5,)) for each in (first, second)]
-        assert not np.shares_memory(*arrays)
-    with pool.workspace() as again:
-        assert any(np.shares_memory(again.array("a", 0, (5,)), each) for each in arrays)
-
-
-@pytest.mark.parametrize("threads", [0, -1])
-def test_threads_are_a_positive_number(threads):
-    with pytest.raises(ConfigError, match="threads: expected 1 or more, or None, found"):
-        WorkspacePool(threads)

@@ -29,14 +29,6 @@ def _rings():
     return positions(rings(), "landmarks")
 
 
-def _driven(seed, steps):
-    session = Session(seed, _rings())
-    session.step(None, PlaygroundNoise())
-    for _ in range(steps):
-        session.step(np.array(LAP), PlaygroundNoise())
-    return {name: session.summary(name) for name in session.filters}
-
-
 @pytest.mark.parametrize("factor", [1.0, 3.0])
 def test_measurements_vary_as_their_covariances_say_times_the_assumed_factor(factor):
     noise = PlaygroundNoise(max_range=20, assumed_factor=factor)
@@ -58,34 +50,6 @@ def test_measurements_vary_as_their_covariances_say_times_the_assumed_factor(fac
         assert (low < np.square(normalized).mean(0)).all()
         assert (np.square(normalized).mean(0) < high).all()
     assert np.allclose(np.hypot(*world.pose[:2]), 10, atol=0.5)  # the circle is closed
-
-
-def test_standard_becomes_sure_and_wrong_and_invariant_does_not():
-    summaries = [_driven(seed, 250) for seed in range(3)]  # two rounds
-    inside = {
-        name: np.mean([each[name]["inside_percent"] for each in summaries])
-        for name in ("standard", "invariant")
-    }
-    assert inside["standard"] < 80 < 97 < inside["invariant"]
-    nees = [each["invariant"]["mean_nees"] for each in summaries]
-    assert 1 < np.mean(nees) < 6
-    assert any(each["standard"]["wrong"] for each in summaries)
-    assert not any(each["invariant"]["wrong"] for each in summaries)
-    for each in summaries:
-        assert each["invariant"]["inside_landmarks"] > each["standard"]["inside_landmarks"]
-
-
-def test_without_noise_of_odometry_a_pose_is_certain_and_has_no_nees():
-    exact = PlaygroundNoise(distance_percent=0, turn_sigma_deg=0)
-    session = Session(1, _rings())
-    for command in (None, np.array(LAP), np.array(LAP), None):
-        last = session.step(command, exact)
-    for name, estimate in last["filters"].items():
-        assert np.allclose(estimate["pose"], last["truth"])
-        assert estimate["nees"] is None
-        summary = session.summary(name)
-        assert summary["mean_nees"] is summary["inside_percent"] is None
-        assert not summary["wrong"]
 
 
 def test_a_session_is_started_driven_and_switched():
@@ -161,16 +125,3 @@ def test_invalid_requests_are_one_line_errors_and_change_nothing(change, words):
     with pytest.raises((ConfigError, KeyError), match=re.escape(words)):
         playground.step({"session": token, "commands": [LAP], **change})
     assert as_json(playground.step({"session": token})) == before
-
-
-@pytest.mark.parametrize(
-    ("request_", "words"),
-    [
-        ({"seed": -1}, "seed: expected 0 to"),
-        ({"seed": True}, "seed: expected 0 to"),
-        ({"landmarks": [[0, 0]] * 61}, "landmarks: expected at most 60 positions"),
-    ],
-)
-def test_invalid_starts_are_one_line_errors(request_, words):
-    with pytest.raises(ConfigError, match=re.escape(words)):
-        Playground().start(request_)

@@ -7,10 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade.errors import ConfigError
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
-from saccade.simulation.drive import Illumination, render
-from saccade.simulation.scene import Ground, Walls, all_posters, build_scene, poster_images
+from saccade.simulation.drive import render
+from saccade.simulation.scene import Ground, Walls, build_scene
 from support.biased_odometry import unbiased
 from support.odometry_alone import followed
 
@@ -166,60 +165,3 @@ def test_frames_are_the_same_in_any_order_and_thread():
     assert (one.load(0).image != other.load(0).image).mean() > 0.5
     with pytest.raises(IndexError):
         one.load(4)
-
-
-@pytest.fixture(scope="module")
-def still():
-    return simulate_drive(replace(SMALL, light=STILL), 1)
-
-
-def test_noise_is_what_it_is_said_to_be(still):
-    noisy = simulate_drive(replace(SMALL, light=replace(STILL, noise_sigma=4.0)), 1)
-    np.testing.assert_array_equal(noisy.control, still.control)
-    np.testing.assert_array_equal(noisy.truth.pose, still.truth.pose)
-    dark = still.load(2).image < 200  # nothing is cut off at white
-    left = (noisy.load(2).image.astype(float) - still.load(2).image)[dark]
-    right = (noisy.load(2).right.astype(float) - still.load(2).right)[dark]
-    next_ = (noisy.load(3).image.astype(float) - still.load(3).image)[dark]
-    assert left.std() == pytest.approx(4, rel=0.1)
-    for other in (right, next_):
-        assert abs(np.corrcoef(left, other)[0, 1]) < 0.1
-
-
-def test_light_drifts_slowly_and_lamps_flicker():
-    camera, time = SMALL.camera, np.arange(600) / 10
-    seed = np.random.SeedSequence(5)
-    drifting = Illumination.sample(LightConfig(gain_sigma=0.3), camera, time, seed)
-    flickering = Illumination.sample(
-        LightConfig(gain_sigma=0.0, flicker_sigma=0.3), camera, time, seed
-    )
-    for light, steps in ((drifting, 0.02), (flickering, 0.3 * np.sqrt(2))):
-        change = np.diff(np.log(light.gain)).std()
-        assert steps / 2 < change < 1.2 * steps
-    assert np.log(drifting.gain).std() == pytest.approx(0.3, rel=0.4)
-
-
-def test_posters_repeat_and_mirror_on_demand(rng):
-    every = {picture.tobytes() for picture in all_posters()}
-    assert len(every) == len(all_posters()) >= 30
-    few = poster_images(DriveConfig.repeated(), rng)
-    assert len(few) == 4
-    assert {picture.tobytes() for picture in few} < every
-    for picture in poster_images(DriveConfig.mirror(), rng):
-        np.testing.assert_array_equal(picture, picture[:, ::-1])
-    assert DriveConfig().posters is None
-    assert not DriveConfig().mirrored_posters
-
-
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ({"corridor": 6.0}, "corridor: expected 1 to 4.05, found 6"),
-        ({"turning_radius": 2.9}, "turning_radius: expected 0.5 to 2.5, found 2.9"),
-        ({"sway": 1.0}, "sway: expected"),
-        ({"camera_height": 3.0}, "camera_height: expected 0.05 to 2.399, found 3"),
-    ],
-)
-def test_a_ring_that_cannot_be_is_refused(setting, words):
-    with pytest.raises(ConfigError, match=words):
-        DriveConfig(**setting)

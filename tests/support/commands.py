@@ -48,13 +48,6 @@ def all_commands():
             yield " ".join([*group, name]), apps[-1]
 
 
-def options_of(command):
-    """The arguments and options of a command, as cyclopts parses them."""
-    return [
-        each for each in command.assemble_argument_collection(parse_docstring=True) if each.show
-    ]
-
-
 def words_of(name, folder, port):
     """The words of a command whose inputs are in a folder."""
     rest = COMMANDS[name].format(**{"in": folder, "port": port})

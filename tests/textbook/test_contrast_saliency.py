@@ -20,7 +20,6 @@ from saccade.textbook.contrast_saliency import (
 )
 
 DIRECTIONS = (0, 45, 90, 135)
-SCALES = ((2, 5), (2, 6), (3, 6), (3, 7), (4, 7), (4, 8))
 CHANNELS = {"intensity": intensity, "red_green": red_green, "blue_yellow": blue_yellow}
 close = np.testing.assert_allclose
 

@@ -1,6 +1,6 @@
 """The presets of the source against the textbook, which is written from the print alone."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from importlib.resources import files
 
 import numpy as np
@@ -8,8 +8,6 @@ import pytest
 
 from saccade import (
     ContrastConfig,
-    DescriptorConfig,
-    MustConfig,
     Sift,
     SiftConfig,
     contrast_saliency,
@@ -57,14 +55,6 @@ def cosines(printed, found):
     same = (distance <= 0.1) & (turn <= 0.05)
     best = np.where(same, printed.descriptors @ found.descriptors.T, -1).max(axis=1)
     return best[same.any(axis=1)]
-
-
-def test_must_uses_the_descriptor_of_section_b2():
-    descriptor, sift = DescriptorConfig.kootstra2010(), SiftConfig.kootstra2010()
-    assert MustConfig.kootstra2010().descriptor == descriptor
-    assert all(
-        getattr(sift, each.name) == getattr(descriptor, each.name) for each in fields(descriptor)
-    )
 
 
 def printed_log(log):

@@ -1,13 +1,10 @@
 """Descriptors are drawn the way the gradients point: held to ramps, whose direction is known."""
 
 from importlib.resources import files
-from importlib.util import module_from_spec, spec_from_file_location
 
 import numpy as np
-import pytest
 
 from saccade import Keypoints, Sift, SiftConfig
-from support.paths import ROOT
 
 RAMPS = [(0, 0), (30, 0), (90, 0), (-120, 0), (70, 25), (-50, -160)]
 """Degrees from x towards y: the gradient of the image, and the angle of the point."""
@@ -30,14 +27,6 @@ def assert_along(rays, gradient, angle):
     x, y = (rays[..., 1, :] - rays[..., 0, :]).sum(axis=(0, 1, 2))
     off = np.degrees(np.arctan2(y, x)) - (gradient - angle)  # y points down in both
     assert abs((off + 180) % 360 - 180) < 3
-
-
-@pytest.mark.parametrize(("gradient", "angle"), RAMPS)
-def test_on_the_pages_of_the_site(gradient, angle):
-    spec = spec_from_file_location("figures", ROOT / "docs" / "making" / "figures.py")
-    figures = module_from_spec(spec)
-    spec.loader.exec_module(figures)
-    assert_along(figures.descriptor_rays(described(gradient, angle), 80), gradient, angle)
 
 
 def test_in_the_report(browser):

@@ -102,28 +102,6 @@ def test_a_part_never_outgrows_the_page(make, notes, rng, tmp_path):
     assert re.fullmatch(notes, text), text
 
 
-def test_a_map_keeps_how_often_a_landmark_was_seen():
-    drive = Trajectory(np.arange(20.0), np.zeros((20, 3)), np.tile(np.eye(3), (20, 1, 1)))
-    snapshot = MapSnapshot(
-        19,
-        np.zeros((1, 3)),
-        np.eye(3),
-        np.zeros((1, 2)),
-        np.eye(2)[None],
-        np.array([0]),
-        np.array([7]),
-    )
-    seen = ObservedLandmarks(np.array([1, 2, 2, 4, 4, 9, 19]), np.array([7, 7, 7, 7, 3, 7, 7]))
-    intervals = map_part(SECTION, {"estimate": drive}, [snapshot], seen, []).data["intervals"]
-    assert {name: list(values) for name, values in intervals.items()} == {
-        "id": [3, 7, 7, 7],
-        "first": [4, 1, 9, 19],
-        "last": [4, 4, 9, 19],
-        "count": [1, 3, 1, 1],
-        "time": [4, 1, 9, 19],
-    }
-
-
 NAME = (
     "<img src=x onerror=alert(1)></script><svg onload=alert(2)>\"'><b>&amp;&"
     "\u202egnp.\N{SNOWMAN} \N{COMBINING ACUTE ACCENT} tab\tnew\nline" + os.fsdecode(b"\xff\xfe<b>")

@@ -1,6 +1,5 @@
 """The page of `saccade textbook`: equations, the code that computes them, and figures."""
 
-import importlib.util
 import json
 import re
 import sys
@@ -17,13 +16,11 @@ import pytest
 import saccade
 from saccade import textbook
 from saccade.cli import main
-from saccade.viewing.textbook.ekf import simulated_log, trace_filter
-from saccade.viewing.textbook.equations import equation_code
+from saccade.viewing.textbook.ekf import trace_filter
 from saccade.viewing.textbook.walkthrough import (
     load_steps,
 )
 from support.accessibility import assert_accessible
-from support.paths import ROOT
 
 DATA = files("saccade") / "data"
 PRINTED = (("A", 14), ("B", 12), ("C", 18))
@@ -142,44 +139,3 @@ def test_a_control_that_drives_before_it_turns_is_applied_exactly():
         y += forward * np.sin(theta) + left * np.cos(theta)
         theta += turn
     np.testing.assert_allclose(ekf.s[:3], [x, y, theta], atol=1e-12)
-
-
-def test_the_simulated_log_shows_all_three_steps():
-    trace = trace_filter(simulated_log(), textbook.EkfSlam)
-    assert trace.transitions.keys() == {"predict", "update", "augment"}
-    before, after, _ = trace.transitions["augment"]
-    assert len(after.s) == len(before.s) + 2
-    before, after, _ = trace.transitions["update"]
-    assert np.linalg.eigvalsh(before.P - after.P).min() > -1e-12  # an update takes away
-
-
-def test_code_is_found_by_the_number_at_the_end_of_its_line():
-    source = '''
-def f(x):
-    """As C.9, which no docstring computes."""
-    a, b = x  # C.1, C.2
-    c = a * 2
-    d = (
-        b + c
-    )  # C.3 (mended)
-    return d + a  # see C.4
-
-
-def g(x):
-    return f(x)  # C.3-C.5
-'''
-    code = equation_code(source, "mine.py")
-    assert code.keys() == {"f", "g", "C.1", "C.2", "C.3", "C.4", "C.5"}
-    assert code["C.1"].text == "a, b = x"
-    assert code["C.3"].text == "c = a * 2\nd = (\n    b + c\n)"  # not g, which cites three
-    assert code["C.4"].text == "return f(x)"
-    assert (code["C.3"].line, code["g"].line) == (6, 13)
-
-
-def test_the_formulas_are_those_of_the_steps():
-    pytest.importorskip("latex2mathml", reason="the group `docs` is not installed")
-    place = ROOT / "docs" / "making" / "formulas.py"
-    spec = importlib.util.spec_from_file_location("formulas", place)
-    formulas = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(formulas)
-    assert formulas.FORMULAS.read_text(encoding="utf-8") == formulas.formulas_json()
