@@ -186,15 +186,14 @@ def test_any_name_will_do(run, tmp_path, photo):
     assert "missing.png" in err
 
 
-SLAM = ["slam", "log.csv", "-o", "out"]
+WORLD = ["simulate", "world", "-o", "out"]
 EXTRACT = ["extract", "photos", "--what", "sift", "--out", "out", "--workers", "1"]
 
 
-@pytest.mark.parametrize(("what", "words"), [("full", EXTRACT), ("closed", SLAM)], ids=str)
+@pytest.mark.parametrize(("what", "words"), [("full", EXTRACT), ("closed", WORLD)], ids=str)
 def test_a_disk_that_takes_nothing(tmp_path, photo, what, words):
     (tmp_path / "photos").mkdir()
     cv2.imwrite(str(tmp_path / "photos" / "a.png"), photo)
-    TARGETS["log-csv"].make(tmp_path)
     out = tmp_path / "out"
     out.mkdir(mode=0o555 if what == "closed" else 0o755)
     prepare = without_privileges if what == "closed" else full

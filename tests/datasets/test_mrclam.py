@@ -54,26 +54,6 @@ def set_six(shared):
     return shared / "data/logs/mrclam/mrclam6.npz"
 
 
-@pytest.mark.shared
-def test_folder_and_archive_are_the_same_log(set_six, tmp_path):
-    tables = np.load(set_six)
-    names = {
-        "barcodes": "Barcodes.dat",
-        "landmarks": "Landmark_Groundtruth.dat",
-        "robot1_odometry": "Robot1_Odometry.dat",
-        "robot1_measurement": "Robot1_Measurement.dat",
-        "robot1_groundtruth": "Robot1_Groundtruth.dat",
-    }
-    for table, name in names.items():
-        text = "\n".join(" \t ".join(map(repr, row)) for row in tables[table].tolist())
-        (tmp_path / name).write_text(HEADER + text)
-    one, two = load("auto", set_six, robot=1), load("auto", tmp_path, robot=1)
-    for field in ("start", "time", "control", "observation", "landmark"):
-        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
-    assert len(one.observation) > 500
-    assert set(one.landmark.tolist()) == set(range(6, 21))
-
-
 @pytest.fixture(scope="module")
 def five(set_six):
     """The robots of set 6, as the default configuration has them."""
