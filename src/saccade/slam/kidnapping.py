@@ -7,18 +7,9 @@ filter believes it, the filter stops, and hypotheses of the pose are followed un
 
 import numpy as np
 
-from saccade._jit import share
-from saccade.slam._kidnapping_kernels import (
-    BEARINGS,
-    POINTS,
-    RANGES,
-    EvidenceScalars,
-    LandmarkEvidence,
-    bind_evidence,
-    update_evidence,
-)
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.landmark_evidence import LandmarkEvidence
 from saccade.slam.landmarks import LandmarkTable
 from saccade.slam.pose_search import PoseSearch
 from saccade.slam.results import PoseHypotheses
@@ -31,6 +22,17 @@ REGAINED = 7.0
 """Evidence at which scans agree again with where the robot was believed to be."""
 MAX_AGREEING_SCANS = 20
 """Successive scans without evidence against the believed pose after which a search ends."""
+
+MIN_LANDMARKS = 8
+"""Size of the smallest map that is tested; in a smaller one a robot cannot be found again."""
+MIN_CONTRADICTION = 1.5
+"""Evidence of a scan from which it contradicts the believed pose."""
+MIN_CUMULATIVE = 4.0
+"""Cumulative evidence from which a scan without labels contradicts the believed pose: gates protect
+the filter from most of a single wrong scan."""
+MIN_CONTRADICTED_LABELS = 3
+"""Labels of a scan whose landmarks are not where the filter expects them for the scan to
+contradict the believed pose; fewer are rejected one by one."""
 
 
 class KidnappingDetector:
@@ -60,18 +62,11 @@ class KidnappingDetector:
         """Whether the last scan contradicts the believed pose."""
         self.blocks_update = False
         """Whether the last scan must not update the filter."""
-        self._gate = chi_square_gate(2, gate)
-        self._agreeing = 0  # successive scans without evidence against the believed pose
-        cells = (RANGES, BEARINGS)
-        now = EvidenceScalars(clutter=1.0, scale=4.0, squares=10.0, variance=1.0)
-        arrays = np.zeros(cells), np.zeros(cells), np.zeros((POINTS, 3))
-        self.landmark_evidence: LandmarkEvidence = share(bind_evidence, *arrays, now)
-        """Detection rates, and unexplained points, that the evidence of landmarks is by."""
-
-    @property
-    def evidence(self) -> float:
+        self.evidence = 0.0
         """Cumulative evidence."""
-        return float(self.landmark_evidence.now.total)
+        self.landmark_evidence = LandmarkEvidence(chi_square_gate(2, gate))
+        """Evidence of landmarks."""
+        self._agreeing = 0  # successive scans without evidence against the believed pose
 
     @property
     def kidnapped(self) -> bool:
@@ -90,38 +85,39 @@ class KidnappingDetector:
 
     def add(self, evidence: float) -> None:
         """Adds evidence, of any source; negative for the believed pose."""
-        now = self.landmark_evidence.now
-        now.total = max(now.total + evidence, 0.0)
+        self.evidence = max(self.evidence + evidence, 0.0)
 
     def discount(self, factor: float) -> None:
         """Multiplies the evidence, when a frame continues the last one."""
-        self.landmark_evidence.now.total *= factor
+        self.evidence *= factor
 
     def reset(self) -> None:
         """Forgets the evidence."""
-        now, self.contradicted = self.landmark_evidence.now, False
-        now.total = now.latest = 0.0
-        self.landmark_evidence.points[:] = 0.0
+        self.evidence, self.contradicted = 0.0, False
+        self.landmark_evidence.points.clear()
 
     def update(self, ekf: EkfSlam, table: LandmarkTable, scan: Scan) -> None:
-        """Adds the evidence of a scan of landmarks; see `update_evidence`.
+        """Adds the evidence of a scan of landmarks, before the filter is updated by it.
 
-        Args:
-            ekf: the filter, before the update.
-            table: its landmarks.
-            scan: the scan.
+        A scan that does not contradict the believed pose tells which landmarks are detected.
         """
         self.contradicted, self.blocks_update = False, self.lost
-        if not self.enabled or len(scan.z) == 0:
+        if not self.enabled or len(scan.z) == 0 or len(ekf) < MIN_LANDMARKS:
             return
-        f, confirmed = ekf.active, table.counts.confirmed
+        f, confirmed, landmarks = ekf.active, table.counts.confirmed, self.landmark_evidence
         if ekf.submap is not None:
             confirmed = confirmed[table.rows(ekf.active_ids)]
-        others = len(ekf) - f.now.landmarks
-        self.contradicted = update_evidence(
-            *(f, self.landmark_evidence, self._gate, scan.z, scan.R),
-            *(confirmed, ekf.rows(table.landmarks_of(scan.labels)), others),
-        )
+        compared = landmarks.compare(f, scan, confirmed, ekf.rows(table.landmarks_of(scan.labels)))
+        latest = landmarks.evaluate(f, compared)
+        self.add(latest)
+        if self.evidence == 0:
+            landmarks.points.clear()
+        enough = self.evidence >= MIN_CUMULATIVE
+        if compared.labeled:
+            enough = compared.num_contradicted_labels >= MIN_CONTRADICTED_LABELS
+        self.contradicted = latest >= MIN_CONTRADICTION and enough
+        if not self.contradicted:
+            landmarks.learn(compared)
         self.blocks_update = self.contradicted or self.lost
 
     def begin(self, search: PoseSearch) -> None:
@@ -153,12 +149,11 @@ class KidnappingDetector:
         if len(scan.z) == 0:
             return none
         search.add(scan.z, scan.R, table.landmarks_of(scan.labels))
-        now = self.landmark_evidence.now
-        now.total = min(now.total, self.limit)
+        self.evidence = min(self.evidence, self.limit)
         if begins:
             return none
         self._agreeing = 0 if self.contradicted else self._agreeing + 1
-        agrees = now.total < REGAINED or self._agreeing > MAX_AGREEING_SCANS
+        agrees = self.evidence < REGAINED or self._agreeing > MAX_AGREEING_SCANS
         if agrees and not search.anywhere:
             self.end()
         elif search.is_found:
