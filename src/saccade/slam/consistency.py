@@ -14,7 +14,7 @@ from saccade.errors import LogError, require
 from saccade.slam.filter._kernels import TINY
 from saccade.slam.filter.state import INVARIANT, Retraction
 from saccade.slam.models import wrap
-from saccade.types import FloatArray, Trajectory
+from saccade.types import FloatArray, IntArray, Trajectory
 
 REGULAR = 1e-6
 """Smallest eigenvalue of the correlation matrix of a regular covariance."""
@@ -125,6 +125,14 @@ def normalized_squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
     """
     solved = np.linalg.solve(covariance, error[..., None])[..., 0]
     return np.asarray((error * solved).sum(-1))
+
+
+def difference_covariances(C: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
+    """(..., 2, 2) of the differences of points i (...) and j (...), by that of all, (2 n, 2 n)."""
+    n = len(C) // 2
+    blocks = C.reshape(n, 2, n, 2).transpose(0, 2, 1, 3)
+    cross = blocks[i, j]
+    return np.asarray(blocks[i, i] + blocks[j, j] - cross - cross.swapaxes(-1, -2))
 
 
 def pose_nees(estimate: Trajectory, truth: Trajectory, retraction: Retraction) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Self, TypeAlias
 
 import numpy as np
@@ -28,8 +28,6 @@ UNDECIDED = -3
 """Match of an observation that geometry is still to decide."""
 ESTABLISHED = 3
 """Accepted observations from which a label can contradict the filter, along with others."""
-NONE = np.empty(0, np.int64)
-"""No landmarks."""
 DescriptorArray: TypeAlias = npt.NDArray[np.generic]
 
 
@@ -148,11 +146,9 @@ class LandmarkTable:
 
     def rows(self, landmarks: IntArray) -> IntArray:
         """Rows (k,) of landmarks by their ids."""
-        ids = self.counts.id
-        dense = len(ids) > 0 and ids[-1] == len(ids) - 1
-        return landmarks if dense else np.searchsorted(ids, landmarks)
+        return np.searchsorted(self.counts.id, landmarks)
 
-    def add(self, landmarks: IntArray, *, confirmed: bool) -> None:
+    def add(self, landmarks: IntArray, *, confirmed: bool, observations: int = 0) -> None:
         """Adds new landmarks (k,), by their ids, as candidates or as confirmed landmarks.
 
         Where landmarks are not doubted, their labels alone put them into the map.
@@ -162,16 +158,11 @@ class LandmarkTable:
             k,
             id=landmarks,
             confirmed=np.full(k, confirmed and self.policy.enabled),
+            observations=np.full(k, observations),
+            last_observed=np.full(k, self.scans),
             session=np.full(k, self.session),
         )
         self.counts = LandmarkRows.concatenate([self.counts, new])
-
-    def add_confirmed(self, landmarks: IntArray) -> None:
-        """Adds landmarks (k,), by their ids, of another map."""
-        n = len(self.counts)
-        self.add(landmarks, confirmed=True)
-        self.counts.observations[n:] = self.policy.confirm_after
-        self.counts.last_observed[n:] = self.scans
 
     def remove(self, landmarks: IntArray) -> None:
         """Removes landmarks (k,), by their ids, and takes their labels from them."""
@@ -200,15 +191,9 @@ class LandmarkTable:
             each[i] = max(each[i], each[j])
 
     def predict_visible(self, ekf: EkfSlam, z: FloatArray) -> tuple[IntArray, FloatArray] | None:
-        """Ids (n,) and predicted observations (n, 2) if missed landmarks are counted in a scan.
+        """Ids (n,) and predicted observations (n, 2) of landmarks that a scan (k, 2) may miss.
 
-        Args:
-            ekf: the filter, before the update by the scan.
-            z: (k, 2) the scan.
-
-        Returns:
-            Of the landmarks of the map, or of the submap in which the filter works; None if missed
-            landmarks are not counted.
+        They are those in which the filter works before the update; None if misses do not count.
         """
         self.max_range = max(self.max_range, *z[:, 0].tolist())
         due = self.policy.enabled and (self.scans + 1) % self.policy.interval == 0
@@ -219,18 +204,12 @@ class LandmarkTable:
         return ekf.active_ids.copy(), observe(f.state[: f.robot_size], points)[0]
 
     def count(self, matches: IntArray, visible: tuple[IntArray, FloatArray] | None) -> IntArray:
-        """Counts the observed and the missed landmarks of a scan.
+        """Counts the landmarks that a scan observes and misses; (g,) ids of those to be culled.
 
-        Args:
-            matches: (k,) id of the landmark of each observation, negative for none.
-            visible: result of `predict_visible`.
-
-        Returns:
-            (g,) ids of landmarks that are to be culled.
+        The landmarks of its observations are `matches` (k,), negative for none; `visible` is the
+        result of `predict_visible`.
         """
-        stale = NONE
-        if len(self.stale) > 0:
-            stale, self.stale = np.array(self.stale), []
+        stale, self.stale = np.array(self.stale, np.int64), []
         if self.policy.enabled:
             self.scans += 1
             used, table = self.rows(matches[matches >= 0]), self.counts
@@ -288,12 +267,6 @@ class LandmarkTable:
         """Whether any label is of a landmark."""
         return any(record.landmark == landmark for record in self.labels.values())
 
-    def label(self, label: Label, landmark: int) -> None:
-        """Gives a label that has no landmark that of another map."""
-        record = self.labels.setdefault(label, LabelRecord())
-        if record.landmark < 0:
-            record.landmark, record.accepted = landmark, ESTABLISHED
-
     @property
     def labeled(self) -> BoolArray:
         """(n,) landmarks that have a label."""
@@ -307,8 +280,7 @@ class LandmarkTable:
     def warning(self, association: IntArray) -> str:
         """Why nothing was mapped, or most observations were not used; empty if neither is so.
 
-        Args:
-            association: (k,) landmark of the map for each observation, negative for none.
+        The landmarks of the observations are `association` (k,), negative for none.
         """
         observations, policy = len(association), self.policy
         if observations == 0:
@@ -334,15 +306,12 @@ class LandmarkTable:
 
     def adopt(self, saved: "LandmarkTable") -> None:
         """Takes the content of a saved table, after which a new session begins."""
-        policy = self.policy
-        vars(self).update(vars(saved))
-        self.policy, self.session = policy, saved.session + 1
+        vars(self).update(vars(saved), policy=self.policy, session=saved.session + 1)
 
     def copy(self) -> Self:
         """An independent table with the same content."""
         new = copy.copy(self)
-        columns = {name: each.copy() for name, each in vars(self.counts).items()}
-        new.counts, new.detections = replace(self.counts, **columns), self.detections.copy()
+        new.counts, new.detections = self.counts[np.arange(len(self))], self.detections.copy()
         new.labels = {label: copy.copy(each) for label, each in self.labels.items()}
         new.descriptors = dict(self.descriptors)
         return new

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from saccade.errors import LogError
 from saccade.io.files import FORMATS, atomic_write, check_format, reading
 from saccade.io.npz import read_arrays, save_arrays
-from saccade.landmark_names import parse_name
+from saccade.landmark_names import parse_labels
 from saccade.slam.config import EkfConfig
 from saccade.slam.landmarks import CullingPolicy, LabelRecord, LandmarkRows, LandmarkTable
 from saccade.types import FloatArray
@@ -23,6 +23,8 @@ from saccade.types import FloatArray
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 KIND = "landmark map of saccade slam"
 """What the file says it is."""
+ARRAYS = ("mean", "covariance", "heading_lever")
+"""Arrays of a `SavedMap` that are saved as they are."""
 TABLE_NUMBERS = (
     *("scans", "ambiguous", "forgotten", "culled", "session"),
     *("has_unlabeled", "max_range", "log_likelihood", "detections"),
@@ -65,7 +67,7 @@ def write_map(path: str | Path, saved: SavedMap) -> None:
         "format": np.array(FORMATS["slam_map"]),
         "settings": np.array(json.dumps(settings)),
         "num_steps": np.array(saved.num_steps),
-        **{name: getattr(saved, name) for name in ("mean", "covariance", "heading_lever")},
+        **{name: getattr(saved, name) for name in ARRAYS},
         "clock": np.array(saved.clock),
         **{f"landmark.{name}": each for name, each in vars(table.counts).items()},
         **{f"table.{name}": np.array(getattr(table, name)) for name in TABLE_NUMBERS},
@@ -102,18 +104,13 @@ def read_map(path: str | Path) -> SavedMap:
         raise LogError(f"{path}: expected a {KIND}, found a damaged one")
     settings = json.loads(str(arrays["settings"]))
     settings["config"]["start_sigma"] = tuple(settings["config"]["start_sigma"])
-    config = EkfConfig(**settings["config"])
-    distance, turn, loss = settings["odometry_bias"]
-    clock, streak, until = arrays["clock"].tolist()
     return SavedMap(
-        config=config,
-        odometry_bias=(distance, turn, loss),
+        config=EkfConfig(**settings["config"]),
+        odometry_bias=tuple(settings["odometry_bias"]),
         num_steps=int(arrays["num_steps"]),
-        mean=arrays["mean"],
-        covariance=arrays["covariance"],
-        heading_lever=arrays["heading_lever"],
+        **{name: arrays[name] for name in ARRAYS},
         table=_table(arrays),
-        clock=(clock, streak, until),
+        clock=tuple(arrays["clock"].tolist()),
     )
 
 
@@ -124,17 +121,14 @@ def _table(arrays: Arrays) -> LandmarkTable:
     for name in TABLE_NUMBERS:
         value = arrays[f"table.{name}"]
         setattr(table, name, value if value.ndim > 0 else value.item())
-    columns = {
-        name: list(column) if column.ndim > 1 else column.tolist()
-        for name, column in _columns(arrays, "label.").items()
-    }
-    for i, text in enumerate(arrays["labels"].tolist()):
-        record = LabelRecord(**{name: column[i] for name, column in columns.items()})
-        label = parse_name(text)
+    columns = _columns(arrays, "label.")
+    lists = [list(each) if each.ndim > 1 else each.tolist() for each in columns.values()]
+    labels = parse_labels(arrays["labels"])
+    for label, values in zip(labels, zip(*lists, strict=True), strict=True):
         assert label is not None
-        table.labels[label] = record
-    values = zip(arrays["descriptor.id"].tolist(), arrays["descriptor.value"], strict=True)
-    table.descriptors = dict(values)
+        table.labels[label] = LabelRecord(**dict(zip(columns, values, strict=True)))
+    ids = arrays["descriptor.id"].tolist()
+    table.descriptors = dict(zip(ids, arrays["descriptor.value"], strict=True))
     return table
 
 

@@ -16,10 +16,10 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from saccade.errors import LogError, require
-from saccade.landmark_names import Label
 from saccade.plane import rotations
-from saccade.slam.consistency import chi_square_gate
-from saccade.slam.models import observe, wrap
+from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
+from saccade.slam.landmarks import ESTABLISHED, LabelRecord
+from saccade.slam.models import observe, pose_difference, wrap
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer, pose_jacobians
 from saccade.types import FloatArray, IntArray
@@ -100,7 +100,7 @@ def merge_maps(first: Slam, second: Slam, min_common: int = 5) -> MergedMaps:
         found = _search(maps)
         if len(found) == 0:
             raise LogError("merging: expected landmarks that both maps have, found none")
-        evidence = np.array([_log_odds(maps, each) for each in found])
+        evidence = np.array([each.log_odds for each in found])
         posterior = np.exp(evidence - logsumexp(np.append(evidence, 0.0)))
         best, probability = found[int(posterior.argmax())], float(posterior.max())
         if best.scale > MAX_CONTRADICTION:
@@ -140,24 +140,19 @@ class _Maps(NamedTuple):
     def of(cls, first: Slam, second: Slam) -> "_Maps":
         """The maps of two robots."""
         a, b = first.filter, second.filter
-        numbers: dict[Label, int] = {}
         labels = [
-            np.array(
-                [
-                    -1 if label is None else numbers.setdefault(label, len(numbers))
-                    for label in each.landmarks.labels_of(each.filter.ids.tolist())
-                ],
-                np.int64,
-            )
+            label
             for each in (first, second)
+            for label in each.landmarks.labels_of(each.filter.ids.tolist())
         ]
-        q = len(b.robot_state)
+        numbers = {label: i for i, label in enumerate(dict.fromkeys(labels))} | {None: -1}
+        number, q = np.array([numbers[label] for label in labels], np.int64), len(b.robot_state)
         return cls(
             r=len(a.robot_state),
             robot=a.robot_state,
             xy=(a.landmarks, b.landmarks),
             P=(a.covariance, b.covariance[q:, q:]),
-            labels=(labels[0], labels[1]),
+            labels=(number[: len(a)], number[len(a) :]),
         )
 
 
@@ -172,8 +167,8 @@ class _Fused(NamedTuple):
     scale: float
     """Factor on the covariances of both maps with which they agree, at least 1: maps may be
     overconfident."""
-    log_density: float
-    """Of the differences of the pairs, with a uniform prior of density 1 for the transform."""
+    log_odds: float
+    """Log of the odds of the correspondence against landmarks near each other by chance."""
     mean: FloatArray
     """(n,) the robot, the landmarks of the first map, those of the second in its frame."""
     P: FloatArray
@@ -211,28 +206,28 @@ def _fuse(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
     scale = max(1.0, nis / dof)
     log_det = 2 * np.log(np.diag(S[0])).sum() - np.linalg.slogdet(C)[1]
     log_density = -(nis / scale + log_det + dof * log(2 * pi * scale)) / 2
+    extent, other = np.ptp(a, axis=0), np.ptp(b, axis=0).max()
+    volume = 2 * pi * float(np.prod(extent + other))  # of the transforms
+    chance = log(len(a) / float(np.prod(extent + 1e-9)))
+    log_odds = float(log_density) - log(volume) - len(pairs) * chance
     T[2] = wrap(T[2])
-    return _Fused(pairs, T, C, nis, scale, float(log_density), mean, joint)
+    return _Fused(pairs, T, C, nis, scale, log_odds, mean, joint)
 
 
 def _grown(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
     """Add pairs of mutually nearest landmarks, those of the least uncertainty first."""
     r, n = maps.r, len(maps.xy[0])
+    i, j = np.arange(n), n + np.arange(len(maps.xy[1]))
     fused = _fuse(maps, pairs, transform)
     while True:
         points = fused.mean[r:].reshape(-1, 2)
-        blocks = fused.P[r:, r:].reshape(len(points), 2, len(points), 2).transpose(0, 2, 1, 3)
-        diagonal = blocks[np.arange(len(points)), np.arange(len(points))]
-        cross = blocks[:n, n:]  # (N, M, 2, 2)
-        S = diagonal[:n, None] + diagonal[None, n:] - cross - cross.swapaxes(-1, -2)
+        S = difference_covariances(fused.P[r:, r:], i[:, None], j)  # (N, M, 2, 2)
         S = fused.scale * S + 1e-12 * np.eye(2)
-        v = points[:n, None] - points[None, n:]
-        square = np.einsum("nmi,nmij,nmj->nm", v, np.linalg.inv(S), v)
+        square = normalized_squared(points[:n, None] - points[None, n:], S)
         labels = maps.labels[0][:, None], maps.labels[1][None]
         square[(labels[0] != labels[1]) & (labels[0] >= 0) & (labels[1] >= 0)] = np.inf
         square[fused.pairs[:, 0]] = square[:, fused.pairs[:, 1]] = np.inf
         nearest = square.argmin(1)
-        i = np.arange(n)
         mutual = (square.argmin(0)[nearest] == i) & (square[i, nearest] < GATE)
         clear = square[i, nearest] + AMBIGUOUS
         square[i, nearest] = np.inf
@@ -249,8 +244,8 @@ def _search(maps: _Maps) -> list[_Fused]:
     """Distinct correspondences, by locating groups of landmarks of the second map in the first."""
     (a, b), (P, Q) = maps.xy, maps.P
     tried: list[_Fused] = []
-    clear: list[_Fused] = []
     for group in [*_groups(b, GROUP), *_groups(b, 2 * GROUP)]:
+        clear = [each for each in tried if each.log_odds > CLEAR]
         if any(np.isin(group, each.pairs[:, 1]).mean() > 0.5 for each in clear):
             continue
         center = b[group].mean(0)
@@ -263,30 +258,20 @@ def _search(maps: _Maps) -> list[_Fused]:
         for pose, p, to in zip(located.pose, located.probability, located.association, strict=True):
             pairs = np.column_stack([to, group])[to >= 0]
             pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]
-            if p < LIKELY or len(pairs) < 3 or any(_agree(pairs, each) for each in tried):
-                continue
-            transform = np.append(pose[:2] - rotations(pose[2]) @ center, pose[2])
-            tried.append(_grown(maps, pairs, transform))
-            if _log_odds(maps, tried[-1]) > CLEAR:
-                clear.append(tried[-1])
+            same = ({*map(tuple, pairs)} & {*map(tuple, each.pairs)} for each in tried)
+            known = any(len(each) > len(pairs) / 2 for each in same)
+            if p >= LIKELY and len(pairs) >= 3 and not known:
+                transform = np.append(pose[:2] - rotations(pose[2]) @ center, pose[2])
+                tried.append(_grown(maps, pairs, transform))
     found: list[_Fused] = []
-    for fused in sorted(tried, key=lambda each: -_log_odds(maps, each)):
-        if not any(_is_same(fused, better) for better in found):
+    for fused in sorted(tried, key=lambda each: -each.log_odds):
+        for other in found:
+            C = fused.scale * fused.covariance + other.scale * other.covariance
+            if normalized_squared(pose_difference(fused.transform, other.transform), C) < SAME:
+                break
+        else:
             found.append(fused)
     return found
-
-
-def _is_same(fused: _Fused, other: _Fused) -> bool:
-    """Whether two correspondences have the same transform."""
-    e = fused.transform - other.transform
-    e[2] = wrap(e[2])
-    C = fused.scale * fused.covariance + other.scale * other.covariance
-    return bool(e @ np.linalg.solve(C, e) < SAME)
-
-
-def _agree(pairs: IntArray, fused: _Fused) -> bool:
-    """Whether most pairs are among those of another correspondence."""
-    return len({*map(tuple, pairs)} & {*map(tuple, fused.pairs)}) > len(pairs) / 2
 
 
 def _groups(xy: FloatArray, size: int) -> list[IntArray]:
@@ -312,14 +297,6 @@ def _shape_errors(points: FloatArray, Q: FloatArray, group: IntArray) -> FloatAr
     return np.asarray(blocks + 1e-8 * np.eye(2))
 
 
-def _log_odds(maps: _Maps, fused: _Fused) -> float:
-    """Log of the odds of a correspondence against landmarks that are near each other by chance."""
-    size = np.ptp(maps.xy[0], axis=0) + np.ptp(maps.xy[1], axis=0).max()
-    area = float(np.prod(np.ptp(maps.xy[0], axis=0) + 1e-9))
-    chance = log(len(maps.xy[0]) / area)
-    return fused.log_density - log(2 * pi * float(np.prod(size))) - len(fused.pairs) * chance
-
-
 def _fitted(maps: _Maps, pairs: IntArray) -> FloatArray:
     """The transform (3,) that moves the second map's points onto the first's, by least squares."""
     a, b = maps.xy[0][pairs[:, 0]], maps.xy[1][pairs[:, 1]]
@@ -339,11 +316,11 @@ def _as_slam(first: Slam, second: Slam, maps: _Maps, fused: _Fused) -> Slam:
     first.filter.set_gaussian(fused.mean[rows], fused.P[np.ix_(rows, rows)], np.append(ids, added))
     table = first.landmarks
     table.session += 1
-    table.add_confirmed(added)
+    table.add(added, confirmed=True, observations=table.policy.confirm_after)
     labels = second.landmarks.labels_of(second.filter.ids.tolist())
     pairs = [*zip(added.tolist(), new.tolist(), strict=True)]
     pairs += [(int(ids[i]), j) for i, j in fused.pairs.tolist() if maps.labels[0][i] < 0]
     for landmark, j in pairs:
-        if labels[j] is not None:
-            table.label(labels[j], landmark)
+        if (label := labels[j]) is not None and table.landmarks_of([label])[0] < 0:
+            table.labels[label] = LabelRecord(landmark, ESTABLISHED)
     return first

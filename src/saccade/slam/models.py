@@ -135,6 +135,13 @@ def difference(z: FloatArray, expected: FloatArray) -> FloatArray:
     return innovation
 
 
+def pose_difference(pose: FloatArray, other: FloatArray) -> FloatArray:
+    """`pose - other` (..., 3), the heading wrapped."""
+    error = np.asarray(pose - other, np.float64)
+    error[..., 2] = wrap(error[..., 2])
+    return error
+
+
 MOTIONS: dict[int, Callable[..., tuple[FloatArray, FloatArray, FloatArray]]] = {
     2: turn_then_translate,
     3: compose,

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from saccade.slam.consistency import chi_square_gate
+from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.models import wrap
+from saccade.slam.models import pose_difference
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray, IntArray
@@ -23,13 +23,10 @@ SAME_POSE = chi_square_gate(3, 0.999)
 class PoseSearch:
     """The search for the pose in a map, until one hypothesis is left.
 
-    Args:
-        ekf: the filter, whose map stays as it is.
-        landmarks: (n,) ids of those among which the pose is searched, ascending.
-        anywhere: whether nothing is known of the pose; else that of the filter is a hypothesis.
-        min_matched: observed points that must be landmarks of the map for the robot to be found.
-        scans: successive scans in which one hypothesis must be right for the robot to be found.
-        min_probability: probability from which a hypothesis is right.
+    The pose is searched among the landmarks with these ids (n,), ascending; the map stays as it is.
+    Unless it may be `anywhere`, the pose of the filter is one hypothesis. The robot is found where
+    one hypothesis has at least `min_probability`, with `min_matched` observed points that are
+    landmarks, in so many successive scans.
     """
 
     def __init__(
@@ -60,10 +57,7 @@ class PoseSearch:
     def add(self, z: FloatArray, R: FloatArray, labeled: IntArray) -> PoseHypotheses:
         """Weights the hypotheses by a scan, and looks for others.
 
-        Args:
-            z: (k, 2).
-            R: (k, 2, 2) their covariances.
-            labeled: (k,) id of the landmark of each label, -1 for none.
+        The ids of the landmarks of its labels are `labeled` (k,), -1 for none.
         """
         row = np.searchsorted(self.landmarks, labeled).clip(0, len(self.landmarks) - 1)
         rows = np.where(self.landmarks[row] == labeled, row, -1)
@@ -89,10 +83,9 @@ class PoseSearch:
     def is_elsewhere(self) -> bool:
         """Whether the most probable pose is not that of the filter."""
         assert self.hypotheses is not None
-        error = self.hypotheses.pose[0] - self._ekf.pose
-        error[2] = float(wrap(error[2]))
+        error = pose_difference(self.hypotheses.pose[0], self._ekf.pose)
         S = self._ekf.pose_covariance + self.hypotheses.covariance[0]
-        return self.anywhere or bool(error @ np.linalg.solve(S, error) > SAME_POSE)
+        return self.anywhere or bool(normalized_squared(error, S) > SAME_POSE)
 
     def reset_pose(self) -> None:
         """Gives the filter the most probable pose.

@@ -8,22 +8,20 @@ the scans that follow.
 """
 
 from math import log, pi
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.special import logsumexp
 
 from saccade.errors import require
 from saccade.plane import rotations
 from saccade.slam._relocalization_kernels import Grid, add_support, select_distinct
-from saccade.slam.consistency import chi_square_gate, normalized_squared
+from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
 from saccade.slam.filter.validation import check_all
-from saccade.slam.models import MOTIONS, inverse_observe, observe, wrap
+from saccade.slam.models import MOTIONS, inverse_observe, observe, pose_difference, wrap
 from saccade.slam.results import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 NEIGHBORS = 4
 """Number of neighbors relative to which the error of a landmark is taken."""
@@ -45,8 +43,12 @@ NEGLIGIBLE = 1e-6
 """Probability below which a hypothesis is no longer followed."""
 ITERATIONS = 4
 """Gauss-Newton steps of a refinement."""
-SAME_POSITION, SAME_HEADING = 0.5, 0.1
-"""Meters and radians within which proposals are the same."""
+SAME_POSITION = 0.5
+"""Distance in meters within which proposals are the same; a tenth of it for refined poses."""
+SAME_HEADING = 0.1
+"""Difference of headings in radians within which they are."""
+SAME_POSE = 9.0
+"""Squared Mahalanobis distance within which refined poses are the same."""
 
 
 class Relocalizer:
@@ -82,8 +84,6 @@ class Relocalizer:
         max_proposals: int = 50_000,
         max_hypotheses: int = 50,
     ) -> None:
-        from scipy.spatial import cKDTree
-
         n = len(landmarks)
         require(landmarks.shape == (n, 2), "landmarks", "(N, 2)", landmarks.shape)
         known = covariance.shape in ((n, 2, 2), (2 * n, 2 * n))
@@ -95,21 +95,16 @@ class Relocalizer:
         self._points, self._covariances = np.empty((0, 2)), np.empty((0, 2, 2))
         self._named, self._age = np.empty(0, np.int64), np.empty(0, np.int64)
         self._tracked, self._total = np.empty((0, 3)), 0.0
-        self._pairs: _LandmarkPairs | None = None
+        self._pairs = _LandmarkPairs(0.0, np.empty((0, 2), np.int64), np.empty(0))
         self.latest = np.empty(0, np.int64)
         """(m,) column in `PoseHypotheses.association` of each observation of the last scan."""
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
-        """Predict the motion between two scans.
-
-        Args:
-            u: (c,) control, as of `EkfSlam.predict`.
-            U: (c, c) its covariance.
-        """
+        """Moves the robot by a control (c,), as of `EkfSlam.predict`, with covariance (c, c)."""
         motion = MOTIONS[len(u)]
         moved, _, Fu = motion(np.zeros(3), u)
         Q = Fu @ U @ Fu.T  # (3, 3)
-        rotation = rotations(moved[2:])[0].T
+        rotation = rotations(moved[2]).T
         self._points = (self._points - moved[:2]) @ rotation.T
         J = pose_jacobians(self._points)
         J[:, :, :2] = rotation
@@ -118,11 +113,11 @@ class Relocalizer:
         self._tracked = np.array(poses).reshape(-1, 3)
 
     def propose(self, pose: FloatArray) -> None:
-        """Consider a pose (3,) beside those that the search proposes."""
+        """Adds a pose (3,) to those that the search proposes."""
         self._tracked = np.concatenate([self._tracked, pose[None]])
 
     def add(self, z: FloatArray, R: FloatArray, landmark: IntArray | None = None) -> PoseHypotheses:
-        """Add a scan, and search for the pose at which it was made.
+        """Adds a scan, and searches for the pose at which it was made.
 
         Args:
             z: (k, 2) range in meters, bearing in radians.
@@ -143,7 +138,11 @@ class Relocalizer:
         pose, covariance, association = self._refine(proposals)
         distinct: list[int] = []
         for i in range(len(pose)):
-            if not any(_is_same(pose[i] - pose[j], covariance[j]) for j in distinct):
+            e = pose_difference(pose[i], pose[distinct])
+            near = (np.hypot(e[:, 0], e[:, 1]) < SAME_POSITION / 10) & (
+                np.abs(e[:, 2]) < SAME_HEADING / 10
+            )
+            if not (near | (normalized_squared(e, covariance[distinct]) < SAME_POSE)).any():
                 distinct.append(i)
         found = self._posterior(pose[distinct], covariance[distinct], association[distinct])
         likely = found.probability > NEGLIGIBLE
@@ -167,17 +166,14 @@ class Relocalizer:
         differ = (named[:, None] != old) & (named[:, None] >= 0) & (old >= 0)
         same = _same_points(points, covariances, xy, C, differ)
         new = same < 0
-        for m in np.flatnonzero(~new):
-            k = same[m]
-            K = covariances[k] @ np.linalg.inv(covariances[k] + C[m])
-            points[k] += K @ (xy[m] - points[k])
-            covariances[k] -= K @ covariances[k]
-            age[k], old[k] = 0, max(named[m], old[k])
+        m, k = np.flatnonzero(~new), same[~new]
+        K = covariances[k] @ np.linalg.inv(covariances[k] + C[m])
+        points[k] += (K @ (xy[m] - points[k])[..., None])[..., 0]
+        covariances[k] -= K @ covariances[k]
+        age[k], old[k] = 0, np.maximum(named[m], old[k])
         self.latest = np.where(new, len(points) + np.cumsum(new) - 1, same)
-        self._points, self._covariances = (
-            np.concatenate([points, xy[new]]),
-            np.concatenate([covariances, C[new]]),
-        )
+        self._points = np.concatenate([points, xy[new]])
+        self._covariances = np.concatenate([covariances, C[new]])
         self._named = np.concatenate([old, named[new]])
         self._age = np.concatenate([age, np.zeros(new.sum(), np.int64)])
 
@@ -218,23 +214,21 @@ class Relocalizer:
 
     def _point_pairs(self) -> IntArray:
         """(m, 2) observed points, the most distant pairs first, no point in many of them."""
-        first, second = np.triu_indices(len(self._points), 1)
-        separation = np.linalg.norm(self._points[first] - self._points[second], axis=1)
+        ends = np.column_stack(np.triu_indices(len(self._points), 1))
+        separation = np.linalg.norm(self._points[ends[:, 0]] - self._points[ends[:, 1]], axis=1)
         order = np.argsort(-separation, kind="stable")[: np.count_nonzero(separation)]
-        uses = np.zeros(len(self._points), np.int64)
-        chosen: dict[int, None] = {}
+        uses, chosen = np.zeros(len(self._points), np.int64), list[int]()
         for limit in range(1, MAX_PAIRS + 1):
             for pair in order:
-                ends = [first[pair], second[pair]]
-                if len(chosen) < MAX_PAIRS and uses[ends].max() < limit:
-                    if pair not in chosen:
-                        uses[ends] += 1
-                    chosen[pair] = None
-        return np.column_stack([first, second])[list(chosen)]
+                free = pair not in chosen and uses[ends[pair]].max() < limit
+                if free and len(chosen) < MAX_PAIRS:
+                    uses[ends[pair]] += 1
+                    chosen.append(pair)
+        return ends[chosen]
 
     def _landmark_pairs(self, reach: float) -> "_LandmarkPairs":
         """The ordered pairs of landmarks up to a distance, or a larger one."""
-        if self._pairs is None or self._pairs.reach < reach:
+        if self._pairs.reach < reach:
             reach *= 1.2  # so that scans that reach little farther find them ready
             ends = self._tree.query_pairs(reach, output_type="ndarray")
             ends = np.concatenate([ends, ends[:, ::-1]])
@@ -255,10 +249,9 @@ class Relocalizer:
         return support
 
     def _refine(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Refine poses (h, 3) by Gauss-Newton; drops those with fewer than two matched points.
+        """Poses refined by Gauss-Newton, their covariances, the landmark of each point, or -1.
 
-        Returns:
-            Poses, their covariances, and the landmark of each point, -1 for none.
+        Poses (h, 3) with fewer than two matched points are dropped.
         """
         if len(poses) == 0 or len(self._landmarks) == 0:
             none = np.empty((0, len(self._points)), np.int64)
@@ -266,12 +259,12 @@ class Relocalizer:
         poses = poses.copy()
         for _ in range(ITERATIONS):
             v, S, J, nearest = self._residuals(poses)
-            inverse = np.linalg.inv(S)
-            inside = np.einsum("hki,hkij,hkj->hk", v, inverse, v) < GATE
+            inside = normalized_squared(v, S) < GATE
             matched = inside.sum(1) >= 2
-            poses, v, inverse, J = poses[matched], v[matched], inverse[matched], J[matched]
-            inside, nearest = inside[matched], nearest[matched]
-            weighted = inside[..., None, None] * (J.swapaxes(-1, -2) @ inverse)  # (h, k, 3, 2)
+            poses, v, S, J, inside, nearest = (
+                each[matched] for each in (poses, v, S, J, inside, nearest)
+            )
+            weighted = inside[..., None, None] * (J.swapaxes(-1, -2) @ np.linalg.inv(S))
             information = (weighted @ J).sum(1)
             gradient = (weighted @ v[..., None]).sum(1)
             poses += np.linalg.solve(information, gradient)[..., 0]
@@ -282,15 +275,11 @@ class Relocalizer:
         """Residuals of points and nearest landmarks, covariances, Jacobians, rows of landmarks."""
         rotation = rotations(poses[:, 2])[:, None]  # (h, 1, 2, 2)
         at = (rotation @ self._points[..., None])[..., 0]  # (h, k, 2)
-        near = self._nearest(poses[:, None, :2] + at)
+        near = np.asarray(self._tree.query(poses[:, None, :2] + at)[1], np.int64)
+        near = np.where(self._named >= 0, self._named, near)
         v = self._landmarks[near] - poses[:, None, :2] - at
         S = rotation @ self._covariances @ rotation.swapaxes(-1, -2) + self._errors[near]
         return v, S, pose_jacobians(at), near
-
-    def _nearest(self, xy: FloatArray) -> IntArray:
-        """(h, k) landmarks that points at (h, k, 2) name, or that are nearest."""
-        nearest = np.asarray(self._tree.query(xy)[1], np.int64)
-        return np.where(self._named >= 0, self._named, nearest)
 
     def _log_evidence(self, pose: FloatArray, covariance: FloatArray) -> FloatArray:
         """(h,) log of the density of the points for a robot near each pose (Laplace)."""
@@ -338,17 +327,13 @@ def pose_jacobians(points: FloatArray) -> FloatArray:
     return J
 
 
-def _local_errors(tree: "cKDTree", xy: FloatArray, covariance: FloatArray) -> FloatArray:
+def _local_errors(tree: cKDTree, xy: FloatArray, covariance: FloatArray) -> FloatArray:
     """(N, 2, 2) covariance of each landmark relative to its neighbors: half of the difference's."""
     n = len(xy)
     if covariance.shape == (n, 2, 2) or n < 2:
         return covariance.reshape(n, 2, 2) if n else np.empty((0, 2, 2))
-    blocks = covariance.reshape(n, 2, n, 2).transpose(0, 2, 1, 3)
-    near = np.asarray(tree.query(xy, min(NEIGHBORS, n - 1) + 1)[1], np.int64)
-    i = np.arange(n)[:, None]
-    j = near[:, 1:]
-    cross = blocks[i, j]
-    difference = blocks[i, i] + blocks[j, j] - cross - cross.transpose(0, 1, 3, 2)
+    near = np.asarray(tree.query(xy, min(NEIGHBORS, n - 1) + 1)[1], np.int64)[:, 1:]
+    difference = difference_covariances(covariance, np.arange(n)[:, None], near)
     return np.asarray(difference.mean(1) / 2)
 
 
@@ -361,19 +346,11 @@ def _same_points(
     """
     if len(xy) == 0 or len(new) == 0:
         return np.full(len(new), -1)
-    v = new[:, None] - xy
-    square = np.einsum("mki,mkij,mkj->mk", v, np.linalg.inv(C + D[:, None]), v)
+    square = normalized_squared(new[:, None] - xy, C + D[:, None])
     square[differ] = np.inf
     near = square.argmin(1)
     mutual = square.argmin(0)[near] == np.arange(len(new))
     return np.where(mutual & (square[np.arange(len(new)), near] < GATE), near, -1)
-
-
-def _is_same(difference: FloatArray, covariance: FloatArray) -> bool:
-    """Whether poses with this difference (3,) are the same hypothesis, given a covariance."""
-    e = np.append(difference[:2], wrap(difference[2]))
-    close = bool(np.hypot(*e[:2]) < SAME_POSITION / 10 and abs(e[2]) < SAME_HEADING / 10)
-    return close or float(e @ np.linalg.solve(covariance, e)) < 9.0
 
 
 def build_grid(landmarks: FloatArray, size: float) -> Grid:

@@ -1,6 +1,7 @@
 """Scans: the arguments of a step of the filter, and those of the steps of a log."""
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -75,11 +76,7 @@ def checked_scan(
 
 
 def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
-    """The steps of a log, the first without a motion.
-
-    Args:
-        log: controls and observations.
-        config: settings with the noise scales.
+    """The steps of a log, the first without a motion, with the noise scales of the settings.
 
     Raises:
         LogError: before the first of them, a control or an observation is invalid.
@@ -90,13 +87,11 @@ def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
     check_noise("observation", z, R, config.sensor_noise_scale**2, MIN_SIGMA)
     check_range_bearing(z)
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1)).tolist()
-    times, labels = log.time.tolist(), labels_of(log.landmark, log.text_names)
-
-    def scans() -> Iterator[Scan]:
-        for i, time in enumerate(times):
-            motion = None if i == 0 else (u[i - 1], U[i - 1])
-            start, end = edge[i], edge[i + 1]
-            scan = NO_SCAN if start == end else (z[start:end], R[start:end], labels[start:end])
-            yield Scan(time, motion, *scan)
-
-    return scans()
+    labels = labels_of(log.landmark, log.text_names)
+    motions, bounds = [None, *zip(u, U, strict=True)], pairwise(edge)
+    scans = (
+        NO_SCAN if start == end else (z[start:end], R[start:end], labels[start:end])
+        for start, end in bounds
+    )
+    each = zip(log.time.tolist(), motions, scans, strict=True)
+    return (Scan(time, motion, *scan) for time, motion, scan in each)

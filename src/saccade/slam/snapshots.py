@@ -41,15 +41,11 @@ class Recorder:
         hypotheses: PoseHypotheses | None = None,
         covariance: FloatArray | None = None,
     ) -> None:
-        """Records a pose.
+        """Records the pose `step` of `steps` after its observations.
 
-        Args:
-            step: its number.
-            steps: number of poses of the log.
-            slam: after all observations of this pose.
-            observed: ids of the landmarks that were observed, negative for unused observations.
-            hypotheses: of the pose of a lost robot.
-            covariance: (3, 3) of the pose; by default that of the filter.
+        The ids of the landmarks that were observed are `observed`, negative for unused
+        observations; `hypotheses` are of the pose of a lost robot. The covariance (3, 3) of the
+        pose is that of the filter by default.
         """
         self._path.append(slam.filter.pose)
         self._observed.update(observed[observed >= 0].tolist())

@@ -5,14 +5,16 @@ follows from one that is not is rare, and plain NumPy.
 """
 
 from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from saccade.landmark_names import Label
 from saccade.slam.association._kernels import DROPPED, NEW, Gates, compare_with_landmarks
-from saccade.slam.association.nearest_neighbor import associate_by_geometry, squared_distances
+from saccade.slam.association.nearest_neighbor import associate_by_geometry
 from saccade.slam.config import EkfConfig
-from saccade.slam.consistency import chi_square_gate
+from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.landmarks import UNDECIDED, LabelRecord, LandmarkTable
 from saccade.slam.models import inverse_observe
@@ -77,18 +79,10 @@ class LabelAssociation:
         R: FloatArray,
         labels: Sequence[Label | None],
     ) -> IntArray:
-        """Associates a scan.
+        """(m,) id of the landmark of each observation of a scan, `NEW` or `DROPPED`.
 
-        Args:
-            ekf: the filter, predicted to the pose of the scan.
-            table: its landmarks and labels, which are updated.
-            z: (m, 2) range in meters, bearing in radians.
-            R: (m, 2, 2) their covariances.
-            labels: (m,) labels, None where unknown.
-
-        Returns:
-            (m,) the id of the landmark, `NEW` or `DROPPED`; `next_id` of the filter and the ids
-            that follow are of new landmarks that need no more observations.
+        `next_id` of the filter and the ids that follow are of new landmarks that need no more
+        observations. The labels of the table are updated.
         """
         if self._all_accepted:
             return self._look_up(ekf.next_id, table, labels)
@@ -112,11 +106,9 @@ class LabelAssociation:
         R: FloatArray,
         taken: IntArray | None = None,
     ) -> IntArray:
-        confirmed = None
-        if table.policy.enabled:
-            confirmed = table.counts.confirmed
-            if ekf.submap is not None:
-                confirmed = confirmed[table.rows(ekf.active_ids)]
+        confirmed = table.counts.confirmed if table.policy.enabled else None
+        if confirmed is not None and ekf.submap is not None:
+            confirmed = confirmed[table.rows(ekf.active_ids)]
         return associate_by_geometry(ekf, z, R, self.gates, taken, confirmed)
 
     def _look_up(
@@ -143,12 +135,9 @@ class LabelAssociation:
         R: FloatArray,
         labels: Sequence[Label | None],
     ) -> list[int]:
-        """Accepts the observations that agree with the landmarks of their labels.
+        """(m,) landmarks of the labels that are accepted, `DROPPED`, `UNDECIDED` for all others.
 
-        Returns:
-            The landmark of each of these, `DROPPED`, and `UNDECIDED` for all others. Fills
-            `rejected`. Where several labels contradict the filter and agree with one another, they
-            are accepted.
+        Labels that contradict the filter and agree with one another are accepted, too.
         """
         landmarks, matches = table.landmarks_of(labels), [UNDECIDED] * len(labels)
         known = {i: table.labels[labels[i]] for i in np.flatnonzero(landmarks >= 0).tolist()}  # type: ignore[index]
@@ -159,9 +148,14 @@ class LabelAssociation:
         nis, looseness = squared.tolist(), ratio.tolist()
         gate = [FAR if each > LOOP else self._gate for each in looseness]
         rejected = {i for i in known if not nis[i] <= gate[i]}
-        scan = _Positions(ekf, z, R)
-        if any(looseness[i] > LOOSE for i in known.keys() - rejected):
-            self._reject_inconsistent(scan, known, rejected)
+        loose = any(looseness[i] > LOOSE for i in known.keys() - rejected)
+        seen: dict[int, _Sighting] = {}
+        if rejected or loose:
+            xy, _, Gz = inverse_observe(ekf.pose, z)  # C.15
+            C = Gz @ R @ Gz.transpose(0, 2, 1)
+            seen = {i: _Sighting(int(landmarks[i]), xy[i], C[i]) for i in known}
+        if loose:
+            rejected |= _inconsistent(ekf, {i: seen[i] for i in known if i not in rejected})
         closing = sum(looseness[i] > LOOP for i in known if i not in rejected)
         num_accepted, start = 0, self.clock
         for i, record in known.items():
@@ -170,10 +164,10 @@ class LabelAssociation:
             self.streak += i in rejected and not few
             loose = looseness[i] > (LOOP if few else LONG_LOOP)
             alone = loose and closing <= 1 and i not in rejected
-            if alone and few and _is_duplicate(scan, table, i, record):
+            if alone and few and _is_duplicate(ekf, table, seen[i]):
                 rejected.add(i)
             if i in rejected:
-                self._remember(scan, i, record)
+                self._remember(seen[i], record)
             elif alone and not self._is_repeated(record):
                 matches[i] = DROPPED
             else:
@@ -210,36 +204,35 @@ class LabelAssociation:
         one is not used; after several at one position the label moves there.
         """
         for i, j in near.items():
-            label, matches[i] = labels[i], DROPPED
+            label, matches[i] = labels[i], j if labels[i] is None else DROPPED
             if label is None:
-                matches[i] = j
                 continue
             record = table.labels.setdefault(label, LabelRecord())
             if not self.rejected[i]:
-                if record.landmark < 0:
-                    if j < 0 or table.is_labeled(j):
-                        j, next_id = next_id, next_id + 1
-                    record.landmark, record.accepted, record.votes = j, 1, 0
-                    record.accepted_at = self.clock
-                    matches[i] = j
-                continue
-            if not record.is_established and (j == DROPPED or (j >= 0 and table.is_labeled(j))):
-                j = NEW  # the only landmark that the observation may not be near is its own
-            if j != DROPPED and record.target not in (UNDECIDED, DROPPED, j):
-                record.votes, record.since = 1, self.clock
-            record.target = j
-            if j != DROPPED and _moves(table, record, j):
-                if j < 0:
-                    j, next_id = next_id, next_id + 1
-                self._move(table, record, j)
-                matches[i] = j
+                if record.landmark >= 0:
+                    continue  # another observation in this scan
+                j = NEW if j < 0 or table.is_labeled(j) else j
+                record.votes = 1
+            else:
+                if not record.is_established and (j == DROPPED or (j >= 0 and table.is_labeled(j))):
+                    j = NEW  # the only landmark that the observation may not be near is its own
+                if j != DROPPED and record.target not in (UNDECIDED, DROPPED, j):
+                    record.votes, record.since = 1, self.clock
+                record.target = j
+                if j == DROPPED or not _moves(table, record, j):
+                    continue
+            if j == NEW:
+                j, next_id = next_id, next_id + 1
+            self._move(table, record, j)
+            matches[i] = j
 
     def _move(self, table: LandmarkTable, record: LabelRecord, j: int) -> None:
         """Gives a label to landmark j; the one before is removed if few observations made it."""
         old, record.landmark = record.landmark, j
-        table.has_unlabeled = True
-        if old >= 0 and not record.is_established and not table.is_labeled(old):
-            table.stale.append(old)
+        if old >= 0:
+            table.has_unlabeled = True
+            if not record.is_established and not table.is_labeled(old):
+                table.stale.append(old)
         record.accepted, record.votes, record.accepted_at = record.votes, 0, self.clock
 
     def _is_repeated(self, record: LabelRecord) -> bool:
@@ -250,15 +243,14 @@ class LabelAssociation:
         record.closing_at = self.clock
         return record.closings >= MIN_AGREEING
 
-    def _remember(self, scan: "_Positions", i: int, record: LabelRecord) -> None:
+    def _remember(self, seen: "_Sighting", record: LabelRecord) -> None:
         """Notes a rejected observation of a label."""
-        xy, C = scan.position(i)
-        near = record.votes > 0 and squared_distances(xy - record.xy, C + record.covariance)
-        if record.votes > 0 and near <= PAIR_GATE:
+        C = seen.covariance + record.covariance
+        if record.votes > 0 and normalized_squared(seen.xy - record.xy, C) <= PAIR_GATE:
             record.votes += 1
         else:
             record.votes, record.since, record.target = 1, self.clock, UNDECIDED
-        record.xy, record.covariance, record.rejected_at = xy, C, self.clock
+        record.xy, record.covariance, record.rejected_at = seen.xy, seen.covariance, self.clock
 
     def _overrides(
         self,
@@ -279,16 +271,13 @@ class LabelAssociation:
             return False
         recovering = self.clock <= self.overriding_until
         first = scan_start if recovering else self.clock - WINDOW
-        supporting, contradicting = 1, 0
-        for other in table.labels.values():
-            recent = other.votes > 0 and other.rejected_at > first and other.landmark >= 0
-            if other is record or not recent or not other.is_established:
-                continue
-            landmarks, position = (record.landmark, other.landmark), (record.xy, record.covariance)
-            if _distances_agree(ekf, *landmarks, *position, other.xy, other.covariance):
-                supporting += 1
-            else:
-                contradicting += 1
+        others = [
+            _agree(ekf, record, other)
+            for other in table.labels.values()
+            if (other.votes > 0 and other.rejected_at > first and other.landmark >= 0)
+            and (other is not record and other.is_established)
+        ]
+        supporting, contradicting = 1 + sum(others), len(others) - sum(others)
         enough = recovering or supporting >= MIN_AGREEING
         if enough and supporting > max(num_accepted, contradicting):
             return True
@@ -299,27 +288,35 @@ class LabelAssociation:
         needed = MIN_AGREEING if nis > FAR else MIN_AGREEING - 1
         return self.streak >= needed and contradicting == 0
 
-    def _reject_inconsistent(
-        self, scan: "_Positions", known: dict[int, LabelRecord], rejected: set[int]
-    ) -> None:
-        """Rejects labels whose landmarks are not as far from one another as the observations.
 
-        An uncertain prediction, as before a loop is closed, accepts many landmarks; the distances
-        between landmarks are certain all the same.
-        """
-        names = [i for i in known if i not in rejected]
-        conflicts = np.zeros((len(names), len(names)), np.bool_)
-        for p, i in enumerate(names):
-            for q, j in enumerate(names[:p]):
-                a, b = known[i].landmark, known[j].landmark
-                if a != b:
-                    agree = _distances_agree(scan.ekf, a, b, *scan.position(i), *scan.position(j))
-                    conflicts[p, q] = conflicts[q, p] = not agree
-        while conflicts.any():
-            count = conflicts.sum(1)
-            for p in np.flatnonzero(count == count.max()).tolist():
-                rejected.add(names[p])
-                conflicts[p] = conflicts[:, p] = False
+class _Sighting(NamedTuple):
+    """An observation with a label, as a point of the map."""
+
+    landmark: int
+    """Id of the landmark of its label."""
+    xy: FloatArray
+    """(2,) meters."""
+    covariance: FloatArray
+    """(2, 2) of the noise of the observation."""
+
+
+def _inconsistent(ekf: EkfSlam, seen: dict[int, _Sighting]) -> set[int]:
+    """Observations whose distances from others are not those of their landmarks.
+
+    An uncertain prediction, as before a loop is closed, accepts many landmarks; the distances
+    between landmarks are certain all the same.
+    """
+    conflicts: dict[int, set[int]] = {i: set() for i in seen}
+    for (i, each), (j, other) in combinations(seen.items(), 2):
+        if each.landmark != other.landmark and not _agree(ekf, each, other):
+            conflicts[i].add(j)
+            conflicts[j].add(i)
+    rejected: set[int] = set()
+    while (most := max(map(len, conflicts.values()), default=0)) > 0:
+        worst = {i for i, each in conflicts.items() if len(each) == most}
+        rejected |= worst
+        conflicts = {i: each - worst for i, each in conflicts.items() if i not in worst}
+    return rejected
 
 
 def _moves(table: LandmarkTable, record: LabelRecord, j: int) -> bool:
@@ -333,55 +330,30 @@ def _moves(table: LandmarkTable, record: LabelRecord, j: int) -> bool:
     return True
 
 
-def _is_duplicate(scan: "_Positions", table: LandmarkTable, i: int, record: LabelRecord) -> bool:
-    """Whether a landmark with a better known label is where that of `record` is.
+def _is_duplicate(ekf: EkfSlam, table: LandmarkTable, seen: _Sighting) -> bool:
+    """Whether a landmark with a better known label is where that of a sighting is.
 
-    The first observation of that label was wrong then, and i is of another landmark.
+    The first observation of that label was wrong then, and this one is of another landmark.
     """
     ids = [n.landmark for n in table.labels.values() if n.landmark >= 0 and n.is_established]
     others = np.array(ids, np.int64)
-    others = others[(scan.ekf.rows(others) >= 0) & (others != record.landmark)]
-    xy, C = scan.position(i)
-    f = scan.ekf.active
-    rows = scan.ekf.rows(np.append(record.landmark, others))
+    others = others[(ekf.rows(others) >= 0) & (others != seen.landmark)]
+    f = ekf.active
+    rows = ekf.rows(np.append(seen.landmark, others))
     positions = f.state[f.robot_size :].reshape(-1, 2)[rows]
     squared = ((positions[1:] - positions[0]) ** 2).sum(1)
-    near = others[squared < LOOSE * PAIR_GATE * C.trace()].tolist()
-    return any(_distances_agree(scan.ekf, record.landmark, j, xy, C, xy, C) for j in near)
+    near = others[squared < LOOSE * PAIR_GATE * seen.covariance.trace()].tolist()
+    return any(_agree(ekf, seen, seen._replace(landmark=j)) for j in near)
 
 
-class _Positions:
-    """Positions in the map of the observations of a scan, computed where they are needed."""
-
-    def __init__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray) -> None:
-        self.ekf, self._z, self._R = ekf, z, R
-        self._positions: tuple[FloatArray, FloatArray] | None = None
-
-    def position(self, i: int) -> tuple[FloatArray, FloatArray]:
-        """Position (2,) of observation i, and the covariance (2, 2) of its noise."""
-        if self._positions is None:
-            xy, _, Gz = inverse_observe(self.ekf.pose, self._z)  # C.15
-            self._positions = xy, Gz @ self._R @ Gz.transpose(0, 2, 1)
-        return self._positions[0][i], self._positions[1][i]
-
-
-def _distances_agree(
-    ekf: EkfSlam,
-    a: int,
-    b: int,
-    xy: FloatArray,
-    C: FloatArray,
-    other_xy: FloatArray,
-    other_C: FloatArray,
-) -> bool:
-    """Whether two observed points are as far from each other as landmarks a and b of the map."""
-    mean, joint = ekf.relative_position(a, b)
-    observed, mapped = float(np.hypot(*(xy - other_xy))), float(np.hypot(*mean))
+def _agree(ekf: EkfSlam, a: _Sighting | LabelRecord, b: _Sighting | LabelRecord) -> bool:
+    """Whether two observed points are as far from each other as their landmarks in the map."""
+    seen, C = a.xy - b.xy, a.covariance + b.covariance
+    mean, joint = ekf.relative_position(a.landmark, b.landmark)
+    observed, mapped = float(np.hypot(*seen)), float(np.hypot(*mean))
     variance = 0.0
     if observed > 0:
-        along = (xy - other_xy) / observed
-        variance += float(along @ (C + other_C) @ along)
+        variance += float(seen @ C @ seen) / observed**2
     if mapped > 0:
-        along = mean / mapped
-        variance += max(float(along @ joint @ along), 0.0)
+        variance += max(float(mean @ joint @ mean) / mapped**2, 0.0)
     return (observed - mapped) ** 2 <= PAIR_GATE * variance

@@ -7,7 +7,6 @@ from saccade.slam.association._kernels import (
     associate_nearest,
     mahalanobis_distances,
 )
-from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -64,12 +63,4 @@ def mahalanobis_squared(
     """
     distance = np.empty((len(z), len(ekf)))
     mahalanobis_distances(*ekf.predict_observations(), z, R, gate, distance)
-    return distance
-
-
-def squared_distances(v: FloatArray, S: FloatArray) -> FloatArray:
-    """Squared Mahalanobis distances (...,) of v (..., 2) by S (..., 2, 2); infinite if singular."""
-    distance = np.full(v.shape[:-1], np.inf)
-    regular = np.linalg.det(S) > 0
-    distance[regular] = normalized_squared(v[regular], S[regular])
     return distance
