@@ -109,17 +109,6 @@ def parse_name(value: Any) -> int | str | None:
     return int(value) if is_number else None
 
 
-def renumber(
-    numbers: npt.NDArray[np.int64], table: tuple[str, ...], other: tuple[str, ...]
-) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
-    """Numbers (k,) of names by another table, and that table with the new names at its end."""
-    if not table:
-        return numbers, other
-    of_text, other = number_names(table, other)
-    text = np.maximum(numbers - FIRST_TEXT, 0)
-    return np.where(numbers >= FIRST_TEXT, of_text[text], numbers), other
-
-
 def name_texts(numbers: npt.NDArray[np.int64], table: tuple[str, ...]) -> npt.NDArray[Any]:
     """Names (k,) of numbers (k,) as they are written: the numbers themselves if none is text.
 

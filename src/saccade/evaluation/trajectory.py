@@ -12,7 +12,7 @@ import numpy as np
 
 from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses
 from saccade.errors import LogError, Settings, require, setting
-from saccade.landmark_names import renumber
+from saccade.landmark_names import labels_of, number_labels
 from saccade.plane import rotations
 from saccade.slam.consistency import normalized_squared
 from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, LandmarkMap, Trajectory
@@ -97,7 +97,7 @@ def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap, *, aligned: bool =
         truth: true positions of landmarks with the same labels.
         aligned: whether the estimates are aligned with the truth first.
     """
-    ids, _ = renumber(truth.id, truth.text_names, landmarks.text_names)
+    ids, _ = number_labels(labels_of(truth.id, truth.text_names), landmarks.text_names)
     _, ours, theirs = np.intersect1d(landmarks.id, ids, return_indices=True)
     return point_rmse(landmarks.xy[ours], truth.xy[theirs], aligned=aligned)
 

@@ -24,9 +24,8 @@ class PoseSearch:
     """The search for the pose in a map, until one hypothesis is left.
 
     The pose is searched among the landmarks with these ids (n,), ascending; the map stays as it is.
-    Unless it may be `anywhere`, the pose of the filter is one hypothesis. The robot is found where
-    one hypothesis has at least `min_probability`, with `min_matched` observed points that are
-    landmarks, in so many successive scans.
+    Unless it may be `anywhere`, the pose of the filter is one hypothesis. The robot is found when
+    one hypothesis has `min_probability` and matches `min_matched` points in `scans` scans in a row.
     """
 
     def __init__(

@@ -21,23 +21,28 @@ from saccade.slam.models import inverse_observe
 from saccade.types import BoolArray, FloatArray, IntArray
 
 TRUSTED = 10
-"""Accepted observations after which a label alone overrides the filter, and rejected ones at one
-position after which it moves there, whatever was accepted."""
+"""Maximum number of rejected observations that move a label, and minimum number of accepted ones
+for a single label to override the filter: the prior of a moved landmark, in labels."""
 MIN_AGREEING = 3
-"""Labels or observations, rejected by the filter, that override it if they agree."""
+"""Minimum number of rejected labels or observations that override the filter if they agree: the
+prior of a wrong pose, in labels."""
 WINDOW = 10
 """Labeled observations for which a rejected one counts."""
 FAR = 100.0
 """Normalized innovation squared up to which a wrong filter is likelier than swapped labels. It is
 also the gate before a long loop is closed, where the heading is too uncertain for a linear one."""
 LOOSE = 4.0
-"""Ratio of predicted variance to noise from which the labels of a scan are checked in pairs."""
+"""Minimum ratio of predicted variance to noise for labels to be checked in pairs. Below it, the
+gate of one observation is about as narrow as that of a distance."""
 LOOP = 100.0
-"""Ratio of predicted variance to noise from which one observation of a new label closes no loop."""
+"""Minimum ratio of predicted variance to noise at which one observation of a new label closes no
+loop. Its standard deviation is ten times that of an observation then."""
 LONG_LOOP = 1000.0
-"""Ratio of predicted variance to noise from which one observation closes no loop."""
+"""Minimum ratio of predicted variance to noise at which one observation of any label closes no
+loop."""
 PAIR_GATE = 10.83
-"""Squared deviation, in standard deviations, of the distance of two landmarks: 99.9 %."""
+"""Gate of the squared error of the distance of two landmarks: 99.9 % of a chi-square variable with
+one degree of freedom."""
 
 
 class LabelAssociation:
