@@ -12,10 +12,12 @@ from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Frame
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.consistency import normalized_squared
+from saccade.slam.kidnapping import KidnappingDetector
 from saccade.types import THREE_SIGMA_2D, Trajectory
 from saccade.visual import VisualConfig
-from saccade.visual.lost import LIMIT, LostTest
+from saccade.visual.lost import ImageEvidence
 from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.relocalization import LIMIT
 from support.short_ring import short_ring
 
 FRAMES = 64
@@ -138,39 +140,40 @@ def seen(image):
 
 def driven(rng, frames=30):
     """A test that has seen so many frames of a steady drive, and its last image."""
-    test, image = LostTest((2.0, 0.5)), scenery(rng)
+    test = ImageEvidence(KidnappingDetector(False, 0.99, LIMIT), (2.0, 0.5))
+    image = scenery(rng)
     for _ in range(frames):
         image = np.roll(image, 1, axis=1)
         assert test.add_motion(seen(image), (STEP, SMALL), (STEP, SMALL), 0.1, 100, 90)
-    assert test.evidence == 0.0
+    assert test.detector.evidence == 0.0
     return test, image
 
 
 def test_wheels_that_slip_are_no_evidence_while_the_camera_moves_as_before(rng):
     test, image = driven(rng)
     test.add_motion(seen(image), (10 * STEP, SMALL), (STEP, SMALL), 0.1, 100, 90)
-    assert test.evidence == 0.0
+    assert test.detector.evidence == 0.0
     test.add_motion(seen(image), (STEP, SMALL), (10 * STEP, SMALL), 0.1, 100, 90)
-    assert test.is_lost
+    assert test.detector.kidnapped
 
 
 def test_a_view_that_resembles_the_last_one_is_no_evidence(rng):
     test, image = driven(rng)
     test.add_motion(seen(np.roll(image, 1, axis=1)), (STEP, SMALL), None, 0.1, 100, 0)
-    assert test.evidence == 0.0
+    assert test.detector.evidence == 0.0
     test.add_motion(seen(scenery(rng)), (STEP, SMALL), None, 0.1, 100, 0)
-    assert test.is_lost
+    assert test.detector.kidnapped
 
 
 def test_missed_landmarks_add_to_other_evidence_and_found_ones_refute_it(rng):
     test, _ = driven(rng)
     for _ in range(100):
         test.add_landmarks(expected=20, found=0, elsewhere=0)
-    assert test.evidence == 0.0
+    assert test.detector.evidence == 0.0
     test.add_landmarks(expected=20, found=0, elsewhere=9)
     test.add_landmarks(expected=20, found=0, elsewhere=9)
-    assert 0 < test.evidence < LIMIT
+    assert 0 < test.detector.evidence < LIMIT
     test.add_motion(seen(scenery(rng)), (STEP, SMALL), None, 0.1, 10, 0)
-    assert test.is_lost
+    assert test.detector.kidnapped
     test.add_landmarks(expected=20, found=8, elsewhere=0)
-    assert test.evidence == 0.0
+    assert test.detector.evidence == 0.0

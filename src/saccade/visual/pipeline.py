@@ -24,11 +24,11 @@ from saccade.visual.frontend import (
     track,
 )
 from saccade.visual.gaze_control import GazeControl
-from saccade.visual.lost import Recovery
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
 from saccade.visual.motion_prior import TOTAL_RELATIVE_SIGMA
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.reidentification import count_rematches, reidentify
+from saccade.visual.relocalization import Relocalization
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.single_camera import SingleCameraMotionEstimator
@@ -80,7 +80,7 @@ def run(
                 tracked = pipeline.tracked.landmarks.landmark
                 recorder.add(
                     *(number, len(drive), pipeline.map.slam, tracked),
-                    hypotheses=pipeline.recovery.hypotheses,
+                    hypotheses=pipeline.relocalization.hypotheses,
                     covariance=pipeline.pose_covariance,
                 )
             if progress is not None:
@@ -112,7 +112,7 @@ class Pipeline:
                 drive, config
             )
         self.map = VisualMap(drive, config, self.motion.planarity, has_depth)
-        self.recovery = Recovery(self.map, self.motion, config)
+        self.relocalization = Relocalization(self.map, self.motion, config)
         self.tracked = TrackedPoints()
         self.detected: TrackedPoints | None = None
         """The points detected in the last frame; None where none were."""
@@ -135,7 +135,7 @@ class Pipeline:
 
     def step(self, number: int) -> None:
         """Process a frame: detect, track, predict, update, associate, attend, initialize."""
-        start, previous_pose, was_lost = perf_counter(), self.map.ekf.pose, self.recovery.lost
+        start, previous_pose, was_lost = perf_counter(), self.map.ekf.pose, self.relocalization.lost
         features = self._features(number)
         self.log.remarks.extend(features.remarks)
         frame, found = features.frame, False
@@ -147,7 +147,7 @@ class Pipeline:
             motion = self._move(number, frame)
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
             points = len(before)
-            if self.recovery.add_motion(frame, motion, seconds, points, previous_pose):
+            if self.relocalization.add_motion(frame, motion, seconds, points, previous_pose):
                 self.tracked = self.tracked.without_landmarks()
             features = self._detect_if_few(number, features)
         detected = self.detected = features.detected
@@ -157,22 +157,24 @@ class Pipeline:
             reidentified, described = TrackedPoints(), detected
             if frame.frame.tracks is not None:
                 described = detected[np.flatnonzero(detected.descriptor.any(1))]
-            if len(described) and self.recovery.lost:
+            if len(described) and self.relocalization.lost:
                 known = np.isfinite(described.depth).any()
-                found = self.recovery.search(described if known else self.tracked)
+                found = self.relocalization.search(described if known else self.tracked)
             elif len(described):
                 reidentified = self._associate(described)
                 self._update(number, ObservationKind.REIDENTIFIED, reidentified)
             self.tracked = extend(self.tracked, detected, reidentified, self.config)
-        if scheduled and not self.recovery.lost:
+        if scheduled and not self.relocalization.lost:
             self._initialize(number, self._attend(number, frame))
-        if self.recovery.lost != was_lost:
+        if self.relocalization.lost != was_lost:
             self.motion.restart()
         if number > 0 and not found:
             step = steps_between(np.stack([previous_pose, self.map.ekf.pose]))[0]
             self.motion.update_prior(number, step, len(self.tracked))
         seconds = perf_counter() - start
-        self.log.add_pose(self.map.ekf.pose, self.pose_covariance, seconds, self.recovery.lost)
+        self.log.add_pose(
+            self.map.ekf.pose, self.pose_covariance, seconds, self.relocalization.lost
+        )
         if not frame.is_blank:
             self._previous, self.log.last_visible = frame, number
         if self._gaze is not None:
@@ -181,9 +183,10 @@ class Pipeline:
 
     @property
     def pose_covariance(self) -> FloatArray:
-        """(3, 3) of the pose, with errors of the calibration and the doubt whether it is lost."""
+        """(3, 3) covariance of the pose, with calibration errors and that of a lost robot."""
         pose, covariance = self.map.ekf.pose, self.map.ekf.pose_covariance
-        return covariance + self.recovery.doubt + self.motion.constant_errors(pose)
+        others = self.relocalization.extra_covariance + self.motion.constant_errors(pose)
+        return covariance + others
 
     def result(self) -> VisualResult:
         """The result of the frames so far."""
@@ -238,7 +241,7 @@ class Pipeline:
         count = len(found.rows)
         expected = count + len(found.missed)
         landmark = landmarks.id[found.rows]
-        if self.recovery.add_landmarks(expected, count, found.elsewhere):
+        if self.relocalization.add_landmarks(expected, count, found.elsewhere):
             self.tracked = self.tracked.without_landmarks()
             return TrackedPoints()
         landmarks.missed[found.missed] += 1

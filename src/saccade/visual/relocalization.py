@@ -1,0 +1,170 @@
+"""The search of a lost robot in the map of its drive, by the points of its camera."""
+
+import numpy as np
+
+from saccade.plane import steps_between
+from saccade.slam.kidnapping import KidnappingDetector
+from saccade.slam.pose_search import PoseSearch
+from saccade.slam.results import PoseHypotheses
+from saccade.types import FloatArray
+from saccade.visual.config import VisualConfig
+from saccade.visual.egomotion import Egomotion
+from saccade.visual.lost import ImageEvidence
+from saccade.visual.motion_estimator import MotionEstimator
+from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.reidentification import descriptor_matches, has_same_height
+from saccade.visual.tables import TrackedPoints
+from saccade.visual.visual_map import VisualMap
+
+LIMIT = 4.0
+"""Evidence from images above which the robot is kidnapped. It is below that of landmark scans,
+since a frame that contradicts the motion is rarer than a scan that contradicts the map."""
+MIN_LANDMARKS = 8
+"""Minimum number of landmarks of a map in which a lost robot can be found."""
+MIN_POSITION_SIGMA = 1.0
+"""Least standard deviation of the position of a lost robot, in meters."""
+CARRIED_SPEED = 1.0
+"""Standard deviation of the speed of a robot that sees nothing and believes to stand, in m/s."""
+CARRIED_TURN_RATE = 1.0
+"""Standard deviation of its turn rate, in rad/s."""
+MIN_MATCHED = 5
+"""Minimum number of landmarks that must agree with a hypothesis for the robot to be found."""
+MIN_AGREEING_FRAMES = 2
+"""Successive frames with detections in which they must agree."""
+UNKNOWN_HEADING = np.pi / 3**0.5
+"""Standard deviation of a heading that is unknown, in radians."""
+
+
+class Relocalization:
+    """Whether the robot is lost, and the search for it.
+
+    Args:
+        visual_map: the map, which is kept as it is while the robot is lost.
+        motion: what is known of the steps.
+        config: the settings.
+    """
+
+    def __init__(
+        self, visual_map: VisualMap, motion: MotionEstimator, config: VisualConfig
+    ) -> None:
+        self._map, self._motion, self._config = visual_map, motion, config
+        self._detector = KidnappingDetector(False, config.gate, LIMIT)
+        self._evidence = ImageEvidence(self._detector, config.acceleration_sigma)
+        self._hypotheses: PoseHypotheses | None = None  # of a frame with detections
+        self._blind = 0.0  # seconds without sight and motion
+        self._first_doubtful = 0  # id of the first landmark that was initialized with evidence
+        self._extent = 0.0  # metres, of the map of a lost robot
+
+    @property
+    def lost(self) -> bool:
+        """Whether the robot is lost."""
+        return self._detector.lost
+
+    @property
+    def hypotheses(self) -> PoseHypotheses | None:
+        """Hypotheses of the pose of a lost robot; None for one that is not lost.
+
+        Without any, the pose of the filter with probability 0.
+        """
+        if not self.lost or (self._hypotheses is not None and len(self._hypotheses)):
+            return self._hypotheses
+        pose, covariance = self._map.ekf.pose[None], self._map.ekf.pose_covariance[None]
+        return PoseHypotheses(pose, covariance, np.zeros(1), np.empty((1, 0), np.int64))
+
+    @property
+    def extra_covariance(self) -> FloatArray:
+        """(3, 3) covariance of the pose beside that of the filter."""
+        position = CARRIED_SPEED * self._blind
+        heading = min(CARRIED_TURN_RATE * self._blind, UNKNOWN_HEADING)
+        if self.lost:
+            position, heading = max(position, self._extent, MIN_POSITION_SIGMA), UNKNOWN_HEADING
+        return np.diag(np.square([position, position, heading]))
+
+    def add_motion(
+        self,
+        frame: PreparedFrame,
+        motion: Egomotion | None,
+        seconds: float,
+        points: int,
+        previous: FloatArray,
+    ) -> bool:
+        """Tests the motion to a frame, after the prediction; returns whether the robot is lost.
+
+        Args:
+            frame: the frame.
+            motion: estimated by the camera.
+            seconds: since the last frame.
+            points: number of points tracked in the last frame.
+            previous: (3,) pose at the last frame.
+        """
+        odometry = self._motion.odometry
+        measured = None if motion is None else self._motion.measured(odometry, motion)
+        self._mark_landmarks()
+        blind = frame.is_blank and self._evidence.is_standing(odometry[0])
+        inliers = 0 if motion is None else int(motion.inliers.sum())
+        continued = self._evidence.add_motion(frame, odometry, measured, seconds, points, inliers)
+        self._blind = self._blind + seconds if blind else 0.0 if continued else self._blind
+        self._hypotheses = None
+        search = self._detector.search
+        if search is None:
+            self._begin_if_lost()
+        else:
+            step = steps_between(np.stack([previous, self._map.ekf.pose]))[0]
+            search.predict(step, (odometry if measured is None else measured)[1])
+            if not self._detector.kidnapped:
+                self._end()
+        return self.lost
+
+    def add_landmarks(self, expected: int, found: int, elsewhere: int) -> bool:
+        """`ImageEvidence.add_landmarks`; returns whether the robot is lost."""
+        self._mark_landmarks()
+        self._evidence.add_landmarks(expected, found, elsewhere)
+        if self._detector.evidence == 0.0:
+            self._blind = 0.0
+        self._begin_if_lost()
+        return self.lost
+
+    def search(self, points: TrackedPoints) -> bool:
+        """Searches a lost robot by k points of known depth; returns whether it was found.
+
+        The descriptors of the points label them.
+        """
+        search, landmarks = self._detector.search, self._map.landmarks
+        assert search is not None
+        observations, usable = self._map.observe(points)
+        pairs = descriptor_matches(points.keypoints, landmarks.descriptor, self._config.ratio)
+        index, rows = pairs.T
+        keep = usable[index] & has_same_height(observations[index], landmarks.height[rows])
+        index, rows = index[keep], rows[keep]
+        z, R = observations.z[index], observations.covariance[index]
+        self._hypotheses = search.add(z, R, landmarks.id[rows])
+        if not search.is_found:
+            return False
+        search.reset_pose()
+        self._end()
+        return True
+
+    def _mark_landmarks(self) -> None:
+        """Marks the landmarks that are initialized from now on, unless there is evidence."""
+        if self._detector.evidence == 0.0:
+            self._first_doubtful = self._map.next_id
+
+    def _begin_if_lost(self) -> None:
+        """Begins the search; landmarks initialized since there is evidence leave the map."""
+        if not self._detector.kidnapped or not self._config.recover:
+            return
+        ids = self._map.landmarks.id
+        if np.count_nonzero(ids < self._first_doubtful) < MIN_LANDMARKS:
+            self._evidence.reset()
+            return
+        self._map.remove(np.flatnonzero(ids >= self._first_doubtful))
+        ekf = self._map.ekf
+        self._extent = float(np.ptp(np.vstack([ekf.landmarks, ekf.pose[:2]]), axis=0).max()) / 2
+        limits = {"min_matched": MIN_MATCHED, "scans": MIN_AGREEING_FRAMES}
+        self._detector.begin(PoseSearch(ekf, ekf.ids, anywhere=False, **limits))
+
+    def _end(self) -> None:
+        """Ends the search."""
+        self._detector.end()
+        self._hypotheses, self._blind = None, 0.0
+        self._evidence.reset()
