@@ -11,13 +11,10 @@ from saccade.evaluation.trajectory import score_drive
 from saccade.frames import AHEAD, Camera
 from saccade.visual.camera import from_pixels, observe, observe_bearings, range_bearing, to_pixels
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import (
-    camera_motion,
-    correspondences_of,
-    estimate_motion,
-)
+from saccade.visual.egomotion import correspondences_of, estimate_motion
 from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.motion_prior import MotionPrior, fuse
+from saccade.visual.robot_motion import camera_motion
 from saccade.visual.single_camera import CameraTrajectory
 from saccade.visual.tables import TrackedPoints
 from support.winding_drive import winding

@@ -11,8 +11,9 @@ from saccade.frames import Camera, CameraTurn, Gaze, GazeLimits
 from saccade.plane import steps_between
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.visual.camera import to_pixels
-from saccade.visual.egomotion import camera_motion, correspondences_of, estimate_motion
+from saccade.visual.egomotion import correspondences_of, estimate_motion
 from saccade.visual.gaze_control import MAX_ASIDE, GazeControl
+from saccade.visual.robot_motion import camera_motion
 
 
 def panning(frames, image_size):

@@ -15,12 +15,8 @@ from saccade.frames import AHEAD, Camera, CameraTurn, Gaze, GazeLimits
 from saccade.plane import steps_between
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.visual.camera import directions, from_pixels, move_pixels, to_pixels
-from saccade.visual.egomotion import (
-    camera_motion,
-    correspondences_of,
-    estimate_motion,
-    robot_motion,
-)
+from saccade.visual.egomotion import correspondences_of, estimate_motion
+from saccade.visual.robot_motion import camera_motion, robot_motion
 
 CAMERA = Camera(320, 240, 340, 340, 160, 120, 0.1, np.array([0.2, 0.05, 0.7]), AHEAD)
 CONTROL = np.array([0.2, 0.03, 0.1])

@@ -9,13 +9,17 @@ from scipy.spatial.transform import Rotation
 from saccade.frames import AHEAD, Camera
 from saccade.slam.models import compose, heading_rotation
 from saccade.visual import VisualConfig
-from saccade.visual._window_kernels import add_motion_factors
 from saccade.visual.camera import to_pixels
-from saccade.visual.egomotion import camera_motion
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
+from saccade.visual.robot_motion import camera_motion, step_motions
 from saccade.visual.self_calibration import CalibrationDrift, SelfCalibration
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow
+from saccade.visual.window_equations import (
+    FACTOR_KERNEL_WIDTH,
+    MotionFactors,
+    NormalEquations,
+)
 
 CAMERA = Camera(1226, 370, 700.0, 700.0, 600.0, 180.0, 0.54, np.array([0.5, 0.0, 1.6]), AHEAD)
 CONTROL = np.array([0.8, 0.0, 0.02])
@@ -181,9 +185,8 @@ def robot_motions(rotation, translation, mount, position):
     return np.array(motions)
 
 
-@pytest.mark.kernel
 def test_factors_are_the_slope_of_a_robust_cost(rng):
-    n, m, width = 4, ODOMETRY_ERRORS, 3.0
+    n, m, width = 4, ODOMETRY_ERRORS, FACTOR_KERNEL_WIDTH
     seconds = rng.uniform(0.08, 0.12, n - 1)
     mount = CAMERA.rotation @ Rotation.from_rotvec(rng.normal(0, 0.2, (n, 3))).as_matrix()
     place = np.cumsum(rng.uniform(0.5, 1, (n, 3)) * (1, 0.1, 0), 0)
@@ -209,17 +212,11 @@ def test_factors_are_the_slope_of_a_robust_cost(rng):
         return width**2 / 2 * np.log(1 + np.array(squares) / width**2).sum()
 
     size = 3 + 6 * n + m
-    H, g = np.zeros((size, size)), np.zeros(size)
-    motion, slope = np.empty((n - 1, 6)), np.empty((n - 1, 6, 12))
-    add_motion_factors(
-        (rotation.copy(), translation),
-        (mount, CAMERA.position),
-        (odometry, by_errors, weight),
-        seconds,
-        acceleration,
-        (before, information),
-        *(width, H, g, motion, slope),
-    )
+    equations = NormalEquations(size)
+    motion, slope = step_motions((rotation, translation), mount, CAMERA.position)
+    factors = MotionFactors(odometry, by_errors, weight, seconds, acceleration, before, information)
+    factors.add(motion, slope, np.zeros(m), equations)
+    H, g = equations.information, equations.gradient
     steps = 1e-6 * np.eye(size - 3)
     numeric = np.array([(cost(step) - cost(-step)) / 2e-6 for step in steps])
     np.testing.assert_allclose(g[3:], -numeric, rtol=1e-5, atol=1e-5)

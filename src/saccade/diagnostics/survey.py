@@ -11,11 +11,10 @@ import numpy as np
 from saccade.errors import ImageError
 from saccade.frames import Camera, Drive, Frame, Tracks
 from saccade.types import BoolArray, FloatArray, Image, IntArray, Table, column
-from saccade.visual.camera import directions, intrinsics_of, reduced_camera
+from saccade.visual.camera import directions, intrinsic_matrix, reduced_camera
 from saccade.visual.depth import depth_of
 from saccade.visual.egomotion import (
     MAX_REPROJECTION_ERROR,
-    CameraPose,
     perspective_n_point,
 )
 from saccade.visual.optical_flow import (
@@ -25,6 +24,7 @@ from saccade.visual.optical_flow import (
     reduced_image,
     track_points,
 )
+from saccade.visual.robot_motion import CameraPose
 
 STRETCHES = 4
 """Number of sequences of successive frames, evenly spread, that are surveyed of a longer drive."""
@@ -325,7 +325,7 @@ def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> C
         return None
     if np.median(np.hypot(*(second - first).T)) < STANDSTILL:
         return np.eye(3), np.zeros(3)
-    K = intrinsics_of(camera).matrix
+    K = intrinsic_matrix(camera)
     E, inliers = cv2.findEssentialMat(first, second, K, cv2.RANSAC, 0.999, MAX_REPROJECTION_ERROR)
     if E is None or E.shape != (3, 3):
         return None

@@ -6,7 +6,6 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import BoolArray, Float32Array, FloatArray
-from saccade.visual._kernels import Intrinsics
 from saccade.visual.config import VisualConfig
 from saccade.visual.tables import RangeBearings, TrackedPoints
 
@@ -16,9 +15,9 @@ UNKNOWN_DEPTH_SIGMA = 30.0
 """Standard deviation of the depth of a bearing-only observation, as a fraction of it."""
 
 
-def intrinsics_of(camera: Camera) -> Intrinsics:
-    """The intrinsics of a camera, as kernels take them."""
-    return Intrinsics(camera.fx, camera.fy, camera.cx, camera.cy)
+def intrinsic_matrix(camera: Camera) -> FloatArray:
+    """(3, 3) camera matrix K."""
+    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
 
 
 def reduced_camera(camera: Camera, reduction: int) -> Camera:

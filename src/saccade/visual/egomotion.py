@@ -7,18 +7,16 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import BoolArray, Float32Array, FloatArray
-from saccade.visual._kernels import (
-    Correspondences,
-    accumulate_normal_equations,
-    robot_motion_kernel,
-)
-from saccade.visual.camera import directions, intrinsics_of
+from saccade.visual.camera import directions, intrinsic_matrix
+from saccade.visual.robot_motion import CameraPose, camera_motion, cross_matrix, robot_motion
 
 MotionEstimate: TypeAlias = tuple[FloatArray, FloatArray]
 """Expected control (3,), and its covariance (3, 3)."""
-CameraPose: TypeAlias = tuple[FloatArray, FloatArray]
-"""R (3, 3) and t (3,) in metres: points X of the first camera frame become R X + t."""
 
+MIN_DEPTH_RATIO = 0.05
+"""Least depth after the motion as a fraction of that before; nearer points are ignored."""
+MAX_INVERSE_DEPTH = 1.0
+"""Upper bound of the estimated inverse depths, in 1 / meters."""
 DEFAULT_DEPTH = 50.0
 """Linearization point of unknown depths, in metres."""
 MIN_INLIERS = 6
@@ -39,16 +37,21 @@ MAX_ITERATIONS, CONVERGED = 12, 1e-6
 """Of Gauss-Newton; the largest change at which it stops."""
 
 
-class RobotMotion(NamedTuple):
-    """The motion of the robot of a `CameraPose`."""
+class Correspondences(NamedTuple):
+    """k points observed in two frames; inverse depths are 1 / meters along the optical axis."""
 
-    control: FloatArray
-    """(3,) metres ahead and to the left, radians turned, on the ground plane."""
-    off_plane: FloatArray
-    """(3,) change of height in metres, of roll (to the right) and pitch (down) in radians."""
-    jacobian: FloatArray
-    """(6, 6) of both by the camera's rotation vector and translation, to first order in roll and
-    pitch."""
+    previous: FloatArray
+    """(k, 2) pixels in the first frame."""
+    current: FloatArray
+    """(k, 2) pixels in the second frame."""
+    inverse_depth: FloatArray
+    """(k,) in the first frame."""
+    inverse_depth_sigma: FloatArray
+    """(k,) its standard deviations: 1 where the depth is unknown."""
+    current_inverse_depth: FloatArray
+    """(k,) in the second frame, NaN where it was not measured."""
+    current_inverse_depth_sigma: FloatArray
+    """(k,) its standard deviations."""
 
 
 class Egomotion(NamedTuple):
@@ -121,18 +124,17 @@ def estimate_motion(
     if initial is None:
         return None
     R, t = initial
-    inverse_depth, squared = points.inverse_depth.copy(), np.empty(len(points.previous))
+    inverse_depth = points.inverse_depth
     weight = np.zeros((6, 6)) if prior is None else _prior_information(camera, prior[1], R, before)
     widths = KERNEL_WIDTHS[-2:] if prior is None else KERNEL_WIDTHS
     for i in range(MAX_ITERATIONS):
         offset = np.append(cv2.Rodrigues(R @ initial[0].T)[0], t - initial[1])
-        information, gradient = weight + 1e-9 * np.eye(6), -weight @ offset
         width = widths[min(i, len(widths) - 1)]
-        accumulate_normal_equations(
-            *(points, intrinsics_of(camera), R, t, float(pixel_sigma), width),
-            *(inverse_depth, information, gradient, squared),
+        information, gradient, squared, inverse_depth = normal_equations(
+            camera, points, (R, t), inverse_depth, pixel_sigma, width
         )
-        step = np.linalg.solve(information, gradient)
+        information += weight + 1e-9 * np.eye(6)
+        step = np.linalg.solve(information, gradient - weight @ offset)
         R, t = cv2.Rodrigues(step[:3])[0] @ R, t + step[3:]
         if i >= len(widths) and np.abs(step).max() < CONVERGED:
             break
@@ -146,31 +148,63 @@ def estimate_motion(
     return Egomotion(control, off_plane, covariance, inliers, R, t, prior is not None)
 
 
-def robot_motion(
-    camera: Camera, R: FloatArray, t: FloatArray, before: Camera | None = None
-) -> RobotMotion:
-    """The robot's motion of a `CameraPose` of R (3, 3) and t (3,).
+def normal_equations(
+    camera: Camera,
+    points: Correspondences,
+    pose: CameraPose,
+    inverse_depth: FloatArray,
+    pixel_sigma: float,
+    kernel_width: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Normal equations of a Gauss-Newton iteration, with the inverse depths marginalized.
+
+    The residual of a point has the covariance A + s^2 d d^T, of pixels and depth in the second
+    frame (A) and of the inverse depth in the first (s). Its inverse is A^-1 - q g g^T with
+    g = A^-1 d, q = s^2 / (1 + s^2 d^T g) (Sherman & Morrison, 1950).
 
     Args:
-        camera: as mounted, or as it is turned after the motion.
-        R: of the pose.
-        t: of it.
-        before: the camera as it was turned before the motion; None if as after it.
+        camera: the calibration.
+        points: k correspondences.
+        pose: the motion about which the residuals are linearized.
+        inverse_depth: (k,) about which they are.
+        pixel_sigma: standard deviation of a pixel, in each axis.
+        kernel_width: width of the robust kernel, in standard deviations.
+
+    Returns:
+        Information (6, 6) and gradient (6,) by rotation vector and translation; the normalized
+        squares (k,), infinite behind the camera; and the inverse depths (k,) for this motion.
     """
-    motion, J = np.empty(6), np.empty((6, 6))
-    rotation = (before or camera).rotation
-    robot_motion_kernel(R, t, camera.rotation, rotation, camera.position, motion, J)
-    return RobotMotion(motion[:3], motion[3:], J)
-
-
-def camera_motion(camera: Camera, control: FloatArray, before: Camera | None = None) -> CameraPose:
-    """The `CameraPose` of a control (3,) on the ground plane; `before` as for `robot_motion`."""
-    before = before or camera
-    c, s = np.cos(control[2]), np.sin(control[2])
-    rotation = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    translation = -rotation @ np.append(control[:2], 0.0)
-    R = camera.rotation.T @ rotation @ before.rotation
-    return R, camera.rotation.T @ (translation - camera.position + rotation @ before.position)
+    (R, t), h = pose, inverse_depth
+    rotated = directions(camera, points.previous) @ R.T
+    moved = rotated + h[:, None] * t
+    ahead = moved[:, 2] > MIN_DEPTH_RATIO
+    z = np.where(ahead, moved[:, 2], 1.0)
+    measured = np.isfinite(points.current_inverse_depth)
+    focal, predicted = np.array([camera.fx, camera.fy]), measured * h / z
+    from_center = moved[:, :2] / z[:, None] * focal
+    residual, weight = np.zeros((len(h), 3)), np.ones((len(h), 3))
+    residual[:, :2] = points.current - from_center - (camera.cx, camera.cy)
+    residual[measured, 2] = (points.current_inverse_depth - predicted)[measured]
+    weight[:, :2] = 1 / (2 * pixel_sigma**2)  # the pixels of both frames err
+    weight[measured, 2] = 1 / points.current_inverse_depth_sigma[measured] ** 2
+    by_point = np.zeros((len(h), 3, 3))  # divided by the depth in the first frame
+    by_point[:, [0, 1], [0, 1]] = focal / z[:, None]
+    by_point[:, :2, 2] = -from_center / z[:, None]
+    by_point[:, 2, 2] = -predicted / z
+    J = np.concatenate([-by_point @ cross_matrix(rotated), h[:, None, None] * by_point], 2)
+    d = by_point @ t
+    d[:, 2] += measured / z
+    residual += d * (h - points.inverse_depth)[:, None]
+    g, variance = weight * d, points.inverse_depth_sigma**2
+    q = variance / (1 + variance * (d * g).sum(1))
+    along = (residual * g).sum(1)
+    squared = (residual**2 * weight).sum(1) - q * along**2
+    estimate = (points.inverse_depth + q * along).clip(0.0, MAX_INVERSE_DEPTH)
+    robust = ahead / (1 + squared / kernel_width**2) ** 2  # Geman & McClure (1987)
+    inverse = weight[:, :, None] * np.eye(3) - q[:, None, None] * g[:, :, None] * g[:, None]
+    weighted = (robust[:, None, None] * (inverse @ J)).reshape(-1, 6)
+    information, gradient = J.reshape(-1, 6).T @ weighted, residual.ravel() @ weighted
+    return information, gradient, np.where(ahead, squared, np.inf), np.where(ahead, estimate, h)
 
 
 def _prior_information(
@@ -208,7 +242,7 @@ def perspective_n_point(
         confidence: probability of an outlier-free sample.
     """
     solved, rotation, translation, inliers = cv2.solvePnPRansac(
-        *(points, xy, intrinsics_of(camera).matrix, None),
+        *(points, xy, intrinsic_matrix(camera), None),
         iterationsCount=MAX_TRIALS,
         reprojectionError=MAX_REPROJECTION_ERROR,
         confidence=confidence,

@@ -22,7 +22,6 @@ from saccade.visual.depth import depth_of, depth_sigma, measure_depth, measures_
 from saccade.visual.egomotion import (
     Egomotion,
     MotionEstimate,
-    camera_motion,
     correspondences_of,
     estimate_motion,
 )
@@ -32,6 +31,7 @@ from saccade.visual.optical_flow import (
     prepare_frame,
     track_frame,
 )
+from saccade.visual.robot_motion import camera_motion
 from saccade.visual.tables import TrackedPoints
 
 T = TypeVar("T")

@@ -4,15 +4,22 @@ A single camera does not measure the length of its motion, but its height above 
 the scale: from the image of the ground follows the translation in camera heights.
 """
 
+from dataclasses import replace
+from typing import NamedTuple, TypeAlias
+
 import cv2
 import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import map_coordinates
 
 from saccade.frames import Camera
-from saccade.types import FloatArray, IntArray
-from saccade.visual._kernels import ImageGradients, Intrinsics, warp_ground
-from saccade.visual.camera import directions, intrinsics_of
+from saccade.types import BoolArray, FloatArray, IntArray
+from saccade.visual.camera import directions
 from saccade.visual.egomotion import Egomotion
-from saccade.visual.optical_flow import ByteArray, image_gradients
+from saccade.visual.optical_flow import ByteArray
+from saccade.visual.robot_motion import CameraPose
+
+ShortArray: TypeAlias = npt.NDArray[np.int16]
 
 NEAR, FAR, HALF_WIDTH = 6.0, 16.0, 1.3
 """Region of the ground that is sampled: metres in front of the camera, and to each side."""
@@ -35,6 +42,23 @@ MAX_ITERATIONS, CONVERGED = 15, 1e-3
 """Of Gauss-Newton; the relative change of the distance at which it stops."""
 DISTANCE_NOISE = 0.04
 """Standard deviation of a measured distance, as a fraction of it."""
+
+
+class ImageGradients(NamedTuple):
+    """An image and its derivatives (Sobel)."""
+
+    intensity: ShortArray
+    """(h, w) gray levels."""
+    dx: ShortArray
+    """(h, w) eight times the derivative along a row."""
+    dy: ShortArray
+    """(h, w) eight times the derivative along a column."""
+
+
+def image_gradients(image: ByteArray) -> ImageGradients:
+    """Gradients of a gray image (h, w)."""
+    dx, dy = (cv2.Sobel(image, cv2.CV_16S, *order, ksize=3) for order in ((1, 0), (0, 1)))
+    return ImageGradients(*(np.asarray(each, np.int16) for each in (image, dx, dy)))
 
 
 class GroundTracker:
@@ -63,8 +87,7 @@ class GroundTracker:
         before, (left, top) = _smoothed_crop(previous, self._pixels, PREVIOUS_MARGIN)
         intensity = before[self._pixels[:, 1] - top, self._pixels[:, 0] - left].astype(np.float64)
         after, (left, top) = _smoothed_crop(current, self._pixels, CURRENT_MARGIN)
-        camera = intrinsics_of(self._camera)
-        crop = camera._replace(cx=camera.cx - left, cy=camera.cy - top)
+        crop = replace(self._camera, cx=self._camera.cx - left, cy=self._camera.cy - top)
         state = self._align(intensity, image_gradients(after), crop, motion)
         if state is None or (np.abs(state[1:]) > 1.5 * TILT_SIGMA).any():
             return None
@@ -74,7 +97,7 @@ class GroundTracker:
         self,
         intensity: FloatArray,
         image: ImageGradients,
-        intrinsics: Intrinsics,
+        camera: Camera,
         motion: Egomotion,
     ) -> FloatArray | None:
         """(3,) distance in camera heights and two tilts in radians; None if not converged."""
@@ -83,18 +106,15 @@ class GroundTracker:
         direction = motion.translation / length
         axes = self._plane_axes(direction)
         state, prior = np.array([initial, 0.0, 0.0]), np.diag(np.append(0.0, TILT_SIGMA**-2.0))
-        warped, J = np.empty(len(intensity)), np.empty((len(intensity), 5))
         brightness = None  # gain and offset, negated
         for _ in range(MAX_ITERATIONS):
             normal = axes.T @ np.append(1.0, state[1:])
             plane = np.stack([normal, state[0] * axes[1], state[0] * axes[2]])
-            n = warp_ground(
-                *(self.rays, intensity, intrinsics, motion.rotation, direction),
-                *(state[0], plane, image, warped, J),
-            )
-            if n < MIN_VISIBLE * len(intensity):
+            pose = motion.rotation, state[0] * direction
+            values, by_plane, inside = warp_ground(camera, self.rays, pose, plane, image)
+            if len(values) < MIN_VISIBLE * len(intensity):
                 return None
-            values, A = warped[:n], J[:n]
+            A = np.column_stack([by_plane, -intensity[inside], np.full(len(values), -1.0)])
             if brightness is None:
                 brightness = np.array([-values.sum() / min(A[:, 3].sum(), -1.0), 0.0])
             residual = values + A[:, 3:] @ brightness
@@ -117,6 +137,39 @@ class GroundTracker:
         normal = np.cross(direction, self._camera.rotation[1])
         normal *= -np.sign(normal @ self._camera.rotation[2]) / np.linalg.norm(normal)
         return np.stack([normal, direction, np.cross(normal, direction)])
+
+
+def warp_ground(
+    camera: Camera, rays: FloatArray, pose: CameraPose, plane: FloatArray, image: ImageGradients
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Sample the next image at m points of the ground plane.
+
+    Args:
+        camera: the calibration of the next image.
+        rays: (m, 3) of the points in the previous camera frame.
+        pose: of the camera, with lengths in camera heights.
+        plane: (3, 3) normal of the plane, of length 1 where it has no tilt, and `distance` times
+            its derivatives by the two tilts.
+        image: the next image (h, w) and its gradients.
+
+    Returns:
+        For the n points inside the image: (n,) intensities, (n, 3) their derivatives by distance
+        and tilts; and (m,) which points they are.
+    """
+    R, t = pose
+    distance = np.linalg.norm(t)
+    by_plane = rays @ plane.T
+    moved = rays @ R.T + by_plane[:, :1] * t
+    height, width = image.intensity.shape
+    z = np.where(moved[:, 2] > 0, moved[:, 2], np.nan)
+    uv = moved[:, :2] / z[:, None]
+    x, y = (uv * (camera.fx, camera.fy) + (camera.cx, camera.cy)).T
+    inside = (x > 1) & (x < width - 2) & (y > 1) & (y < height - 2)
+    at = np.stack([y[inside], x[inside]])
+    values, dx, dy = (map_coordinates(each, at, np.float64, order=1) for each in image)
+    by_shift = (t[:2] - uv[inside] * t[2]) / distance / z[inside, None]
+    slope = (by_shift * (camera.fx, camera.fy) * np.stack([dx, dy], 1)).sum(1) / 8
+    return values, slope[:, None] * by_plane[inside], inside
 
 
 def _ground_samples(camera: Camera) -> IntArray:

@@ -5,7 +5,7 @@ import numpy as np
 from saccade.frames import CameraTurn, Drive
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import Egomotion, MotionEstimate, camera_motion
+from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.motion_prior import (
     MotionPrior,
     Planarity,
@@ -14,6 +14,7 @@ from saccade.visual.motion_prior import (
 )
 from saccade.visual.odometry_model import OdometryErrors
 from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.robot_motion import camera_motion
 from saccade.visual.self_calibration import CalibrationDrift
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow

@@ -12,7 +12,6 @@ from saccade.errors import DriveError
 from saccade.frames import Camera, Frame
 from saccade.io.image import as_gray
 from saccade.types import BoolArray, Float32Array, FloatArray, Image
-from saccade.visual._kernels import ImageGradients
 
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
@@ -107,12 +106,6 @@ def reduced_image(image: Image, reduction: int) -> Image:
     h, w = (size // reduction for size in image.shape[:2])
     whole = image[: h * reduction, : w * reduction]
     return cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA)
-
-
-def image_gradients(image: ByteArray) -> ImageGradients:
-    """Gradients of a gray image (h, w)."""
-    dx, dy = (cv2.Sobel(image, cv2.CV_16S, *order, ksize=3) for order in ((1, 0), (0, 1)))
-    return ImageGradients(*(np.asarray(each, np.int16) for each in (image, dx, dy)))
 
 
 def track_points(

@@ -12,10 +12,11 @@ from saccade.frames import Camera, Drive
 from saccade.types import FloatArray
 from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import Egomotion, MotionEstimate, camera_motion, robot_motion
+from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE, GroundTracker
 from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.robot_motion import camera_motion, robot_motion
 from saccade.visual.tables import TrackedPoints
 
 STEP_SIGMA = 0.05

@@ -10,25 +10,17 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import FloatArray, IntArray
-from saccade.visual._window_kernels import add_motion_factors, eliminate_points, step_motion
-from saccade.visual.camera import directions, intrinsics_of
+from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import (
-    DEFAULT_DEPTH,
-    OFF_PLANE_SIGMA,
-    CameraPose,
-    MotionEstimate,
-)
+from saccade.visual.egomotion import DEFAULT_DEPTH, OFF_PLANE_SIGMA, MotionEstimate
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
+from saccade.visual.robot_motion import CameraPose, step_motions
 from saccade.visual.self_calibration import SIGMA, CalibrationDrift, SelfCalibration
 from saccade.visual.tables import TrackedPoints
+from saccade.visual.window_equations import MotionFactors, NormalEquations, WindowPoints
 
-KERNEL_WIDTH = 2.0
-"""Width of the robust kernel of an observation, in standard deviations."""
 ITERATIONS = 2
 """Of Gauss-Newton after each frame; the poses start where the last frame left them."""
-FACTOR_WIDTH = 3.0
-"""Width of the robust kernel of odometry and of changes of motion, in standard deviations."""
 OFF_PLANE_ACCELERATION_SIGMA = (0.5, 0.2, 0.2)
 """Standard deviations of the change of vertical speed (m/s), and of the rates of roll and pitch
 (rad/s), in a second."""
@@ -170,34 +162,26 @@ class SlidingWindow:
         rows = np.flatnonzero(seen.sum(1) > 1)
         observed, sigma = self._observed[rows], self._sigma[rows]
         corrected, reference = self.calibration.correct(observed), seen[rows].argmax(1)
-        R0, t0 = self._rotation.copy(), self._translation.copy()
-        place, inverse_depth = self._point[rows, :3], self._point[rows, 3:]
-        local = (R0[reference] @ place[:, :, None])[:, :, 0] + inverse_depth * t0[reference]
+        R0, t0 = self._rotation[reference], self._translation[reference]
+        position, inverse_depth = self._point[rows, :3], self._point[rows, 3:]
+        local = (R0 @ position[:, :, None])[:, :, 0] + inverse_depth * t0
         points = np.concatenate([local[:, :2], inverse_depth], 1) / local[:, 2:]
         visual, m = len(SIGMA) + 6 * n, ODOMETRY_ERRORS
         poses, errors = slice(len(SIGMA) + 6, visual), slice(visual, visual + m)
         free = slice(poses.start, errors.stop)  # the first pose is fixed
-        gain, offset = np.empty((len(rows), 3, visual)), np.empty((len(rows), 3))
-        motion, by_poses = np.empty((n - 1, 6)), np.empty((n - 1, 6, 12))
-        disparity_scale = 1 / (camera.fx * camera.baseline) if camera.baseline > 0 else 0.0
+        window_points = WindowPoints(camera, corrected, sigma, R0, t0)
+        factors = MotionFactors(
+            *(self._odometry, self._by_errors, self._information, self._seconds),
+            *(self._acceleration, self._first_rate, self._first_information),
+        )
         prior, error = np.linalg.inv(self._errors.covariance + 1e-14 * np.eye(m)), np.zeros(m)
         for _ in range(ITERATIONS):
-            information, gradient = np.zeros((errors.stop,) * 2), np.zeros(errors.stop)
-            eliminate_points(
-                *(corrected, sigma, reference, intrinsics_of(camera)),
-                *((self._rotation, self._translation), (R0, t0), disparity_scale, KERNEL_WIDTH),
-                *(points, information, gradient, gain, offset),
-            )
-            odometry = self._odometry + self._by_errors @ error
-            add_motion_factors(
-                (self._rotation, self._translation),
-                (self._mount, camera.position),
-                (odometry, self._by_errors, self._information),
-                self._seconds,
-                self._acceleration,
-                (self._first_rate, self._first_information),
-                *(FACTOR_WIDTH, information, gradient, motion, by_poses),
-            )
+            equations = NormalEquations(errors.stop)
+            now = self._rotation, self._translation
+            gain, offset = window_points.eliminate(now, points, equations)
+            motion, by_poses = step_motions(now, self._mount, camera.position)
+            factors.add(motion, by_poses, error, equations)
+            information, gradient = equations.information, equations.gradient
             total, right = information[free, free].copy(), gradient[free].copy()
             total[-m:, -m:] += prior
             right[-m:] -= prior @ error
@@ -206,10 +190,9 @@ class SlidingWindow:
             points += offset - gain[:, :, poses] @ change[:-m]
             points[:, 2] = points[:, 2].clip(0.0, MAX_INVERSE_DEPTH)
             self._move(change[:-m])
-        ray = points.copy()
-        ray[:, 2] = 1.0
-        place = ((ray - points[:, 2:] * t0[reference])[:, None] @ R0[reference])[:, 0]
-        self._point[rows] = np.concatenate([place, points[:, 2:]], 1)
+        ray = np.append(points[:, :2], np.ones((len(points), 1)), 1)
+        position = ((ray - points[:, 2:] * t0)[:, None] @ R0)[:, 0]
+        self._point[rows] = np.concatenate([position, points[:, 2:]], 1)
         gradient += information[:, errors] @ before  # about the present errors of odometry
         self._learn(information, gradient, poses)
         by_last = np.zeros((errors.stop, 6))
@@ -238,15 +221,10 @@ class SlidingWindow:
 
     def _last_step(self, before: CameraPose) -> FloatArray:
         """(6,) motion of the robot to the last frame, if the pose of the one before was so."""
-        motion = np.empty(6)
-        step_motion(
-            *(*before, self._rotation[-1], self._translation[-1]),
-            self._mount[-1],
-            self._mount[-2],
-            self._camera.position,
-            *(motion, np.empty((6, 12))),
-        )
-        return motion
+        R = np.stack([before[0], self._rotation[-1]])
+        t = np.stack([before[1], self._translation[-1]])
+        motions, _ = step_motions((R, t), self._mount[-2:], self._camera.position)
+        return np.asarray(motions[0])
 
     def _move(self, change: FloatArray) -> None:
         """Change the poses but the first by rotation vectors and translations (6 (n - 1),)."""

@@ -1,4 +1,4 @@
-"""The compiled passes of a camera's motion against formulas written for a person."""
+"""Normal equations and ground samples of a camera's motion against formulas for one point."""
 
 import sys
 import threading
@@ -14,19 +14,12 @@ from threadpoolctl import threadpool_info
 from saccade import visual
 from saccade.frames import Camera
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.visual._kernels import (
-    MAX_INVERSE_DEPTH,
-    ImageGradients,
-    accumulate_normal_equations,
-    warp_ground,
-)
-from saccade.visual.camera import intrinsics_of
-from saccade.visual.egomotion import camera_motion, correspondences_of
+from saccade.visual.egomotion import MAX_INVERSE_DEPTH, correspondences_of, normal_equations
 from saccade.visual.frontend import Prefetcher
-from saccade.visual.ground_scale import GroundTracker
+from saccade.visual.ground_scale import GroundTracker, ImageGradients, warp_ground
+from saccade.visual.robot_motion import camera_motion
 
 CAMERA = Camera(640, 360, 500, 480, 320, 120, position=np.array([0.2, 0.1, 1.5]))
-VIEW = intrinsics_of(CAMERA)
 PIXEL, SOFT, STEP = 0.4, 3.0, 1e-6
 
 
@@ -43,8 +36,8 @@ def slope(of, size):
     return np.stack([(of(step) - of(-step)) / (2 * STEP) for step in steps], 1)
 
 
-def normal_equations(pairs, at, R, t):
-    """The sums of `accumulate_normal_equations`, one point after the other."""
+def expected_equations(pairs, at, R, t):
+    """The result of `normal_equations`, one point after the other."""
     information, gradient, square, likely = np.zeros((6, 6)), np.zeros(6), [], []
     for i in range(len(at)):
         xy, h = pairs.previous[i], at[i]
@@ -67,7 +60,6 @@ def normal_equations(pairs, at, R, t):
     return information, gradient, np.array(square), np.array(likely)
 
 
-@pytest.mark.kernel
 @pytest.mark.parametrize("known", [0.0, 0.5, 1.0])
 def test_normal_equations_are_those_of_the_formulas(rng, known):
     k = 12
@@ -79,37 +71,30 @@ def test_normal_equations_are_those_of_the_formulas(rng, known):
     was = np.where(rng.uniform(size=k) < known, depth, np.nan)
     pairs = correspondences_of(before, now, was, 0.05 * depth, deep, 0.04 * depth)
     at = pairs.inverse_depth * rng.uniform(0.9, 1.1, k)
-    expected = normal_equations(pairs, at, R, t)
-    information, gradient, square, found = np.zeros((6, 6)), np.zeros(6), np.zeros(k), at.copy()
-    accumulate_normal_equations(
-        pairs, VIEW, R, t, PIXEL, SOFT, found, information, gradient, square
-    )
-    for ours, theirs in zip((information, gradient, square, found), expected, strict=True):
+    expected = expected_equations(pairs, at, R, t)
+    found = normal_equations(CAMERA, pairs, (R, t), at, PIXEL, SOFT)
+    for ours, theirs in zip(found, expected, strict=True):
         assert_allclose(ours, theirs, rtol=1e-5, atol=1e-5 * np.abs(theirs).max())
 
 
-@pytest.mark.kernel
 def test_a_point_behind_the_camera_has_no_weight():
     unknown = np.full(1, np.nan)
     pairs = correspondences_of(
         np.zeros((1, 2)), np.zeros((1, 2)), np.full(1, 2.0), np.ones(1), *(unknown,) * 2
     )
-    sums, square = (np.zeros((6, 6)), np.zeros(6)), np.zeros(1)
-    back = np.array([0.0, 0.0, -3.0])
-    inverse_depth = pairs.inverse_depth.copy()
-    accumulate_normal_equations(
-        pairs, VIEW, np.eye(3), back, PIXEL, SOFT, inverse_depth, *sums, square
-    )
-    assert np.isinf(square[0])
-    assert not sums[0].any()
+    back = np.eye(3), np.array([0.0, 0.0, -3.0])
+    found = normal_equations(CAMERA, pairs, back, pairs.inverse_depth, PIXEL, SOFT)
+    information, _, squared, inverse_depth = found
+    assert np.isinf(squared[0])
+    assert not information.any()
+    assert_allclose(inverse_depth, pairs.inverse_depth)
 
 
-@pytest.mark.kernel
 def test_the_ground_is_sampled_where_its_plane_is(rng):
     """On a ramp neither bilinear interpolation nor slopes err."""
     R, t = camera_motion(CAMERA, np.array([4.5, 0.02, 0.03]))
     way = np.linalg.norm(t)
-    rays, at = GroundTracker(CAMERA).rays[::10], rng.uniform(0, 255, 1000)
+    rays = GroundTracker(CAMERA).rays[::10]
     v, u = np.mgrid[:360, :640]
     ramp = (5 * u + 3 * v).astype(np.int16)
     images = ImageGradients(ramp, np.full_like(ramp, 8 * 5), np.full_like(ramp, 8 * 3))
@@ -118,23 +103,22 @@ def test_the_ground_is_sampled_where_its_plane_is(rng):
     def looked_up(found):
         plane = axes.T @ (found[0] * np.append(1.0, found[1:]))
         seen = rays @ R.T + (rays @ plane)[:, None] * t / way
-        x, y = (seen[:, :2] / seen[:, 2:] * VIEW[:2] + VIEW[2:]).T
+        x, y = (seen[:, :2] / seen[:, 2:] * (500, 480) + (320, 120)).T
         inside = (x > 1) & (y > 1) & (x < 638) & (y < 358)
         return np.where(inside, map_coordinates(ramp, [y, x], np.float64, order=1), np.nan)
 
     found = np.array([way / 1.5, 0.01, -0.02])
-    light, J = np.empty(len(rays)), np.empty((len(rays), 5))
     by = np.stack([axes.T @ np.append(1, found[1:]), found[0] * axes[1], found[0] * axes[2]])
-    n = warp_ground(rays, at, VIEW, R, t / way, found[0], by, images, light, J)
+    values, J, sampled = warp_ground(CAMERA, rays, (R, found[0] * t / way), by, images)
     expected = looked_up(found)
     inside = np.isfinite(expected)
-    assert 10 < n == inside.sum() < len(rays)
-    assert_allclose(light[:n], expected[inside], atol=1e-9)
-    assert_allclose(J[:n, 3], -at[: len(rays)][inside])
+    assert 10 < inside.sum() < len(rays)
+    assert (sampled == inside).all()
+    assert_allclose(values, expected[inside], atol=1e-9)
     for k in range(3):
         step = 1e-6 * np.eye(3)[k]
         change = (looked_up(found + step) - looked_up(found - step)) / 2e-6
-        assert_allclose(J[:n, k], change[inside], rtol=1e-5, atol=1e-3)
+        assert_allclose(J[:, k], change[inside], rtol=1e-5, atol=1e-3)
 
 
 def test_items_are_prefetched_once_in_order_and_fail_where_they_are_used():

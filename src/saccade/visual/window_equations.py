@@ -1,0 +1,183 @@
+"""Normal equations of the sliding window.
+
+Their columns are those of the errors of the calibration, of each pose (rotation vector and
+translation), and of the errors of odometry.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saccade.frames import Camera
+from saccade.types import FloatArray, IntArray
+from saccade.visual.robot_motion import CameraPose, cross_matrix
+from saccade.visual.self_calibration import SIGMA
+
+MIN_DEPTH_RATIO = 0.05
+"""Least depth in a frame as a fraction of that in the reference frame; nearer observations are
+ignored."""
+DAMPING = 1.0
+"""Added to the information of a point in every coordinate (Levenberg): far less than that of an
+observation, it keeps a point without parallax or depth where it is."""
+POINT_KERNEL_WIDTH = 2.0
+"""Width of the robust kernel of an observation, in standard deviations."""
+FACTOR_KERNEL_WIDTH = 3.0
+"""Width of the robust kernel of odometry and of changes of motion, in standard deviations."""
+
+
+@dataclass
+class NormalEquations:
+    """Normal equations of `size` parameters: information @ change = gradient."""
+
+    size: int
+
+    def __post_init__(self) -> None:
+        self.information = np.zeros((self.size, self.size))
+        self.gradient = np.zeros(self.size)
+
+    def add_factor(
+        self, J: FloatArray, columns: IntArray, residual: FloatArray, W: FloatArray
+    ) -> None:
+        """Add a residual (m,) with information W (m, m) (Cauchy's kernel).
+
+        Its negated derivative J (m, k) is by k of the columns.
+        """
+        weighted = W @ residual
+        robust = 1 / (1 + residual @ weighted / FACTOR_KERNEL_WIDTH**2)
+        self.gradient[columns] += robust * (weighted @ J)
+        self.information[np.ix_(columns, columns)] += robust * (J.T @ W @ J)
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPoints:
+    """k points observed in n frames.
+
+    A point (x, y, h) is the ray (x, y, 1) and the inverse depth h in the frame in which it was
+    first observed, at the pose it had before the iterations: the residuals of an observation then
+    depend on one pose alone.
+    """
+
+    camera: Camera
+    observed: FloatArray
+    """(k, n, 3) pixels and inverse depths in 1 / meters, NaN where not measured."""
+    sigma: FloatArray
+    """(k, n, 3) their standard deviations."""
+    rotation: FloatArray
+    """(k, 3, 3) of the pose of the frame in which each was first observed."""
+    translation: FloatArray
+    """(k, 3) of that pose."""
+
+    def eliminate(
+        self, poses: CameraPose, points: FloatArray, equations: NormalEquations
+    ) -> tuple[FloatArray, FloatArray]:
+        """Add the points (k, 3) to the equations of the poses (Schur complement).
+
+        Returns:
+            `gain` (k, 3, 3 + 6 n) and `offset` (k, 3): a change p of the errors of the calibration
+            and of the poses changes the points by `offset` - `gain` p.
+        """
+        residual, robust, J, D = self._linearize(poses, points)
+        k, n, m = len(points), len(poses[0]), len(SIGMA)
+        weighted = robust[:, :, None, None] * D
+        cross = np.swapaxes(J, 2, 3) @ weighted
+        cross = np.concatenate([cross[:, :, 6:].sum(1), cross[:, :, :6].reshape(k, 6 * n, 3)], 1)
+        weighted, D = weighted.reshape(k, 3 * n, 3), D.reshape(k, 3 * n, 3)
+        inverse = np.linalg.inv(np.swapaxes(D, 1, 2) @ weighted + DAMPING * np.eye(3))
+        gain = inverse @ np.swapaxes(cross, 1, 2)
+        right = (residual.reshape(k, 1, 3 * n) @ weighted)[:, 0]
+        offset = (inverse @ right[:, :, None])[:, :, 0]
+        for j in range(n):
+            J_j = J[:, j].reshape(-1, 6 + m)
+            weighted = np.repeat(robust[:, j], 3)[:, None] * J_j
+            columns = np.append(m + 6 * j + np.arange(6), np.arange(m))
+            equations.information[np.ix_(columns, columns)] += weighted.T @ J_j
+            equations.gradient[columns] += residual[:, j].ravel() @ weighted
+        size = m + 6 * n
+        by_points = np.swapaxes(cross, 1, 2).reshape(-1, size)
+        equations.information[:size, :size] -= by_points.T @ gain.reshape(-1, size)
+        equations.gradient[:size] -= offset.ravel() @ by_points
+        return gain, offset
+
+    def _linearize(
+        self, poses: CameraPose, points: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Residuals of points in standard deviations, and their negated derivatives.
+
+        Returns:
+            (k, n, 3) residuals, (k, n) robust weights, (k, n, 3, 9) derivatives by the pose and the
+            errors of the calibration, (k, n, 3, 3) by the point; 0 where there is no observation.
+        """
+        camera, sigma = self.camera, self.sigma
+        focal, (R, t), h = np.array([camera.fx, camera.fy]), poses, points[:, None, 2:]
+        A = R @ np.swapaxes(self.rotation, 1, 2)[:, None]
+        b = t - (A @ self.translation[:, None, :, None])[..., 0]
+        ray = np.append(points[:, :2], np.ones((len(points), 1)), 1)
+        q = (A @ ray[:, None, :, None])[..., 0] + h * b
+        seen = np.isfinite(self.observed[:, :, 0]) & (q[:, :, 2] > MIN_DEPTH_RATIO)
+        seen = np.stack([seen, seen, seen & np.isfinite(self.observed[:, :, 2])], 2)
+        z = np.where(seen[:, :, :1], q[:, :, 2:], 1.0)
+        u, v, w = np.moveaxis(np.concatenate([q[:, :, :2], h + 0 * z], 2) / z, 2, 0)
+        predicted = np.stack([camera.fx * u + camera.cx, camera.fy * v + camera.cy, w], 2)
+        residual = np.where(seen, (self.observed - predicted) / sigma, 0.0)
+        scale = np.where(seen, np.append(focal, 1.0) / sigma, 0.0)
+        by_point = np.zeros((*q.shape, 3))
+        by_point[..., [0, 1], [0, 1]] = scale[:, :, :2] / z
+        by_point[..., 2] = -np.stack([u, v, w], 2) * scale / z
+        by_errors = np.zeros((*q.shape, len(SIGMA)))  # at the predicted pixel, which is unbiased
+        radius = u**2 + v**2
+        by_errors[..., 0] = -np.stack([u * radius, v * radius, w * (3 * u**2 + v**2)], 2) * scale
+        if camera.baseline > 0:
+            by_disparity = scale[:, :, 2] / (camera.fx * camera.baseline)
+            by_errors[..., 2, 1], by_errors[..., 2, 2] = -u * by_disparity, -by_disparity
+        else:
+            by_errors[..., 2, 0] = 0.0
+        by_rotation = -by_point @ cross_matrix(q - h * t)
+        J = np.concatenate([by_rotation, h[..., None] * by_point, by_errors], 3)
+        D = by_point @ np.concatenate([A[..., :2], b[..., None]], 3)
+        D[..., 2, 2] += scale[:, :, 2] / z[..., 0]
+        robust = 1 / (1 + np.square(residual).sum(2) / POINT_KERNEL_WIDTH**2) ** 2
+        return residual, robust, J, D  # Geman & McClure (1987)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionFactors:
+    """Odometry of the n - 1 steps of a window, and that motion changes little between them."""
+
+    control: FloatArray
+    """(n - 1, 3) controls of odometry."""
+    by_errors: FloatArray
+    """(n - 1, 3, m) their derivatives by the errors of odometry."""
+    information: FloatArray
+    """(n - 1, 6, 6) of control and off-plane motion."""
+    seconds: FloatArray
+    """(n - 1,) durations of the steps."""
+    acceleration: FloatArray
+    """(6,) standard deviations of the change of the motion's rates in a second."""
+    first_rate: FloatArray
+    """(6,) rates of the motion before the first step."""
+    first_information: FloatArray
+    """(6, 6) their information."""
+
+    def add(
+        self, motion: FloatArray, J: FloatArray, error: FloatArray, equations: NormalEquations
+    ) -> None:
+        """Add motions (n - 1, 6), which `step_motions` makes, and errors of odometry (m,)."""
+        n, m = len(motion), len(SIGMA)
+        residual = -motion
+        residual[:, :3] += self.control + self.by_errors @ error
+        errors = np.arange(m + 6 * (n + 1), equations.size)
+        for k in range(n):
+            columns = np.append(m + 6 * k + np.arange(12), errors)
+            by_errors = np.append(-self.by_errors[k], np.zeros((3, len(errors))), 0)
+            by_all = np.append(J[k], by_errors, 1)
+            equations.add_factor(by_all, columns, residual[k], self.information[k])
+        rate, by_rate = motion / self.seconds[:, None], J / self.seconds[:, None, None]
+        first = self.first_rate - rate[0]
+        equations.add_factor(by_rate[0], m + np.arange(12), first, self.first_information)
+        for k in range(1, n):
+            sigma = self.acceleration * (self.seconds[k] + self.seconds[k - 1]) / 2
+            change = np.zeros((6, 18))
+            change[:, 6:] = by_rate[k]
+            change[:, :12] -= by_rate[k - 1]
+            columns = m + 6 * (k - 1) + np.arange(18)
+            equations.add_factor(change, columns, rate[k - 1] - rate[k], np.diag(1 / sigma**2))
