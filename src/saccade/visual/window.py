@@ -17,7 +17,7 @@ from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
 from saccade.visual.robot_motion import CameraPose, step_motions
 from saccade.visual.self_calibration import SIGMA, CalibrationDrift, SelfCalibration
 from saccade.visual.tables import TrackedPoints
-from saccade.visual.window_equations import MotionFactors, NormalEquations, WindowPoints
+from saccade.visual.window_equations import NormalEquations, WindowPoints, WindowSteps
 
 ITERATIONS = 2
 """Of Gauss-Newton after each frame; the poses start where the last frame left them."""
@@ -53,12 +53,9 @@ class SlidingWindow:
         self._mount = self._camera.rotation[None].copy()  # as it was turned in each frame
         self._id: IntArray = np.zeros(0, np.int64)
         self._point = np.zeros((0, 4))  # homogeneous, in the frame of the poses
-        self._observed, self._sigma = np.zeros((0, 1, 3)), np.zeros((0, 1, 3))
-        self._odometry, self._seconds = np.zeros((0, 3)), np.zeros(0)
-        self._by_errors = np.zeros((0, 3, ODOMETRY_ERRORS))
-        self._rate, self._rate_covariance = np.zeros((0, 6)), np.zeros((0, 6, 6))
-        self._first_rate, self._first_information = np.zeros(6), np.zeros((6, 6))
-        self._information = np.zeros((0, 6, 6))
+        self._observed = np.zeros((0, 1, 6))  # pixels, inverse depths, standard deviations
+        self._steps = WindowSteps()
+        self._before = np.zeros(6), np.zeros((6, 6))  # rates before the first step, and information
 
     def add(
         self,
@@ -71,13 +68,8 @@ class SlidingWindow:
     ) -> MotionEstimate:
         """Add a frame, and adjust the window.
 
-        Args:
-            previous: the points of the last frame, including those detected there.
-            current: those of them that were tracked into this frame.
-            motion: initial motion between the two.
-            odometry: control and covariance of odometry.
-            seconds: between the two.
-            cameras: as they were turned in the two.
+        The points, the cameras as they were turned, and the initial `motion` are of the last frame
+        and this one.
 
         Returns:
             The control from the last estimate of the last pose to the first of this one, so that
@@ -97,25 +89,24 @@ class SlidingWindow:
     def _observe(self, points: TrackedPoints) -> None:
         """Record the points of the newest frame."""
         new = ~np.isin(points.id, self._id)
-        self._add_points(points.id[new], points.xy[new].astype(np.float64), points.depth[new])
+        self._add_points(points[new])
         rows = np.searchsorted(self._id, points.id)
         self._observed[rows, -1, :2] = points.xy
         self._observed[rows, -1, 2] = 1 / points.depth
-        self._sigma[rows, -1, :2] = self._config.pixel_sigma
-        self._sigma[rows, -1, 2] = points.depth_sigma / points.depth**2
+        self._observed[rows, -1, 3:5] = self._config.pixel_sigma
+        self._observed[rows, -1, 5] = points.depth_sigma / points.depth**2
 
-    def _add_points(self, new: IntArray, xy: FloatArray, depth: FloatArray) -> None:
-        """Add points of the newest frame: ids (k,), pixels (k, 2), depths (k,) or NaN."""
-        depth = np.where(np.isfinite(depth), depth, DEFAULT_DEPTH)
-        ray = directions(self._camera, xy)
-        place = (ray - self._translation[-1] / depth[:, None]) @ self._rotation[-1]
-        ids = np.concatenate([self._id, new])
+    def _add_points(self, new: TrackedPoints) -> None:
+        """Add points of the newest frame."""
+        depth = np.where(np.isfinite(new.depth), new.depth, DEFAULT_DEPTH)
+        ray = directions(self._camera, new.xy.astype(np.float64))
+        position = (ray - self._translation[-1] / depth[:, None]) @ self._rotation[-1]
+        ids = np.concatenate([self._id, new.id])
         order = np.argsort(ids)
-        blank = np.full((len(new), len(self._rotation), 3), np.nan)
+        blank = np.full((len(new), len(self._rotation), 6), np.nan)
         self._id = ids[order]
-        self._point = np.concatenate([self._point, np.c_[place, 1 / depth]])[order]
+        self._point = np.concatenate([self._point, np.c_[position, 1 / depth]])[order]
         self._observed = np.concatenate([self._observed, blank])[order]
-        self._sigma = np.concatenate([self._sigma, blank])[order]
 
     def _append(
         self, motion: CameraPose, odometry: MotionEstimate, seconds: float, mount: FloatArray
@@ -128,26 +119,26 @@ class SlidingWindow:
         R, t = motion
         covariance = np.diag(np.square([0.0, 0.0, 0.0, *OFF_PLANE_SIGMA]))
         covariance[:3, :3] = odometry[1] + 1e-10 * np.eye(3)
-        information = np.linalg.inv(covariance)
-        first = int(len(self._rotation) == self._config.window)
+        step = WindowSteps.zeros(
+            1,
+            control=odometry[0][None],
+            by_errors=self._errors.jacobian(odometry[0], seconds)[None],
+            information=np.linalg.inv(covariance)[None],
+            seconds=np.array([seconds]),
+        )
+        steps, first = self._steps, int(len(self._rotation) == self._config.window)
         if first:
-            sigma = self._acceleration * self._seconds[:2].mean()
-            self._first_rate = self._rate[0]
-            self._first_information = np.linalg.inv(self._rate_covariance[0] + np.diag(sigma**2))
-        self._rate, self._rate_covariance = self._rate[first:], self._rate_covariance[first:]
+            sigma = self._acceleration * steps.seconds[:2].mean()
+            information = np.linalg.inv(steps.rate_covariance[0] + np.diag(sigma**2))
+            self._before = steps.rate[0], information
+        self._steps = WindowSteps.concatenate([steps[first:], step])
         rotation, translation = R @ self._rotation[-1], R @ self._translation[-1] + t
         self._rotation = np.concatenate([self._rotation[first:], rotation[None]])
         self._translation = np.concatenate([self._translation[first:], translation[None]])
         self._mount = np.concatenate([self._mount[first:], mount[None]])
-        self._odometry = np.concatenate([self._odometry[first:], odometry[0][None]])
-        self._information = np.concatenate([self._information[first:], information[None]])
-        self._seconds = np.append(self._seconds[first:], seconds)
-        by_errors = self._errors.jacobian(odometry[0], seconds)[None]
-        self._by_errors = np.concatenate([self._by_errors[first:], by_errors])
         seen = np.isfinite(self._observed[:, first:, 0]).any(1)
-        blank = np.full((int(seen.sum()), 1, 3), np.nan)
+        blank = np.full((int(seen.sum()), 1, 6), np.nan)
         self._observed = np.concatenate([self._observed[seen, first:], blank], 1)
-        self._sigma = np.concatenate([self._sigma[seen, first:], blank], 1)
         self._id, self._point = self._id[seen], self._point[seen]
 
     def _adjust(self) -> tuple[FloatArray, FloatArray]:
@@ -160,7 +151,7 @@ class SlidingWindow:
         camera, n = self._camera, len(self._rotation)
         seen = np.isfinite(self._observed[:, :, 0])
         rows = np.flatnonzero(seen.sum(1) > 1)
-        observed, sigma = self._observed[rows], self._sigma[rows]
+        observed, sigma = np.split(self._observed[rows], 2, 2)
         corrected, reference = self.calibration.correct(observed), seen[rows].argmax(1)
         R0, t0 = self._rotation[reference], self._translation[reference]
         position, inverse_depth = self._point[rows, :3], self._point[rows, 3:]
@@ -170,17 +161,17 @@ class SlidingWindow:
         poses, errors = slice(len(SIGMA) + 6, visual), slice(visual, visual + m)
         free = slice(poses.start, errors.stop)  # the first pose is fixed
         window_points = WindowPoints(camera, corrected, sigma, R0, t0)
-        factors = MotionFactors(
-            *(self._odometry, self._by_errors, self._information, self._seconds),
-            *(self._acceleration, self._first_rate, self._first_information),
-        )
+        first_rate, first_information = self._before
         prior, error = np.linalg.inv(self._errors.covariance + 1e-14 * np.eye(m)), np.zeros(m)
         for _ in range(ITERATIONS):
             equations = NormalEquations(errors.stop)
             now = self._rotation, self._translation
             gain, offset = window_points.eliminate(now, points, equations)
             motion, by_poses = step_motions(now, self._mount, camera.position)
-            factors.add(motion, by_poses, error, equations)
+            self._steps.add_to(equations, motion, by_poses, error, self._acceleration)
+            by_first = by_poses[0] / self._steps.seconds[0]
+            residual = first_rate - motion[0] / self._steps.seconds[0]
+            equations.add_factor(by_first, len(SIGMA) + np.arange(12), residual, first_information)
             information, gradient = equations.information, equations.gradient
             total, right = information[free, free].copy(), gradient[free].copy()
             total[-m:, -m:] += prior
@@ -199,25 +190,25 @@ class SlidingWindow:
         by_last[visual - 12 : visual] = by_poses[-1].T
         by_last, by_calibration = by_last[free], information[free, : len(SIGMA)]
         solved = np.linalg.solve(total, np.concatenate([by_last, by_calibration], 1))
-        covariance, seconds = by_last.T @ solved[:, :6], self._seconds[-1]
-        rate = self._last_step((self._rotation[-2], self._translation[-2])) / seconds
-        self._rate = np.concatenate([self._rate, rate[None]])
-        by_time = (covariance + covariance.T)[None] / 2 / seconds**2
-        self._rate_covariance = np.concatenate([self._rate_covariance, by_time])
-        return seconds**2 * by_time[0, :3, :3], -by_last[:, :3].T @ solved[:, 6:]
+        covariance, seconds = by_last.T @ solved[:, :6], self._steps.seconds[-1]
+        covariance = (covariance + covariance.T) / 2
+        step = self._last_step((self._rotation[-2], self._translation[-2]))
+        self._steps.rate[-1] = step / seconds
+        self._steps.rate_covariance[-1] = covariance / seconds**2
+        return covariance[:3, :3], -by_last[:, :3].T @ solved[:, 6:]
 
     def _learn(self, information: FloatArray, gradient: FloatArray, poses: slice) -> None:
         """Update the errors of calibration and odometry, with the poses eliminated (Schur)."""
-        share = 1 / self._config.window  # an observation is in so many windows
+        fraction = 1 / self._config.window  # an observation is in so many windows
         m = len(SIGMA)
         kept = np.concatenate([np.arange(m), np.arange(poses.stop, len(gradient))])
         rows = np.concatenate([information[:, kept], gradient[:, None]], 1)
         cross = rows[poses, :-1].T @ np.linalg.solve(information[poses, poses], rows[poses])
-        reduced = share * (rows[kept] - cross)
+        reduced = fraction * (rows[kept] - cross)
         total, vector = reduced[:, :-1], reduced[:, -1]
         self.calibration.update(total[:m, :m], vector[:m])
         change = self._errors.update(total[m:, m:], vector[m:])
-        self._odometry = self._odometry + self._by_errors @ change
+        self._steps.control[:] += self._steps.by_errors @ change
 
     def _last_step(self, before: CameraPose) -> FloatArray:
         """(6,) motion of the robot to the last frame, if the pose of the one before was so."""

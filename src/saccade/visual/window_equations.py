@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saccade.frames import Camera
-from saccade.types import FloatArray, IntArray
+from saccade.types import FloatArray, IntArray, Table, column
+from saccade.visual.odometry_model import ODOMETRY_ERRORS
 from saccade.visual.robot_motion import CameraPose, cross_matrix
 from saccade.visual.self_calibration import SIGMA
 
@@ -140,28 +141,35 @@ class WindowPoints:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionFactors:
-    """Odometry of the n - 1 steps of a window, and that motion changes little between them."""
+class WindowSteps(Table):
+    """The steps between the n frames of a window."""
 
-    control: FloatArray
-    """(n - 1, 3) controls of odometry."""
-    by_errors: FloatArray
-    """(n - 1, 3, m) their derivatives by the errors of odometry."""
-    information: FloatArray
-    """(n - 1, 6, 6) of control and off-plane motion."""
-    seconds: FloatArray
-    """(n - 1,) durations of the steps."""
-    acceleration: FloatArray
-    """(6,) standard deviations of the change of the motion's rates in a second."""
-    first_rate: FloatArray
-    """(6,) rates of the motion before the first step."""
-    first_information: FloatArray
-    """(6, 6) their information."""
+    control: FloatArray = column(3)
+    """(n - 1, 3) by odometry."""
+    by_errors: FloatArray = column(3, ODOMETRY_ERRORS)
+    """(n - 1, 3, m) derivatives of the controls by the errors of odometry."""
+    information: FloatArray = column(6, 6)
+    """(n - 1, 6, 6) of control and off-plane motion by odometry."""
+    seconds: FloatArray = column()
+    """(n - 1,) durations."""
+    rate: FloatArray = column(6)
+    """(n - 1, 6) motion per second, as estimated when the step was the newest."""
+    rate_covariance: FloatArray = column(6, 6)
+    """(n - 1, 6, 6) of the rates."""
 
-    def add(
-        self, motion: FloatArray, J: FloatArray, error: FloatArray, equations: NormalEquations
+    def add_to(
+        self,
+        equations: NormalEquations,
+        motion: FloatArray,
+        J: FloatArray,
+        error: FloatArray,
+        acceleration: FloatArray,
     ) -> None:
-        """Add motions (n - 1, 6), which `step_motions` makes, and errors of odometry (m,)."""
+        """Add odometry, and that motion changes little from step to step.
+
+        Motions (n - 1, 6) and their derivatives J are those of `step_motions`, `error` (m,) is that
+        of odometry. `acceleration` (6,) are standard deviations of the rates' change in a second.
+        """
         n, m = len(motion), len(SIGMA)
         residual = -motion
         residual[:, :3] += self.control + self.by_errors @ error
@@ -172,10 +180,8 @@ class MotionFactors:
             by_all = np.append(J[k], by_errors, 1)
             equations.add_factor(by_all, columns, residual[k], self.information[k])
         rate, by_rate = motion / self.seconds[:, None], J / self.seconds[:, None, None]
-        first = self.first_rate - rate[0]
-        equations.add_factor(by_rate[0], m + np.arange(12), first, self.first_information)
         for k in range(1, n):
-            sigma = self.acceleration * (self.seconds[k] + self.seconds[k - 1]) / 2
+            sigma = acceleration * (self.seconds[k] + self.seconds[k - 1]) / 2
             change = np.zeros((6, 18))
             change[:, 6:] = by_rate[k]
             change[:, :12] -= by_rate[k - 1]
