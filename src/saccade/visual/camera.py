@@ -41,12 +41,12 @@ def directions(camera: Camera, xy: FloatArray) -> FloatArray:
 
 
 def from_pixels(camera: Camera, xy: FloatArray, depth: FloatArray) -> FloatArray:
-    """Back-projection of pixels (k, 2) at depths (k,): (k, 3) metres in the robot's frame."""
+    """Back-projection of pixels (k, 2) at depths (k,): (k, 3) meters in the robot's frame."""
     return camera.position + (directions(camera, xy) * depth[:, None]) @ camera.rotation.T
 
 
 def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Projection of points (k, 3) in the robot's frame: pixels (k, 2) and depths (k,) in metres.
+    """Projection of points (k, 3) in the robot's frame: pixels (k, 2) and depths (k,) in meters.
 
     Pixels are NaN for points behind the camera or nearer than `MIN_DEPTH`.
     """
@@ -60,7 +60,7 @@ def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArra
 def move_pixels(
     camera: Camera, pose: tuple[FloatArray, FloatArray], xy: Float32Array, depth: FloatArray
 ) -> Float32Array:
-    """(k, 2) pixels after a motion of the camera of pixels (k, 2) at depths (k,) in metres.
+    """(k, 2) pixels after a motion of the camera of pixels (k, 2) at depths (k,) in meters.
 
     Unknown depths, NaN, count as infinite; where a point is behind the camera its pixel stays.
     """
@@ -76,12 +76,9 @@ def is_inside(
     camera: Camera, xy: FloatArray | Float32Array, border: float | FloatArray = 0.0
 ) -> BoolArray:
     """(k,) whether pixels (k, 2) are in the image, at least `border` from its edge; NaN are not."""
-    return np.asarray(
-        (xy[:, 0] >= border)
-        & (xy[:, 0] <= camera.width - 1 - border)
-        & (xy[:, 1] >= border)
-        & (xy[:, 1] <= camera.height - 1 - border)
-    )
+    x, y = xy.T
+    inside = (x >= border) & (x <= camera.width - 1 - border)
+    return np.asarray(inside & (y >= border) & (y <= camera.height - 1 - border))
 
 
 def range_bearing(
@@ -92,16 +89,10 @@ def range_bearing(
     config: VisualConfig,
     tilt: float,
 ) -> RangeBearings:
-    """Observations of k points of known depth, with first-order covariances.
+    """Observations of pixels (k, 2) of known depth (k,), with first-order covariances.
 
-    Args:
-        camera: the calibration.
-        xy: (k, 2) pixels.
-        depth: (k,) metres along the optical axis.
-        depth_sigma: (k,) metres.
-        config: standard deviation of a pixel.
-        tilt: standard deviation of roll and pitch in radians, which displace points above and
-            below the camera.
+    `tilt` is the standard deviation of roll and pitch in radians, which displace points above and
+    below the camera.
     """
     points = from_pixels(camera, xy, depth)
     x, y, above = points[:, 0], points[:, 1], points[:, 2] - camera.position[2]

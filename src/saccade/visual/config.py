@@ -52,7 +52,7 @@ class VisualConfig(Settings):
     min_spacing: float = setting(12.0, above=0, maximum=1e6)
     """Pixels between tracked points."""
     range_limits: tuple[float, float] = setting((0.3, 100.0), 0)
-    """Least and greatest range of a landmark when it is initialized, in metres."""
+    """Least and greatest range of a landmark when it is initialized, in meters."""
     relative_range_sigma: float = setting(0.15, above=0, maximum=1)
     """Largest standard deviation of a range that is used, as a fraction of the range."""
     pixel_sigma: float = setting(0.5, 1e-9, 1e6)
@@ -61,15 +61,17 @@ class VisualConfig(Settings):
     """Standard deviation of a disparity, in pixels."""
     relative_depth_sigma: float = setting(0.02, 1e-9, 1e6)
     """Standard deviation of a depth image, as a fraction of the depth."""
-    shared_error_sigma: tuple[float, float] = setting((0.01, 0.1), 0)
-    """Standard deviations of the error that all observations of a frame share, as a fraction of
-    the range and in degrees of bearing: pitch, roll, calibration and clock."""
+    shared_range_sigma: float = setting(0.01, 0)
+    """Standard deviation of the range error that all observations of a frame share, as a fraction
+    of the range: pitch, roll and calibration."""
+    shared_bearing_sigma_deg: float = setting(0.1, 0)
+    """Standard deviation of the bearing error that they share, in degrees: calibration, clock."""
     correlation_time: float = setting(0.4, 1e-9, 1e6)
     """Seconds in which the correlation of motion errors falls to 1 / e."""
     relative_motion_sigma: tuple[float, float] = setting((0.003, 0.003), 0)
     """Standard deviations of errors of distance and turn, as fractions of them, constant over 10 m
     and 90 degrees, besides those constant over the drive (see `CalibrationDrift`)."""
-    tilt_sigma: float = setting(0.5, 0, 45)
+    tilt_sigma_deg: float = setting(0.5, 0, 45)
     """Least standard deviation of the camera's pitch and roll, in degrees: the map is flat, and
     tilt displaces what is above or below the camera."""
     relative_height_sigma: float = setting(0.015, 1e-9, 1e6)

@@ -10,14 +10,12 @@ from saccade.errors import DriveError, ImageError
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import Float32Array, FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.optical_flow import (
-    ByteArray,
-    PreparedFrame,
-    track_disparities,
-)
+from saccade.visual.optical_flow import ByteArray, PreparedFrame, track_disparities
 
-BLOCK_SIZE, DISPARITY_STEP = 15, 16
-"""Block matching: side of a block in pixels, and the divisor of the number of disparities."""
+BLOCK_SIZE = 15
+"""Side of a block of block matching, in pixels."""
+DISPARITY_STEP = 16
+"""Divisor of the number of disparities of block matching."""
 MAX_RELATIVE_DISPARITY = 0.25
 """Largest disparity of block matching, as a fraction of the image's width."""
 
@@ -54,17 +52,10 @@ def measure_depth(
     config: VisualConfig,
     previous: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Depths at pixels (k, 2), in metres along the optical axis, and their standard deviations.
+    """Depths at pixels (k, 2), in meters along the optical axis, and their standard deviations.
 
-    Both are (k,), NaN where they are not measured.
-
-    Args:
-        camera: the calibration.
-        prepared: the frame.
-        xy: (k, 2) pixels.
-        config: the range limits, which bound the disparity.
-        previous: (k,) depths in the frame before, which initialize the disparities; None
-            initializes them by block matching.
+    Both are (k,), NaN where they are not measured. Disparities begin at those of the `previous`
+    depths (k,) of the frame before, or by block matching within the range limits.
     """
     if prepared.frame.depth is not None:
         values = _sample(prepared.frame.depth, xy)
@@ -86,12 +77,12 @@ def measure_depth(
 
 
 def depth_of(camera: Camera, disparity: FloatArray) -> FloatArray:
-    """(k,) metres along the optical axis of disparities (k,) in pixels; NaN unless positive."""
+    """(k,) meters along the optical axis of disparities (k,) in pixels; NaN unless positive."""
     return np.asarray(camera.fx * camera.baseline / np.where(disparity > 0, disparity, np.nan))
 
 
 def depth_sigma(camera: Camera, depth: FloatArray, config: VisualConfig) -> FloatArray:
-    """(k,) standard deviations of measured depths (k,), in metres."""
+    """(k,) standard deviations of measured depths (k,), in meters."""
     if camera.baseline > 0:
         return np.asarray(depth**2 * config.disparity_sigma / (camera.fx * camera.baseline))
     return config.relative_depth_sigma * depth

@@ -18,23 +18,27 @@ MIN_DEPTH_RATIO = 0.05
 MAX_INVERSE_DEPTH = 1.0
 """Upper bound of the estimated inverse depths, in 1 / meters."""
 DEFAULT_DEPTH = 50.0
-"""Linearization point of unknown depths, in metres."""
+"""Linearization point of unknown depths, in meters."""
 MIN_INLIERS = 6
 """Least number of correspondences that agree on a motion."""
 INLIER_SIGMAS = 4.0
 """Standard deviations of the residual within which a correspondence is an inlier."""
-MAX_REPROJECTION_ERROR, MAX_TRIALS = 1.5, 100
-"""RANSAC: reprojection error of an inlier in pixels, and the number of samples."""
+MAX_REPROJECTION_ERROR = 1.5
+"""Largest reprojection error of an inlier of RANSAC, in pixels."""
+MAX_TRIALS = 100
+"""Number of samples of RANSAC."""
 MAX_RELATIVE_SIGMA = 0.5
 """Largest relative standard deviation of an inverse depth that RANSAC uses."""
 OFF_PLANE_SIGMA = (0.05, 0.02, 0.02)
-"""Standard deviations of height in metres, roll and pitch in radians from one frame to the next,
+"""Standard deviations of height in meters, roll and pitch in radians from one frame to the next,
 where the points have no depth."""
 KERNEL_WIDTHS = (16.0, 8.0, 4.0, 2.0)
 """Widths of the robust kernel by iteration, in standard deviations (graduated non-convexity);
 the last one stays, and the last two suffice where RANSAC gave the initial motion."""
-MAX_ITERATIONS, CONVERGED = 12, 1e-6
-"""Of Gauss-Newton; the largest change at which it stops."""
+MAX_ITERATIONS = 12
+"""Largest number of iterations of Gauss-Newton."""
+CONVERGED = 1e-6
+"""Largest change at which it stops."""
 
 
 class Correspondences(NamedTuple):
@@ -58,9 +62,9 @@ class Egomotion(NamedTuple):
     """The motion from one frame to the next, estimated from the images."""
 
     control: FloatArray
-    """(3,) metres ahead and to the left, radians turned, on the ground plane."""
+    """(3,) meters ahead and to the left, radians turned, on the ground plane."""
     off_plane: FloatArray
-    """(3,) change of height in metres, of roll (to the right) and pitch (down) in radians."""
+    """(3,) change of height in meters, of roll (to the right) and pitch (down) in radians."""
     covariance: FloatArray
     """(3, 3) of the control."""
     inliers: BoolArray
@@ -68,7 +72,7 @@ class Egomotion(NamedTuple):
     rotation: FloatArray
     """(3, 3) from the previous camera frame to the current one."""
     translation: FloatArray
-    """(3,) previous camera center in the current camera frame, in metres."""
+    """(3,) previous camera center in the current camera frame, in meters."""
     includes_prior: bool
     """Whether the prior is part of the control: a single camera does not measure its length."""
 
@@ -81,7 +85,7 @@ def correspondences_of(
     current_depth: FloatArray,
     current_depth_sigma: FloatArray,
 ) -> Correspondences:
-    """Correspondences of pixels (k, 2) with depths (k,) in metres, NaN where unknown."""
+    """Correspondences of pixels (k, 2) with depths (k,) in meters, NaN where unknown."""
     known = np.isfinite(depth)
     inverse = 1 / np.where(known, depth, DEFAULT_DEPTH)
     current_inverse = 1 / current_depth
@@ -104,16 +108,9 @@ def estimate_motion(
 ) -> Egomotion | None:
     """Maximum-likelihood motion of k correspondences: RANSAC, then robust Gauss-Newton.
 
-    Args:
-        camera: the calibration.
-        points: k correspondences.
-        pixel_sigma: standard deviation of a pixel, in each axis.
-        prior: the expected control, which becomes part of the estimate; None where measured
-            depths determine the whole motion.
-        before: the camera as it was turned in the first frame; None if as in the second.
-
-    Returns:
-        The motion, or None where too few correspondences agree on one.
+    The `prior`, an expected control, becomes part of the estimate; it is None where measured depths
+    determine the whole motion. `before` is the camera as it was turned in the first frame, by
+    default as in the second. None where too few correspondences agree on a motion.
     """
     if len(points.previous) < MIN_INLIERS:
         return None
@@ -162,13 +159,8 @@ def normal_equations(
     frame (A) and of the inverse depth in the first (s). Its inverse is A^-1 - q g g^T with
     g = A^-1 d, q = s^2 / (1 + s^2 d^T g) (Sherman & Morrison, 1950).
 
-    Args:
-        camera: the calibration.
-        points: k correspondences.
-        pose: the motion about which the residuals are linearized.
-        inverse_depth: (k,) about which they are.
-        pixel_sigma: standard deviation of a pixel, in each axis.
-        kernel_width: width of the robust kernel, in standard deviations.
+    The residuals are linearized about `pose` and inverse depths (k,). The width of the robust
+    kernel is in standard deviations.
 
     Returns:
         Information (6, 6) and gradient (6,) by rotation vector and translation; the normalized
@@ -234,12 +226,8 @@ def perspective_n_point(
 ) -> tuple[FloatArray, FloatArray, int] | None:
     """RANSAC PnP: R (3, 3), t (3,) and the number of inliers; None where it fails.
 
-    Args:
-        camera: the calibration.
-        points: (k, 3) in the first camera frame, in metres.
-        xy: (k, 2) their pixels in the second.
-        method: a `cv2.SolvePnPMethod`, for the final estimate.
-        confidence: probability of an outlier-free sample.
+    The points (k, 3) are in the first camera frame in meters, the pixels (k, 2) in the second.
+    `method` is a `cv2.SolvePnPMethod`, `confidence` the probability of an outlier-free sample.
     """
     solved, rotation, translation, inliers = cv2.solvePnPRansac(
         *(points, xy, intrinsic_matrix(camera), None),

@@ -15,7 +15,7 @@ from saccade.errors import ImageError
 from saccade.frames import Camera, Drive, Frame
 from saccade.keypoints.sift import Sift
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.types import Float32Array, Keypoints
+from saccade.types import Float32Array, Image, Keypoints
 from saccade.visual.camera import is_inside, move_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import depth_of, depth_sigma, measure_depth, measures_depth
@@ -25,12 +25,7 @@ from saccade.visual.egomotion import (
     correspondences_of,
     estimate_motion,
 )
-from saccade.visual.optical_flow import (
-    ByteArray,
-    PreparedFrame,
-    prepare_frame,
-    track_frame,
-)
+from saccade.visual.optical_flow import ByteArray, PreparedFrame, prepare_frame, track_frame
 from saccade.visual.robot_motion import camera_motion
 from saccade.visual.tables import TrackedPoints
 
@@ -64,11 +59,8 @@ class FrameFeatures:
 class FeatureExtractor:
     """Reads the frames of a drive, and detects points in every `detect_interval`-th.
 
-    Args:
-        drive: the frames.
-        config: the settings.
-        read: frames that have been read, by number; each is used once, then dropped.
-        attends: whether to compute the saliency of frames in which points are detected.
+    Frames that have been `read`, by number, are used once, then dropped. With `attends` it computes
+    the saliency of frames in which points are detected.
     """
 
     def __init__(
@@ -98,25 +90,16 @@ class FeatureExtractor:
             frame = self._read.pop(number, None) or self._drive.load(number)
         except ImageError as error:
             frame, remarks = Frame(float(self._drive.time[number])), [str(error)]
-        prepared, detected = prepare_frame(frame, self._drive.camera), None
-        if frame.tracks is not None or number % self._config.detect_interval == 0:
-            detected = self._detect(prepared, number)
-        saliency = self._saliency(prepared, detected)
-        return FrameFeatures(prepared, detected, saliency, remarks)
+        features = FrameFeatures(prepare_frame(frame, self._drive.camera), None, None, remarks)
+        scheduled = number % self._config.detect_interval == 0
+        return self.detect(features, number) if scheduled or frame.tracks is not None else features
 
     def detect(self, features: FrameFeatures, number: int) -> FrameFeatures:
-        """The same frame with points detected in it, though its number does not ask for them."""
-        points = self._detect(features.frame, number)
-        return replace(features, detected=points, saliency=self._saliency(features.frame, points))
-
-    def _saliency(
-        self, prepared: PreparedFrame, detected: TrackedPoints | None
-    ) -> Float32Array | None:
-        """Where the whole image is salient, if points were detected."""
-        image = prepared.frame.image
-        if not self._attends or detected is None or image is None:
-            return None
-        return contrast_saliency(image).saliency
+        """The same frame with points detected in it."""
+        points, image = self._detect(features.frame, number), features.frame.frame.image
+        attends = self._attends and points is not None and image is not None
+        saliency = contrast_saliency(cast("Image", image)).saliency if attends else None
+        return replace(features, detected=points, saliency=saliency)
 
     def _detect(self, prepared: PreparedFrame, number: int) -> TrackedPoints | None:
         """The points of a frame, none of them a landmark yet; None where it is blank."""
@@ -202,15 +185,9 @@ def track(
     prior: MotionEstimate,
     config: VisualConfig,
 ) -> tuple[TrackedPoints, Egomotion | None]:
-    """Track points into a frame, and estimate the egomotion from them.
+    """Track the points of the last frame that was not blank, and estimate the egomotion.
 
-    Args:
-        camera: the calibration, as mounted.
-        previous: the last frame that was not blank.
-        current: the frame.
-        tracked: points of `previous`.
-        prior: the expected control.
-        config: standard deviations of pixels and depths.
+    `camera` is as mounted, `prior` the expected control.
 
     Returns:
         The points in `current` that agree with the motion, with their depths where it measures
@@ -255,11 +232,7 @@ def extend(
 ) -> TrackedPoints:
     """Tracked points, re-identified landmarks in place of those near, and the strongest new ones.
 
-    Args:
-        tracked: points that are tracked already.
-        detected: points of the same frame.
-        reidentified: those of them that are landmarks which were lost.
-        config: number of tracks, and their spacing.
+    `reidentified` are those `detected` in the same frame that are landmarks which were lost.
     """
     radius = config.min_spacing / 2
     others = tracked[~tracked.near(reidentified, radius)]

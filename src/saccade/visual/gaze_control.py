@@ -19,8 +19,10 @@ LEAVING = 0.15
 """Radians from which a turn leaves so many points behind that new ones are detected before it."""
 MAX_ASIDE = radians(30)
 """Pan up to which a camera that measures the motion drifts little more than ahead."""
-WHEELS, CAMERA = (0.05, 0.015), (0.005, 0.002)
-"""Standard deviations of distance and turn after a metre, by what measures the motion."""
+WHEEL_SIGMA = 0.05, 0.015
+"""Standard deviations of distance and turn after a meter by wheels, in meters and radians."""
+CAMERA_SIGMA = 0.005, 0.002
+"""The same by a camera."""
 
 
 class GazeControl:
@@ -60,15 +62,7 @@ class GazeControl:
         tracked: TrackedPoints,
         egomotion: EgomotionSource = "camera",
     ) -> None:
-        """Tell the gazer what a frame shows; decide, and turn the camera if it is time to.
-
-        Args:
-            time: of the frame in seconds.
-            features: the frame, and the points detected in it, if any.
-            visual_map: the map after it.
-            tracked: points tracked in it.
-            egomotion: what measures the motion.
-        """
+        """Tell the gazer what a frame shows; decide, and turn the camera if it is time to."""
         turn = features.frame.frame.turn
         pan_sigma = 0.0 if turn is None else turn.sigma
         gazer = self._gazer = self._gazer or self._make(visual_map, egomotion, pan_sigma)
@@ -103,6 +97,6 @@ class GazeControl:
             period=self._interval,
             policy=self._policy,
             seed=self._seed,
-            odometry=WHEELS if egomotion == "wheels" else CAMERA,
+            odometry=WHEEL_SIGMA if egomotion == "wheels" else CAMERA_SIGMA,
             pan_sigma=pan_sigma,
         )

@@ -21,16 +21,26 @@ from saccade.visual.robot_motion import CameraPose
 
 ShortArray: TypeAlias = npt.NDArray[np.int16]
 
-NEAR, FAR, HALF_WIDTH = 6.0, 16.0, 1.3
-"""Region of the ground that is sampled: metres in front of the camera, and to each side."""
-ROW_STEP, COLUMN_STEP = 3, 4
-"""Pixels between samples."""
-BLUR_SIGMA, BLUR_SIZE = 1.5, (7, 7)
-"""Standard deviation of the Gaussian filter, in pixels, and the size of its window."""
+NEAR = 6.0
+"""Meters in front of the camera from which the ground is sampled."""
+FAR = 16.0
+"""Meters in front of the camera up to which it is."""
+HALF_WIDTH = 1.3
+"""Meters to each side up to which it is."""
+ROW_STEP = 3
+"""Rows between samples."""
+COLUMN_STEP = 4
+"""Columns between samples."""
+BLUR_SIGMA = 1.5
+"""Standard deviation of the Gaussian filter, in pixels."""
+BLUR_SIZE = 7, 7
+"""Size of its window."""
 TILT_SIGMA = np.radians((0.7, 1.0))
 """Standard deviations of the ground's pitch and roll relative to the robot."""
-PREVIOUS_MARGIN, CURRENT_MARGIN = 8, 128
-"""Pixels around the samples that are cut out of the two images."""
+PREVIOUS_MARGIN = 8
+"""Pixels around the samples that are cut out of the previous image."""
+CURRENT_MARGIN = 128
+"""Pixels around the samples that are cut out of the next image."""
 MIN_VISIBLE = 0.3
 """Fraction of the samples that must be inside the next image."""
 NOISE_CORRELATION = 7.0
@@ -38,8 +48,10 @@ NOISE_CORRELATION = 7.0
 of the ground from the plane."""
 MIN_DISTANCE = 0.3
 """Least length of a translation, in camera heights."""
-MAX_ITERATIONS, CONVERGED = 15, 1e-3
-"""Of Gauss-Newton; the relative change of the distance at which it stops."""
+MAX_ITERATIONS = 15
+"""Largest number of iterations of Gauss-Newton."""
+CONVERGED = 1e-3
+"""Relative change of the distance at which it stops."""
 DISTANCE_NOISE = 0.04
 """Standard deviation of a measured distance, as a fraction of it."""
 
@@ -74,7 +86,7 @@ class GroundTracker:
         """(m, 3) rays of the sampled pixels in the camera's frame."""
 
     def distance(self, previous: ByteArray, current: ByteArray, motion: Egomotion) -> float | None:
-        """Length of the camera's translation between two gray images (H, W), in metres.
+        """Length of the camera's translation between two gray images (H, W), in meters.
 
         Distance, tilt of the plane, gain and offset of the intensity minimize the photometric
         error of the ground (robust Gauss-Newton), for the rotation and the direction of a motion.
@@ -142,15 +154,10 @@ class GroundTracker:
 def warp_ground(
     camera: Camera, rays: FloatArray, pose: CameraPose, plane: FloatArray, image: ImageGradients
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Sample the next image at m points of the ground plane.
+    """Sample the next image at m points of the ground plane, rays (m, 3) of the previous camera.
 
-    Args:
-        camera: the calibration of the next image.
-        rays: (m, 3) of the points in the previous camera frame.
-        pose: of the camera, with lengths in camera heights.
-        plane: (3, 3) normal of the plane, of length 1 where it has no tilt, and `distance` times
-            its derivatives by the two tilts.
-        image: the next image (h, w) and its gradients.
+    Lengths of the pose are in camera heights. The rows of `plane` (3, 3) are its normal, of length
+    1 where it has no tilt, and `distance` times its derivatives by the two tilts.
 
     Returns:
         For the n points inside the image: (n,) intensities, (n, 3) their derivatives by distance

@@ -13,6 +13,7 @@ from math import dist, log, nan
 import cv2
 import numpy as np
 
+from saccade.slam.consistency import normalized_squared
 from saccade.slam.kidnapping import KidnappingDetector
 from saccade.types import Float32Array, FloatArray
 from saccade.visual.egomotion import MotionEstimate
@@ -127,18 +128,10 @@ class ImageEvidence:
         points: int,
         inliers: int,
     ) -> bool:
-        """Add the evidence of the motion to a frame.
+        """Add the evidence of the motion to a frame, by odometry and by the camera, if any.
 
-        Args:
-            frame: the frame.
-            odometry: control (3,) since the last frame, and its covariance (3, 3).
-            motion: the same by the camera; None where it found none.
-            seconds: since the last frame.
-            points: number of points that were tracked in the last frame.
-            inliers: number of them that agree on the motion.
-
-        Returns:
-            Whether the frame continues the last one that was not blank.
+        `inliers` of the number of `points` that were tracked in the last frame agree on it. Returns
+        whether the frame continues the last one that was not blank.
         """
         self.travel += _travel(odometry[0])
         deviation = self._deviation(frame)
@@ -177,10 +170,7 @@ class ImageEvidence:
     def add_landmarks(self, expected: int, found: int, elsewhere: int) -> None:
         """Add the evidence of the lost landmarks in a frame in which points are detected.
 
-        Args:
-            expected: number of them that are expected in view.
-            found: that are re-identified.
-            elsewhere: that agree on another pose than the believed one.
+        Of those `expected` in view so many are `found`; `elsewhere` agree on another pose.
         """
         if found >= MIN_FOUND and found > elsewhere:
             self.detector.reset()
@@ -252,8 +242,8 @@ def _travel(control: FloatArray) -> float:
 
 def _nis(first: MotionEstimate, second: MotionEstimate) -> float:
     """Normalized squared difference of two controls (3,) with covariances (3, 3)."""
-    v = first[0] - second[0]
-    return float(v @ np.linalg.solve(first[1] + second[1] + 1e-9 * np.eye(3), v))
+    total = first[1] + second[1] + 1e-9 * np.eye(3)
+    return float(normalized_squared(first[0] - second[0], total))
 
 
 def _difference(first: Float32Array, second: Float32Array) -> float:

@@ -35,13 +35,13 @@ class MotionEstimator:
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         self._drive, self._config = drive, config
-        _, turn_per_metre, _ = drive.odometry_bias
+        _, turn_per_meter, _ = drive.odometry_bias
         seconds = float(drive.time[-1] - drive.time[0])
         distance = float(np.hypot(*drive.control[:, :2].T).sum())
         mean_speed = distance / seconds if seconds > 0 else 0.0
-        turn_sigma = float(np.hypot(MIN_TURN_BIAS_SIGMA, turn_per_metre * mean_speed))
+        turn_sigma = float(np.hypot(MIN_TURN_BIAS_SIGMA, turn_per_meter * mean_speed))
         self.errors = OdometryErrors(*self._scale_sigmas(), turn_sigma)
-        self.planarity = Planarity(float(np.radians(config.tilt_sigma)))
+        self.planarity = Planarity(float(np.radians(config.tilt_sigma_deg)))
         self.cameras = drive.camera, drive.camera
         """As turned in the last frame and in this one."""
         self._turn_sigma = 0.0
@@ -98,11 +98,8 @@ class MotionEstimator:
     ) -> tuple[MotionEstimate, Egomotion | None]:
         """Join what is known of the last step: here, odometry alone.
 
-        Args:
-            expected: result of `predict`, used where there is nothing else.
-            motion: egomotion by the camera, if any.
-            points: of the last frame, and those that were tracked into this one.
-            frames: the two.
+        `expected` is the result of `predict`, `motion` that by the camera, if any. The points are
+        those of the last frame, and those that were tracked into this one.
 
         Returns:
             The control that leads from the estimate of the last pose to that of this one, with its
@@ -139,10 +136,7 @@ class MotionEstimator:
     def update_prior(self, number: int, step: FloatArray, observations: int) -> None:
         """Update the prediction by the step (3,) to a frame, after all updates of the pose.
 
-        Args:
-            number: of the frame.
-            step: to it.
-            observations: number of points that were tracked into it.
+        `observations` is the number of points that were tracked into it.
         """
         covariance = self._drive.control_covariance[number - 1] / (1 + observations) ** 2
         self._prior.update(step, covariance, self._seconds)

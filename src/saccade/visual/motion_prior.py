@@ -11,16 +11,21 @@ from saccade.visual.egomotion import Egomotion, MotionEstimate
 
 FUSION_GATE = 0.9999
 """Probability of the gate within which two estimates of a control are fused."""
-CONSTANT_TURN, CONSTANT_DISTANCE = np.pi / 2, 10.0
-"""Radians and metres over which a calibration error of turn and distance is constant."""
-INTEGRATION_TIME, AVERAGING_TIME = 2.0, 10.0
-"""Seconds over which tilt and height are integrated, before their drift dominates; and over which
-their variances are averaged."""
+CONSTANT_TURN = np.pi / 2
+"""Radians over which a calibration error of the turn is constant."""
+CONSTANT_DISTANCE = 10.0
+"""Meters over which a calibration error of the distance is constant."""
+INTEGRATION_TIME = 2.0
+"""Seconds over which tilt and height are integrated, before their drift dominates."""
+AVERAGING_TIME = 10.0
+"""Seconds over which their variances are averaged."""
 TOTAL_RELATIVE_SIGMA = (0.007, 0.015)
 """`VisualConfig.relative_motion_sigma` with the errors that are constant over the drive, where they
 are not told apart."""
-MAX_TILT_RATIO, MAX_HEIGHT = 3.0, 0.3
-"""Tilt over the assumed one, and standard deviation of the height in metres, that are reported."""
+MAX_TILT_RATIO = 3.0
+"""Tilt over the assumed one from which it is reported."""
+MAX_HEIGHT = 0.3
+"""Standard deviation of the height in meters from which it is reported."""
 
 
 def fuse(first: MotionEstimate, second: MotionEstimate) -> MotionEstimate:

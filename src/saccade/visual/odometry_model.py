@@ -2,21 +2,23 @@
 
 import numpy as np
 
+from saccade.slam.consistency import normalized_squared
 from saccade.types import FloatArray
 from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_prior import CONSTANT_DISTANCE
 
 ODOMETRY_ERRORS = 5
 """Scale of odometry, scale of the camera, turn rate, and two of side-slip."""
-SLIP_ANGLE, SLIP_PER_ACCELERATION = 0.01, 0.006
-"""Standard deviations of the side-slip before the first frame, in radians, on a straight road and
-per m/s^2 of lateral acceleration. By the true poses of KITTI's drives 00 to 09 angles are .003 to
-.015, and .003 to .008 per m/s^2."""
-MAX_OUTAGE, SLIP_SECONDS = 5.0, 1.0
-"""Seconds without camera for which the covariance of odometry allows for errors of the turn rate;
-and over which what remains of the side-slip is constant."""
-
-
+SLIP_ANGLE = 0.01
+"""Standard deviation of the side-slip on a straight road before the first frame, in radians. By the
+true poses of KITTI's drives 00 to 09 it is .003 to .015."""
+SLIP_PER_ACCELERATION = 0.006
+"""Standard deviation of the side-slip per m/s^2 of lateral acceleration before the first frame, in
+radians; .003 to .008 in the same drives."""
+MAX_OUTAGE = 5.0
+"""Seconds without camera for which the covariance allows for errors of odometry's turn rate."""
+SLIP_SECONDS = 1.0
+"""Seconds over which what remains of the side-slip is constant."""
 MAX_NIS = 9.0
 """Normalized innovation squared per dimension (3 sigma) beyond which a measurement is ignored."""
 
@@ -96,7 +98,7 @@ class OdometryErrors:
         Outliers are ignored: the robot may have been lifted, or its wheels may slip.
         """
         S = R + J @ self.covariance @ J.T
-        if innovation @ np.linalg.solve(S, innovation) < MAX_NIS * len(innovation):
+        if normalized_squared(innovation, S) < MAX_NIS * len(innovation):
             weighted = np.linalg.solve(R, J).T
             self.update(weighted @ J, weighted @ innovation)
 
@@ -117,7 +119,7 @@ class OdometryErrors:
 
 
 def slip_lever(control: FloatArray, seconds: float) -> FloatArray:
-    """(2,) derivative of the side-slip of a control in metres by its two errors."""
+    """(2,) derivative of the side-slip of a control in meters by its two errors."""
     length = float(np.hypot(*control[:2]))
     acceleration = length * float(control[2]) / max(seconds, 1e-3) ** 2
     return np.array([length, length * acceleration])

@@ -21,18 +21,22 @@ WINDOW = (15, 15)
 """Size of the window of Lucas-Kanade tracking, in pixels."""
 LEVELS = 4
 """Pyramid levels above the image itself, which bound how far a point may move."""
-LEVELS_OF_GUESS = 1
-"""The same where it is predicted where each point is."""
+GUESS_LEVELS = 1
+"""Pyramid levels where the position of each point is predicted."""
 MAX_FORWARD_BACKWARD_ERROR = 0.5
 """Pixels between a point and where it is after tracking forward and backward."""
 MAX_ROW_OFFSET = 1.0
 """Pixels between the rows of a point in the two images of a rectified rig."""
-MIN_BRIGHTNESS_CHANGE, BRIGHTNESS_BLOCKS = 0.05, (32, 24)
+MIN_BRIGHTNESS_CHANGE = 0.05
 """Relative change of brightness from which an image is rescaled before tracking into it: lamps
-flicker, cameras adapt, and tracking tolerates little more; and the numbers of blocks across and
-down, whose median change it is, so that bright objects at the edge do not count."""
-VIEW_WIDTH, MIN_VIEW_HEIGHT = 40, 12
-"""Pixels of the reduced image by which views are compared."""
+flicker, cameras adapt, and tracking tolerates little more."""
+BRIGHTNESS_BLOCKS = 32, 24
+"""Numbers of blocks across and down whose median change of brightness counts, so that bright
+objects at the edge do not."""
+VIEW_WIDTH = 40
+"""Width in pixels of the reduced image by which views are compared."""
+MIN_VIEW_HEIGHT = 12
+"""Least height in pixels of that image."""
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
 
 
@@ -115,34 +119,27 @@ def track_points(
     guess: Float32Array | None = None,
     levels: int = LEVELS,
 ) -> tuple[Float32Array, BoolArray]:
-    """Lucas-Kanade tracking with a forward-backward check.
+    """Lucas-Kanade tracking with a forward-backward check (Lucas & Kanade, 1981).
 
-    Args:
-        previous: (H, W) gray levels of the first image.
-        current: of the second.
-        xy: (k, 2) pixels in the first.
-        guess: (k, 2) initial pixels in the second; by default those in the first.
-        levels: of the pyramid above the images: fewer trust the guess more.
+    From the first image (H, W) to the second, of pixels (k, 2); it begins at `guess` (k, 2), by
+    default at the same pixels. `levels` of the pyramid are above the images: fewer trust the guess
+    more.
 
     Returns:
         (k, 2) pixels in the second, and (k,) whether each point was found.
-
-    Source: Lucas & Kanade (1981).
     """
     if len(xy) == 0:
         return xy.copy(), np.zeros(0, np.bool_)
     start = np.ascontiguousarray(xy if guess is None else guess, np.float32)
-    origin = np.ascontiguousarray(xy, np.float32)
-    nothing = np.zeros((0, 1), np.uint8)
-    flag = cv2.OPTFLOW_USE_INITIAL_FLOW
-    tracked, found, _ = cv2.calcOpticalFlowPyrLK(
-        previous, current, origin, start.copy(), nothing, nothing, WINDOW, levels, CRITERIA, flag
-    )
-    returned, found_back, _ = cv2.calcOpticalFlowPyrLK(
-        current, previous, tracked, origin.copy(), nothing, nothing, WINDOW, 1, CRITERIA, flag
+    origin, nothing = np.ascontiguousarray(xy, np.float32), np.zeros((0, 1), np.uint8)
+    settings = nothing, nothing, WINDOW, levels, CRITERIA, cv2.OPTFLOW_USE_INITIAL_FLOW
+    tracked, found, _ = cv2.calcOpticalFlowPyrLK(previous, current, origin, start.copy(), *settings)
+    settings = nothing, nothing, WINDOW, 1, CRITERIA, cv2.OPTFLOW_USE_INITIAL_FLOW
+    returned, back, _ = cv2.calcOpticalFlowPyrLK(
+        current, previous, tracked, origin.copy(), *settings
     )
     error = np.hypot(*(returned - origin).T)
-    ok = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (error < MAX_FORWARD_BACKWARD_ERROR)
+    ok = (found[:, 0] > 0) & (back[:, 0] > 0) & (error < MAX_FORWARD_BACKWARD_ERROR)
     return np.asarray(tracked, np.float32), np.asarray(ok)
 
 
@@ -152,37 +149,16 @@ def track_frame(
     xy: Float32Array,
     guess: Float32Array | None = None,
 ) -> tuple[Float32Array, BoolArray]:
-    """Track pixels from one frame to the next.
-
-    Args:
-        previous: a frame with an image.
-        current: another.
-        xy: (k, 2) pixels in the first.
-        guess: (k, 2) where they are expected in the second; by default where they are in the first.
-
-    Returns:
-        (k, 2) pixels in the second, and (k,) whether each point was found.
-    """
-    gain = brightness_gain(current, previous)
+    """`track_points` from one frame with an image to the next, made as bright as the first."""
     assert previous.left is not None
     assert current.left is not None
-    levels = LEVELS if guess is None else LEVELS_OF_GUESS
-    return track_points(previous.left, brightened(current.left, gain), xy, guess, levels)
-
-
-def brightness_gain(frame: PreparedFrame, reference: PreparedFrame) -> float:
-    """By how much a frame is to be brighter to be as bright as a reference; both have an image."""
-    blocks, wanted = frame.brightness, reference.brightness
-    assert blocks is not None
-    assert wanted is not None
-    return float(np.median((wanted + 1) / (blocks + 1)))
-
-
-def brightened(image: ByteArray, gain: float) -> ByteArray:
-    """An image (h, w) times a gain, if that differs much from 1."""
-    if abs(gain - 1) < MIN_BRIGHTNESS_CHANGE:
-        return image
-    return np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8)
+    assert previous.brightness is not None
+    assert current.brightness is not None
+    image = current.left
+    gain = float(np.median((previous.brightness + 1) / (current.brightness + 1)))
+    if abs(gain - 1) >= MIN_BRIGHTNESS_CHANGE:
+        image = np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8)
+    return track_points(previous.left, image, xy, guess, LEVELS if guess is None else GUESS_LEVELS)
 
 
 def track_disparities(

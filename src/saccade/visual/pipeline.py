@@ -89,14 +89,9 @@ def run(
 
 
 class Pipeline:
-    """Visual SLAM over the frames of a drive.
+    """Visual SLAM over the frames of a drive, whose camera a gaze may turn after each.
 
     A context manager: the thread that reads the next frames and detects their points ends with it.
-
-    Args:
-        drive: frames and odometry.
-        config: the settings.
-        gaze: turns the camera after each frame.
     """
 
     def __init__(self, drive: Drive, config: VisualConfig, gaze: GazeControl | None = None) -> None:

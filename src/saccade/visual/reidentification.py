@@ -16,9 +16,13 @@ from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
-HEIGHT_TOLERANCE, POSITION_TOLERANCE, BEARING_TOLERANCE = 0.15, 0.05, 0.02
-"""Difference between observation and map, in metres plus the same fraction of the range: of the
-height, which includes pitch; of the position; and of the position by its bearing alone."""
+HEIGHT_TOLERANCE = 0.15
+"""Largest difference of the height between observation and map, which includes pitch, in meters
+plus the same fraction of the range."""
+POSITION_TOLERANCE = 0.05
+"""Largest difference of the position, in meters plus the same fraction of the range."""
+BEARING_TOLERANCE = 0.02
+"""The same for a position by its bearing alone."""
 REMATCH_RADIUS = 4.0
 """Pixels within which a tracked point is re-matched."""
 MIN_CONSISTENT = 4
@@ -91,7 +95,7 @@ def descriptor_matches(points: Keypoints, descriptors: ByteArray, ratio: float) 
 
 
 def has_same_height(observations: RangeBearings, height: FloatArray) -> BoolArray:
-    """(m,) whether observations agree with heights (m,) in metres."""
+    """(m,) whether observations agree with heights (m,) in meters."""
     tolerance = HEIGHT_TOLERANCE * observations.z[:, 0] + HEIGHT_TOLERANCE
     return np.asarray(np.abs(observations.height - height) < tolerance)
 
@@ -113,7 +117,7 @@ def consistent_layout(
 
     Two observations z (m, 2) and their landmarks' positions (m, 2) determine a pose; that of most
     inliers is taken (exhaustive RANSAC). Fewer than three cannot be verified, so none passes. The
-    tolerance is in metres plus the same fraction of the range.
+    tolerance is in meters plus the same fraction of the range.
     """
     m = len(z)
     if m < 3:

@@ -53,7 +53,7 @@ class Relocalization:
         self._hypotheses: PoseHypotheses | None = None  # of a frame with detections
         self._blind = 0.0  # seconds without sight and motion
         self._first_doubtful = 0  # id of the first landmark that was initialized with evidence
-        self._extent = 0.0  # metres, of the map of a lost robot
+        self._extent = 0.0  # meters, of the map of a lost robot
 
     @property
     def lost(self) -> bool:
@@ -90,12 +90,7 @@ class Relocalization:
     ) -> bool:
         """Tests the motion to a frame, after the prediction; returns whether the robot is lost.
 
-        Args:
-            frame: the frame.
-            motion: estimated by the camera.
-            seconds: since the last frame.
-            points: number of points tracked in the last frame.
-            previous: (3,) pose at the last frame.
+        `points` is the number of points tracked in the last frame, `previous` (3,) its pose.
         """
         odometry = self._motion.odometry
         measured = None if motion is None else self._motion.measured(odometry, motion)

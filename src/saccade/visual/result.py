@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import accumulate
 
 import numpy as np
 
@@ -51,7 +52,7 @@ class LandmarkObservations(Table):
     xy: FloatArray = column(2)
     """(k, 2) pixels."""
     z: FloatArray = column(2)
-    """(k, 2) range in metres, bearing in radians."""
+    """(k, 2) range in meters, bearing in radians."""
     sigma: FloatArray = column(2)
     """(k, 2) standard deviations of `z`."""
     innovation: FloatArray = column(2)
@@ -78,11 +79,11 @@ class VisualResult:
     descriptors: ByteArray
     """(m, 128) descriptors of the landmarks."""
     height: FloatArray
-    """(m,) heights of the landmarks above the robot's origin, in metres."""
+    """(m,) heights of the landmarks above the robot's origin, in meters."""
     observations: LandmarkObservations
     """Every observation of a landmark."""
     off_plane: FloatArray
-    """(n, 3) change of height in metres, roll and pitch in radians since the last frame, by visual
+    """(n, 3) change of height in meters, roll and pitch in radians since the last frame, by visual
     odometry; NaN where it failed."""
     missed: int
     """Times that a lost landmark was expected in view and not re-identified."""
@@ -108,19 +109,15 @@ class RunLog:
     missed: int = 0
     last_visible: int | None = None
     """Number of the last frame that was not blank."""
-    _frame_seconds: list[float] = field(default_factory=list)
-    _pose: list[FloatArray] = field(default_factory=list)
-    _covariance: list[FloatArray] = field(default_factory=list)
-    _lost: list[bool] = field(default_factory=list)
+    _poses: list[tuple[FloatArray, FloatArray, float, bool]] = field(default_factory=list)
     _observations: list[LandmarkObservations] = field(
         default_factory=lambda: [LandmarkObservations()]
     )
 
     def __post_init__(self) -> None:
-        self._visual_pose = [compose(self.drive.start, np.zeros(3))[0]]
-        self._visual_covariance = [np.zeros((3, 3))]
-        self._visual_drift = [np.zeros((3, 3))]
-        self._off_plane = [np.full(3, np.nan)]
+        none = np.zeros((3, 3))
+        # poses by visual odometry, covariances without and by the calibration, motion off the plane
+        self._visual = [(compose(self.drive.start, np.zeros(3))[0], none, none, np.full(3, np.nan))]
 
     def add_observations(
         self,
@@ -154,51 +151,43 @@ class RunLog:
 
         Errors of the calibration add to its covariance what they have done to the pose so far.
         """
-        pose, Fx, Fu = compose(self._visual_pose[-1], step[0])
-        self._visual_pose.append(pose)
-        covariance = Fx @ self._visual_covariance[-1] @ Fx.T + Fu @ step[1] @ Fu.T
-        self._visual_covariance.append(covariance)
-        by_errors = np.zeros((3, 3))
+        last, C, _, _ = self._visual[-1]
+        pose, Fx, Fu = compose(last, step[0])
+        covariance, by_errors = Fx @ C @ Fx.T + Fu @ step[1] @ Fu.T, np.zeros((3, 3))
         if drift is not None:
             by_errors = drift.covariance(float(pose[2]), is_corrected=False)
-        self._visual_drift.append(by_errors)
-        self._off_plane.append(np.full(3, np.nan) if motion is None else motion.off_plane)
+        off_plane = np.full(3, np.nan) if motion is None else motion.off_plane
+        self._visual.append((pose, covariance, by_errors, off_plane))
 
     def add_pose(
         self, pose: FloatArray, covariance: FloatArray, seconds: float, lost: bool
     ) -> None:
         """Log the pose at a frame after all updates, the time the frame took, and if it is lost."""
-        self._lost.append(lost)
-        self._frame_seconds.append(seconds)
-        self._pose.append(pose)
-        self._covariance.append(covariance)
+        self._poses.append((pose, covariance, seconds, lost))
 
     def result(self, visual_map: VisualMap, motion: MotionEstimator) -> VisualResult:
         """The result of the frames so far."""
-        time = self.drive.time[: len(self._pose)]
-        odometry = [self.drive.start]
-        for control in self.drive.control[: len(time) - 1]:
-            odometry.append(compose(odometry[-1], control)[0])
+        n = len(self._poses)
+        time, steps = self.drive.time[:n], self.drive.control[: max(n - 1, 0)]
+        odometry = accumulate(steps, lambda pose, u: compose(pose, u)[0], initial=self.drive.start)
+        pose, covariance, seconds, lost = map(np.array, zip(*self._poses, strict=True))
+        visual, visual_covariance, drift, off_plane = map(np.array, zip(*self._visual, strict=True))
         landmarks, ekf = visual_map.landmarks, visual_map.ekf
         covariances = visual_map.landmark_covariances(motion.scale_sigma)
         more = len(self.remarks) - MAX_REMARKS
         others = [f"{more} more frames could not be used"] if more > 0 else []
         return VisualResult(
-            trajectory=Trajectory(time, np.array(self._pose), np.array(self._covariance)),
-            odometry=Trajectory(time, np.array(odometry)),
-            visual_odometry=Trajectory(
-                time,
-                np.array(self._visual_pose),
-                np.array(self._visual_covariance) + self._visual_drift,
-            ),
+            trajectory=Trajectory(time, pose, covariance),
+            odometry=Trajectory(time, np.array([*odometry])),
+            visual_odometry=Trajectory(time, visual, visual_covariance + drift),
             map=LandmarkMap(landmarks.id, ekf.landmarks, covariances, landmarks.observations),
             descriptors=landmarks.descriptor,
             height=landmarks.height,
             observations=LandmarkObservations.concatenate(self._observations),
-            off_plane=np.array(self._off_plane),
+            off_plane=off_plane,
             missed=self.missed,
-            frame_seconds=np.array(self._frame_seconds),
-            lost=np.array(self._lost, np.bool_),
+            frame_seconds=seconds,
+            lost=lost,
             calibration=motion.drift.report() if motion.drift else None,
             remarks=(*self.remarks[:MAX_REMARKS], *others, *motion.planarity.remarks()),
         )

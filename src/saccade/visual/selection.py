@@ -61,18 +61,10 @@ def select_landmarks(
     config: VisualConfig,
     frame: int,
 ) -> IntArray:
-    """Select new landmarks among tracked points, best first, at their minimum spacing.
+    """Indices (m,) of the k tracked points that become landmarks, best first, at minimum spacing.
 
-    Args:
-        points: k tracked points.
-        observations: of the k points.
-        usable: (k,) whether each has a certain range.
-        saliency: (k,) result of `saliency_at`.
-        config: criterion, spacing and budget.
-        frame: number of the frame, part of the seed of the random order of equal candidates.
-
-    Returns:
-        (m,) indices of the points.
+    (k,) are `usable`, which have a certain range; `saliency` (k,) is that of `saliency_at`. The
+    number of the frame is part of the seed of the random order of equal candidates.
     """
     tracked, free = points.landmarks, np.flatnonzero(usable & ~points.is_landmark)
     free = free[np.random.default_rng((config.seed, frame)).permutation(len(free))]

@@ -139,13 +139,7 @@ class CalibrationDrift:
         self._distance = self._by_offset = 0.0
 
     def add(self, control: FloatArray, by_errors: FloatArray, corrected: FloatArray) -> None:
-        """Add a step.
-
-        Args:
-            control: (3,) of it.
-            by_errors: (3, 3) derivative of the control by the errors.
-            corrected: (3,) errors that were corrected.
-        """
+        """Add a control (3,), with its derivative (3, 3) by the errors; (3,) were corrected."""
         _, Fx, Fu = compose(np.zeros(3), control)
         back, (x, y, turn) = heading_rotation(float(control[2])).T, control
         by_all = np.c_[by_errors, [x, y, -turn], [-y, x, 0.0]]

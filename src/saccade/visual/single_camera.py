@@ -36,10 +36,6 @@ class SingleCameraMotionEstimator(MotionEstimator):
 
     It is predicted by odometry alone: the errors of the last steps would accumulate in its lengths,
     and an accelerating robot would be lagged behind.
-
-    Args:
-        drive: its odometry and camera.
-        config: standard deviations.
     """
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
@@ -122,7 +118,7 @@ class SingleCameraMotionEstimator(MotionEstimator):
         """Leave the prediction to odometry."""
 
     def _with_distance(self, motion: Egomotion, distance: float) -> Egomotion:
-        """Update the scale by a distance over the ground in metres; returns the longer motion."""
+        """Update the scale by a distance over the ground in meters; returns the longer motion."""
         factor = self.errors.factor
         ratio = distance / float(np.linalg.norm(motion.translation))
         self.errors.update_scale(ratio)
@@ -162,7 +158,7 @@ class CameraTrajectory:
     rotation: list[FloatArray] = field(default_factory=lambda: [np.eye(3)])
     """(3, 3) for each frame: points X of the first camera frame become rotation X + translation."""
     translation: list[FloatArray] = field(default_factory=lambda: [np.zeros(3)])
-    """(3,) for each frame, in metres."""
+    """(3,) for each frame, in meters."""
 
     def append(self, rotation: FloatArray, translation: FloatArray) -> None:
         """Add a frame by the motion from the last one, a `CameraPose`."""
@@ -174,14 +170,8 @@ class CameraTrajectory:
     ) -> tuple[FloatArray, FloatArray]:
         """Least-squares depths of k points from the rays of their first and current pixels.
 
-        Args:
-            camera: the calibration.
-            points: k points.
-            pixel_sigma: standard deviation of a pixel, in each axis.
-
-        Returns:
-            (k,) metres along the optical axis in the last frame, and their standard deviations;
-            NaN where the rays do not intersect in front of the camera.
+        (k,) meters along the optical axis in the last frame, and their standard deviations; NaN
+        where the rays do not intersect in front of the camera.
         """
         if len(points) == 0:
             return np.zeros(0), np.zeros(0)

@@ -18,9 +18,9 @@ class TrackedPoints(Table):
     xy: Float32Array = column(2, dtype=np.float32)
     """(k, 2) pixels."""
     depth: FloatArray = column()
-    """(k,) metres along the optical axis, NaN where unknown."""
+    """(k,) meters along the optical axis, NaN where unknown."""
     depth_sigma: FloatArray = column()
-    """(k,) metres."""
+    """(k,) meters."""
     landmark: IntArray = column(dtype=np.int64)
     """(k,) landmark ids, -1 where the point is no landmark."""
     id: IntArray = column(dtype=np.int64)
@@ -79,11 +79,11 @@ class RangeBearings(Table):
     """k observations in the robot's frame."""
 
     z: FloatArray = column(2)
-    """(k, 2) range over the ground in metres, bearing in radians to the left of ahead."""
+    """(k, 2) range over the ground in meters, bearing in radians to the left of ahead."""
     covariance: FloatArray = column(2, 2)
     """(k, 2, 2) of `z`."""
     height: FloatArray = column()
-    """(k,) metres above the robot's origin."""
+    """(k,) meters above the robot's origin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class Landmarks(Table):
     id: IntArray = column(dtype=np.int64)
     """(n,) ascending; never reused."""
     height: FloatArray = column()
-    """(n,) metres above the robot's origin."""
+    """(n,) meters above the robot's origin."""
     descriptor: ByteArray = column(128, dtype=np.uint8)
     """(n, 128) at the first observation."""
     observations: IntArray = column(dtype=np.int64)
@@ -109,6 +109,12 @@ class Landmarks(Table):
             return np.full(len(ids), -1)
         rows = np.searchsorted(self.id, ids).clip(0, len(self) - 1)
         return np.where(self.id[rows] == ids, rows, -1)
+
+    def count(self, rows: IntArray, height: FloatArray, frame: int) -> None:
+        """Count observations of landmarks (k,) in a frame, and average their heights (k,)."""
+        self.observations[rows] += 1
+        self.last_observed[rows] = frame
+        self.height[rows] += (height - self.height[rows]) / self.observations[rows]
 
     def least_useful(self, count: int, tracked: IntArray, frame: int) -> IntArray:
         """Rows (count,), ascending, of the landmarks with the highest miss rate.

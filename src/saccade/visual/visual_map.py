@@ -24,12 +24,8 @@ MIN_RESCALE = 1e-3
 class VisualMap:
     """EKF-SLAM over the landmarks of a drive.
 
-    Args:
-        drive: start, camera and odometry.
-        config: standard deviations and budget.
-        planarity: tilt of the robot.
-        measures_range: whether an observation tells the range of a landmark; that of a single
-            camera is a bearing, since its ranges follow from the motion itself.
+    `measures_range` is whether an observation tells the range of a landmark; that of a single
+    camera is a bearing, since its ranges follow from the motion itself.
     """
 
     def __init__(
@@ -92,9 +88,7 @@ class VisualMap:
     ) -> tuple[RangeBearings, BoolArray]:
         """Observations of k points, and (k,) whether each is usable: its range is certain.
 
-        Args:
-            points: the points.
-            expected: observations of the landmarks that they are, if they are in the map.
+        `expected` are the predicted ones of the landmarks that they are, if they are in the map.
         """
         tilt = self._planarity.tilt
         if expected is None or self.measures_range:
@@ -134,11 +128,7 @@ class VisualMap:
                 R = R * correlation_factor(seconds, self._config)
             ids, z = points.landmark[reidentified], observations.z[reidentified]
             self._observe(ids, z, R[reidentified])
-            landmarks = self.landmarks
-            landmarks.observations[rows] += 1
-            landmarks.last_observed[rows] = number
-            higher = observations.height - landmarks.height[rows]
-            landmarks.height[rows] += higher / landmarks.observations[rows]
+            self.landmarks.count(rows, observations.height, number)
         return innovation, S
 
     def _observe(self, ids: IntArray, z: FloatArray, R: FloatArray) -> None:
@@ -181,15 +171,9 @@ class VisualMap:
 
         Each gets `count` times its variance, so that together they carry the information of one.
         """
-        fraction, bearing = self._shared_error_sigma
+        config = self._config
+        bearing = np.hypot(np.radians(config.shared_bearing_sigma_deg), self._turn_sigma)
         shared = np.zeros_like(observations.covariance)
-        shared[:, 0, 0] = count * np.square(fraction * observations.z[:, 0])
+        shared[:, 0, 0] = count * np.square(config.shared_range_sigma * observations.z[:, 0])
         shared[:, 1, 1] = count * bearing**2
         return observations.covariance + shared
-
-    @property
-    def _shared_error_sigma(self) -> tuple[float, float]:
-        """Of the range, as a fraction of it, and of the bearing, in radians."""
-        fraction, degrees = self._config.shared_error_sigma
-        bearing = float(np.radians(degrees))
-        return fraction, float(np.hypot(bearing, self._turn_sigma)) if self._turn_sigma else bearing

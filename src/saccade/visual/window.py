@@ -27,7 +27,7 @@ OFF_PLANE_ACCELERATION_SIGMA = (0.5, 0.2, 0.2)
 
 
 MAX_INVERSE_DEPTH = 10.0
-"""Upper bound of the estimated inverse depths, in 1 / metres."""
+"""Upper bound of the estimated inverse depths, in 1 / meters."""
 
 
 class SlidingWindow:
