@@ -16,7 +16,7 @@ from saccade.frames import Camera
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.visual.egomotion import MAX_INVERSE_DEPTH, correspondences_of, normal_equations
 from saccade.visual.frontend import Prefetcher
-from saccade.visual.ground_scale import GroundTracker, ImageGradients, warp_ground
+from saccade.visual.ground_scale import GroundTracker, warp_ground
 from saccade.visual.robot_motion import camera_motion
 
 CAMERA = Camera(640, 360, 500, 480, 320, 120, position=np.array([0.2, 0.1, 1.5]))
@@ -96,8 +96,8 @@ def test_the_ground_is_sampled_where_its_plane_is(rng):
     way = np.linalg.norm(t)
     rays = GroundTracker(CAMERA).rays[::10]
     v, u = np.mgrid[:360, :640]
-    ramp = (5 * u + 3 * v).astype(np.int16)
-    images = ImageGradients(ramp, np.full_like(ramp, 8 * 5), np.full_like(ramp, 8 * 3))
+    ramp = 5.0 * u + 3.0 * v
+    images = np.stack([ramp, np.full_like(ramp, 5), np.full_like(ramp, 3)])
     axes = cv2.Rodrigues(rng.normal(0, 0.05, 3))[0][[1, 2, 0]]
 
     def looked_up(found):

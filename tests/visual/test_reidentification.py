@@ -9,8 +9,9 @@ from saccade.evaluation.runs import correct_associations
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.filter.models import PredictedObservations
 from saccade.visual.config import VisualConfig
-from saccade.visual.motion_prior import Planarity
+from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.reidentification import consistent_layout, reidentify
+from saccade.visual.single_camera import SingleCameraMotionEstimator
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
@@ -49,11 +50,11 @@ def test_points_that_are_no_landmarks_hide_none(rng):
         landmark=np.full(6, -1),
         descriptor=rng.integers(0, 256, (6, 128), np.uint8),
     )
-    visual_map = VisualMap(drive, config, Planarity(0.01))
+    visual_map = VisualMap(drive, config, MotionEstimator(drive, config))
     observations, usable = visual_map.observe(points)
     assert usable.all()
     expected = PredictedObservations(observations.z + 1, observations.covariance)
-    single = VisualMap(drive, config, Planarity(0.01), measures_range=False)
+    single = VisualMap(drive, config, SingleCameraMotionEstimator(drive, config))
     for each, added in ((visual_map, 0), (single, 1)):  # whose ranges are those of the map
         ranges = each.observe(points, expected)[0].z[:, 0]
         assert ranges == pytest.approx(observations.z[:, 0] + added)

@@ -203,10 +203,15 @@ def _prior_information(
     camera: Camera, covariance: FloatArray, R: FloatArray, before: Camera | None
 ) -> FloatArray:
     """(6, 6) information of the prior on rotation and translation of the camera."""
+    J = robot_motion(camera, R, np.zeros(3), before).jacobian
+    return np.asarray(J.T @ np.linalg.solve(with_off_plane(covariance), J))
+
+
+def with_off_plane(covariance: FloatArray) -> FloatArray:
+    """(6, 6) covariance of control (3, 3) and off-plane motion."""
     total = np.diag(np.square([0.0, 0.0, 0.0, *OFF_PLANE_SIGMA]))
     total[:3, :3] = covariance + 1e-10 * np.eye(3)
-    J = robot_motion(camera, R, np.zeros(3), before).jacobian
-    return np.asarray(J.T @ np.linalg.solve(total, J))
+    return total
 
 
 def _ransac_motion(camera: Camera, points: Correspondences) -> CameraPose | None:

@@ -27,12 +27,10 @@ from saccade.visual.egomotion import (
 )
 from saccade.visual.optical_flow import ByteArray, PreparedFrame, prepare_frame, track_frame
 from saccade.visual.robot_motion import camera_motion
-from saccade.visual.tables import TrackedPoints
+from saccade.visual.tables import FIRST_ID, TrackedPoints
 
 T = TypeVar("T")
 
-MAX_DETECTIONS = 2**20
-"""More points than are ever detected in a frame: the ids of points are a multiple of it and on."""
 BORDER = 8
 """Pixels at the edge of the image in which no point is tracked."""
 MAX_UPSAMPLED = 320_000
@@ -125,9 +123,8 @@ class FeatureExtractor:
             depth=depth,
             depth_sigma=sigma,
             landmark=np.full(len(points), -1),
-            id=MAX_DETECTIONS * number + np.arange(len(points)),
+            id=FIRST_ID * number + np.arange(len(points)),
             track=track,
-            first_frame=np.full(len(points), number),
             first_xy=points.xy,
             size=points.size,
             response=points.response,

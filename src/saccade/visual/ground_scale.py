@@ -5,11 +5,9 @@ the scale: from the image of the ground follows the translation in camera height
 """
 
 from dataclasses import replace
-from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
 from saccade.frames import Camera
@@ -18,8 +16,6 @@ from saccade.visual.camera import directions
 from saccade.visual.egomotion import Egomotion
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.robot_motion import CameraPose
-
-ShortArray: TypeAlias = npt.NDArray[np.int16]
 
 NEAR = 6.0
 """Meters in front of the camera from which the ground is sampled."""
@@ -56,29 +52,14 @@ DISTANCE_NOISE = 0.04
 """Standard deviation of a measured distance, as a fraction of it."""
 
 
-class ImageGradients(NamedTuple):
-    """An image and its derivatives (Sobel)."""
-
-    intensity: ShortArray
-    """(h, w) gray levels."""
-    dx: ShortArray
-    """(h, w) eight times the derivative along a row."""
-    dy: ShortArray
-    """(h, w) eight times the derivative along a column."""
-
-
-def image_gradients(image: ByteArray) -> ImageGradients:
-    """Gradients of a gray image (h, w)."""
-    dx, dy = (cv2.Sobel(image, cv2.CV_16S, *order, ksize=3) for order in ((1, 0), (0, 1)))
-    return ImageGradients(*(np.asarray(each, np.int16) for each in (image, dx, dy)))
+def with_gradients(image: ByteArray) -> FloatArray:
+    """(3, h, w) a gray image and its derivatives along rows and columns (Sobel), in 1 / pixels."""
+    dx, dy = (cv2.Sobel(image, cv2.CV_64F, *order, ksize=3) / 8 for order in ((1, 0), (0, 1)))
+    return np.stack([image, dx, dy])
 
 
 class GroundTracker:
-    """Measures how far the camera moved over the ground, if the calibration has its height.
-
-    Args:
-        camera: the calibration.
-    """
+    """Measures how far the camera moved over the ground, if the calibration has its height."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera, self._pixels = camera, _ground_samples(camera)
@@ -100,7 +81,7 @@ class GroundTracker:
         intensity = before[self._pixels[:, 1] - top, self._pixels[:, 0] - left].astype(np.float64)
         after, (left, top) = _smoothed_crop(current, self._pixels, CURRENT_MARGIN)
         crop = replace(self._camera, cx=self._camera.cx - left, cy=self._camera.cy - top)
-        state = self._align(intensity, image_gradients(after), crop, motion)
+        state = self._align(intensity, with_gradients(after), crop, motion)
         if state is None or (np.abs(state[1:]) > 1.5 * TILT_SIGMA).any():
             return None
         return float(state[0]) * height
@@ -108,7 +89,7 @@ class GroundTracker:
     def _align(
         self,
         intensity: FloatArray,
-        image: ImageGradients,
+        images: FloatArray,
         camera: Camera,
         motion: Egomotion,
     ) -> FloatArray | None:
@@ -123,7 +104,7 @@ class GroundTracker:
             normal = axes.T @ np.append(1.0, state[1:])
             plane = np.stack([normal, state[0] * axes[1], state[0] * axes[2]])
             pose = motion.rotation, state[0] * direction
-            values, by_plane, inside = warp_ground(camera, self.rays, pose, plane, image)
+            values, by_plane, inside = warp_ground(camera, self.rays, pose, plane, images)
             if len(values) < MIN_VISIBLE * len(intensity):
                 return None
             A = np.column_stack([by_plane, -intensity[inside], np.full(len(values), -1.0)])
@@ -152,12 +133,13 @@ class GroundTracker:
 
 
 def warp_ground(
-    camera: Camera, rays: FloatArray, pose: CameraPose, plane: FloatArray, image: ImageGradients
+    camera: Camera, rays: FloatArray, pose: CameraPose, plane: FloatArray, images: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Sample the next image at m points of the ground plane, rays (m, 3) of the previous camera.
 
-    Lengths of the pose are in camera heights. The rows of `plane` (3, 3) are its normal, of length
-    1 where it has no tilt, and `distance` times its derivatives by the two tilts.
+    `images` are those of `with_gradients`. Lengths of the pose are in camera heights. The rows of
+    `plane` (3, 3) are its normal, of length 1 where it has no tilt, and `distance` times its
+    derivatives by the two tilts.
 
     Returns:
         For the n points inside the image: (n,) intensities, (n, 3) their derivatives by distance
@@ -167,15 +149,15 @@ def warp_ground(
     distance = np.linalg.norm(t)
     by_plane = rays @ plane.T
     moved = rays @ R.T + by_plane[:, :1] * t
-    height, width = image.intensity.shape
+    height, width = images.shape[1:]
     z = np.where(moved[:, 2] > 0, moved[:, 2], np.nan)
     uv = moved[:, :2] / z[:, None]
     x, y = (uv * (camera.fx, camera.fy) + (camera.cx, camera.cy)).T
     inside = (x > 1) & (x < width - 2) & (y > 1) & (y < height - 2)
     at = np.stack([y[inside], x[inside]])
-    values, dx, dy = (map_coordinates(each, at, np.float64, order=1) for each in image)
+    values, dx, dy = (map_coordinates(each, at, np.float64, order=1) for each in images)
     by_shift = (t[:2] - uv[inside] * t[2]) / distance / z[inside, None]
-    slope = (by_shift * (camera.fx, camera.fy) * np.stack([dx, dy], 1)).sum(1) / 8
+    slope = (by_shift * (camera.fx, camera.fy) * np.stack([dx, dy], 1)).sum(1)
     return values, slope[:, None] * by_plane[inside], inside
 
 

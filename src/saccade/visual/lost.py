@@ -8,7 +8,7 @@ drive so far; `KidnappingDetector` adds them up.
 """
 
 from dataclasses import dataclass, field
-from math import dist, log, nan
+from math import dist, isnan, log, nan
 
 import cv2
 import numpy as np
@@ -27,18 +27,12 @@ In undisturbed drives the smaller one to odometry and to the last motion stays b
 of 0.3 m it is over 100."""
 MIN_POINTS = 20
 """Minimum number of tracked points for a failed motion estimate to count as evidence."""
-FIRST_FAILURES = 0.5
-"""Failed motion estimates with which the count begins."""
-FIRST_ATTEMPTS = 100.0
-"""Motion estimates with which the count begins."""
 VIEW_SHIFT = 2
 """Largest shift of two reduced images against each other, in pixels."""
 MIN_TURN = 0.01
 """Turn of the camera between two frames above which their views are not compared, in radians."""
 VIEW_MEMORY = 50.0
 """Number of frames over which the difference of successive views is averaged."""
-FIRST_VIEW_SPREAD = 0.6
-"""Initial standard deviation of the logarithm of that difference."""
 MIN_VIEW_SPREAD = 0.3
 """Least standard deviation of the logarithm of that difference."""
 ORDINARY_VIEW = 1.5
@@ -89,22 +83,20 @@ class ImageEvidence:
     blind: float = 0.0
     """Evidence that blank frames contribute."""
     direction: tuple[float, float] = (0.0, 0.0)
-    """Pan and tilt of the camera in the last frame, in radians."""
-    turned: bool = False
-    """Whether the camera has turned on the robot since the last view."""
+    """Pan and tilt of the camera in that frame, in radians."""
     travel: float = 0.0
     """Meters since that view, by odometry; a turn counts `TURN_RADIUS` times."""
     mean_travel: float = 0.0
     """Mean of the travel of one frame, in meters."""
     difference: float = -2.5
     """Mean of the logarithm of one minus the correlation of successive views."""
-    difference_variance: float = FIRST_VIEW_SPREAD**2
+    difference_variance: float = 0.6**2
     """Variance of that logarithm."""
     views: float = 1.0
     """Number of frames in these means."""
-    failures: float = FIRST_FAILURES
+    failures: float = 0.5
     """Number of frames with enough points in which no motion was found."""
-    attempts: float = FIRST_ATTEMPTS
+    attempts: float = 100.0
     """Number of frames with enough points."""
     without: float = 0.5
     """Fraction of detections without a re-identification."""
@@ -134,13 +126,18 @@ class ImageEvidence:
         whether the frame continues the last one that was not blank.
         """
         self.travel += _travel(odometry[0])
-        deviation = self._deviation(frame)
+        turn = frame.frame.turn
+        direction = (0.0, 0.0) if turn is None else (turn.pan, turn.tilt)
+        difference = self._difference(frame.view, direction)
+        usual = log(max(self.travel / max(self.mean_travel, 1e-6), 1.0))
+        spread = max(self.difference_variance**0.5, MIN_VIEW_SPREAD)
+        deviation = (difference - self.difference - usual) / spread
         contradiction = self._evidence_of_motion(odometry, motion, seconds)
         self.detector.add(contradiction)
         verified = inliers >= max(MIN_POINTS, points / 2)
         continued = contradiction == 0.0 if verified else deviation <= ORDINARY_VIEW
         if verified and continued:
-            self._learn(frame.view)
+            self._learn(difference)
         elif not verified and frame.is_blank and self.is_standing(odometry[0]):
             self.blind += BLIND_EVIDENCE
             self.detector.add(BLIND_EVIDENCE)
@@ -155,7 +152,7 @@ class ImageEvidence:
         if frame.view is not None or motion is not None:
             self.travel = self.blind = 0.0
         if frame.view is not None:
-            self.view, self.turned = frame.view, False
+            self.view, self.direction = frame.view, direction
         return continued
 
     def _discount(self, verified: bool) -> None:
@@ -209,34 +206,30 @@ class ImageEvidence:
         failure = -log(self.failures / self.attempts) if failed and points >= MIN_POINTS else 0.0
         return min(by_view + failure, MAX_EVIDENCE)
 
-    def _learn(self, view: Float32Array | None) -> None:
+    def _learn(self, difference: float) -> None:
         """Learn how far the robot usually moves, and how much successive views differ then."""
         self.views = min(self.views + 1, VIEW_MEMORY)
         self.mean_travel += (self.travel - self.mean_travel) / self.views
-        if view is None or self.view.shape != view.shape or self.turned:
-            return
-        deviation = _difference(self.view, view) - self.difference
-        self.difference += deviation / self.views
-        self.difference_variance += (deviation**2 - self.difference_variance) / VIEW_MEMORY
+        if not isnan(difference):
+            deviation = difference - self.difference
+            self.difference += deviation / self.views
+            self.difference_variance += (deviation**2 - self.difference_variance) / VIEW_MEMORY
 
-    def _deviation(self, frame: PreparedFrame) -> float:
-        """Standard deviations by which the difference of a view from the last exceeds the mean.
+    def _difference(self, view: Float32Array | None, direction: tuple[float, float]) -> float:
+        """Log of one minus the best correlation of a view with the last, one of them shifted.
 
-        NaN where one of them is missing, or the camera has turned between them.
+        NaN where one of them is missing, or the camera has turned on the robot between them.
         """
-        view, turn = frame.view, frame.frame.turn
-        direction = (0.0, 0.0) if turn is None else (turn.pan, turn.tilt)
-        self.turned |= dist(direction, self.direction) > MIN_TURN
-        self.direction = direction
-        if view is None or self.view.shape != view.shape or self.turned:
+        turned = dist(direction, self.direction) > MIN_TURN
+        if view is None or self.view.shape != view.shape or turned:
             return nan
-        usual = log(max(self.travel / max(self.mean_travel, 1e-6), 1.0))
-        spread = max(float(np.sqrt(self.difference_variance)), MIN_VIEW_SPREAD)
-        return (_difference(self.view, view) - self.difference - usual) / spread
+        inner = slice(VIEW_SHIFT, -VIEW_SHIFT)
+        correlation = cv2.matchTemplate(view, self.view[inner, inner], cv2.TM_CCOEFF_NORMED)
+        return log(max(1.0 - float(correlation.max()), 1e-3))
 
 
 def _travel(control: FloatArray) -> float:
-    """Metres of a control (3,); a turn counts `TURN_RADIUS` times."""
+    """Meters of a control (3,); a turn counts `TURN_RADIUS` times."""
     return float(np.hypot(control[0], control[1])) + TURN_RADIUS * abs(float(control[2]))
 
 
@@ -244,10 +237,3 @@ def _nis(first: MotionEstimate, second: MotionEstimate) -> float:
     """Normalized squared difference of two controls (3,) with covariances (3, 3)."""
     total = first[1] + second[1] + 1e-9 * np.eye(3)
     return float(normalized_squared(first[0] - second[0], total))
-
-
-def _difference(first: Float32Array, second: Float32Array) -> float:
-    """Log of one minus the best correlation of two views, one of them shifted."""
-    inner = slice(VIEW_SHIFT, -VIEW_SHIFT)
-    correlation = cv2.matchTemplate(second, first[inner, inner], cv2.TM_CCOEFF_NORMED)
-    return log(max(1.0 - float(correlation.max()), 1e-3))

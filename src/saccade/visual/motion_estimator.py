@@ -26,12 +26,13 @@ MIN_TURN_BIAS_SIGMA = 0.02
 
 
 class MotionEstimator:
-    """The steps of a drive by odometry alone; a camera that measures depth only maps.
+    """The steps of a drive by odometry alone; a camera that measures depth only maps."""
 
-    Args:
-        drive: its odometry, with standard deviations of the errors.
-        config: standard deviations of the other errors.
-    """
+    measures_range = True
+    """Whether the camera measures depth; else the length of a step is odometry's, times a scale,
+    and the ranges of landmarks follow from the motion itself."""
+    drift: CalibrationDrift | None = None
+    """What errors of the calibration have done to the pose; None where they are not known."""
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         self._drive, self._config = drive, config
@@ -44,17 +45,19 @@ class MotionEstimator:
         self.planarity = Planarity(float(np.radians(config.tilt_sigma_deg)))
         self.cameras = drive.camera, drive.camera
         """As turned in the last frame and in this one."""
-        self._turn_sigma = 0.0
+        self.turn_sigma = 0.0
+        """Standard deviation of the camera's pan and tilt in this frame, in radians."""
+        self.seconds = 0.0
+        """Duration of the last step."""
         speed_sigma, turn_rate_sigma = config.acceleration_sigma
         self._prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
         self._declared: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         self._step = self._declared  # without its systematic errors
-        self._seconds = 0.0
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
         """Set how the camera is turned in this frame."""
         self.cameras = self.cameras[1], self._drive.camera.turned(turn)
-        self._turn_sigma = 0.0 if turn is None else turn.sigma
+        self.turn_sigma = 0.0 if turn is None else turn.sigma
 
     def predict(self, number: int) -> MotionEstimate:
         """The control expected to lead to a frame after the first.
@@ -62,13 +65,13 @@ class MotionEstimator:
         Odometry without its systematic errors, fused with the last motion.
         """
         drive, last = self._drive, number - 1
-        self._seconds = float(drive.time[number] - drive.time[last])
+        self.seconds = float(drive.time[number] - drive.time[last])
         control, covariance = drive.control[last], drive.control_covariance[last]
         self._declared = control, covariance
-        if self._turn_sigma:  # of both frames: the camera's turn is compared with odometry's
-            covariance = covariance + np.diag([0.0, 0.0, 2 * self._turn_sigma**2])
-        self._step = self.errors.corrected(control, self._seconds), covariance
-        return self._prior.predict(*self._step, self._seconds)
+        if self.turn_sigma:  # of both frames: the camera's turn is compared with odometry's
+            covariance = covariance + np.diag([0.0, 0.0, 2 * self.turn_sigma**2])
+        self._step = self.errors.corrected(control, self.seconds), covariance
+        return self._prior.predict(*self._step, self.seconds)
 
     @property
     def odometry(self) -> MotionEstimate:
@@ -83,7 +86,7 @@ class MotionEstimator:
         if motion is None:
             return self._with_systematic_errors(expected)
         tilt = self.planarity.tilt
-        return motion.control, camera_error_covariance(motion, self._seconds, self._config, tilt)
+        return motion.control, camera_error_covariance(motion, self.seconds, self._config, tilt)
 
     def refine(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
         """Egomotion by what the points (k,) of two frames tell of its length."""
@@ -121,33 +124,35 @@ class MotionEstimator:
     @property
     def scale(self) -> float:
         """True distances over those of the first steps."""
-        return 1.0
+        return 1.0 if self.measures_range else self.errors.factor
 
     @property
     def scale_sigma(self) -> float:
         """Standard deviation of the scale of the whole map, as a fraction of it."""
-        return 0.0
-
-    @property
-    def drift(self) -> CalibrationDrift | None:
-        """What errors of the calibration have done to the pose; None where they are not known."""
-        return None
+        return 0.0 if self.measures_range else self.errors.scale_sigma
 
     def update_prior(self, number: int, step: FloatArray, observations: int) -> None:
         """Update the prediction by the step (3,) to a frame, after all updates of the pose.
 
-        `observations` is the number of points that were tracked into it.
+        `observations` is the number of points that were tracked into it. Without lengths by the
+        camera the prediction is odometry's: the errors of the last steps would accumulate, and an
+        accelerating robot would be lagged behind.
         """
+        if not self.measures_range:
+            return
         covariance = self._drive.control_covariance[number - 1] / (1 + observations) ** 2
-        self._prior.update(step, covariance, self._seconds)
+        self._prior.update(step, covariance, self.seconds)
 
     def _scale_sigmas(self) -> tuple[float, float]:
         """Of the fractions by which true distances exceed odometry's, and the camera's the true."""
+        if not self.measures_range:
+            return self._drive.odometry_bias[0], self._config.relative_height_sigma
         by_odometry = float(np.hypot(self._drive.odometry_bias[0], MIN_SCALE_SIGMA))
         return by_odometry, self._config.relative_motion_sigma[0]
 
     def _with_systematic_errors(self, step: MotionEstimate) -> MotionEstimate:
-        return step[0], step[1] + self.errors.step_covariance(step[0], self._seconds)
+        has_scale = self.measures_range  # else it is an error of the whole trajectory
+        return step[0], step[1] + self.errors.step_covariance(step[0], self.seconds, has_scale)
 
 
 class StereoMotionEstimator(MotionEstimator):
@@ -156,6 +161,7 @@ class StereoMotionEstimator(MotionEstimator):
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         super().__init__(drive, config)
         self._window = SlidingWindow(drive.camera, config, self.errors)
+        self.drift = self._window.drift
 
     def join(
         self,
@@ -171,11 +177,11 @@ class StereoMotionEstimator(MotionEstimator):
             pose, current = camera_motion(now, expected[0], earlier), TrackedPoints()
         else:
             pose = motion.rotation, motion.translation
-            self.planarity.update(motion.off_plane, self._seconds)
-        slip = np.diag([1.0, correlation_factor(self._seconds, self._config) ** 0.5, 1.0])
+            self.planarity.update(motion.off_plane, self.seconds)
+        slip = np.diag([1.0, correlation_factor(self.seconds, self._config) ** 0.5, 1.0])
         odometry = self._step[0], slip @ self._step[1] @ slip  # side-slip lasts several frames
         control, covariance = self._window.add(
-            *(before, current, pose, odometry, self._seconds, self.cameras)
+            *(before, current, pose, odometry, self.seconds, self.cameras)
         )
         if motion is None:
             return (control, covariance), None
@@ -189,8 +195,3 @@ class StereoMotionEstimator(MotionEstimator):
     def constant_errors(self, pose: FloatArray) -> FloatArray:
         """(3, 3) covariance of a pose (3,) by errors of the calibration."""
         return self._window.drift.covariance(float(pose[2]))
-
-    @property
-    def drift(self) -> CalibrationDrift | None:
-        """What errors of the calibration have done to the pose."""
-        return self._window.drift

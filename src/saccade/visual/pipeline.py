@@ -98,23 +98,19 @@ class Pipeline:
         first = first_frame(drive)
         self.drive, self.config = drive, config
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
-        if config.egomotion != "camera":
-            found = config.egomotion
-            require(has_depth, "egomotion", "camera where depth is not measured", found)
-            self.motion = MotionEstimator(drive, config)
-        else:
-            self.motion = (StereoMotionEstimator if has_depth else SingleCameraMotionEstimator)(
-                drive, config
-            )
-        self.map = VisualMap(drive, config, self.motion.planarity, has_depth)
-        self.relocalization = Relocalization(self.map, self.motion, config)
+        by_camera, found = config.egomotion == "camera", config.egomotion
+        require(has_depth or by_camera, "egomotion", "camera where depth is not measured", found)
+        by_camera_estimator = StereoMotionEstimator if has_depth else SingleCameraMotionEstimator
+        self.motion = (by_camera_estimator if by_camera else MotionEstimator)(drive, config)
+        self.map = VisualMap(drive, config, self.motion)
+        self.relocalization = Relocalization(self.map, config)
         self.tracked = TrackedPoints()
         self.detected: TrackedPoints | None = None
         """The points detected in the last frame; None where none were."""
         self.control: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         """The control that led to the last frame, and its covariance."""
         self.turn: CameraTurn | None = None
-        """Of the camera in the last frame; None where it is as mounted."""
+        """Turn of the camera in the last frame; None where it is as mounted."""
         self.log = RunLog(drive)
         self._extract = FeatureExtractor(drive, config, first, gaze is not None)
         ahead = config.detect_interval if gaze is None else 0
@@ -136,13 +132,9 @@ class Pipeline:
         frame, found = features.frame, False
         self.turn = frame.frame.turn
         self.motion.turn_camera(self.turn)
-        self.map.turn_camera(self.turn)
         if number > 0:
-            before = self.tracked
-            motion = self._move(number, frame)
-            seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            points = len(before)
-            if self.relocalization.add_motion(frame, motion, seconds, points, previous_pose):
+            points, motion = len(self.tracked), self._move(number, frame)
+            if self.relocalization.add_motion(frame, motion, points, previous_pose):
                 self.tracked = self.tracked.without_landmarks()
             features = self._detect_if_few(number, features)
         detected = self.detected = features.detected
@@ -171,7 +163,7 @@ class Pipeline:
             self.map.ekf.pose, self.pose_covariance, seconds, self.relocalization.lost
         )
         if not frame.is_blank:
-            self._previous, self.log.last_visible = frame, number
+            self._previous = frame
         if self._gaze is not None:
             time = float(self.drive.time[number])
             self._gaze.decide(time, features, self.map, self.tracked, self.config.egomotion)
@@ -185,7 +177,7 @@ class Pipeline:
 
     def result(self) -> VisualResult:
         """The result of the frames so far."""
-        return self.log.result(self.map, self.motion)
+        return self.log.result(self.map)
 
     def _detect_if_few(self, number: int, features: FrameFeatures) -> FrameFeatures:
         """Detect points ahead of time where a camera that turns has left most of them behind."""
@@ -212,7 +204,7 @@ class Pipeline:
         self.control, motion = model.join(expected, motion, points, frames)
         self.tracked = model.with_depth(self.tracked)
         self.log.add_motion(measured, motion, model.drift)
-        self.map.rescale(model.scale)
+        self.map.rescale()
         self.map.move(number, self.control)
         return motion
 

@@ -57,7 +57,7 @@ def reidentify(
     same_height = usable & has_same_height(observations, landmarks.height[rows])
     keep = same_height & within_gate(observations, expected, config.gate)
     tolerance, elsewhere = BEARING_TOLERANCE, 0
-    if visual_map.measures_range:  # without, the ranges are those of the believed pose
+    if visual_map.motion.measures_range:  # without, the ranges are those of the believed pose
         tolerance = POSITION_TOLERANCE
         layout = visual_map.ekf.landmarks[rows[same_height]]
         agree = consistent_layout(observations.z[same_height], layout, tolerance)

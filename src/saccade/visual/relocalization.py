@@ -10,7 +10,6 @@ from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion
 from saccade.visual.lost import ImageEvidence
-from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.reidentification import descriptor_matches, has_same_height
 from saccade.visual.tables import TrackedPoints
@@ -36,18 +35,10 @@ UNKNOWN_HEADING = np.pi / 3**0.5
 
 
 class Relocalization:
-    """Whether the robot is lost, and the search for it.
+    """Whether the robot is lost, and the search for it in its map, which meanwhile stays."""
 
-    Args:
-        visual_map: the map, which is kept as it is while the robot is lost.
-        motion: what is known of the steps.
-        config: the settings.
-    """
-
-    def __init__(
-        self, visual_map: VisualMap, motion: MotionEstimator, config: VisualConfig
-    ) -> None:
-        self._map, self._motion, self._config = visual_map, motion, config
+    def __init__(self, visual_map: VisualMap, config: VisualConfig) -> None:
+        self._map, self._motion, self._config = visual_map, visual_map.motion, config
         self._detector = KidnappingDetector(False, config.gate, LIMIT)
         self._evidence = ImageEvidence(self._detector, config.acceleration_sigma)
         self._hypotheses: PoseHypotheses | None = None  # of a frame with detections
@@ -84,7 +75,6 @@ class Relocalization:
         self,
         frame: PreparedFrame,
         motion: Egomotion | None,
-        seconds: float,
         points: int,
         previous: FloatArray,
     ) -> bool:
@@ -92,7 +82,7 @@ class Relocalization:
 
         `points` is the number of points tracked in the last frame, `previous` (3,) its pose.
         """
-        odometry = self._motion.odometry
+        odometry, seconds = self._motion.odometry, self._motion.seconds
         measured = None if motion is None else self._motion.measured(odometry, motion)
         self._mark_landmarks()
         blind = frame.is_blank and self._evidence.is_standing(odometry[0])

@@ -18,7 +18,6 @@ from saccade.types import (
     column,
 )
 from saccade.visual.egomotion import Egomotion, MotionEstimate
-from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.self_calibration import CalibrationDrift, CalibrationReport
 from saccade.visual.tables import RangeBearings, TrackedPoints
@@ -107,8 +106,6 @@ class RunLog:
     drive: Drive
     remarks: list[str] = field(default_factory=list)
     missed: int = 0
-    last_visible: int | None = None
-    """Number of the last frame that was not blank."""
     _poses: list[tuple[FloatArray, FloatArray, float, bool]] = field(default_factory=list)
     _observations: list[LandmarkObservations] = field(
         default_factory=lambda: [LandmarkObservations()]
@@ -165,22 +162,22 @@ class RunLog:
         """Log the pose at a frame after all updates, the time the frame took, and if it is lost."""
         self._poses.append((pose, covariance, seconds, lost))
 
-    def result(self, visual_map: VisualMap, motion: MotionEstimator) -> VisualResult:
+    def result(self, visual_map: VisualMap) -> VisualResult:
         """The result of the frames so far."""
         n = len(self._poses)
         time, steps = self.drive.time[:n], self.drive.control[: max(n - 1, 0)]
         odometry = accumulate(steps, lambda pose, u: compose(pose, u)[0], initial=self.drive.start)
         pose, covariance, seconds, lost = map(np.array, zip(*self._poses, strict=True))
         visual, visual_covariance, drift, off_plane = map(np.array, zip(*self._visual, strict=True))
-        landmarks, ekf = visual_map.landmarks, visual_map.ekf
-        covariances = visual_map.landmark_covariances(motion.scale_sigma)
+        landmarks, motion = visual_map.landmarks, visual_map.motion
+        xy, covariances = visual_map.ekf.landmarks, visual_map.landmark_covariances
         more = len(self.remarks) - MAX_REMARKS
         others = [f"{more} more frames could not be used"] if more > 0 else []
         return VisualResult(
             trajectory=Trajectory(time, pose, covariance),
             odometry=Trajectory(time, np.array([*odometry])),
             visual_odometry=Trajectory(time, visual, visual_covariance + drift),
-            map=LandmarkMap(landmarks.id, ekf.landmarks, covariances, landmarks.observations),
+            map=LandmarkMap(landmarks.id, xy, covariances, landmarks.observations),
             descriptors=landmarks.descriptor,
             height=landmarks.height,
             observations=LandmarkObservations.concatenate(self._observations),

@@ -55,16 +55,11 @@ def mounted_motion(
 def step_motions(
     poses: CameraPose, mount: FloatArray, position: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Motions (n - 1, 6) of the robot between n `CameraPose`s from a common frame.
+    """Motions (n - 1, 6) of the robot between n `CameraPose`s (n, 3, 3), (n, 3) from one frame.
 
-    Args:
-        poses: (n, 3, 3) and (n, 3).
-        mount: (n, 3, 3) rotations of the camera on the robot.
-        position: (3,) of the camera on the robot.
-
-    Returns:
-        Control and off-plane motion of each step, and their derivatives (n - 1, 6, 12) by rotation
-        vector and translation of the pose before and of that after.
+    Each is control and off-plane motion. The camera has rotations `mount` (n, 3, 3) and a position
+    (3,) on the robot. Also returns their derivatives (n - 1, 6, 12) by rotation vector and
+    translation of the pose before and of that after.
     """
     rotation, translation = poses
     R = rotation[1:] @ _transposed(rotation[:-1])

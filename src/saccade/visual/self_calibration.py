@@ -37,9 +37,7 @@ errors of a track are correlated, they reach 8 by chance."""
 class SelfCalibration:
     """Constant errors of a calibration, estimated from all windows so far.
 
-    Args:
-        camera: the calibration.
-        block: number of windows after which the other half of the frames follows.
+    After `block` windows the other half of the frames follows.
     """
 
     def __init__(self, camera: Camera, block: int) -> None:

@@ -32,26 +32,14 @@ LIMITS = (0.2, 5.0)
 
 
 class SingleCameraMotionEstimator(MotionEstimator):
-    """The motion by a single camera, with the lengths of odometry.
+    """The motion by a single camera, with the lengths of odometry."""
 
-    It is predicted by odometry alone: the errors of the last steps would accumulate in its lengths,
-    and an accelerating robot would be lagged behind.
-    """
+    measures_range = False
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         super().__init__(drive, config)
         self._trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
-
-    @property
-    def scale(self) -> float:
-        """True distances over those of odometry."""
-        return self.errors.factor
-
-    @property
-    def scale_sigma(self) -> float:
-        """Standard deviation of the scale of the whole map."""
-        return self.errors.scale_sigma
 
     def constant_errors(self, pose: FloatArray) -> FloatArray:
         """(3, 3) covariance of a pose (3,) by the scale of the whole trajectory."""
@@ -102,7 +90,7 @@ class SingleCameraMotionEstimator(MotionEstimator):
             if distance is not None:
                 motion = self._with_distance(motion, distance)
         self._trajectory.append(motion.rotation, motion.translation)
-        self.planarity.update(motion.off_plane, self._seconds)
+        self.planarity.update(motion.off_plane, self.seconds)
         control = self.measured(expected, motion)
         self._learn_turn(control)
         return control, motion
@@ -113,9 +101,6 @@ class SingleCameraMotionEstimator(MotionEstimator):
             self.cameras[1], points, self._config.pixel_sigma
         )
         return replace(points, depth=depth, depth_sigma=sigma)
-
-    def update_prior(self, number: int, step: FloatArray, observations: int) -> None:
-        """Leave the prediction to odometry."""
 
     def _with_distance(self, motion: Egomotion, distance: float) -> Egomotion:
         """Update the scale by a distance over the ground in meters; returns the longer motion."""
@@ -139,16 +124,9 @@ class SingleCameraMotionEstimator(MotionEstimator):
     def _learn_turn(self, measured: MotionEstimate) -> None:
         """Update the errors of odometry by the turn of a motion, whose length is odometry's."""
         control, covariance = self._step
-        J = self.errors.jacobian(control, self._seconds)[2:]
+        J = self.errors.jacobian(control, self.seconds)[2:]
         innovation, R = (measured[0] - control)[2:], (measured[1] + covariance)[2:, 2:]
         self.errors.update_by(J, innovation, R)
-
-    def _with_systematic_errors(self, step: MotionEstimate) -> MotionEstimate:
-        """Without that of the scale, which is one of the whole trajectory."""
-        return step[0], step[1] + self.errors.step_covariance(step[0], self._seconds, False)
-
-    def _scale_sigmas(self) -> tuple[float, float]:
-        return self._drive.odometry_bias[0], self._config.relative_height_sigma
 
 
 @dataclass

@@ -7,6 +7,8 @@ import numpy as np
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints, Table, column
 from saccade.visual.optical_flow import ByteArray
 
+FIRST_ID = 2**20
+"""More points than are ever detected in a frame."""
 AGE_WEIGHT = 1e-3
 """Weight of a landmark's relative age beside its miss rate: it decides between equal rates."""
 
@@ -24,11 +26,9 @@ class TrackedPoints(Table):
     landmark: IntArray = column(dtype=np.int64)
     """(k,) landmark ids, -1 where the point is no landmark."""
     id: IntArray = column(dtype=np.int64)
-    """(k,) ids of the points, another one for each detection."""
+    """(k,) ids of the points: `FIRST_ID` times the frame of their detection, and on."""
     track: IntArray = column(dtype=np.int64)
     """(k,) track ids of the drive, -1 where it has none."""
-    first_frame: IntArray = column(dtype=np.int64)
-    """(k,) number of the frame in which the point was detected."""
     first_xy: Float32Array = column(2, dtype=np.float32)
     """(k, 2) pixels in that frame."""
     size: Float32Array = column(dtype=np.float32)
@@ -44,6 +44,11 @@ class TrackedPoints(Table):
     """(k,) later frames in which points were detected while it was tracked."""
     rematches: IntArray = column(dtype=np.int64)
     """(k,) those of them in which its descriptor was matched at its tracked position."""
+
+    @property
+    def first_frame(self) -> IntArray:
+        """(k,) number of the frame in which each was detected."""
+        return self.id // FIRST_ID
 
     @property
     def is_landmark(self) -> BoolArray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saccade.frames import CameraTurn, Drive
+from saccade.frames import Camera, Drive
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import PredictedObservations
@@ -13,7 +13,8 @@ from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import MotionEstimate
-from saccade.visual.motion_prior import Planarity, correlation_factor
+from saccade.visual.motion_estimator import MotionEstimator
+from saccade.visual.motion_prior import correlation_factor
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
@@ -22,23 +23,10 @@ MIN_RESCALE = 1e-3
 
 
 class VisualMap:
-    """EKF-SLAM over the landmarks of a drive.
+    """EKF-SLAM over the landmarks of a drive, whose motion tells how the camera is turned."""
 
-    `measures_range` is whether an observation tells the range of a landmark; that of a single
-    camera is a bearing, since its ranges follow from the motion itself.
-    """
-
-    def __init__(
-        self,
-        drive: Drive,
-        config: VisualConfig,
-        planarity: Planarity,
-        measures_range: bool = True,
-    ) -> None:
-        self._drive, self._config, self._planarity = drive, config, planarity
-        self.measures_range = measures_range
-        self.camera = drive.camera
-        self._turn_sigma = 0.0
+    def __init__(self, drive: Drive, config: VisualConfig, motion: MotionEstimator) -> None:
+        self._drive, self._config, self.motion = drive, config, motion
         self._scale = 1.0
         settings = EkfConfig(
             filter="invariant",
@@ -56,10 +44,10 @@ class VisualMap:
         self.next_id = 0
         """Id of the next landmark."""
 
-    def turn_camera(self, turn: CameraTurn | None) -> None:
-        """Set how the camera is turned in the frames from now on."""
-        self.camera = self._drive.camera.turned(turn)
-        self._turn_sigma = 0.0 if turn is None else turn.sigma
+    @property
+    def camera(self) -> Camera:
+        """The camera as it is turned in this frame."""
+        return self.motion.cameras[1]
 
     @property
     def ekf(self) -> EkfSlam:
@@ -70,17 +58,18 @@ class VisualMap:
         """Predict the pose of a frame by a control (3,) with covariance (3, 3)."""
         self.slam.process(Scan(float(self._drive.time[number]), control, *NO_SCAN))
 
-    def rescale(self, scale: float) -> None:
-        """Let the map have a scale, with which it begins as 1."""
-        change = scale / self._scale
+    def rescale(self) -> None:
+        """Let the map have the scale of the motion, with which it begins as 1."""
+        change = self.motion.scale / self._scale
         if abs(change - 1) > MIN_RESCALE:
             self.ekf.rescale(change, self._drive.start[:2])
-            self._scale = scale
+            self._scale = self.motion.scale
 
-    def landmark_covariances(self, scale_sigma: float) -> FloatArray:
-        """(n, 2, 2) of the landmarks, with an uncertainty of the map's scale as a fraction."""
+    @property
+    def landmark_covariances(self) -> FloatArray:
+        """(n, 2, 2) of the landmarks, with the uncertainty of the map's scale."""
         offset = self.ekf.landmarks - self._drive.start[:2]
-        by_scale = scale_sigma**2 * offset[:, :, None] * offset[:, None]
+        by_scale = self.motion.scale_sigma**2 * offset[:, :, None] * offset[:, None]
         return np.asarray(self.ekf.landmark_covariances + by_scale)
 
     def observe(
@@ -90,8 +79,8 @@ class VisualMap:
 
         `expected` are the predicted ones of the landmarks that they are, if they are in the map.
         """
-        tilt = self._planarity.tilt
-        if expected is None or self.measures_range:
+        tilt = self.motion.planarity.tilt
+        if expected is None or self.motion.measures_range:
             return observe(self.camera, points, self._config, tilt)
         bearings = observe_bearings(self.camera, points, expected.z[:, 0], self._config, tilt)
         return bearings, np.ones(len(points), np.bool_)
@@ -122,10 +111,9 @@ class VisualMap:
         innovation[~reidentified], S[~reidentified] = np.nan, np.nan
         rows = self.landmarks.rows(points.landmark)
         if len(rows):
+            # observations of a track share the error of its first one
             R = self._covariance(observations, int(reidentified.sum()))
-            if number > 0:  # observations of a track share the error of its first one
-                seconds = float(self._drive.time[number] - self._drive.time[number - 1])
-                R = R * correlation_factor(seconds, self._config)
+            R *= correlation_factor(self.motion.seconds, self._config)
             ids, z = points.landmark[reidentified], observations.z[reidentified]
             self._observe(ids, z, R[reidentified])
             self.landmarks.count(rows, observations.height, number)
@@ -172,7 +160,7 @@ class VisualMap:
         Each gets `count` times its variance, so that together they carry the information of one.
         """
         config = self._config
-        bearing = np.hypot(np.radians(config.shared_bearing_sigma_deg), self._turn_sigma)
+        bearing = np.hypot(np.radians(config.shared_bearing_sigma_deg), self.motion.turn_sigma)
         shared = np.zeros_like(observations.covariance)
         shared[:, 0, 0] = count * np.square(config.shared_range_sigma * observations.z[:, 0])
         shared[:, 1, 1] = count * bearing**2

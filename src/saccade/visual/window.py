@@ -12,7 +12,7 @@ from saccade.frames import Camera
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import DEFAULT_DEPTH, OFF_PLANE_SIGMA, MotionEstimate
+from saccade.visual.egomotion import DEFAULT_DEPTH, MotionEstimate, with_off_plane
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
 from saccade.visual.robot_motion import CameraPose, step_motions
 from saccade.visual.self_calibration import SIGMA, CalibrationDrift, SelfCalibration
@@ -31,13 +31,7 @@ MAX_INVERSE_DEPTH = 10.0
 
 
 class SlidingWindow:
-    """Bundle adjustment over the last frames.
-
-    Args:
-        camera: the calibration.
-        config: length of the window and standard deviations.
-        odometry: its errors, which the window estimates.
-    """
+    """Bundle adjustment over the last frames, which also estimates the errors of odometry."""
 
     def __init__(self, camera: Camera, config: VisualConfig, odometry: OdometryErrors) -> None:
         self._camera, self._config, self._errors = camera, config, odometry
@@ -117,13 +111,11 @@ class SlidingWindow:
         as that before the first step.
         """
         R, t = motion
-        covariance = np.diag(np.square([0.0, 0.0, 0.0, *OFF_PLANE_SIGMA]))
-        covariance[:3, :3] = odometry[1] + 1e-10 * np.eye(3)
         step = WindowSteps.zeros(
             1,
             control=odometry[0][None],
             by_errors=self._errors.jacobian(odometry[0], seconds)[None],
-            information=np.linalg.inv(covariance)[None],
+            information=np.linalg.inv(with_off_plane(odometry[1]))[None],
             seconds=np.array([seconds]),
         )
         steps, first = self._steps, int(len(self._rotation) == self._config.window)
