@@ -10,7 +10,7 @@ import pytest
 from saccade import datasets, visual
 from saccade.cli.drive import drive_tables
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
-from saccade.errors import ConfigError, DriveError, ImageError
+from saccade.errors import DriveError, ImageError
 from saccade.evaluation.runs import correct_associations, summarize_drive
 from saccade.evaluation.trajectory import score_drive
 from saccade.simulation import DriveConfig, simulate_drive
@@ -196,29 +196,6 @@ def test_a_calibration_of_other_images_is_refused(drive):
         visual.run(replace(drive, camera=camera))
 
 
-def test_settings_outside_their_range_are_refused():
-    with pytest.raises(ConfigError, match="gate: expected above 0 and below 1"):
-        VisualConfig(gate=1.0)
-    with pytest.raises(ConfigError, match="selection: expected 'strength' or"):
-        VisualConfig(selection="best")
-
-
-def test_errors_of_steps_are_those_of_evo(drive, mapped):
-    from evo.core import metrics
-    from evo.core.trajectory import PoseTrajectory3D
-
-    def as_evo(trajectory):
-        x, y, heading = trajectory.pose.T
-        place = np.stack([x, y, np.zeros_like(x)], 1)
-        turn = np.stack([np.cos(heading / 2), 0 * x, 0 * x, np.sin(heading / 2)], 1)
-        return PoseTrajectory3D(place, turn, trajectory.time)
-
-    steps = metrics.RPE(metrics.PoseRelation.translation_part)
-    steps.process_data((as_evo(drive.truth), as_evo(mapped.odometry)))
-    expected = steps.get_statistic(metrics.StatisticsType.rmse)
-    assert score_drive(mapped.odometry, drive.truth).rpe_m == pytest.approx(expected, rel=1e-6)
-
-
 def test_drive_writes_its_files(drive, run, tmp_path):
     datasets.save_drive(tmp_path / "ring", drive.until(9))
     words = ("--out", "made", "--max-landmarks", 25, "--film", "--json")
@@ -243,9 +220,3 @@ def test_there_are_no_errors_of_odometry_where_there_is_none(drive, mapped):
     assert [name for name, *_ in errors.rows] == ["SLAM", "egomotion"]
     assert row["odometry"]["ate_m"] is None
     assert summarize_drive(drive, mapped)["odometry"]["ate_m"] > 0
-
-
-def test_drive_refuses_what_is_no_drive(run, tmp_path):
-    code, _, err = run("drive", tmp_path / "nowhere")
-    assert code == 2
-    assert "nowhere: expected a camera drive, found no such file or folder" in err

@@ -34,6 +34,38 @@ def test_recorded_tracks_close_the_same_loop(drive, tmp_path):
     for result in (by_images, by_tracks):
         assert (result.observations.kind == 2).sum() > 20
 
+    def undescribed(i):
+        frame = loaded.load(i)
+        return replace(frame, tracks=replace(frame.tracks, descriptor=None))
+
+    open_ = visual.run(replace(loaded, load=undescribed))
+    assert (open_.observations.kind == 2).sum() == 0
+    assert len(by_tracks.map) < len(open_.map)
+
+
+def test_tracks_are_read_from_a_file_in_any_order(tmp_path):
+    rng = np.random.default_rng(0)
+    frame, track = rng.permutation(np.repeat(np.arange(4), 9)), rng.permutation(36)
+    xy, disparity = rng.uniform(20, 400, (36, 2)), rng.uniform(1, 9, 36)
+    descriptors = rng.integers(0, 255, (36, 128)).astype(np.uint8)
+    order = np.argsort(frame, kind="stable")
+    uvlr = np.column_stack([xy, xy[:, 0] - disparity, xy[:, 1]])
+    np.savez(
+        tmp_path / "stereo_tracks.npz", frame=frame[order], uvlr=uvlr[order],
+        track=track[order], descriptors=descriptors[order],
+    )  # fmt: skip
+    K = np.array([[400, 0, 320], [0, 400, 240], [0, 0, 1.0]])
+    np.savez(tmp_path / "calib.npz", K=K, b=0.3, cam_T_imu=np.eye(4))
+    (tmp_path / "times.txt").write_text("0\n1\n2\n3\n")
+    drive = datasets.load_drive("tracks", tmp_path)
+    for i in range(4):
+        read, expected = drive.load(i).tracks, frame == i
+        order = np.argsort(track[expected])
+        assert sorted(read.id) == sorted(track[expected])
+        now = np.argsort(read.id)
+        np.testing.assert_array_equal(read.descriptor[now], descriptors[expected][order])
+        np.testing.assert_allclose(read.disparity[now], disparity[expected][order])
+
 
 def test_depths_become_disparities(drive):
     def load(number):

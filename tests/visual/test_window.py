@@ -15,11 +15,7 @@ from saccade.visual.robot_motion import camera_motion, step_motions
 from saccade.visual.self_calibration import CalibrationDrift, SelfCalibration
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow
-from saccade.visual.window_equations import (
-    FACTOR_KERNEL_WIDTH,
-    MotionFactors,
-    NormalEquations,
-)
+from saccade.visual.window_equations import FACTOR_KERNEL_WIDTH, NormalEquations, WindowSteps
 
 CAMERA = Camera(1226, 370, 700.0, 700.0, 600.0, 180.0, 0.54, np.array([0.5, 0.0, 1.6]), AHEAD)
 CONTROL = np.array([0.8, 0.0, 0.02])
@@ -214,8 +210,9 @@ def test_factors_are_the_slope_of_a_robust_cost(rng):
     size = 3 + 6 * n + m
     equations = NormalEquations(size)
     motion, slope = step_motions((rotation, translation), mount, CAMERA.position)
-    factors = MotionFactors(odometry, by_errors, weight, seconds, acceleration, before, information)
-    factors.add(motion, slope, np.zeros(m), equations)
+    made = {"control": odometry, "by_errors": by_errors, "information": weight, "seconds": seconds}
+    steps = WindowSteps.zeros(n - 1, **made)
+    steps.add_to(equations, motion, slope, np.zeros(m), acceleration, (before, information))
     H, g = equations.information, equations.gradient
     steps = 1e-6 * np.eye(size - 3)
     numeric = np.array([(cost(step) - cost(-step)) / 2e-6 for step in steps])

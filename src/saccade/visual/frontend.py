@@ -45,12 +45,12 @@ class FrameFeatures:
     """A frame and the points detected in it."""
 
     frame: PreparedFrame
-    detected: TrackedPoints | None
+    detected: TrackedPoints | None = None
     """Points of SIFT; None in the frames between those in which they are detected, and in blank
     ones."""
-    saliency: Float32Array | None
+    saliency: Float32Array | None = None
     """(h, w) contrast of the whole image, where points were detected and a gaze is decided."""
-    remarks: list[str]
+    remarks: tuple[str, ...] = ()
     """Why the frame could not be read, if so."""
 
 
@@ -83,12 +83,12 @@ class FeatureExtractor:
 
     def __call__(self, number: int) -> FrameFeatures:
         """A frame and its points; an empty frame where it cannot be read."""
-        remarks = list[str]()
         try:
             frame = self._read.pop(number, None) or self._drive.load(number)
         except ImageError as error:
-            frame, remarks = Frame(float(self._drive.time[number])), [str(error)]
-        features = FrameFeatures(prepare_frame(frame, self._drive.camera), None, None, remarks)
+            blank = PreparedFrame(Frame(float(self._drive.time[number])))
+            return FrameFeatures(blank, remarks=(str(error),))
+        features = FrameFeatures(prepare_frame(frame, self._drive.camera))
         scheduled = number % self._config.detect_interval == 0
         return self.detect(features, number) if scheduled or frame.tracks is not None else features
 

@@ -87,11 +87,7 @@ class GroundTracker:
         return float(state[0]) * height
 
     def _align(
-        self,
-        intensity: FloatArray,
-        images: FloatArray,
-        camera: Camera,
-        motion: Egomotion,
+        self, intensity: FloatArray, images: FloatArray, camera: Camera, motion: Egomotion
     ) -> FloatArray | None:
         """(3,) distance in camera heights and two tilts in radians; None if not converged."""
         length = float(np.linalg.norm(motion.translation))
@@ -167,14 +163,13 @@ def _ground_samples(camera: Camera) -> IntArray:
     rows = np.arange(camera.height - 4, 0, -ROW_STEP)
     steepness = down[1] * (rows - camera.cy) / camera.fy + down[2]
     depth = camera.position[2] / np.where(steepness > 0, steepness, np.nan)
-    samples = [np.zeros((0, 2), np.int64)]
-    for row, z in zip(rows.tolist(), depth.tolist(), strict=True):
-        if NEAR < z < FAR:
-            half = camera.fx * HALF_WIDTH / z
-            columns = np.arange(camera.cx - half, camera.cx + half, COLUMN_STEP).astype(np.int64)
-            columns = columns[(columns >= 0) & (columns < camera.width)]
-            samples.append(np.stack([columns, np.full(len(columns), row)], 1))
-    return np.concatenate(samples)
+    near = (depth > NEAR) & (depth < FAR)
+    half = camera.fx * HALF_WIDTH / depth[near]
+    steps = COLUMN_STEP * np.arange(camera.width) + 0 * half[:, None]
+    columns = (camera.cx - half[:, None] + steps).astype(np.int64)
+    kept = (steps < 2 * half[:, None]) & (columns >= 0) & (columns < camera.width)
+    pixels = np.stack([columns, np.broadcast_to(rows[near, None], columns.shape)], 2)
+    return np.asarray(pixels[kept], np.int64)
 
 
 def _median(values: FloatArray) -> float:

@@ -1,5 +1,7 @@
 """The motion of the robot from frame to frame: what odometry and the camera say of it, joined."""
 
+from typing import TypeAlias
+
 import numpy as np
 
 from saccade.frames import CameraTurn, Drive
@@ -18,6 +20,11 @@ from saccade.visual.robot_motion import camera_motion
 from saccade.visual.self_calibration import CalibrationDrift
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow
+
+PointPair: TypeAlias = tuple[TrackedPoints, TrackedPoints]
+"""Points of the last frame, and those of them that were tracked into this one."""
+Frames: TypeAlias = tuple[PreparedFrame, PreparedFrame]
+"""The last frame that was not blank, and this one."""
 
 MIN_SCALE_SIGMA = 0.02
 """Least standard deviation of odometry's scale where the camera measures distances."""
@@ -96,13 +103,12 @@ class MotionEstimator:
         self,
         expected: MotionEstimate,
         motion: Egomotion | None,
-        points: tuple[TrackedPoints, TrackedPoints],
-        frames: tuple[PreparedFrame, PreparedFrame],
+        points: PointPair,
+        frames: Frames,
     ) -> tuple[MotionEstimate, Egomotion | None]:
         """Join what is known of the last step: here, odometry alone.
 
-        `expected` is the result of `predict`, `motion` that by the camera, if any. The points are
-        those of the last frame, and those that were tracked into this one.
+        `expected` is the result of `predict`, `motion` that by the camera, if any.
 
         Returns:
             The control that leads from the estimate of the last pose to that of this one, with its
@@ -167,8 +173,8 @@ class StereoMotionEstimator(MotionEstimator):
         self,
         expected: MotionEstimate,
         motion: Egomotion | None,
-        points: tuple[TrackedPoints, TrackedPoints],
-        frames: tuple[PreparedFrame, PreparedFrame],
+        points: PointPair,
+        frames: Frames,
     ) -> tuple[MotionEstimate, Egomotion | None]:
         """The last step of the window, which knows the errors of odometry."""
         before, current = points

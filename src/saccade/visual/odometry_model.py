@@ -30,10 +30,8 @@ class OdometryErrors:
     one in proportion to the lateral acceleration. The scale error of the camera is estimated with
     that of odometry, since only their sum is observed.
 
-    Args:
-        scale_sigma: standard deviation of the fraction by which true distances exceed odometry's.
-        camera_sigma: of the fraction by which distances by the camera are too long.
-        turn_sigma: of the turn rate, in rad/s.
+    The standard deviations are of the fractions by which true distances exceed odometry's and those
+    by the camera are too long, and of the turn rate in rad/s.
     """
 
     def __init__(self, scale_sigma: float, camera_sigma: float, turn_sigma: float) -> None:
@@ -85,11 +83,10 @@ class OdometryErrors:
         J, P = self.jacobian(control, seconds), self.covariance
         length = max(float(np.hypot(*control[:2])), 1e-9)
         seconds = max(seconds, 1e-3)
-        steps = CONSTANT_DISTANCE / length, MAX_OUTAGE / seconds, SLIP_SECONDS / seconds
-        parts = slice(0, 1), slice(2, 3), slice(3, 5)
+        steps = has_scale * CONSTANT_DISTANCE / length, MAX_OUTAGE / seconds, SLIP_SECONDS / seconds
         total = np.zeros((3, 3))
-        for n, i in list(zip(steps, parts, strict=True))[0 if has_scale else 1 :]:
-            total += max(n, 1.0) * J[:, i] @ P[i, i] @ J[:, i].T
+        for n, i in zip(steps, (slice(0, 1), slice(2, 3), slice(3, 5)), strict=True):
+            total += max(n, float(n > 0)) * J[:, i] @ P[i, i] @ J[:, i].T
         return total
 
     def update_by(self, J: FloatArray, innovation: FloatArray, R: FloatArray) -> None:

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from saccade.errors import require
-from saccade.frames import CameraTurn, Drive, EndOfDrive, Frame
+from saccade.frames import Drive, EndOfDrive, Frame
 from saccade.plane import steps_between
 from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.snapshots import Recorder
@@ -16,13 +16,7 @@ from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import first_frame, measures_depth
 from saccade.visual.egomotion import Egomotion, MotionEstimate
-from saccade.visual.frontend import (
-    FeatureExtractor,
-    FrameFeatures,
-    Prefetcher,
-    extend,
-    track,
-)
+from saccade.visual.frontend import FeatureExtractor, FrameFeatures, Prefetcher, extend, track
 from saccade.visual.gaze_control import GazeControl
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
 from saccade.visual.motion_prior import TOTAL_RELATIVE_SIGMA
@@ -75,7 +69,7 @@ def run(
             except EndOfDrive:
                 break
             if tracks is not None:
-                tracks.add(pipeline.tracked, pipeline.detected, pipeline.turn)
+                tracks.add(pipeline.tracked, pipeline.features)
             if recorder is not None:
                 tracked = pipeline.tracked.landmarks.landmark
                 recorder.add(
@@ -105,18 +99,16 @@ class Pipeline:
         self.map = VisualMap(drive, config, self.motion)
         self.relocalization = Relocalization(self.map, config)
         self.tracked = TrackedPoints()
-        self.detected: TrackedPoints | None = None
-        """The points detected in the last frame; None where none were."""
+        self.features = FrameFeatures(PreparedFrame(Frame(float(drive.time[0]))))
+        """The last frame, and the points detected in it."""
         self.control: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         """The control that led to the last frame, and its covariance."""
-        self.turn: CameraTurn | None = None
-        """Turn of the camera in the last frame; None where it is as mounted."""
         self.log = RunLog(drive)
         self._extract = FeatureExtractor(drive, config, first, gaze is not None)
         ahead = config.detect_interval if gaze is None else 0
         self._features = Prefetcher(self._extract, len(drive), ahead)
         self._gaze = gaze
-        self._previous = PreparedFrame(Frame(float(drive.time[0])))
+        self._previous = self.features.frame  # the last one that was not blank
 
     def __enter__(self) -> Self:
         return self
@@ -130,20 +122,18 @@ class Pipeline:
         features = self._features(number)
         self.log.remarks.extend(features.remarks)
         frame, found = features.frame, False
-        self.turn = frame.frame.turn
-        self.motion.turn_camera(self.turn)
+        self.motion.turn_camera(frame.frame.turn)
         if number > 0:
             points, motion = len(self.tracked), self._move(number, frame)
             if self.relocalization.add_motion(frame, motion, points, previous_pose):
                 self.tracked = self.tracked.without_landmarks()
             features = self._detect_if_few(number, features)
-        detected = self.detected = features.detected
+        self.features, detected = features, features.detected
         self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
         scheduled = number % self.config.detect_interval == 0
         if detected is not None:
-            reidentified, described = TrackedPoints(), detected
-            if frame.frame.tracks is not None:
-                described = detected[np.flatnonzero(detected.descriptor.any(1))]
+            has_descriptor = np.asarray(detected.descriptor.any(1))
+            reidentified, described = TrackedPoints(), detected[has_descriptor]
             if len(described) and self.relocalization.lost:
                 known = np.isfinite(described.depth).any()
                 found = self.relocalization.search(described if known else self.tracked)
@@ -158,12 +148,9 @@ class Pipeline:
         if number > 0 and not found:
             step = steps_between(np.stack([previous_pose, self.map.ekf.pose]))[0]
             self.motion.update_prior(number, step, len(self.tracked))
-        seconds = perf_counter() - start
-        self.log.add_pose(
-            self.map.ekf.pose, self.pose_covariance, seconds, self.relocalization.lost
-        )
-        if not frame.is_blank:
-            self._previous = frame
+        seconds, lost = perf_counter() - start, self.relocalization.lost
+        self.log.add_pose(self.map.ekf.pose, self.pose_covariance, seconds, lost)
+        self._previous = self._previous if frame.is_blank else frame
         if self._gaze is not None:
             time = float(self.drive.time[number])
             self._gaze.decide(time, features, self.map, self.tracked, self.config.egomotion)
@@ -181,7 +168,7 @@ class Pipeline:
 
     def _detect_if_few(self, number: int, features: FrameFeatures) -> FrameFeatures:
         """Detect points ahead of time where a camera that turns has left most of them behind."""
-        if features.detected is not None or self.turn is None:
+        if features.detected is not None or features.frame.frame.turn is None:
             return features
         before, now = (camera.rotation[:, 2] for camera in self.motion.cameras)
         turned = np.linalg.norm(now - before) > MIN_TURN
@@ -225,16 +212,14 @@ class Pipeline:
             self.tracked = count_rematches(self.tracked, detected, config.ratio)
         detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
         found = reidentify(detected, self.map, self.tracked, config)
-        count = len(found.rows)
-        expected = count + len(found.missed)
-        landmark = landmarks.id[found.rows]
-        if self.relocalization.add_landmarks(expected, count, found.elsewhere):
+        count, landmark = len(found.rows), landmarks.id[found.rows]
+        if self.relocalization.add_landmarks(len(found.missed) + count, count, found.elsewhere):
             self.tracked = self.tracked.without_landmarks()
             return TrackedPoints()
         landmarks.missed[found.missed] += 1
         self.log.missed += len(found.missed)
-        flags = np.ones(count, np.bool_)
-        return replace(detected[found.points], landmark=landmark, reidentified=flags)
+        reidentified = np.ones(count, np.bool_)
+        return replace(detected[found.points], landmark=landmark, reidentified=reidentified)
 
     def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
         """(m,) indices of the tracked points that become landmarks."""

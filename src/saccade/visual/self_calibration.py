@@ -1,13 +1,11 @@
 """Self-calibration: errors of the camera's calibration that the points themselves reveal.
 
-Over a window of frames a point is seen at many places of the image and at many depths; an error of
-the calibration leaves residuals there that no motion explains. The focal length is no part of it:
-over a small window it can hardly be told from the distortion.
+An error of the calibration leaves residuals over a window that no motion explains. The focal length
+is no part of it: over a small window it can hardly be told from the distortion.
 
 Over a few frames the drift of the tracks looks like an offset of all disparities, which changes
-every distance. So it is estimated by two halves of the frames apart, and each is judged by the
-residuals of the other half: it is corrected only if that makes the residuals of frames smaller that
-did not estimate it, and only as far.
+every distance. So it is estimated by two halves of the frames apart, and corrected only as far as
+that makes the residuals of the other half smaller.
 """
 
 from dataclasses import dataclass
@@ -54,42 +52,24 @@ class SelfCalibration:
 
     def correct(self, observed: FloatArray) -> FloatArray:
         """Observations (..., 3) of pixels and inverse depths, without the estimated errors."""
-        return np.asarray(observed + self.jacobian(observed) @ self.error)
-
-    def jacobian(self, observed: FloatArray) -> FloatArray:
-        """(..., 3, 3) derivatives of corrected observations (..., 3) by the parameters."""
-        camera = self._camera
-        center = np.array([camera.cx, camera.cy])
-        offset = observed[..., :2] - center
-        ray = offset / (camera.fx, camera.fy)
-        squared = np.square(ray)
-        J = np.zeros((*observed.shape, len(SIGMA)))
-        J[..., :2, 0] = offset * squared.sum(-1, keepdims=True)
-        if camera.baseline > 0:
-            J[..., 2, 0] = observed[..., 2] * (3 * squared[..., 0] + squared[..., 1])
-            J[..., 2, 1] = ray[..., 0] / (camera.fx * camera.baseline)
-            J[..., 2, 2] = 1 / (camera.fx * camera.baseline)
-        return J
+        return np.asarray(observed + calibration_jacobian(self._camera, observed) @ self.error)
 
     def update(self, information: FloatArray, gradient: FloatArray) -> None:
-        """Add the normal equations (3, 3), (3,) of corrections, about the current estimate."""
-        half = self._count // self._block % 2
+        """Add the normal equations (3, 3), (3,) of corrections, about the current estimate.
+
+        The offset is corrected as far as the other half of the frames confirms it.
+        """
+        half, prior = self._count // self._block % 2, np.diag(1 / np.square(SIGMA))
+        self._count += 1
         self._vector[half] += information @ self.error + gradient
         self._information[half] += information
-        self._count += 1
-        self._estimate()
-
-    def _estimate(self) -> None:
-        """Estimate the errors, the offset as far as the other half of the frames confirms it."""
-        prior = np.diag(1 / np.square(SIGMA))
         information, vector = self._information.sum(0), self._vector.sum(0)
         total = information + prior
         self.covariance = np.linalg.inv(information / TRACK_CORRELATION + prior)
         self.estimate = np.linalg.solve(total, vector)
-        self.error = np.zeros(len(SIGMA))
-        self.error[OFFSET] = self._confirmed() * float(self.estimate[OFFSET])
-        rest = vector[:OFFSET] - total[:OFFSET, OFFSET] * self.error[OFFSET]
-        self.error[:OFFSET] = np.linalg.solve(total[:OFFSET, :OFFSET], rest)
+        offset = self._confirmed() * float(self.estimate[OFFSET])
+        rest = vector[:OFFSET] - total[:OFFSET, OFFSET] * offset
+        self.error = np.append(np.linalg.solve(total[:OFFSET, :OFFSET], rest), offset)
 
     def _confirmed(self) -> float:
         """The fraction of the offset by which held-out residuals gain most; 0 if too little."""
@@ -104,6 +84,20 @@ class SelfCalibration:
         fraction = min(max(slope / max(curvature, 1e-12), 0.0), 1.0)
         gain = fraction * slope - fraction**2 * curvature / 2
         return fraction if gain > MIN_GAIN else 0.0
+
+
+def calibration_jacobian(camera: Camera, observed: FloatArray) -> FloatArray:
+    """(..., 3, 3) derivatives of corrected observations (..., 3) by the errors."""
+    offset = observed[..., :2] - (camera.cx, camera.cy)
+    ray = offset / (camera.fx, camera.fy)
+    squared = np.square(ray)
+    J = np.zeros((*observed.shape, len(SIGMA)))
+    J[..., :2, 0] = offset * squared.sum(-1, keepdims=True)
+    if camera.baseline > 0:
+        J[..., 2, 0] = observed[..., 2] * (3 * squared[..., 0] + squared[..., 1])
+        J[..., 2, 1] = ray[..., 0] / (camera.fx * camera.baseline)
+        J[..., 2, 2] = 1 / (camera.fx * camera.baseline)
+    return J
 
 
 @dataclass(frozen=True)

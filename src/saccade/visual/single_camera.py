@@ -14,8 +14,7 @@ from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE, GroundTracker
-from saccade.visual.motion_estimator import MotionEstimator
-from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.motion_estimator import Frames, MotionEstimator, PointPair
 from saccade.visual.robot_motion import camera_motion, robot_motion
 from saccade.visual.tables import TrackedPoints
 
@@ -76,8 +75,8 @@ class SingleCameraMotionEstimator(MotionEstimator):
         self,
         expected: MotionEstimate,
         motion: Egomotion | None,
-        points: tuple[TrackedPoints, TrackedPoints],
-        frames: tuple[PreparedFrame, PreparedFrame],
+        points: PointPair,
+        frames: Frames,
     ) -> tuple[MotionEstimate, Egomotion | None]:
         """The motion by the camera, with a length from odometry and the ground."""
         if motion is None:
@@ -97,9 +96,8 @@ class SingleCameraMotionEstimator(MotionEstimator):
 
     def with_depth(self, points: TrackedPoints) -> TrackedPoints:
         """The tracked points (k,) with depths triangulated from their first and last pixels."""
-        depth, sigma = self._trajectory.triangulate(
-            self.cameras[1], points, self._config.pixel_sigma
-        )
+        camera, pixel_sigma = self.cameras[1], self._config.pixel_sigma
+        depth, sigma = self._trajectory.triangulate(camera, points, pixel_sigma)
         return replace(points, depth=depth, depth_sigma=sigma)
 
     def _with_distance(self, motion: Egomotion, distance: float) -> Egomotion:
@@ -160,10 +158,8 @@ class CameraTrajectory:
         current = directions(camera, points.xy.astype(np.float64))
         first = (R @ directions(camera, points.first_xy.astype(np.float64))[:, :, None])[:, :, 0]
         # depth * current - first_depth * first = t
-        a, b, c = (
-            (u * v).sum(1) for u, v in ((current, current), (current, first), (first, first))
-        )
-        p, q = (current * t).sum(1), (first * t).sum(1)
+        pairs = (current, current), (current, first), (first, first), (current, t), (first, t)
+        a, b, c, p, q = ((u * v).sum(1) for u, v in pairs)
         determinant = a * c - b * b
         sine = np.sqrt(np.maximum(determinant, 0.0) / (a * c))
         intersect = sine > MIN_PARALLAX

@@ -7,6 +7,7 @@ from scipy.spatial.distance import cdist
 
 from saccade.frames import CameraTurn, Drive, Frame, Tracks
 from saccade.visual.depth import first_frame
+from saccade.visual.frontend import FrameFeatures
 from saccade.visual.reidentification import REMATCH_RADIUS
 from saccade.visual.tables import TrackedPoints
 
@@ -24,17 +25,12 @@ class TrackRecorder:
     def __init__(self) -> None:
         self._frames: list[tuple[Tracks, CameraTurn | None]] = []  # depths in place of disparities
 
-    def add(
-        self,
-        points: TrackedPoints,
-        detected: TrackedPoints | None,
-        turn: CameraTurn | None = None,
-    ) -> None:
-        """Record the points of the next frame, and how its camera is turned.
+    def add(self, points: TrackedPoints, features: FrameFeatures) -> None:
+        """Record the points that are tracked in the next frame, and how its camera is turned.
 
-        Of the points `detected` in it, one at the position of a tracked point is that point.
+        One that is detected at the position of a tracked point is that point.
         """
-        descriptor = np.zeros((len(points), 128), np.uint8)
+        descriptor, detected = np.zeros((len(points), 128), np.uint8), features.detected
         if detected is not None and len(detected) and len(points):
             distance = cdist(points.xy, detected.xy)
             difference = cdist(points.descriptor, detected.descriptor)
@@ -42,7 +38,8 @@ class TrackRecorder:
             again = distance[np.arange(len(points)), nearest] < REMATCH_RADIUS
             descriptor[again] = detected.descriptor[nearest[again]]
         xy = points.xy.astype(np.float64)
-        self._frames.append((Tracks(points.id, xy, points.depth, descriptor), turn))
+        tracks = Tracks(points.id, xy, points.depth, descriptor)
+        self._frames.append((tracks, features.frame.frame.turn))
 
     def drive(self, recorded: Drive) -> Drive:
         """The recorded drive with tracks in place of its images.

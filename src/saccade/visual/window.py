@@ -82,16 +82,7 @@ class SlidingWindow:
 
     def _observe(self, points: TrackedPoints) -> None:
         """Record the points of the newest frame."""
-        new = ~np.isin(points.id, self._id)
-        self._add_points(points[new])
-        rows = np.searchsorted(self._id, points.id)
-        self._observed[rows, -1, :2] = points.xy
-        self._observed[rows, -1, 2] = 1 / points.depth
-        self._observed[rows, -1, 3:5] = self._config.pixel_sigma
-        self._observed[rows, -1, 5] = points.depth_sigma / points.depth**2
-
-    def _add_points(self, new: TrackedPoints) -> None:
-        """Add points of the newest frame."""
+        new = points[~np.isin(points.id, self._id)]
         depth = np.where(np.isfinite(new.depth), new.depth, DEFAULT_DEPTH)
         ray = directions(self._camera, new.xy.astype(np.float64))
         position = (ray - self._translation[-1] / depth[:, None]) @ self._rotation[-1]
@@ -101,6 +92,10 @@ class SlidingWindow:
         self._id = ids[order]
         self._point = np.concatenate([self._point, np.c_[position, 1 / depth]])[order]
         self._observed = np.concatenate([self._observed, blank])[order]
+        pixel_sigma = np.full((len(points), 2), self._config.pixel_sigma)
+        depth_sigma = points.depth_sigma / points.depth**2
+        measured = np.c_[points.xy, 1 / points.depth, pixel_sigma, depth_sigma]
+        self._observed[np.searchsorted(self._id, points.id), -1] = measured
 
     def _append(
         self, motion: CameraPose, odometry: MotionEstimate, seconds: float, mount: FloatArray
@@ -153,17 +148,14 @@ class SlidingWindow:
         poses, errors = slice(len(SIGMA) + 6, visual), slice(visual, visual + m)
         free = slice(poses.start, errors.stop)  # the first pose is fixed
         window_points = WindowPoints(camera, corrected, sigma, R0, t0)
-        first_rate, first_information = self._before
         prior, error = np.linalg.inv(self._errors.covariance + 1e-14 * np.eye(m)), np.zeros(m)
         for _ in range(ITERATIONS):
             equations = NormalEquations(errors.stop)
             now = self._rotation, self._translation
             gain, offset = window_points.eliminate(now, points, equations)
             motion, by_poses = step_motions(now, self._mount, camera.position)
-            self._steps.add_to(equations, motion, by_poses, error, self._acceleration)
-            by_first = by_poses[0] / self._steps.seconds[0]
-            residual = first_rate - motion[0] / self._steps.seconds[0]
-            equations.add_factor(by_first, len(SIGMA) + np.arange(12), residual, first_information)
+            factors = motion, by_poses, error, self._acceleration, self._before
+            self._steps.add_to(equations, *factors)
             information, gradient = equations.information, equations.gradient
             total, right = information[free, free].copy(), gradient[free].copy()
             total[-m:, -m:] += prior

@@ -12,7 +12,7 @@ from saccade.frames import Camera
 from saccade.types import FloatArray, IntArray, Table, column
 from saccade.visual.odometry_model import ODOMETRY_ERRORS
 from saccade.visual.robot_motion import CameraPose, cross_matrix
-from saccade.visual.self_calibration import SIGMA
+from saccade.visual.self_calibration import SIGMA, calibration_jacobian
 
 MIN_DEPTH_RATIO = 0.05
 """Least depth in a frame as a fraction of that in the reference frame; nearer observations are
@@ -124,14 +124,10 @@ class WindowPoints:
         by_point = np.zeros((*q.shape, 3))
         by_point[..., [0, 1], [0, 1]] = scale[:, :, :2] / z
         by_point[..., 2] = -np.stack([u, v, w], 2) * scale / z
-        by_errors = np.zeros((*q.shape, len(SIGMA)))  # at the predicted pixel, which is unbiased
-        radius = u**2 + v**2
-        by_errors[..., 0] = -np.stack([u * radius, v * radius, w * (3 * u**2 + v**2)], 2) * scale
-        if camera.baseline > 0:
-            by_disparity = scale[:, :, 2] / (camera.fx * camera.baseline)
-            by_errors[..., 2, 1], by_errors[..., 2, 2] = -u * by_disparity, -by_disparity
-        else:
-            by_errors[..., 2, 0] = 0.0
+        # at the predicted pixel, which is unbiased
+        by_errors = (
+            calibration_jacobian(camera, predicted) * np.where(seen, -1 / sigma, 0)[..., None]
+        )
         by_rotation = -by_point @ cross_matrix(q - h * t)
         J = np.concatenate([by_rotation, h[..., None] * by_point, by_errors], 3)
         D = by_point @ np.concatenate([A[..., :2], b[..., None]], 3)
@@ -164,11 +160,13 @@ class WindowSteps(Table):
         J: FloatArray,
         error: FloatArray,
         acceleration: FloatArray,
+        before: tuple[FloatArray, FloatArray],
     ) -> None:
         """Add odometry, and that motion changes little from step to step.
 
         Motions (n - 1, 6) and their derivatives J are those of `step_motions`, `error` (m,) is that
         of odometry. `acceleration` (6,) are standard deviations of the rates' change in a second.
+        Rates (6,) `before` the first step have an information (6, 6).
         """
         n, m = len(motion), len(SIGMA)
         residual = -motion
@@ -180,6 +178,7 @@ class WindowSteps(Table):
             by_all = np.append(J[k], by_errors, 1)
             equations.add_factor(by_all, columns, residual[k], self.information[k])
         rate, by_rate = motion / self.seconds[:, None], J / self.seconds[:, None, None]
+        equations.add_factor(by_rate[0], m + np.arange(12), before[0] - rate[0], before[1])
         for k in range(1, n):
             sigma = acceleration * (self.seconds[k] + self.seconds[k - 1]) / 2
             change = np.zeros((6, 18))
