@@ -9,7 +9,7 @@ Selection: TypeAlias = Literal["strength", "random", "contrast", "symmetry", "re
 """Criteria by which points become landmarks."""
 SELECTIONS = get_args(Selection)
 EgomotionSource: TypeAlias = Literal["camera", "second-camera", "wheels"]
-"""What measures the motion of the robot."""
+"""Sources of the motion of the robot."""
 EGOMOTIONS = get_args(EgomotionSource)
 
 
@@ -41,7 +41,7 @@ class VisualConfig(Settings):
     max_tracks: int = setting(200, 4, 1e5)
     """Maximum number of points tracked at a time: landmarks, and others for the egomotion."""
     egomotion: EgomotionSource = "camera"
-    """What measures the motion: the camera, with odometry ("camera"), so that only re-identified
+    """Source of the motion: the camera, with odometry ("camera"), so that only re-identified
     landmarks correct the pose, since the pixels of the others have been used; or odometry alone,
     and every observation of a landmark corrects the pose. It is that of "wheels", whose systematic
     errors the filter estimates, or of a "second-camera" (see `measure_odometry`). Both ask for

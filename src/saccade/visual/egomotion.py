@@ -38,7 +38,7 @@ the last one stays, and the last two suffice where RANSAC gave the initial motio
 MAX_ITERATIONS = 12
 """Largest number of iterations of Gauss-Newton."""
 CONVERGED = 1e-6
-"""Largest change at which it stops."""
+"""Largest change of a converged motion."""
 
 
 class Correspondences(NamedTuple):

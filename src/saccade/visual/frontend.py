@@ -93,7 +93,7 @@ class FeatureExtractor:
         return self.detect(features, number) if scheduled or frame.tracks is not None else features
 
     def detect(self, features: FrameFeatures, number: int) -> FrameFeatures:
-        """The same frame with points detected in it."""
+        """Adds the points detected in a frame."""
         points, image = self._detect(features.frame, number), features.frame.frame.image
         attends = self._attends and points is not None and image is not None
         saliency = contrast_saliency(cast("Image", image)).saliency if attends else None

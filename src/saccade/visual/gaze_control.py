@@ -16,13 +16,13 @@ from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 LEAVING = 0.15
-"""Radians from which a turn leaves so many points behind that new ones are detected before it."""
+"""Least turn in radians before which new points are detected, as it leaves many behind."""
 MAX_ASIDE = radians(30)
-"""Pan up to which a camera that measures the motion drifts little more than ahead."""
+"""Largest pan at which a camera that measures the motion drifts little more than ahead."""
 WHEEL_SIGMA = 0.05, 0.015
 """Standard deviations of distance and turn after a meter by wheels, in meters and radians."""
 CAMERA_SIGMA = 0.005, 0.002
-"""The same by a camera."""
+"""Standard deviations of distance and turn after a meter by a camera."""
 
 
 class GazeControl:

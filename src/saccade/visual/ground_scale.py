@@ -18,11 +18,11 @@ from saccade.visual.optical_flow import ByteArray
 from saccade.visual.robot_motion import CameraPose
 
 NEAR = 6.0
-"""Meters in front of the camera from which the ground is sampled."""
+"""Least distance of the sampled ground in front of the camera, in meters."""
 FAR = 16.0
-"""Meters in front of the camera up to which it is."""
+"""Largest distance of the sampled ground, in meters."""
 HALF_WIDTH = 1.3
-"""Meters to each side up to which it is."""
+"""Half the width of the sampled ground, in meters."""
 ROW_STEP = 3
 """Rows between samples."""
 COLUMN_STEP = 4
@@ -47,7 +47,7 @@ MIN_DISTANCE = 0.3
 MAX_ITERATIONS = 15
 """Largest number of iterations of Gauss-Newton."""
 CONVERGED = 1e-3
-"""Relative change of the distance at which it stops."""
+"""Largest relative change of a converged distance."""
 DISTANCE_NOISE = 0.04
 """Standard deviation of a measured distance, as a fraction of it."""
 

@@ -39,7 +39,7 @@ class MotionEstimator:
     """Whether the camera measures depth; else the length of a step is odometry's, times a scale,
     and the ranges of landmarks follow from the motion itself."""
     drift: CalibrationDrift | None = None
-    """What errors of the calibration have done to the pose; None where they are not known."""
+    """Effect of the errors of the calibration on the pose; None where they are not known."""
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         self._drive, self._config = drive, config
@@ -51,7 +51,7 @@ class MotionEstimator:
         self.errors = OdometryErrors(*self._scale_sigmas(), turn_sigma)
         self.planarity = Planarity(float(np.radians(config.tilt_sigma_deg)))
         self.cameras = drive.camera, drive.camera
-        """As turned in the last frame and in this one."""
+        """The camera as it was turned in the last frame and in this one."""
         self.turn_sigma = 0.0
         """Standard deviation of the camera's pan and tilt in this frame, in radians."""
         self.seconds = 0.0
@@ -150,7 +150,7 @@ class MotionEstimator:
         self._prior.update(step, covariance, self.seconds)
 
     def _scale_sigmas(self) -> tuple[float, float]:
-        """Of the fractions by which true distances exceed odometry's, and the camera's the true."""
+        """Sigmas of the fractions: true distances over odometry's, and the camera's over true."""
         if not self.measures_range:
             return self._drive.odometry_bias[0], self._config.relative_height_sigma
         by_odometry = float(np.hypot(self._drive.odometry_bias[0], MIN_SCALE_SIGMA))

@@ -23,9 +23,9 @@ TOTAL_RELATIVE_SIGMA = (0.007, 0.015)
 """`VisualConfig.relative_motion_sigma` with the errors that are constant over the drive, where they
 are not told apart."""
 MAX_TILT_RATIO = 3.0
-"""Tilt over the assumed one from which it is reported."""
+"""Largest ratio of the tilt to the assumed one that is not reported."""
 MAX_HEIGHT = 0.3
-"""Standard deviation of the height in meters from which it is reported."""
+"""Largest standard deviation of the height that is not reported, in meters."""
 
 
 def fuse(first: MotionEstimate, second: MotionEstimate) -> MotionEstimate:

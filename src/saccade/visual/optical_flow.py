@@ -48,7 +48,7 @@ class PreparedFrame:
     left: ByteArray | None = None
     """(H, W) gray levels; None where there is no image, or a blank one."""
     right: ByteArray | None = None
-    """The same of the right camera."""
+    """(H, W) gray levels of the right camera; None likewise."""
 
     @property
     def is_blank(self) -> bool:

@@ -149,7 +149,7 @@ class Pipeline:
             step = steps_between(np.stack([previous_pose, self.map.ekf.pose]))[0]
             self.motion.update_prior(number, step, len(self.tracked))
         seconds, lost = perf_counter() - start, self.relocalization.lost
-        self.log.add_pose(self.map.ekf.pose, self.pose_covariance, seconds, lost)
+        self.log.poses.append((self.map.ekf.pose, self.pose_covariance, seconds, lost))
         self._previous = self._previous if frame.is_blank else frame
         if self._gaze is not None:
             time = float(self.drive.time[number])

@@ -22,7 +22,7 @@ plus the same fraction of the range."""
 POSITION_TOLERANCE = 0.05
 """Largest difference of the position, in meters plus the same fraction of the range."""
 BEARING_TOLERANCE = 0.02
-"""The same for a position by its bearing alone."""
+"""Largest difference of a position by its bearing alone, in the same unit."""
 REMATCH_RADIUS = 4.0
 """Pixels within which a tracked point is re-matched."""
 MIN_CONSISTENT = 4

@@ -91,7 +91,7 @@ class VisualResult:
     lost: BoolArray
     """(n,) whether the robot knew that it was lost, after each frame."""
     calibration: CalibrationReport | None
-    """What was learnt of the calibration; None where no window of frames is adjusted."""
+    """Estimated errors of the calibration; None where no window of frames is adjusted."""
     remarks: tuple[str, ...]
     """Warnings, one sentence each."""
 
@@ -106,7 +106,8 @@ class RunLog:
     drive: Drive
     remarks: list[str] = field(default_factory=list)
     missed: int = 0
-    _poses: list[tuple[FloatArray, FloatArray, float, bool]] = field(default_factory=list)
+    poses: list[tuple[FloatArray, FloatArray, float, bool]] = field(default_factory=list)
+    """Pose and covariance after all updates of a frame, its time in seconds, and if it is lost."""
     _observations: list[LandmarkObservations] = field(
         default_factory=lambda: [LandmarkObservations()]
     )
@@ -156,18 +157,12 @@ class RunLog:
         off_plane = np.full(3, np.nan) if motion is None else motion.off_plane
         self._visual.append((pose, covariance, by_errors, off_plane))
 
-    def add_pose(
-        self, pose: FloatArray, covariance: FloatArray, seconds: float, lost: bool
-    ) -> None:
-        """Log the pose at a frame after all updates, the time the frame took, and if it is lost."""
-        self._poses.append((pose, covariance, seconds, lost))
-
     def result(self, visual_map: VisualMap) -> VisualResult:
         """The result of the frames so far."""
-        n = len(self._poses)
+        n = len(self.poses)
         time, steps = self.drive.time[:n], self.drive.control[: max(n - 1, 0)]
         odometry = accumulate(steps, lambda pose, u: compose(pose, u)[0], initial=self.drive.start)
-        pose, covariance, seconds, lost = map(np.array, zip(*self._poses, strict=True))
+        pose, covariance, seconds, lost = map(np.array, zip(*self.poses, strict=True))
         visual, visual_covariance, drift, off_plane = map(np.array, zip(*self._visual, strict=True))
         landmarks, motion = visual_map.landmarks, visual_map.motion
         xy, covariances = visual_map.ekf.landmarks, visual_map.landmark_covariances

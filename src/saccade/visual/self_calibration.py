@@ -102,7 +102,7 @@ def calibration_jacobian(camera: Camera, observed: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """What a drive has told of its calibration."""
+    """Errors of the calibration that a drive has revealed."""
 
     distortion: float
     """Radial distortion that was corrected, at the radius of a focal length, as a fraction."""
@@ -117,7 +117,7 @@ class CalibrationReport:
 
 
 class CalibrationDrift:
-    """What errors of the calibration have done to the pose since the start.
+    """Effect of the errors of the calibration on the pose since the start.
 
     Errors that are estimated late, or remain, displace the whole trajectory: they widen the
     covariance of the pose as one error, not as one of each step.
@@ -152,7 +152,7 @@ class CalibrationDrift:
         return np.asarray(R @ total @ R.T)
 
     def report(self) -> CalibrationReport:
-        """What was corrected, and on what the scale hangs."""
+        """The corrected errors, and how the scale depends on them."""
         distortion, slope, offset = self._calibration.error.tolist()
         sigma = np.sqrt(np.diag(self._calibration.covariance))
         by_offset = abs(self._by_offset) / max(self._distance, 1e-9)

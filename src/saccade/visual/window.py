@@ -20,12 +20,10 @@ from saccade.visual.tables import TrackedPoints
 from saccade.visual.window_equations import NormalEquations, WindowPoints, WindowSteps
 
 ITERATIONS = 2
-"""Of Gauss-Newton after each frame; the poses start where the last frame left them."""
+"""Iterations of Gauss-Newton after each frame; the poses start where the last one left them."""
 OFF_PLANE_ACCELERATION_SIGMA = (0.5, 0.2, 0.2)
 """Standard deviations of the change of vertical speed (m/s), and of the rates of roll and pitch
 (rad/s), in a second."""
-
-
 MAX_INVERSE_DEPTH = 10.0
 """Upper bound of the estimated inverse depths, in 1 / meters."""
 
