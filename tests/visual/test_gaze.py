@@ -42,7 +42,7 @@ def test_a_view_to_the_side_tells_an_advance_from_a_turn_worse_than_one_ahead():
         sigma = 0.4 * depth**2 / (340 * 0.15)
         pairs = correspondences_of(xy, moved, depth, sigma, now[:, 2], sigma)
         covariance = estimate_motion(turned, pairs, 0.5, prior).covariance
-        error.append(np.diag(covariance) @ [1, 1, 4])  # of the position two metres on
+        error.append(np.diag(covariance) @ [1, 1, 4])  # of the position two meters on
     assert error[1] > 3 * error[0]
 
 

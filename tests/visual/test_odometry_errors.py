@@ -22,7 +22,7 @@ def measure(errors, control, motion, sigma):
 
 
 def slipping(turn_rate, angle, per_acceleration):
-    """A control without side-slip, and the metres to the left of a robot that slips."""
+    """A control without side-slip, and the meters to the left of a robot that slips."""
     control = np.array([SPEED * SECONDS, 0.0, turn_rate * SECONDS])
     return control, SPEED * SECONDS * (angle + per_acceleration * SPEED * turn_rate)
 

@@ -16,7 +16,7 @@ from saccade.evaluation.trajectory import position_rmse
 
 
 def within_3sigma(result, drive):
-    """Fraction of the frames after the first inside 3 sigma, and the last error in metres."""
+    """Fraction of the frames after the first inside 3 sigma, and the last error in meters."""
     error = result.trajectory.pose[1:, :2] - drive.truth.at(drive.time[1:])[:, :2]
     information = np.linalg.inv(result.trajectory.covariance[1:, :2, :2])
     squared = np.einsum("ni,nij,nj->n", error, information, error)

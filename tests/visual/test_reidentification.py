@@ -31,7 +31,7 @@ def test_landmarks_that_lie_as_they_are_observed_agree(seed, outliers):
     ("aside", "right"), [((0.5, 0.0), True), ((0.0, 0.5), False), ((0.0, 0.1), True)]
 )
 def test_a_place_may_be_off_along_the_line_of_sight_alone(aside, right):
-    """At four metres a range is good to 0.2 m, a bearing to 8 mm."""
+    """At four meters a range is good to 0.2 m, a bearing to 8 mm."""
     z = np.array([[4.0, 0.0], [np.hypot(4 + aside[0], aside[1]), np.arctan2(aside[1], 4)]])
     sigma = np.array([[0.2, 0.002], [0.2, 0.002]])
     found = correct_associations(np.array([0, 1]), np.array([7, 7]), z, sigma, np.zeros((2, 3)))
