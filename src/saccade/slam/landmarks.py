@@ -59,14 +59,10 @@ class LabelRecord:
     """Id of its landmark, -1 for none."""
     accepted: int = 0
     """Observations that were accepted for that landmark."""
-    accepted_at: int = -1
-    """Time of the last of them."""
     rejected_at: int = -1
     """Time of the last rejected observation."""
     votes: int = 0
     """Successive rejected observations at one position."""
-    since: int = -1
-    """Time of the first of them."""
     target: int = UNDECIDED
     """Id of the landmark that they are near to, `NEW` or `UNDECIDED`."""
     closings: int = 0

@@ -190,8 +190,7 @@ class LabelAssociation:
         for i, record in known.items():
             if (i not in rejected or i in overriding) and matches[i] != DROPPED:
                 matches[i] = record.landmark
-                record.accepted += 1
-                record.accepted_at, record.votes = self.clock, 0
+                record.accepted, record.votes = record.accepted + 1, 0
         self.rejected[list(rejected - overriding)] = True
         return matches
 
@@ -222,23 +221,14 @@ class LabelAssociation:
                 if not record.is_established and (j == DROPPED or (j >= 0 and table.is_labeled(j))):
                     j = NEW  # the only landmark that the observation may not be near is its own
                 if j != DROPPED and record.target not in (UNDECIDED, DROPPED, j):
-                    record.votes, record.since = 1, self.clock
+                    record.votes = 1
                 record.target = j
-                if j == DROPPED or not _moves(table, record, j):
+                if j == DROPPED or record.votes < min(record.accepted + 1, TRUSTED):
                     continue
             if j == NEW:
                 j, next_id = next_id, next_id + 1
-            self._move(table, record, j)
+            _move(table, record, j)
             matches[i] = j
-
-    def _move(self, table: LandmarkTable, record: LabelRecord, j: int) -> None:
-        """Gives a label to landmark j; the one before is removed if few observations made it."""
-        old, record.landmark = record.landmark, j
-        if old >= 0:
-            table.has_unlabeled = True
-            if not record.is_established and not table.is_labeled(old):
-                table.stale.append(old)
-        record.accepted, record.votes, record.accepted_at = record.votes, 0, self.clock
 
     def _is_repeated(self, record: LabelRecord) -> bool:
         """Counts an observation that closes a loop by itself; whether there are enough."""
@@ -254,7 +244,7 @@ class LabelAssociation:
         if record.votes > 0 and normalized_squared(seen.xy - record.xy, C) <= PAIR_GATE:
             record.votes += 1
         else:
-            record.votes, record.since, record.target = 1, self.clock, UNDECIDED
+            record.votes, record.target = 1, UNDECIDED
         record.xy, record.covariance, record.rejected_at = seen.xy, seen.covariance, self.clock
 
     def _overrides(
@@ -324,15 +314,14 @@ def _inconsistent(ekf: EkfSlam, seen: dict[int, _Sighting]) -> set[int]:
     return rejected
 
 
-def _moves(table: LandmarkTable, record: LabelRecord, j: int) -> bool:
-    """Whether a label moves to landmark j, or to a new one for `NEW`."""
-    if record.votes < min(record.accepted + 1, TRUSTED):
-        return False
-    others = (each for each in table.labels.values() if j >= 0 and each.landmark == j)
-    if any(each.accepted_at >= record.since for each in others):
-        record.votes = 0
-        return False  # the landmark has a label that is accepted
-    return True
+def _move(table: LandmarkTable, record: LabelRecord, j: int) -> None:
+    """Gives a label to landmark j; the one before is removed if few observations made it."""
+    old, record.landmark = record.landmark, j
+    if old >= 0:
+        table.has_unlabeled = True
+        if not record.is_established and not table.is_labeled(old):
+            table.stale.append(old)
+    record.accepted, record.votes = record.votes, 0
 
 
 def _is_duplicate(ekf: EkfSlam, table: LandmarkTable, seen: _Sighting) -> bool:
