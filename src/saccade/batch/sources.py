@@ -18,6 +18,8 @@ from saccade.io.files import (
     LARGEST_FILE,
     LARGEST_TEXT,
     VIDEO_SUFFIXES,
+    decode_text,
+    natural_order,
     read_bytes,
     reading,
 )
@@ -140,7 +142,7 @@ def _find(source: str, every: int) -> list[Item]:
     location = (source if is_url(source) else path).rstrip("/")
     base = location.removesuffix(path[len(folder) :]).rstrip("/")
     images, frames = [], []
-    for each in sorted(found, key=lambda info: info.path):
+    for each in sorted(found, key=lambda info: natural_order(info.path)):
         name, lower = each.path.removeprefix(folder), each.path.lower()
         if not each.is_file or not lower.endswith(suffixes):
             continue
@@ -167,7 +169,7 @@ def _video_frames(location: str, stamp: str, every: int) -> list[Item]:
 def _listed(source: str) -> list[Item]:
     """The images of a list, in its order; relative paths start from its folder."""
     system, path = locate(source)
-    lines = _read(source, LARGEST_TEXT).decode("utf-8-sig").splitlines()
+    lines = decode_text(_read(source, LARGEST_TEXT)).splitlines()
     root = (source if is_url(source) else path).rpartition("/")[0]
     items = {}
     for entry in map(str.strip, lines):

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from saccade.datasets.fixation_tables import Box
 from saccade.errors import LogError
-from saccade.io.files import IMAGE_SUFFIXES, is_file, reading
+from saccade.io.files import IMAGE_SUFFIXES, is_file, natural_order, reading
 from saccade.io.image import read_image
 from saccade.types import BoolArray, FloatArray
 
@@ -32,7 +32,7 @@ PIXELS = "--xy pixels takes them as they are"
 def list_folder(folder: Path) -> list[Path]:
     """Content of a folder, by name; empty if it does not exist."""
     with reading(folder, LogError):
-        return sorted(folder.iterdir()) if folder.is_dir() else []
+        return sorted(folder.iterdir(), key=natural_order) if folder.is_dir() else []
 
 
 def resolve_images(names: Names, folder: Path) -> Names:

@@ -1,6 +1,5 @@
 """Fixations: tables of any lab, EyeLink's and Tobii's recordings, and `.mat` files as of OSIE."""
 
-import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +29,7 @@ from saccade.datasets.fixation_tables import (
 from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import write_table
 from saccade.errors import LogError, LogWarning, require
-from saccade.io.files import atomic_write, is_file
+from saccade.io.files import atomic_write, is_file, natural_order
 from saccade.types import BoolArray, FixationTable, FloatArray, IntArray
 
 DURATION = "duration_ms"
@@ -200,19 +199,13 @@ def _present(
 
 def _subject_numbers(path: Path, subjects: Sequence[str], say: Callable[[str], None]) -> IntArray:
     """(n,) numbers of subjects; for names, their positions in the order of the numbers in them."""
-    names = sorted(set(subjects), key=_natural)
+    names = sorted(set(subjects), key=natural_order)
     if all(name.isascii() and name.isdecimal() and len(name) < 19 for name in names):
         return np.array([int(subject) for subject in subjects])
     numbers = {name: number for number, name in enumerate(names)}
     shown = ", ".join(names if len(names) <= 20 else [*names[:3], "...", names[-1]])
     say(f"{path}: the subjects are numbered from 0 in this order: {shown}")
     return np.array([numbers[subject] for subject in subjects])
-
-
-def _natural(name: str) -> list[str]:
-    """A key that sorts P2 before P10."""
-    parts = re.split("([0-9]+)", name)
-    return [part.zfill(300) if part[:1].isdigit() else part for part in parts]
 
 
 def _indices(

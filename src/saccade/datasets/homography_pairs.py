@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from saccade.errors import ImageError
-from saccade.io.files import read_text, reading
+from saccade.io.files import natural_order, read_text, reading
 from saccade.types import FloatArray
 
 SUFFIXES = (".png", ".ppm", ".pgm", ".jpg")
@@ -34,8 +34,7 @@ def homography_pairs(folder: Path) -> list[HomographyPair]:
     Raises:
         ImageError: there are none, an image is missing, or a homography cannot be read.
     """
-    found = folder.rglob("H_1_*.txt")
-    files = sorted(found, key=lambda path: (path.parent, len(path.stem), path.stem))
+    files = sorted(folder.rglob("H_1_*.txt"), key=natural_order)
     if not files:
         raise ImageError(f"{folder}: expected sequences with files H_1_2.txt, ..., found none")
     return [

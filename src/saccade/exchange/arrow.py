@@ -23,7 +23,7 @@ from saccade.exchange.fields import (
     keypoints_from,
     keypoints_from_columns,
 )
-from saccade.io.files import FORMATS, atomic_write, check_format, open_file, reading
+from saccade.io.files import FORMATS, atomic_write, check_format, natural_order, open_file, reading
 from saccade.io.npz import check_unpacked
 from saccade.types import Keypoints
 
@@ -221,7 +221,9 @@ def read_parquet(path: str | Path) -> dict[str, Keypoints]:
     names: dict[str, None] = {}
     tables = [POINT_SCHEMA.empty_table()]
     with reading(path, KeypointsError, "a Parquet file", pa.ArrowException, ValueError, TypeError):
-        for each in sorted(path.glob("**/*.parquet")) if path.is_dir() else [path]:
+        for each in (
+            sorted(path.glob("**/*.parquet"), key=natural_order) if path.is_dir() else [path]
+        ):
             with open_file(each) as opened, pq.ParquetFile(opened) as file:
                 names |= {
                     str(image["image"]): None for image in read_metadata(file, each)["images"]

@@ -1,6 +1,8 @@
 """Safe opening of files, atomic writes, limits on sizes, and versions of file formats."""
 
+import codecs
 import os
+import re
 import shutil
 import stat
 import tempfile
@@ -84,6 +86,19 @@ def open_file(path: Path) -> BinaryIO:
     return path.open("rb")
 
 
+def natural_order(path: str | Path) -> list[list[str]]:
+    """Key that sorts names by the numbers in them: frame2 before frame10, and 1.25 before 1.5."""
+    parts = []
+    for part in Path(path).parts:
+        pieces = re.split("([0-9]+)", part)
+        is_decimal = re.fullmatch(r"[0-9]+\.[0-9]+(\.[^.]*)?", part)
+        for i in range(1, 2 if is_decimal else len(pieces), 2):
+            digits = pieces[i].lstrip("0")
+            pieces[i] = f"{len(digits):04d}{digits}"
+        parts.append([*pieces, part])
+    return parts
+
+
 def is_file(path: Path) -> bool:
     """Whether there is a file; false where no file can have the name."""
     try:
@@ -103,13 +118,31 @@ def read_bytes(path: Path, max_bytes: int = LARGEST_FILE) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file, with its own line ends, without a byte order mark.
+    """The text of a file, with its own line ends; see `decode_text`.
 
     Raises:
-        OSError: see `check_file`.
-        UnicodeDecodeError: it is not UTF-8.
+        OSError: see `check_file` and `decode_text`.
     """
-    return read_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
+    return decode_text(read_bytes(path, LARGEST_TEXT))
+
+
+def decode_text(data: bytes) -> str:
+    """Text in UTF-8, or UTF-16 with a byte order mark, which is left out, or cp1252.
+
+    Raises:
+        OSError: it is in none of these encodings.
+    """
+    is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ("utf-16",) if is_wide else ("utf-8-sig", "cp1252"):
+        with suppress(UnicodeDecodeError):
+            text = data.decode(encoding)
+            if not UNPRINTABLE.search(text):
+                return text
+    raise OSError(None, "expected text in UTF-8, found other bytes; save it as UTF-8")
+
+
+UNPRINTABLE = re.compile("[\0-\x08\x0e-\x19]")
+"""Control characters that no text has; UTF-16 without its mark has zeros."""
 
 
 @contextmanager

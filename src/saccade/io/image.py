@@ -15,7 +15,14 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from saccade.errors import ImageError, ImageWarning
-from saccade.io.files import IMAGE_SUFFIXES, LARGEST_IMAGE, UNREAD_SUFFIXES, read_bytes, reading
+from saccade.io.files import (
+    IMAGE_SUFFIXES,
+    LARGEST_IMAGE,
+    UNREAD_SUFFIXES,
+    natural_order,
+    read_bytes,
+    reading,
+)
 from saccade.types import Float32Array, Image
 
 Color: TypeAlias = tuple[float, float, float]
@@ -235,7 +242,7 @@ def _too_large(name: str, found: str) -> str:
 
 
 def find_images(source: str | Path) -> list[Path]:
-    """The images of a file, a folder or a glob pattern, sorted by name.
+    """The images of a file, a folder or a glob pattern, sorted by the numbers in their names.
 
     Args:
         source: a file; a folder, without its subfolders; or a pattern such as `photos/**/*.jpg`.
@@ -255,7 +262,7 @@ def find_images(source: str | Path) -> list[Path]:
             paths = [*Path(path.anchor).glob(str(path.relative_to(path.anchor)))]
         else:
             return [path]
-        files = sorted(entry for entry in paths if not entry.is_dir())
+        files = sorted((each for each in paths if not each.is_dir()), key=natural_order)
     if not files:
         hint = f"; for those of its folders: '{source}/**/*.jpg'" if path.is_dir() else ""
         expected = ", ".join(IMAGE_SUFFIXES)

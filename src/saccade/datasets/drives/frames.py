@@ -161,7 +161,7 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def list_images(folder: Path) -> list[Path]:
-    """The images of a folder, sorted by name."""
+    """The images of a folder, sorted by the numbers in their names."""
     if not folder.is_dir():
         raise DriveError(f"{folder}: expected a folder of images, found none")
     return find_images(folder)
