@@ -204,6 +204,8 @@ class Drive:
     truth_off_plane: FloatArray | None = None
     """(t, 3) ground truth off the plane, if known: height in meters, pitch (nose up) and roll in
     radians, at the poses of `truth`."""
+    start_known: bool = True
+    """Whether `start` is in the frame of the truth; False where the truth does not cover it."""
     scale: Literal["metric", "held", "assumed"] = "metric"
     """Unit of lengths, arbitrary for a single camera without odometry: "held" from step to step
     by triangulated points, or "assumed" from a constant speed."""
@@ -219,6 +221,11 @@ class Drive:
         shapes: dict[str, tuple[int, ...]] = {"time": (n,), "control": (n - 1, 3), "start": (3,)}
         shapes["control_covariance"] = (n - 1, 3, 3)
         check_arrays(self, shapes, ("time",), DriveError)
+
+    @property
+    def aligned_truth(self) -> Trajectory | None:
+        """The truth, if it is in the frame of `start`."""
+        return self.truth if self.start_known else None
 
     @property
     def has_odometry(self) -> bool:

@@ -258,6 +258,14 @@ class SymmetricPairs(Table):
         return f"SymmetricPairs({len(self)} pairs)"
 
 
+GAP_INTERVALS = 3.0
+"""Median intervals between poses that make a gap in a trajectory."""
+GAP_SECONDS = (0.55, 1.1)
+"""Least and greatest limit in seconds of an interval that is no gap."""
+SAME_TIME = 0.01
+"""Greatest difference in seconds between a time and that of a pose which holds there."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """The poses of the robot in the frame of its map."""
@@ -272,8 +280,27 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.time)
 
+    def covers(self, time: FloatArray, longest: float = GAP_SECONDS[1]) -> BoolArray:
+        """(n,) whether there is a pose at times (n,), or one shortly before and one shortly after.
+
+        Intervals above `longest` seconds are gaps, others if they are long among the intervals.
+        """
+        if len(self) == 0:
+            return np.zeros(len(time), bool)
+        limit = GAP_INTERVALS * float(np.median(np.diff(self.time))) if len(self) > 1 else 0.0
+        after = np.searchsorted(self.time, time)
+        last, first = (self.time[i.clip(0, len(self) - 1)] for i in (after - 1, after))
+        is_gap = first - last > min(max(limit, GAP_SECONDS[0]), longest)
+        is_at_pose = np.minimum(np.abs(time - last), np.abs(time - first)) <= SAME_TIME
+        return np.asarray(is_at_pose | (last <= time) & (time <= first) & ~is_gap)
+
     def at(self, time: FloatArray) -> FloatArray:
-        """(n, 3) poses at times (n,), linearly interpolated; the first and last extend beyond.
+        """(n, 3) poses at times (n,), linearly interpolated; NaN where `covers` is False."""
+        poses = self.interpolate(time) if len(self) else np.zeros((len(time), 3))
+        return np.where(self.covers(time)[:, None], poses, np.nan)
+
+    def interpolate(self, time: FloatArray) -> FloatArray:
+        """(n, 3) poses at times (n,), across gaps too; the first and last extend beyond.
 
         Raises:
             ValueError: the trajectory has no poses.
@@ -409,6 +436,13 @@ class LandmarkLog:
         check_arrays(self, shapes, ("time", "observation_pose"), LogError)
         if k > 0 and not 0 <= self.observation_pose[0] <= self.observation_pose[-1] <= t:
             raise LogError(f"{self.name}: observation_pose: expected numbers from 0 to {t}")
+
+    @property
+    def aligned_truth(self) -> Trajectory | None:
+        """The truth, if it is in the frame of `start`: it covers the first pose, with headings."""
+        if self.truth is None or not self.truth.covers(self.time[:1])[0]:
+            return None
+        return self.truth if np.isfinite(self.truth.pose[:, 2]).all() else None
 
     @property
     def names(self) -> npt.NDArray[Any]:

@@ -26,6 +26,13 @@ def test_options_override_the_configuration(run, tmp_path):
     truth = np.loadtxt("ring/groundtruth.tum")[:8]
     end = np.hypot(*(trajectory[-1, 1:3] - truth[-1, 1:3]))
     np.testing.assert_allclose(row["end_m"], end, atol=1e-3)
+    assert row["poses_compared"] == 8
+    truth = Path("ring/groundtruth.tum").read_text().splitlines()
+    Path("ring/groundtruth.tum").write_text("\n".join(truth[:3]))
+    code, out, err = run(*(word for word in words if word != "--json"), "--max-landmarks", 5)
+    assert code == 0
+    assert out.count("3 of 8") == 3  # of each trajectory
+    assert "warning: truth for only 3 of 8 poses" in err
     code, _, err = run(*words, "--selection", "luck")
     assert code == 2
     assert "selection: expected 'strength' or" in err

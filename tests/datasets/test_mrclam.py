@@ -21,7 +21,7 @@ def folder(tmp_path):
         "Landmark_Groundtruth.dat": "6 \t 3.0 \t 1.0 \t 0.001 \t 0.002\n7 9 9 0.1 0.1\n",
         "Robot1_Odometry.dat": "100.0 \t 1.0 \t 0.0\n101.0 1.0 0.0\n102.0 0.0 0.0\n",
         "Robot1_Measurement.dat": "101.0 14 2.0 0.1\n101.0 72 2.0 0.5\n101.3 99 1.0 0.0\n",
-        "Robot1_Groundtruth.dat": "99.0 1.0 1.0 0.0\n101.0 1.0 1.0 0.2\n",
+        "Robot1_Groundtruth.dat": "99.9 1.0 1.0 0.0\n100.1 1.0 1.0 0.2\n",
     }
     for name, text in files.items():
         (tmp_path / name).write_text(HEADER + text)

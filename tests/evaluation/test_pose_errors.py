@@ -186,3 +186,11 @@ def test_the_command_prints_and_writes_them(files, tmp_path, run):
     assert np.sqrt(np.mean(ours["ate_aligned_m"] ** 2)) == pytest.approx(expected.rmse)
     assert np.isnan(ours["rpe_m"]).sum() == 1
     assert "data:image/png" in (tmp_path / "page.html").read_text()
+    truth = read_poses(files[1])
+    late = truth.time + 0.05
+    late[[10, 40]] -= 0.05
+    _write(tmp_path / "few.tum", truth._replace(time=late))
+    code, out, message = run("evaluate", "trajectory", "few.tum", "--truth", "truth.tum")
+    assert code == 0
+    assert f"poses (of {N})" in out
+    assert f"few.tum: warning: truth for only 2 of {N} poses" in message

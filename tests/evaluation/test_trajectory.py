@@ -1,11 +1,22 @@
 """Distances from the truth, against evo's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from evo.core import metrics, sync
 from evo.core.trajectory import PoseTrajectory3D
 
-from saccade.evaluation.trajectory import landmark_rmse, position_rmse
+from saccade import LogWarning, slam
+from saccade.datasets import load, save
+from saccade.evaluation.runs import summarize_run
+from saccade.evaluation.trajectory import (
+    coverage_remarks,
+    landmark_rmse,
+    position_rmse,
+    score_drive,
+)
+from saccade.simulation.world import WorldConfig, simulate_world
 from saccade.types import LandmarkMap, Trajectory
 
 
@@ -70,3 +81,86 @@ def test_landmarks_are_compared_by_name(rng):
     truth = LandmarkMap(np.arange(6), xy)
     found = LandmarkMap(np.array([9, 4, 2, 0]), _moved(np.vstack([[[50.0, 0]], xy[[4, 2, 0]]])))
     assert landmark_rmse(found, truth) == pytest.approx(0, abs=1e-9)
+
+
+SECONDS = np.arange(0, 10, 0.1)
+CIRCLE = Trajectory(SECONDS, np.c_[5 * np.cos(SECONDS), 5 * np.sin(SECONDS), SECONDS + np.pi / 2])
+"""A circle of 5 m with one radian a second."""
+
+
+def part_of(trajectory, kept):
+    covariance = trajectory.covariance
+    return Trajectory(
+        trajectory.time[kept],
+        trajectory.pose[kept],
+        None if covariance is None else covariance[kept],
+    )
+
+
+@pytest.mark.parametrize(
+    ("kept", "time", "covered"),
+    [
+        (slice(20, 80), [1.98, 1.995, 2.0, 5.05, 7.9, 7.905, 7.95], [0, 1, 1, 1, 1, 1, 0]),
+        (np.r_[0:40, 60:100], [3.9, 3.95, 5.0, 5.95, 6.0], [1, 0, 0, 0, 1]),
+        (slice(0, 100, 3), [0.15, 0.3, 9.85, 9.9], [1, 1, 1, 1]),
+        (slice(0, 100, 20), [0.0, 0.5, 1.0, 2.0], [1, 0, 0, 1]),
+        (slice(50, 51), [4.9, 5.0, 5.1], [0, 1, 0]),
+        (slice(0, 0), [0.0, 5.0], [0, 0]),
+    ],
+    ids=["ends", "gap", "every third", "sparse", "one pose", "none"],
+)
+def test_poses_are_neither_extrapolated_nor_taken_across_gaps(kept, time, covered):
+    time, truth = np.array(time), part_of(CIRCLE, kept)
+    assert truth.covers(time).tolist() == [bool(each) for each in covered]
+    expected = np.c_[5 * np.cos(time), 5 * np.sin(time)]
+    expected[~truth.covers(time)] = np.nan
+    np.testing.assert_allclose(truth.at(time)[:, :2], expected, atol=0.06)
+
+
+@pytest.mark.parametrize("kept", [slice(0, 50), slice(50, 100), np.r_[0:30, 70:100]])
+def test_errors_are_those_of_the_part_that_the_truth_covers(rng, kept):
+    noisy = CIRCLE.pose + rng.normal(size=(100, 3)) * 0.03
+    estimate = Trajectory(SECONDS, noisy, np.tile(1e-3 * np.eye(3), (100, 1, 1)))
+    score = score_drive(estimate, part_of(CIRCLE, kept))
+    alone = score_drive(part_of(estimate, kept), part_of(CIRCLE, kept))
+    assert score.poses_compared == alone.poses_compared == len(SECONDS[kept])
+    for name in ("ate_m", "ate_unaligned_m", "end_m"):
+        assert getattr(score, name) == pytest.approx(getattr(alone, name)), name
+    expected = score_drive(estimate, CIRCLE).rpe_m
+    assert score.rpe_m == pytest.approx(expected, rel=0.15)  # no step leads across the gap
+    assert score.inside_3sigma > 0.9
+    aligned = score_drive(estimate, part_of(CIRCLE, kept), start_known=False)
+    assert aligned.ate_m == score.ate_m
+    assert np.isnan([aligned.ate_unaligned_m, aligned.end_m, aligned.inside_3sigma]).all()
+
+
+@pytest.mark.parametrize(
+    ("compared", "poses", "words"),
+    [
+        (None, 40, ""),
+        (40, 40, ""),
+        (20, 40, "truth for 20 of 40 poses"),
+        (3, 40, "warning: truth for only 3 of 40 poses"),
+        (50, 600, "warning: truth for only 50 of 600 poses"),
+    ],
+)
+def test_few_true_poses_are_a_warning(compared, poses, words):
+    assert " ".join(coverage_remarks(compared, poses)).startswith(words)
+    assert bool(coverage_remarks(compared, poses)) == bool(words)
+
+
+def test_a_log_whose_truth_begins_late_has_no_start(tmp_path):
+    """Motion capture begins 10 s after the odometry."""
+    drive = simulate_world(WorldConfig(steps=100, landmarks=9), seed=1)
+    late = drive.time >= drive.time[0] + 10.0
+    truth = part_of(drive.truth, drive.truth.time >= drive.time[0] + 10.0)
+    save(tmp_path / "log", replace(drive, truth=truth), "mrclam")
+    with pytest.warns(LogWarning, match="does not cover the first pose"):
+        log = load("auto", tmp_path / "log")
+    assert log.start.tolist() == [0, 0, 0]
+    assert log.aligned_truth is None
+    row = summarize_run(log, slam.run(log))
+    assert row["poses_compared"] == pytest.approx(late.sum(), abs=2)
+    assert f"truth for {row['poses_compared']} of" in row["remark"]
+    assert "position_rmse_m" in row
+    assert "position_unaligned_rmse_m" not in row

@@ -44,6 +44,7 @@ from saccade.datasets.drives.writing import LiveDrive, require_writable
 from saccade.diagnostics import drop_repeated
 from saccade.errors import ImageError, setting
 from saccade.evaluation.runs import summarize_drive
+from saccade.evaluation.trajectory import coverage_remarks
 from saccade.frames import Drive, Frame
 from saccade.io.files import FORMATS, results_in
 from saccade.slam import Recorder
@@ -119,7 +120,7 @@ def drive(options: DriveOptions) -> Result:
 
 def drive_tables(row: dict[str, Any], title: str) -> list[Table]:
     """The errors and the figures of a drive."""
-    tables = [] if row["ate_m"] is None else [_error_table(row, title)]
+    tables = [] if row["poses_compared"] is None else [_error_table(row, title)]
     figures = run_facts({name: each for name, each in row.items() if name not in ERRORS})
     if row["self_calibration"] is not None:
         figures |= _calibration_facts(row["self_calibration"])
@@ -138,6 +139,7 @@ def _calibration_facts(report: dict[str, Any]) -> dict[str, str]:
 
 
 ERRORS = {
+    "poses_compared": "poses compared",
     "ate_m": "ATE (m)",
     "ate_unaligned_m": "unaligned (m)",
     "rpe_m": "RPE (m)",
@@ -151,9 +153,13 @@ def _error_table(row: dict[str, Any], title: str) -> Table:
     """Errors of the trajectories."""
     trajectories = {"SLAM": row, "odometry": row["odometry"], "egomotion": row["visual_odometry"]}
     cells = [
-        [name, *("" if (v := errors.get(c)) is None else f"{v:.3f}" for c in ERRORS)]
+        [
+            name,
+            f"{errors['poses_compared']} of {row['frames']}",
+            *("" if (v := errors[c]) is None else f"{v:.3f}" for c in [*ERRORS][1:]),
+        ]
         for name, errors in trajectories.items()
-        if errors["ate_m"] is not None
+        if errors["poses_compared"] is not None
     ]
     return Table(title, ["", *ERRORS.values()], cells)
 
@@ -251,7 +257,12 @@ def write_results(
         {
             **summary,
             "scale": drive.scale,
-            "remarks": [*drive.remarks, *drive.assumptions, *result.remarks],
+            "remarks": [
+                *drive.remarks,
+                *drive.assumptions,
+                *result.remarks,
+                *coverage_remarks(summary["poses_compared"], summary["frames"]),
+            ],
             "seed": settings.seed,
             "settings": asdict(settings),
         },
@@ -304,7 +315,7 @@ def write_figure(output: RunOutput, drive: Drive, result: VisualResult) -> dict[
     """Write a figure of the map; returns the file of the first format."""
     odometry = result.odometry if drive.has_odometry else None
     figure = map_figure(
-        result.trajectory, result.map, odometry, truth=drive.truth, lost=result.lost
+        result.trajectory, result.map, odometry, truth=drive.aligned_truth, lost=result.lost
     )
     if drive.scale != "metric":
         axes = figure.axes[0]
@@ -353,7 +364,7 @@ def drive_part(
     """The map of a drive as a part of a report; `summary` has the figures of run.json."""
     trajectories = {"estimate": result.trajectory}
     trajectories |= {"odometry": result.odometry} if drive.has_odometry else {}
-    trajectories |= {} if drive.truth is None else {"truth": drive.truth}
+    trajectories |= {} if (truth := drive.aligned_truth) is None else {"truth": truth}
     observed = result.observations
     return map_part(
         Section(f"{drive.name}: the growing map", DRIVE_TEXT, facts=run_facts(summary)),
@@ -362,7 +373,7 @@ def drive_part(
         observed_landmarks(result),
         time_charts(
             result.trajectory,
-            drive.truth,
+            drive.aligned_truth,
             observed.frame,
             observed.innovation,
             observed.innovation_covariance,

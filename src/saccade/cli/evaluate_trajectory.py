@@ -11,13 +11,14 @@ import numpy as np
 from cyclopts import Parameter
 
 from saccade.cli.options import OUTPUT, FigureFiles, Options, ReportOptions
-from saccade.cli.output import Result
+from saccade.cli.output import Result, print_message
 from saccade.datasets import write_table
 from saccade.datasets.drives.sidecar_files import read_tum_poses
 from saccade.errors import LogError, require
 from saccade.evaluation.trajectory import (
     PoseErrorConfig,
     PoseScores,
+    coverage_remarks,
     none_if_nan,
     score_poses,
     statistics,
@@ -105,6 +106,8 @@ def trajectory(
     for name, each in scores.items():
         rows += [[name, *[""] * (len(COLUMNS) - 1)]] if len(scores) > 1 else []
         rows += _rows(each)
+        for remark in coverage_remarks(len(each.estimate.time), each.poses):
+            print_message(f"{name}: {remark}")
     title = f"against {truth}" if len(scores) > 1 else f"{next(iter(scores))} against {truth}"
     return Result(row, [Table(title, COLUMNS, rows)], lead=LEAD, report=report)
 
@@ -115,7 +118,8 @@ def _errors(scores: PoseScores) -> dict[str, FloatArray]:
 
 
 def _rows(scores: PoseScores) -> list[list[str]]:
-    return [
+    compared = [f"poses (of {scores.poses})", str(len(scores.estimate.time))]
+    return [[*compared, *[""] * (len(COLUMNS) - 2)]] + [
         [ERRORS[key][0], *("" if isnan(x) else f"{x:.3f}" for x in statistics(errors))]
         for key, errors in _errors(scores).items()
         if len(errors)
@@ -125,6 +129,7 @@ def _rows(scores: PoseScores) -> list[list[str]]:
 def _summary(scores: PoseScores) -> dict[str, Any]:
     row: dict[str, Any] = {
         "poses": len(scores.estimate.time),
+        "estimated_poses": scores.poses,
         "pairs": len(scores.first),
         "scale": scores.scale,
     }

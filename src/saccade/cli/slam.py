@@ -39,7 +39,7 @@ from saccade.datasets import symmetric_columns, write_landmarks, write_table, wr
 from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
 from saccade.errors import ConfigError, LogError
-from saccade.evaluation.runs import has_headings, lost_times, summarize_run
+from saccade.evaluation.runs import lost_times, summarize_run
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.landmark_names import name_texts
@@ -308,7 +308,7 @@ def write_figures(
             best.trajectory,
             best.map,
             result.dead_reckoning,
-            truth=log.truth if log.truth is not None and has_headings(log.truth) else None,
+            truth=log.aligned_truth,
             landmark_truth=log.landmark_truth,
             filtered=None if smoothed is None else result.trajectory,
             lost=result.lost,
@@ -324,7 +324,7 @@ def run_charts(log: LandmarkLog, result: SlamResult) -> list[Chart]:
     """Charts of the innovations, and of the uncertainty or the errors of the pose."""
     return time_charts(
         result.trajectory,
-        log.truth if log.truth is not None and has_headings(log.truth) else None,
+        log.aligned_truth,
         log.observation_pose,
         result.innovation,
         result.innovation_covariance,
@@ -348,7 +348,7 @@ def slam_part(
     loaded: int,
 ) -> Part:
     """The map of a log as a part of a report; landmarks with an id under `loaded` were loaded."""
-    truth = log.truth if log.truth is not None and has_headings(log.truth) else None
+    truth = log.aligned_truth
     trajectories = {"estimate": result.trajectory, "odometry": result.dead_reckoning}
     trajectories |= {} if truth is None else {"truth": truth}
     trajectories |= {} if smoothed is None else {"smoothed": smoothed.trajectory}

@@ -193,11 +193,7 @@ def check_truth(drive: Drive, survey: Survey, agree: bool) -> Iterator[Finding]:
     """
     if drive.truth is None:
         return
-    period = float(np.median(np.diff(drive.truth.time))) if len(drive.truth.time) > 1 else 0.0
-    begin, end = drive.truth.time[0] - period, drive.truth.time[-1] + period
-    inside = (drive.time >= begin) & (drive.time <= end)
     steps = steps_between(drive.truth.at(drive.time))
-    steps[~(inside[1:] & inside[:-1])] = np.nan
     series, lag = series_of(drive, survey, steps), lag_of(drive, survey, steps)
     if len(series) < MIN_STEPS:
         return

@@ -7,6 +7,8 @@ import numpy as np
 
 from saccade.evaluation.trajectory import (
     DriveScore,
+    common_times,
+    coverage_remarks,
     landmark_rmse,
     none_if_nan,
     position_rmse,
@@ -30,7 +32,7 @@ def summarize_run(
     """The figures of a run, as in run.json; errors where the log has the truth.
 
     They are those after alignment, and the unaligned ones where the truth is in the frame of the
-    log: it has headings.
+    log, see `LandmarkLog.aligned_truth`.
     """
     bias = None
     if result.odometry_bias is not None:
@@ -51,8 +53,8 @@ def summarize_run(
         "nis_band": list(result.consistency.band),
         "nonlinearity": result.nonlinearity,
         "warning": _doubt(result),
-        "remark": result.consistency.remark,
     }
+    remarks = [result.consistency.remark]
     trajectories = {"odometry": result.dead_reckoning, "position": result.trajectory}
     maps = {"landmark": result.map}
     if smoothed is not None:
@@ -61,10 +63,13 @@ def summarize_run(
         maps["smoothed_landmark"] = smoothed.map
     if log.truth is not None:
         exact = has_headings(log.truth)
+        compared = len(common_times(result.trajectory, log.truth))
+        row["poses_compared"] = compared
+        remarks += coverage_remarks(compared, len(result.trajectory))
         for name, trajectory in trajectories.items():
             rmse = position_rmse(trajectory, log.truth, keep=1.0 if exact else GPS_INLIERS)
             row[f"{name}_{'rmse_m' if exact else 'gps_rmse_m'}"] = none_if_nan(rmse)
-            if exact:
+            if log.aligned_truth is not None:
                 rmse = position_rmse(trajectory, log.truth, aligned=False)
                 row[f"{name}_unaligned_rmse_m"] = none_if_nan(rmse)
     if log.landmark_truth is not None:
@@ -72,7 +77,7 @@ def summarize_run(
             for kind, aligned in (("rmse_m", True), ("unaligned_rmse_m", False)):
                 rmse = landmark_rmse(landmarks, log.landmark_truth, aligned=aligned)
                 row[f"{name}_{kind}"] = none_if_nan(rmse)
-    return row
+    return row | {"remark": "; ".join(filter(None, remarks))}
 
 
 def _doubt(result: SlamResult) -> str:
@@ -106,14 +111,18 @@ def has_headings(truth: Trajectory) -> bool:
     return bool(np.isfinite(truth.pose[:, 2]).all())
 
 
-def _odometry_end(log: LandmarkLog, result: SlamResult) -> dict[str, float]:
-    """Error of dead reckoning at the end, against the truth or else the filter's estimate."""
+def _odometry_end(log: LandmarkLog, result: SlamResult) -> dict[str, float | None]:
+    """Error of dead reckoning at the end, against the truth or else the filter's estimate.
+
+    The end is the last pose with a true one.
+    """
     odometry, reference = result.dead_reckoning, result.trajectory
     name = "odometry_end_from_estimate_m"
-    if log.truth is not None and has_headings(log.truth):
-        reference, name = log.truth, "odometry_end_error_m"
-    end = np.array([min(odometry.time[-1], reference.time[-1])])
-    return {name: float(np.hypot(*(odometry.at(end) - reference.at(end))[0, :2]))}
+    if log.aligned_truth is not None:
+        reference, name = log.aligned_truth, "odometry_end_error_m"
+    error = odometry.pose[:, :2] - reference.at(odometry.time)[:, :2]
+    error = error[np.isfinite(error[:, 0])]
+    return {name: float(np.hypot(*error[-1])) if len(error) else None}
 
 
 POSITION_TOLERANCE = 0.1
@@ -160,21 +169,18 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
     n, observed = len(result.trajectory), result.observations
     reidentified = observed.kind == ObservationKind.REIDENTIFIED
     precision = None
-    if drive.truth is not None and reidentified.any():
-        correct = correct_associations(
-            observed.frame,
-            observed.landmark,
-            observed.z,
-            observed.sigma,
-            drive.truth.at(drive.time),
-        )
-        precision = float(correct[reidentified].mean())
+    if drive.truth is not None:
+        true_poses = drive.truth.at(drive.time)
+        known = np.isfinite(true_poses[observed.frame, 0])
+        seen, counted = observed[known], reidentified[known]
+        correct = correct_associations(seen.frame, seen.landmark, seen.z, seen.sigma, true_poses)
+        precision = float(correct[counted].mean()) if counted.any() else None
     return {
         "sequence": drive.name,
         "frames": n,
-        **_errors(result.trajectory, drive.truth),
-        "odometry": _errors(result.odometry, drive.truth if drive.has_odometry else None),
-        "visual_odometry": _errors(result.visual_odometry, drive.truth),
+        **_errors(drive, result.trajectory),
+        "odometry": _errors(drive, result.odometry if drive.has_odometry else None),
+        "visual_odometry": _errors(drive, result.visual_odometry),
         "association_precision": precision,
         "self_calibration": None if result.calibration is None else asdict(result.calibration),
         "landmarks": len(result.map),
@@ -187,8 +193,8 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
     }
 
 
-def _errors(estimate: Trajectory, truth: Trajectory | None) -> dict[str, float | None]:
-    if truth is None:
+def _errors(drive: Drive, estimate: Trajectory | None) -> dict[str, float | None]:
+    if drive.truth is None or estimate is None:
         return dict.fromkeys(field.name for field in fields(DriveScore))
-    score = asdict(score_drive(estimate, truth))
+    score = asdict(score_drive(estimate, drive.truth, start_known=drive.start_known))
     return {name: none_if_nan(value) for name, value in score.items()}

@@ -75,18 +75,36 @@ def position_rmse(
             of the truth.
 
     Returns:
-        The error over the common time span, at the times of the trajectory that has fewer; NaN
-        for fewer than two.
+        The error at `common_times`; NaN for fewer than two.
     """
-    start = max(trajectory.time[0], truth.time[0])
-    end = min(trajectory.time[-1], truth.time[-1])
-    coarse = min(trajectory, truth, key=len)
-    time = coarse.time[(coarse.time >= start) & (coarse.time <= end)]
-    points, true = (
-        np.stack([np.interp(time, each.time, each.pose[:, i]) for i in (0, 1)], 1)
-        for each in (trajectory, truth)
-    )
+    time = common_times(trajectory, truth)
+    points, true = (each.interpolate(time)[:, :2] for each in (trajectory, truth))
     return point_rmse(points, true, keep=keep, aligned=aligned)
+
+
+def common_times(trajectory: Trajectory, truth: Trajectory) -> FloatArray:
+    """(n,) times of the one that has fewer poses, at which both have a pose (`Trajectory.covers`).
+
+    An estimate may have poses at any distance, if they are regular.
+    """
+    time = min(trajectory, truth, key=len).time
+    return time[truth.covers(time) & trajectory.covers(time, longest=np.inf)]
+
+
+MIN_COMPARED = 10
+"""Number of poses with a true one under which errors tell little."""
+MIN_FRACTION = 0.1
+"""Fraction of the poses under which errors tell little."""
+
+
+def coverage_remarks(compared: int | None, poses: int) -> tuple[str, ...]:
+    """A remark on a truth that covers a part of the poses; None for no truth."""
+    if compared is None or compared >= poses:
+        return ()
+    remark = f"truth for {compared} of {poses} poses: the errors are those of this part"
+    if compared < max(MIN_COMPARED, MIN_FRACTION * poses):
+        remark = f"warning: truth for only {compared} of {poses} poses: the errors tell little"
+    return (remark,)
 
 
 def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap, *, aligned: bool = True) -> float:
@@ -128,8 +146,10 @@ def none_if_nan(value: float) -> float | None:
 
 @dataclass(frozen=True)
 class DriveScore:
-    """Errors of an estimated trajectory on the plane, in meters."""
+    """Errors of an estimated trajectory on the plane, in meters, where the truth covers it."""
 
+    poses_compared: int
+    """Number of poses of which the absolute errors are computed."""
     ate_m: float
     """Absolute trajectory error: RMSE of the position after alignment without scale (evo's APE)."""
     ate_unaligned_m: float
@@ -137,33 +157,41 @@ class DriveScore:
     rpe_m: float
     """Relative pose error: RMSE of the translation between frames (evo's RPE)."""
     end_m: float
-    """Position error at the end, with the start given."""
+    """Position error at the last pose with a true one, with the start given."""
     inside_3sigma: float
     """Fraction of the frames whose true position lies in the 99.7 % ellipse; NaN for an estimate
     without covariance."""
 
 
-def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
-    """Compare poses with the truth at their times.
+def score_drive(estimate: Trajectory, truth: Trajectory, *, start_known: bool = True) -> DriveScore:
+    """Compare poses with the truth at their times, where there is one (`Trajectory.covers`).
 
     Args:
         estimate: n poses.
         truth: poses in the same frame; interpolated between its times.
+        start_known: whether the estimate begins at the true pose; else the errors without
+            alignment are NaN.
     """
     true_pose = truth.at(estimate.time)
+    covered = truth.covers(estimate.time)
     error = estimate.pose[:, :2] - true_pose[:, :2]
-    ends = np.arange(len(error) - 1), np.arange(1, len(error))
+    first = np.flatnonzero(covered[:-1] & covered[1:])
     poses = _in_space(estimate.time, estimate.pose)
-    steps = relative_errors(poses, _in_space(estimate.time, true_pose), *ends)
-    inside = float("nan")
-    if estimate.covariance is not None and len(error) >= 2:
-        covariance = estimate.covariance[1:, :2, :2] + 1e-12 * np.eye(2)  # the first is exact
-        inside = float((normalized_squared(error[1:], covariance) < THREE_SIGMA_2D).mean())
+    steps = relative_errors(poses, _in_space(estimate.time, true_pose), first, first + 1)
+    later = np.flatnonzero(covered[1:]) + 1  # the first pose is exact
+    unaligned = end = inside = float("nan")
+    if start_known and covered.any():
+        unaligned = position_rmse(estimate, truth, aligned=False)
+        end = float(np.hypot(*error[covered][-1]))
+    if start_known and estimate.covariance is not None and len(later):
+        covariance = estimate.covariance[later, :2, :2] + 1e-12 * np.eye(2)
+        inside = float((normalized_squared(error[later], covariance) < THREE_SIGMA_2D).mean())
     return DriveScore(
+        poses_compared=len(common_times(estimate, truth)),
         ate_m=position_rmse(estimate, truth),
-        ate_unaligned_m=position_rmse(estimate, truth, aligned=False),
+        ate_unaligned_m=unaligned,
         rpe_m=root_mean_square(steps.translation),
-        end_m=float(np.hypot(*error[-1])),
+        end_m=end,
         inside_3sigma=inside,
     )
 
@@ -220,6 +248,8 @@ class Errors(NamedTuple):
 class PoseScores(NamedTuple):
     """Errors of an estimate of n poses that have a true one."""
 
+    poses: int
+    """Number of poses of the estimate, with and without a true one."""
     estimate: Poses
     """Aligned."""
     truth: Poses
@@ -277,6 +307,7 @@ def score_poses(
     Raises:
         LogError: fewer than two poses have a true one, or no pair is `delta` apart.
     """
+    poses = len(estimate.time)
     estimate, truth = associate(estimate, truth, config)
     fit = umeyama(estimate.position, truth.position, config.scale)
     moved = Poses(estimate.time, fit.rotation @ estimate.rotation, fit(estimate.position))
@@ -293,6 +324,7 @@ def score_poses(
             f"{len(estimate.time)} poses"
         )
     return PoseScores(
+        poses=poses,
         estimate=moved,
         truth=truth,
         aligned=aligned,

@@ -101,7 +101,7 @@ def increments_from_poses(
 ) -> OdometryIncrements:
     """Increments between frames at times (m + 1,), from poses by wheel odometry."""
     _require_coverage(poses.time, frame_time, float(np.diff(frame_time).max(initial=0.0)), name)
-    control = steps_between(poses.at(frame_time))
+    control = steps_between(poses.interpolate(frame_time))
     return OdometryIncrements(control, _covariance(control[:, 0], np.diff(frame_time), WHEELS))
 
 

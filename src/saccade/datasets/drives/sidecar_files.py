@@ -75,6 +75,13 @@ GAZE_COLUMNS = ("pan_rad", "tilt_rad", "sigma_rad", "reason")
 """The last one is optional."""
 
 
+START_UNKNOWN = (
+    "the ground truth does not cover the first pose: the start is taken as the origin, and only "
+    "aligned errors are computed"
+)
+"""Assumption on the start of a recording."""
+
+
 class Truth(NamedTuple):
     """Ground truth of a drive, if known: `Drive.truth` and `Drive.truth_off_plane`."""
 
@@ -163,9 +170,11 @@ def assemble_drive(
                 f"{path}: expected a row for each of {len(frames.recorded)} frames, found "
                 f"{len(turns)}"
             )
-    start = np.zeros(3)
+    start, is_known = np.zeros(3), True
     if calibration.start is not None:
         start = np.array(calibration.start)
+    elif truth.trajectory is not None and not truth.trajectory.covers(frames.time[:1])[0]:
+        is_known, assumptions = False, (*assumptions, f"{folder}: {START_UNKNOWN}")
     elif truth.trajectory is not None:
         start = truth.trajectory.at(frames.time[:1])[0]
     numbers = frames.index.tolist()
@@ -185,6 +194,7 @@ def assemble_drive(
         odometry_bias=calibration.odometry_bias,
         truth=truth.trajectory,
         truth_off_plane=truth.off_plane,
+        start_known=is_known,
         remarks=frames.remarks,
         assumptions=assumptions,
     )

@@ -83,7 +83,7 @@ def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | No
     calibration = Calibration(
         drive.camera,
         odometry_bias=drive.odometry_bias,
-        start=(float(drive.start[0]), float(drive.start[1]), float(drive.start[2])),
+        start=(*drive.start.tolist(),) if drive.start_known else None,
     )
     write_calibration(folder / CAMERA_FILE, calibration)
     np.savetxt(folder / "times.txt", drive.time, fmt="%.9f")

@@ -1,13 +1,15 @@
 """Conversions of odometry and observations with their covariances."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass
 
 import numpy as np
 
-from saccade.errors import LogError, Settings, setting
+from saccade.datasets.drives.sidecar_files import START_UNKNOWN
+from saccade.errors import LogError, LogWarning, Settings, setting
 from saccade.plane import rotated
-from saccade.types import FloatArray, LandmarkLog
+from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,14 @@ def to_range_bearing(
     J[:, 1, 0], J[:, 1, 1] = -y / r / r, x / r / r
     R = J @ covariance @ J.transpose(0, 2, 1)
     return np.stack([r, np.arctan2(y, x)], 1), (R + R.transpose(0, 2, 1)) / 2
+
+
+def start_of(truth: Trajectory | None, time: float, name: str) -> FloatArray:
+    """The true pose (3,) at a time in seconds; the origin, with a `LogWarning`, without one."""
+    pose = np.zeros(3) if truth is None else truth.at(np.array([time]))[0]
+    if not np.isfinite(pose).all():
+        warnings.warn(f"{name}: {START_UNKNOWN}", LogWarning, stacklevel=4)
+    return np.nan_to_num(pose)
 
 
 def require_numbered(log: LandmarkLog, form: str) -> None:

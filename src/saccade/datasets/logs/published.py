@@ -12,6 +12,7 @@ from saccade.datasets.logs.conversions import (
     OdometryNoise,
     integrate,
     require_numbered,
+    start_of,
 )
 from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import Archive, read_table
@@ -143,7 +144,7 @@ def read_mrclam(
         observation[:, 0] /= platform.depth * np.cos(bearing)
     return LandmarkLog(
         name=f"{path.stem}, robot {robot}",
-        start=np.zeros(3) if truth is None else truth.at(pose_time[:1])[0],
+        start=start_of(truth, float(pose_time[0]), f"{path}, robot {robot}"),
         time=pose_time,
         motion="compose",
         control=control,

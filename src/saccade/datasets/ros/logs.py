@@ -1,9 +1,9 @@
-"""Landmark logs from ROS 1 bags (.bag) and ROS 2 bags (a folder with metadata.yaml).
+"""Landmark logs from ROS 1 bags (.bag) and ROS 2 bags (.mcap, .db3, or their folder).
 
 Landmarks are read from the first topic of a known type (`messages.MESSAGE_TYPES`), or from the
 wanted topics. Tf transforms their positions to the frame of the robot at the time of each, and they
 are projected to the ground. Odometry is nav_msgs Odometry, or the transform from odom to the robot.
-Ground truth of the robot is a topic with "truth", "gt", "vicon" or "mocap" in its name.
+Ground truth of the robot is a topic with "truth", "vicon", "mocap" or the word "gt" in its name.
 
 Times are read from the headers and count from the first odometry. There is a pose at every time of
 an observation, and others between them. Needs the extra `ros`.
@@ -23,6 +23,7 @@ from saccade.datasets.logs.conversions import (
     ASSUMED_SENSOR,
     OdometryNoise,
     sensor_variances,
+    start_of,
     to_range_bearing,
 )
 from saccade.datasets.ros.bags import FIELDS, Bag, Transforms, bare, pose_of, poses_from, stamp_of
@@ -70,7 +71,7 @@ class BagOdometry(NamedTuple):
         interval = np.searchsorted(known, knots[:-1], side="right") - 1
         part = (np.diff(knots) / np.diff(known)[interval])[:, None, None]
         pieces = OdometryIncrements(
-            steps_between(self.poses.at(knots)), part * self.covariance[interval]
+            steps_between(self.poses.interpolate(knots)), part * self.covariance[interval]
         )
         return compose_increments(pieces, np.searchsorted(knots, time), self.source)
 
@@ -190,7 +191,7 @@ def _log(
     truth = None if truth_name is None else project_to_plane(bag.poses(truth_name, first))
     return LandmarkLog(
         name=f"{bag.path.stem}, {topics} with {odometry.source}",
-        start=np.zeros(3) if truth is None else truth.at(np.zeros(1))[0],
+        start=start_of(truth, 0.0, name),
         time=pose_time - first,
         motion="compose",
         control=motion.control,
