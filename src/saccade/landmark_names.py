@@ -1,6 +1,7 @@
 """Names of landmarks: numbers where they are computed with, text where people read them.
 
-A name that is an integer is its own number. Any other name is text, as tags have it; its number is
+A name that is an integer below `FIRST_TEXT` is its own number, also where it is written as 3.0, as
+pandas does in columns with empty cells. Any other name is text, as tags have it; its number is
 `FIRST_TEXT` plus its place in a table of such names. A landmark without a name is -1.
 """
 
@@ -20,6 +21,7 @@ UNKNOWN = ("", "-1")
 """Text of a landmark without a name."""
 EXPECTED = "names of landmarks (text, or integers from 0 on; empty or -1 where unknown)"
 """Input of `number_names`, for messages."""
+_WHOLE = re.compile(r"(-?\d{1,19})(\.0*)?", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)|nan", re.ASCII | re.IGNORECASE)
 
 
@@ -42,7 +44,7 @@ def number_names(
     values = names if isinstance(names, np.ndarray) else np.array(names, object)
     if values.ndim != 1:
         raise LogError(f"{name}: expected a list of names, found shape {values.shape}")
-    if values.dtype.kind == "i":
+    if values.dtype.kind == "i" and (table or values.max(initial=0) < FIRST_TEXT):
         wrong = (values < -1) | (values >= FIRST_TEXT + len(table))
         if wrong.any():
             raise LogError(f"{name}: expected {EXPECTED}, found {values[wrong][0]}")
@@ -102,11 +104,13 @@ def parse_name(value: Any) -> int | str | None:
             return text  # 007 need not be 7
         if not _NUMBER.fullmatch(text):
             return text if text.isprintable() else None
-        value = int(text) if text.isdecimal() else None
+        whole = _WHOLE.fullmatch(text)
+        value = int(whole[1]) if whole else None
     elif isinstance(value, float) and value.is_integer():
         value = int(value)
-    is_number = isinstance(value, int | np.integer) and -1 <= value < FIRST_TEXT
-    return int(value) if is_number else None
+    if not isinstance(value, int | np.integer) or not -1 <= value < 1 << 63:
+        return None
+    return int(value) if value < FIRST_TEXT else str(value)
 
 
 def name_texts(numbers: npt.NDArray[np.int64], table: tuple[str, ...]) -> npt.NDArray[Any]:

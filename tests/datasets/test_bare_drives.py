@@ -1,5 +1,6 @@
 """Drives without a calibration: guessed cameras, names of folders, and lengths up to scale."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from PIL import Image as Pillow
 
 from saccade import visual
-from saccade.datasets import load_drive
+from saccade.datasets import load_drive, save_drive
 from saccade.datasets.drives.folder import (
     CameraOptions,
     assume_speed,
@@ -100,3 +101,54 @@ def test_a_single_camera_finds_its_path_up_to_scale():
     assert (
         np.sqrt(np.mean(np.abs(scale * estimate - true) ** 2)) < 0.02 * np.abs(np.diff(true)).sum()
     )
+
+
+def rows_of(trajectory, kept):
+    """Lines of a TUM file."""
+    poses = zip(trajectory.time[kept].tolist(), trajectory.pose[kept].tolist(), strict=True)
+    turns = [(t, x, y, np.sin(h / 2), np.cos(h / 2)) for t, (x, y, h) in poses]
+    return "".join(f"{t} {x} {y} 0 0 0 {s} {c}\n" for t, x, y, s, c in turns)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    drive = simulate_drive(DriveConfig(frames=14), 2)
+    folder = tmp_path_factory.mktemp("simulated") / "drive"
+    save_drive(folder, drive)
+    return drive, folder
+
+
+@pytest.mark.parametrize("file", ["groundtruth.tum", "groundtruth_tum.txt"])
+@pytest.mark.parametrize("given", [True, False])
+def test_a_start_pose_is_never_taken_from_another_time(simulated, tmp_path, file, given):
+    """Motion capture begins with the seventh frame."""
+    drive, folder = simulated
+    copy = tmp_path / "drive"
+    shutil.copytree(folder, copy)
+    (copy / "groundtruth.tum").unlink()
+    (copy / file).write_text(rows_of(drive.truth, slice(7, None)))
+    if not given:
+        lines = (copy / "camera.toml").read_text().splitlines()
+        first = next(i for i, line in enumerate(lines) if line.startswith("start"))
+        (copy / "camera.toml").write_text("\n".join(lines[:first]))  # it is the last entry
+    late = load_drive("auto", copy)
+    assert late.start_known == given
+    assert late.start.tolist() == (drive.start.tolist() if given else [0, 0, 0])
+    assert any("does not cover the first pose" in each for each in late.assumptions) != given
+    assert (late.aligned_truth is None) != given
+    assert np.isnan(late.truth.at(late.time)[:7]).all()
+    save_drive(tmp_path / "again", late)
+    assert load_drive("auto", tmp_path / "again").start_known == given
+
+
+@pytest.mark.parametrize("style", ["{}", "frame{:03d}", "frame{}", "img_{}_left"])
+def test_frames_are_in_the_order_of_their_numbers(simulated, tmp_path, style):
+    _, folder = simulated
+    (tmp_path / "images").mkdir()
+    for i in range(14):
+        name = f"{style.format(i)}.png"
+        shutil.copy(folder / f"image_0/{i:06d}.png", tmp_path / "images" / name)
+    read = load_drive("folder", tmp_path, CameraOptions((200.0, 200.0, 159.5, 119.5)))
+    expected = load_drive("auto", folder)
+    for i in range(14):
+        np.testing.assert_array_equal(read.load(i).image, expected.load(i).image)

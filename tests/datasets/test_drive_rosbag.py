@@ -1,7 +1,9 @@
 """Drives from bags of ROS 1 and 2."""
 
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 
+import cv2
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer
@@ -9,6 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 from saccade.datasets import load_drive
+from saccade.datasets.ros.bags import TRUTH, has_word
 from saccade.errors import DriveError, ImageError
 from saccade.frames import AHEAD
 from support.error_checks import refuses
@@ -122,6 +125,122 @@ def test_a_camera_that_rolls_is_refused(bag):
 
     with refuses(DriveError, "/camera/image: expected a camera that pans and tilts, found", "0.5"):
         load_drive("auto", bag(lambda messages: turning(messages, roll)))
+
+
+def lens(kind, topic, bent=(0.0,) * 5, baseline=0.2):
+    """A camera, or a pair of {side} cameras, of a lens model."""
+
+    def make(messages):
+        for side in ("left", "right") if "{side}" in topic else ("",):
+            for i in range(3):
+                info = messages.info(i, baseline if side == "right" else 0.0, bent, kind)
+                image = messages.image(i, pictures()[0, i], "mono8")
+                name = topic.format(side=side)
+                yield name, "sensor_msgs/msg/Image", i, image
+                yield (
+                    f"{name.rpartition('/')[0]}/camera_info",
+                    "sensor_msgs/msg/CameraInfo",
+                    i,
+                    info,
+                )
+
+    return make
+
+
+BENT = (-0.3, 0.1, 0.001, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        *(
+            "/camera/image_rect",
+            "/camera/image_rect_color",
+            "/camera/imageRect",
+            "/undistorted/image",
+        ),
+        *("/stereo/{side}/image_rect", "/zed/rgb_{side}/image_rect_color"),
+    ],
+)
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+def test_rectified_images_have_the_projection_and_no_distortion(bag, topic, model):
+    """By the documentation of CameraInfo: P is of rectified images, K and D are of raw ones."""
+    drive = load_drive("auto", bag(lens(model, topic, BENT)))
+    np.testing.assert_array_equal(drive.load(1).image, pictures()[0, 1])
+    assert drive.camera.baseline == (0.2 if "{side}" in topic else 0)
+
+
+@pytest.mark.parametrize("topic", ["/camera/image_raw", "/direct/image", "/rectangle/image"])
+def test_raw_images_are_undistorted(bag, topic):
+    drive = load_drive("auto", bag(lens("plumb_bob", topic, BENT)))
+    expected = cv2.undistort(
+        pictures()[0, 1], np.array([[50.0, 0, 32], [0, 51.0, 24], [0, 0, 1]]), np.array(BENT)
+    )
+    found = drive.load(1).image.astype(float)
+    assert np.abs(found - expected).mean() < 4
+    assert np.abs(found - pictures()[0, 1]).mean() > 20
+
+
+def test_raw_images_of_a_pair_are_refused(bag):
+    with refuses(DriveError, "expected rectified images of a stereo pair"):
+        load_drive("auto", bag(lens("plumb_bob", "/{side}/image_raw", BENT)))
+
+
+@pytest.mark.parametrize("model", ["equidistant", "fisheye", "kannala_brandt4", "fov", "new"])
+@pytest.mark.parametrize("bent", [BENT[:4], (0.0,) * 4])
+def test_other_lens_models_are_refused(bag, model, bent):
+    with refuses(DriveError, "/camera_info: expected a pinhole camera", model):
+        load_drive("auto", bag(lens(model, "/camera/image_raw", bent)))
+
+
+def test_higher_coefficients_that_are_zero_are_none(bag):
+    drive = load_drive("auto", bag(lens("rational_polynomial", "/image", (0.0,) * 8)))
+    np.testing.assert_array_equal(drive.load(1).image, pictures()[0, 1])
+
+
+@pytest.mark.parametrize(
+    ("topic", "pattern", "expected"),
+    [
+        *((topic, TRUTH, True) for topic in ("/gt/odom", "/gt_pose", "/robot1/poseGT", "/GTPose")),
+        *((topic, TRUTH, True) for topic in ("/groundtruth", "/ground_truth/odom", "/gt0")),
+        *((topic, TRUTH, True) for topic in ("/vicon/jackal/jackal", "/mocapNode/pose")),
+        *((topic, TRUTH, False) for topic in ("/length/odom", "/gtsam/odom", "/width/weightth")),
+        *((topic, TRUTH, False) for topic in ("/straightto/odom", "/odom")),
+        *((topic, "right.*", True) for topic in ("/right/image", "/rightCamera", "/cam_right0")),
+        *((topic, "right.*", False) for topic in ("/bright/image", "/upright_camera/image")),
+    ],
+)
+def test_words_of_topics_are_whole(topic, pattern, expected):
+    assert has_word(topic, pattern) == expected
+
+
+@pytest.mark.parametrize("storage", ["mcap", "db3"])
+@pytest.mark.parametrize("form", ["file", "folder"])
+def test_files_of_a_bag_need_no_metadata(tmp_path, storage, form):
+    whole = load_drive("auto", write_bag(tmp_path, 2, stereo, storage))
+    part = tmp_path / "part"
+    part.mkdir()
+    (file,) = (tmp_path / "way").glob(f"*.{storage}")
+    file.rename(part / f"run.{storage}")
+    drive = load_drive("auto", part / f"run.{storage}" if form == "file" else part)
+    np.testing.assert_array_equal(drive.control, whole.control)
+    np.testing.assert_array_equal(drive.load(5).image, pictures()[0, 5])
+
+
+def test_parts_of_a_bag_are_one_and_bags_are_not(tmp_path):
+    def some(first):
+        return lambda messages: (each for each in stereo(messages) if (each[2] < 100.3) == first)
+
+    (tmp_path / "parts").mkdir()
+    for number, first in ((9, True), (10, False)):
+        path = write_bag(tmp_path, 2, some(first), "mcap")
+        next(path.glob("*.mcap")).rename(tmp_path / f"parts/way_{number}.mcap")
+        shutil.rmtree(path)
+    drive = load_drive("auto", tmp_path / "parts")
+    np.testing.assert_allclose(drive.time, np.arange(FRAMES) / 10, atol=1e-6)
+    (tmp_path / "parts/way_9.mcap").rename(tmp_path / "parts/other.mcap")
+    with refuses(DriveError, "parts: expected one bag, found other.mcap, way_10.mcap"):
+        load_drive("auto", tmp_path / "parts")
 
 
 def test_what_is_broken_is_named(bag):

@@ -175,3 +175,52 @@ def test_a_csv_without_covariances_has_those_of_a_bag(tmp_path):
     found = [str(each.message) for each in said]
     assert "no covariance of distance, turn: assumed standard deviations of 0.05 m" in found[0]
     assert "no covariance of range, bearing: assumed standard deviations of 5% of the" in found[1]
+
+
+GRAPH = (
+    "VERTEX_SE2 {x0} 1 2 .5\nVERTEX_SE2 {x1} 2 2 .5\nVERTEX_XY {l} 5 5\n"
+    "EDGE_SE2 {x0} {x1} 1 0 0 100 0 0 100 0 80\n"
+    "EDGE_SE2_XY {x0} {l} 3 4 50 5 40\nEDGE_SE2_XY {x1} {l} 2 4 50 5 40\n"
+)
+SYMBOLS = {name: (ord(name[0]) << 56) + int(name[1]) for name in ("x0", "x1", "l5")}
+"""Keys of GTSAM: a letter in the highest byte, and an index."""
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("", ""),
+        ("", "FIX 0 1\n"),
+        ("", "FIX 0\n"),
+        ("PARAMS_SE2OFFSET 0 0 0 0\n", ""),
+        ("PARAMS_CAMERAPARAMETERS 0 500 320 240 0\n", ""),
+    ],
+)
+def test_lines_of_g2o_that_say_nothing_about_the_log(tmp_path, before, after):
+    (tmp_path / "a.g2o").write_text(before + GRAPH.format(x0=0, x1=1, l=10) + after)
+    log = load("auto", tmp_path / "a.g2o")
+    np.testing.assert_allclose(log.observation[:, 0], [5, np.hypot(2, 4)])
+    assert (log.start.tolist(), log.landmark.tolist()) == ([1, 2, 0.5], [10, 10])
+
+
+def test_symbol_keys_are_names(tmp_path):
+    """They fit int64; they are distances apart that float64 does not tell."""
+    keys = {"x0": SYMBOLS["x0"], "x1": SYMBOLS["x1"], "l": SYMBOLS["l5"]}
+    (tmp_path / "a.g2o").write_text(GRAPH.format(**keys))
+    log = load("auto", tmp_path / "a.g2o")
+    assert log.time.tolist() == [0, 1]
+    assert log.observation_pose.tolist() == [0, 1]
+    assert log.names.tolist() == [str(SYMBOLS["l5"])] * 2
+    save(tmp_path / "a.csv", log)
+    assert load("auto", tmp_path / "a.csv").names.tolist() == log.names.tolist()
+    as_array = dataclasses.replace(log, landmark=np.full(2, SYMBOLS["l5"], np.int64), text_names=())
+    assert as_array.names.tolist() == log.names.tolist()
+
+
+@pytest.mark.parametrize(
+    "tag", ["TUTORIAL_VERTEX_SE2 0 1 2 3", "FIX one", "FIX 9223372036854775808"]
+)
+def test_other_lines_of_g2o_are_named(tmp_path, tag):
+    (tmp_path / "a.g2o").write_text(GRAPH.format(x0=0, x1=1, l=10) + tag)
+    with pytest.raises(LogError, match=r"a.g2o, line 7: expected .*, found"):
+        load("auto", tmp_path / "a.g2o")

@@ -21,13 +21,23 @@ FILES = [
     *("log-csv", "g2o", "isam", "toro", "gtsam", "mrclam-odometry", "mrclam-measurement"),
     *("mrclam-npz", "matlab", "matlab-gps", "kitti-calib", "kitti-odometry", "kitti-poses"),
     *("tum-list", "tum-truth", "camera-toml", "folder-times", "folder-odometry", "tracks"),
-    *("tracks-calib", "tum-poses", "fixations", "osie", "homography", "gaze", "video"),
+    *(
+        "camera-yaml",
+        "mcap",
+        "tracks-calib",
+        "tum-poses",
+        "fixations",
+        "osie",
+        "homography",
+        "gaze",
+        "video",
+    ),
     *("rosbag1", "rosbag2", "rosbag2-metadata", "rosbag1-log", "rosbag2-log", "own-map"),
 ]
 """Targets of the fuzzer with a reader of recorded data."""
 OPTIONAL = [
     *("kitti-calib", "kitti-odometry", "tum-truth", "folder-times", "folder-odometry"),
-    *("matlab-gps", "camera-toml"),
+    *("matlab-gps", "camera-toml", "camera-yaml", "rosbag2-metadata"),
 ]
 """Files without which a recording is read otherwise."""
 TABLES = [
@@ -88,6 +98,31 @@ def test_a_cell_too_many_is_named_with_its_line(recording, name):
     found, refusal = recording(name, lambda whole: whole.rstrip() + b" 7 7,7,7\n")
     assert found is None
     assert f"{Path(TARGETS[name].file).name}, line " in refusal
+
+
+NOTED = (
+    *("log-csv", "g2o", "isam", "toro", "gtsam", "mrclam-odometry", "mrclam-measurement"),
+    *("tum-list", "tum-truth", "folder-times", "camera-toml", "camera-yaml", "tum-poses"),
+)
+"""Targets whose file may have comments."""
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "utf-8-sig", "cp1252"])
+@pytest.mark.parametrize("name", [*TABLES, "camera-toml", "camera-yaml"])
+def test_text_is_read_in_the_encodings_of_other_programs(recording, name, encoding):
+    note = "# Größe, naïve\n" if name in NOTED else ""
+    mark = "\ufeff" if encoding.endswith("be") else ""
+    found, refusal = recording(name, lambda whole: (mark + note + whole.decode()).encode(encoding))
+    assert found is not None, refusal
+
+
+@pytest.mark.parametrize("name", [*TABLES, "camera-toml", "camera-yaml"])
+@pytest.mark.parametrize("bad", ["Größe 1".encode("utf-16-le"), b"\x81\x8d"])
+def test_text_in_no_encoding_names_the_cure(recording, name, bad):
+    found, refusal = recording(name, lambda whole: bad + whole)
+    assert found is None
+    assert Path(TARGETS[name].file).name in refusal
+    assert "save it as UTF-8" in refusal
 
 
 class Format(NamedTuple):
@@ -266,19 +301,26 @@ def test_a_defect_of_tracks_is_named(tmp_path, change, words):
     ("load", "kind", "name", "words"),
     [
         (load, "auto", "nothing", "expected a landmark log, found no such file or folder"),
-        (load, "auto", "", "expected a folder with any of Barcodes.dat (mrclam), log.csv (csv)"),
-        (load, "auto", "a.db3", "expected the folder of a ROS 2 bag, found one of its files"),
+        (
+            load,
+            "auto",
+            "empty",
+            "expected a folder with any of Barcodes.dat (mrclam), log.csv (csv)",
+        ),
+        (load, "auto", "a.db3", "a.db3: expected a ROS bag"),
+        (load_drive, "auto", "a.mcap", "a.mcap: expected a ROS bag"),
         (load, "carmen", "a.csv", "kind: expected one of auto, csv"),
         (load_drive, "auto", "nothing", "expected a camera drive, found no such file or folder"),
-        (load_drive, "auto", "", "expected one of image_0 (kitti), rgb.txt (tum-rgbd)"),
-        (load_drive, "auto", "a.csv", "expected a folder, a video, a .bag or an .npz"),
+        (load_drive, "auto", "empty", "expected one of image_0 (kitti), rgb.txt (tum-rgbd)"),
+        (load_drive, "auto", "a.csv", "expected a folder, a video, a bag or an .npz"),
         (load_drive, "auto", "a.bag", "a.bag: expected a ROS bag"),
         (load_drive, "tracks", "", "expected stereo_tracks_clean.npz or stereo_tracks.npz"),
         (load_drive, "lego", "a.csv", "kind: expected one of auto, kitti"),
     ],
 )
 def test_another_suffix_or_kind_is_named(tmp_path, load, kind, name, words):
-    for file in ("a.csv", "a.bag", "a.db3"):
+    (tmp_path / "empty").mkdir()
+    for file in ("a.csv", "a.bag", "a.db3", "a.mcap"):
         (tmp_path / file).write_text("no bag at all")
     with refuses(SaccadeError, words):
         load(kind, tmp_path / name)

@@ -196,6 +196,19 @@ def _folder(folder: Path) -> None:
     (folder / "groundtruth.tum").write_text("0 0 0 0 0 0 0 1\n0.2 1 0 0 0 0 0 1\n")
 
 
+def _camera_info(folder: Path) -> None:
+    write_pictures(folder / "images", *(f"{i}.png" for i in range(3)))
+    (folder / "camera_info.yaml").write_text(
+        "image_width: 32\nimage_height: 24\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
+        "  data: [20.0, 0, 16, 0, 20, 12, 0, 0, 1]\ndistortion_model: plumb_bob\n"
+        "distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.1, 0.01, 0, 0, 0]\n"
+    )
+
+
+def _mcap(folder: Path) -> None:
+    (write_bag(folder, 2, stereo, "mcap") / "metadata.yaml").unlink()
+
+
 def _tracks(folder: Path) -> None:
     uvlr = np.tile([16.0, 12, 10, 12], (4, 1))
     np.savez(folder / "stereo_tracks.npz", frame=[0, 0, 1, 1], track=[1, 2, 1, 2], uvlr=uvlr)
@@ -348,6 +361,7 @@ TARGETS = {
     "tum-list": _drive(_tum, "rgb.txt"),
     "tum-truth": _drive(_tum, "groundtruth.txt"),
     "camera-toml": _drive(_folder, "camera.toml"),
+    "camera-yaml": _drive(_camera_info, "camera_info.yaml"),
     "folder-times": _drive(_folder, "times.txt"),
     "folder-odometry": _drive(_folder, "odometry.csv"),
     "tracks": _drive(_tracks, "stereo_tracks.npz"),
@@ -376,6 +390,7 @@ TARGETS = {
     "points-table": Target(_extracted, "out/sift/0.parquet", _table),
     "rosbag1": _bag(1, "way.bag"),
     "rosbag2": _bag(2, "way/way.db3"),
+    "mcap": _drive(_mcap, "way/way.mcap", "way/way.mcap"),
     "rosbag2-metadata": _bag(2, "way/metadata.yaml"),
     "rosbag1-log": _landmark_bag(1, "ros1_tags", "way.bag"),
     "rosbag2-log": _landmark_bag(2, "fiducials", "way/way.db3"),

@@ -4,6 +4,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Writer as Writer2
+from rosbags.rosbag2.enums import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
@@ -103,11 +104,12 @@ STORES[1].register(
 )
 
 
-def write_bag(folder, version, make):
+def write_bag(folder, version, make, storage="db3"):
     """Write (topic, type, seconds, message), which `make` gives; gives the path of the bag."""
     store = STORES[version]
     path = folder / ("way.bag" if version == 1 else "way")
-    writer = Writer1(path) if version == 1 else Writer2(path, version=9)
+    plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
+    writer = Writer1(path) if version == 1 else Writer2(path, version=9, storage_plugin=plugin)
     with writer:
         connections = {}
         for topic, kind, seconds, message in make(Messages(store)):

@@ -1,6 +1,7 @@
 """Drives from a folder of images, as KITTI's, or from a video, with a calibration beside it.
 
-    camera.toml              see `calibration`; without it calib.txt, else the camera is guessed
+    camera.toml              see `calibration`; without it calib.txt, or the YAML or XML of another
+                             program (see `camera_files`), else the camera is guessed
     calib.txt                one or more (3, 4) projections, a (3, 3) matrix, or fx, fy, cx, cy and
                              perhaps a baseline, in any number of rows that may begin with a name;
                              of KITTI's P0 to P3 those of the cameras
@@ -19,7 +20,8 @@ required; some may be missing. The camera is mounted as on KITTI's car, and by t
 calib.npz, see `kitti_extrinsics`.
 """
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +35,12 @@ from saccade.datasets.drives.calibration import (
     Calibration,
     kitti_extrinsics,
     read_calibration,
+)
+from saccade.datasets.drives.camera_files import (
+    OTHER_LENSES,
+    CameraFile,
+    distortion_of,
+    find_cameras,
 )
 from saccade.datasets.drives.frames import (
     FrameTimes,
@@ -139,7 +147,8 @@ def calibration_beside(
 ) -> BareCamera:
     """The calibration of camera.toml, or for images of a width and height one without it.
 
-    Sources are the options, a calib.txt, the EXIF tags of an `image`, or a guess, in this order.
+    Sources are the options, a calib.txt, a YAML or XML file, the EXIF tags of an `image`, or a
+    guess, in this order.
     Assumptions name the `source`; by default the folder. Only a pair of cameras has the baseline
     of a calib.txt.
     """
@@ -150,11 +159,15 @@ def calibration_beside(
         return BareCamera(read_calibration(file))
     width, height = size
     baseline, is_guess, assumptions = options.baseline or 0.0, False, tuple[str, ...]()
+    distortion: tuple[float, ...] = ()
     if options.intrinsics is not None:
         values = options.intrinsics
     elif (folder / "calib.txt").exists():
         left = "image_0" if image is None else image.parent.name
         values, found = read_intrinsics(folder / "calib.txt", PROJECTIONS.get(left, ()))
+        baseline = options.baseline or (found if is_pair else 0.0)
+    elif cameras := find_cameras(folder) or (image and find_cameras(image.parent)):
+        (width, height), values, distortion, found = choose_camera(cameras, size, image)
         baseline = options.baseline or (found if is_pair else 0.0)
     else:
         focal = None if image is None else exif_focal_length(image, width)
@@ -167,13 +180,41 @@ def calibration_beside(
             f"({origin}) and the principal point at the center; --intrinsics fx,fy,cx,cy gives "
             "the true ones",
         )
-    camera = Camera(width, height, *values, baseline=baseline)
+    try:
+        camera = Camera(width, height, *values, baseline=baseline)
+    except ConfigError as error:
+        raise DriveError(f"{folder}: the calibration of the camera: {error}") from error
     if not (0 < camera.cx < width and 0 < camera.cy < height):
         raise DriveError(
             f"{folder}: expected a principal point inside the images of {width} x {height} px, "
             f"found {camera.cx:.1f}, {camera.cy:.1f}"
         )
-    return BareCamera(Calibration(camera, rate=GUESSED_RATE), assumptions, is_guess)
+    return BareCamera(Calibration(camera, distortion, GUESSED_RATE), assumptions, is_guess)
+
+
+def choose_camera(
+    cameras: Sequence[CameraFile], size: tuple[int, int], image: Path | None
+) -> tuple[tuple[int, int], Intrinsics, tuple[float, ...], float]:
+    """Size, intrinsics, distortion and baseline (0 if unknown) of the camera of an image.
+
+    It is the one whose name has most words of the folder of the image, such as left, else the
+    first. Images in a folder such as image_rect are rectified. Images of a pair that need no
+    undistortion have the baseline of the projections.
+    """
+
+    def words(name: str) -> set[str]:
+        return {*re.findall("[a-z]+|[0-9]+", name.lower())}
+
+    folder = words("" if image is None else f"{image.parent.parent.name} {image.parent.name}")
+    left = max(cameras, key=lambda each: len(folder & words(Path(each.name).name)))
+    matrix, distortion = left.matrix, distortion_of(left.model, left.distortion, left.name)
+    if folder & {"rect", "rectified", "undistorted"} and left.projection[0, 0] > 0:
+        matrix, distortion = left.projection, ()
+    offsets = [-each.projection[0, 3] / max(each.projection[0, 0], 1e-9) for each in cameras]
+    baseline = 0.0 if distortion else float(max(0.0, *offsets))
+    (fx, _, cx), (_, fy, cy) = (left.projection if baseline > 0 else matrix)[:2, :3].tolist()
+    width, height = left.size or size
+    return (int(width), int(height)), (fx, fy, cx, cy), distortion, baseline
 
 
 def exif_focal_length(image: Path, width: int) -> float | None:
@@ -193,17 +234,20 @@ def read_intrinsics(path: Path, names: tuple[str, ...] = ()) -> tuple[Intrinsics
     Of rows with the `names` these alone are read; see the module for the forms of the numbers.
     """
     rows = list(read_rows(path))
-    rows = [row for row in rows if row.cells[0].removesuffix(":") in names] or rows
-    values = list[float]()
     for row in rows:
-        values += row.numbers(slice(0 if is_number(row.cells[0]) else 1, None))
+        if re.search(OTHER_LENSES, row.cells[0].lower()):
+            distortion_of(row.cells[0], (), row.name)
+    rows = [row for row in rows if row.cells[0].removesuffix(":") in names] or rows
+    parts = [row.numbers(slice(0 if is_number(row.cells[0]) else 1, None)) for row in rows]
+    is_table = len({len(part) for part in parts}) == 1
+    values = [value for part in parts for value in part] if is_table else []
     if len(values) in (4, 5):
         fx, fy, cx, cy = values[:4]
         return (fx, fy, cx, cy), sum(values[4:])
     if len(values) != 9 and (not values or len(values) % 12):
         raise DriveError(
             f"{path}: expected (3, 4) projections, a (3, 3) matrix or fx, fy, cx, cy; found "
-            f"{len(values)} numbers"
+            f"{', '.join(str(len(part)) for part in parts)[:80]} numbers"
         )
     matrices = np.reshape(values, (-1, 3, 3 if len(values) == 9 else 4))
     (fx, _, cx), (_, fy, cy) = matrices[0, :2, :3].tolist()
@@ -230,8 +274,6 @@ def read_folder_drive(
     folder, right = image_folders(path)
     images = list_images(folder)
     are_numbered = all(image.stem.isascii() and image.stem.isdecimal() for image in images)
-    if are_numbered:
-        images.sort(key=lambda image: int(image.stem))
     size = image_size(images[0])
     calibration, assumptions, is_guess = calibration_beside(
         path, size, options, images[0], is_pair=right is not None

@@ -16,6 +16,7 @@ from saccade.datasets.drives.folder import (
 )
 from saccade.datasets.drives.tracks import TRACK_FILES, read_tracks_drive
 from saccade.datasets.drives.tum import read_tum_drive
+from saccade.datasets.ros.bags import BAG_SUFFIXES, bag_files
 from saccade.datasets.ros.drives import read_rosbag_drive
 from saccade.datasets.tables import read_rows
 from saccade.errors import DriveError, ImageError, LogError, require
@@ -52,10 +53,9 @@ def load_drive(kind: DriveKind, path: str | Path, camera: CameraOptions | None =
     path = Path(path)
     if not path.exists():
         raise DriveError(f"{path}: expected a camera drive, found no such file or folder")
-    if kind == "auto":
-        kind = detect_layout(path)
-    reader = _READERS[kind]
     try:
+        kind = detect_layout(path) if kind == "auto" else kind
+        reader = _READERS[kind]
         if "options" in signature(reader).parameters:
             return reader(path, camera)
         if camera not in (None, CameraOptions()):
@@ -71,10 +71,10 @@ def load_drive(kind: DriveKind, path: str | Path, camera: CameraOptions | None =
 def detect_layout(path: Path) -> DriveKind:
     """Layout of a file or folder."""
     if path.is_file():
-        kinds = {".bag": "rosbag", ".npz": "tracks"}
+        kinds = dict.fromkeys(BAG_SUFFIXES, "rosbag") | {".npz": "tracks"}
         kind = "video" if is_video(path) else kinds.get(path.suffix.lower())
         if kind is None:
-            raise DriveError(f"{path}: expected a folder, a video, a .bag or an .npz, found none")
+            raise DriveError(f"{path}: expected a folder, a video, a bag or an .npz, found none")
         return cast("DriveKind", kind)
     marks: tuple[tuple[DriveKind, tuple[str, ...]], ...] = (
         ("kitti", tuple(left for left in PROJECTIONS if _is_kitti(path))),
@@ -88,6 +88,8 @@ def detect_layout(path: Path) -> DriveKind:
             return kind
     if has_images(path):
         return "folder"
+    if bag_files(path):
+        return "rosbag"
     expected = ", ".join(f"{names[0]} ({kind})" for kind, names in marks if names)
     raise DriveError(f"{path}: expected one of {expected}; found nothing of this kind")
 

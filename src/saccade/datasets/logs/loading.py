@@ -10,6 +10,7 @@ from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
 from saccade.datasets.logs.published import read_mrclam, read_victoria_park, write_mrclam
+from saccade.datasets.ros.bags import BAG_SUFFIXES, bag_files
 from saccade.datasets.ros.logs import read_rosbag_log
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog, invalid_range_bearing
@@ -38,7 +39,7 @@ _FOLDERS: dict[str, Kind] = {"Barcodes.dat": "mrclam", LOG_FILE: "csv", "metadat
 """Formats by a file in a folder."""
 _FILES: dict[str, Kind] = {
     ".csv": "csv",
-    ".bag": "rosbag",
+    **dict.fromkeys(BAG_SUFFIXES, "rosbag"),
     ".mat": "victoria-park",
     ".npz": "mrclam",
 }
@@ -137,9 +138,8 @@ def detect_format(path: Path) -> Kind:
         for name, kind in _FOLDERS.items():
             if (path / name).exists():
                 return kind
+        if bag_files(path):
+            return "rosbag"
         names = ", ".join(f"{name} ({kind})" for name, kind in _FOLDERS.items())
         raise LogError(f"{path}: expected a folder with any of {names}, found none")
-    suffix = path.suffix.lower()
-    if suffix in (".db3", ".mcap"):
-        raise LogError(f"{path}: expected the folder of a ROS 2 bag, found one of its files")
-    return _FILES.get(suffix, "isam")
+    return _FILES.get(path.suffix.lower(), "isam")

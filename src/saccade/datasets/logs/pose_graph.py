@@ -8,7 +8,8 @@
     BR          pose landmark bearing range  sigma sigma    (GTSAM)
     VERTEX_SE2  pose x y heading                            (VERTEX2 in TORO)
     VERTEX_XY   landmark x y
-    FIX         pose
+    FIX         pose ...
+    PARAMS_...  not used
 
 The last numbers of an edge are a symmetric or a triangular matrix in one of several forms, see
 `MatrixForm`. Vertices are initial estimates: only the vertex of the first pose is read, the start
@@ -43,10 +44,15 @@ TORO_ORDER = (0, 1, 4, 2, 5, 3)
 MIN_SIGMA = 1e-4
 """Standard deviation (m, rad) added in every direction to a singular covariance to invert it."""
 
+LARGEST_ID = 1 << 63
+"""Exclusive bound of the numbers of vertices."""
+INDEX = 1 << 56
+"""Exclusive bound of the index in a symbol key of GTSAM, whose highest byte is a letter."""
+
 _EDGES = {"EDGE_SE2": 12, "EDGE2": 12, "ODOMETRY": 12}
 _OBSERVATIONS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
 _POSES = {"VERTEX_SE2": 5, "VERTEX2": 5}
-_FIELDS = {**_EDGES, **_OBSERVATIONS, **_POSES, "VERTEX_XY": 4, "FIX": 2}
+_FIELDS = {**_EDGES, **_OBSERVATIONS, **_POSES, "VERTEX_XY": 4}
 """Number of fields in a line of each tag."""
 Dialect: TypeAlias = Literal["g2o", "isam", "toro", "gtsam"]
 """The program a file is written for."""
@@ -105,14 +111,14 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
     return LandmarkLog(
         name=path.stem,
         start=np.array(vertices.get(poses[0], [0.0, 0.0, 0.0])),
-        time=np.array(poses, np.float64),
+        time=np.array([pose % INDEX for pose in poses], np.float64),
         motion="compose",
         control=values[:, :3],
         control_covariance=_covariances(edges, values[:, 3:], form),
         observation_pose=pose_index.astype(np.int64),
         observation=observation,
         observation_covariance=observation_covariance,
-        landmark=np.array([edge.second for edge in observations], np.int64),
+        landmark=np.array([edge.second for edge in observations], object),
     )
 
 
@@ -123,16 +129,20 @@ def _parse(path: Path) -> tuple[list[_Edge], list[_Edge], dict[int, list[float]]
     vertices, tags = {}, set()
     for row in read_rows(path):
         tag = row.cells[0]
+        if tag == "FIX":
+            [row.integer(i, "the number of a pose", LARGEST_ID) for i in range(1, len(row.cells))]
+        if tag == "FIX" or tag.startswith("PARAMS_"):
+            continue
         if tag not in _FIELDS:
             raise row.error(", ".join(_FIELDS), repr(tag[:40]))
         row.require_cells(_FIELDS[tag], f"fields in a line of {tag}")
         tags.add(tag)
-        first = row.integer(1, "the number of a pose or landmark")
+        first = row.integer(1, "the number of a pose or landmark", LARGEST_ID)
         if tag in _POSES:
             vertices[first] = row.numbers(slice(2, None))
         if tag not in _EDGES and tag not in _OBSERVATIONS:
             continue
-        second = row.integer(2, "the number of a pose or landmark")
+        second = row.integer(2, "the number of a pose or landmark", LARGEST_ID)
         edge = _Edge(row, tag, first, second, row.numbers(slice(3, None)))
         (edges if tag in _EDGES else observations).append(edge)
     if not edges:

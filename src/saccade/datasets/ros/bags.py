@@ -1,9 +1,10 @@
-"""ROS 1 bags (.bag) and ROS 2 bags (folders with metadata.yaml), and the transforms in them."""
+"""ROS 1 bags (.bag) and ROS 2 bags (.mcap, .db3 or their folder), and the transforms in them."""
 
+import re
 import weakref
 from array import array
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from threading import local
@@ -15,12 +16,14 @@ from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses, rota
 from saccade.datasets.tables import LARGEST
 from saccade.errors import ImageError, LogError
 from saccade.extras import import_optional
-from saccade.io.files import LARGEST_TEXT, check_file, open_file, reading
+from saccade.io.files import LARGEST_TEXT, check_file, natural_order, open_file, reading
 from saccade.types import FloatArray, IntArray
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSES = (ODOMETRY, "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
-TRUTH_WORDS = ("truth", "gt", "vicon", "mocap")
+TRUTH = "gt|.*(truth|vicon|mocap).*"
+"""Pattern of words in the names of topics with ground truth."""
+BAG_SUFFIXES = (".bag", ".db3", ".mcap")
 DEFINITIONS = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
     "vision_msgs/msg/ObjectHypothesisWithPose": (
@@ -79,6 +82,37 @@ MAGIC = b"#ROSBAG V2.0\n"
 """First bytes of a ROS 1 bag."""
 
 
+def bag_files(path: Path) -> list[Path]:
+    """The bag that a path names: itself, or the files of a folder without metadata.yaml.
+
+    Raises:
+        LogError: the files of the folder are not the parts of one bag, NAME_0, NAME_1, ...
+    """
+    if path.is_file() or (path / "metadata.yaml").exists():
+        return [path]
+    files = [file for file in path.iterdir() if file.suffix.lower() in BAG_SUFFIXES]
+    if len({re.sub("_[0-9]+$", "", file.stem) + file.suffix for file in files}) > 1:
+        names = ", ".join(sorted(file.name for file in files))
+        raise LogError(f"{path}: expected one bag, found {names}; give one of these files")
+    return sorted(files, key=natural_order)
+
+
+def has_word(topic: str, pattern: str) -> bool:
+    """Whether a word of a topic, such as of /stereo/rightCamera/image_raw, fits a pattern."""
+    words = re.findall("[A-Z]?[a-z]+|[A-Z]+(?![a-z])", topic)
+    return any(re.fullmatch(pattern, word.lower()) for word in words)
+
+
+@contextmanager
+def _reading(name: object, expected: str) -> Iterator[None]:
+    """`reading` of a bag: rosbags raises anything for broken bytes, and reads any size in them."""
+    try:
+        with reading(name, LogError, expected, Exception):
+            yield
+    except MemoryError as error:
+        raise LogError(f"{name}: expected {expected}, found sizes beyond the memory") from error
+
+
 class Bag:
     """An open bag, read by any thread."""
 
@@ -99,9 +133,11 @@ class Bag:
         default = typesys.get_typestore(typesys.Stores.LATEST)
         for kind, fields in DEFINITIONS.items():
             default.register(typesys.get_types_from_msg(fields, kind))
-        with reading(self.path, LogError, "a ROS bag", Exception):  # of broken bytes anything
-            _check(self.path)
-            reader = highlevel.AnyReader([self.path], default_typestore=default)
+        with _reading(self.path, "a ROS bag"):
+            files = bag_files(self.path)
+            for file in files:
+                _check(file)
+            reader = highlevel.AnyReader(files, default_typestore=default)
             reader.open()
         self._thread.reader = reader
         self._readers.append(reader)
@@ -134,7 +170,7 @@ class Bag:
                 "`ros2 bag convert` to mcap adds it where that package is installed"
             )
         connections = [c for c in self._reader.connections if c.topic == topic]
-        with reading(name, LogError, kind, Exception):
+        with _reading(name, kind):
             for _, stamp, raw in self._reader.messages(connections, start, stop):
                 yield stamp, self._reader.deserialize(raw, kind)
         if stamp is None:
@@ -172,7 +208,7 @@ class Bag:
 
 
 def _is_truth(topic: str) -> bool:
-    return any(word in topic.lower() for word in TRUTH_WORDS)
+    return has_word(topic, TRUTH)
 
 
 def poses_from(rows: Any, name: str) -> Poses:
@@ -188,7 +224,7 @@ def _check(path: Path) -> None:
             check_file(file, LARGEST_TEXT if file.suffix == ".yaml" else None)
         return
     with open_file(path) as opened:
-        if opened.read(len(MAGIC)) != MAGIC:
+        if path.suffix.lower() == ".bag" and opened.read(len(MAGIC)) != MAGIC:
             raise ValueError("it does not begin with the signature of version 2.0")
 
 

@@ -1,4 +1,4 @@
-"""Drives from ROS 1 bags (.bag) and ROS 2 bags (a folder with metadata.yaml).
+"""Drives from ROS 1 bags (.bag) and ROS 2 bags (.mcap, .db3, or their folder).
 
 Topics are selected by their types, and among several by their names:
 
@@ -6,9 +6,10 @@ Topics are selected by their types, and among several by their names:
                                             "depth" or "right"; right: with "right"; depth: with
                                             "depth" (16UC1 in mm, 32FC1 in m)
     sensor_msgs CameraInfo                  the one with the longest common namespace with the
-                                            image's
-    nav_msgs Odometry                       the one without "truth" or "gt" in its name
-    Odometry, PoseStamped, TransformStamped with "truth", "gt", "vicon" or "mocap" in the name:
+                                            image's; of images that are rectified by their
+                                            topic (image_rect) its projection P, else K and D
+    nav_msgs Odometry                       the one that is no ground truth
+    Odometry, PoseStamped, TransformStamped with "truth", "vicon", "mocap" or the word "gt" in it:
                                             ground truth of the robot
     tf2_msgs TFMessage                      pose of the camera on the robot, if they connect the
                                             frames of image and odometry; of one that pans and
@@ -33,6 +34,7 @@ from saccade.datasets.drives.calibration import (
     pinhole,
     read_calibration,
 )
+from saccade.datasets.drives.camera_files import distortion_of
 from saccade.datasets.drives.frames import (
     FrameTimes,
     ImageSource,
@@ -57,6 +59,7 @@ from saccade.datasets.ros.bags import (
     Transforms,
     bare,
     finite,
+    has_word,
 )
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.frames import Camera, CameraTurn, Drive
@@ -84,7 +87,8 @@ _ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
     "bayer_grbg8": (np.uint8, 1, cv2.COLOR_BayerGB2RGB),
 }
 """Number type, channels, and OpenCV's conversion to RGB."""
-DISTORTION_MODELS = ("plumb_bob", "rational_polynomial", "")
+RECTIFIED = "rect(ified)?|undist(ort(ed)?)?"
+"""Pattern of words in the names of topics with images that need no undistortion."""
 STILL = 1e-4
 """Largest rotation of a camera that does not turn, in radians."""
 MAX_ROLL = 0.02
@@ -131,12 +135,15 @@ def read_rosbag_drive(path: Path) -> Drive:
 def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:
     """Topics of the left and right images and of the depth, or None."""
     topics = bag.topics(IMAGES)
-    depth = next((topic for topic in topics if "depth" in topic), None)
-    right = next((topic for topic in topics if "right" in topic and "depth" not in topic), None)
-    left = [topic for topic in topics if topic != right and "depth" not in topic]
+    depth = next((topic for topic in topics if has_word(topic, "depth.*")), None)
+    images = [topic for topic in topics if not has_word(topic, "depth.*")]
+    if any(has_word(topic, "right.*") for topic in images):  # of a pair preferably rectified ones
+        images.sort(key=lambda topic: not has_word(topic, RECTIFIED))
+    right = next((topic for topic in images if has_word(topic, "right.*")), None)
+    left = [topic for topic in images if not has_word(topic, "right.*")]
     if not left:
         raise DriveError(f"{bag.path}: expected a topic of images, found {bag.all_topics()}")
-    return min(left, key=lambda topic: "left" not in topic), right, depth
+    return min(left, key=lambda topic: not has_word(topic, "left.*")), right, depth
 
 
 def _topic_images(bag: Bag, topic: str, stamps: IntArray) -> ImageSource:
@@ -173,7 +180,8 @@ def _mounted_calibration(
         raise DriveError(f"{bag.path}: expected CameraInfo, or {file}, found {bag.all_topics()}")
     info, right_info = (_closest(infos, topic) for topic in (left, right or left))
     other = None if right_info == info else bag.first(right_info)
-    calibration = calibration_of(bag.first(info), other, f"{bag.path}, {info}")
+    is_rectified = all(has_word(topic, RECTIFIED) for topic in (left, right or left))
+    calibration = calibration_of(bag.first(info), other, f"{bag.path}, {info}", is_rectified)
     odometry = bag.odometry_topic()
     if odometry is None:
         return calibration, [], ()
@@ -257,23 +265,28 @@ def pixels_of(message: Any, name: str) -> Image:
     return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
 
 
-def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
+def calibration_of(
+    left: Any, right: Any | None, name: str, is_rectified: bool = False
+) -> Calibration:
     """Calibration from the CameraInfo of one camera, or of a rectified stereo pair.
 
-    The projection of the right camera has the baseline; `name` is for the error message.
+    Args:
+        left: the message; its K and D are of raw images, its P is of rectified ones.
+        right: that of the right camera, whose P has the baseline.
+        name: for the error message.
+        is_rectified: whether the images are rectified.
     """
     K, D, P = (finite(_field(left, each), name) for each in "kdp")
     P = P.reshape(3, 4)
-    if left.distortion_model not in DISTORTION_MODELS or len(D) not in (0, 4, 5):
-        raise DriveError(
-            f"{name}: expected plumb_bob with up to five coefficients, "
-            f"found {left.distortion_model!r} with {len(D)}"
-        )
+    if is_rectified:
+        K, distortion = P[:, :3] if P[0, 0] else K, tuple[float, ...]()
+    else:
+        distortion = distortion_of(left.distortion_model, D.tolist(), name)
     baseline = 0.0
     if right is not None:
         P2 = finite(_field(right, "p"), name).reshape(3, 4)
         baseline = -float(P2[0, 3] / P2[0, 0]) if P2[0, 0] else 0.0
-        if np.any(D):
+        if distortion:
             raise DriveError(
                 f"{name}: expected rectified images of a stereo pair, found distortion {D.tolist()}"
             )
@@ -282,7 +295,7 @@ def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
         camera = pinhole(K.reshape(3, 3), (left.width, left.height), baseline=baseline)
     except ConfigError as error:
         raise DriveError(f"{name}: {error}") from error
-    return Calibration(camera, tuple(D.tolist()) if np.any(D) else ())
+    return Calibration(camera, distortion)
 
 
 def _field(message: Any, name: str) -> Any:
