@@ -5,7 +5,8 @@
 A robot drives round a course at 2 m/s among landmarks, each within 8 m of it observed forty times a
 second. Time is simulated: steps are taken one after the other, and the time of the processor is
 measured for each. "Over 1 ms" is the fraction of the steps that take longer than the robot has;
-memory is that of the process, after the first minute and at the end.
+memory is that of the process, after the first minute and at the end. The last line is of a robot
+with scans and odometry at 20 Hz in a map of 2000 landmarks, where steps enter and leave submaps.
 """
 
 import time
@@ -110,6 +111,18 @@ def main() -> None:
                 f"{memory[0]:7.0f} -> {memory[-1]:.0f} MB",
                 flush=True,
             )
+    large_map()
+
+
+def large_map(landmarks: int = 2000, rate: int = 20, count: int = 4000) -> None:
+    """Prints the steps of a robot in a large map, after a lap with two steps to the meter."""
+    live = slam.Slam()
+    lap = int(landmarks * SPACING * 2)
+    soak(live, robot(lap, landmarks, rate=4, interval=1), lap)
+    later = (step._replace(time=lap + step.time) for step in robot(count, landmarks, rate, 1))
+    ms = 1e3 * soak(live, later, count)[0]
+    median, most, longest = np.quantile(ms, (0.5, 0.99, 1.0))
+    print(f"{len(live.map)} landmarks, {rate} Hz: {median:.2f}, 99 % {most:.2f}, max {longest:.1f}")
 
 
 if __name__ == "__main__":

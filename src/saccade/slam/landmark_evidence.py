@@ -100,7 +100,9 @@ class UnexplainedPoint:
 
     x: float
     y: float
-    evidence: float = 0.0
+    evidence: float = 1e-9
+    """Evidence so far; positive at first, so that a second observation of a point by itself has
+    less than that of a contradiction."""
 
 
 class LandmarkEvidence:
@@ -239,9 +241,10 @@ class LandmarkEvidence:
         misses = compared.num_expected - len(observers)
         self._squares = max(_averaged(self._squares, misses**2, SCAN_MEMORY), RAREST)
         self._variance = _averaged(self._variance, float(p @ (1 - p)), SCAN_MEMORY)
-        for each in observers.values():
-            self._scale = _averaged(self._scale, each.nis / 2, SCALE_MEMORY)
-            self.max_range = max(self.max_range, each.z[0])
+        for each in compared.observations:
+            if observers.get(each.landmark) is each:
+                self._scale = _averaged(self._scale, each.nis / 2, SCALE_MEMORY)
+                self.max_range = max(self.max_range, each.z[0])
         self._scale = max(self._scale, 1.0)
         unexplained = len(compared.unexplained)
         self._clutter = max(_averaged(self._clutter, unexplained, SCAN_MEMORY), RAREST)

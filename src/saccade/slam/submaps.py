@@ -29,6 +29,7 @@ from saccade.slam.filter.models import control_bias
 from saccade.slam.filter.state import (
     add_rows,
     auxiliary_rows,
+    finish_flush,
     landmark_blocks,
     new_state,
     state_rows,
@@ -46,7 +47,7 @@ LARGE_MAP = 1000
 """Number of landmarks from which "auto" uses submaps."""
 MAX_FRACTION = 0.25
 """Largest submap that "auto" enters, as a fraction of the map."""
-MARGIN = 1.0
+MARGIN = 1.5
 """Distance that a robot can move in a submap, as a fraction of the range that its scans need."""
 MIN_SPARE = 8
 """Minimum number of landmarks that can be added to a submap before its arrays grow."""
@@ -113,6 +114,7 @@ def enter(f: FilterState, inside: IntArray) -> Submap:
 
 def leave(f: FilterState, submap: Submap) -> FilterState:
     """The state of the whole map, with what a stay in a submap changed."""
+    finish_flush(f)
     local, r = submap.state, submap.state.robot_size
     places, n = submap.rows, state_size(local)
     rows = state_rows(places, r)
@@ -135,7 +137,8 @@ def leave(f: FilterState, submap: Submap) -> FilterState:
 
 
 def read(f: FilterState, submap: Submap) -> tuple[FloatArray, FloatArray]:
-    """Positions (N, 2) and covariances (N, 2, 2) of all landmarks; changes nothing."""
+    """Positions (N, 2) and covariances (N, 2, 2) of all landmarks."""
+    finish_flush(f)
     N, local = len(submap.inside) + len(submap.rest) + submap.added, submap.state
     xy, C, rest = np.empty((N, 2)), np.empty((N, 2, 2)), submap.rest
     xy[submap.rows] = local.state[local.robot_size : state_size(local)].reshape(-1, 2)

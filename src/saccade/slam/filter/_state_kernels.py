@@ -19,6 +19,7 @@ class Scalars(Structure):
         ("next_id", c_int64),  # id of the landmark that is augmented next
         ("downdates", c_int64),  # rows of `FilterState.downdates` in use
         ("updates", c_int64),  # rows of `FilterState.updates` in use
+        ("flushed", c_int64),  # rows of P with `updates` and `downdates`, while others are without
         ("cached", c_int64),  # pairs of `FilterState.cached_rows` in use
         ("mergeable_variance", c_double),  # heading's, of the last row of `updates` while no lever
         # has changed, else 0

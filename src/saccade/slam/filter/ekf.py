@@ -22,6 +22,7 @@ from saccade.slam.filter.state import (
     add_rows,
     dense,
     flush,
+    flush_rows,
     inflate_heading_covariance,
     is_inflation_due,
     landmark_blocks,
@@ -285,9 +286,10 @@ class EkfSlam:
             self._whole = leave(self._whole, submap)
 
     def flush_early(self) -> None:
-        """Adds delayed rows to the whole map before it has to, in a step that is cheap itself."""
-        if self.submap is not None and self._whole.now.downdates > RANK // 2:
-            flush(self._whole)
+        """Adds delayed rows to some rows of the whole map, before a step has to add all."""
+        now = self._whole.now
+        if self.submap is not None and (now.flushed > 0 or now.downdates > RANK // 4):
+            flush_rows(self._whole)
 
     @property
     def active(self) -> FilterState:

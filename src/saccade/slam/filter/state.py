@@ -5,14 +5,13 @@ added in one pass over the matrix (a blocked symmetric rank-k update), which is 
 arithmetic; adding each by itself would be limited by memory bandwidth.
 """
 
-from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
 from enum import IntEnum
 from functools import cache
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from saccade._jit import blas, share
+from saccade._jit import share
 from saccade.slam.filter import _state_kernels
 from saccade.slam.filter._state_kernels import (
     MAX_HEADING_GROWTH,
@@ -47,12 +46,8 @@ INFLATED_ROWS = 512
 """Rows of the covariance that `inflate_heading_covariance` changes at once; even."""
 RANK = 64
 """Rows of `downdates` and of `updates` that are kept before they are added to P."""
-
-_int, _double = POINTER(c_int), POINTER(c_double)
-_dsyrk = blas(
-    "dsyrk", c_char_p, c_char_p, _int, _int, _double, c_void_p, _int, _double, c_void_p, _int
-)
-"""uplo, trans, n, k, alpha, A, lda, beta, C, ldc: C becomes alpha A A^T + beta C."""
+FLUSHED_ROWS = 128
+"""Rows of the covariance to which `flush_rows` adds the delayed rows at once."""
 
 
 def new_state(
@@ -215,29 +210,34 @@ def replace_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> No
 
 
 def flush(f: FilterState) -> None:
-    """Add `updates` to P and subtract `downdates`."""
-    r, n, now = f.robot_size, state_size(f), f.now
-    n = len(f.state) if f.auxiliary > 0 else n
-    parts = ((-1.0, f.downdates, now.downdates), (1.0, f.updates, now.updates))
+    """Adds `updates` to P and subtracts `downdates`."""
+    flush_rows(f)
+    finish_flush(f)
+
+
+def finish_flush(f: FilterState) -> None:
+    """Ends a flush that `flush_rows` has begun."""
+    while f.now.flushed > 0:
+        flush_rows(f)
+
+
+def flush_rows(f: FilterState) -> None:
+    """`flush` for the next rows of P only, so that its time can be spread over steps.
+
+    Until all have had their turn, `Scalars.flushed` is positive and P must not be read.
+    """
+    now, end = f.now, len(f.state) if f.auxiliary > 0 else state_size(f)
+    start = max(now.flushed, f.robot_size)
+    now.flushed = start + FLUSHED_ROWS
     with _blas().limit(limits=1):  # threads wait for each other longer than one works
-        for sign, rows, used in parts:
+        for sign, rows, used in (-1, f.downdates, now.downdates), (1, f.updates, now.updates):
             if used > 0:
-                size = byref(c_int(len(f.state)))
-                _dsyrk(
-                    b"L",  # Fortran's lower triangle is our upper one
-                    b"N",
-                    byref(c_int(n - r)),
-                    byref(c_int(used)),
-                    byref(c_double(sign)),
-                    rows[:, r:].ctypes.data,
-                    size,
-                    byref(c_double(1.0)),
-                    f.P[r:, r:].ctypes.data,
-                    size,
-                )
-    f.cached_pair[:] = -1
-    now.downdates = now.updates = now.cached = 0
-    now.mergeable_variance = 0.0
+                block = (sign * rows[:used, start : now.flushed]).T @ rows[:used, start:end]
+                f.P[start : start + len(block), start:end] += block
+    if now.flushed >= end:
+        f.cached_pair[:] = -1
+        now.downdates = now.updates = now.cached = now.flushed = 0
+        now.mergeable_variance = 0.0
 
 
 @cache
@@ -296,24 +296,31 @@ def add_rows(f: FilterState, sign: float, Y: FloatArray) -> None:
 
 def marginal(f: FilterState, landmarks: IntArray) -> FloatArray:
     """The covariance of e of the robot and of some landmarks (k,): (r + 2 k, r + 2 k)."""
-    r = f.robot_size
-    rows = state_rows(landmarks, r)
-    C = f.P[np.minimum(rows[:, None], rows), np.maximum(rows[:, None], rows)]
-    downdates = f.downdates[: f.now.downdates, rows[r:]]
-    updates = f.updates[: f.now.updates, rows[r:]]
-    C[r:, r:] += updates.T @ updates - downdates.T @ downdates
-    return _by_map(C, f.heading_lever[rows])
+    rows = state_rows(landmarks, f.robot_size)
+    P = f.P[np.minimum(rows[:, None], rows), np.maximum(rows[:, None], rows)]
+    return _up_to_date(f, P, f.downdates[:, rows], f.updates[:, rows], f.heading_lever[rows])
 
 
 def dense(f: FilterState) -> FloatArray:
     """The covariance of e of the whole state (n, n)."""
-    return marginal(f, np.arange(f.now.landmarks))
+    n = state_size(f)
+    P = symmetric(f.P[:n, :n])
+    return _up_to_date(f, P, f.downdates[:, :n], f.updates[:, :n], f.heading_lever[:n])
+
+
+def _up_to_date(
+    f: FilterState, C: FloatArray, downdates: FloatArray, updates: FloatArray, a: FloatArray
+) -> FloatArray:
+    """The covariance of e, from that of eta without the delayed rows; heading levers a."""
+    r = f.robot_size
+    plus, minus = updates[: f.now.updates, r:], downdates[: f.now.downdates, r:]
+    C[r:, r:] += plus.T @ plus - minus.T @ minus
+    return _by_map(C, a)
 
 
 def symmetric(upper: FloatArray) -> FloatArray:
     """The symmetric matrix with this upper triangle."""
-    triangle = np.triu(upper)
-    return triangle + np.triu(triangle, 1).T
+    return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
 
 
 def landmark_blocks(f: FilterState) -> FloatArray:
