@@ -118,7 +118,7 @@ def large_map(landmarks: int = 2000, rate: int = 20, count: int = 4000) -> None:
     """Prints the steps of a robot in a large map, after a lap with two steps to the meter."""
     live = slam.Slam()
     lap = int(landmarks * SPACING * 2)
-    soak(live, robot(lap, landmarks, rate=4, interval=1), lap)
+    soak(live, robot(lap + 1, landmarks, rate=4, interval=1), lap + 1)
     later = (step._replace(time=lap + step.time) for step in robot(count, landmarks, rate, 1))
     ms = 1e3 * soak(live, later, count)[0]
     median, most, longest = np.quantile(ms, (0.5, 0.99, 1.0))

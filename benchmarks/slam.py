@@ -17,6 +17,7 @@ import numpy as np
 from measuring import arguments, require_one_thread, seconds
 from saccade import datasets, slam
 from saccade.slam import INVARIANT, EkfSlam, observe
+from saccade.slam.landmarks import LabelRecord
 
 STEPS = 96
 """A multiple of the steps from one addition of the delayed rows to the next."""
@@ -61,7 +62,7 @@ def stepped(ekf: EkfSlam, seen: np.ndarray) -> float:
     live.hypotheses.best.ekf = ekf
     live.landmarks.add(ekf.ids, confirmed=True)
     for number in ekf.ids.tolist():
-        live.landmarks.label(number, number)
+        live.landmarks.labels[number] = LabelRecord(number)
     start = time.perf_counter()
     for i in range(STEPS):
         live.step(float(i), control[i], U, z[i : i + 1], NOISE[None], landmark[i : i + 1])
