@@ -85,7 +85,7 @@ def wrapped(angle: float) -> float:
 
 
 @kernel()
-def squared_norm(x: float, y: float) -> float:
+def _squared_norm(x: float, y: float) -> float:
     """x^2 + y^2; Numba compiles `x ** 2` with the flags of whichever kernel comes first."""
     return x * x + y * y
 
@@ -204,16 +204,16 @@ def update(
     """
     r, n, P, now = f.robot_size, num_rows(f), f.P, f.now
     D, A = np.empty((2, r + 2)), np.empty((2, 2))
-    whiten(f, m, H, noise, 1.0, S, D, A)  # C.12
+    _whiten(f, m, H, noise, 1.0, S, D, A)  # C.12
     first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
     nis = first * first + second * second
     if nis > f.huber * f.huber:
-        whiten(f, m, H, noise, sqrt(nis) / f.huber, np.empty((2, 2)), D, A)
+        _whiten(f, m, H, noise, sqrt(nis) / f.huber, np.empty((2, 2)), D, A)
         first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
     V = f.downdates[now.downdates : now.downdates + 2]
     _observed_rows(f, m, D, V)  # C.13
     for i in range(r):
-        if squared_norm(V[0, i], V[1, i]) > P[i, i] * (1 + ROUNDING):
+        if _squared_norm(V[0, i], V[1, i]) > P[i, i] * (1 + ROUNDING):
             V[0, i] = V[1, i] = 0.0
     _downdate_blocks(f, V)  # C.11
     x, y = V[0, :n], V[1, :n]
@@ -226,7 +226,7 @@ def update(
 
 
 @kernel()
-def whiten(
+def _whiten(
     f: FilterState,
     m: int,
     H: FloatArray,
@@ -280,7 +280,7 @@ def _joint_covariance(f: FilterState, m: int, C: FloatArray) -> None:
 
 @kernel(fastmath=("contract",))
 def _observed_rows(f: FilterState, m: int, D: FloatArray, V: FloatArray) -> None:
-    """Fill V (2, n) with the product of D (see `whiten`) and the covariance of eta."""
+    """Fill V (2, n) with the product of D (see `_whiten`) and the covariance of eta."""
     r, n, P = f.robot_size, num_rows(f), f.P
     base, cached = 2 * _cached_rows(f, m), f.cached_rows
     for k in range(2):
@@ -325,13 +325,13 @@ def _downdate_blocks(f: FilterState, V: FloatArray) -> None:
     n = r + 2 * f.now.landmarks
     x, y = V[0, r:n].reshape((n - r) // 2, 2), V[1, r:n].reshape((n - r) // 2, 2)
     for i in range(len(x)):
-        if squared_norm(x[i, 0], y[i, 0]) > blocks[i, 0] * (1 + ROUNDING):
+        if _squared_norm(x[i, 0], y[i, 0]) > blocks[i, 0] * (1 + ROUNDING):
             x[i, 0] = y[i, 0] = 0.0
-        if squared_norm(x[i, 1], y[i, 1]) > blocks[i, 2] * (1 + ROUNDING):
+        if _squared_norm(x[i, 1], y[i, 1]) > blocks[i, 2] * (1 + ROUNDING):
             x[i, 1] = y[i, 1] = 0.0
-        blocks[i, 0] -= squared_norm(x[i, 0], y[i, 0])
+        blocks[i, 0] -= _squared_norm(x[i, 0], y[i, 0])
         blocks[i, 1] -= x[i, 0] * x[i, 1] + y[i, 0] * y[i, 1]
-        blocks[i, 2] -= squared_norm(x[i, 1], y[i, 1])
+        blocks[i, 2] -= _squared_norm(x[i, 1], y[i, 1])
 
 
 @kernel(fastmath=("contract",))

@@ -78,7 +78,7 @@ def update_scan(
             augment_range_bearing(f, z[k], R[k])
         elif landmark[k] >= 0:
             m, v, S = f.robot_size + 2 * landmark[k], out.value[k], out.covariance[k]
-            linearize_range_bearing(f, m, z[k], R[k], v, H, noise)
+            _linearize_range_bearing(f, m, z[k], R[k], v, H, noise)
             range_part, bearing_part = noise[0, 0] - R[k, 0, 0], noise[1, 1] - R[k, 1, 1]
             out.nis[k] = update(f, m, v, H, noise, S)
             if S[0, 0] > 0 and S[1, 1] > 0:
@@ -87,7 +87,7 @@ def update_scan(
 
 
 @kernel()
-def linearize_range_bearing(
+def _linearize_range_bearing(
     f: FilterState,
     m: int,
     z: FloatArray,
