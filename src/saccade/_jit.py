@@ -1,4 +1,4 @@
-"""Compiled kernels: decorators for functions and structures.
+"""Compiled kernels: decorators for functions and structures, and routines of BLAS.
 
 Kernels stand in files named `_*kernels.py`, with the types of their arguments. They are cached on
 disk and compiled again when a kernel file of their package changes.
@@ -29,6 +29,7 @@ try:
         import numba
     from numba.core import event, types
     from numba.experimental import structref
+    from numba.extending import get_cython_function_address
 except (RuntimeWarning, ValueError) as error:
     given = ", ".join(each for each in os.environ if each.startswith("NUMBA_")) or "Numba"
     raise ConfigError(f"{given}: Numba cannot be loaded: {str(error).splitlines()[0]}") from error
@@ -158,3 +159,14 @@ def _record(structure: ctypes.Structure) -> Any:
     names, kinds = zip(*structure._fields_, strict=True)
     dtype = np.dtype({"names": names, "formats": [np.dtype(each) for each in kinds]}, align=True)
     return np.frombuffer(cast("Any", structure), dtype).view(np.recarray)[0]
+
+
+def blas(name: str, *arguments: type) -> Callable[..., None]:
+    """A routine of the BLAS in SciPy; unlike SciPy's wrappers, it can change part of a matrix.
+
+    Args:
+        name: name of the routine, such as "dsyrk".
+        arguments: ctypes of its arguments, all of which are pointers.
+    """
+    address = get_cython_function_address("scipy.linalg.cython_blas", name)
+    return cast("Callable[..., None]", ctypes.CFUNCTYPE(None, *arguments)(address))

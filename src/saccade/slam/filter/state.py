@@ -5,13 +5,14 @@ added in one pass over the matrix (a blocked symmetric rank-k update), which is 
 arithmetic; adding each by itself would be limited by memory bandwidth.
 """
 
+from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
 from enum import IntEnum
 from functools import cache
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from saccade._jit import share
+from saccade._jit import blas, share
 from saccade.slam.filter import _state_kernels
 from saccade.slam.filter._state_kernels import (
     MAX_HEADING_GROWTH,
@@ -48,6 +49,12 @@ RANK = 64
 """Rows of `downdates` and of `updates` that are kept before they are added to P."""
 FLUSHED_ROWS = 128
 """Rows of the covariance to which `flush_rows` adds the delayed rows at once."""
+
+_int, _double = POINTER(c_int), POINTER(c_double)
+_dsyrk = blas(
+    "dsyrk", c_char_p, c_char_p, _int, _int, _double, c_void_p, _int, _double, c_void_p, _int
+)
+"""uplo, trans, n, k, alpha, A, lda, beta, C, ldc: C becomes alpha A A^T + beta C."""
 
 
 def new_state(
@@ -210,9 +217,30 @@ def replace_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> No
 
 
 def flush(f: FilterState) -> None:
-    """Adds `updates` to P and subtracts `downdates`."""
-    flush_rows(f)
+    """Add `updates` to P and subtract `downdates`."""
     finish_flush(f)
+    r, n, now = f.robot_size, state_size(f), f.now
+    n = len(f.state) if f.auxiliary > 0 else n
+    parts = ((-1.0, f.downdates, now.downdates), (1.0, f.updates, now.updates))
+    with _blas().limit(limits=1):  # threads wait for each other longer than one works
+        for sign, rows, used in parts:
+            if used > 0:
+                size = byref(c_int(len(f.state)))
+                _dsyrk(
+                    b"L",  # Fortran's lower triangle is our upper one
+                    b"N",
+                    byref(c_int(n - r)),
+                    byref(c_int(used)),
+                    byref(c_double(sign)),
+                    rows[:, r:].ctypes.data,
+                    size,
+                    byref(c_double(1.0)),
+                    f.P[r:, r:].ctypes.data,
+                    size,
+                )
+    f.cached_pair[:] = -1
+    now.downdates = now.updates = now.cached = 0
+    now.mergeable_variance = 0.0
 
 
 def finish_flush(f: FilterState) -> None:
