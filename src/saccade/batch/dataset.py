@@ -51,12 +51,16 @@ class ImageRecord:
     """Fingerprint of the settings."""
     version: str
     """Version of saccade."""
+    orientation: int = 1
+    """EXIF orientation of the file, 1 to 8."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value: Any = getattr(self, field.name)
             if type(value) is not field.type or (field.type is int and value < 0):
                 raise ValueError(f"{field.name} of an image: found {value!r}")
+        if self.orientation not in range(1, 9):
+            raise ValueError(f"orientation of an image: found {self.orientation}")
 
 
 class ImageKeypoints(NamedTuple):
@@ -64,8 +68,10 @@ class ImageKeypoints(NamedTuple):
 
     image: str
     shape: tuple[int, int]
-    """(H, W)."""
+    """(H, W), upright."""
     points: Keypoints
+    orientation: int
+    """EXIF orientation of the file."""
 
 
 def read_points(location: str) -> Iterator[ImageKeypoints]:
@@ -99,7 +105,8 @@ def read_block_points(store: Store, file: str) -> list[ImageKeypoints]:
                 f"{store.location}/{file}: {record.image}: expected {record.rows} rows and an "
                 f"image of a size, found {len(each)} and {record.width} x {record.height}"
             )
-        found.append(ImageKeypoints(record.image, (record.height, record.width), each))
+        shape = record.height, record.width
+        found.append(ImageKeypoints(record.image, shape, each, record.orientation))
     return found
 
 
@@ -176,7 +183,9 @@ def export_points(location: str, to: str, out: Path) -> int:
     if to in FILE_FORMATS:
         images = {image.image: image for image in read_points(location)}
         points = {name: image.points for name, image in images.items()}
-        FILE_FORMATS[to](out, points, {name: image.shape for name, image in images.items()})
+        shapes = {name: image.shape for name, image in images.items()}
+        turned = {name: image.orientation for name, image in images.items()}
+        FILE_FORMATS[to](out, points, shapes, orientations=turned)
         return len(images)
     suffix, write = FOLDER_FORMATS[to]
     count = 0

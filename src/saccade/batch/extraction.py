@@ -28,7 +28,14 @@ from saccade.batch.dataset import (
     read_manifest,
 )
 from saccade.batch.job import MAPS, POINTS, Job
-from saccade.batch.sources import Item, Source, content_hash, content_reader, decode
+from saccade.batch.sources import (
+    Item,
+    Source,
+    content_hash,
+    content_reader,
+    decode,
+    orientation_of,
+)
 from saccade.batch.storage import Store
 from saccade.batch.tables import feature_rows, schema_of
 from saccade.batch.workers import DIED, run_blocks
@@ -235,6 +242,7 @@ def _extract_images(
             seconds=time.perf_counter() - start,
             job=job.fingerprint,
             version=saccade.__version__,
+            orientation=orientation_of(content),
         )
         records.append(asdict(record))
         yield batch

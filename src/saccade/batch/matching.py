@@ -332,13 +332,14 @@ def write_files(
     images = {image.image: image for image in read_points(features) if image.image in names}
     points = {name: image.points for name, image in images.items()}
     shapes = {name: image.shape for name, image in images.items()}
+    turned = {name: image.orientation for name, image in images.items()}
     matches = {each.pair: each.indices for each in matched}
     files = {"pairs": out / "pairs.txt", "table": out / "pairs.csv"}
     write_pairs(files["pairs"], list(matches))
     _write_table(files["table"], matched)
     if "hdf5" in formats:
         files |= {"features": out / "features.h5", "matches": out / "matches.h5"}
-        write_hdf5(files["features"], points, shapes)
+        write_hdf5(files["features"], points, shapes, turned)
         counts = {name: len(each) for name, each in points.items()}
         similarities = {each.pair: each.similarity for each in matched}
         write_hloc_matches(files["matches"], matches, counts, similarities)
@@ -346,7 +347,7 @@ def write_files(
         files["database"] = out / "database.db"
         verified = {each.pair: each.verification for each in matched}
         geometries = {pair: each for pair, each in verified.items() if each is not None}
-        write_colmap(files["database"], points, shapes, matches, geometries)
+        write_colmap(files["database"], points, shapes, matches, geometries, turned)
     return files
 
 

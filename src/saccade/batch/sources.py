@@ -23,7 +23,7 @@ from saccade.io.files import (
     read_bytes,
     reading,
 )
-from saccade.io.image import decode_image, warn_of_unread
+from saccade.io.image import decode_image, orientation_of_bytes, warn_of_unread
 from saccade.io.video import VideoFrames
 from saccade.types import Image
 
@@ -107,6 +107,11 @@ def content_hash(content: Content) -> str:
 def decode(content: Content, name: str) -> Image:
     """The image of a content; raises `ImageError` where the bytes are no image."""
     return decode_image(content, name) if isinstance(content, bytes) else content
+
+
+def orientation_of(content: Content) -> int:
+    """The EXIF orientation of a content, 1 to 8."""
+    return orientation_of_bytes(content) if isinstance(content, bytes) else 1
 
 
 def _read(location: str, max_bytes: int = LARGEST_FILE) -> bytes:

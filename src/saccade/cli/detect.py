@@ -218,10 +218,12 @@ def write_shared(
     files = {each: str(out / SHARED_FILES[each]) for each in formats}
     if "parquet" in formats:
         exchange.write_parquet(files["parquet"], keypoints)
+    if "hdf5" in formats or "colmap" in formats:
+        turned = {names[path]: exchange.read_orientation(path) for path in detections}
     if "hdf5" in formats:
-        exchange.write_hdf5(files["hdf5"], keypoints, shapes)
+        exchange.write_hdf5(files["hdf5"], keypoints, shapes, turned)
     if "colmap" in formats:
-        exchange.write_colmap(files["colmap"], keypoints, shapes)
+        exchange.write_colmap(files["colmap"], keypoints, shapes, orientations=turned)
     return files
 
 

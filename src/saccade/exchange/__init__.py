@@ -9,6 +9,7 @@ from saccade.exchange.maps import write_map
 from saccade.exchange.opencv import Feature2D, from_opencv, to_opencv
 from saccade.exchange.tables import read_csv, read_npz, write_csv, write_npz
 from saccade.extras import import_optional
+from saccade.io.image import read_orientation
 
 if TYPE_CHECKING:
     from saccade.exchange.arrow import read_parquet, to_arrow, write_parquet
@@ -22,6 +23,7 @@ __all__ = [
     "read_hdf5",
     "read_hloc_matches",
     "read_npz",
+    "read_orientation",
     "read_parquet",
     "to_arrow",
     "to_opencv",

@@ -17,12 +17,20 @@ import numpy.typing as npt
 
 from saccade.errors import KeypointsError, OutputError
 from saccade.exchange.fields import check_name, checked, keypoints_from
+from saccade.exchange.orientation import (
+    orientation_of,
+    stored_keypoints,
+    stored_shape,
+    to_stored,
+)
 from saccade.extras import import_optional
 from saccade.io.files import atomic_write, check_file, reading
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 PIXEL_CENTER = np.float32(0.5)
 """Position of the center of the first pixel."""
+CENTERED = np.array([[1, 0, PIXEL_CENTER], [0, 1, PIXEL_CENTER], [0, 0, 1]])
+"""Homogeneous map of our pixels to COLMAP's."""
 TABLES = ("images", "cameras", "keypoints", "descriptors", "matches")
 MAX_IMAGES = 2147483647
 """Factor by which COLMAP combines the ids of two images into the id of a pair."""
@@ -67,6 +75,7 @@ def write_colmap(
     shapes: Mapping[str, tuple[int, ...]],
     matches: Mapping[tuple[str, str], IntArray] | None = None,
     geometries: Mapping[tuple[str, str], TwoViews] | None = None,
+    orientations: Mapping[str, int] | None = None,
 ) -> None:
     """Write a new database, in the version of the installed pycolmap.
 
@@ -79,6 +88,8 @@ def write_colmap(
         shapes: (H, W, ...) of each image.
         matches: (m, 2) indices into the points of two images, by their names.
         geometries: what `saccade.verify` returned for matches, by the names of the images.
+        orientations: EXIF orientations of the files (`saccade.exchange.read_orientation`), which
+            COLMAP ignores: keypoints, sizes and geometries are written in stored pixels.
 
     Raises:
         KeypointsError: an image without a shape, matches of unknown images or points, geometries
@@ -99,19 +110,25 @@ def write_colmap(
         if pair[::-1] in matches:
             raise KeypointsError(f"matches of {' and '.join(pair)}: expected one order, found both")
     with atomic_write(path) as temporary, _open_new(pycolmap, temporary, path) as database:
-        ids = {}
+        ids, moved = dict[str, int](), dict[str, FloatArray]()
         for name, points in keypoints.items():
-            ids[name] = _add_image(pycolmap, database, check_name(name), shapes[name])
-            _add_points(pycolmap, database, ids[name], checked(name, points))
+            turned = (shapes[name], orientation_of(name, orientations))
+            ids[name] = _add_image(pycolmap, database, check_name(name), stored_shape(*turned))
+            stored = stored_keypoints(checked(name, points), *turned)
+            _add_points(pycolmap, database, ids[name], stored)
+            moved[name] = CENTERED @ to_stored(*turned)
         for (first, second), indices in matches.items():
             database.write_matches(ids[first], ids[second], indices.astype(np.uint32))
             if (first, second) in geometries:
-                views = _two_views(pycolmap, geometries[first, second], indices)
+                maps = moved[first], moved[second]
+                views = _two_views(pycolmap, geometries[first, second], indices, maps)
                 database.write_two_view_geometry(ids[first], ids[second], views)
 
 
 def read_colmap(path: str | Path) -> ColmapFeatures:
     """Read a database of any version, without pycolmap; it is opened read-only.
+
+    Positions and shapes are those of the stored pixels, whatever the EXIF orientations.
 
     Raises:
         KeypointsError: the file is missing or something else, or its descriptors are not
@@ -185,9 +202,9 @@ def _check_pair(
     check_pairs(indices, (len(keypoints[pair[0]]), len(keypoints[pair[1]])), f"matches of {name}")
 
 
-def _add_image(pycolmap: Any, database: Any, name: str, shape: tuple[int, ...]) -> int:
-    """Add an image with its camera, rig and frame; gives its id."""
-    height, width = (int(side) for side in shape[:2])
+def _add_image(pycolmap: Any, database: Any, name: str, shape: tuple[int, int]) -> int:
+    """Add an image of stored pixels (H, W) with its camera, rig and frame; gives its id."""
+    height, width = shape
     focal_length = FOCAL_LENGTH * max(height, width)
     camera = pycolmap.Camera.create_from_model_id(
         0, pycolmap.CameraModelId.SIMPLE_RADIAL, focal_length, width, height
@@ -204,21 +221,21 @@ def _add_image(pycolmap: Any, database: Any, name: str, shape: tuple[int, ...]) 
     return int(image.image_id)
 
 
-def _two_views(pycolmap: Any, geometry: TwoViews, indices: IntArray) -> Any:
-    """A verified pair in COLMAP's pixels, which are moved by `PIXEL_CENTER`."""
+def _two_views(
+    pycolmap: Any, geometry: TwoViews, indices: IntArray, maps: tuple[FloatArray, FloatArray]
+) -> Any:
+    """A verified pair in COLMAP's pixels, to which (3, 3) maps lead from those of the images."""
     kinds = pycolmap.TwoViewGeometryConfiguration
     views = pycolmap.TwoViewGeometry()
     views.inlier_matches = indices[geometry.inliers].astype(np.uint32)
     if geometry.matrix is None:
         views.config = kinds.DEGENERATE
         return views
-    moved = np.eye(3)
-    moved[:2, 2] = PIXEL_CENTER
-    back = np.linalg.inv(moved)
+    back_first, back_second = np.linalg.inv(maps)
     if geometry.geometry == "homography":
-        views.config, views.H = kinds.PLANAR_OR_PANORAMIC, moved @ geometry.matrix @ back
+        views.config, views.H = kinds.PLANAR_OR_PANORAMIC, maps[1] @ geometry.matrix @ back_first
     else:
-        views.config, views.F = kinds.UNCALIBRATED, back.T @ geometry.matrix @ back
+        views.config, views.F = kinds.UNCALIBRATED, back_second.T @ geometry.matrix @ back_first
     return views
 
 

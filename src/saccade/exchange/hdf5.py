@@ -21,6 +21,12 @@ import numpy.typing as npt
 
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, checked, keypoints_from
+from saccade.exchange.orientation import (
+    UPRIGHT,
+    orientation_of,
+    stored_keypoints,
+    stored_shape,
+)
 from saccade.extras import import_optional
 from saccade.io.files import FORMATS, atomic_write, check_file, check_format, reading
 from saccade.io.npz import check_unpacked
@@ -35,13 +41,17 @@ def write_hdf5(
     path: str | Path,
     keypoints: Mapping[str, Keypoints],
     shapes: Mapping[str, tuple[int, ...]] | None = None,
+    orientations: Mapping[str, int] | None = None,
 ) -> None:
     """Write the features of many images to one file.
 
     Args:
         path: written whole or not at all; an old file is replaced.
         keypoints: by the name of their image, a path from the folder of images as in hloc's lists.
-        shapes: (H, W, ...) of each image; only hloc's learned matchers need them.
+        shapes: (H, W, ...) of each image; hloc's learned matchers need them, and images
+            that are not stored upright.
+        orientations: EXIF orientations of the files (`saccade.exchange.read_orientation`), which
+            hloc ignores: keypoints and sizes are written in stored pixels.
 
     Raises:
         KeypointsError: shapes that do not fit together, or NaN.
@@ -53,10 +63,18 @@ def write_hdf5(
         file.attrs[VERSION_ATTRIBUTE] = FORMATS["points"]
         for name, points in keypoints.items():
             group = file.create_group(check_name(name))
-            for field, values in _datasets(checked(name, points)).items():
+            orientation, stored = orientation_of(name, orientations), checked(name, points)
+            if shapes is None or name not in shapes:
+                if orientation != UPRIGHT:
+                    raise KeypointsError(f"{name}: expected a shape for this image, found none")
+                shape = None
+            else:
+                stored = stored_keypoints(stored, shapes[name], orientation)
+                shape = stored_shape(shapes[name], orientation)
+            for field, values in _datasets(stored).items():
                 group.create_dataset(field, data=values)
-            if shapes is not None and name in shapes:
-                height, width = shapes[name][:2]
+            if shape is not None:
+                height, width = shape
                 group.create_dataset("image_size", data=np.array([width, height]))
 
 

@@ -356,7 +356,7 @@ FORMATS = {
     "look": 1,  # NAME.look.npz of `saccade look`
     "slam_map": 5,  # of `Slam.save` and `saccade slam --save-map`
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
-    "extraction": 1,  # the folder of `saccade extract`: in manifest.json, for all files
+    "extraction": 2,  # the folder of `saccade extract`: in manifest.json, for all files
 }
 """Current versions by name."""
 

@@ -48,11 +48,12 @@ class Header(NamedTuple):
     width: int
     height: int
     orientation: int = 1
-    """EXIF orientation that is still to be applied."""
+    """EXIF orientation, 1 to 8."""
     transparent: bool = False
-    """Whether a fourth channel is opacity."""
-    multiplied: bool = False
-    """Whether 8-bit colors are already multiplied by their opacity."""
+    """Whether the image has an opacity."""
+    tiff: bool = False
+    """Whether it is a TIFF, which OpenCV turns upright, and whose 8-bit colors it multiplies by
+    their opacity."""
 
 
 def composite(
@@ -132,10 +133,10 @@ def decode_image(
     except ImageError:  # of a format that OpenCV alone reads
         header = Header(0, 0)
     if pixels.ndim == 3 and pixels.shape[2] == 4:
-        multiplied = header.multiplied and pixels.dtype == np.uint8
+        multiplied = header.tiff and pixels.dtype == np.uint8
         layered = composite(pixels, background, white, multiplied=multiplied)
         pixels = layered if header.transparent else pixels[:, :, :3]
-    mirrored, turns = TURNS[header.orientation - 1]
+    mirrored, turns = TURNS[0 if header.tiff else header.orientation - 1]
     pixels = np.rot90(pixels[:, ::-1] if mirrored else pixels, turns)
     return as_rgb(pixels, name, white=white)
 
@@ -161,6 +162,23 @@ def decode_stored(data: bytes, name: str) -> Image:
     return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, :3])
 
 
+def read_orientation(path: str | Path) -> int:
+    """The EXIF orientation of an image file, 1 to 8; 1 is upright, or unknown.
+
+    Raises:
+        ImageError: the file cannot be read.
+    """
+    return orientation_of_bytes(_read(Path(path)))
+
+
+def orientation_of_bytes(data: bytes) -> int:
+    """`read_orientation` from the bytes of a file."""
+    try:
+        return read_header(data, "image").orientation
+    except ImageError:  # of a format that OpenCV alone reads
+        return 1
+
+
 def read_header(data: bytes, name: str) -> Header:
     """The header of an image, which is not decoded.
 
@@ -176,11 +194,10 @@ def read_header(data: bytes, name: str) -> Header:
             warnings.simplefilter("ignore")  # of its size and its metadata
             with Pillow.open(BytesIO(data)) as image:
                 transparent = "A" in image.getbands() or "transparency" in image.info
-                is_tiff = image.format == "TIFF"  # OpenCV applies its orientation
                 exif = Pillow.Image.getexif(image)  # that of a PNG file decodes all of it
-                orientation = 1 if is_tiff else exif.get(ORIENTATION, 1)
+                orientation = exif.get(ORIENTATION, 1)
                 valid = orientation if orientation in range(1, 9) else 1
-                return Header(*image.size, valid, transparent, is_tiff)
+                return Header(*image.size, valid, transparent, image.format == "TIFF")
     except Pillow.DecompressionBombError as error:
         raise ImageError(f"{name}: the image is far too large") from error
     except Exception as error:  # Pillow raises anything for broken bytes
