@@ -470,6 +470,16 @@ class FixationTable(Table):
     """(n, 2) position in image pixels."""
     duration: FloatArray | None = None
     """(n,) in seconds; None if unknown."""
+    trial: IntArray | None = None
+    """(n,) number of the trial of a subject on an image, from 0; None if each has one."""
+
+    @property
+    def scanpath(self) -> IntArray:
+        """(n,) number of the scanpath, of one image, subject and trial, in the order of these."""
+        image = np.unique(self.image, return_inverse=True)[1]
+        trial = np.zeros_like(self.subject) if self.trial is None else self.trial
+        keys = np.stack([image, self.subject, trial], axis=1)
+        return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
 
     def __repr__(self) -> str:
         return f"FixationTable({len(self)} fixations on {len(np.unique(self.image))} images)"

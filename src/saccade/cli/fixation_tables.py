@@ -1,9 +1,9 @@
 """The fixations that commands score, and how they are to be read."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -45,19 +45,23 @@ class FixationOptions(Options):
     drop: Annotated[int, INPUT] = setting(1, 0)
     """Leave out the first N fixations of each scanpath."""
     columns: Annotated[str | None, INPUT, Parameter(metavar="KEY=NAME,...")] = None
-    """Columns of other than the usual names: image, subject, index, time, x, y, duration.
+    """Columns of other than the usual names: image, subject, index, trial, time, x, y, duration.
     subject=code,x=gx"""
     xy: Annotated[str | None, INPUT, Parameter(metavar="UNIT")] = None
     """Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the screen), or pixels
     (of the images, unchecked)."""
     offset: Annotated[str | None, INPUT, Parameter(metavar="X,Y")] = None
     """Upper left corner of the images on the screen, where x and y are positions on it."""
+    trials: Annotated[Literal["separate", "first", "joined"] | None, INPUT] = None
+    """Of several trials of a subject on an image: each a scanpath (separate), only the first, or
+    all one scanpath (joined)."""
     only_present: Annotated[bool, INPUT] = False
     """Leave out the fixations on images that are not there."""
 
     def data(self, sigma: float = 24.0) -> FixationData:
         """The fixations inside their images, of a density blurred by `sigma`; prints remarks."""
         form = fixation_format(self.columns, self.xy, self.offset)
+        form = replace(form, trials=self.trials)
         table = read_fixations(
             self.fixations, self.images, form, only_present=self.only_present, say=print_message
         )

@@ -51,23 +51,27 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Fixati
     trials = _trials(path)
     eye = _eye(trials)
     fixations, early = list[RawFixation](), 0
-    for trial in trials:
+    for number, trial in enumerate(trials):
         events = [row for row in trial.fixations if row.cells[1] == eye]
         shown = _images(trial, (columns or {}).get("image"))
         ends = [row.numbers(slice(3, 4))[0] for row in events]
         if len(shown) == 1 and all(end < shown[0].time for end in ends):
             shown = [shown[0]._replace(time=-np.inf)]  # named after the recording
         for row, end in zip(events, ends, strict=True):
-            image = next((each for each in reversed(shown) if each.time <= end), None)
-            if image is None:
+            order = sum(each.time <= end for each in shown)
+            if order == 0:
                 early += 1
                 continue
+            image = shown[order - 1]
             start, _, milliseconds = row.numbers(slice(2, 5))
             x, y = (
                 np.nan if row.cells[i] in BLANK else row.numbers(slice(i, i + 1))[0] for i in (5, 6)
             )
             fixations.append(
-                RawFixation(image.name, path.stem, start, x, y, milliseconds, image.box)
+                RawFixation(
+                    *(image.name, path.stem, start, x, y, milliseconds, image.box),
+                    f"{number}.{order}",
+                )
             )
     if not fixations:
         raise LogError(

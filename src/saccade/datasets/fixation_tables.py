@@ -43,6 +43,8 @@ class RawFixation(NamedTuple):
     """Duration; NaN where unknown."""
     box: Box | None = None
     """None where fixations are in pixels of the image."""
+    trial: str = ""
+    """Name of the trial, if the file has one."""
 
 
 class FixationList(NamedTuple):
@@ -68,6 +70,8 @@ COLUMN_NAMES = {
     "|ppt|ppn|pid|recordingsessionlabel",
     "index": "(current)?fix(ation)?(index|number|order|id|num|nr|no)|index|order|fixation|nfix"
     "|rank",
+    "trial": "(trial|session|block|run|repetition|presentation)"
+    "(index|id|number|num|nr|no|label|name)?",
     "time": "(fix|fixation)?(onset|start)(time)?|(fix|fixation)starttime|currentfixstart|t|time"
     "|timestamp|timestart|begin|tstart|startt|recordingtimestamp",
     "x": _position_names("x"),
@@ -89,6 +93,7 @@ TOBII = {
     "x": ("fixationpointxmcsnorm", "fixationpointxdacspx", "fixationpointx"),
     "y": ("fixationpointymcsnorm", "fixationpointydacspx", "fixationpointy"),
     "duration": ("gazeeventduration", "eyemovementeventduration"),
+    "trial": ("recordingname",),
 }
 """Columns of Tobii's export by their roles, the preferred first."""
 TOBII_TYPE = "eyemovementtype"
@@ -115,7 +120,8 @@ def read_fixation_table(
     place = {
         role: number
         for role in ROLES
-        for number in _find_column(path, table.names, role, (columns or {}).get(role), is_tobii)
+        if role != "trial"
+        for number in _find_columns(path, table.names, role, (columns or {}).get(role), is_tobii)
     }
     for role in ("image", "subject", "x", "y"):
         if role not in place and not (role == "subject" and subject):
@@ -123,6 +129,7 @@ def read_fixation_table(
                 f"{path}: expected columns of image, subject, x and y; {role} is missing among "
                 f"{', '.join(table.names)[:200] or 'none'}; --columns {role}=NAME names it"
             )
+    trials = _find_columns(path, table.names, "trial", (columns or {}).get("trial"), is_tobii)
     is_normalized = is_tobii and keys[place["x"]].endswith("norm")
     box = []
     if is_tobii and not is_normalized and all(name in keys for name in TOBII_BOX):
@@ -143,7 +150,8 @@ def read_fixation_table(
         is_blank = bool({image, person} & {"", "."}) or np.isnan(number)
         if is_blank or (where and not (np.isfinite(where).all() and min(where[2:4]) > 0)):
             x = np.nan
-        fixations.append(RawFixation(image, person, number, x, y, milliseconds, where))
+        trial = " ".join(row.cells[column] for column in trials)
+        fixations.append(RawFixation(image, person, number, x, y, milliseconds, where, trial))
     if "duration" in place:
         fixations = _in_milliseconds(fixations, keys[place["duration"]])
     return FixationList(fixations, "time" if is_tobii else order)
@@ -160,10 +168,10 @@ def is_named(role: str, name: str) -> bool:
     return any(re.fullmatch(COLUMN_NAMES[role], each) for each in (key, UNITS.sub("", key)))
 
 
-def _find_column(
+def _find_columns(
     path: Path, names: Sequence[str], role: str, wanted: str | None, is_tobii: bool
 ) -> list[int]:
-    """The number of the column of a role, or nothing."""
+    """The numbers of the columns of a role: one, none, or several of trials."""
     if wanted is not None:
         for same in (str, str.casefold):
             if same(wanted) in (given := [same(each) for each in names]):
@@ -177,7 +185,7 @@ def _find_column(
         return [keys.index(name) for name in TOBII.get(role, ()) if name in keys][:1]
     fits = [i for i, name in enumerate(names) if name == role]
     fits = fits or [i for i, name in enumerate(names) if is_named(role, name)]
-    if len(fits) > 1:
+    if len(fits) > 1 and role != "trial":
         several = " or ".join(names[i] for i in fits)
         raise LogError(
             f"{path}: {role} could be the column {several}; "

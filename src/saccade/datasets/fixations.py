@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,7 @@ from saccade.datasets.fixation_tables import (
     RawFixation,
     read_fixation_table,
 )
+from saccade.datasets.fixation_trials import number_trials
 from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import write_table
 from saccade.errors import LogError, LogWarning, require
@@ -41,7 +42,7 @@ class FixationFormat:
     """Format of a file of fixations; defaults are detected."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
-    """Names of columns by their role: image, subject, index, time, x, y, duration."""
+    """Names of columns by their role: image, subject, index, trial, time, x, y, duration."""
     shown: tuple[float, float] | None = None
     """Size of the images on the screen, in the units of x and y: (1, 1) if these are normalized.
     None for the size of the files in pixels."""
@@ -49,10 +50,15 @@ class FixationFormat:
     """x and y of the images' upper left corner; None for (0, 0)."""
     checked: bool = True
     """Whether positions that cannot be in the pixels of the images are refused."""
+    trials: Literal["separate", "first", "joined"] | None = None
+    """Of several trials of a subject on an image: each is a scanpath, only the first is read, or
+    all are one scanpath. None refuses them."""
 
     def __post_init__(self) -> None:
         """Check the settings."""
         unknown = sorted(self.columns.keys() - set(ROLES))
+        known = self.trials in (None, "separate", "first", "joined")
+        require(known, "--trials", "separate, first or joined", self.trials)
         require(not unknown, "--columns", f"names of {', '.join(ROLES)}", ", ".join(unknown))
         if self.shown is not None:
             require(min(self.shown) > 0, "--xy", "a width and a height", self.shown)
@@ -75,8 +81,8 @@ def read_fixations(
     A row with an empty cell, as of a blink, is left out, and so is one that repeats another, which
     is counted in a remark. `FixationTable.subject` is the subject's number, or, where subjects
     have names, the position of the name among them. `FixationTable.index` counts from 0, the
-    first fixation of a scanpath; where a file has times, or numbers that go on from image to image,
-    it is the rank among the fixations of the scanpath.
+    first fixation of a scanpath, which is a trial of a subject on an image; where a file has
+    times, or numbers that go on from image to image, it is the rank among its fixations.
 
     Args:
         path: a table separated by commas, semicolons or tabs, with columns of image, subject, x
@@ -94,14 +100,15 @@ def read_fixations(
         Fixations by image, subject and index.
 
     Raises:
-        LogError: the file is missing or broken, with the line; an image is absent, all of them,
+        LogError: the file is missing or broken, with the line; a subject has several trials on an
+            image, unless `form` says what to do with them; an image is absent, all of them,
             with `only_present`; or positions are not in the pixels of the images.
         ConfigError: a column that is not in the file.
         ImageError: an image cannot be read.
     """
     path, form = Path(path), form or FixationFormat()
     recording = _recording(path, form.columns)
-    fixations = _complete(path, recording, say)
+    fixations = _complete(path, _choose_trials(path, recording, form, say), say)
     image = np.array([each.image for each in fixations])
     xy = np.array([(each.x, each.y) for each in fixations])
     if images is not None:
@@ -121,9 +128,11 @@ def read_fixations(
     subject = _subject_numbers(path, [each.subject for each in fixations], say)
     order = np.array([each.order for each in fixations])
     seconds = np.array([each.milliseconds for each in fixations]) / 1000
-    index = _indices(path, image, subject, order, recording.order, say)
+    trial = np.array([int(each.trial) for each in fixations])
+    index = _indices(path, image, subject, trial, order, recording.order, say)
     duration = None if np.isnan(seconds).all() else seconds
-    return FixationTable(image, subject, index, xy, duration)[np.lexsort((order, subject, image))]
+    table = FixationTable(image, subject, index, xy, duration, trial if trial.any() else None)
+    return table[np.lexsort((order, trial, subject, image))]
 
 
 def _recording(path: Path, columns: Mapping[str, str], subject: str | None = None) -> FixationList:
@@ -145,6 +154,8 @@ def _recordings(folder: Path, columns: Mapping[str, str]) -> FixationList:
     if not files:
         raise LogError(f"{folder}: expected tables or recordings ({', '.join(TABLES)}, .asc)")
     parts = [_recording(each, columns, each.stem) for each in files]
+    for part, file in zip(parts, files, strict=True):
+        part.fixations[:] = [e._replace(trial=f"{file.name} {e.trial}") for e in part.fixations]
     orders = {part.order for part in parts}
     if len(orders) > 1:
         found = " and some with ".join(sorted(orders))
@@ -153,25 +164,53 @@ def _recordings(folder: Path, columns: Mapping[str, str]) -> FixationList:
     return FixationList([each for part in parts for each in part.fixations], orders.pop(), left_out)
 
 
+def _choose_trials(
+    path: Path, recording: FixationList, form: FixationFormat, say: Callable[[str], None]
+) -> FixationList:
+    """The fixations of the chosen trials, whose names are their numbers."""
+    found = [each for each in recording.fixations if np.isfinite([each.x, each.y]).all()]
+    number = number_trials(found, recording.order)
+    repeated = Counter(
+        (each.subject, each.image) for each, n in zip(found, number, strict=True) if n
+    )
+    if repeated and form.trials is None:
+        subject, image = next(iter(repeated))
+        raise LogError(
+            f"{path}: expected one trial of a subject on an image, found several of {subject} on "
+            f"{image}" + f" and {len(repeated) - 1} more" * (len(repeated) > 1) + "; --trials "
+            "separate makes each a scanpath, first takes the first, joined makes them one"
+        )
+    if form.trials == "joined":
+        number[:] = 0
+    kept = [
+        each._replace(trial=str(n))
+        for each, n in zip(found, number, strict=True)
+        if n == 0 or form.trials == "separate"
+    ]
+    reason = "in later trials of a subject on an image"
+    blank = "with an empty cell, as of a blink,"
+    left_out = {reason: len(found) - len(kept), blank: len(recording.fixations) - len(found)}
+    return recording._replace(fixations=kept, left_out={**recording.left_out, **left_out})
+
+
 def _complete(path: Path, recording: FixationList, say: Callable[[str], None]) -> list[RawFixation]:
     """The fixations with a position, each once."""
-    found = [each for each in recording.fixations if np.isfinite([each.x, each.y]).all()]
+    found = recording.fixations
     if not found:
         raise LogError(f"{path}: expected at least one fixation, found none")
     order = recording.order
     once = {
         (
-            *(each.image, each.subject, each.x, each.y),
+            *(each.image, each.subject, each.trial, each.x, each.y),
             str(each.milliseconds) if order == "row" else each.order,
         ): each
         for each in reversed(found)
     }
     if order == "row":
         say(f"{path}: neither index nor time is a column; the order is that of the rows")
-    blank, repeated = len(recording.fixations) - len(found), len(found) - len(once)
-    kept = len(once) - len({(each.image, each.subject, each.order) for each in once.values()})
+    repeated = len(found) - len(once)
+    kept = len(once) - len({(e.image, e.subject, e.trial, e.order) for e in once.values()})
     counts = {f"fixations {why} are left out": n for why, n in recording.left_out.items()} | {
-        "rows with an empty cell, as of blinks, are left out": blank,
         f"rows that repeat another (of the same {order}) are left out": repeated,
         f"fixations have the image, subject and {order} of another and are kept": kept,
     }
@@ -212,14 +251,16 @@ def _indices(
     path: Path,
     image: Names,
     subject: IntArray,
+    trial: IntArray,
     order: FloatArray,
     kind: str,
     say: Callable[[str], None],
 ) -> IntArray:
-    """(n,) numbers of the fixations of a subject on an image, from 0; see `read_fixations`."""
-    by = np.lexsort((order, subject, image))
+    """(n,) numbers of the fixations of a scanpath, from 0; see `read_fixations`."""
+    by = np.lexsort((order, trial, subject, image))
     new = np.ones(len(by), bool)
-    new[1:] = (image[by][1:] != image[by][:-1]) | (subject[by][1:] != subject[by][:-1])
+    keys = [key[by] for key in (image, subject, trial)]
+    new[1:] = np.any([key[1:] != key[:-1] for key in keys], axis=0)
     first = order[by][new]
     base = first.min()
     if kind == "index" and base in (0, 1) and np.mean(first == base) >= 0.5:
@@ -242,7 +283,7 @@ def _mat_rows(path: Path) -> list[RawFixation]:
                 milliseconds = eye.get("fix_duration", np.full(len(x), np.nan)).ravel()
                 columns = zip(x.tolist(), y.tolist(), milliseconds.tolist(), strict=True)
                 fixations += [
-                    RawFixation(image["img"], str(int(number)), index, *row)
+                    RawFixation(image["img"], str(int(number)), index, *row, None, str(position))
                     for index, row in enumerate(columns)
                 ]
     except (TypeError, KeyError, IndexError, AttributeError, ValueError) as error:
@@ -273,6 +314,8 @@ def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArr
     milliseconds = unknown if table.duration is None else 1000 * table.duration
     if path.suffix == ".csv":
         keys = {"image": table.image, "subject": table.subject, "index": table.index}
+        if table.trial is not None:
+            keys["trial"] = table.trial
         write_table(path, keys | {"x": x, "y": y, DURATION: milliseconds} | columns)
         return
     from scipy.io import savemat  # slow to import
@@ -282,10 +325,10 @@ def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArr
     for name in np.unique(table.image):
         own = np.flatnonzero(table.image == name)
         subjects = []
-        for subject in np.unique(table.subject[own]):
-            rows = own[table.subject[own] == subject]
+        paths = table[own].scanpath
+        for rows in (own[paths == path] for path in np.unique(paths)):
             numbers = {f"fix_{key}": values[rows] for key, values in fields.items()}
-            subjects.append({"subject": subject, **numbers})
+            subjects.append({"subject": table.subject[rows[0]], **numbers})
         images.append({"img": str(name), "subjects": np.array(subjects, object)})
     with atomic_write(path) as temporary:
         content = {"fixations": np.array(images, object)}

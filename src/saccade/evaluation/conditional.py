@@ -131,8 +131,8 @@ def score_predictions(
 
 
 def first_fixations(seen: FixationTable) -> IntArray:
-    """(n,) row of the first fixation of each row's subject, of a table sorted by subject."""
-    return np.asarray(np.searchsorted(seen.subject, seen.subject))
+    """(n,) row of the first fixation of each row's scanpath, of a table sorted by scanpath."""
+    return np.asarray(np.searchsorted(seen.scanpath, seen.scanpath))
 
 
 def people_densities(

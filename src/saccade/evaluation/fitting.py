@@ -94,8 +94,8 @@ class FittingData:
         for (name, size), values in zip(self.people.sizes.items(), self.values, strict=True):
             seen, shape = self.people.on(name), values.shape[1:]
             rows = []
-            for subject in np.unique(seen.subject):
-                own = seen.xy[seen.subject == subject]
+            for number in np.unique(seen.scanpath):
+                own = seen.xy[seen.scanpath == number]
                 path = np.vstack([[(size[1] - 1) / 2, (size[0] - 1) / 2], own])
                 rows += [path_terms(path[: k + 1], shape, size) for k in range(len(own))]
             anchors, factors = (np.array(column) for column in zip(*rows, strict=True))

@@ -64,7 +64,7 @@ class FixationData:
     folder: Path
     """Folder of the images."""
     table: FixationTable
-    """Fixations inside their images, sorted by image, subject and index."""
+    """Fixations inside their images, sorted by image, subject, trial and index."""
     sizes: Mapping[str, tuple[int, int]]
     """(H, W) of each image with fixations; fixations of one are scaled to another by them."""
     sigma: float = 24.0
@@ -86,7 +86,7 @@ class FixationData:
             ImageError: an image cannot be read.
             LogError: there is only one image, so that nothing can be shuffled.
         """
-        order = np.lexsort((table.index, table.subject, table.image))
+        order = np.lexsort((table.index, table.scanpath))
         table = table[order[table.index[order] >= skip]]
         names, index = np.unique(table.image, return_inverse=True)
         sizes = [read_image(folder / name).shape[:2] for name in names.tolist()]

@@ -251,8 +251,8 @@ class Viewing(NamedTuple):
 
     shape: tuple[int, int]
     """(H, W) of the image."""
-    paths: Mapping[int, GazePath]
-    """By subject; at least one fixation each, inside the image."""
+    paths: Mapping[tuple[int, int], GazePath]
+    """By subject and number of the scanpath; at least one fixation each, inside the image."""
 
 
 def viewings(data: FixationData) -> dict[str, Viewing]:
@@ -265,11 +265,11 @@ def viewings(data: FixationData) -> dict[str, Viewing]:
     for name, shape in data.sizes.items():
         seen = data.on(name)
         duration = np.full(len(seen), np.nan) if seen.duration is None else seen.duration
-        paths = {
-            subject: GazePath(seen.xy[seen.subject == subject], duration[seen.subject == subject])
-            for subject in np.unique(seen.subject).tolist()
-        }
-        if len(paths) > 1:
+        paths, number = {}, seen.scanpath
+        for path in np.unique(number):
+            rows = np.flatnonzero(number == path)
+            paths[int(seen.subject[rows[0]]), int(path)] = GazePath(seen.xy[rows], duration[rows])
+        if len({subject for subject, _ in paths}) > 1:
             result[name] = Viewing(shape, paths)
     if len(result) < 2:
         raise LogError(f"fixations: expected two images of two subjects, found {len(result)}")
@@ -317,14 +317,14 @@ def score_paths(
         scores = path_scores(path, subjects, shape, settings.similarity)
         return PathRow(name, source, number, path, scores)
 
-    for subject, path in seen.items():
-        others = [each for other, each in seen.items() if other != subject]
+    for (subject, _), path in seen.items():
+        others = [each for (other, _), each in seen.items() if other != subject]
         yield row(PEOPLE, subject, path, others)
     names = list(people)
     stranger = people[names[(names.index(name) + 1) % len(names)]]
     scale = np.array(shape[::-1]) / stranger.shape[::-1]
     seed = settings.seed * len(names) + names.index(name)
-    for subject, path in _cut(stranger.paths, settings.fixations).items():
+    for (subject, _), path in _cut(stranger.paths, settings.fixations).items():
         moved = GazePath((path.xy + 0.5) * scale - 0.5, path.duration)
         yield row(OTHERS, subject, moved, everyone)
     maps, length = SaliencyMaps(saliency, shape), settings.fixations
@@ -360,7 +360,7 @@ def mean_fixations(people: Mapping[str, Viewing]) -> int:
     return round(float(np.mean(counts)))
 
 
-def _cut(paths: Mapping[int, GazePath], count: int) -> dict[int, GazePath]:
+def _cut(paths: Mapping[tuple[int, int], GazePath], count: int) -> dict[tuple[int, int], GazePath]:
     """The first fixations of each path."""
     return {name: GazePath(path.xy[:count], path.duration[:count]) for name, path in paths.items()}
 
