@@ -1,6 +1,7 @@
 """Fixations as laboratories and eye trackers write them are read alike, or refused with a cure."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
+from itertools import product
 
 import cv2
 import numpy as np
@@ -67,8 +68,16 @@ def test_every_way_to_write_fixations_reads_alike(variant, seen, photos, tmp_pat
         (lambda x, y: (x + 240, y + 212), r"--offset X,Y.*about 2[34]\d,2[01]\d"),
         (lambda x, y: (x - 400, y - 300), r"--offset X,Y.*about -(39|40)\d,-(29|30)\d"),
         (lambda x, y: (1.8 * x, 1.8 * y), "--xy WIDTH,HEIGHT"),
+        (lambda x, y: (1.25 * x, 1.25 * y), r"--xy WIDTH,HEIGHT.*about (9|10)\d\d,7[0-6]\d"),
+        (lambda x, y: (y, x), "--axes=y,x"),
+        (lambda x, y: (x, -y), "--axes=x,-y"),
+        (lambda x, y: (-x, y), "--axes=-x,y"),
+        (lambda x, y: (x - 400, 300 - y), r"--offset X,Y.*--axes=x,-y if y points up"),
     ],
-    ids=["normalized", "percent", "screen", "centered", "enlarged"],
+    ids=[
+        *("normalized", "percent", "screen", "centered", "enlarged", "a-little-enlarged"),
+        *("exchanged", "upwards", "leftwards", "centered-upwards"),
+    ],
 )
 def test_positions_elsewhere_are_refused_with_the_cure(change, words, seen, photos, tmp_path):
     moved = [s._replace(x=change(s.x, s.y)[0], y=change(s.x, s.y)[1]) for s in seen]
@@ -77,6 +86,42 @@ def test_positions_elsewhere_are_refused_with_the_cure(change, words, seen, phot
         read(path, [], photos)
     found, _ = read(path, ["--xy", "pixels"], photos)
     assert len(found) == len(seen)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda x, y: (y, x), ["--axes", "y,x"]),
+        (lambda x, y: (x, -y), ["--axes", "x,-y"]),
+        (lambda x, y: (x - 400, 300 - y), ["--axes", "x,-y", "--offset", "-400,-300"]),
+    ],
+    ids=["exchanged", "upwards", "centered-upwards"],
+)
+def test_the_cure_reads_what_was_exchanged_or_mirrored(change, words, seen, photos, tmp_path):
+    moved = [s._replace(x=change(s.x, s.y)[0], y=change(s.x, s.y)[1]) for s in seen]
+    given = dict(zip(words[::2], words[1::2], strict=True))
+    form = replace(fixation_format(None, None, given.get("--offset")), axes=given["--axes"])
+    found = read_fixations(canonical(moved, tmp_path)[0], photos, form)
+    np.testing.assert_allclose(found.xy, [(s.x, s.y) for s in sorted(seen)], atol=1e-6)
+
+
+def test_central_fixations_with_exchanged_axes_are_refused(photos, tmp_path):
+    """A fifth of them or fewer are outside, as the middle of an image is in it in any case."""
+    rng = np.random.default_rng(1)
+    xy = rng.normal((400, 300), (160, 90), (300, 2)).clip((5, 5), (795, 595))
+    rows = [(NAMES[k % 3], k % 7, k // 21, y, x) for k, (x, y) in enumerate(xy.tolist())]
+    path = tmp_path / "a.csv"
+    path.write_text(_trials("image,subject,index,x,y", rows))
+    with pytest.raises(LogError, match=r"found \d\d of 300 fixations outside.*--axes=y,x"):
+        read_fixations(path, photos, say=str)
+
+
+def test_fixations_outside_are_left_out_with_a_remark(photos, seen, tmp_path):
+    beside = [seen[0]._replace(x=900.0, index=7), seen[9]._replace(y=-20.0, index=7)]
+    remarks = []
+    path, _ = canonical([*seen, *beside], tmp_path)
+    assert len(read_fixations(path, photos, say=remarks.append)) == len(seen)
+    assert "2 fixations outside their images are left out" in " ".join(remarks)
 
 
 @pytest.mark.parametrize(
@@ -195,6 +240,56 @@ def test_trials_of_eyelink_are_not_joined(tmp_path, shown):
     found = read_fixations(tmp_path / "s1.asc", form=form, say=str)
     assert found.xy[found.image == "a.png", 0].tolist() == THERE + BACK
     assert found.index.tolist() == [*range(4)] * 3
+
+
+def _eyelink_blocks(path, plan, start_lines):
+    """Four fixations on an image in each block: of the left eye at y = 40, of the right at 50."""
+    lines = []
+    for number, eyes in enumerate(plan):
+        t = 4000 * number
+        lines += [f"MSG {t + 1} TRIALID {number}", f"MSG {t + 2} !V IMGLOAD FILL {number}.png"]
+        lines += [f"START {t + 3} {eyes}"] * start_lines
+        for k, eye in product(range(4), eyes):
+            start, y = t + 9 + 300 * k, 40 + 10 * (eye == "R")
+            lines.append(f"EFIX {eye} {start} {start + 240} 240 {50 + k} {y} 9")
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("start_lines", [True, False])
+@pytest.mark.parametrize(
+    ("plan", "eye", "y"),
+    [
+        (["R", "L", "R"], None, [50, 40, 50]),
+        (["LR", "L", "R"], None, [40, 40, 50]),
+        (["LR", "L", "R"], "right", [50, 40, 50]),
+        (["R", "LR", "LR"], None, [50, 50, 50]),
+        (["R", "LR", "LR"], "left", [50, 40, 40]),
+    ],
+)
+def test_each_block_is_read_by_an_eye_that_it_has(tmp_path, plan, eye, y, start_lines):
+    _eyelink_blocks(tmp_path / "s1.asc", plan, start_lines)
+    found = read_fixations(tmp_path / "s1.asc", form=FixationFormat(eye=eye), say=str)
+    assert found.image.tolist() == [f"{k // 4}.png" for k in range(12)]
+    assert found.xy[:, 1].tolist() == np.repeat(y, 4).tolist()
+    rows = [
+        ("s1", number, side, k, 50 + k, 40 + 10 * (side == "Right"))
+        for number, eyes in enumerate(plan)
+        for side in ("Left", "Right")
+        if side[0] in eyes
+        for k in range(4)
+    ]
+    (tmp_path / "a.csv").write_text(_trials("subject,image,EYE_USED,index,x,y", rows))
+    table = read_fixations(tmp_path / "a.csv", form=FixationFormat(eye=eye), say=str)
+    np.testing.assert_array_equal(table.xy, found.xy)
+
+
+def test_an_eye_that_is_hardly_tracked_in_a_block_is_not_read_there(tmp_path):
+    _eyelink_blocks(tmp_path / "s1.asc", ["L", "LR"], True)
+    lines = (tmp_path / "s1.asc").read_text().splitlines()
+    left = [n for n, line in enumerate(lines) if line.startswith("EFIX L 4")]
+    kept = [line for n, line in enumerate(lines) if n not in left[1:]]
+    (tmp_path / "s1.asc").write_text("\n".join(kept) + "\n")
+    assert read_fixations(tmp_path / "s1.asc", say=str).xy[:, 1].tolist() == [40] * 4 + [50] * 4
 
 
 def test_a_wrong_option_is_named(run, seen, photos, tmp_path):

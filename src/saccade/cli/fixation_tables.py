@@ -45,13 +45,18 @@ class FixationOptions(Options):
     drop: Annotated[int, INPUT] = setting(1, 0)
     """Leave out the first N fixations of each scanpath."""
     columns: Annotated[str | None, INPUT, Parameter(metavar="KEY=NAME,...")] = None
-    """Columns of other than the usual names: image, subject, index, trial, time, x, y, duration.
-    subject=code,x=gx"""
+    """Columns of other than the usual names: image, subject, index, trial, time, x, y, eye,
+    duration. subject=code,x=gx"""
     xy: Annotated[str | None, INPUT, Parameter(metavar="UNIT")] = None
     """Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the screen), or pixels
     (of the images, unchecked)."""
     offset: Annotated[str | None, INPUT, Parameter(metavar="X,Y")] = None
     """Upper left corner of the images on the screen, where x and y are positions on it."""
+    axes: Annotated[Literal["x,y", "y,x", "x,-y", "-x,y"], INPUT] = "x,y"
+    """Meanings of x and y: y,x if they are exchanged (row, column), x,-y or -x,y if one of them
+    points the other way."""
+    eye: Annotated[Literal["left", "right"] | None, INPUT] = None
+    """Eye to read where both are recorded; by default the one with more fixations."""
     trials: Annotated[Literal["separate", "first", "joined"] | None, INPUT] = None
     """Of several trials of a subject on an image: each a scanpath (separate), only the first, or
     all one scanpath (joined)."""
@@ -61,7 +66,7 @@ class FixationOptions(Options):
     def data(self, sigma: float = 24.0) -> FixationData:
         """The fixations inside their images, of a density blurred by `sigma`; prints remarks."""
         form = fixation_format(self.columns, self.xy, self.offset)
-        form = replace(form, trials=self.trials)
+        form = replace(form, axes=self.axes, eye=self.eye, trials=self.trials)
         table = read_fixations(
             self.fixations, self.images, form, only_present=self.only_present, say=print_message
         )

@@ -4,14 +4,22 @@ Source of lines and fields: "The ASC File Format" in SR Research's user manuals;
 trials and images: "Protocol for EyeLink Data to Viewer Integration".
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
 from typing import NamedTuple
 
 import numpy as np
 
-from saccade.datasets.fixation_tables import BLANK, Box, FixationList, RawFixation, is_named
+from saccade.datasets.fixation_tables import (
+    BLANK,
+    OTHER_EYE,
+    Box,
+    FixationList,
+    RawFixation,
+    choose_eyes,
+    is_named,
+)
 from saccade.datasets.tables import Row, is_number, read_rows
 from saccade.errors import LogError
 from saccade.io.files import IMAGE_SUFFIXES
@@ -34,25 +42,32 @@ class _Trial:
     variables: dict[str, str] = field(default_factory=dict)
     fixations: list[Row] = field(default_factory=list)
     """EFIX, eye, start, end, duration, x, y."""
+    blocks: list[int] = field(default_factory=list)
+    """Number of the lines START before each fixation."""
 
 
-def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> FixationList:
+def read_eyelink(
+    path: Path, columns: Mapping[str, str] | None = None, eye: str | None = None
+) -> FixationList:
     """The fixations of a recording; its subject is the name of the file.
 
     A fixation belongs to the image on the screen at its end: the first one of a trial often begins
     before its image. The message `!V IMGLOAD` names the image and its position on the screen; else
-    a trial variable (`!V TRIAL_VAR`) called image or alike, or a file name in TRIALID. If both eyes
-    are recorded, the eye with more fixations is taken.
+    a trial variable (`!V TRIAL_VAR`) called image or alike, or a file name in TRIALID. Where
+    both eyes are recorded, one is read: see `choose_eyes`.
 
     Args:
         path: the .asc.
         columns: "image": the name of the trial variable that names the image.
+        eye: L or R: the eye to read where both are recorded.
     """
     trials = _trials(path)
-    eye = _eye(trials)
+    blocks = [(n, block) for n, trial in enumerate(trials) for block in trial.blocks]
+    eyes = [row.cells[1] for trial in trials for row in trial.fixations]
+    of_eye = iter(choose_eyes(blocks, eyes, eye))
     fixations, early = list[RawFixation](), 0
     for number, trial in enumerate(trials):
-        events = [row for row in trial.fixations if row.cells[1] == eye]
+        events = [row for row in trial.fixations if next(of_eye)]
         shown = _images(trial, (columns or {}).get("image"))
         ends = [row.numbers(slice(3, 4))[0] for row in events]
         if len(shown) == 1 and all(end < shown[0].time for end in ends):
@@ -80,19 +95,22 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Fixati
             "another variable"
         )
     others = sum(len(trial.fixations) for trial in trials) - early - len(fixations)
-    left_out = {"with no image on the screen": early, "of the other eye": others}
+    left_out = {"with no image on the screen": early, OTHER_EYE: others}
     return FixationList(fixations, "time", left_out)
 
 
 def _trials(path: Path) -> list[_Trial]:
     """The trials of a file; the first is what comes before any."""
-    trials, screen = [_Trial()], None
+    trials, screen, block = [_Trial()], None, 0
     for row in read_rows(path):
         kind = row.cells[0]
         if kind == "EFIX":
             if len(row.cells) < 7:
                 raise row.error("EFIX, eye, start, end, duration, x and y", " ".join(row.cells))
             trials[-1].fixations.append(row)
+            trials[-1].blocks.append(block)
+        elif kind == "START":
+            block += 1
         elif kind == "EVENTS" and row.cells[1:2] != ["GAZE"]:
             raise row.error("events of GAZE, positions on the screen", " ".join(row.cells[1:2]))
         elif kind == "MSG" and len(row.cells) > 2:
@@ -150,9 +168,3 @@ def _images(trial: _Trial, wanted: str | None) -> list[_Shown]:
     ]
     names = names or [word for word in trial.label.split() if word.lower().endswith(IMAGE_SUFFIXES)]
     return [_Shown(-np.inf, PureWindowsPath(name).name, None) for name in names[:1]]
-
-
-def _eye(trials: Iterable[_Trial]) -> str:
-    """The eye with more fixations; of equals the left."""
-    eyes = [row.cells[1] for trial in trials for row in trial.fixations]
-    return max(sorted(set(eyes)), key=eyes.count, default="")

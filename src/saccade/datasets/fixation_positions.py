@@ -16,10 +16,20 @@ Names = npt.NDArray[np.str_]
 
 NORMALIZED = (-0.5, 1.5)
 """Range of normalized coordinates, including fixations beside the image."""
-OUTSIDE = 0.2
+AXES: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
+    "x,y": ((1, 0), (0, 1)),
+    "y,x": ((0, 1), (1, 0)),
+    "x,-y": ((1, 0), (0, -1)),
+    "-x,y": ((-1, 0), (0, 1)),
+}
+"""Meanings of the columns x and y, and matrices from them to positions."""
+OUTSIDE = 0.1
 """Largest accepted fraction of fixations outside their images; 0 to .01 is usual."""
 SHIFTED = 0.03
-"""Largest accepted fraction outside if a shift brings three quarters of these inside."""
+"""Largest accepted fraction outside if other axes, a shift or a scale bring three quarters of these
+inside."""
+ENLARGED = 1.1
+"""Smallest scale that is suggested: fixations beside their images look like smaller ones."""
 FEWEST = 5
 """Minimum number of fixations outside for positions to be judged."""
 MIDDLE = 50
@@ -113,19 +123,33 @@ def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
             "units of x and y (100,100 of percent), and --offset X,Y, if their upper left corner "
             f"is not 0,0 ({PIXELS})"
         )
-    outside = _outside(xy, sizes)
+    outside = is_outside(xy, sizes)
     if outside.sum() < FEWEST:
         return ""
     found += f" {outside.sum()} of {len(xy)} fixations outside"
+    cures = [
+        (f": axes exchanged or mirrored? pass --axes={name}", xy @ np.array(axes).T)
+        for name, axes in AXES.items()
+    ]
     shift = np.round(np.quantile(xy - sizes / 2, EXTENT, axis=0).mean(axis=0))
-    if 4 * _outside(xy - shift, sizes).sum() < outside.sum():
-        found += (
+    center = ", and --axes=x,-y if y points up" * bool((np.abs(shift / side + 0.5) < 0.1).all())
+    cures.append(
+        (
             ", on one side: positions on the screen? pass --offset X,Y, the images' upper left "
-            f"corner on it (about {shift[0]:.0f},{shift[1]:.0f} by the fixations; {PIXELS})"
+            f"corner on it (about {shift[0]:.0f},{shift[1]:.0f} by the fixations){center}",
+            xy - shift,
         )
+    )
+    scale = float((np.quantile(xy / sizes, EXTENT[1], axis=0)).max())
+    if scale > ENLARGED:
+        width, height = scale * side
+        enlarged = f"pass --xy WIDTH,HEIGHT, their size there (about {width:.0f},{height:.0f})"
+        cures.append((f": were the images enlarged? {enlarged}", xy / scale))
+    cure, moved = min(cures, key=lambda each: int(is_outside(each[1], sizes).sum()))
+    if 4 * is_outside(moved, sizes).sum() < outside.sum():
         if outside.mean() > SHIFTED:
-            raise LogError(found)
-        return found
+            raise LogError(f"{found}{cure} ({PIXELS})")
+        return f"{found}{cure} ({PIXELS})"
     if outside.mean() > OUTSIDE:
         raise LogError(
             f"{found} ({span}); pass --xy WIDTH,HEIGHT, the size of the images on the screen, and "
@@ -134,7 +158,7 @@ def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
     return ""
 
 
-def _outside(xy: FloatArray, sizes: FloatArray) -> BoolArray:
+def is_outside(xy: FloatArray, sizes: FloatArray) -> BoolArray:
     """(n,) whether positions are outside their images, whose first pixel is about (0, 0)."""
     pixels = np.floor(xy + 0.5)
     return np.asarray(((pixels < 0) | (pixels >= sizes)).any(axis=1))

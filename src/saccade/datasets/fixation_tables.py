@@ -4,8 +4,11 @@ Columns are found by their usual names. Tobii's data export, described in Tobii 
 has a row for each sample, with its fixation.
 """
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Hashable, Mapping, Sequence
+from itertools import compress
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -76,10 +79,13 @@ COLUMN_NAMES = {
     "|timestamp|timestart|begin|tstart|startt|recordingtimestamp",
     "x": _position_names("x"),
     "y": _position_names("y"),
+    "eye": "eye(used|tracked|reported|recorded)?|(used|tracked|recorded)eye",
     "duration": "(current)?(fix|fixation)?(duration|dur)|(gazeevent|eyemovementevent)duration",
 }
 """Patterns of the usual names of columns, in the letters and digits of their names."""
 ROLES = tuple(COLUMN_NAMES)
+OTHER_EYE = "of the other eye"
+"""Reason to leave out fixations."""
 UNITS = re.compile(r"(px|pix|pixels?|ms|msec|milliseconds|s|sec|seconds)$")
 BLANK = ("", ".", "-", "na", "nan", "n/a", "none", "null")
 """Cells without a number, in lower case: of tables, R, MATLAB, pandas and EyeLink."""
@@ -105,7 +111,10 @@ TOBII_BOX = tuple(
 
 
 def read_fixation_table(
-    path: Path, columns: Mapping[str, str] | None = None, subject: str | None = None
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    subject: str | None = None,
+    eye: str | None = None,
 ) -> FixationList:
     """The fixations of a table, separated by commas, semicolons or tabs.
 
@@ -113,6 +122,7 @@ def read_fixation_table(
         path: a file with a header; decimal commas are read where they cannot be anything else.
         columns: names of columns by `ROLES`, where they are not the usual ones.
         subject: of all rows, where no column names one.
+        eye: L or R: the eye to read where a column says that both are recorded.
     """
     table = read_csv(path, delimiter=DETECTED, comment=None)
     keys = [_key(name) for name in table.names]
@@ -134,10 +144,13 @@ def read_fixation_table(
     box = []
     if is_tobii and not is_normalized and all(name in keys for name in TOBII_BOX):
         box = [keys.index(name) for name in TOBII_BOX]
-    for column in [*box, *(place[role] for role in place if role not in ("image", "subject"))]:
+    for column in [
+        *box,
+        *(place[role] for role in place if role not in ("image", "subject", "eye")),
+    ]:
         _replace_decimal_commas(table.rows, column)
     order = next((role for role in ("index", "time") if role in place and not is_tobii), "row")
-    fixations = []
+    fixations, eyes = list[RawFixation](), list[str]()
     for row in _tobii_rows(path, table, keys, place) if is_tobii else table.rows:
         image = row.cells[place["image"]]
         person = row.cells[place["subject"]] if "subject" in place else subject or ""
@@ -152,9 +165,34 @@ def read_fixation_table(
             x = np.nan
         trial = " ".join(row.cells[column] for column in trials)
         fixations.append(RawFixation(image, person, number, x, y, milliseconds, where, trial))
+        eyes.append(row.cells[place["eye"]][:1].upper() if "eye" in place else "")
     if "duration" in place:
         fixations = _in_milliseconds(fixations, keys[place["duration"]])
-    return FixationList(fixations, "time" if is_tobii else order)
+    views = [(each.image, each.subject, each.trial) for each in fixations]
+    of_eye = choose_eyes(views, eyes, eye)
+    left_out = {OTHER_EYE: len(of_eye) - sum(of_eye)}
+    return FixationList([*compress(fixations, of_eye)], "time" if is_tobii else order, left_out)
+
+
+def choose_eyes(
+    blocks: Sequence[Hashable], eyes: Sequence[str], wanted: str | None = None
+) -> list[bool]:
+    """Whether each fixation is of the eye that is read in its block of the recording.
+
+    Args:
+        blocks: (n,) block of each fixation.
+        eyes: (n,) L or R.
+        wanted: the eye to read where it has fixations. By default the one with more of them in the
+            recording, but in blocks where the other one has more than twice as many.
+    """
+    overall, counts = Counter(eyes), Counter(zip(blocks, eyes, strict=True))
+    preferred = wanted or max(sorted(overall), key=overall.__getitem__, default="")
+    chosen = {}
+    for block in {*blocks}:
+        most = max(sorted(overall), key=lambda eye: counts[block, eye])
+        enough = counts[block, preferred] * (math.inf if wanted else 2) >= counts[block, most]
+        chosen[block] = preferred if counts[block, preferred] and enough else most
+    return [chosen[block] == eye for block, eye in zip(blocks, eyes, strict=True)]
 
 
 def _key(name: str) -> str:

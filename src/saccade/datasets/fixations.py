@@ -12,9 +12,11 @@ import numpy.typing as npt
 
 from saccade.datasets.eyelink import read_eyelink
 from saccade.datasets.fixation_positions import (
+    AXES,
     Names,
     check_positions,
     image_sizes,
+    is_outside,
     list_folder,
     resolve_images,
     to_image_pixels,
@@ -42,14 +44,19 @@ class FixationFormat:
     """Format of a file of fixations; defaults are detected."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
-    """Names of columns by their role: image, subject, index, trial, time, x, y, duration."""
+    """Names of columns by their role: image, subject, index, trial, time, x, y, eye, duration."""
     shown: tuple[float, float] | None = None
     """Size of the images on the screen, in the units of x and y: (1, 1) if these are normalized.
     None for the size of the files in pixels."""
     offset: tuple[float, float] | None = None
     """x and y of the images' upper left corner; None for (0, 0)."""
+    axes: str = "x,y"
+    """Meanings of the columns x and y: "y,x" if they are exchanged, "x,-y" or "-x,y" if one of them
+    points the other way."""
     checked: bool = True
     """Whether positions that cannot be in the pixels of the images are refused."""
+    eye: Literal["left", "right"] | None = None
+    """Eye to read where both are recorded. None for the one with more fixations."""
     trials: Literal["separate", "first", "joined"] | None = None
     """Of several trials of a subject on an image: each is a scanpath, only the first is read, or
     all are one scanpath. None refuses them."""
@@ -57,6 +64,7 @@ class FixationFormat:
     def __post_init__(self) -> None:
         """Check the settings."""
         unknown = sorted(self.columns.keys() - set(ROLES))
+        require(self.axes in AXES, "--axes", f"one of {' '.join(AXES)}", self.axes)
         known = self.trials in (None, "separate", "first", "joined")
         require(known, "--trials", "separate, first or joined", self.trials)
         require(not unknown, "--columns", f"names of {', '.join(ROLES)}", ", ".join(unknown))
@@ -91,7 +99,8 @@ def read_fixations(
             OSIE's `fixations.mat` (Xu et al., Journal of Vision 2014); or a folder of tables and
             recordings, of a subject each where they do not name one.
         images: folder of the images: names without suffix are completed, and positions are
-            converted to pixels of the images and checked. None to take both as they are.
+            converted to pixels of the images and checked; those outside their images are left out.
+            None to take both as they are.
         form: columns of other names, and where images were on the screen.
         only_present: whether fixations on images that are not in the folder are left out.
         say: called with each remark on omissions and assumptions; a `LogWarning` by default.
@@ -107,10 +116,11 @@ def read_fixations(
         ImageError: an image cannot be read.
     """
     path, form = Path(path), form or FixationFormat()
-    recording = _recording(path, form.columns)
+    recording = _recording(path, form.columns, {"left": "L", "right": "R"}.get(form.eye or ""))
     fixations = _complete(path, _choose_trials(path, recording, form, say), say)
     image = np.array([each.image for each in fixations])
-    xy = np.array([(each.x, each.y) for each in fixations])
+    xy = np.array([(each.x, each.y) for each in fixations]) @ np.array(AXES[form.axes]).T
+    outside = np.zeros(len(xy), bool)
     if images is not None:
         folder = Path(images)
         image = resolve_images(image, folder)
@@ -125,6 +135,9 @@ def read_fixations(
         remark = check_positions(str(path), xy, sizes) if form.checked else ""
         if remark:
             say(remark)
+        outside = is_outside(xy, sizes) & form.checked
+        if outside.any():
+            say(f"{path}: {outside.sum()} fixations outside their images are left out")
     subject = _subject_numbers(path, [each.subject for each in fixations], say)
     order = np.array([each.order for each in fixations])
     seconds = np.array([each.milliseconds for each in fixations]) / 1000
@@ -132,28 +145,31 @@ def read_fixations(
     index = _indices(path, image, subject, trial, order, recording.order, say)
     duration = None if np.isnan(seconds).all() else seconds
     table = FixationTable(image, subject, index, xy, duration, trial if trial.any() else None)
-    return table[np.lexsort((order, trial, subject, image))]
+    rows = np.lexsort((order, trial, subject, image))
+    return table[rows[~outside[rows]]]
 
 
-def _recording(path: Path, columns: Mapping[str, str], subject: str | None = None) -> FixationList:
+def _recording(
+    path: Path, columns: Mapping[str, str], eye: str | None, subject: str | None = None
+) -> FixationList:
     """The fixations of a file, or of all of those in a folder."""
     suffix = path.suffix.lower()
     if path.is_dir():
-        return _recordings(path, columns)
+        return _recordings(path, columns, eye)
     if suffix == ".mat":
         return FixationList(_mat_rows(path), "index")
     if suffix != ".asc":
-        return read_fixation_table(path, columns, subject)
+        return read_fixation_table(path, columns, subject, eye)
     foreign = ", ".join(sorted(columns.keys() - {"image"}))
     require(not foreign, "--columns", "image alone of an EyeLink recording", foreign)
-    return read_eyelink(path, columns)
+    return read_eyelink(path, columns, eye)
 
 
-def _recordings(folder: Path, columns: Mapping[str, str]) -> FixationList:
+def _recordings(folder: Path, columns: Mapping[str, str], eye: str | None) -> FixationList:
     files = [each for each in list_folder(folder) if each.suffix.lower() in (".asc", *TABLES)]
     if not files:
         raise LogError(f"{folder}: expected tables or recordings ({', '.join(TABLES)}, .asc)")
-    parts = [_recording(each, columns, each.stem) for each in files]
+    parts = [_recording(each, columns, eye, each.stem) for each in files]
     for part, file in zip(parts, files, strict=True):
         part.fixations[:] = [e._replace(trial=f"{file.name} {e.trial}") for e in part.fixations]
     orders = {part.order for part in parts}
