@@ -1,5 +1,9 @@
 """Images of every accepted kind mean the same; everything else gets one clear line."""
 
+import struct
+import zlib
+from io import BytesIO
+
 import cv2
 import numpy as np
 import pytest
@@ -35,21 +39,45 @@ def test_pictures_that_are_not_read_are_told(tmp_path):
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("mode", ["RGBA", "LA"])
 @pytest.mark.parametrize("kind", ["PNG", "WEBP", "TIFF"])
-def test_transparent_files_are_composited_as_by_pillow(tmp_path, kind, orientation):
+def test_transparent_files_are_composited_as_by_pillow(tmp_path, kind, mode, orientation):
     rgba = np.random.default_rng(3).integers(0, 256, (8, 12, 4), np.uint8)
     picture = Pillow.fromarray(rgba)
+    if mode == "LA":
+        picture = Pillow.merge("LA", picture.split()[2:])
     exif = picture.getexif()
     exif[0x0112] = orientation
     path = tmp_path / "clear"
     picture.save(
         path, kind, exif=exif, **{"lossless": True, "exact": True} if kind == "WEBP" else {}
     )
-    turned = ImageOps.exif_transpose(picture)
+    turned = ImageOps.exif_transpose(picture).convert("RGBA")
     for background, options in ((255, {}), (51, {"background": (0.2, 0.2, 0.2)})):
         behind = Pillow.new("RGBA", turned.size, (background,) * 3)
         expected = np.asarray(Pillow.alpha_composite(behind, turned).convert("RGB"))
         np.testing.assert_allclose(read_image(path, **options) * 255, expected, atol=1.01)
+
+
+@pytest.mark.parametrize("bits", [1, 2, 4, 8, 16])
+def test_a_transparent_gray_of_a_png_is_white(tmp_path, bits):
+    """A file by the specification: a chunk tRNS with the gray value that is transparent."""
+
+    def chunk(kind, content):
+        body = kind + content
+        return struct.pack(">I", len(content)) + body + struct.pack(">I", zlib.crc32(body))
+
+    values, top = np.arange(16) % 2**bits, 2**bits - 1
+    spread = (values[:, None] >> np.arange(bits)[::-1]) & 1
+    rows = b"".join(b"\0" + np.packbits(spread.ravel()).tobytes() for _ in range(3))
+    clear = 0 if bits == 1 else 1
+    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 16, 3, bits, 0, 0, 0, 0))
+    data += chunk(b"tRNS", struct.pack(">H", clear)) + chunk(b"IDAT", zlib.compress(rows))
+    (tmp_path / "a.png").write_bytes(data + chunk(b"IEND", b""))
+    expected = np.where(values == clear, 1, values / top)
+    for channel in range(3):
+        found = read_image(tmp_path / "a.png")[:, :, channel]
+        np.testing.assert_allclose(found, np.tile(expected, (3, 1)), atol=1e-6)
 
 
 def test_a_palette_with_a_transparent_entry_and_deep_transparency_are_composited(tmp_path):
@@ -203,3 +231,29 @@ def test_a_cut_photograph_is_not_taken_for_whole_by_its_thumbnail(tmp_path, rng)
     path.write_bytes(whole[: len(whole) * 3 // 4])
     with pytest.raises(ImageError, match="cut short"):
         read_image(path)
+
+
+TRAILERS = {
+    "video": b"\0\0\0\x18ftypmp42" + b"\xff\xda\0\x03\0" + bytes(range(256)),
+    "zeros": bytes(1000),
+    "end-and-scan": b"\xff\xd9\xff\xda\0\x0c",
+    "cut-photograph": b"\xff\xd8\xff\xe0\0\x10JFIF\0",
+    "samsung": b"SEFH" + bytes(20) + b"SEFT",
+}
+
+
+@pytest.mark.parametrize("name", TRAILERS)
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"progressive": True}, {"restart_marker_rows": 1}, {"comment": b"\xff\xd9 \xff\xda"}],
+    ids=["baseline", "progressive", "restarts", "comment"],
+)
+def test_a_whole_photograph_is_read_whatever_follows_it(tmp_path, rng, options, name):
+    pixels, content = rng.integers(0, 256, (40, 60, 3), np.uint8), BytesIO()
+    Pillow.fromarray(pixels).save(content, "JPEG", **options)
+    (tmp_path / "a.jpg").write_bytes(content.getvalue())
+    (tmp_path / "b.jpg").write_bytes(content.getvalue() + TRAILERS[name])
+    np.testing.assert_array_equal(read_image(tmp_path / "a.jpg"), read_image(tmp_path / "b.jpg"))
+    (tmp_path / "c.jpg").write_bytes(content.getvalue()[:-60])
+    with pytest.raises(ImageError, match=r"c\.jpg: the image is cut short"):
+        read_image(tmp_path / "c.jpg")

@@ -1,5 +1,6 @@
 """Reading, checking and converting images, transparent ones too."""
 
+import re
 import struct
 import warnings
 from collections import Counter
@@ -96,6 +97,15 @@ SENSOR_BITS = (10, 12, 14)
 HEIF_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis")
 """Brands in the headers of HEIC and AVIF files."""
 
+PNG_DEPTH = 24
+"""Position of the bits of a sample in a PNG."""
+JPEG_MARKER = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
+"""A marker that is not part of compressed data."""
+END_OF_IMAGE = b"\xff\xd9"
+"""Marker at the end of a JPEG image."""
+UNSIZED = (b"\xff\x01", b"\xff\xd8")
+"""Markers without a segment."""
+
 NOT_AN_IMAGE = "expected an image (PNG, JPEG, TIFF, ...), found something else"
 
 
@@ -132,8 +142,10 @@ def decode_image(
         header = read_header(data, name)
     except ImageError:  # of a format that OpenCV alone reads
         header = Header(0, 0)
+    multiplied = header.tiff and pixels.dtype == np.uint8 and pixels.ndim == 3
+    if pixels.ndim == 2 and header.transparent:
+        pixels = _with_opacity(pixels, data)
     if pixels.ndim == 3 and pixels.shape[2] == 4:
-        multiplied = header.tiff and pixels.dtype == np.uint8
         layered = composite(pixels, background, white, multiplied=multiplied)
         pixels = layered if header.transparent else pixels[:, :, :3]
     mirrored, turns = TURNS[0 if header.tiff else header.orientation - 1]
@@ -231,6 +243,18 @@ def _decode(data: bytes, name: str) -> npt.NDArray[Any]:
         return pixels
     order = cv2.COLOR_BGR2RGB if pixels.shape[2] == 3 else cv2.COLOR_BGRA2RGBA
     return cv2.cvtColor(pixels, order)
+
+
+def _with_opacity(pixels: npt.NDArray[Any], data: bytes) -> npt.NDArray[Any]:
+    """(H, W, 4) of a gray image (H, W), whose opacity OpenCV does not read."""
+    with Pillow.open(BytesIO(data)) as image:
+        if image.format == "TIFF":
+            return np.asarray(image.convert("LA").convert("RGBA"))
+        clear = int(image.info["transparency"])  # of a PNG: the gray that is transparent
+        if image.mode == "L":
+            clear *= 255 // (2 ** min(data[PNG_DEPTH], 8) - 1)
+    opacity = np.where(pixels == clear, 0, np.iinfo(pixels.dtype).max).astype(pixels.dtype)
+    return np.dstack([pixels, pixels, pixels, opacity])
 
 
 def _hint(data: bytes) -> str:
@@ -438,8 +462,15 @@ def _is_truncated(data: bytes) -> bool:
     It also allocates as much memory as a chunk of a PNG claims to need.
     """
     if data.startswith(b"\xff\xd8"):
-        start_of_scan, end_of_image = data.rfind(b"\xff\xda"), data.rfind(b"\xff\xd9")
-        return end_of_image < start_of_scan
+        start = 2
+        while marker := JPEG_MARKER.search(data, start):
+            if marker[0] == END_OF_IMAGE:
+                return False  # whatever follows, such as the video of a telephone
+            size = (
+                0 if marker[0] in UNSIZED else int.from_bytes(data[marker.end() : marker.end() + 2])
+            )
+            start = marker.end() + size
+        return True
     if data.startswith(b"\x89PNG"):
         offset = 8
         while offset + 8 <= len(data):
