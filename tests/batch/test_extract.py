@@ -16,7 +16,7 @@ from saccade import Sift, attention_saliency, exchange, read_image, scanpath
 from saccade.attention import AttentionConfig
 from saccade.batch import Job, extract, extraction, open_source, read_points
 from saccade.batch.workers import run_blocks
-from saccade.errors import ConfigError
+from saccade.errors import ConfigError, ImageWarning, OutputError
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 from support.extraction import SIFT, check_complete, check_whole, extract_here, photographs
 from support.keypoint_files import assert_same
@@ -275,6 +275,12 @@ def test_points_come_back_and_are_exported(folder, run, tmp_path):
             assert_same(each, points)
         table = exchange.read_csv(tmp_path / "tables" / f"{name}.csv")
         assert_same(table, points, ("xy", "size", "angle", "response"))
+    (folder / f"{'x' * 246}.png").write_bytes((folder / next(iter(expected))).read_bytes())
+    extract_here(folder, tmp_path / "out", exact)
+    with pytest.warns(ImageWarning) as told:
+        code, printed, _ = run("convert", "out", "others", "--to", "opencv", "--json")
+    assert (code, json.loads(printed)["images"]) == (0, IMAGES)
+    assert "File name too long; it is left out" in " ".join(str(each.message) for each in told)
     code, _, err = run("convert", "out", "x.g2o")
     assert code == 2
     assert "--to: expected one of colmap, hdf5, opencv, csv for keypoints, found 'x.g2o'" in err

@@ -4,6 +4,7 @@ import csv
 import json
 from importlib.resources import files
 from pathlib import Path
+from shutil import copyfile
 
 import cv2
 import h5py
@@ -40,6 +41,18 @@ def test_detect_by_symmetry_shows_what_made_the_points(run, tmp_path, detector):
         np.testing.assert_allclose(row["boxes"], regions.boxes)
         expected = regions.keypoints
     assert_same(exchange.read_npz(row["arrays"]), expected)
+
+
+@pytest.mark.parametrize("command", ["detect", "look"])
+def test_a_name_that_is_too_long_for_results_loses_that_image_alone(run, tmp_path, command):
+    (tmp_path / "in").mkdir()
+    for name in ("a", "x" * 250, "z"):
+        copyfile(HALLWAY[0], tmp_path / "in" / f"{name}.jpg")
+    code, _, err = run(command, tmp_path / "in", "--out", tmp_path / "out")
+    assert code == 1
+    assert "File name too long" in err
+    assert "1 of 3 images left out" in err
+    assert {path.name[:2] for path in (tmp_path / "out").iterdir()} >= {"a.", "z."}
 
 
 def test_detect_writes_every_format(run):

@@ -36,6 +36,33 @@ def test_pictures_that_are_not_read_are_told(tmp_path):
     for find in (find_images, lambda folder: open_source(str(folder))):
         with pytest.warns(ImageWarning, match=r"left out: 1 \.heic, which are not read"):
             assert len(find(tmp_path)) == 1
+    with pytest.warns(ImageWarning, match=r"left out: 1 \.heic"):
+        assert len(open_source(f"{tmp_path}/*")) == 1
+
+
+def test_a_folder_has_every_picture_that_can_be_read(tmp_path):
+    """Files of the formats under each of their suffixes."""
+    for suffix, kind in (
+        *(
+            (".jfif", ".jpg"),
+            (".jpe", ".jpg"),
+            (".JPG", ".jpg"),
+            (".dib", ".bmp"),
+            (".pnm", ".ppm"),
+        ),
+        *((each, each) for each in (".jp2", ".ppm", ".ras", ".sr", ".webp", ".tif", ".png")),
+        *((each, each) for each in (".pgm", ".pbm")),
+    ):
+        data = cv2.imencode(kind, np.zeros((128, 96), np.uint8))[1]
+        (tmp_path / f"a{suffix}").write_bytes(data.tobytes())
+    for other in ("a.cr2", "a.dng", "notes.txt"):
+        (tmp_path / other).write_bytes(b"raw")
+    for find in (find_images, lambda folder: open_source(str(folder))):
+        with pytest.warns(ImageWarning, match=r"left out: 1 \.cr2, 1 \.dng, which"):
+            assert len(find(tmp_path)) == 14
+    for path in tmp_path.glob("a.*"):
+        if path.suffix not in (".cr2", ".dng"):
+            assert read_image(path).shape == (128, 96, 3)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -13,7 +14,7 @@ import pyarrow.parquet as pq
 
 from saccade.batch.job import POINTS, What
 from saccade.batch.storage import Store
-from saccade.errors import ConfigError, KeypointsError
+from saccade.errors import ConfigError, ImageWarning, KeypointsError, OutputError
 from saccade.exchange import write_colmap, write_csv, write_hdf5
 from saccade.exchange.arrow import (
     NO_POINTS,
@@ -24,7 +25,7 @@ from saccade.exchange.arrow import (
 )
 from saccade.exchange.fields import check_name
 from saccade.exchange.opencv import write_opencv
-from saccade.io.files import LARGEST_TEXT, check_format, reading
+from saccade.io.files import LARGEST_TEXT, check_format, is_invalid_name, reading
 from saccade.types import Keypoints
 
 MANIFEST = "manifest.json"
@@ -192,6 +193,11 @@ def export_points(location: str, to: str, out: Path) -> int:
     for image in read_points(location):
         if ".." in Path(check_name(image.image)).parts:
             raise KeypointsError(f"{image.image}: would be written outside {out}")
-        write(out / f"{image.image}{suffix}", image.points)
-        count += 1
+        try:
+            write(out / f"{image.image}{suffix}", image.points)
+            count += 1
+        except OutputError as error:
+            if not is_invalid_name(error):
+                raise
+            warnings.warn(f"{error}; it is left out", ImageWarning, stacklevel=2)
     return count

@@ -141,7 +141,9 @@ def _find(source: str, every: int) -> list[Item]:
         folder = re.split(r"[^/]*[*?\[]", path, maxsplit=1)[0]
         every_file = system.get_file_info(fs.FileSelector(folder.rstrip("/"), recursive=True))
         found = [each for each in every_file if re.fullmatch(_expression_of(path), each.path)]
-        suffixes = IMAGE_SUFFIXES + VIDEO_SUFFIXES if path.endswith("*") else suffixes
+        if path.endswith("*"):
+            suffixes = IMAGE_SUFFIXES + VIDEO_SUFFIXES
+            warn_of_unread((each.base_name for each in found), source)
     else:
         raise FileNotFoundError(ENOENT, os.strerror(ENOENT))
     location = (source if is_url(source) else path).rstrip("/")

@@ -17,6 +17,7 @@ from saccade.cli.output import (
     tracked,
 )
 from saccade.errors import OutputError, SaccadeError
+from saccade.io.files import is_invalid_name
 from saccade.io.video import LiveVideo, is_video, read_video, video_rate, video_writer
 from saccade.types import Image
 from saccade.viewing.live import LiveImages
@@ -86,9 +87,9 @@ def analyze_each(
         for path, name in tracked(names_for(paths).items(), f"{len(paths)} images", len(paths)):
             try:
                 rows.append(analyze(path, name))
-            except OutputError:
-                raise
             except SaccadeError as error:
+                if isinstance(error, OutputError) and not is_invalid_name(error):
+                    raise
                 failed += 1
                 print_message(str(error))
             if stopped():

@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
-from errno import EISDIR
+from errno import EILSEQ, EINVAL, EISDIR, ENAMETOOLONG
 from pathlib import Path
 from typing import Any, BinaryIO
 from zlib import crc32
@@ -23,8 +23,14 @@ LARGEST_FILE = 1 << 31
 """Bytes of a file that is read into memory."""
 LARGEST_TEXT = 1 << 28
 """Bytes of a text file; parsed into lines and numbers it takes twenty times as much."""
-IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
-UNREAD_SUFFIXES = (".avif", ".gif", ".heic", ".heif")
+IMAGE_SUFFIXES = (
+    *(".bmp", ".dib", ".jfif", ".jp2", ".jpe", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm"),
+    *(".ppm", ".ras", ".sr", ".tif", ".tiff", ".webp"),
+)
+UNREAD_SUFFIXES = (
+    *(".arw", ".avif", ".cr2", ".cr3", ".dng", ".exr", ".gif", ".hdr", ".heic", ".heif", ".jxl"),
+    *(".nef", ".orf", ".pfm", ".psd", ".raf", ".raw", ".rw2", ".svg", ".tga"),
+)
 """Suffixes of pictures that cannot be read; a warning names them."""
 PARTIAL = ".partial"
 """Folder in an output folder where results wait for the end of a run."""
@@ -169,6 +175,11 @@ def reading(
         )
         failed = "cannot be read" if of_system else f"expected {expected}"
         raise error(f"{path}: {failed}: {one_line(caught)}") from caught
+
+
+def is_invalid_name(error: OutputError) -> bool:
+    """Whether a file cannot be written because of its name, while others can."""
+    return getattr(error.__cause__, "errno", None) in (ENAMETOOLONG, EILSEQ, EINVAL)
 
 
 @contextmanager
