@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import cv2
 import numpy as np
@@ -277,10 +278,11 @@ def test_points_come_back_and_are_exported(folder, run, tmp_path):
         assert_same(table, points, ("xy", "size", "angle", "response"))
     (folder / f"{'x' * 246}.png").write_bytes((folder / next(iter(expected))).read_bytes())
     extract_here(folder, tmp_path / "out", exact)
-    with pytest.warns(ImageWarning) as told:
-        code, printed, _ = run("convert", "out", "others", "--to", "opencv", "--json")
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", ImageWarning)
+        code, printed, err = run("convert", "out", "others", "--to", "opencv", "--json")
     assert (code, json.loads(printed)["images"]) == (0, IMAGES)
-    assert "File name too long; it is left out" in " ".join(str(each.message) for each in told)
+    assert "File name too long; it is left out" in err
     code, _, err = run("convert", "out", "x.g2o")
     assert code == 2
     assert "--to: expected one of colmap, hdf5, opencv, csv for keypoints, found 'x.g2o'" in err

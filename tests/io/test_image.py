@@ -53,7 +53,8 @@ def test_a_folder_has_every_picture_that_can_be_read(tmp_path):
         *((each, each) for each in (".jp2", ".ppm", ".ras", ".sr", ".webp", ".tif", ".png")),
         *((each, each) for each in (".pgm", ".pbm")),
     ):
-        data = cv2.imencode(kind, np.zeros((128, 96), np.uint8))[1]
+        shape = (128, 96) if kind in (".pgm", ".pbm") else (128, 96, 3)
+        data = cv2.imencode(kind, np.zeros(shape, np.uint8))[1]
         (tmp_path / f"a{suffix}").write_bytes(data.tobytes())
     for other in ("a.cr2", "a.dng", "notes.txt"):
         (tmp_path / other).write_bytes(b"raw")
