@@ -116,6 +116,21 @@ def test_central_fixations_with_exchanged_axes_are_refused(photos, tmp_path):
         read_fixations(path, photos, say=str)
 
 
+@pytest.mark.parametrize("magnified", [0.5, 1, 2, 2.4])
+def test_every_pixel_of_a_magnified_image_is_in_it(photos, tmp_path, magnified):
+    """The first and the last pixel on the screen, and the edges of normalized positions."""
+    width, height = 800 * magnified, 600 * magnified
+    for shown, last in (((width, height), (width - 1, height - 1)), ((1, 1), (1, 1))):
+        path = tmp_path / "a.csv"
+        corners = [(x, y) for x in (0, last[0]) for y in (0, last[1])]
+        rows = [(NAMES[0], k, j, *xy) for k in range(5) for j, xy in enumerate(corners)]
+        path.write_text(_trials("image,subject,index,x,y", rows))
+        found = read_fixations(path, photos, FixationFormat(shown=shown), say=pytest.fail)
+        offset = 0.5 / magnified - 0.5 if last[0] > 1 else -0.5
+        np.testing.assert_allclose(found.xy[0], offset, atol=1e-5)
+        np.testing.assert_allclose(found.xy[3], np.array([799, 599]) - offset, atol=1e-5)
+
+
 def test_fixations_outside_are_left_out_with_a_remark(photos, seen, tmp_path):
     beside = [seen[0]._replace(x=900.0, index=7), seen[9]._replace(y=-20.0, index=7)]
     remarks = []

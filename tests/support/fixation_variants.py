@@ -95,7 +95,7 @@ def other_names(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
 
 def normalized(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
     """Fractions of images of 800 x 600."""
-    moved = [s._replace(x=s.x / 800, y=s.y / 600) for s in seen]
+    moved = [s._replace(x=(s.x + 0.5) / 800, y=(s.y + 0.5) / 600) for s in seen]
     return canonical(moved, folder, "normalized.csv")[0], ["--xy", "normalized"]
 
 
@@ -163,8 +163,8 @@ def tobii(seen: list[Seen], folder: Path, norm: bool = True) -> tuple[Path, Opti
     for number, s in enumerate(seen):
         start = [int(1000 * s.start), f"Participant{s.subject}", "Recording1"]
         shown = [_stem(s), 1600, 1200, 160, 0]
-        screen = [160 + 2 * s.x, 2 * s.y]
-        points = [*screen, *([s.x / 800, s.y / 600] * norm)]
+        screen = [160 + 2 * s.x + 0.5, 2 * s.y + 0.5]  # the center of 2 x 2 pixels
+        points = [*screen, *([(s.x + 0.5) / 800, (s.y + 0.5) / 600] * norm)]
         points = _with_commas(*points)
         none = [""] * len(points)
         rows += [

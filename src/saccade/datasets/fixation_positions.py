@@ -36,6 +36,8 @@ MIDDLE = 50
 """Minimum number of fixations for a check that they reach the middle of their images."""
 EXTENT = (0.02, 0.98)
 """Quantiles taken for the borders of all fixations: blinks are beyond."""
+LARGEST_UNIT = 100
+"""Largest size of an image on the screen in other units than pixels."""
 PIXELS = "--xy pixels takes them as they are"
 
 
@@ -82,6 +84,9 @@ def image_sizes(names: Names, folder: Path) -> FloatArray:
 def to_image_pixels(xy: FloatArray, boxes: Sequence[Box | None], sizes: FloatArray) -> FloatArray:
     """Positions in the pixels of images, of positions on the screen.
 
+    The center of a pixel has whole coordinates, on the screen as in the image; fractions, percent
+    and lengths begin at the edge of the image.
+
     Args:
         xy: (n, 2) positions in the units of the boxes.
         boxes: (n,) where the images were; None for positions that are in their pixels already.
@@ -94,8 +99,11 @@ def to_image_pixels(xy: FloatArray, boxes: Sequence[Box | None], sizes: FloatArr
     shown = np.where(np.isnan(table[:, 2:4]), sizes[moved], table[:, 2:4])
     corner = table[:, :2] - table[:, 4:] * shown / 2
     placed = xy.copy()
-    pixels = (xy[moved] - corner) * (sizes[moved] / shown)
-    placed[moved] = np.round(pixels, 6)  # those in decimals are as they were before division
+    half = np.where(shown.max(axis=1, keepdims=True) > LARGEST_UNIT, 0.5, 0)
+    pixels = (xy[moved] - corner + half) * (sizes[moved] / shown) - 0.5
+    pixels = np.round(pixels, 6)  # those in decimals are as they were before division
+    edge = sizes[moved] - 0.5
+    placed[moved] = np.where(pixels == edge, edge - 1e-6, pixels)  # in the last pixel
     return placed
 
 
