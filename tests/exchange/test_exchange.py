@@ -78,6 +78,26 @@ def test_opencv_describes_our_points_as_we_do(detected):
     assert np.percentile(cosine, 5) > 0.99
 
 
+@pytest.mark.parametrize("kind", ["sift", "must", "any"])
+def test_octaves_are_unpacked_by_opencvs_own_formula(detected, rng, kind):
+    """`unpackOctave` and the size of a point in `sift.simd.hpp`: 1.6 * 2^(layer / 3) per octave."""
+    gray, ours = detected
+    if kind == "any":
+        ours = random_points(rng, 200)
+    elif kind == "must":
+        ours = saccade.Must()(gray)
+    points, _ = exchange.to_opencv(ours)
+    for point in points:
+        octave, layer, rest = (point.octave >> shift & 255 for shift in (0, 8, 16))
+        octave = octave if octave < 128 else octave - 256
+        assert octave >= -1
+        assert 1 <= layer <= 3
+        size = 2 * 1.6 * 2 ** ((layer + rest / 255 - 0.5) / 3 + octave)
+        if point.size > 1.8:  # the smallest layer
+            assert point.size == pytest.approx(size, rel=2e-3)
+    np.testing.assert_array_equal(exchange.from_opencv(points).octave, ours.octave)
+
+
 def test_opencvs_own_points_come_in(detected):
     gray, _ = detected
     theirs, descriptors = cv2.SIFT_create().detectAndCompute(gray, None)

@@ -16,12 +16,15 @@ from saccade.types import Float32Array, Keypoints
 
 INTERVALS, BASE_SIGMA = 3, 1.6
 """Settings of `cv2.SIFT_create()` that relate the size of a point to the layer of its octave."""
+FIRST_OCTAVE, LAST_OCTAVE = -1, 20
+"""Octaves of `cv2.SIFT`: the first has twice the resolution of the image."""
 
 
 def to_opencv(keypoints: Keypoints) -> tuple[list[cv2.KeyPoint], Float32Array | None]:
     """Convert to OpenCV's keypoints.
 
-    The octave is packed with its layer as `cv2.SIFT` does, which can describe the points.
+    The octave and layer follow from the size, as `cv2.SIFT` packs them, which can describe the
+    points; `from_opencv` restores the octave of `Keypoints`, which may be another.
     OpenCV keeps an angle as float32 degrees: it comes back within 1e-6 rad.
 
     Args:
@@ -60,7 +63,8 @@ def from_opencv(
     """
     n = len(points)
     degrees = np.array([point.angle for point in points], np.float64).reshape(n)
-    octave = np.array([point.octave for point in points], np.int64).reshape(n) & 255
+    packed = np.array([point.octave for point in points], np.int64).reshape(n)
+    octave, above = packed & 255, packed.clip(0) >> 24  # 0 in octaves of OpenCV
     return keypoints_from(
         "points",
         np.array([point.pt for point in points], np.float32).reshape(n, 2),
@@ -68,7 +72,8 @@ def from_opencv(
         size=np.array([point.size for point in points], np.float32),
         angle=_wrap_to_radians(np.where(degrees == -1, 0, degrees)),
         response=np.array([point.response for point in points], np.float32),
-        octave=np.where(octave < 128, octave, octave - 256),
+        octave=np.where(octave < 128, octave, octave - 256)
+        - np.where(above < 64, above, above - 128),
     )
 
 
@@ -95,11 +100,20 @@ def write_opencv(path: str | Path, keypoints: Keypoints) -> None:
 
 
 def _pack_octaves(points: Keypoints) -> npt.NDArray[np.int64]:
-    """Octave in the lowest byte, layer in the second, as `cv2.SIFT` packs them."""
-    octave = points.octave.astype(np.int64)
-    sigma = np.maximum(points.size, 1e-6) / 2.0 ** (octave + 1)
-    layer = np.rint(INTERVALS * np.log2(sigma / BASE_SIGMA)).clip(0, INTERVALS + 1)
-    packed: npt.NDArray[np.int64] = (octave & 255) | (layer.astype(np.int64) << 8)
+    """Octave, layer 1 to 3 and the rest of the scale in a byte each, as `cv2.SIFT` packs them.
+
+    The octave is the one in which OpenCV has a layer of the size of a point. The highest byte,
+    which OpenCV leaves 0, is by how much it is above the octave of `Keypoints`.
+    """
+    sigma = np.maximum(points.size.astype(np.float64), 1e-6) / 2
+    scale = INTERVALS * np.log2(sigma / BASE_SIGMA)  # 1 to 3 in octave 0
+    octave = np.floor((scale - 0.5) / INTERVALS).clip(FIRST_OCTAVE, LAST_OCTAVE)
+    layer = np.rint(scale - INTERVALS * octave).clip(1, INTERVALS)
+    rest = np.rint((scale - INTERVALS * octave - layer + 0.5) * 255).clip(0, 255)
+    packed: npt.NDArray[np.int64]
+    octave, layer, rest = (values.astype(np.int64) for values in (octave, layer, rest))
+    above = (octave - points.octave).clip(-64, 63) & 127
+    packed = (octave & 255) | (layer << 8) | (rest << 16) | (above << 24)
     return packed
 
 

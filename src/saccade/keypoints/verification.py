@@ -52,7 +52,8 @@ class RelativePose:
     """(3,) of length 1: two images do not tell how far the camera moved."""
     covariance: FloatArray | None
     """(6, 6) of the rotation vector, in radians along the axes of the second camera, and of
-    `translation`; None where the matches do not determine it."""
+    `translation`; None where the matches do not determine it. Errors of the calibration are not
+    in it."""
 
     @property
     def rotation_sigma(self) -> float:
