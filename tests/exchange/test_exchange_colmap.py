@@ -2,6 +2,7 @@
 
 import sqlite3
 from contextlib import closing
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -195,3 +196,88 @@ def test_a_message_of_sqlite_that_is_no_text_is_refused(tmp_path):
     path.write_bytes(broken.replace(b"CREATE TABLE", b"CREATE TABLX"))
     with pytest.raises(KeypointsError, match=r"x\.db: expected a COLMAP database: .*utf-8"):
         exchange.read_colmap(path)
+
+
+def _cameras_of(pycolmap, path):
+    """Model, parameters and whether the focal length is known, of the camera of each image."""
+    database = pycolmap.Database.open(path)
+    found = {}
+    for image in database.read_all_images():
+        camera = database.read_camera(image.camera_id)
+        known = camera.has_prior_focal_length
+        found[image.name] = (image.camera_id, camera.model.name, camera.params.tolist(), known)
+    rigs = database.num_rigs()
+    database.close()
+    return found, rigs
+
+
+def test_a_camera_is_shared_or_given_for_each_image(pycolmap, rng, tmp_path):
+    points = {name: random_points(rng, 5) for name in ("a", "b")}
+    shapes = dict.fromkeys(points, (480, 640))
+    shared = exchange.ColmapCamera("PINHOLE", (500, 510, 320, 240))
+    exchange.write_colmap(tmp_path / "x.db", points, shapes, cameras=shared)
+    found, rigs = _cameras_of(pycolmap, tmp_path / "x.db")
+    assert len({each[0] for each in found.values()}) == rigs == 1
+    assert found["b"][1:] == ("PINHOLE", [500, 510, 320, 240], True)
+    guess = exchange.ColmapCamera.parse("simple_radial")
+    exchange.write_colmap(tmp_path / "x.db", points, shapes, cameras=guess)
+    found, rigs = _cameras_of(pycolmap, tmp_path / "x.db")
+    assert found["a"] == found["b"] == (1, "SIMPLE_RADIAL", [768, 320, 240, 0], False)
+    each = {"a": shared, "b": exchange.ColmapCamera("OPENCV", (9, 9, 8, 8, 0.1, 0, 0, 0))}
+    exchange.write_colmap(tmp_path / "x.db", points, shapes, cameras=each)
+    found, rigs = _cameras_of(pycolmap, tmp_path / "x.db")
+    assert [found[name][1] for name in "ab"] == ["PINHOLE", "OPENCV"]
+    assert rigs == 2
+
+
+@pytest.mark.parametrize(
+    ("cameras", "error", "words"),
+    [
+        ("PINHOLES,1,2", ConfigError, "camera: expected one of .*PINHOLE, .*found 'PINHOLES'"),
+        ("PINHOLE,1,2,3", ConfigError, "camera: expected PINHOLE,fx, fy, cx, cy"),
+        ("PINHOLE,1,2,3,x", ConfigError, "camera: expected MODEL,fx"),
+        ({"a": exchange.ColmapCamera("PINHOLE")}, KeypointsError, "b: expected a camera"),
+        ("SIMPLE_PINHOLE", KeypointsError, "b: expected the size 640 x 480"),
+        (
+            {"a": exchange.ColmapCamera("PINHOLE", size=(9, 9))},
+            KeypointsError,
+            r"a: expected the size of its camera \(9, 9\), found 640 x 480",
+        ),
+    ],
+)
+def test_a_camera_that_does_not_fit_is_named(pycolmap, rng, tmp_path, cameras, error, words):
+    points = {name: random_points(rng, 5) for name in ("a", "b")}
+    shapes = {"a": (480, 640), "b": (480, 641)}
+
+    def write():
+        given = exchange.ColmapCamera.parse(cameras) if isinstance(cameras, str) else cameras
+        exchange.write_colmap(tmp_path / "x.db", points, shapes, cameras=given)
+
+    with pytest.raises(error, match=words):
+        write()
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_takes_a_camera_or_a_list_of_them(pycolmap, run, tmp_path):
+    words = ["match", str(Path(HALLWAY[0]).parent / "hallway_*.jpg"), "--format", "colmap"]
+    height, width = saccade.read_image(HALLWAY[0]).shape[:2]
+    camera = f"PINHOLE,400,400,{width / 2},{height / 2}"
+    assert run(*words, "--out", tmp_path / "o", "--camera", camera)[0] == 0
+    found, rigs = _cameras_of(pycolmap, tmp_path / "o" / "database.db")
+    assert rigs == 1
+    lines = [f"hallway_{n}.jpg SIMPLE_PINHOLE {width} {height} {n}00 9 9" for n in (1, 2)]
+    (tmp_path / "cameras.txt").write_text("# as of hloc\n" + "\n".join(lines) + "\n")
+    assert run(*words, "--out", tmp_path / "o", "--camera", tmp_path / "cameras.txt")[0] == 0
+    found, _ = _cameras_of(pycolmap, tmp_path / "o" / "database.db")
+    assert [found[f"hallway_{n}.jpg"][2][0] for n in (1, 2)] == [100, 200]
+    (tmp_path / "cameras.txt").write_text("hallway_1.jpg PINHOLE many\n")
+    code, _, err = run(*words, "--out", tmp_path / "o", "--camera", tmp_path / "cameras.txt")
+    assert code == 2
+    assert "cameras.txt, line 1: expected NAME MODEL WIDTH HEIGHT" in err
+    code, _, err = run(*words, "--out", tmp_path / "q", "--camera", "PINHOLE,1,2")
+    assert code == 2
+    assert "camera: expected PINHOLE,fx, fy, cx, cy" in err
+    assert not (tmp_path / "q").exists()
+    code, _, err = run(*words[:2], "--out", tmp_path / "p", "--camera", camera)
+    assert code == 2
+    assert "camera: expected --format colmap" in err

@@ -35,7 +35,7 @@ from saccade.batch.storage import Store
 from saccade.batch.workers import DIED, count_workers, run_blocks
 from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
-from saccade.exchange.colmap import import_pycolmap
+from saccade.exchange.colmap import Cameras, ColmapCamera, import_pycolmap, make_camera
 from saccade.exchange.fields import check_name
 from saccade.extras import import_optional
 from saccade.io.files import atomic_write, locked, read_text, reading
@@ -122,6 +122,7 @@ def match_images(
     job: Job | None = None,
     config: MatchConfig | None = None,
     formats: Sequence[Format] = ("hdf5",),
+    cameras: Cameras = None,
     workers: int | None = 1,
     redo: bool = False,
     should_stop: Callable[[], bool] = lambda: False,
@@ -136,6 +137,7 @@ def match_images(
         job: the features, of points; None for exact SIFT points.
         config: settings of matching and verification; None for the default.
         formats: hdf5 for hloc, colmap for a database.
+        cameras: of the database; see `write_colmap`.
         workers: see `extract`; None for as many as cores and memory allow.
         redo: whether features and matches are made anew.
         should_stop: see `extract`.
@@ -151,7 +153,9 @@ def match_images(
     require(len(formats) > 0, "formats", "hdf5 or colmap", formats)
     require(job.what in POINTS, "job", f"one of {', '.join(POINTS)}", job.what)
     if "colmap" in formats:  # to fail before any work is done
-        import_pycolmap()
+        pycolmap = import_pycolmap()
+        for each in [cameras] if isinstance(cameras, ColmapCamera) else (cameras or {}).values():
+            make_camera(pycolmap, each, 1, 1)
     if "hdf5" in formats:
         import_optional("h5py", "hdf5")
     images, wanted = images_and_pairs(source, None if pairs is None else Path(pairs))
@@ -184,7 +188,7 @@ def match_images(
             return MatchRun(extraction, len(wanted), done, unchanged, (), False, {})
         found = {each.pair: each for block in blocks for each in read_matches(out, block, config)}
         matched = [found[pair] for pair in wanted if pair in found]
-        files = write_files(out, features, matched, formats)
+        files = write_files(out, features, matched, formats, cameras)
     return MatchRun(extraction, len(wanted), done, unchanged, matched, True, files)
 
 
@@ -325,7 +329,11 @@ def _similarity(first: Keypoints, second: Keypoints, indices: IntArray) -> Float
 
 
 def write_files(
-    out: Path, features: str, matched: Sequence[MatchedPair], formats: Sequence[Format]
+    out: Path,
+    features: str,
+    matched: Sequence[MatchedPair],
+    formats: Sequence[Format],
+    cameras: Cameras = None,
 ) -> dict[str, Path]:
     """Writes pairs.txt, pairs.csv and the files of the formats; returns them by name."""
     names = {name for each in matched for name in each.pair}
@@ -347,7 +355,7 @@ def write_files(
         files["database"] = out / "database.db"
         verified = {each.pair: each.verification for each in matched}
         geometries = {pair: each for pair, each in verified.items() if each is not None}
-        write_colmap(files["database"], points, shapes, matches, geometries, turned)
+        write_colmap(files["database"], points, shapes, matches, geometries, turned, cameras)
     return files
 
 

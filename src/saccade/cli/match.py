@@ -44,6 +44,7 @@ from saccade.viewing.report import ReportBuilder, match_part
 if TYPE_CHECKING:
     from saccade.batch.matching import Format as ManyFormat
     from saccade.batch.matching import MatchRun
+    from saccade.exchange.colmap import Cameras
 
 
 FORMATS = {"two images": get_args(FigureFormat), "many images": ("hdf5", "colmap")}
@@ -84,6 +85,10 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     ] = None
     """Output format: of the figure of two images, png by default, svg or pdf; of many images hdf5
     for hloc, by default, or colmap; several with commas."""
+    camera: Annotated[str | None, INPUT, Parameter(metavar="MODEL,...")] = None
+    """Of many images with --format colmap: the camera of all of them, such as PINHOLE,fx,fy,cx,cy
+    in COLMAP's pixels, or a model alone, whose parameters are guessed; or a file with NAME MODEL
+    WIDTH HEIGHT PARAMETER ... to a line. By default each image has its own."""
     redo: Annotated[bool, EXECUTION] = False
     """Of many images make features and matches anew."""
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
@@ -117,8 +122,8 @@ def match(options: MatchOptions) -> Result:
         require(each in FORMATS[words], "format", expected, each)
     if options.second is None:
         return match_many(options, chosen)
-    given = options.pairs or options.redo or options.workers
-    expected = "--pairs, --redo and --workers with many images"
+    given = options.pairs or options.redo or options.workers or options.camera
+    expected = "--pairs, --camera, --redo and --workers with many images"
     require(not given, "pairs", expected, str(options.second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
@@ -205,6 +210,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
     from saccade.batch import Job, MatchConfig
     from saccade.batch.matching import FEATURES, match_images
 
+    require(options.camera is None or "colmap" in formats, "camera", "--format colmap", formats)
     bars: dict[str, Callable[[int, int, int], None]] = {}
     with ExitStack() as stack:
 
@@ -222,6 +228,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
                 options.ratio, options.mutual, options.verification, options.tolerance
             ),
             formats=cast("Sequence[ManyFormat]", formats),
+            cameras=cameras_of(options.camera),
             workers=options.workers,
             redo=options.redo,
             should_stop=stack.enter_context(stop_on_interrupt()),
@@ -239,6 +246,15 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
         )
     table = facts_table(f"{options.first} -> {options.out}", row | row["files"])
     return Result(row, [table], code)
+
+
+def cameras_of(text: str | None) -> "Cameras":
+    """The camera of --camera, or those in its file."""
+    from saccade.exchange.colmap import ColmapCamera, read_cameras
+
+    if text is None:
+        return None
+    return read_cameras(Path(text)) if Path(text).is_file() else ColmapCamera.parse(text)
 
 
 def _as_row(run: "MatchRun") -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from saccade.exchange.colmap import ColmapFeatures, read_colmap, write_colmap
+from saccade.exchange.colmap import ColmapCamera, ColmapFeatures, read_colmap, write_colmap
 from saccade.exchange.hdf5 import read_hdf5, read_hloc_matches, write_hdf5, write_hloc_matches
 from saccade.exchange.maps import write_map
 from saccade.exchange.opencv import Feature2D, from_opencv, to_opencv
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from saccade.exchange.arrow import read_parquet, to_arrow, write_parquet
 
 __all__ = [
+    "ColmapCamera",
     "ColmapFeatures",
     "Feature2D",
     "from_opencv",

@@ -5,17 +5,17 @@ of their size; angle and order of descriptors are the same.
 """
 
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import KeypointsError, OutputError
+from saccade.errors import ConfigError, KeypointsError, OutputError, require
 from saccade.exchange.fields import check_name, checked, keypoints_from
 from saccade.exchange.orientation import (
     orientation_of,
@@ -24,7 +24,7 @@ from saccade.exchange.orientation import (
     to_stored,
 )
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write, check_file, reading
+from saccade.io.files import atomic_write, check_file, read_text, reading
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 PIXEL_CENTER = np.float32(0.5)
@@ -53,6 +53,56 @@ class ColmapFeatures:
         return f"ColmapFeatures({len(self.keypoints)} images, {len(self.matches)} matched pairs)"
 
 
+class ColmapCamera(NamedTuple):
+    """A camera of COLMAP, in its pixels: the center of the first is (0.5, 0.5)."""
+
+    model: str
+    """Such as PINHOLE."""
+    params: tuple[float, ...] = ()
+    """Such as fx, fy, cx, cy; guessed where there are none."""
+    size: tuple[int, int] | None = None
+    """Width and height of its images; None for any."""
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """MODEL or MODEL,PARAMETER,...; raises `ConfigError`."""
+        model, *words = text.split(",")
+        return cls(model.strip().upper(), _numbers("camera", "MODEL,fx,fy,cx,cy or alike", words))
+
+
+Cameras: TypeAlias = ColmapCamera | Mapping[str, ColmapCamera] | None
+"""One camera of all images, one of each, or None for guessed ones of each."""
+
+
+def read_cameras(path: Path) -> dict[str, ColmapCamera]:
+    """The cameras of images in a list of hloc: NAME MODEL WIDTH HEIGHT PARAMETER ... to a line.
+
+    Raises:
+        ConfigError: the list cannot be read, or a line is something else.
+    """
+    with reading(path, ConfigError):
+        lines = read_text(path).splitlines()
+    cameras = {}
+    for number, line in enumerate(lines, 1):
+        name, *words = line.split() or ["#"]
+        if not name.startswith("#"):
+            place, expected = f"{path}, line {number}", "NAME MODEL WIDTH HEIGHT PARAMETER ..."
+            require(len(words) > 2, place, expected, line[:80])
+            width, height, *values = _numbers(place, expected, words[1:])
+            size = int(width), int(height)
+            cameras[name] = ColmapCamera(words[0].upper(), tuple(values), size)
+    return cameras
+
+
+def _numbers(name: str, expected: str, words: Sequence[str]) -> tuple[float, ...]:
+    try:
+        values = tuple(map(float, words))
+    except ValueError:
+        values = (np.nan,)
+    require(bool(np.isfinite(values).all()), name, expected, " ".join(words)[:80])
+    return values
+
+
 class TwoViews(Protocol):
     """`saccade.Verification`: the geometry of two views, and the matches that agree with it."""
 
@@ -76,11 +126,13 @@ def write_colmap(
     matches: Mapping[tuple[str, str], IntArray] | None = None,
     geometries: Mapping[tuple[str, str], TwoViews] | None = None,
     orientations: Mapping[str, int] | None = None,
+    cameras: Cameras = None,
 ) -> None:
     """Write a new database, in the version of the installed pycolmap.
 
-    Every image gets its own SIMPLE_RADIAL camera with a guessed focal length, which COLMAP's mapper
-    refines. Verify matches without `geometries` (`pycolmap.geometric_verification`) before mapping.
+    Without `cameras` every image gets its own SIMPLE_RADIAL camera with a guessed focal length. A
+    shared or known camera is a better start for COLMAP's mapper. Verify matches without
+    `geometries` (`pycolmap.geometric_verification`) before mapping.
 
     Args:
         path: written whole or not at all; an old file is replaced.
@@ -90,11 +142,12 @@ def write_colmap(
         geometries: what `saccade.verify` returned for matches, by the names of the images.
         orientations: EXIF orientations of the files (`saccade.exchange.read_orientation`), which
             COLMAP ignores: keypoints, sizes and geometries are written in stored pixels.
+        cameras: one that all images share, or one of each image.
 
     Raises:
         KeypointsError: an image without a shape, matches of unknown images or points, geometries
             of other matches, or fields that do not fit together.
-        ConfigError: pycolmap is not installed.
+        ConfigError: pycolmap is not installed, or a camera is not one of its models.
         OutputError: the file cannot be written.
     """
     pycolmap = import_pycolmap()
@@ -111,9 +164,20 @@ def write_colmap(
             raise KeypointsError(f"matches of {' and '.join(pair)}: expected one order, found both")
     with atomic_write(path) as temporary, _open_new(pycolmap, temporary, path) as database:
         ids, moved = dict[str, int](), dict[str, FloatArray]()
+        rigs: dict[str, tuple[Any, int]] = {}
         for name, points in keypoints.items():
             turned = (shapes[name], orientation_of(name, orientations))
-            ids[name] = _add_image(pycolmap, database, check_name(name), stored_shape(*turned))
+            shared = "" if isinstance(cameras, ColmapCamera) else name
+            camera = _camera(pycolmap, name, cameras, stored_shape(*turned))
+            if shared not in rigs:
+                rigs[shared] = _add_camera(pycolmap, database, camera)
+            found = f"{camera.width} x {camera.height}"
+            size = f"{rigs[shared][0].width} x {rigs[shared][0].height}"
+            if found != size:
+                raise KeypointsError(
+                    f"{name}: expected the size {size} of the camera, found {found}"
+                )
+            ids[name] = _add_image(pycolmap, database, check_name(name), *rigs[shared])
             stored = stored_keypoints(checked(name, points), *turned)
             _add_points(pycolmap, database, ids[name], stored)
             moved[name] = CENTERED @ to_stored(*turned)
@@ -202,20 +266,51 @@ def _check_pair(
     check_pairs(indices, (len(keypoints[pair[0]]), len(keypoints[pair[1]])), f"matches of {name}")
 
 
-def _add_image(pycolmap: Any, database: Any, name: str, shape: tuple[int, int]) -> int:
-    """Add an image of stored pixels (H, W) with its camera, rig and frame; gives its id."""
+def _camera(pycolmap: Any, name: str, cameras: Cameras, shape: tuple[int, int]) -> Any:
+    """The camera of an image of stored pixels (H, W)."""
+    chosen: ColmapCamera | None = ColmapCamera("SIMPLE_RADIAL")
+    if cameras is not None:
+        chosen = cameras if isinstance(cameras, ColmapCamera) else cameras.get(name)
+    if chosen is None:
+        raise KeypointsError(f"{name}: expected a camera for this image, found none")
     height, width = shape
-    focal_length = FOCAL_LENGTH * max(height, width)
-    camera = pycolmap.Camera.create_from_model_id(
-        0, pycolmap.CameraModelId.SIMPLE_RADIAL, focal_length, width, height
-    )
+    if chosen.size not in (None, (width, height)):
+        found = f"{width} x {height}"
+        raise KeypointsError(
+            f"{name}: expected the size of its camera {chosen.size}, found {found}"
+        )
+    return make_camera(pycolmap, chosen, width, height)
+
+
+def make_camera(pycolmap: Any, chosen: ColmapCamera, width: int, height: int) -> Any:
+    """COLMAP's camera; raises `ConfigError` if it has no such model, or one of other parameters."""
+    models = pycolmap.CameraModelId.__members__
+    known = [name for name in models if name != "INVALID"]
+    require(chosen.model in known, "camera", f"one of {', '.join(known)}", chosen.model)
+    focal_length = FOCAL_LENGTH * max(width, height)
+    model = models[chosen.model]
+    camera = pycolmap.Camera.create_from_model_id(0, model, focal_length, width, height)
+    if chosen.params:
+        valid = len(chosen.params) == len(camera.params)
+        require(valid, "camera", f"{chosen.model},{camera.params_info}", chosen.params)
+        camera.params, camera.has_prior_focal_length = chosen.params, True
+    return camera
+
+
+def _add_camera(pycolmap: Any, database: Any, camera: Any) -> tuple[Any, int]:
+    """Add a camera with its rig; gives it and the id of the rig."""
     camera.camera_id = database.write_camera(camera)
     rig = pycolmap.Rig()
     rig.add_ref_sensor(camera.sensor_id)
+    return camera, int(database.write_rig(rig))
+
+
+def _add_image(pycolmap: Any, database: Any, name: str, camera: Any, rig: int) -> int:
+    """Add an image with its frame; gives its id."""
     image = pycolmap.Image(name=name, camera_id=camera.camera_id)
     image.image_id = database.write_image(image)
     frame = pycolmap.Frame()
-    frame.rig_id = database.write_rig(rig)
+    frame.rig_id = rig
     frame.add_data_id(image.data_id)
     database.write_frame(frame)
     return int(image.image_id)
