@@ -67,9 +67,11 @@ def _position_names(axis: str) -> str:
 
 
 COLUMN_NAMES = {
-    "image": "(image|img|stimulus|stim|picture|photo|photograph|scene|file)(id|file|filename|name)?"
+    "image": "(image|img|stimulus|stimuli|stim|picture|pic|photo|photograph|scene|file)"
+    "(id|file|filename|name|code|label|number|num|nr|no|index)?"
     "|filename|presentedstimulusname|(presented)?medianame",
-    "subject": "(subject|subj|sub|viewer|participant|pp|observer|obs|person|user)(id|name)?"
+    "subject": "(subject|subj|sub|viewer|participant|pp|observer|obs|person|user)"
+    "(id|name|code|label|number|num|nr|no|index|key)?|sid"
     "|ppt|ppn|pid|recordingsessionlabel",
     "index": "(current)?fix(ation)?(index|number|order|id|num|nr|no)|index|order|fixation|nfix"
     "|rank",

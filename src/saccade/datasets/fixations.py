@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.datasets.eyelink import read_eyelink
+from saccade.datasets.fixation_mat import read_mat_fixations
 from saccade.datasets.fixation_positions import (
     AXES,
     Names,
@@ -29,7 +30,6 @@ from saccade.datasets.fixation_tables import (
     read_fixation_table,
 )
 from saccade.datasets.fixation_trials import number_trials
-from saccade.datasets.matlab import read_matlab
 from saccade.datasets.tables import write_table
 from saccade.errors import LogError, LogWarning, require
 from saccade.io.files import atomic_write, is_file, natural_order
@@ -95,9 +95,9 @@ def read_fixations(
     Args:
         path: a table separated by commas, semicolons or tabs, with columns of image, subject, x
             and y, and where it has them, index or time, and duration, by their usual names; an
-            export of Tobii Pro Lab (.tsv); a recording of EyeLink (.asc); a .mat in the layout of
-            OSIE's `fixations.mat` (Xu et al., Journal of Vision 2014); or a folder of tables and
-            recordings, of a subject each where they do not name one.
+            export of Tobii Pro Lab (.tsv); a recording of EyeLink (.asc); a .mat of structs, cells
+            or matrices, such as OSIE's `fixations.mat` (Xu et al., Journal of Vision 2014); or a
+            folder of tables and recordings, of a subject each where they do not name one.
         images: folder of the images: names without suffix are completed, and positions are
             converted to pixels of the images and checked; those outside their images are left out.
             None to take both as they are.
@@ -157,7 +157,7 @@ def _recording(
     if path.is_dir():
         return _recordings(path, columns, eye)
     if suffix == ".mat":
-        return FixationList(_mat_rows(path), "index")
+        return FixationList(read_mat_fixations(path), "index")
     if suffix != ".asc":
         return read_fixation_table(path, columns, subject, eye)
     foreign = ", ".join(sorted(columns.keys() - {"image"}))
@@ -286,25 +286,6 @@ def _indices(
     rank = np.empty(len(by), np.int64)
     rank[by] = np.arange(len(by)) - np.flatnonzero(new)[np.cumsum(new) - 1]
     return rank
-
-
-def _mat_rows(path: Path) -> list[RawFixation]:
-    images = read_matlab(path, ("fixations",))["fixations"]
-    try:
-        fixations = []
-        for image in images:
-            for position, eye in enumerate(image["subjects"]):
-                number = eye.get("subject", eye.get("viewer", np.array(position))).item()
-                x, y = eye["fix_x"].ravel(), eye["fix_y"].ravel()
-                milliseconds = eye.get("fix_duration", np.full(len(x), np.nan)).ravel()
-                columns = zip(x.tolist(), y.tolist(), milliseconds.tolist(), strict=True)
-                fixations += [
-                    RawFixation(image["img"], str(int(number)), index, *row, None, str(position))
-                    for index, row in enumerate(columns)
-                ]
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError) as error:
-        raise LogError(f"{path}: expected the fixations of OSIE, found another file") from error
-    return fixations
 
 
 def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArray[Any]) -> None:

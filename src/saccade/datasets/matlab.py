@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.io.files import read_bytes, reading
+from saccade.extras import import_optional
+from saccade.io.files import open_file, read_bytes, reading
+from saccade.io.npz import check_unpacked
 from saccade.types import FloatArray
 
 HEADER = 128
@@ -40,8 +42,9 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
         names: the variables: real numbers, text, or cells and structs of them.
 
     Returns:
-        By name, an array of float64, a text, the list of the contents of a cell array, column by
-        column, or the fields of a struct by name; a list of these for a struct array.
+        By name, an array of float64, a text, the list of the contents of a cell array (of its rows
+        if it has several rows and columns), or the fields of a struct by name; a list of these for
+        a struct array.
 
     Source: MathWorks, "MAT-File Format", the level 5 format.
     """
@@ -52,6 +55,48 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
             f"{path}: expected the variables {', '.join(names)}, found no {', '.join(missing)}"
         )
     return variables
+
+
+def read_variables(path: Path) -> dict[str, Any]:
+    """All variables of a .mat file of version 5 or 7.3, of the types of `read_matlab`."""
+    with reading(path, LogError), open_file(path) as file:
+        is_hdf5 = file.read(HEADER * 5).find(b"\x89HDF") >= 0
+    return _read_hdf5(path) if is_hdf5 else _read(path, None)
+
+
+def _read_hdf5(path: Path) -> dict[str, Any]:
+    """Variables of a file of version 7.3: HDF5, with the class of each in an attribute."""
+    h5py = import_optional("h5py", "hdf5")
+
+    def value(node: Any, depth: int = 0) -> Any:
+        kind = node.attrs.get("MATLAB_class", b"")
+        if depth > MAX_DEPTH:
+            raise ValueError("nested too deeply")
+        if isinstance(node, h5py.Group):
+            fields = {name: value(each, depth + 1) for name, each in node.items()}
+            is_array = all(
+                isinstance(each, h5py.Dataset) and "MATLAB_class" not in each.attrs
+                for each in node.values()
+            )
+            if not is_array:
+                return fields
+            return [
+                dict(zip(fields, row, strict=True)) for row in zip(*fields.values(), strict=True)
+            ]
+        check_unpacked(path.stat().st_size, node.size * node.dtype.itemsize)
+        if "MATLAB_empty" in node.attrs:
+            return [] if kind == b"cell" else np.empty((0, 0))
+        stored = node[()]
+        if h5py.check_ref_dtype(node.dtype) is not None:
+            cells = [[value(node.file[each], depth + 1) for each in row] for row in stored.T]
+            return cells if min(stored.shape) > 1 else [each for row in cells for each in row]
+        if kind == b"char":
+            return "".join(map(chr, stored.ravel().tolist()))
+        return np.asarray(stored, np.float64).T
+
+    foreign = (OSError, ValueError, KeyError, TypeError, RuntimeError)
+    with reading(path, LogError, "a MATLAB file of version 7.3", *foreign), h5py.File(path) as file:
+        return {name: value(node) for name, node in file.items() if not name.startswith("#")}
 
 
 def read_matrix(path: Path) -> FloatArray:
@@ -138,7 +183,10 @@ def _variable(
         cells = [_variable(cell, order, None, depth + 1) for _, cell in elements]
         if len(cells) != prod(shape) or not all(cells):
             raise ValueError(f"{name} does not have the cells of its shape")
-        return {name: [value for cell in cells for value in cell.values()]}
+        held = [value for cell in cells for value in cell.values()]
+        if min(shape) > 1 and len(shape) == 2:
+            return {name: [held[row :: shape[0]] for row in range(shape[0])]}
+        return {name: held}
     if kind == _STRUCT and depth < MAX_DEPTH:
         structs = _structs(elements, order, prod(shape), depth)
         return {name: structs[0] if len(structs) == 1 else structs}

@@ -1,0 +1,165 @@
+"""Fixations in MATLAB files: structs, cells and matrices, found by their shapes and names.
+
+OSIE's `fixations.mat` is a cell of structs of images (`img`), each with a cell of structs of
+subjects with the vectors `fix_x`, `fix_y` and `fix_duration`.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saccade.datasets.fixation_tables import ROLES, RawFixation, is_named
+from saccade.datasets.matlab import read_variables
+from saccade.errors import LogError
+
+EXPECTED = (
+    "structs or columns with x, y, image and subject, or cells {image, subject} of matrices (n, 2)"
+)
+VECTOR_ROLES = ("x", "y", "index", "time", "duration")
+
+
+def read_mat_fixations(path: Path) -> list[RawFixation]:
+    """The fixations of a MATLAB file.
+
+    Positions are in vectors x and y by their usual names, or in the first two columns of matrices.
+    Image and subject are fields by their usual names, or the order of cells and structs: of images,
+    then of subjects. Names of images may be in a cell of texts of their number; they are numbered
+    from 1 without one.
+
+    Raises:
+        LogError: the file is broken, or holds nothing of the kind, with what it holds.
+    """
+    variables = read_variables(path)
+    fixations = list[RawFixation]()
+    texts = [each for each in variables.values() if _is_texts(each)]
+    try:
+        shapes = {*_shapes(variables)}
+        transposed = len({h for h, _ in shapes}) == 1 < len({w for _, w in shapes})
+        _collect(_turned(variables) if transposed else variables, {}, texts, fixations)
+    except ValueError as error:
+        raise LogError(f"{path}: expected {EXPECTED}: {error}") from error
+    if not fixations:
+        found = ", ".join(f"{name} ({_described(each)})" for name, each in variables.items())
+        raise LogError(f"{path}: expected {EXPECTED}, found {found[:300] or 'nothing'}")
+    return fixations
+
+
+def _collect(
+    value: Any, known: Mapping[str, Any], texts: Sequence[list[str]], out: list[RawFixation]
+) -> None:
+    """Add the fixations in a value; `known` are the contents of its roles."""
+    if isinstance(value, dict):
+        found = {
+            role: field
+            for role in ROLES
+            for name, field in sorted(value.items(), key=lambda each: each[0] != role)[::-1]
+            if is_named(role, name) and not _has_parts(field)
+        }
+        known = {**known, **found}
+        if "x" in found and "y" in found:
+            _add_vectors(known, out)
+            return
+        known = {role: each for role, each in known.items() if not _is_texts(each)}
+        texts = [each for each in value.values() if _is_texts(each)] or texts
+        for field in value.values():
+            _collect(field, known, texts, out)
+    elif isinstance(value, list) and not _is_texts(value):
+        if value and all(isinstance(each, dict) for each in value):
+            columns = _as_columns(value)
+            if columns is not None:
+                _collect(columns, known, texts, out)
+                return
+        names = [each for each in texts if len(each) == len(value)]
+        of_images = "image" not in known
+        inner = {len(each) for each in value if isinstance(each, list)}
+        if of_images and not names and any(len(each) in inner for each in texts):
+            of_images = False  # of subjects, then of images
+        role = "image" if of_images else "subject"
+        for number, each in enumerate(value):
+            name = names[0][number] if of_images and names else str(number + of_images)
+            _collect(each, {**known, role: name, "trial": str(number)}, texts, out)
+    elif isinstance(value, np.ndarray) and value.ndim == 2:
+        heads = [each for each in texts if len(each) == value.shape[1]]
+        if heads and any(is_named("x", name) for name in heads[0]):
+            _collect(dict(zip(heads[0], value.T, strict=True)), known, (), out)
+        elif {"image", "subject"} <= known.keys() and value.shape[1] > 1 and len(value):
+            _add_vectors({**known, "x": value[:, 0], "y": value[:, 1]}, out)
+
+
+def _shapes(value: Any) -> Iterator[tuple[int, int]]:
+    """The shapes of all matrices."""
+    if isinstance(value, np.ndarray) and value.ndim == 2 and min(value.shape) > 1:
+        yield value.shape[0], value.shape[1]
+    elif isinstance(value, list | dict):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _shapes(each)
+
+
+def _turned(value: Any) -> Any:
+    """A value with all matrices transposed, where fixations are columns."""
+    if isinstance(value, dict):
+        return {name: _turned(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_turned(each) for each in value]
+    return value.T if isinstance(value, np.ndarray) else value
+
+
+def _add_vectors(known: Mapping[str, Any], out: list[RawFixation]) -> None:
+    """Add the fixations of vectors x and y; other roles have one value, or one for each."""
+    count = np.size(known["x"])
+
+    def column(role: str, default: Any) -> list[Any]:
+        value = known.get(role, default)
+        if role not in VECTOR_ROLES and isinstance(value, np.ndarray):
+            value = [f"{number:g}" for number in value.ravel().tolist()]
+        elif isinstance(value, np.ndarray):
+            value = value.ravel().tolist()
+        values = value if isinstance(value, list) else [value]
+        values = values * count if len(values) == 1 else values
+        if len(values) != count:
+            raise ValueError(f"{role} has {len(values)} values, and x {count}")
+        return values
+
+    for role in ("image", "subject"):
+        if role not in known:
+            raise ValueError(f"found no {role} of the fixations")
+    order = known.get("index", known.get("time", np.arange(float(count))))
+    role = "index" if "index" in known else "time"
+    rows = zip(
+        *(column("image", ""), column("subject", ""), column(role, order), column("x", 0)),
+        *(column("y", 0), column("duration", np.nan), [None] * count, column("trial", "")),
+        strict=True,
+    )
+    out += [RawFixation(*row) for row in rows]
+
+
+def _as_columns(structs: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+    """The columns of structs of a fixation each; None where they are something else."""
+    columns: dict[str, Any] = {}
+    for name in structs[0]:
+        values = [each.get(name) for each in structs]
+        if all(isinstance(each, np.ndarray) and each.size == 1 for each in values):
+            columns[name] = np.array([each.item() for each in values if each is not None])
+        elif all(isinstance(each, str) for each in values):
+            columns[name] = values
+    has_points = all(any(is_named(role, name) for name in columns) for role in ("x", "y"))
+    return columns if has_points and len(structs) > 1 else None
+
+
+def _is_texts(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(each, str) for each in value)
+
+
+def _has_parts(value: Any) -> bool:
+    """Whether a value holds others: a struct, or a cell of anything but texts."""
+    return isinstance(value, dict) or (isinstance(value, list) and not _is_texts(value))
+
+
+def _described(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return " x ".join(map(str, value.shape))
+    if isinstance(value, dict):
+        return f"struct with {', '.join(value)}"
+    return f"cell of {len(value)}" if isinstance(value, list) else "text"
