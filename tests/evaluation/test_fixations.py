@@ -2,7 +2,9 @@
 
 import importlib.metadata
 import importlib.util
+import re
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,9 +13,14 @@ from hypothesis.extra.numpy import arrays
 from scipy.io import savemat
 from scipy.stats import mannwhitneyu, pearsonr
 
+from saccade import evaluation
+from saccade.cli.fixation_tables import degree_sizes
 from saccade.datasets.fixations import read_fixations
-from saccade.errors import ImageError
+from saccade.errors import ConfigError, ImageError
 from saccade.evaluation import fixations as metrics
+from saccade.evaluation.prediction import FixationData
+from saccade.types import FixationTable
+from support.paths import ROOT
 
 MAPS = arrays(np.float64, (12, 16), elements=st.floats(0, 1, width=16))
 PLACES = arrays(np.float64, (7, 2), elements=st.floats(0, 11))
@@ -164,3 +171,62 @@ def test_the_osie_table(shared):
     table = read_fixations(shared / "data/eyes/osie/fixations.csv")
     assert repr(table) == f"FixationTable({len(table)} fixations on 140 images)"
     assert (table.index > 0).sum() == 17752
+
+
+def test_every_metric_is_found_where_the_documentation_says(rng):
+    saliency, fixations = rng.random((30, 40)), rng.uniform(0, 29, (20, 2))
+    assert evaluation.auc(saliency, fixations) == metrics.auc(saliency, fixations)
+    assert evaluation.nss is metrics.nss
+    for page, title in (("evaluation", "## Fixations"), ("scanpaths", "## What is measured")):
+        text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+        rows = [
+            line for line in text.splitlines() if line.startswith("| ") and line.count("|") == 4
+        ]
+        named = re.findall(r"`(\w+)` \|$", "\n".join(rows), re.MULTILINE)
+        assert named
+        assert all(callable(getattr(evaluation, name)) for name in named)
+    assert {"auc", "scanmatch", "score_poses"} <= set(evaluation.__all__)
+
+
+@pytest.mark.parametrize(
+    ("text", "sigmas"),
+    [
+        ("25", (25, 25)),
+        ("5%", (20, 40)),
+        ("400x300=12,800x600=24.5", (12, 24.5)),
+    ],
+)
+def test_fixations_are_blurred_by_a_degree_of_each_image(tmp_path, text, sigmas):
+    """An image that is shown twice as large has the same density, twice as large."""
+    shapes = {"a.png": (300, 400), "b.png": (600, 800)}
+    for name, shape in shapes.items():
+        cv2.imwrite(str(tmp_path / name), np.zeros(shape, np.uint8))
+    xy = np.array([[100, 50], [300, 200], [201, 101], [601, 401]], float)
+    image, zero = np.repeat(["a.png", "b.png"], 2), np.zeros(4, np.int64)
+    table = FixationTable(image, zero, np.array([0, 1, 0, 1]), xy)
+    data = FixationData.of(table, tmp_path, 0, degree_sizes(text))
+    for name, sigma in zip(shapes, sigmas, strict=True):
+        expected = metrics.fixation_density(data.on(name).xy, shapes[name], sigma)
+        np.testing.assert_array_equal(data.density(name, data.on(name).xy), expected)
+
+
+@pytest.mark.parametrize("text", ["much", "-3", "400x300=5", "0%"])
+def test_a_degree_that_no_image_can_have_is_named(text):
+    with pytest.raises(ConfigError, match="--pixels-per-degree: expected N, WIDTHxHEIGHT=N"):
+        degree_sizes(text)((600, 800))
+
+
+def test_a_blur_in_pixels_on_images_of_several_sizes_is_remarked_on(run, tmp_path):
+    for name, shape in {"a.png": (60, 80), "b.png": (120, 160)}.items():
+        cv2.imwrite(str(tmp_path / name), np.arange(shape[0] * shape[1]).reshape(shape) % 251)
+    (tmp_path / "f.csv").write_text(
+        "image,subject,index,x,y\na.png,1,0,9,9\na.png,1,1,20,9\nb.png,1,0,9,9\nb.png,1,1,40,30\n"
+    )
+    words = ("evaluate", "fixations", "--images", tmp_path, "--fixations", tmp_path / "f.csv")
+    words += ("--model", "boolean", "--drop", 0)
+    code, _, err = run(*words)
+    assert code == 0
+    assert "blurred by 24 pixels on images of 2 sizes; --pixels-per-degree" in err
+    code, _, err = run(*words, "--pixels-per-degree", "30%")
+    assert code == 0
+    assert "sizes" not in err

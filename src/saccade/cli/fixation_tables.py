@@ -1,5 +1,6 @@
 """The fixations that commands score, and how they are to be read."""
 
+from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
 from math import inf
 from pathlib import Path
@@ -63,8 +64,17 @@ class FixationOptions(Options):
     only_present: Annotated[bool, INPUT] = False
     """Leave out the fixations on images that are not there."""
 
+    pixels_per_degree: Annotated[str | None, INPUT, Parameter(metavar="N")] = None
+    """Pixels of the images in one degree of visual angle, by which fixations are blurred: a number,
+    WIDTHxHEIGHT=N for each size of the images, with commas, or a percentage of the width (3%)."""
+
     def data(self, sigma: float = 24.0) -> FixationData:
-        """The fixations inside their images, of a density blurred by `sigma`; prints remarks."""
+        """The fixations inside their images, of a density blurred by `sigma`; prints remarks.
+
+        --pixels-per-degree stands before `sigma`, in pixels.
+        """
+        per_degree = self.pixels_per_degree
+        blur = sigma if per_degree is None else degree_sizes(per_degree)
         form = fixation_format(self.columns, self.xy, self.offset)
         form = replace(form, axes=self.axes, eye=self.eye, trials=self.trials)
         table = read_fixations(
@@ -74,10 +84,42 @@ class FixationOptions(Options):
             raise LogError(
                 f"{self.fixations}: every fixation is among the first {self.drop}; lower --drop"
             )
-        found = FixationData.of(table, self.images, self.drop, sigma)
+        found = FixationData.of(table, self.images, self.drop, blur)
+        sizes = len(set(found.sizes.values()))
+        if sizes > 1 and per_degree is None:
+            print_message(
+                f"fixations are blurred by {sigma:g} pixels on images of {sizes} sizes; "
+                "--pixels-per-degree gives one degree of each"
+            )
         if found.outside:
             print_message(f"{found.outside} fixations outside their images are left out")
         return found
+
+
+def degree_sizes(text: str) -> Callable[[tuple[int, int]], float]:
+    """The function from the (H, W) of an image to its pixels per degree that a text says.
+
+    Raises:
+        ConfigError: it is not of its form; or, of the function, a size that is not in it.
+    """
+    expected = "--pixels-per-degree: expected N, WIDTHxHEIGHT=N,... or N% of the widths, found"
+    pairs = [pair.partition("=") for pair in text.split(",")] if "=" in text else [("", "", text)]
+    try:
+        values = {size.strip(): float(number.rstrip("%")) for size, _, number in pairs}
+    except ValueError:
+        values = {}
+    if not values or not all(0 < value < LARGEST for value in values.values()):
+        raise ConfigError(f"{expected} {text!r}")
+
+    def of_size(size: tuple[int, int]) -> float:
+        if text.endswith("%"):
+            return values[""] / 100 * size[1]
+        name = f"{size[1]}x{size[0]}"
+        if "" not in values and name not in values:
+            raise ConfigError(f"{expected} none for {name}")
+        return values.get(name, values.get("", inf))
+
+    return of_size
 
 
 def fixation_format(columns: str | None, xy: str | None, offset: str | None) -> FixationFormat:

@@ -123,12 +123,12 @@ def _add_vectors(known: Mapping[str, Any], out: list[RawFixation]) -> None:
         return values
 
     for role in ("image", "subject"):
-        if role not in known:
+        if role not in known and not (role == "subject" and "trial" in known):
             raise ValueError(f"found no {role} of the fixations")
     order = known.get("index", known.get("time", np.arange(float(count))))
     role = "index" if "index" in known else "time"
     rows = zip(
-        *(column("image", ""), column("subject", ""), column(role, order), column("x", 0)),
+        *(column("image", ""), column("subject", "0"), column(role, order), column("x", 0)),
         *(column("y", 0), column("duration", np.nan), [None] * count, column("trial", "")),
         strict=True,
     )

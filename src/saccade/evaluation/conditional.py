@@ -146,7 +146,7 @@ def people_densities(
         if len(xy := seen.xy[seen.subject != subject])
     }
     densities = (
-        _cell_density(xy, shape, cells, data.sigma)
+        _cell_density(xy, shape, cells, data.sigma_of(name))
         for xy in (data.elsewhere(name), *others.values())
     )
     return next(densities), dict(zip(others, densities, strict=True))

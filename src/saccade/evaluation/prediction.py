@@ -45,6 +45,8 @@ MAX_SALIENCY = 1e15
 """Largest magnitude in a map: squares of float32 can be summed up to it."""
 
 
+Blur = float | Callable[[tuple[int, int]], float]
+"""Standard deviation in pixels, or a function from the (H, W) of an image to it."""
 Model = Callable[[str], Float32Array]
 """Function from the name of an image to its (H, W) saliency."""
 CENTER_WIDTH = 0.25
@@ -67,20 +69,21 @@ class FixationData:
     """Fixations inside their images, sorted by image, subject, trial and index."""
     sizes: Mapping[str, tuple[int, int]]
     """(H, W) of each image with fixations; fixations of one are scaled to another by them."""
-    sigma: float = 24.0
-    """Standard deviation of the fixation blur, in pixels."""
+    sigma: float | Mapping[str, float] = 24.0
+    """Standard deviation of the fixation blur, in pixels; of all images, or by name."""
     outside: int = 0
     """Number of the fixations outside their images, which were left out."""
 
     @classmethod
-    def of(cls, table: FixationTable, folder: Path, skip: int, sigma: float = 24.0) -> Self:
+    def of(cls, table: FixationTable, folder: Path, skip: int, sigma: Blur = 24.0) -> Self:
         """Those of a table, on images of a folder.
 
         Args:
             table: fixations of several subjects and images.
             folder: of the images.
             skip: number of first fixations of each subject that are left out.
-            sigma: standard deviation of the fixation blur, in pixels.
+            sigma: standard deviation of the fixation blur, in pixels, or as a function of the
+                (H, W) of an image.
 
         Raises:
             ImageError: an image cannot be read.
@@ -95,7 +98,12 @@ class FixationData:
         kept = {n: s for n, s in zip(names.tolist(), sizes, strict=True) if n in table.image}
         if len(kept) < 2:
             raise LogError(f"fixations: expected at least two images, found {len(kept)}")
-        return cls(folder, table, kept, sigma, int((~visible).sum()))
+        blur = {n: sigma(s) for n, s in kept.items()} if callable(sigma) else sigma
+        return cls(folder, table, kept, blur, int((~visible).sum()))
+
+    def sigma_of(self, name: str) -> float:
+        """Standard deviation of the fixation blur on an image, in pixels."""
+        return self.sigma[name] if isinstance(self.sigma, Mapping) else self.sigma
 
     def read(self, name: str) -> Float32Array:
         """The image of a name."""
@@ -116,7 +124,7 @@ class FixationData:
 
     def density(self, name: str, xy: FloatArray) -> FloatArray:
         """The fixation density (H, W) on an image of fixations (n, 2)."""
-        return fixation_density(xy, self.sizes[name], self.sigma)
+        return fixation_density(xy, self.sizes[name], self.sigma_of(name))
 
     @lru_cache(maxsize=2)  # noqa: B019 - the data live as long as the run
     def negatives(self, name: str) -> tuple[FloatArray, FloatArray]:
@@ -129,7 +137,7 @@ class FixationData:
     ) -> FixationScores:
         """The scores of a map (H, W), or density, of an image by fixations (n, 2) on it."""
         others, baseline = self.negatives(name)
-        return score(saliency, xy, others, self.sigma, baseline, density=density)
+        return score(saliency, xy, others, self.sigma_of(name), baseline, density=density)
 
     def center(self, name: str) -> Float32Array:
         """A Gaussian in the center of an image, of which it sees nothing."""
