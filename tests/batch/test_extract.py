@@ -17,7 +17,7 @@ from saccade import Sift, attention_saliency, exchange, read_image, scanpath
 from saccade.attention import AttentionConfig
 from saccade.batch import Job, extract, extraction, open_source, read_points
 from saccade.batch.workers import run_blocks
-from saccade.errors import ConfigError, ImageWarning, OutputError
+from saccade.errors import ConfigError, ImageWarning
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 from support.extraction import SIFT, check_complete, check_whole, extract_here, photographs
 from support.keypoint_files import assert_same

@@ -9,7 +9,7 @@ import pytest
 
 from saccade.cli.fixation_tables import fixation_format
 from saccade.datasets.fixations import FixationFormat, read_fixations, write_fixations
-from saccade.errors import LogError
+from saccade.errors import ConfigError, LogError
 from support.fixation_variants import VARIANTS, canonical, with_times
 
 NAMES = [f"{number}.png" for number in range(1001, 1004)]
@@ -307,16 +307,14 @@ def test_an_eye_that_is_hardly_tracked_in_a_block_is_not_read_there(tmp_path):
     assert read_fixations(tmp_path / "s1.asc", say=str).xy[:, 1].tolist() == [40] * 4 + [50] * 4
 
 
-def test_a_wrong_option_is_named(run, seen, photos, tmp_path):
-    words = [
-        "evaluate",
-        "fixations",
-        "--images",
-        photos,
-        "--fixations",
-        canonical(seen, tmp_path)[0],
-    ]
-    for option, value in (("--xy", "wide"), ("--offset", "1"), ("--columns", "who")):
-        code, _, err = run(*words, option, value)
-        assert (code, err.count("\n")) == (2, 1)
-        assert f"{option}: expected" in err
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ((None, "wide", None), "--xy: expected"),
+        ((None, None, "1"), "--offset: expected"),
+        (("who", None, None), "--columns: expected"),
+    ],
+)
+def test_a_wrong_option_is_named(given, words):
+    with pytest.raises(ConfigError, match=words):
+        fixation_format(*given)
