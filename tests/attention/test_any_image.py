@@ -1,6 +1,7 @@
 """Images of any size, flat ones and those that are too small, through all models."""
 
 from dataclasses import replace
+from importlib.resources import files
 from typing import get_args
 
 import cv2
@@ -107,3 +108,20 @@ def test_the_size_at_which_an_image_was_saved_does_not_matter(model, enlarged):
     here, there = model(image).saliency, model(large).saliency
     assert here.shape == there.shape
     assert np.corrcoef(here.ravel(), there.ravel())[0, 1] > 0.99
+
+
+@pytest.mark.parametrize("model", [attention_saliency, contrast_saliency, symmetry_saliency])
+def test_types_of_one_photograph_differ_by_what_is_documented(model):
+    """Pyramids of 8 bits are rounded at each level, the others hardly."""
+    pixels = cv2.imread(str(files("saccade") / "data" / "coffee.jpg"))
+    maps = {
+        kind: model(values).saliency
+        for kind, values in {
+            "uint8": pixels,
+            "uint16": pixels.astype(np.uint16) * 257,
+            "float64": pixels / 255,
+            "float32": (pixels / 255).astype(np.float32),
+        }.items()
+    }
+    for kind, bound in (("uint8", 0.01), ("uint16", 5e-4), ("float64", 5e-4)):
+        np.testing.assert_allclose(maps[kind], maps["float32"], atol=bound)
