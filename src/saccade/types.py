@@ -96,8 +96,8 @@ def column(*shape: int, dtype: npt.DTypeLike = np.float64) -> Any:
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1].
 
-Pyramids of uint8 are rounded to whole steps at each level: saliency maps of an image as uint8 and as
-float32 differ by up to .01, those of the other types by less than .0005.
+Pyramids of uint8 are rounded to whole steps at each level: saliency maps of an image as uint8 and
+as float32 differ by up to .01, those of the other types by less than .0005.
 """
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]

@@ -3,6 +3,7 @@
 import json
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.io import loadmat
 
 import saccade
 from saccade.attention.models import AttentionModel
+from saccade.cli import output
 from saccade.datasets.fixations import read_fixations
 from saccade.scale.pyramid import resize
 from support.commands import json_of
@@ -52,6 +54,28 @@ def test_maps_at_the_size_of_the_image_are_those_of_the_model(run, photos, tmp_p
         )
         np.testing.assert_array_equal(tiff, expected)
         np.testing.assert_allclose(png / 65535, expected, atol=1e-5)
+
+
+def test_maps_of_the_chosen_layers_alone_are_written(run, photos, tmp_path):
+    words = ("look", photos, "--model", "contrast", "--maps", "mat", "--layers")
+    code, out, _ = run(*words, "saliency,color", "--json")
+    assert code == 0
+    rows = json.loads(out)["images"]
+    folder = tmp_path / "saccade-look" / "maps"
+    assert {path.name for path in folder.iterdir()} == {"saliency", "color"}
+    assert [len(row["maps"]) for row in rows] == [2, 2]
+    code, _, err = run(*words, "motion")
+    assert code != 0
+    assert "layers: expected names of saliency, " in err
+
+
+def test_progress_is_printed_in_lines_where_stderr_is_no_terminal(capsys, monkeypatch):
+    seconds = [0.0]
+    monkeypatch.setattr(output, "time", SimpleNamespace(monotonic=lambda: seconds[0]))
+    for _ in output.tracked(range(8), "scoring", 8):
+        seconds[0] += 4
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [f"saccade: scoring: {done} of 8" for done in (3, 6)]
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ from saccade.cli.output import (
     relative_names,
     write_arrays,
 )
-from saccade.errors import ImageError, setting
+from saccade.errors import ImageError, require, setting
 from saccade.io.files import FORMATS, results_in
 from saccade.io.image import read_image
 from saccade.io.video import video_writer
@@ -83,6 +83,8 @@ class LookOptions(ModelOptions, JsonOptions, SourceOptions):
     maps: Annotated[list[MapFormat] | None, OUTPUT, SEVERAL] = None
     """Also write every map at the size of the image: npy and tiff of float32, mat, or png of 16
     bits; several with commas."""
+    layers: Annotated[list[str] | None, OUTPUT, SEVERAL] = None
+    """Of --maps write these alone, such as saliency, contrast, symmetry; several with commas."""
     every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
     """Use every Nth frame of a video."""
     keypoints: bool = False
@@ -217,7 +219,9 @@ def analyze_image(
         write_arrays(Path(f"{out}.npz"), layers | scanpath_arrays | {"format": FORMATS["look"]})
     name = out.name.removesuffix(".look")
     if options.maps:
-        row["maps"] = write_maps(out.parent, name, maps.upsampled, options.maps)
+        row["maps"] = write_maps(
+            out.parent, name, chosen_layers(maps.upsampled, options.layers), options.maps
+        )
     section = Section(path.name, "" if len(builder) else TEXT)
 
     def part() -> Part:
@@ -234,6 +238,19 @@ def analyze_image(
                     write(frame)
         row["film"] = str(film)
     return row, (scan, samples)
+
+
+def chosen_layers(
+    maps: Mapping[str, Float32Array], names: Sequence[str] | None
+) -> Mapping[str, Float32Array]:
+    """The maps (H, W) of --layers, or all.
+
+    Raises:
+        ConfigError: the model has no such map.
+    """
+    for name in names or ():
+        require(name in maps, "layers", f"names of {', '.join(maps)}", name)
+    return {name: maps[name] for name in names} if names else maps
 
 
 def write_maps(

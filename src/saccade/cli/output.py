@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import sys
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from saccade.viewing.report import Table as ReportTable
 
 T = TypeVar("T")
+LINE_SECONDS = 10.0
+"""Time between lines of progress where stderr is no terminal."""
 INTERRUPTED = 130
 """Exit code."""
 
@@ -84,18 +87,25 @@ def stop_on_interrupt(
 
 @contextmanager
 def progress_bar(description: str, total: int | None = None) -> Iterator[Progress]:
-    """A progress bar on stderr if that is a terminal; yields the callback that advances it."""
+    """A progress bar on stderr; yields the callback that advances it.
+
+    Where stderr is no terminal, it is a line every `LINE_SECONDS`.
+    """
     from rich import progress
     from rich.console import Console
     from rich.markup import escape
 
     console = Console(stderr=True)
-    hidden = not console.is_terminal
+    hidden, known = not console.is_terminal, total
     with progress.Progress(console=console, transient=True, disable=hidden) as bar:
-        task = bar.add_task(escape(description), total=total)
+        task, printed = bar.add_task(escape(description), total=total), time.monotonic()
 
         def update(done: int, total: int | None = None, stage: str = "") -> None:
+            nonlocal printed
             label = f"{description}: {stage}" if stage else description
+            if hidden and time.monotonic() - printed >= LINE_SECONDS:
+                printed = time.monotonic()
+                print_message(f"{label}: {done}" + f" of {total or known}" * bool(total or known))
             bar.update(task, description=escape(label), completed=done, total=total)
 
         yield update
