@@ -29,7 +29,7 @@ def read_mat_fixations(path: Path) -> list[RawFixation]:
     from 1 without one.
 
     Raises:
-        LogError: the file is broken, or holds nothing of the kind, with what it holds.
+        LogError: the file is broken or has another layout; names its variables.
     """
     variables = read_variables(path)
     fixations = list[RawFixation]()

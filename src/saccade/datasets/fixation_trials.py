@@ -14,7 +14,7 @@ RUN = 3
 
 
 def number_trials(fixations: Sequence[RawFixation], order: str) -> IntArray:
-    """(n,) trial of each fixation, from 0, among those of its subject on its image.
+    """(n,) number of the trial of each fixation, from 0 for each subject and image.
 
     Trials are named by the file, or begin where the index or time restarts, or where a subject
     returns to an image after another. A trial that repeats another is the same.

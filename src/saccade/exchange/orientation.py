@@ -39,7 +39,7 @@ def to_stored(shape: tuple[int, ...], orientation: int) -> FloatArray:
 
 
 def stored_keypoints(points: Keypoints, shape: tuple[int, ...], orientation: int) -> Keypoints:
-    """Keypoints in stored pixels; descriptors stay those of the upright image."""
+    """Keypoints in stored pixels; descriptors do not change."""
     if orientation == UPRIGHT:
         return points
     moved = to_stored(shape, orientation)
