@@ -88,7 +88,7 @@ def bag_files(path: Path) -> list[Path]:
     Raises:
         LogError: the files of the folder are not the parts of one bag, NAME_0, NAME_1, ...
     """
-    if path.is_file() or (path / "metadata.yaml").exists():
+    if not path.is_dir() or (path / "metadata.yaml").exists():
         return [path]
     files = [file for file in path.iterdir() if file.suffix.lower() in BAG_SUFFIXES]
     if len({re.sub("_[0-9]+$", "", file.stem) + file.suffix for file in files}) > 1:
