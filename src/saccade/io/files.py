@@ -262,16 +262,6 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def written_at_once() -> Iterator[None]:
-    """Files of the block do not wait for the other results of a run: it resumes from them."""
-    token = _RESULTS.set(None)
-    try:
-        yield
-    finally:
-        _RESULTS.reset(token)
-
-
-@contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """A temporary path that is renamed to `path` when the block ends without an error.
 
