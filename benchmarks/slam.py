@@ -117,7 +117,7 @@ def logs(folder: Path, rounds: int) -> None:
     """Whole logs after they were read, and the smoothing of the same association."""
     paths = [(folder / "mrclam" / "mrclam6.npz", {"robot": robot}) for robot in range(1, 6)]
     paths.append((folder / "citytrees" / "cityTrees10000.txt", {}))
-    paths.append((folder / "victoria_park" / "VictoriaParkSinSincronizar.mat", {}))
+    paths.append((folder / "victoria_park" / "victoria_park_gtsam.txt", {}))
     print("log                  filter s  at best  smoothing s")
     for path, options in paths:
         log = datasets.load("auto", path, **options)

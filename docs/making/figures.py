@@ -253,7 +253,7 @@ def descriptor_rays(descriptor: np.ndarray, side: float) -> np.ndarray:
 
 def _park() -> "tuple[saccade.LandmarkLog, slam.SlamResult]":
     if not _PARK:
-        log = datasets.load("victoria-park", DATA / "victoria_park.txt")
+        log = datasets.load("isam", DATA / "victoria_park.txt")
         _PARK.append((log, slam.run(log)))
     return _PARK[0]
 

@@ -8,13 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from saccade import slam
-from saccade.datasets import OdometryNoise, load, save
+from saccade.datasets import load, save
 from saccade.datasets.logs.pose_graph import write_pose_graph
-from saccade.datasets.logs.published import read_mrclam, write_mrclam
 from saccade.errors import LogError, LogWarning
 from saccade.slam import turn_then_translate
-from saccade.types import LandmarkLog, LandmarkMap, Trajectory
+from saccade.types import LandmarkLog
 
 SUFFIX = {"g2o": "g2o", "isam": "isam", "toro": "graph", "gtsam": "txt", "csv": "csv"}
 
@@ -136,32 +134,7 @@ def test_a_format_without_nameless_landmarks_says_so(tmp_path, dialect):
     log = dataclasses.replace(log, landmark=np.where(log.landmark == 3, -1, log.landmark))
     with pytest.raises(LogError, match="expected the identity of every landmark"):
         write_pose_graph(tmp_path / "any", log, dialect)
-    with pytest.raises(LogError, match="expected the identity of every landmark"):
-        write_mrclam(tmp_path / "any", log)
     assert not (tmp_path / "any").exists()
-
-
-@pytest.mark.parametrize("motion", ["compose", "turn_then_translate"])
-def test_mrclam_drives_the_same_way(tmp_path, motion):
-    log = a_log(motion=motion, steps=20)
-    truth = Trajectory(log.time, np.random.default_rng(2).normal(size=(21, 3)))
-    known = LandmarkMap(np.arange(9), np.random.default_rng(3).normal(size=(9, 2)))
-    save(tmp_path / "set", dataclasses.replace(log, truth=truth, landmark_truth=known))
-    again = read_mrclam(tmp_path / "set", 1, OdometryNoise(0, 0, 0))
-    at = np.searchsorted(again.time, log.time[log.observation_pose])
-    np.testing.assert_array_equal(again.time[at], log.time[log.observation_pose])
-    np.testing.assert_array_equal(again.observation_pose, at)
-    np.testing.assert_array_equal(again.observation, log.observation)
-    np.testing.assert_array_equal(again.landmark, log.landmark + 6)
-    np.testing.assert_array_equal(again.truth.pose, truth.pose)
-    np.testing.assert_array_equal(again.landmark_truth.id, np.arange(9) + 6)
-    np.testing.assert_array_equal(again.landmark_truth.xy, known.xy)
-    ours = slam.dead_reckon(dataclasses.replace(log, start=truth.pose[0])).pose
-    theirs = slam.dead_reckon(again).pose
-    there = np.searchsorted(again.time, log.time)
-    inside = again.time[there.clip(max=len(again.time) - 1)] == log.time
-    assert inside.sum() > 12
-    np.testing.assert_allclose(theirs[there[inside], :2], ours[inside, :2], atol=1e-9)
 
 
 def test_a_csv_without_covariances_has_those_of_a_bag(tmp_path):

@@ -5,8 +5,8 @@ import pytest
 
 from saccade import slam
 from saccade.datasets import OdometryNoise, load
-from saccade.datasets.logs.published import UTIAS, Platform
-from saccade.datasets.logs.published import read_mrclam as load_mrclam
+from saccade.datasets.logs.mrclam import UTIAS, Platform
+from saccade.datasets.logs.mrclam import read_mrclam as load_mrclam
 from saccade.evaluation.trajectory import landmark_rmse, position_rmse
 from saccade.slam import observe
 

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from fuzz.targets import TARGETS
 from saccade.datasets import load, load_drive
@@ -19,7 +18,7 @@ from support.error_checks import refuses, result_or_refusal
 
 FILES = [
     *("log-csv", "g2o", "isam", "toro", "gtsam", "mrclam-odometry", "mrclam-measurement"),
-    *("mrclam-npz", "matlab", "matlab-gps", "kitti-calib", "kitti-odometry", "kitti-poses"),
+    *("mrclam-npz", "kitti-calib", "kitti-odometry", "kitti-poses"),
     *("tum-list", "tum-truth", "camera-toml", "folder-times", "folder-odometry", "tracks"),
     *(
         "camera-yaml",
@@ -37,7 +36,7 @@ FILES = [
 """Targets of the fuzzer with a reader of recorded data."""
 OPTIONAL = [
     *("kitti-calib", "kitti-odometry", "tum-truth", "folder-times", "folder-odometry"),
-    *("matlab-gps", "camera-toml", "camera-yaml", "rosbag2-metadata"),
+    *("camera-toml", "camera-yaml", "rosbag2-metadata"),
 ]
 """Files without which a recording is read otherwise."""
 TABLES = [
@@ -86,7 +85,7 @@ def test_a_truncated_file_is_read_or_named(recording, name, part, tmp_path):
     assert found is not None or str(tmp_path / name) in refusal
 
 
-@pytest.mark.parametrize("name", [name for name in FILES if name not in ("matlab-gps", "video")])
+@pytest.mark.parametrize("name", [name for name in FILES if name not in ("video")])
 def test_a_file_of_another_format_is_named(recording, name):
     found, refusal = recording(name, lambda whole: bytes(range(256)) * 10)
     assert found is None
@@ -254,31 +253,6 @@ def test_a_defect_is_named(tmp_path, name, old, new, words):
     part = tmp_path.name if name == "mrclam" else form.file
     with refuses(expected, part, *words):
         form.read(path)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"TLsr": [[1.0, 0.0]]}, "TLsr to be ascending"),
-        ({"u": np.full((2, 80), np.nan)}, "in u, found .* with 160 others"),
-        ({"u": np.zeros((2, 79))}, r"shape \(2, 80\) in u, found \(2, 79\)"),
-        ({"zt": [np.full((3, 1), np.nan), np.ones((3, 1))]}, "scan 0"),
-        ({"zt": [np.ones((3, 1)), np.ones((2, 4))]}, r"scan 1 .*found \(2, 4\)"),
-        ({"zt": None}, "found no zt"),
-    ],
-)
-def test_a_defect_of_a_raw_victoria_park_log_is_named(tmp_path, change, message):
-    variables = {"time": np.arange(0, 2, 0.025)[None], "u": np.ones((2, 80)), "TLsr": [[0.0, 1.0]]}
-    variables |= {"zt": [np.ones((3, 1))] * 2} | change
-    if variables["zt"] is None:
-        del variables["zt"]
-    else:
-        cells = np.empty(2, object)
-        cells[:] = variables["zt"]
-        variables["zt"] = cells
-    savemat(tmp_path / "car.mat", variables)
-    with pytest.raises(LogError, match=rf"car\.mat.*{message}"):
-        load("auto", tmp_path / "car.mat")
 
 
 @pytest.mark.parametrize(

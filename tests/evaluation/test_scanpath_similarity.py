@@ -1,4 +1,4 @@
-"""ScanMatch and MultiMatch against their definitions, closed forms and another implementation."""
+"""ScanMatch against its definition and closed forms."""
 
 from functools import cache
 
@@ -9,7 +9,6 @@ from saccade.errors import ConfigError, ImageError
 from saccade.evaluation.scanpaths import (
     GazePath,
     ScanMatchConfig,
-    multimatch,
     path_scores,
     scanmatch,
 )
@@ -63,21 +62,6 @@ def test_scanmatch_of_equal_far_and_repeated_paths(rng):
         ScanMatchConfig(gap=1.0)
 
 
-def test_multimatch_of_equal_moved_turned_and_slower_paths(rng):
-    (path,) = paths(rng, 1, 6)
-    moved = GazePath(path.xy + np.array([30, 40]), path.duration)  # 50 of a diagonal of 1000 px
-    slower = GazePath(path.xy, path.duration * 4)
-    short = GazePath(path.xy[:2], path.duration[:2])
-    equal, shifted, slow, none = multimatch([path] * 4, [path, moved, slower, short], SHAPE)
-    np.testing.assert_allclose(equal, 1)
-    np.testing.assert_allclose(shifted, [1, 1, 1, 0.95, 1])
-    line = GazePath(np.array([[100.0, 9], [300, 9], [500, 9]]), np.ones(3))
-    (back,) = multimatch([line], [GazePath(line.xy[::-1], np.ones(3))], SHAPE)
-    np.testing.assert_allclose(back, [0.8, 0, 1, 0.8, 1], atol=1e-12)
-    np.testing.assert_allclose(slow, [1, 1, 1, 1, 0.25])
-    assert np.isnan(none).all()
-
-
 def test_the_movements_of_a_path_are_its_own(rng):
     path = GazePath(
         np.array([[0.0, 0], [40, 30], [70, 30], [70, 50]]), np.array([0.1, 0.2, 0.3, 1])
@@ -86,19 +70,3 @@ def test_the_movements_of_a_path_are_its_own(rng):
     assert scores.amplitude == pytest.approx((50 + 30 + 20) / 3)
     assert scores.horizontal == pytest.approx(2 / 3)
     assert (scores.seconds, scores.fixations) == (pytest.approx(0.4), 4)
-
-
-@pytest.mark.peer
-def test_multimatch_is_that_of_multimatch_gaze(rng):
-    peer = pytest.importorskip("multimatch_gaze")
-    first, second = paths(rng, 50), paths(rng, 50)
-
-    def record(path):
-        columns = [*path.xy.T, path.duration]
-        return np.rec.fromarrays(columns, names="start_x,start_y,duration")
-
-    theirs = [
-        peer.docomparison(record(a), record(b), SHAPE[::-1])
-        for a, b in zip(first, second, strict=True)
-    ]
-    np.testing.assert_allclose(multimatch(first, second, SHAPE), theirs, atol=1e-12)

@@ -1,14 +1,12 @@
 """Distances from the truth, against evo's."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from evo.core import metrics, sync
 from evo.core.trajectory import PoseTrajectory3D
 
 from saccade import LogWarning, slam
-from saccade.datasets import load, save
+from saccade.datasets import load
 from saccade.evaluation.runs import summarize_run
 from saccade.evaluation.trajectory import (
     coverage_remarks,
@@ -16,7 +14,7 @@ from saccade.evaluation.trajectory import (
     position_rmse,
     score_drive,
 )
-from saccade.simulation.world import WorldConfig, simulate_world
+from saccade.slam import observe
 from saccade.types import LandmarkMap, Trajectory
 
 
@@ -150,13 +148,22 @@ def test_few_true_poses_are_a_warning(compared, poses, words):
 
 
 def test_a_log_whose_truth_begins_late_has_no_start(tmp_path):
-    """Motion capture begins 10 s after the odometry."""
-    drive = simulate_world(WorldConfig(steps=100, landmarks=9), seed=1)
-    late = drive.time >= drive.time[0] + 10.0
-    truth = part_of(drive.truth, drive.truth.time >= drive.time[0] + 10.0)
-    save(tmp_path / "log", replace(drive, truth=truth), "mrclam")
+    """Motion capture begins 10 s after the odometry of a robot that drives in a circle."""
+    time = np.arange(0.0, 40.0, 0.5)
+    pose = np.stack([5 * np.sin(time / 5), 5 - 5 * np.cos(time / 5), time / 5], 1)
+    landmarks = np.array([[0.0, 5.0], [2.0, 7.0], [-2.0, 4.0]])
+    seen = [(t, 72 + i, *observe(p, m)[0]) for t, p in zip(time, pose, strict=True)
+            for i, m in enumerate(landmarks)]  # fmt: skip
+    late = time >= 10.0
+    np.savez(
+        tmp_path / "log.npz",
+        barcodes=[[1, 1], [6, 72], [7, 73], [8, 74]],
+        robot1_odometry=np.column_stack([time, np.ones(len(time)), np.full(len(time), 0.2)]),
+        robot1_measurement=np.array(seen),
+        robot1_groundtruth=np.column_stack([time, pose])[late],
+    )
     with pytest.warns(LogWarning, match="does not cover the first pose"):
-        log = load("auto", tmp_path / "log")
+        log = load("auto", tmp_path / "log.npz")
     assert log.start.tolist() == [0, 0, 0]
     assert log.aligned_truth is None
     row = summarize_run(log, slam.run(log))

@@ -104,12 +104,18 @@ def _log(name: str) -> Target:
 
 
 def _mrclam(file: str) -> Target:
-    timed = replace(a_log("turn_then_translate"), landmark=np.arange(8) % 3 + 6)
-    return Target(
-        lambda folder: save(folder / "robot", timed, "mrclam"),
-        f"robot/{file}",
-        lambda folder: run_log(folder / "robot"),
-    )
+    texts = {
+        "Barcodes.dat": "1 5\n6 72\n7 27\n",
+        "Robot1_Odometry.dat": "# time speed turn\n" + "".join(f"{k} 1 0.1\n" for k in range(5)),
+        "Robot1_Measurement.dat": "# time ...\n1 72 2 0.5\n2.3 27 1 0\n3 72 1.5 0.7\n",
+    }
+
+    def make(folder: Path) -> None:
+        (folder / "robot").mkdir()
+        for name, text in texts.items():
+            (folder / "robot" / name).write_text(text)
+
+    return Target(make, f"robot/{file}", lambda folder: run_log(folder / "robot"))
 
 
 def _mrclam_npz(path: Path) -> None:
@@ -119,16 +125,6 @@ def _mrclam_npz(path: Path) -> None:
         robot1_odometry=np.column_stack([np.arange(5.0), np.ones(5), np.zeros(5)]),
         robot1_measurement=np.array([[1.0, 72, 2.0, 0.5], [2.3, 27, 1.0, 0.0]]),
     )
-
-
-def _park(folder: Path) -> None:
-    time = np.arange(0, 2000, 25.0)
-    scans = np.empty((5, 1), object)
-    scans[:, 0] = [np.array([[8.0, 9.0], [1.5, 1.7], [0.4, 0.5]])] * 5
-    u = np.array([np.ones(80), np.zeros(80)])
-    held = {"time": time, "u": u, "TLsr": time[10::16], "zt": scans}
-    savemat(folder / "log.mat", held, do_compression=False)
-    savemat(folder / "aa3_gpsx.mat", {"timeGps": time, "La_m": time, "Lo_m": time})
 
 
 def _image(name: str, pixels) -> Target:
@@ -342,8 +338,6 @@ TARGETS = {
     "mrclam-odometry": _mrclam("Robot1_Odometry.dat"),
     "mrclam-measurement": _mrclam("Robot1_Measurement.dat"),
     "mrclam-npz": a_file("log.npz", _mrclam_npz, run_log),
-    "matlab": Target(_park, "log.mat", lambda f: load("auto", f / "log.mat")),
-    "matlab-gps": Target(_park, "aa3_gpsx.mat", lambda f: load("auto", f / "log.mat")),
     "map": a_file("map.npz", _map, slam.Slam.load),
     "png": _image("a.png", a_picture()),
     "jpeg": _image("a.jpg", a_picture()),

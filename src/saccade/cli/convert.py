@@ -28,8 +28,8 @@ class ConvertOptions(LogOptions, JsonOptions, FileArguments):
     """Options of `saccade convert`."""
 
     to: Annotated[str | None, OUTPUT] = None
-    """Format of FILE: csv, g2o, isam, toro, gtsam or mrclam; of keypoints colmap, hdf5, opencv or
-    csv; given by its suffix by default."""
+    """Format of FILE: csv, g2o, isam, toro or gtsam; of keypoints colmap, hdf5, opencv or csv;
+    given by its suffix by default."""
 
 
 def convert(options: ConvertOptions) -> Result:
@@ -37,8 +37,7 @@ def convert(options: ConvertOptions) -> Result:
 
     Of a log csv keeps everything but the ground truth; its header names the
     columns. g2o, isam, toro and gtsam are pose graphs as text, without time
-    stamps; mrclam is a folder of velocities without covariance. All but csv
-    need the identity of every landmark.
+    stamps; they need the identity of every landmark.
 
     Of keypoints colmap (database, .db) and hdf5 (in the layout of hloc, .h5)
     are one file for all images; csv (without descriptors) and opencv (YAML of

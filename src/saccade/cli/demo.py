@@ -87,7 +87,7 @@ def _match(data: Path, out: Path, builder: ReportBuilder) -> dict[str, Any]:
 def _slam(data: Path, out: Path, builder: ReportBuilder) -> dict[str, Any]:
     """Map of a recorded log."""
     with progress_bar("EKF-SLAM: a car in Victoria Park") as progress:
-        log = datasets.load("victoria-park", data / "victoria_park.txt")
+        log = datasets.load("isam", data / "victoria_park.txt")
         return map_log(log, SlamOptions(out=out), progress, builder)
 
 

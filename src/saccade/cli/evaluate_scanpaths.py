@@ -30,23 +30,16 @@ from saccade.viewing.report import Table
 from saccade.viewing.style import save_figure
 
 MEANING = (
-    "Each path is compared with those of the people who saw the image: by ScanMatch (Cristino et "
-    "al. 2010) and by the five dimensions of MultiMatch (Dewhurst et al. 2012); 1 is equal. "
+    "Each path is compared with those of the people who saw the image by ScanMatch (Cristino et "
+    "al. 2010); 1 is equal. Amplitude, fraction of horizontal saccades and duration are its own. "
     "People are compared with the other people. Beside them are people's paths on another image, "
     "walks about the center, paths drawn from the scanpath model and from its preset similar, and "
     "the winner-take-all network. The last table scores the prediction of each next fixation: NSS, "
     "AUC, and information gain over the fixations on other images, in bits; the walk and the "
     "sampled models know the fixations before it, the static density does not."
 )
-SIMILARITIES = {
+PATHS = {
     "scanmatch": "ScanMatch",
-    "shape": "shape",
-    "direction": "direct.",
-    "length": "length",
-    "position": "position",
-    "duration": "duration",
-}
-MOVEMENTS = {
     "amplitude": "amplitude [deg]",
     "horizontal": "horizontal",
     "seconds": "duration [ms]",
@@ -105,8 +98,7 @@ def scanpaths(options: ScanpathOptions) -> Result:
     title = f"{len(people)} images, {model}, {preset or config or 'default settings'}"
     similarity = f"{title}: paths of {settings.fixations} fixations"
     tables = [
-        Table(similarity, ["", *SIMILARITIES.values()], _cells(paths, SIMILARITIES, degree)),
-        Table("Movements", ["", *MOVEMENTS.values()], _cells(paths, MOVEMENTS, degree)),
+        Table(similarity, ["", *PATHS.values()], _cells(paths, PATHS, degree)),
         Table(
             "Each next fixation", ["", *FIXATIONS.values()], _cells(predicted, FIXATIONS, degree)
         ),

@@ -10,10 +10,8 @@ from saccade.cli.fixation_tables import MEANING, SCORES, FixationOptions, score_
 from saccade.cli.options import OUTPUT, FaceOptions, ReportOptions
 from saccade.cli.output import Result, comparison, print_message, tracked, write_text
 from saccade.errors import setting
-from saccade.evaluation.conditional import summary
 from saccade.evaluation.fitting import FITTED, FittingConfig, study
 from saccade.settings import as_toml
-from saccade.viewing.report import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +48,6 @@ def fit(
     scores = {name: each.estimate() for name, each in found.results.items()}
     own = found.results[FITTED]
     gains = {name: own.minus(each) for name, each in found.results.items() if each is not own}
-    steps = summary(found.steps)
     tables = [
         *comparison(
             f"{len(data.sizes)} images",
@@ -61,16 +58,6 @@ def fit(
             score_cells,
             f"{MEANING} {FOLDS}",
         ),
-        Table(
-            "each next fixation",
-            ["", *STEP_COLUMNS],
-            [
-                [name, *(_cell(*of_model[key]) for key in STEP_COLUMNS.values())]
-                for name, of_model in steps.items()
-            ],
-            STEPS,
-            "models",
-        ),
     ]
     out = options.out
     write_text(out, as_toml(found.model))
@@ -80,27 +67,13 @@ def fit(
         "model": str(out),
         "scores": {name: each.as_dict() for name, each in scores.items()},
         "differences": {name: each.as_dict() for name, each in gains.items()},
-        "next_fixation": {
-            name: {key: of_model[key].mean for key in STEP_COLUMNS.values()}
-            for name, of_model in steps.items()
-        },
     }
     return Result(row, tables, lead=LEAD)
 
 
 LEAD = "A model of fixations, fitted to photographs and people, and its cross-validated scores."
-STEP_COLUMNS = {"NSS": "nss", "IG (bit)": "information_gain"}
 FOLDS = (
     "By image: on images that the model was not fitted to; by subject: on subjects that it was not "
     "fitted to. People: each subject against the fixations of the others. With few subjects at a "
     "time, as by subject and of people, CC is lower: their density is coarser."
 )
-STEPS = (
-    "Each fixation, on images that the model was not fitted to, on the cells of the map; order: "
-    "what those before it tell beyond the image. The other subjects, without order, are the "
-    "ceiling of static models. IG is over the fixations on other images, in bits per fixation."
-)
-
-
-def _cell(mean: float, low: float, high: float) -> str:
-    return f"{mean:.3f} ±{(high - low) / 2:.3f}"

@@ -132,7 +132,7 @@ class LogOptions(Options):
     """How a landmark log is read."""
 
     kind: Annotated[str | None, INPUT, Parameter("--format", metavar="FORMAT")] = None
-    """Format of LOG: csv, g2o, isam, mrclam, victoria-park or rosbag; detected by default."""
+    """Format of LOG: csv, g2o, isam, mrclam or rosbag; detected by default."""
     robot: Annotated[int | None, INPUT] = setting(None, 1)
     """Number of the robot, from 1, in a log of several robots."""
     topic: Annotated[list[str] | None, INPUT, SEVERAL, Parameter(metavar="TOPIC")] = None

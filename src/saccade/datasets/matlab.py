@@ -34,34 +34,19 @@ _TYPES = dict(
 _TEXT = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 
-def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
-    """Variables of a .mat file.
-
-    Args:
-        path: the file.
-        names: the variables: real numbers, text, or cells and structs of them.
+def read_variables(path: Path) -> dict[str, Any]:
+    """Variables of a .mat file of version 5 or 7.3: real numbers, text, cells and structs.
 
     Returns:
         By name, an array of float64, a text, the list of the contents of a cell array (of its rows
         if it has several rows and columns), or the fields of a struct by name; a list of these for
-        a struct array.
+        a struct array. Variables of other types are left out.
 
     Source: MathWorks, "MAT-File Format", the level 5 format.
     """
-    variables = _read(path, names)
-    missing = [name for name in names if name not in variables]
-    if missing:
-        raise LogError(
-            f"{path}: expected the variables {', '.join(names)}, found no {', '.join(missing)}"
-        )
-    return variables
-
-
-def read_variables(path: Path) -> dict[str, Any]:
-    """All variables of a .mat file of version 5 or 7.3, of the types of `read_matlab`."""
     with reading(path, LogError), open_file(path) as file:
         is_hdf5 = file.read(HEADER * 5).find(b"\x89HDF") >= 0
-    return _read_hdf5(path) if is_hdf5 else _read(path, None)
+    return _read_hdf5(path) if is_hdf5 else _read_version_5(path)
 
 
 def _read_hdf5(path: Path) -> dict[str, Any]:
@@ -103,7 +88,7 @@ def read_matrix(path: Path) -> FloatArray:
     """The only matrix of more than one number in a .mat file, (h, w) float64."""
     matrices = {
         name: value
-        for name, value in _read(path, None).items()
+        for name, value in read_variables(path).items()
         if isinstance(value, np.ndarray) and value.ndim == 2 and value.size > 1
     }
     if len(matrices) != 1:
@@ -113,8 +98,7 @@ def read_matrix(path: Path) -> FloatArray:
     return matrix
 
 
-def _read(path: Path, names: tuple[str, ...] | None) -> dict[str, Any]:
-    """Variables by name; None for all."""
+def _read_version_5(path: Path) -> dict[str, Any]:
     with reading(path, LogError):
         data = read_bytes(path)
     order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])
@@ -123,7 +107,7 @@ def _read(path: Path, names: tuple[str, ...] | None) -> dict[str, Any]:
     variables: dict[str, Any] = {}
     with reading(path, LogError, "a MATLAB file, found a broken one", ValueError, zlib.error):
         for matrix in _matrices(data[HEADER:], order):
-            variables |= _variable(matrix, order, names)
+            variables |= _variable(matrix, order)
     return variables
 
 
@@ -162,10 +146,8 @@ def _decompress(payload: bytes) -> bytes:
     return content
 
 
-def _variable(
-    matrix: bytes, order: str, names: tuple[str, ...] | None, depth: int = 0
-) -> dict[str, Any]:
-    """Name and value of a matrix; empty for other names than `names` and unsupported types."""
+def _variable(matrix: bytes, order: str, depth: int = 0) -> dict[str, Any]:
+    """Name and value of a matrix; empty for unsupported types."""
     if depth > 0 and not matrix:
         return {"": np.empty((0, 0))}  # MATLAB's empty cell
     elements = _elements(matrix, order)
@@ -177,10 +159,8 @@ def _variable(
     name = parts[2][1].decode("ascii", "replace")
     if min(shape) < 0:
         raise ValueError("a variable of negative size")
-    if names is not None and name not in names:
-        return {}
     if kind == _CELL and depth < MAX_DEPTH:
-        cells = [_variable(cell, order, None, depth + 1) for _, cell in elements]
+        cells = [_variable(cell, order, depth + 1) for _, cell in elements]
         if len(cells) != prod(shape) or not all(cells):
             raise ValueError(f"{name} does not have the cells of its shape")
         held = [value for cell in cells for value in cell.values()]
@@ -210,7 +190,7 @@ def _structs(
         raise ValueError("a struct without names")
     ends = range(0, len(packed), size)
     names = [packed[at : at + size].split(b"\0")[0].decode("ascii", "replace") for at in ends]
-    values = [_variable(matrix, order, None, depth + 1) for _, matrix in elements]
+    values = [_variable(matrix, order, depth + 1) for _, matrix in elements]
     if len(values) != count * len(names):
         raise ValueError("a struct array does not have the fields of its shape")
     rows = (values[at : at + len(names)] for at in range(0, len(values), max(len(names), 1)))

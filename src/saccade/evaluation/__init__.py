@@ -8,7 +8,7 @@ _METRICS = {
         *("auc", "correlation", "divergence", "fixation_density", "information_gain", "nss"),
         *("score", "shuffled_auc", "similarity"),
     ),
-    "scanpaths": ("GazePath", "ScanMatchConfig", "multimatch", "scanmatch"),
+    "scanpaths": ("GazePath", "ScanMatchConfig", "scanmatch"),
     "trajectory": ("landmark_rmse", "position_rmse", "score_drive", "score_poses"),
     "features": ("corner_error", "mean_precision", "score_detector", "score_pair"),
 }

@@ -26,7 +26,7 @@ from saccade.evaluation.scanpaths import (
     PathRow,
     walk_model,
 )
-from saccade.types import FixationTable, Float32Array, FloatArray, IntArray
+from saccade.types import Float32Array, FloatArray, IntArray
 
 STATIC, DENSITY = "saliency map", "static density"
 MODELS = (PEOPLE, OTHERS, WALK, STATIC, DENSITY, SAMPLED, SIMILAR)
@@ -56,7 +56,7 @@ class FixationRow(NamedTuple):
 
     image: str
     model: str
-    """One of `MODELS`, or a fitted one."""
+    """One of `MODELS`."""
     subject: int
     fixation: int
     """Number of the fixation among the scored ones of the subject."""
@@ -76,14 +76,21 @@ def score_fixations(
     """
     shape, seen = data.sizes[name], data.on(name)
     center = np.array([[(shape[1] - 1) / 2, (shape[0] - 1) / 2]])
-    past = [np.vstack([center, seen.xy[first:i]]) for i, first in enumerate(first_fixations(seen))]
+    first = np.searchsorted(seen.scanpath, seen.scanpath)  # the table is sorted by scanpath
+    past = [np.vstack([center, seen.xy[start:i]]) for i, start in enumerate(first.tolist())]
+    number = np.arange(len(seen)) - first
+    cells = np.ravel_multi_index(tuple(cells_of(seen.xy, shape, saliency.shape).T), saliency.shape)
+
+    def density_of(xy: FloatArray) -> FloatArray:
+        return _cell_density(xy, shape, saliency.shape, data.sigma_of(name))
 
     def sampled(values: Float32Array, config: ScanpathModelConfig) -> Iterator[FloatArray]:
         maps = SaliencyMaps(values, shape)
         return (next_fixation_density(maps, before, config) for before in past)
 
     still = replace(model, amplitude_exponent=0.0, horizontal=0.0, persistence=0.0, inhibition=0.0)
-    baseline, rest = people_densities(name, data, saliency.shape)
+    baseline = density_of(data.elsewhere(name))
+    rest = {each: density_of(seen.xy[seen.subject != each]) for each in {*seen.subject.tolist()}}
     predictions: dict[str, Iterable[FloatArray]] = {
         PEOPLE: (rest[subject] for subject in seen.subject.tolist()),
         OTHERS: repeat(baseline),
@@ -93,29 +100,6 @@ def score_fixations(
         SAMPLED: sampled(saliency, model),
         SIMILAR: sampled(saliency, ScanpathModelConfig.similar()),
     }
-    for row in score_predictions(name, seen, shape, predictions, baseline):
-        no_density = replace(row.scores, information_gain=np.nan)
-        yield row._replace(scores=no_density) if row.model == STATIC else row
-
-
-def score_predictions(
-    name: str,
-    seen: FixationTable,
-    shape: tuple[int, int],
-    predictions: Mapping[str, Iterable[FloatArray]],
-    baseline: FloatArray,
-) -> Iterator[FixationRow]:
-    """Score predictions of each fixation on an image.
-
-    Args:
-        name: name of the image.
-        seen: its n fixations, sorted by subject and index.
-        shape: (H, W) of the image.
-        predictions: n arrays (h, w) by the name of the model.
-        baseline: (h, w) density over which information is gained.
-    """
-    cells = np.ravel_multi_index(tuple(cells_of(seen.xy, shape, baseline.shape).T), baseline.shape)
-    number = np.arange(len(seen)) - first_fixations(seen)
     for kind, densities in predictions.items():
         rows = zip(seen.subject.tolist(), number.tolist(), cells.tolist(), densities, strict=False)
         for subject, k, cell, density in rows:
@@ -125,31 +109,9 @@ def score_predictions(
             scores = FixationPrediction(
                 nss=float((values[cell] - values.mean()) / (values.std() or 1.0)),
                 auc=float(ranks(values[cell : cell + 1], values)[0]),
-                information_gain=gain,
+                information_gain=np.nan if kind == STATIC else gain,
             )
             yield FixationRow(name, kind, subject, k, scores)
-
-
-def first_fixations(seen: FixationTable) -> IntArray:
-    """(n,) row of the first fixation of each row's scanpath, of a table sorted by scanpath."""
-    return np.asarray(np.searchsorted(seen.scanpath, seen.scanpath))
-
-
-def people_densities(
-    name: str, data: FixationData, cells: tuple[int, ...]
-) -> tuple[FloatArray, dict[int, FloatArray]]:
-    """Density (h, w) of the fixations on other images; by subject that of the other subjects."""
-    shape, seen = data.sizes[name], data.on(name)
-    others = {
-        subject: xy
-        for subject in np.unique(seen.subject).tolist()
-        if len(xy := seen.xy[seen.subject != subject])
-    }
-    densities = (
-        _cell_density(xy, shape, cells, data.sigma_of(name))
-        for xy in (data.elsewhere(name), *others.values())
-    )
-    return next(densities), dict(zip(others, densities, strict=True))
 
 
 def _cell_density(

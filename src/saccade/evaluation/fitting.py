@@ -10,8 +10,8 @@ scored by weights that were fitted to the other folds. Weights are one array: of
 the e features that count more for the first fixations, and of the functions of `saccade_tables`.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -19,7 +19,6 @@ import numpy as np
 from scipy.optimize import minimize
 
 from saccade.attention._fitting_kernels import add_likelihood
-from saccade.attention._scanpath_model_kernels import fill_logits
 from saccade.attention.combined import AttentionConfig, FaceDetector, attention_saliency
 from saccade.attention.fitted import (
     EARLY,
@@ -30,13 +29,7 @@ from saccade.attention.fitted import (
     saccade_tables,
 )
 from saccade.errors import LogError, Settings, setting
-from saccade.evaluation.conditional import (
-    FixationPrediction,
-    FixationRow,
-    cells_of,
-    people_densities,
-    score_predictions,
-)
+from saccade.evaluation.conditional import cells_of
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import (
     FixationData,
@@ -211,11 +204,11 @@ def folds_by_subject(data: FittingData, config: FittingConfig) -> list[IntArray]
 
 
 def cross_validate(
-    data: FittingData, folds: Sequence[IntArray], config: FittingConfig, *, ordered: bool = True
+    data: FittingData, folds: Sequence[IntArray], config: FittingConfig
 ) -> Iterator[FloatArray]:
-    """The weights of each fold, fitted to the others."""
+    """The weights of the static density for each fold, fitted to the others."""
     for fold in range(1 + max(each.max() for each in folds)):
-        yield fit(data, config, [each != fold for each in folds], ordered=ordered)
+        yield fit(data, config, [each != fold for each in folds], ordered=False)
 
 
 def score_held_out(
@@ -238,53 +231,6 @@ def saliency_of(data: FittingData, image: int, weights: FloatArray) -> Float32Ar
     """(H, W) saliency of an image, as `FittedModel.maps` and `resize` have it."""
     logits = np.tensordot(weights[: len(data.names)], data.values[image], 1)
     return resize(np.exp(logits - logits.max()).astype(np.float32), data.shapes[image][2:])
-
-
-STATIC, ORDERED, ORDER, REST = "static", "with the order", "order", "the other subjects"
-
-
-def score_steps(
-    data: FittingData, folds: Sequence[IntArray], weights: Mapping[str, Sequence[FloatArray]]
-) -> Iterator[FixationRow]:
-    """How each next fixation is predicted, also by the other subjects of the image, the ceiling.
-
-    Args:
-        data: features and fixations.
-        folds: of the images, see `folds_by_image`.
-        weights: `STATIC` with 0 for the order, and `ORDERED`: those of each fold.
-
-    Yields:
-        The fixations scored by each, and what the order adds, the difference of their scores.
-    """
-    for i, (name, size) in enumerate(data.people.sizes.items()):
-        seen = data.people.on(name)
-        baseline, rest = people_densities(name, data.people, data.shapes[i][:2])
-        predictions: dict[str, Iterable[FloatArray]] = {
-            model: step_densities(data, i, of_folds[folds[i][0]])
-            for model, of_folds in weights.items()
-        }
-        if len(rest) > 1:
-            predictions[REST] = (rest[subject] for subject in seen.subject.tolist())
-        rows = [*score_predictions(name, seen, size, predictions, baseline)]
-        yield from rows
-        static, ordered = ([row for row in rows if row.model == of] for of in (STATIC, ORDERED))
-        for before, row in zip(static, ordered, strict=True):
-            gain = np.subtract(astuple(row.scores), astuple(before.scores))
-            yield row._replace(model=ORDER, scores=FixationPrediction(*gain.tolist()))
-
-
-def step_densities(data: FittingData, image: int, weights: FloatArray) -> Iterator[FloatArray]:
-    """(h, w) the distribution of each fixation of an image, given those before."""
-    k, e = len(data.names), len(data.early)
-    values, steps, size = data.values[image], data.steps[image], data.shapes[image]
-    of_all = np.tensordot(weights[:k], values, 1)
-    of_early = np.tensordot(weights[k : k + e], values[data.early], 1)
-    fields, tables = np.stack([of_all, of_early]), data.tables[size] @ weights[k + e :]
-    for anchors, factors in zip(steps.anchors, steps.factors, strict=True):
-        density = np.empty(size[:2])
-        fill_logits(fields, tables, anchors, factors, density)
-        density = np.exp(density - density.max())
-        yield density / density.sum()
 
 
 def as_model(
@@ -312,8 +258,6 @@ class FitStudy:
     results: dict[str, PredictionScores]
     """By name: the model on images that it was not fitted to, then on subjects that it was not
     fitted to, and what it is compared with."""
-    steps: list[FixationRow]
-    """Each next fixation, see `score_steps`."""
 
 
 def study(
@@ -349,16 +293,8 @@ def study(
     )
     data = FittingData(people, names, [*progress(values, "features", count)], attention)
     by_image, by_viewer = folds_by_image(data, config), folds_by_subject(data, config)
-    found = {
-        model: [
-            *progress(
-                cross_validate(data, by_image, config, ordered=model == ORDERED),
-                f"fitting {model}",
-                min(config.folds, count),
-            )
-        ]
-        for model in (STATIC, ORDERED)
-    }
+    folds = min(config.folds, count)
+    found = [*progress(cross_validate(data, by_image, config), "fitting", folds)]
     fits = (fit(data, config, ordered=ordered) for ordered in (False, True))
     static, ordered = progress(fits, "fitting to all images", 2)
 
@@ -369,9 +305,9 @@ def study(
     def scores_of(model: Model) -> Iterator[tuple[str, FixationScores]]:
         return ((image, of["model"]) for image, of in score_models({"model": model}, people))
 
-    scored = {FITTED: score_held_out(data, by_image, found[STATIC])}
+    scored = {FITTED: score_held_out(data, by_image, found)}
     if subjects > 1:
-        of_viewers = [*cross_validate(data, by_viewer, config, ordered=False)]
+        of_viewers = [*cross_validate(data, by_viewer, config)]
         scored[BY_SUBJECT] = score_held_out(data, by_viewer, of_viewers)
     scored |= {
         UNFITTED: scores_of(unfitted),
@@ -388,5 +324,4 @@ def study(
             for name, rows in results.items()
             if rows
         },
-        [*score_steps(data, by_image, found)],
     )

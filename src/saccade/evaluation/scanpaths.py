@@ -15,10 +15,7 @@ from saccade.attention.scanpath_model import (
 )
 from saccade.errors import ImageError, LogError, Settings, setting
 from saccade.evaluation.prediction import FixationData
-from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Scanpath
-
-MULTIMATCH = ("shape", "direction", "length", "position", "duration")
-"""The dimensions of MultiMatch, in the order of its results."""
+from saccade.types import Float32Array, FloatArray, IntArray, Scanpath
 
 
 @dataclass(frozen=True)
@@ -92,54 +89,6 @@ def scanmatch(
     return np.asarray(best / (config.threshold * np.maximum(n, m)))
 
 
-def multimatch(
-    first: Sequence[GazePath], second: Sequence[GazePath], image_shape: tuple[int, int]
-) -> FloatArray:
-    """MultiMatch similarity of pairs of scanpaths, without simplification.
-
-    Saccades are aligned by the cheapest path through the matrix of their vector differences; of
-    the aligned pairs the median difference in five properties counts.
-
-    Args:
-        first: p paths; those of fewer than three fixations have no similarity.
-        second: p paths to compare them with, in the same order.
-        image_shape: (H, W); its diagonal is the unit of length.
-
-    Returns:
-        (p, 5) similarities from 0 to 1, as `MULTIMATCH` names them; NaN where a path is too
-        short or has no durations.
-
-    Source: Jarodzka, Holmqvist & Nystrom (ETRA 2010); Dewhurst et al. (Behavior Research Methods
-    2012).
-    """
-    result = np.full((len(first), len(MULTIMATCH)), np.nan)
-    long = [k for k in range(len(first)) if min(len(first[k].xy), len(second[k].xy)) >= 3]
-    if not long:
-        return result
-    (start_a, vector_a, time_a, n), (start_b, vector_b, time_b, m) = (
-        _saccades([paths[k] for k in long]) for paths in (first, second)
-    )
-    difference = vector_a[:, :, None] - vector_b[:, None]
-    cost = np.hypot(difference[..., 0], difference[..., 1])
-    i, j, aligned = _alignment(cost, n, m)
-    pair = np.arange(len(long))[:, None]
-    a, b = vector_a[pair, i], vector_b[pair, j]
-    turn = np.abs(np.arctan2(a[..., 1], a[..., 0]) - np.arctan2(b[..., 1], b[..., 0]))
-    diagonal = float(np.hypot(*image_shape))
-    durations = time_a[pair, i], time_b[pair, j]
-    differences = (
-        np.linalg.norm(a - b, axis=2) / (2 * diagonal),
-        np.minimum(turn, 2 * np.pi - turn) / np.pi,
-        np.abs(np.linalg.norm(a, axis=2) - np.linalg.norm(b, axis=2)) / diagonal,
-        np.linalg.norm(start_a[pair, i] - start_b[pair, j], axis=2) / diagonal,
-        np.abs(durations[0] - durations[1]) / np.maximum(np.maximum(*durations), 1e-12),
-    )
-    for column, values in enumerate(differences):
-        medians = [np.median(each[inside]) for each, inside in zip(values, aligned, strict=True)]
-        result[long, column] = 1 - np.array(medians)
-    return result
-
-
 def _cells(path: GazePath, image_shape: tuple[int, int], config: ScanMatchConfig) -> FloatArray:
     """(k, 2) column and row of the grid for each fixation, repeated for each bin of time."""
     if len(path.xy) == 0:
@@ -152,42 +101,6 @@ def _cells(path: GazePath, image_shape: tuple[int, int], config: ScanMatchConfig
         raise ImageError("scanpath: expected the duration of each fixation for bins of time")
     repeats = np.maximum(1, np.round(path.duration / config.time_bin)).astype(np.int64)
     return np.asarray(np.repeat(cells, repeats, axis=0))
-
-
-def _saccades(paths: Sequence[GazePath]) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-    """Starts (p, n, 2) and vectors (p, n, 2) of saccades, durations before them, and counts."""
-    start, count = _padded([path.xy[:-1] for path in paths])
-    vector, _ = _padded([np.diff(path.xy, axis=0) for path in paths])
-    duration, _ = _padded([path.duration[:-1, None] for path in paths])
-    return start, vector, duration[..., 0], count
-
-
-def _alignment(cost: FloatArray, n: IntArray, m: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """The cheapest paths from (0, 0) to (n - 1, m - 1) in the first n, m of matrices (p, N, M).
-
-    Returns:
-        (p, N + M) rows and columns from the end to the start, and which of them count.
-    """
-    p, rows, columns = cost.shape
-    total = np.full((p, rows + 1, columns + 1), np.inf)
-    total[:, 0, 0] = 0
-    for i in range(rows):
-        for j in range(columns):
-            before = np.minimum(total[:, i, j + 1], total[:, i + 1, j])
-            total[:, i + 1, j + 1] = cost[:, i, j] + np.minimum(before, total[:, i, j])
-    pair = np.arange(p)
-    at_i, at_j = n - 1, m - 1
-    path_i, path_j = np.zeros((2, p, rows + columns), np.int64)
-    aligned = np.zeros((p, rows + columns), np.bool_)
-    arrived = np.zeros(p, np.bool_)
-    for step in range(rows + columns):
-        path_i[:, step], path_j[:, step], aligned[:, step] = at_i, at_j, ~arrived
-        arrived |= (at_i == 0) & (at_j == 0)
-        origins = total[pair, at_i, at_j], total[pair, at_i, at_j + 1], total[pair, at_i + 1, at_j]
-        move = np.stack(origins).argmin(axis=0)
-        at_i = np.where(arrived, 0, at_i - (move != 2))
-        at_j = np.where(arrived, 0, at_j - (move != 1))
-    return path_i, path_j, aligned
 
 
 def _padded(paths: Sequence[FloatArray]) -> tuple[FloatArray, IntArray]:
@@ -214,16 +127,6 @@ class PathScores:
 
     scanmatch: float
     """ScanMatch similarity, at most 1."""
-    shape: float
-    """MultiMatch similarity of the saccades as vectors, 0 to 1; NaN under three fixations."""
-    direction: float
-    """MultiMatch of the directions of the saccades."""
-    length: float
-    """MultiMatch of the amplitudes of the saccades."""
-    position: float
-    """MultiMatch of the positions of the fixations."""
-    duration: float
-    """MultiMatch of the durations of the fixations; NaN where these are unknown."""
     amplitude: float
     """Mean amplitude of the path's own saccades, in pixels; NaN without any."""
     horizontal: float
@@ -368,18 +271,13 @@ def _cut(paths: Mapping[tuple[int, int], GazePath], count: int) -> dict[tuple[in
 def path_scores(
     path: GazePath, people: Sequence[GazePath], shape: tuple[int, int], config: ScanMatchConfig
 ) -> PathScores:
-    """The scores of a path; the means of MultiMatch are over the pairs that have it."""
-    copies = [path] * len(people)
-    dimensions = multimatch(copies, people, shape)
+    """The scores of a path; means of what is known, NaN where nothing is."""
     step = np.diff(path.xy, axis=0)
-    similarity = scanmatch(copies, people, shape, config)
-    horizontal = np.abs(step[:, 0]) > np.abs(step[:, 1])
-    movements = np.hypot(*step.T), horizontal.astype(np.float64), path.duration
-    known = [similarity, *dimensions.T, *movements, np.array([float(len(path.xy))])]
-    return PathScores(*(_mean(values) for values in known))
-
-
-def _mean(values: FloatArray) -> float:
-    """Mean of what is known; NaN where nothing is."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else float("nan")
+    known = path.duration[np.isfinite(path.duration)]
+    return PathScores(
+        scanmatch=float(scanmatch([path] * len(people), people, shape, config).mean()),
+        amplitude=float(np.hypot(*step.T).mean()) if len(step) else np.nan,
+        horizontal=float(np.mean(np.abs(step[:, 0]) > np.abs(step[:, 1]))) if len(step) else np.nan,
+        seconds=float(known.mean()) if len(known) else np.nan,
+        fixations=float(len(path.xy)),
+    )

@@ -8,23 +8,22 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
+from saccade.datasets.logs.mrclam import read_mrclam
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
-from saccade.datasets.logs.published import read_mrclam, read_victoria_park, write_mrclam
 from saccade.datasets.ros.bags import BAG_SUFFIXES, bag_files
 from saccade.datasets.ros.logs import read_rosbag_log
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog, invalid_range_bearing
 
-Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "rosbag"]
+Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "rosbag"]
 """Formats to read; "auto" detects the format from the path and the content."""
-Format: TypeAlias = Literal["auto", "csv", "g2o", "isam", "toro", "gtsam", "mrclam"]
+Format: TypeAlias = Literal["auto", "csv", "g2o", "isam", "toro", "gtsam"]
 """Formats to write; "auto" chooses by the suffix of the file."""
 _READERS: dict[str, Callable[..., LandmarkLog]] = {
     "csv": read_log_csv,
     "g2o": read_pose_graph,
     "isam": read_pose_graph,
     "mrclam": read_mrclam,
-    "victoria-park": read_victoria_park,
     "rosbag": read_rosbag_log,
 }
 _WRITERS: dict[str, Callable[[Path, LandmarkLog], None]] = {
@@ -33,18 +32,16 @@ _WRITERS: dict[str, Callable[[Path, LandmarkLog], None]] = {
     "isam": partial(write_pose_graph, dialect="isam"),
     "toro": partial(write_pose_graph, dialect="toro"),
     "gtsam": partial(write_pose_graph, dialect="gtsam"),
-    "mrclam": write_mrclam,
 }
 _FOLDERS: dict[str, Kind] = {"Barcodes.dat": "mrclam", LOG_FILE: "csv", "metadata.yaml": "rosbag"}
 """Formats by a file in a folder."""
 _FILES: dict[str, Kind] = {
     ".csv": "csv",
     **dict.fromkeys(BAG_SUFFIXES, "rosbag"),
-    ".mat": "victoria-park",
     ".npz": "mrclam",
 }
 """Formats by the suffix of a file."""
-_SUFFIXES = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro", "": "mrclam"}
+_SUFFIXES = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro"}
 """Formats to write by the suffix of the file."""
 
 
@@ -62,13 +59,11 @@ def load(
 
     Args:
         kind: "csv" (a file, or a folder with log.csv), "g2o" or "isam" (either reads g2o, iSAM,
-            TORO and GTSAM text), "mrclam" (folder or .npz), "victoria-park" (raw .mat, or GTSAM's
-            .txt), "rosbag" (ROS 1 and 2), or "auto".
+            TORO and GTSAM text), "mrclam" (folder or .npz), "rosbag" (ROS 1 and 2), or "auto".
         path: the file or folder.
         robot: mrclam: number of the robot, 1 to 5; default 1.
         matrix_form: g2o and isam: form of the matrices; detected by default.
-        odometry_noise: mrclam and the raw Victoria Park log: random odometry errors; rosbag: of
-            odometry without covariance.
+        odometry_noise: mrclam: random odometry errors; rosbag: of odometry without covariance.
         sensor_sigma: of the same: standard deviations of range (m) and bearing (rad); in a bag
             that of the range is a fraction of it.
         topic: rosbag: topics of landmarks; by default one is chosen by its type.
@@ -85,8 +80,6 @@ def load(
     if kind == "auto":
         kind = detect_format(path)
     reader = _READERS[kind]
-    if kind == "victoria-park" and path.suffix.lower() != ".mat":
-        reader = read_pose_graph
     given: dict[str, Any] = {
         "robot": robot,
         "matrix_form": matrix_form,
@@ -111,11 +104,10 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
     """Write a landmark log.
 
     Args:
-        path: the file, or the folder of "mrclam".
+        path: the file.
         log: the log.
         kind: "csv", which keeps everything but the ground truth; "g2o", "isam", "toro" or
-            "gtsam", text without a clock; "mrclam", a folder of speeds without noise; or "auto":
-            .csv, .g2o, .isam, .graph (TORO), a name without suffix (a folder of mrclam).
+            "gtsam", text without a clock; or "auto": .csv, .g2o, .isam, .graph (TORO).
 
     Raises:
         LogError: the format cannot represent the log.
@@ -126,7 +118,7 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
     path, name = Path(path), str(kind)
     if kind == "auto":
         suffix = path.suffix.lower()
-        known = f"a file that ends in {', '.join(filter(None, _SUFFIXES))}"
+        known = f"a file that ends in {', '.join(_SUFFIXES)}"
         require(suffix in _SUFFIXES, "path", known, str(path))
         name = _SUFFIXES[suffix]
     _WRITERS[name](path, log)
