@@ -10,8 +10,8 @@ import numpy as np
 
 from measuring import arguments
 from saccade import datasets, slam
-from saccade.datasets.logs.conversions import to_range_bearing
 from saccade.datasets.tables import from_upper_triangle
+from saccade.plane import to_range_bearing
 from saccade.types import LandmarkLog
 
 

@@ -1,8 +1,15 @@
 """Poses and points on the plane: composed, relative to one another, with their covariances."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
+from saccade.errors import LogError
 from saccade.types import FloatArray, LandmarkLog
+
+NEAREST = 1e-9
+"""Meters from the robot within which a bearing is undefined."""
 
 
 def rotations(angle: FloatArray) -> FloatArray:
@@ -52,6 +59,75 @@ def point_covariance(observation: FloatArray, covariance: FloatArray) -> FloatAr
     A = rotations(observation[:, 1])
     A[:, :, 1] *= observation[:, :1]
     return np.asarray(A @ covariance @ A.transpose(0, 2, 1))
+
+
+def to_range_bearing(
+    xy: FloatArray, covariance: FloatArray, name_of: Callable[[int], str]
+) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing (k, 2) of points in the robot's frame, and their covariance (k, 2, 2).
+
+    Args:
+        xy: (k, 2) forward and left in meters.
+        covariance: (k, 2, 2) in square meters; propagated to first order.
+        name_of: name of a point in the file, for the message.
+
+    Raises:
+        LogError: a point at the robot.
+    """
+    x, y = xy[:, 0], xy[:, 1]
+    r = np.hypot(x, y)
+    for k in np.flatnonzero(r < NEAREST)[:1].tolist():
+        raise LogError(f"{name_of(k)}: expected a landmark away from the robot, found range 0")
+    J = np.empty((len(xy), 2, 2))
+    J[:, 0, 0], J[:, 0, 1] = x / r, y / r
+    J[:, 1, 0], J[:, 1, 1] = -y / r / r, x / r / r
+    R = J @ covariance @ J.transpose(0, 2, 1)
+    return np.stack([r, np.arctan2(y, x)], 1), (R + R.transpose(0, 2, 1)) / 2
+
+
+def to_robot_frame(
+    z: FloatArray, R: FloatArray, sensor: tuple[float, float, float], name: str = "observation"
+) -> tuple[FloatArray, FloatArray]:
+    """Observations of a sensor as the robot would make them from its own origin.
+
+    Args:
+        z: (k, 2) range in meters and bearing in radians in the sensor's frame. One of the two may
+            be NaN if the sensor is at the robot's origin.
+        R: (k, 2, 2) their covariances; converted to first order.
+        sensor: pose of the sensor in the robot's frame: meters ahead and to the left, radians.
+        name: of the observations, for the message.
+
+    Returns:
+        Range and bearing (k, 2), and their covariances (k, 2, 2).
+
+    Raises:
+        LogError: a landmark at the robot, or a NaN of a sensor away from the robot's origin.
+    """
+    ahead, left, yaw = sensor
+    turned = z + np.array([0.0, yaw])  # (k, 2)
+    if ahead == left == 0:
+        turned[:, 1] -= 2 * np.pi * np.rint(turned[:, 1] / (2 * np.pi))
+        return turned, R
+    for k in np.flatnonzero(np.isnan(z).any(1))[:1].tolist():
+        raise LogError(
+            f"{name} {k}: expected range and bearing of a sensor away from the robot's origin, "
+            "found one of them"
+        )
+    xy = to_points(turned) + np.array([ahead, left])
+    return to_range_bearing(xy, point_covariance(turned, R), lambda k: f"{name} {k}")
+
+
+def in_robot_frame(log: LandmarkLog) -> LandmarkLog:
+    """The log with observations in the frame of the robot, as `to_robot_frame` converts them.
+
+    The log itself if the sensor is at the robot's origin and looks ahead.
+    """
+    if not any(log.sensor):
+        return log
+    z, R = to_robot_frame(
+        log.observation, log.observation_covariance, log.sensor, f"{log.name}, observation"
+    )
+    return replace(log, observation=z, observation_covariance=R, sensor=(0.0, 0.0, 0.0))
 
 
 def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:

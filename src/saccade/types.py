@@ -21,6 +21,7 @@ def check_arrays(
     shapes: Mapping[str, tuple[int, ...]],
     ascending: Sequence[str],
     error: type[LogError | DriveError],
+    partial: Sequence[str] = (),
 ) -> None:
     """Raise `error` unless the arrays of a named record have these shapes and are finite.
 
@@ -29,6 +30,7 @@ def check_arrays(
         shapes: by name of the array.
         ascending: names of arrays that must not decrease.
         error: to raise.
+        partial: names of arrays in whose rows some, but not all, numbers may be NaN.
     """
     for name, shape in shapes.items():
         array = getattr(record, name)
@@ -37,7 +39,10 @@ def check_arrays(
             raise error(f"{record.name}: {name}: expected an array of numbers, found {found}")
         if array.shape != shape:
             raise error(f"{record.name}: {name}: expected shape {shape}, found {array.shape}")
-        if not np.isfinite(array).all():
+        finite = np.isfinite(array)
+        if name in partial:
+            finite = (finite | np.isnan(array)) & finite.any(1, keepdims=True)
+        if not finite.all():
             raise error(f"{record.name}: {name}: expected finite numbers, found NaN")
     for name in ascending:
         decreases = np.diff(getattr(record, name)) < 0
@@ -402,14 +407,18 @@ class LandmarkLog:
     observation_pose: IntArray
     """(k,) number of the pose of each observation, ascending."""
     observation: FloatArray
-    """(k, 2) range in meters, bearing in radians."""
+    """(k, 2) range in meters, bearing in radians, in the frame of the sensor; NaN for the one that
+    was not measured, if only one was."""
     observation_covariance: FloatArray
-    """(k, 2, 2)."""
+    """(k, 2, 2); entries of a component that is NaN are ignored."""
     landmark: IntArray
     """(k,) name of the landmark as a number, -1 if unknown; text is numbered (see `names`)."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviations of systematic odometry errors: the relative error of the distance, the
     turn in radians per meter of distance, and the distance in meters per radian of turn."""
+    sensor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Pose of the sensor in the frame of the robot: meters ahead and to the left, radians to the
+    left (see `plane.in_robot_frame`)."""
     truth: Trajectory | None = None
     """Ground truth, if known; its times may differ from the times of the log."""
     landmark_truth: LandmarkMap | None = None
@@ -437,7 +446,13 @@ class LandmarkLog:
             "observation_covariance": (k, 2, 2),
             "landmark": (k,),
         }
-        check_arrays(self, shapes, ("time", "observation_pose"), LogError)
+        ascending, partial = ("time", "observation_pose"), ("observation",)
+        check_arrays(self, shapes, ascending, LogError, partial)
+        if np.shape(self.sensor) != (3,) or not np.isfinite(self.sensor).all():
+            raise LogError(
+                f"{self.name}: sensor: expected x, y and yaw as finite numbers, "
+                f"found {self.sensor!r}"
+            )
         if k > 0 and not 0 <= self.observation_pose[0] <= self.observation_pose[-1] <= t:
             raise LogError(f"{self.name}: observation_pose: expected numbers from 0 to {t}")
 

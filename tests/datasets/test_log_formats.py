@@ -66,6 +66,62 @@ def test_csv_keeps_every_digit(tmp_path_factory, log, named):
         np.testing.assert_array_equal(getattr(again, name), value, err_msg=name)
 
 
+def test_csv_has_the_true_trajectory(tmp_path):
+    """At the poses, and as the start where the file gives no other; by hand from other programs."""
+    path = tmp_path / "log.csv"
+    time = np.arange(0, 20, 0.5)
+    truth = Trajectory(time, np.stack([time, 0 * time, 0.5 + 0 * time], 1))  # 1 m/s
+    log = dataclasses.replace(a_log(), truth=truth)
+    save(path, log)
+    again = load("csv", path)
+    np.testing.assert_allclose(again.truth.time, log.time)
+    np.testing.assert_allclose(again.truth.pose[:, 0], log.time)
+    np.testing.assert_allclose(again.truth.pose[:, 2], 0.5)
+    np.testing.assert_array_equal(again.start, log.start)
+    text = "time,forward,left,turn,range,bearing,true_x,true_y\n0,,,,,,3,4\n1,1,0,0,,,,\n"
+    path.write_text(text + "2,1,0,0,,,5,4\n")
+    with pytest.warns(LogWarning):
+        again = load("csv", path)
+    np.testing.assert_array_equal(again.truth.pose, [[3, 4, np.nan], [5, 4, np.nan]])
+    np.testing.assert_array_equal(again.start, np.zeros(3))  # no heading
+    path.write_text(
+        text.replace("true_y", "true_y,true_heading").replace("3,4", "3,4,0.5")[:-1] + ",\n"
+    )
+    with pytest.warns(LogWarning):
+        np.testing.assert_array_equal(load("csv", path).start, [3, 4, 0.5])
+
+
+def test_half_an_observation_is_an_empty_cell_or_nan(tmp_path):
+    path = tmp_path / "log.csv"
+    log = a_log()
+    log.observation[3, 0] = log.observation[5, 1] = np.nan
+    save(path, log)
+    assert ",nan" not in path.read_text()
+    again = load("csv", path)
+    np.testing.assert_array_equal(again.observation, log.observation)
+    assert again.observation_covariance[3, 1, 1] == log.observation_covariance[3, 1, 1]
+    assert np.isfinite(again.observation_covariance).all()
+    header = "time,forward,left,turn,range,bearing,cov_range_range,cov_bearing_bearing\n0,,,,,,,\n"
+    path.write_text(header + "0,,,,2.5,nan,0.01,nan\n0,,,,NaN,0.5,,0.01\n1,1,0,0,,,,\n")
+    with pytest.warns(LogWarning, match="no covariance of forward"):
+        again = load("csv", path)
+    np.testing.assert_array_equal(again.observation, [[2.5, np.nan], [np.nan, 0.5]])
+    path.write_text(header + "0,,,,nan,nan,0.01,\n")
+    with pytest.raises(LogError, match="line 3: expected forward, left, turn or range, bearing"):
+        load("csv", path)
+    path.write_text(header + "0,,,,1.0,nan,,0.01\n")
+    with pytest.warns(LogWarning), pytest.raises(LogError, match="a finite number for cov_range_r"):
+        load("csv", path)
+    with pytest.raises(
+        LogError, match="observation 3: expected range and bearing, which g2o needs"
+    ):
+        save(tmp_path / "log.g2o", log)
+    both = log.observation.copy()
+    both[3] = np.nan
+    with pytest.raises(LogError, match="observation: expected finite numbers, found NaN"):
+        dataclasses.replace(log, observation=both)
+
+
 def _as_relative_poses(log):
     """The same log with relative poses, by the models' own Jacobians."""
     if log.motion == "compose":

@@ -1,6 +1,6 @@
 """The gazer against an update of the filter, and what each of its terms is for."""
 
-from math import pi, radians
+from math import radians
 
 import numpy as np
 import pytest
@@ -34,9 +34,20 @@ def gazer(slam, policy="active", **options):
 
 def look_around(made):
     """Nothing around is new any more."""
-    for pan in np.linspace(-pi, pi, 20):
+    for pan in np.linspace(*made.limits, 20):
         made.record(pan=pan)
     made.pan = 0.0
+
+
+@pytest.mark.parametrize("pan", [1000.0, -2.5, np.nan])
+def test_a_pan_outside_of_the_limits_is_refused(pan):
+    made = gazer(robot())
+    with pytest.raises(ConfigError, match=r"pan: expected radians from -2.4 to 2.4, found"):
+        made.record(pan=pan)
+    with pytest.raises(TypeError):
+        made.record(0.0, [7])
+    made.record(pan=2.41)  # an error of the measurement
+    assert made.next().pan <= 2.4
 
 
 @pytest.mark.parametrize("pan_sigma", [0.0, 0.02])

@@ -53,6 +53,18 @@ def test_two_sessions_equal_one(rng, tmp_path, kind, named, pose):
     assert_two_sessions_equal_one(log, config, pose, tmp_path / "new" / "folders" / "map.npz")
 
 
+def test_a_loaded_filter_refuses_a_step_before_its_last(tmp_path):
+    first = slam.Slam()
+    first.step(20.0, z=np.array([[3.0, 0.5]]), R=np.eye(2) / 100, labels=[4])
+    first.save(tmp_path / "map.npz")
+    again = slam.Slam.load(tmp_path / "map.npz")
+    with pytest.raises(LogError, match="time: expected 20 or later, found 19"):
+        again.step(19.0)
+    again.step(20.0)
+    elsewhere = slam.Slam.load(tmp_path / "map.npz", start=(0.0, 0.0, 0.0))  # by another clock
+    elsewhere.step(0.0)
+
+
 WORLD = WorldConfig(
     course_length=60, landmarks=40, landmark_spread=6, steps=600, range_limits=(0.5, 8.0)
 )

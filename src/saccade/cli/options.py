@@ -6,6 +6,7 @@ with another. Fields that are not `kw_only` are positional; their class is the l
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
@@ -138,13 +139,27 @@ class LogOptions(Options):
     topic: Annotated[list[str] | None, INPUT, SEVERAL, Parameter(metavar="TOPIC")] = None
     """Topic of landmarks in a ROS bag, of several cameras with commas; chosen by its type by
     default."""
+    sensor: Annotated[str | None, INPUT, Parameter(metavar="X,Y,YAW")] = None
+    """Pose of the sensor in the robot's frame: meters ahead and to the left, radians."""
 
     def load(self, log: Path) -> "LandmarkLog":
         """The log."""
         from saccade import datasets
 
         kind: Any = self.kind or "auto"
-        return datasets.load(kind, log, robot=self.robot, topic=self.topic)
+        sensor = None if self.sensor is None else parse_pose("--sensor", self.sensor, "X,Y,YAW")
+        return datasets.load(kind, log, robot=self.robot, topic=self.topic, sensor=sensor)
+
+
+def parse_pose(option: str, text: str, expected: str) -> tuple[float, float, float]:
+    """The three finite numbers of an option; `expected` is its form, for the message."""
+    try:
+        x, y, angle = (float(number) for number in text.split(","))
+    except ValueError:
+        x = y = angle = inf
+    if not all(map(isfinite, (x, y, angle))):
+        raise ConfigError(f"{option}: expected {expected}, found {text!r}")
+    return x, y, angle
 
 
 MAX_CAMERA_FRAMES = 36_000

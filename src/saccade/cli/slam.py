@@ -27,6 +27,7 @@ from saccade.cli.options import (
     Options,
     OutputFolder,
     SettingsOptions,
+    parse_pose,
 )
 from saccade.cli.output import (
     Progress,
@@ -43,6 +44,7 @@ from saccade.evaluation.runs import lost_times, summarize_run
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.landmark_names import name_texts
+from saccade.plane import in_robot_frame
 from saccade.slam import (
     EkfConfig,
     Recorder,
@@ -155,7 +157,7 @@ def slam(options: SlamOptions = SlamOptions()) -> Result:
         return _merge_maps(options, options.merge)
     if options.log is None:
         raise ConfigError("LOG: expected a log, or --merge with maps, found neither")
-    log = options.load(options.log)
+    log = in_robot_frame(options.load(options.log))
     with results_in(options.out), progress_bar(log.name) as progress:
         row = map_log(log, options, progress)
     if row["warning"]:
@@ -385,13 +387,7 @@ def _first_pose(slam: Slam, log: LandmarkLog, start: str) -> tuple[FloatArray, F
         return find_start(slam, log)
     if start == "log":
         return log.start, np.diag(np.square(slam.config.start_sigma))
-    try:
-        pose = np.array([float(number) for number in start.split(",")])
-    except ValueError:
-        pose = np.empty(0)
-    if pose.shape != (3,) or not np.isfinite(pose).all():
-        raise ConfigError(f"--start: expected last, search, log or X,Y,HEADING, found {start!r}")
-    return pose, None
+    return np.array(parse_pose("--start", start, "last, search, log or X,Y,HEADING")), None
 
 
 def _merge_maps(options: SlamOptions, maps: Sequence[Path]) -> Result:

@@ -256,12 +256,15 @@ class Archive:
         return table
 
 
-def write_table(path: str | Path, columns: Mapping[str, npt.NDArray[Any]]) -> None:
+def write_table(
+    path: str | Path, columns: Mapping[str, npt.NDArray[Any]], comment: str = ""
+) -> None:
     """Write named columns; the suffix of the file selects the format.
 
     Args:
         path: .csv, with every digit and NaN as an empty cell; or .parquet, with NaN as null.
         columns: by name, each (n,) of numbers.
+        comment: of a .csv, as a line "# ..." before the header.
 
     Raises:
         ConfigError: another suffix, or Parquet without pyarrow.
@@ -282,6 +285,7 @@ def write_table(path: str | Path, columns: Mapping[str, npt.NDArray[Any]]) -> No
         for column in columns.values()
     ]
     with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        file.write(f"# {comment}\n" * bool(comment))
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*cells, strict=True))

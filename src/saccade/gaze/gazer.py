@@ -36,6 +36,8 @@ AREA, MEMORY = 1.0, 0.2
 never looked at."""
 INHIBITION = 10.0
 """Time constant of the inhibition of return, in seconds."""
+PAN_TOLERANCE = 0.05
+"""Radians by which a measured pan may be outside of the limits."""
 SWEEP_RATE = 0.5
 """Rate of a sweep in radians per second, slow enough to track points."""
 
@@ -145,7 +147,7 @@ class Gazer:
         self.salience.update(salience or {})
         goal = float(np.clip(self._policy(self), *self.limits))
         turn = self.rate * self.period
-        self.pan += float(np.clip(goal - self.pan, -turn, turn))
+        self.pan = float(np.clip(self.pan + np.clip(goal - self.pan, -turn, turn), *self.limits))
         self.time += self.period
         x, y, heading = self.slam.filter.pose.tolist()
         direction, half = heading + self.pan, self.max_range / 2
@@ -156,9 +158,17 @@ class Gazer:
         """Records what was seen, for the inhibition of return and for the area that is new.
 
         Args:
-            pan: measured pan of the camera, in radians.
+            pan: measured pan of the camera, in radians, within its limits or, by an error of the
+                measurement, up to `PAN_TOLERANCE` and five `pan_sigma` outside.
             labels: (k,) labels of the observed landmarks.
+
+        Raises:
+            ConfigError: the pan is outside.
         """
+        low, high = self.limits
+        tolerance = PAN_TOLERANCE + 5 * self._pan_sigma
+        inside = low - tolerance <= pan <= high + tolerance
+        require(inside, "pan", f"radians from {low:g} to {high:g}", pan)
         self.pan = float(pan)
         self.last_seen |= dict.fromkeys(parse_labels(np.ravel(labels)), self.time)
         pose = self.slam.filter.pose

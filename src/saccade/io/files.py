@@ -355,7 +355,7 @@ FORMATS = {
     "run": 1,  # run.json of `saccade slam` and `saccade drive`
     "map": 1,  # map.npz of `saccade drive`
     "look": 1,  # NAME.look.npz of `saccade look`
-    "slam_map": 5,  # of `Slam.save` and `saccade slam --save-map`
+    "slam_map": 6,  # of `Slam.save` and `saccade slam --save-map`
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
     "extraction": 2,  # the folder of `saccade extract`: in manifest.json, for all files
 }

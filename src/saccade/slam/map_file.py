@@ -42,6 +42,8 @@ class SavedMap:
     """Standard deviations, as for `Slam`."""
     num_steps: int
     """Steps that were taken."""
+    time: float
+    """Time of the last step, in the unit of its clock; minus infinity before the first."""
     mean: FloatArray
     """(n,) the robot's numbers, then the landmarks (C.3)."""
     covariance: FloatArray
@@ -67,6 +69,7 @@ def write_map(path: str | Path, saved: SavedMap) -> None:
         "format": np.array(FORMATS["slam_map"]),
         "settings": np.array(json.dumps(settings)),
         "num_steps": np.array(saved.num_steps),
+        "time": np.array(saved.time),
         **{name: getattr(saved, name) for name in ARRAYS},
         "clock": np.array(saved.clock),
         **{f"landmark.{name}": each for name, each in vars(table.counts).items()},
@@ -108,6 +111,7 @@ def read_map(path: str | Path) -> SavedMap:
         config=EkfConfig(**settings["config"]),
         odometry_bias=tuple(settings["odometry_bias"]),
         num_steps=int(arrays["num_steps"]),
+        time=float(arrays["time"]),
         **{name: arrays[name] for name in ARRAYS},
         table=_table(arrays),
         clock=tuple(arrays["clock"].tolist()),

@@ -329,6 +329,7 @@ class Slam:
                 config=self.config,
                 odometry_bias=self.odometry_bias,
                 num_steps=self.num_steps,
+                time=self._time,
                 mean=mean,
                 covariance=self.filter.covariance,
                 heading_lever=self.filter.active.heading_lever[: len(mean)],
@@ -354,8 +355,9 @@ class Slam:
             path: the map file.
             mode: "continue" mapping, or "localize", which adds and culls no landmarks.
             config: other settings than those saved, with the same `filter`.
-            start: (3,) pose in the frame of the map, independent of the map. By default the robot
-                has not moved since.
+            start: (3,) pose in the frame of the map, independent of the map; times of steps begin
+                anew. By default the robot has not moved since, and no step may be earlier than the
+                last one that was saved.
             covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma` or, where
                 this is zero, of `START_SIGMA`: half a meter and a tenth of a radian.
             odometry_bias: with a start, as for `Slam`; by default as saved.
@@ -384,7 +386,7 @@ class Slam:
             require(size == r, "estimate_odometry_bias", as_saved, size > 3)
             rule = slam.association
             rule.clock, rule.streak, rule.overriding_until = saved.clock
-            slam.num_steps = saved.num_steps
+            slam.num_steps, slam._time = saved.num_steps, saved.time
         else:
             robot = slam.filter.covariance
             if covariance is None and not any(settings.start_sigma):

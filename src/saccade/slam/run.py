@@ -7,7 +7,7 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.landmark_names import FIRST_TEXT, number_labels
-from saccade.plane import rotations
+from saccade.plane import in_robot_frame, rotations
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.filter.models import new_innovations
@@ -216,6 +216,7 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
     Raises:
         LogError: no pose is certain.
     """
+    log = in_robot_frame(log)
     ekf, scans, best = slam.filter, 0, 0.0
     search = PoseSearch(ekf, ekf.ids, anywhere=True, min_probability=START_PROBABILITY, scans=1)
     for step in range(len(log.time)):

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.landmark_names import Label, labels_of, parse_labels
+from saccade.plane import in_robot_frame
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.validation import (
     MIN_SIGMA,
@@ -81,6 +82,7 @@ def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
     Raises:
         LogError: before the first of them, a control or an observation is invalid.
     """
+    log = in_robot_frame(log)
     u, U = (np.array(each, np.float64, order="C") for each in (log.control, log.control_covariance))
     z, R = np.array(log.observation, np.float64), np.array(log.observation_covariance, np.float64)
     check_noise("control", u, U, config.motion_noise_scale**2)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.plane import relative_pose_jacobian, rotations, to_relative_poses
+from saccade.plane import in_robot_frame, relative_pose_jacobian, rotations, to_relative_poses
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.models import bias_jacobian
 from saccade.slam.least_squares import (
@@ -69,6 +69,7 @@ def smooth(
     Raises:
         LogError: the log leaves a landmark undetermined, which is named; or it is too large.
     """
+    log = in_robot_frame(log)
     moves = log.control.any(1) | log.control_covariance.any((1, 2))  # (t,)
     variable = np.concatenate([[0], np.cumsum(moves)])  # poses at standstill share one
     first = np.unique(variable, return_index=True)[1]

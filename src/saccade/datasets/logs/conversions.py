@@ -1,7 +1,6 @@
 """Conversions of odometry and observations with their covariances."""
 
 import warnings
-from collections.abc import Callable
 from dataclasses import MISSING, dataclass
 
 import numpy as np
@@ -100,27 +99,6 @@ def integrate(
     for error in (distance_error, turn_error):
         np.add.at(covariance, interval, error[:, :, None] * error[:, None, :])
     return control, covariance
-
-
-def to_range_bearing(
-    xy: FloatArray, covariance: FloatArray, name_of: Callable[[int], str]
-) -> tuple[FloatArray, FloatArray]:
-    """Range and bearing (k, 2) of points in the robot's frame, and their covariance (k, 2, 2).
-
-    Args:
-        xy: (k, 2) forward and left in meters.
-        covariance: (k, 2, 2) in square meters; propagated to first order.
-        name_of: name of a point in the file, for the message.
-    """
-    x, y = xy[:, 0], xy[:, 1]
-    r = np.hypot(x, y)
-    for k in np.flatnonzero(r < 1e-9)[:1].tolist():
-        raise LogError(f"{name_of(k)}: expected a landmark away from the robot, found range 0")
-    J = np.empty((len(xy), 2, 2))
-    J[:, 0, 0], J[:, 0, 1] = x / r, y / r
-    J[:, 1, 0], J[:, 1, 1] = -y / r / r, x / r / r
-    R = J @ covariance @ J.transpose(0, 2, 1)
-    return np.stack([r, np.arctan2(y, x)], 1), (R + R.transpose(0, 2, 1)) / 2
 
 
 def start_of(truth: Trajectory | None, time: float, name: str) -> FloatArray:

@@ -1,10 +1,13 @@
 """Reads and writes landmark logs of every format."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
 
 from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
@@ -13,6 +16,7 @@ from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_
 from saccade.datasets.ros.bags import BAG_SUFFIXES, bag_files
 from saccade.datasets.ros.logs import read_rosbag_log
 from saccade.errors import ConfigError, LogError, require
+from saccade.plane import in_robot_frame
 from saccade.types import LandmarkLog, invalid_range_bearing
 
 Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "rosbag"]
@@ -54,6 +58,7 @@ def load(
     odometry_noise: OdometryNoise | None = None,
     sensor_sigma: tuple[float, float] | None = None,
     topic: Sequence[str] | None = None,
+    sensor: tuple[float, float, float] | None = None,
 ) -> LandmarkLog:
     """Read a landmark log. An option that is None has the default of its format.
 
@@ -67,6 +72,8 @@ def load(
         sensor_sigma: of the same: standard deviations of range (m) and bearing (rad); in a bag
             that of the range is a fraction of it.
         topic: rosbag: topics of landmarks; by default one is chosen by its type.
+        sensor: pose of the sensor in the robot's frame, see `LandmarkLog.sensor`; by default that
+            of the CSV. Observations of a bag are converted by its tf already.
 
     Raises:
         LogError: the file is missing, broken, or of another format; one line that names it.
@@ -97,7 +104,7 @@ def load(
     if invalid is not None:
         number, expected, found = invalid
         raise LogError(f"{path}, observation {number}: expected {expected}, found {found}")
-    return log
+    return log if sensor is None else replace(log, sensor=sensor)
 
 
 def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
@@ -106,7 +113,7 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
     Args:
         path: the file.
         log: the log.
-        kind: "csv", which keeps everything but the ground truth; "g2o", "isam", "toro" or
+        kind: "csv", which keeps everything but the true landmarks; "g2o", "isam", "toro" or
             "gtsam", text without a clock; or "auto": .csv, .g2o, .isam, .graph (TORO).
 
     Raises:
@@ -121,6 +128,13 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
         known = f"a file that ends in {', '.join(_SUFFIXES)}"
         require(suffix in _SUFFIXES, "path", known, str(path))
         name = _SUFFIXES[suffix]
+    if name != "csv":
+        log = in_robot_frame(log)
+        for k in np.flatnonzero(np.isnan(log.observation).any(1))[:1].tolist():
+            raise LogError(
+                f"{log.name}, observation {k}: expected range and bearing, which {name} needs, "
+                "found one of them; write it as CSV"
+            )
     _WRITERS[name](path, log)
 
 

@@ -2,10 +2,12 @@
 
 A row is a pose or an observation, and the header names its cells; docs/slam.md lists them. The
 first row is the first pose and has no control; every other row has either a control or an
-observation. Meters and radians.
+observation. Meters and radians. A comment "# sensor: x, y, yaw" gives the pose of the sensor.
 """
 
+import re
 import warnings
+from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,17 +24,21 @@ from saccade.datasets.tables import (
     TextTable,
     covariance_names,
     from_upper_triangle,
+    is_number,
     read_csv,
     require_ascending,
     symmetric_columns,
     write_table,
 )
 from saccade.errors import LogError, LogWarning
+from saccade.io.files import read_text
 from saccade.landmark_names import parse_name
-from saccade.types import FloatArray, IntArray, LandmarkLog, invalid_range_bearing
+from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory, invalid_range_bearing
 
 ROUNDING = 1e-9
 """Eigenvalue of a covariance, as a fraction of the largest, that rounding may make negative."""
+UNUSED_VARIANCE = 1.0
+"""Variance of a component that was not measured; nothing uses it."""
 LOG_FILE = "log.csv"
 """Name of the log in a folder."""
 ASSUMED = (
@@ -43,6 +49,8 @@ ASSUMED = (
 """Standard deviations of controls and of observations, in words."""
 _START = ("x", "y", "heading")
 _OBSERVATION = ("range", "bearing")
+_TRUTH = ("true_x", "true_y", "true_heading")
+_SENSOR = re.compile(r'^[ \t"]*#[ \t]*sensor[ \t]*:(.*)$', re.IGNORECASE | re.MULTILINE)
 _CONTROLS = {"compose": ("forward", "left", "turn"), "turn_then_translate": ("distance", "turn")}
 
 
@@ -56,7 +64,10 @@ def columns_of(motion: str) -> list[str]:
 
 
 def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
-    """Write a log with every digit; ground truth is not part of it."""
+    """Write a log with every digit.
+
+    The true trajectory is written at the times of the poses; true landmarks are not.
+    """
     control = _CONTROLS[log.motion]
     poses, observations = np.arange(len(log.time)), np.arange(len(log.observation))
     pose_row = poses + np.searchsorted(log.observation_pose, poses)
@@ -76,7 +87,13 @@ def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
             table[name][rows] = values
     landmark = np.full(n, "", dtype=object)
     landmark[observation_row] = np.where(log.landmark < 0, "", log.names.astype(np.str_))
-    write_table(path, table | {"landmark": landmark})
+    table["landmark"] = landmark
+    if log.truth is not None:
+        truth = np.full((n, 3), np.nan)
+        truth[pose_row] = log.truth.at(log.time)
+        table |= zip(_TRUTH, truth.T, strict=True)
+    comment = f"sensor: {', '.join(map(repr, map(float, log.sensor)))}" if any(log.sensor) else ""
+    write_table(path, table, comment)
 
 
 def read_log_csv(path: str | Path) -> LandmarkLog:
@@ -86,9 +103,12 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
         path: a table with the columns of the module's docstring, in any order, or a folder that
             holds it as log.csv; off-diagonal covariances may be left out. Without any of the
             controls, or of the observations, they are assumed as in a ROS bag (`LogWarning`).
+            The range or the bearing of an observation may be empty, or "nan".
     """
     path = Path(path)
-    table = read_csv(path / LOG_FILE if path.is_dir() else path, _check_header)
+    file = path / LOG_FILE if path.is_dir() else path
+    table = read_csv(file, _check_header)
+    _empty_nan(table)
     motion = _motion_of(table.names)
     control = _CONTROLS[motion]
     if not table.rows:
@@ -105,17 +125,16 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
             f"an observation at the time of the pose above, {expected[k]:g}", f"{found:g}"
         )
     controlled, observed = table.select(controls), table.select(observations)
-    step, observation = _cells(controlled, control), _cells(observed, _OBSERVATION)
+    step, observation = _cells(controlled, control), observed.numbers(*_OBSERVATION, blank=np.nan)
     invalid = invalid_range_bearing(observation)
     if invalid is not None:
         raise observed.rows[invalid[0]].error(*invalid[1:])
     along, heading = ASSUMED_ODOMETRY.variances(np.linalg.norm(step[:, :-1], axis=1), step[:, -1])
     assumed = np.stack([*[along] * (len(control) - 1), heading], 1)
-    start = [name for name in _START if name in table.names]
-    at_start = dict(zip(start, table.select([0]).numbers(*start, blank=0.0)[0], strict=True))
+    truth = _truth(table.select(poses), time[poses])
     return LandmarkLog(
         name=path.stem,
-        start=np.array([at_start.get(name, 0.0) for name in _START]),
+        start=_start(table.select([0]), truth),
         time=time[poses],
         motion=motion,
         control=step,
@@ -126,7 +145,61 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
             observed, _OBSERVATION, sensor_variances(observation[:, 0], ASSUMED_SENSOR)
         ),
         landmark=_landmarks(observed),
+        sensor=_sensor(file),
+        truth=truth,
     )
+
+
+def _empty_nan(table: TextTable) -> None:
+    """Empties the cells of observations that are "nan", as pandas writes them."""
+    names = {*_OBSERVATION, *covariance_names(_OBSERVATION)} & set(table.names)
+    columns = [table.names.index(name) for name in names]
+    for row in table.rows:
+        for column in columns:
+            if row.cells[column].lower() == "nan":
+                row.cells[column] = ""
+
+
+def _sensor(path: Path) -> tuple[float, float, float]:
+    """The pose of the sensor by the comment of a file; the robot's origin without one."""
+    text = read_text(path)
+    match = _SENSOR.search(text)
+    if match is None:
+        return 0.0, 0.0, 0.0
+    cells = match[1].strip(' ,;"\r').split(",")
+    if len(cells) != 3 or not all(map(is_number, cells)):
+        row = Row(path, text.count("\n", 0, match.start()) + 1, cells)
+        raise row.error("# sensor: x, y, yaw in meters and radians", repr(match[1].strip()[:60]))
+    x, y, yaw = map(float, cells)
+    return x, y, yaw
+
+
+def _start(first: TextTable, truth: Trajectory | None) -> FloatArray:
+    """The first pose (3,): by the columns of the start, else the true one, else the origin."""
+    given = [name for name in _START if name in first.names]
+    start = np.zeros(3)
+    if truth is not None and not first.is_filled(given)[0]:
+        at_first = truth.at(first.numbers("time")[0])[0]
+        start = at_first if isfinite(at_first.sum()) else start
+    for name, value in zip(given, first.numbers(*given, blank=np.nan)[0].tolist(), strict=True):
+        if isfinite(value):
+            start[_START.index(name)] = value
+    return start
+
+
+def _truth(poses: TextTable, time: FloatArray) -> Trajectory | None:
+    """The true poses, of the rows that have them; without a heading it is NaN. None without any."""
+    if not {"true_x", "true_y"} <= set(poses.names):
+        return None
+    has_heading = "true_heading" in poses.names
+    true = np.full((len(time), 3), np.nan)
+    true[:, : 2 + has_heading] = poses.numbers(*_TRUTH[: 2 + has_heading], blank=np.nan)
+    known = np.isfinite(true[:, :2]).all(1)
+    without = known & np.isnan(true[:, 2])
+    if without.any() and not without[known].all():
+        row = poses.rows[int(without.argmax())]
+        raise row.error("true_heading in every row with true_x and true_y, or in none", "nothing")
+    return Trajectory(time[known], true[known]) if known.any() else None
 
 
 def _motion_of(names: list[str]) -> Literal["turn_then_translate", "compose"]:
@@ -135,7 +208,7 @@ def _motion_of(names: list[str]) -> Literal["turn_then_translate", "compose"]:
 
 def _check_header(header: Row) -> None:
     motion, names = _motion_of(header.cells), header.cells
-    known = columns_of(motion)
+    known = [*columns_of(motion), *_TRUTH]
     for sign, found_sign in ((";", "semicolons"), ("\t", "tabs")):
         if len(names) == 1 and sign in names[0]:
             raise header.error("commas between cells, and decimal points", found_sign)
@@ -143,6 +216,7 @@ def _check_header(header: Row) -> None:
     for group in (_CONTROLS[motion], _OBSERVATION):
         if set(covariance_names(group)) & set(names):
             required += [f"cov_{name}_{name}" for name in group]
+    required += ["true_x", "true_y"] * bool({*_TRUTH} & set(names))
     found = [repr(name[:40]) for name in names if name not in known]
     found += [f"no {name}" for name in required if name not in names]
     found += ["one twice"] if len(set(names)) < len(names) else []
@@ -173,7 +247,7 @@ def _cells(table: TextTable, names: tuple[str, ...]) -> FloatArray:
 
 def _covariances(table: TextTable, names: tuple[str, ...], assumed: FloatArray) -> FloatArray:
     """Covariances (n, d, d); without a column, diagonal with the assumed variances (n, d)."""
-    columns = covariance_names(names)
+    columns, missing = covariance_names(names), np.isnan(table.numbers(*names, blank=np.nan))
     if not set(columns) & set(table.names):
         warnings.warn(
             f"{table.header.path}: no covariance of {', '.join(names)}: assumed standard "
@@ -182,13 +256,18 @@ def _covariances(table: TextTable, names: tuple[str, ...], assumed: FloatArray) 
             LogWarning,
             stacklevel=4,
         )
-        return assumed[:, :, None] * np.eye(len(names))
-    _cells(table, tuple(f"cov_{name}_{name}" for name in names))
+        return np.where(missing, UNUSED_VARIANCE, assumed)[:, :, None] * np.eye(len(names))
+    diagonal = table.numbers(*(f"cov_{name}_{name}" for name in names), blank=np.nan)
+    for i, k in np.argwhere(np.isnan(diagonal) & ~missing)[:1].tolist():
+        expected = f"a finite number for cov_{names[k]}_{names[k]}"
+        raise table.rows[i].error(expected, "nothing")
     absent = np.zeros((len(table.rows), 1))
     entries = [
         table.numbers(name, blank=0.0) if name in table.names else absent for name in columns
     ]
     covariances = from_upper_triangle(np.hstack(entries))
+    both = missing[:, :, None] | missing[:, None]
+    covariances = np.where(both, UNUSED_VARIANCE * np.eye(len(names)), covariances)
     eigenvalues = np.linalg.eigvalsh(covariances)  # ascending
     negative = eigenvalues[:, 0] < -ROUNDING * eigenvalues[:, -1].clip(0)
     for k in np.flatnonzero(negative)[:1].tolist():

@@ -22,11 +22,18 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from saccade.datasets.logs.conversions import require_numbered, to_range_bearing
+from saccade.datasets.logs.conversions import require_numbered
 from saccade.datasets.tables import Row, from_upper_triangle, read_rows, upper_triangle
 from saccade.errors import LogError, require
 from saccade.io.files import atomic_write
-from saccade.plane import path_of, point_covariance, rotated, to_points, to_relative_poses
+from saccade.plane import (
+    path_of,
+    point_covariance,
+    rotated,
+    to_points,
+    to_range_bearing,
+    to_relative_poses,
+)
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
 MatrixForm: TypeAlias = Literal["covariance", "information", "root", "toro"]

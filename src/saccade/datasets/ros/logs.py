@@ -24,14 +24,13 @@ from saccade.datasets.logs.conversions import (
     OdometryNoise,
     sensor_variances,
     start_of,
-    to_range_bearing,
 )
 from saccade.datasets.ros.bags import FIELDS, Bag, Transforms, bare, pose_of, poses_from, stamp_of
 from saccade.datasets.ros.messages import Detection, landmark_topics, parse_labels, read_detections
 from saccade.datasets.tables import LARGEST
 from saccade.errors import LogError, LogWarning
 from saccade.io.files import reading
-from saccade.plane import path_of, steps_between
+from saccade.plane import path_of, steps_between, to_range_bearing
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 MAX_STEP = 0.5

@@ -1,0 +1,88 @@
+"""Observations of a sensor that is not at the robot's origin, or turned."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.datasets import load, save
+from saccade.errors import LogError
+from saccade.plane import in_robot_frame, to_robot_frame
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam.models import wrap
+
+MOUNTINGS = [(0.3, 0.0, 0.0), (-0.1, 0.3, 0.0), (0.0, 0.0, np.deg2rad(5)), (0.3, -0.2, -0.1)]
+
+
+def mounted(log, sensor, seed=0):
+    """The log as a sensor elsewhere on the robot records it, by the true poses and landmarks."""
+    rng = np.random.default_rng(seed)
+    x, y, heading = log.truth.pose[log.observation_pose].T
+    ahead, left, yaw = sensor
+    at_x = x + ahead * np.cos(heading) - left * np.sin(heading)
+    at_y = y + ahead * np.sin(heading) + left * np.cos(heading)
+    dx, dy = (log.landmark_truth.xy[log.landmark] - np.stack([at_x, at_y], 1)).T
+    sigma = np.sqrt(log.observation_covariance.diagonal(axis1=1, axis2=2))
+    z = np.stack([np.hypot(dx, dy), wrap(np.arctan2(dy, dx) - heading - yaw)], 1)
+    z += sigma * rng.standard_normal(z.shape)
+    return replace(log, observation=np.abs(z) * [1, 0] + z * [0, 1])
+
+
+@pytest.mark.parametrize("sensor", MOUNTINGS)
+def test_a_mounted_sensor_maps_as_one_at_the_origin(sensor):
+    """Known mounting: RMSE and NIS of a sensor at the origin; as if at the origin: worse."""
+    log = mounted(simulate_world(WorldConfig(steps=400), 3), sensor)
+    known, unknown = slam.run(replace(log, sensor=sensor)), slam.run(log)
+    assert known.consistency.mean == pytest.approx(2, abs=0.15)
+    assert unknown.consistency.mean > known.consistency.mean + 0.1
+
+
+def test_conversion_is_that_of_random_draws():
+    """Mean and covariance of 400,000 draws of a sensor that is 0.5 m ahead and turned."""
+    rng = np.random.default_rng(1)
+    z, R, sensor = (
+        np.array([[4.0, 0.8]]),
+        np.array([[[0.03, 0.01], [0.01, 0.02]]]) / 10,
+        (0.5, -0.3, 0.4),
+    )
+    found, covariance = to_robot_frame(z, R, sensor)
+    drawn = rng.multivariate_normal(z[0], R[0], 400_000)
+    x = 0.5 + drawn[:, 0] * np.cos(drawn[:, 1] + 0.4)
+    y = -0.3 + drawn[:, 0] * np.sin(drawn[:, 1] + 0.4)
+    polar = np.stack([np.hypot(x, y), np.arctan2(y, x)], 1)
+    np.testing.assert_allclose(found[0], polar.mean(0), atol=5e-3)
+    np.testing.assert_allclose(covariance[0], np.cov(polar.T), rtol=0.03, atol=1e-5)
+
+
+def test_half_an_observation_needs_a_sensor_at_the_origin():
+    z, R = np.array([[3.0, np.nan], [np.nan, 3.0]]), np.tile(np.eye(2), (2, 1, 1))
+    turned, _ = to_robot_frame(z, R, (0.0, 0.0, 0.5))
+    np.testing.assert_allclose(turned, [[3.0, np.nan], [np.nan, 3.5 - 2 * np.pi]])
+    with pytest.raises(
+        LogError, match="observation 0: expected range and bearing of a sensor away"
+    ):
+        to_robot_frame(z, R, (0.1, 0.0, 0.0))
+
+
+def test_the_mounting_is_in_the_csv(tmp_path):
+    log = replace(simulate_world(WorldConfig(steps=20), 1), sensor=(0.25, -0.125, 0.1))
+    save(tmp_path / "log.csv", log)
+    assert (tmp_path / "log.csv").read_text().startswith("# sensor: 0.25, -0.125, 0.1\n")
+    again = load("auto", tmp_path / "log.csv")
+    assert again.sensor == log.sensor
+    np.testing.assert_array_equal(again.observation, log.observation)
+    assert load("auto", tmp_path / "log.csv", sensor=(1, 2, 3)).sensor == (1, 2, 3)
+    save(tmp_path / "log.g2o", log)  # which has no mounting
+    np.testing.assert_allclose(
+        load("auto", tmp_path / "log.g2o").observation, in_robot_frame(log).observation, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("line", ["# sensor: 1, 2", "# sensor: 1, 2, east", "# sensor:"])
+def test_a_wrong_mounting_is_named(tmp_path, line):
+    path = tmp_path / "log.csv"
+    save(path, simulate_world(WorldConfig(steps=3), 1))
+    path.write_text(f"# by hand\n{line}\n{path.read_text()}")
+    with pytest.raises(LogError, match=r"log.csv, line 2: expected # sensor: x, y, yaw in meters"):
+        load("auto", path)
