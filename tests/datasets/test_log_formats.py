@@ -12,7 +12,7 @@ from saccade.datasets import load, save
 from saccade.datasets.logs.pose_graph import write_pose_graph
 from saccade.errors import LogError, LogWarning
 from saccade.slam import turn_then_translate
-from saccade.types import LandmarkLog
+from saccade.types import LandmarkLog, Trajectory
 
 SUFFIX = {"g2o": "g2o", "isam": "isam", "toro": "graph", "gtsam": "txt", "csv": "csv"}
 
