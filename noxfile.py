@@ -144,9 +144,10 @@ def use_alone(session: nox.Session, package: Path, source: Path, home: Path) -> 
             session.error(f"{package.name} prints the version {version}")
         session.run(saccade, "look", str(data / "coffee.jpg"), silent=True)
         session.run(saccade, "slam", log, silent=True)
-        refused = session.run(saccade, "slam", log, "--live", success_codes=[2], silent=True)
-        if "pip install 'rerun-sdk>=" not in refused:
-            session.error(f"without the extra `live` it says {refused}")
+        out = ("detect", str(data / "coffee.jpg"), "--format", "hdf5")
+        refused = session.run(saccade, *out, success_codes=[2], silent=True)
+        if "pip install 'h5py>=" not in refused:
+            session.error(f"without the extra `hdf5` it says {refused}")
     session.run(*install, "pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100")
     with session.chdir(source):
         tests = [f"tests/{name}" for name in WITHOUT_EXTRAS]

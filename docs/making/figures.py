@@ -161,11 +161,11 @@ def contrast_and_symmetry() -> Figure:
 
 
 def must() -> Figure:
-    """Twenty points of MUST with the pairs that contribute to them."""
-    from saccade.cli.detect import contributing_pairs
-
+    """Twenty points of MUST with the symmetric pairs at them."""
     image, find = photo("chelsea"), saccade.Must(saccade.MustConfig(max_keypoints=20))
-    return viewing.pair_figure(image, contributing_pairs(find, image, find(image)))
+    points = find(image).xy.tolist()
+    pairs = [saccade.symmetric_pairs(image, (x, y), radius=2, max_pairs=4) for x, y in points]
+    return viewing.pair_figure(image, pairs)
 
 
 def symmetric_regions() -> Figure:
@@ -304,20 +304,6 @@ def _ring(config: DriveConfig, **changed: object) -> Frame:
     return simulate_drive(replace(config, **changed), seed=3).load(140)
 
 
-def film_frame() -> Figure:
-    """Four frames of the film of a scanpath."""
-    image = photo("chelsea")
-    maps = saccade.attention_saliency(image)
-    path = saccade.most_probable_scanpath(maps, fixations=6)
-    frames = [frame for frame, _ in viewing.scanpath_frames(image, path)][1:5]
-    height, width = frames[0].shape[:2]
-    figure = figure_for(width, height, columns=len(frames), rows=1, panel=3.2)
-    for axes, frame in zip(figure.subplots(1, len(frames)), frames, strict=True):
-        axes.imshow(frame)
-        picture_axes(axes, "")
-    return figure
-
-
 PAGES: "dict[str, Callable[[], Figure]]" = {
     "pyramid": pyramid,
     "attention-steps": attention_steps,
@@ -332,6 +318,5 @@ PAGES: "dict[str, Callable[[], Figure]]" = {
     "park": park,
     "innovations": innovations,
     "simulated-frames": simulated_frames,
-    "film": film_frame,
 }
 """Figures by file name."""

@@ -1,7 +1,6 @@
 """`saccade slam` as a person runs it: what it writes, and what becomes of it when it is stopped."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +13,6 @@ import saccade
 from saccade import slam
 from saccade.datasets import load
 from saccade.evaluation.runs import summarize_run
-from saccade.extras import install_command
 from saccade.types import Trajectory
 from support.circular_log import simulate
 from support.commands import json_of
@@ -81,13 +79,6 @@ def test_how_far_odometry_ends_from_what(rng):
         assert ending == pytest.approx(expected)
 
 
-def test_parquet_has_what_csv_has(made):
-    files = made[0]["files"]
-    for name in ("poses", "innovations"):
-        table = pandas.read_parquet(files[f"{name}_parquet"])
-        pandas.testing.assert_frame_equal(table, pandas.read_csv(files[name]), check_exact=True)
-
-
 def test_smoothing_is_written_beside_the_filter(run, short):
     code, out, _ = run("slam", short, "--smooth", "--no-film", "--json")
     row = json.loads(out)
@@ -97,20 +88,6 @@ def test_smoothing_is_written_beside_the_filter(run, short):
     np.testing.assert_allclose(best, smoothed.trajectory.pose[:, :2], atol=1e-8)
     assert np.abs(before - best).max() > 0.001
     assert row["smooth"] is True
-
-
-def test_what_an_option_needs_is_named_before_the_work(run, short, monkeypatch):
-    for option, module, extra in (
-        (["--rrd", "a.rrd"], "rerun", "live"),
-        (["--live"], "rerun", "live"),
-    ):
-        monkeypatch.setitem(sys.modules, module, None)
-        code, out, err = run("slam", short, *option)
-        assert (code, out) == (2, "")
-        assert err == (
-            f"saccade: {extra}: needs {module}, which is not installed; {install_command(extra)}\n"
-        )
-    assert not Path("saccade-slam").exists()
 
 
 def test_a_log_of_one_pose_has_a_map_and_a_film(run, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from saccade.errors import ImageError
 from saccade.io import video as live_video
-from saccade.io.video import LiveVideo, read_video, video_writer
+from saccade.io.video import LiveVideo, video_writer
 
 
 class Device:
@@ -87,19 +87,3 @@ def test_a_drive_of_a_camera_is_that_of_its_recording(run, film, tmp_path):
     code, _, err = run("drive", ride, "--camera", film)
     assert code == 2
     assert "expected no images beside the recording" in err
-
-
-def test_saliency_and_keypoints_of_a_camera(run, film, tmp_path):
-    code, _, _ = run("look", "--camera", film, "--frames", 3, "-o", tmp_path)
-    assert code == 0
-    with np.load(tmp_path / "camera.look.npz") as arrays:
-        np.testing.assert_allclose(arrays["time"], [0, 0.1, 0.2])
-        assert arrays["saliency"].shape[0] == 3
-    assert len(list(read_video(tmp_path / "camera.look.mp4"))) == 3
-    code, _, _ = run("detect", "--camera", film, "--max", 20, "-o", tmp_path)
-    assert code == 0
-    rows = (tmp_path / "camera.keypoints.csv").read_text().splitlines()
-    assert len(rows) == 1 + 8 * 20
-    code, _, err = run("look", "a.png", "--camera", film)
-    assert code == 2
-    assert "expected images or --camera, found both" in err

@@ -5,8 +5,8 @@ import pytest
 
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.charts import innovation_charts, uncertainty_charts
-from saccade.viewing.page import Picture, Section, photograph
-from saccade.viewing.report import Table, image_part, match_part, report_page
+from saccade.viewing.page import Section
+from saccade.viewing.report import image_part, match_part, report_page
 from saccade.viewing.report_map import ObservedLandmarks, map_part
 from support.accessibility import assert_accessible
 from support.limits import PAGE_TIMEOUT
@@ -213,23 +213,4 @@ def test_a_photograph_and_a_match_are_explored(opened):
     assert facts == [*expected, "yes, an inlier"]
     page.get_by_role("spinbutton", name="Match").fill("2")
     assert detail.locator("dd").last.inner_text() == "no"
-    assert_accessible(page)
-
-
-def _table_page(name="a table"):
-    rows = [["b", "10.5"], ["a", "9.25"], [name, "-1"]]
-    figure = Picture(photograph(np.zeros((40, 400), np.uint8))["address"], name, name)
-    table = Table(name, ["", "AUC"], rows, name, figures=[figure])
-    return report_page(name, name, [table.part()])
-
-
-def test_a_table_is_sorted_by_a_heading(opened):
-    page = opened(_table_page())
-    cells = page.locator("tbody td")
-    page.get_by_role("button", name="AUC").click()
-    assert cells.all_inner_texts() == ["10.5", "9.25", "-1"]
-    page.get_by_role("button", name="AUC").click()
-    assert cells.all_inner_texts() == ["-1", "9.25", "10.5"]
-    page.get_by_role("button", name="name").click()
-    assert page.locator("tbody th").all_inner_texts() == ["a", "a table", "b"]
     assert_accessible(page)

@@ -25,9 +25,7 @@ from saccade.viewing import (
     pair_figure,
     save_figure,
 )
-from saccade.viewing.live import LiveMap
 from saccade.viewing.style import BLUE
-from support.processes import run_python
 
 IMAGE = np.random.default_rng(1).random((60, 90, 3), np.float32)
 KEYPOINTS = Keypoints(
@@ -107,24 +105,6 @@ def test_a_film_shows_the_map_so_far():
     early, late = ((np.abs(f[80:] - blue) < 30).all(2).nonzero()[1] for f in (first, last))
     assert early.max() < late.max()  # the drive goes on to the right
     assert all((frame == last).all() for frame in rest)
-
-
-@pytest.mark.peer
-def test_a_live_viewer_gets_each_snapshot_once(monkeypatch, tmp_path):
-    rerun = pytest.importorskip("rerun")
-    path, logged = tmp_path / "live.rrd", []
-    monkeypatch.setattr(rerun.RecordingStream, "spawn", lambda stream: stream.save(path))
-    monkeypatch.setattr(
-        rerun.RecordingStream, "set_time", lambda self, line, **at: logged.append((line, at))
-    )
-    show = LiveMap("a drive", np.arange(10.0), Trajectory(np.arange(10.0), np.zeros((10, 3))))
-    show(_growing_map()[:1])
-    show(_growing_map())
-    assert [at["sequence"] for line, at in logged if line == "pose"] == [4, 9]
-    del show
-    found = run_python("-m", "rerun", "rrd", "print", path, check=True).stdout
-    for entity in ("trajectory", "odometry", "observed", "landmarks", "robot", "landmarks/sigma"):
-        assert f"/map/{entity}" in found
 
 
 def test_an_empty_result_can_still_be_drawn(tmp_path):

@@ -35,7 +35,7 @@ from saccade.batch.storage import Store
 from saccade.batch.workers import DIED, count_workers, run_blocks
 from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
-from saccade.exchange.colmap import Cameras, ColmapCamera, import_pycolmap, make_camera
+from saccade.exchange.colmap import Cameras, check_cameras
 from saccade.exchange.fields import check_name
 from saccade.extras import import_optional
 from saccade.io.files import atomic_write, locked, read_text, reading
@@ -153,9 +153,7 @@ def match_images(
     require(len(formats) > 0, "formats", "hdf5 or colmap", formats)
     require(job.what in POINTS, "job", f"one of {', '.join(POINTS)}", job.what)
     if "colmap" in formats:  # to fail before any work is done
-        pycolmap = import_pycolmap()
-        for each in [cameras] if isinstance(cameras, ColmapCamera) else (cameras or {}).values():
-            make_camera(pycolmap, each, 1, 1)
+        check_cameras(cameras)
     if "hdf5" in formats:
         import_optional("h5py", "hdf5")
     images, wanted = images_and_pairs(source, None if pairs is None else Path(pairs))

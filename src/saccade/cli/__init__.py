@@ -144,7 +144,7 @@ def run_command(words: Sequence[str]) -> int:
         CycloptsError: the words are no command, or its options are invalid.
         SaccadeError: invalid input, or failed output.
     """
-    chain, apps, _ = app.parse_commands(words)
+    _, apps, _ = app.parse_commands(words)
     for each in apps:
         if each.default_command is not None:
             each.help = _description(each.default_command)
@@ -153,7 +153,7 @@ def run_command(words: Sequence[str]) -> int:
     result = command(*bound.args, **bound.kwargs)
     if not isinstance(result, Result):
         return 0 if words else 2
-    emit(result, " ".join(("saccade", *chain)), bound.arguments["options"])
+    emit(result, as_json=bound.arguments["options"].as_json)
     return result.code
 
 

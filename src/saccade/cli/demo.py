@@ -71,7 +71,7 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
 def _look(data: Path, out: Path, builder: ReportBuilder) -> dict[str, Any]:
     """Saliency and scanpath of a photograph."""
     with progress_bar("attention: saliency and scanpath"):
-        options = LookOptions(keypoints=True)
+        options = LookOptions(images=[str(data / "chelsea.jpg")], keypoints=True)
         attention = options.attention_model(options.model, free_viewing=True)
         return analyze_image(data / "chelsea.jpg", out / "look", attention, options, builder)[0]
 

@@ -1,6 +1,7 @@
 """`saccade drive`: visual SLAM from camera frames and odometry."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,6 @@ from cyclopts import Parameter
 
 from saccade import visual
 from saccade.attention import attention_saliency
-from saccade.cli.films import opened
 from saccade.cli.mapping import (
     SNAPSHOTS,
     RunOutput,
@@ -24,9 +24,7 @@ from saccade.cli.mapping import (
 from saccade.cli.options import (
     INPUT,
     MAP,
-    MAX_CAMERA_FRAMES,
     OUTPUT,
-    LiveOptions,
     OutputFolder,
     SequenceOptions,
     SettingsOptions,
@@ -37,6 +35,7 @@ from saccade.cli.output import (
     Table,
     print_message,
     progress_bar,
+    stop_on_interrupt,
     write_arrays,
 )
 from saccade.datasets import load_drive, save_drive, write_landmarks, write_table, write_tum
@@ -47,11 +46,11 @@ from saccade.evaluation.runs import summarize_drive
 from saccade.evaluation.trajectory import coverage_remarks
 from saccade.frames import Drive, Frame
 from saccade.io.files import FORMATS, results_in
+from saccade.io.video import LiveVideo
 from saccade.slam import Recorder
 from saccade.types import Float32Array, Image, MapSnapshot
 from saccade.viewing import drive_frames, map_figure
 from saccade.viewing.film import Eye
-from saccade.viewing.live import LiveMap
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
 from saccade.viewing.report_map import ObservedLandmarks, map_part
@@ -59,10 +58,12 @@ from saccade.visual import VisualConfig, VisualResult
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveOptions(SettingsOptions, LiveOptions, RunOutput, SequenceOptions):
+class DriveOptions(SettingsOptions, RunOutput, SequenceOptions):
     """Options of `saccade drive`."""
 
     out: OutputFolder = Path("saccade-drive")
+    camera: Annotated[str | None, INPUT, Parameter(metavar="SOURCE")] = None
+    """Map live, by a device (0), an address (rtsp://...) or a video file."""
     frames: Annotated[int | None, INPUT, Parameter(metavar="N")] = setting(None, 1)
     """Process only the first N frames, at least 1."""
     selection: Annotated[str | None, MAP, Parameter(metavar="NAME")] = None
@@ -192,38 +193,27 @@ def map_drive(
     return row
 
 
-KEPT_IMAGES = 8
-"""Images kept for the viewer: some frames are read ahead of the map."""
+MAX_CAMERA_FRAMES = 36_000
+"""Frames of a camera by default: twenty minutes at 30 a second."""
 
 
 def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress) -> dict[str, Any]:
     """Map while the camera records into a folder; write the results, return run.json's content."""
     frames = options.frames or MAX_CAMERA_FRAMES
-    latest: dict[int, Image] = {}
-
-    def load(number: int) -> Frame:
-        frame = recording.drive.load(number)
-        if frame.image is not None:
-            latest[number] = frame.image
-        latest.pop(number - KEPT_IMAGES, None)
-        return frame
 
     def report(done: int, _: int) -> None:
         progress(done, None, "map")  # nobody knows how many will come
 
-    with opened(options) as video:
-        recording = LiveDrive(video, options.sequence, options.calibration(), frames)
-        drive, show = replace(recording.drive, load=load), None
-        if options.live or options.page:
-            show = LiveMap(
-                video.name, drive.time, None, in_browser=options.page, image_at=latest.get
-            )
-        recorder = Recorder(max(SNAPSHOTS, frames // 4), show)
-        try:
-            with visual.dedicated_process():
-                result = visual.run(drive, settings, report, recorder=recorder)
-        finally:
-            recording.close()
+    recorder = Recorder(max(SNAPSHOTS, frames // 4))
+    with (
+        stop_on_interrupt("stopping after this frame") as stopped,
+        LiveVideo(str(options.camera), stopped) as video,
+        closing(LiveDrive(video, options.sequence, options.calibration(), frames)) as recording,
+        visual.dedicated_process(),
+    ):
+        result = visual.run(recording.drive, settings, report, recorder=recorder)
+    if video.dropped:
+        print_message(f"{video.name}: {video.dropped} frames came during others: dropped")
     recorded = load_drive("folder", options.sequence)
     return write_results(recorded, settings, options, progress, result, recorder.snapshots)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from saccade.cli.options import INPUT, SEVERAL, ReportOptions, SettingsOptions
+from saccade.cli.options import INPUT, SEVERAL, JsonOptions, SettingsOptions
 from saccade.cli.output import Result, comparison, progress_bar
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import setting
@@ -20,7 +20,6 @@ from saccade.evaluation.features import (
     score_detector,
 )
 from saccade.evaluation.intervals import Estimate
-from saccade.viewing.report import Table
 
 SCORES = {
     "rep.": ("repeatability",),
@@ -31,7 +30,6 @@ SCORES = {
     "AUC@1/3/5/10": ("auc_1", "auc_3", "auc_5", "auc_10"),
 }
 """Columns of the table, and their scores."""
-COLUMNS = ["points", *SCORES]
 MEANING = (
     "Rep.: repeatability, the fraction of the locations visible in both images that both detect; "
     "error: their mean distance in px. MMA: fraction of the mutual nearest neighbors correct "
@@ -45,7 +43,7 @@ CLEAN = "clean"
 
 
 @dataclass(frozen=True, kw_only=True)
-class FeatureOptions(SettingsOptions, ReportOptions):
+class FeatureOptions(SettingsOptions, JsonOptions):
     """Options of `saccade evaluate features`."""
 
     pairs: Annotated[Path, INPUT, Parameter(metavar="DIR")]
@@ -102,27 +100,16 @@ def features(options: FeatureOptions) -> Result:
         {name: scores.estimate() for name, scores in results.items()},
         f"paired differences from {names[0]}",
         differences,
-        COLUMNS,
+        ["points", *SCORES],
         _cells,
-        MEANING,
     )
-    by_sequence = [
-        [f"{name}, {each}", *_cells(scores.of(each).mean())]
-        for name, scores in results.items()
-        for each in sequences
-    ]
     row_of = {
         name: scores.estimate().as_dict()
         | {"sequences": {each: asdict(scores.of(each).mean()) for each in sequences}}
         for name, scores in results.items()
     }
     minus_first = {name: each.as_dict() for name, each in differences.items()}
-    return Result(
-        {"pairs": len(found), "detectors": row_of, "differences": minus_first},
-        tables,
-        lead=f"Repeatability and matching of keypoints: {title}.",
-        report=[*tables, Table("Each sequence", ["", *COLUMNS], by_sequence, first="sequence")],
-    )
+    return Result({"pairs": len(found), "detectors": row_of, "differences": minus_first}, tables)
 
 
 def _cells(scores: PairScores) -> list[str]:

@@ -1,53 +1,39 @@
 """`saccade evaluate fixations`: fixation prediction by saliency maps."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from cyclopts import Parameter
 
 from saccade.attention.models import MODEL_NAMES
-from saccade.cli.fixation_tables import MEANING, SCORES, FixationOptions, score_cells
+from saccade.cli.fixation_tables import SCORES, FixationOptions, score_cells
 from saccade.cli.options import (
     DEFAULT_MODEL,
-    OUTPUT,
     SEVERAL,
     FaceOptions,
-    FigureFiles,
-    ReportOptions,
+    JsonOptions,
 )
 from saccade.cli.output import Result, comparison, tracked
-from saccade.datasets import write_table
 from saccade.errors import ConfigError, require, setting
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import (
     FixationData,
-    FixationRow,
     Model,
     PredictionScores,
     checked_map,
-    fixation_rows,
     saliency_from_files,
     score_models,
     score_people,
 )
 from saccade.extras import import_function
-from saccade.io.files import results_in
 from saccade.scale.pyramid import resize
 from saccade.types import Float32Array
-from saccade.viewing.evaluation import Bar, fixation_score_figure
-from saccade.viewing.report import Table
-from saccade.viewing.style import save_figure
-
-DRAWN = {"sAUC": "shuffled_auc", "AUC": "auc", "NSS": "nss", "CC": "cc"}
-"""Titles of the panels of the figure, and their scores."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScoreOptions(FixationOptions, FaceOptions, ReportOptions):
+class ScoreOptions(FixationOptions, FaceOptions, JsonOptions):
     """Options of `saccade evaluate fixations`."""
 
     model: Annotated[list[str] | None, SEVERAL, Parameter(metavar="[NAME=]MODEL")] = None
@@ -59,47 +45,31 @@ class ScoreOptions(FixationOptions, FaceOptions, ReportOptions):
     references: bool = False
     """Also score the center, other images' fixations, and people: each subject against the others,
     the ceiling. It takes a few minutes."""
-    figure: FigureFiles = None
-    csv: Annotated[Path | None, OUTPUT, Parameter(metavar="DIR")] = None
-    """Also write images.csv and fixations.csv: a row for each image, and for each fixation, of each
-    model."""
 
 
 def fixations(options: ScoreOptions) -> Result:
     """Score saliency maps by how well they predict human fixations.
 
     Means over the images with 95 % bootstrap intervals, and the paired
-    differences of each further model from the first. By default the attention
+    differences of each further model from the first; --json has the scores of
+    each image. By default the attention
     model is scored without and with the prior of the position, and as one
     density from which each metric has the map that is optimal for it.
 
     Example: saccade evaluate fixations --images photos --fixations fixations.csv
     """
-    data, references, csv = options.data(options.sigma), options.references, options.csv
-    models = chosen_models(data, options)
-    results, rows_of_fixations = score(data, models, references, by_fixation=csv is not None)
+    data = options.data(options.sigma)
+    results = score(data, chosen_models(data, options), references=options.references)
     first, *others = results
     gains = {name: results[name].minus(results[first]) for name in others}
-    title = f"{len(results[first].name)} images"
     tables = comparison(
-        title,
+        f"{len(results[first].name)} images",
         {name: result.estimate() for name, result in results.items()},
         f"paired differences from {first}",
         gains,
         SCORES,
         score_cells,
-        MEANING,
     )
-    image_rows = [
-        [f"{image}, {name}", *score_cells(scores)]
-        for name, result in results.items()
-        for image, scores in zip(result.name, result.scores, strict=True)
-    ]
-    for path in options.figure or []:
-        draw(results, path)
-    if csv is not None:
-        with results_in(csv):
-            write_csv(csv, results, rows_of_fixations)
     rows = {
         name: result.estimate().as_dict()
         | {"images": dict(zip(result.name, map(asdict, result.scores), strict=True))}
@@ -109,12 +79,7 @@ def fixations(options: ScoreOptions) -> Result:
     if others:
         of_others = {name: each.as_dict() for name, each in gains.items()}
         row = row | {"models": rows, "differences": of_others}
-    return Result(
-        row,
-        tables,
-        lead=f"Prediction of human fixations by saliency maps: {title}.",
-        report=[*tables, Table("Each image", ["", *SCORES], image_rows, first="image")],
-    )
+    return Result(row, tables)
 
 
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
@@ -190,53 +155,18 @@ def _model(data: FixationData, source: str, options: ScoreOptions) -> Model:
 
 
 def score(
-    data: FixationData, models: dict[str, Model], references: bool, *, by_fixation: bool
-) -> tuple[dict[str, PredictionScores], list[FixationRow]]:
-    """The scores of each model and reference, and those of each fixation where wished."""
+    data: FixationData, models: dict[str, Model], *, references: bool
+) -> dict[str, PredictionScores]:
+    """The scores of each model, and of each reference where wished."""
     if references:
         models |= {CENTER: data.center, SHUFFLED: data.shuffled}
     scored: dict[str, list[tuple[str, FixationScores]]] = {name: [] for name in models}
-    rows: list[FixationRow] = []
     count = len(data.sizes)
     for image, by_model in tracked(score_models(models, data, (BY_METRIC,)), "scoring", count):
         for name, scores in by_model.items():
             scored[name].append((image, scores))
-        if by_fixation:
-            maps = {name: model(image) for name, model in models.items()}
-            rows += fixation_rows(image, maps, data)
     if references:
         scored[PEOPLE] = [*tracked(score_people(data), "people", count)]
     return {
         name: PredictionScores(*zip(*pairs, strict=True)) for name, pairs in scored.items() if pairs
-    }, rows
-
-
-def draw(results: Mapping[str, PredictionScores], path: Path) -> None:
-    """Write the figure of the scores."""
-    estimates = {name: result.estimate() for name, result in results.items()}
-    scores = {
-        title: {
-            name: Bar(*(getattr(each, key) for each in estimate))
-            for name, estimate in estimates.items()
-        }
-        for title, key in DRAWN.items()
     }
-    save_figure(fixation_score_figure(scores, (CENTER, SHUFFLED, PEOPLE)), path)
-
-
-def write_csv(
-    folder: Path, results: Mapping[str, PredictionScores], rows: Sequence[FixationRow]
-) -> None:
-    """Write images.csv and fixations.csv: tidy tables, a row for each item of each model."""
-    by_image = [
-        (image, name, *astuple(scores))
-        for name, result in results.items()
-        for image, scores in zip(result.name, result.scores, strict=True)
-    ]
-    images = ("image", "model", *FixationScores.__dataclass_fields__)
-    for name, heads, table in (
-        ("images.csv", images, by_image),
-        ("fixations.csv", FixationRow._fields, rows),
-    ):
-        columns = map(np.array, zip(*table, strict=True))
-        write_table(folder / name, dict(zip(heads, columns, strict=True)))

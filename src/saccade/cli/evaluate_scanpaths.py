@@ -5,29 +5,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from cyclopts import Parameter
 
 from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.cli.fixation_tables import FixationOptions
-from saccade.cli.options import INPUT, OUT, OUTPUT, ModelOptions, ReportOptions, scanpath_network
-from saccade.cli.output import Result, tracked
-from saccade.datasets import write_table
+from saccade.cli.options import INPUT, JsonOptions, ModelOptions, scanpath_network
+from saccade.cli.output import Result, Table, tracked
 from saccade.errors import setting
-from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary, tidy
+from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary
 from saccade.evaluation.scanpaths import (
-    OTHERS,
     PathRow,
     PathSettings,
     mean_fixations,
     score_paths,
     viewings,
 )
-from saccade.io.files import results_in
 from saccade.settings import load_settings
-from saccade.viewing.evaluation import scanpath_figure
-from saccade.viewing.report import Table
-from saccade.viewing.style import save_figure
 
 MEANING = (
     "Each path is compared with those of the people who saw the image by ScanMatch (Cristino et "
@@ -49,7 +42,7 @@ FIXATIONS = {"nss": "NSS", "auc": "AUC", "information_gain": "IG (bit)"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScanpathOptions(FixationOptions, ModelOptions, ReportOptions):
+class ScanpathOptions(FixationOptions, ModelOptions, JsonOptions):
     """Options of `saccade evaluate scanpaths`."""
 
     paths_config: Annotated[Path | None, INPUT] = None
@@ -62,8 +55,6 @@ class ScanpathOptions(FixationOptions, ModelOptions, ReportOptions):
     """Pixels to a degree of visual angle, .1 to 1000; also the blur of people's fixations."""
     seed: int = setting(0, 0)
     """Seed of the random number generator, at least 0."""
-    out: Annotated[Path | None, OUTPUT, OUT] = None
-    """Folder for paths.csv, fixations.csv, and scanpaths.png, .svg and .pdf."""
 
 
 def scanpaths(options: ScanpathOptions) -> Result:
@@ -92,9 +83,6 @@ def scanpaths(options: ScanpathOptions) -> Result:
         path_rows += score_paths(name, people, saliency, settings)
         fixation_rows += score_fixations(name, data, saliency, chosen)
     paths, predicted = summary(path_rows), summary(fixation_rows)
-    if options.out is not None:
-        with results_in(options.out):
-            _write(options.out, path_rows, fixation_rows, degree)
     title = f"{len(people)} images, {model}, {preset or config or 'default settings'}"
     similarity = f"{title}: paths of {settings.fixations} fixations"
     tables = [
@@ -103,28 +91,7 @@ def scanpaths(options: ScanpathOptions) -> Result:
             "Each next fixation", ["", *FIXATIONS.values()], _cells(predicted, FIXATIONS, degree)
         ),
     ]
-    lead = f"Scanpaths of models and people: {title}. {MEANING}"
-    row = {"paths": _as_dict(paths), "fixations": _as_dict(predicted)}
-    return Result(row, tables, lead=lead)
-
-
-def _write(
-    folder: Path, paths: Sequence[PathRow], predicted: Sequence[FixationRow], degree: float
-) -> None:
-    """Write the tables of all paths and fixations, and the figure, into a folder."""
-    write_table(folder / "paths.csv", tidy(paths))
-    write_table(folder / "fixations.csv", tidy(predicted))
-    groups: dict[str, list[PathRow]] = {}
-    for row in paths:
-        if row.source != OTHERS:  # they are the same people
-            groups.setdefault(row.source, []).append(row)
-    xy = {name: [row.path.xy for row in rows] for name, rows in groups.items()}
-    durations = {
-        name: np.concatenate([row.path.duration for row in rows]) for name, rows in groups.items()
-    }
-    figure = scanpath_figure(xy, durations, degree)
-    for suffix in ("png", "svg", "pdf"):
-        save_figure(figure, folder / f"scanpaths.{suffix}")
+    return Result({"paths": _as_dict(paths), "fixations": _as_dict(predicted)}, tables)
 
 
 def _cells(summary: Summary, columns: dict[str, str], degree: float) -> Sequence[Sequence[str]]:

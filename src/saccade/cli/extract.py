@@ -16,7 +16,6 @@ from saccade.cli.output import (
     facts_table,
     print_message,
     progress_bar,
-    resumable,
     stop_on_interrupt,
 )
 from saccade.errors import require, setting
@@ -94,7 +93,6 @@ def extract(options: ExtractOptions) -> Result:
         source = source.replace("://", f"://{ANONYMOUS}", 1)
     images = open_source(source, options.every)
     with ExitStack() as stack:
-        stack.enter_context(resumable(Path(out) / "manifest.json"))
         result = extract_all(
             images,
             job,

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from saccade.cli.fixation_tables import MEANING, SCORES, FixationOptions, score_cells
-from saccade.cli.options import OUTPUT, FaceOptions, ReportOptions
+from saccade.cli.fixation_tables import SCORES, FixationOptions, score_cells
+from saccade.cli.options import OUTPUT, FaceOptions, JsonOptions
 from saccade.cli.output import Result, comparison, print_message, tracked, write_text
 from saccade.errors import setting
 from saccade.evaluation.fitting import FITTED, FittingConfig, study
@@ -15,7 +15,7 @@ from saccade.settings import as_toml
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitOptions(FixationOptions, FaceOptions, ReportOptions):
+class FitOptions(FixationOptions, FaceOptions, JsonOptions):
     """Options of `saccade fit`."""
 
     out: Annotated[Path, OUTPUT, Parameter(("--out", "-o"))] = Path("fitted.toml")
@@ -56,7 +56,6 @@ def fit(
             gains,
             SCORES,
             score_cells,
-            f"{MEANING} {FOLDS}",
         ),
     ]
     out = options.out
@@ -68,12 +67,4 @@ def fit(
         "scores": {name: each.as_dict() for name, each in scores.items()},
         "differences": {name: each.as_dict() for name, each in gains.items()},
     }
-    return Result(row, tables, lead=LEAD)
-
-
-LEAD = "A model of fixations, fitted to photographs and people, and its cross-validated scores."
-FOLDS = (
-    "By image: on images that the model was not fitted to; by subject: on subjects that it was not "
-    "fitted to. People: each subject against the fixations of the others. With few subjects at a "
-    "time, as by subject and of people, CC is lower: their density is coarser."
-)
+    return Result(row, tables)

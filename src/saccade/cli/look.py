@@ -1,7 +1,7 @@
 """`saccade look`: saliency maps and scanpaths."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,38 +11,31 @@ from cyclopts import Parameter
 from saccade.attention.models import AttentionModel
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
-from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
-from saccade.cli.films import Frames, Row, analyze_each, make_film
-from saccade.cli.mapping import FRAME_RATE
+from saccade.cli.images import ImageArguments, Row, analyze_each
 from saccade.cli.options import (
-    INPUT,
     OUTPUT,
     PUBLISHED,
     SEVERAL,
     JsonOptions,
     ModelOptions,
     OutputFolder,
-    SourceOptions,
     figure_formats,
     scanpath_network,
 )
 from saccade.cli.output import (
     Result,
     Table,
-    facts_table,
     relative_names,
     write_arrays,
 )
 from saccade.errors import ImageError, require, setting
 from saccade.io.files import FORMATS, results_in
 from saccade.io.image import read_image
-from saccade.io.video import video_writer
 from saccade.keypoints import Sift, SiftConfig
 from saccade.types import (
     FixationTable,
     Float32Array,
     FloatArray,
-    Image,
     Keypoints,
     Scanpath,
     ScanpathSamples,
@@ -50,9 +43,7 @@ from saccade.types import (
 from saccade.viewing import (
     Section,
     attention_figure,
-    heat_beside,
     save_figures,
-    scanpath_frames,
 )
 from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
 
@@ -63,7 +54,7 @@ MapFormat = Literal["npy", "mat", "png", "tiff"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class LookOptions(ModelOptions, JsonOptions, SourceOptions):
+class LookOptions(ModelOptions, JsonOptions, ImageArguments):
     """Options of `saccade look`."""
 
     out: OutputFolder = Path("saccade-look")
@@ -75,8 +66,6 @@ class LookOptions(ModelOptions, JsonOptions, SourceOptions):
     scanpath: Literal["most-probable", "winner-take-all"] | None = None
     """The most probable path of the scanpath model (the default), or that of the winner-take-all
     network (the default with --preset kootstra2010, itti1998 and saliencytoolbox2)."""
-    scanpath_film: Annotated[bool, OUTPUT] = False
-    """Also animate each scanpath: NAME.scanpath.mp4."""
     formats: Annotated[list[Format] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))] = None
     """Output format: of the maps and scanpaths, npz by default, or csv and mat for the scanpaths;
     and of the figures, png by default; several with commas."""
@@ -85,8 +74,6 @@ class LookOptions(ModelOptions, JsonOptions, SourceOptions):
     bits; several with commas."""
     layers: Annotated[list[str] | None, OUTPUT, SEVERAL] = None
     """Of --maps write these alone, such as saliency, contrast, symmetry; several with commas."""
-    every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
-    """Use every Nth frame of a video."""
     keypoints: bool = False
     """Also show the strongest interest points in the report."""
 
@@ -96,7 +83,7 @@ class LookOptions(ModelOptions, JsonOptions, SourceOptions):
         return [each for each in dict.fromkeys(self.formats or ()) if each in ("csv", "mat")]
 
 
-def look(options: LookOptions = LookOptions()) -> Result:
+def look(options: LookOptions) -> Result:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
     The map shows where people look at a photograph on a screen; with
@@ -104,13 +91,10 @@ def look(options: LookOptions = LookOptions()) -> Result:
     of different models, presets and images have no common scale.
 
     For each image --out receives a figure (NAME.look.png) and the arrays
-    (NAME.look.npz), and for all of them an interactive report (report.html);
-    for each video a film of the gaze beside the saliency, which has flicker
-    and motion (NAME.look.mp4), and both as arrays (NAME.look.npz). With
-    --format csv or mat the scanpaths of all images go to scanpaths.csv, and a
-    hundred drawn ones of each to samples.csv; with --maps each map goes to
-    maps/MAP/NAME.npy. Of a --camera the film is camera.look.mp4; Ctrl-C ends
-    it.
+    (NAME.look.npz), and for all of them an interactive report (report.html).
+    With --format csv or mat the scanpaths of all images go to scanpaths.csv,
+    and a hundred drawn ones of each to samples.csv; with --maps each map goes
+    to maps/MAP/NAME.npy.
 
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
@@ -129,11 +113,8 @@ def look(options: LookOptions = LookOptions()) -> Result:
         row, paths[path] = analyze_image(path, file, attention, options, builder, network)
         return row
 
-    def of_frames(frames: Frames, name: str) -> Row:
-        return look_at_frames(frames, out / f"{name}.look", attention)
-
     with results_in(out):
-        rows, code = analyze_each(options, out, of_image, of_frames, options.every)
+        rows, code = analyze_each(options.images, out, of_image)
         report = builder.write(out / "report.html") if len(builder) else None
         written = write_scanpaths(out, options.tables, paths)
     row: dict[str, Any] = {"images": rows, "report": None if report is None else str(report)}
@@ -142,9 +123,7 @@ def look(options: LookOptions = LookOptions()) -> Result:
 
 
 def _table(row: dict[str, Any]) -> Table:
-    """The scanpath on an image, or the film of a video."""
-    if "frames" in row:
-        return facts_table(row["image"], {name: row[name] for name in ("frames", "film")})
+    """The scanpath on an image."""
     return Table(
         f"{row['image']} -> {row['picture']}",
         ["fixation", "x [px]", "y [px]", "time [ms]", "saliency"],
@@ -230,13 +209,6 @@ def analyze_image(
         return image_part(section, image, layers, scan, keypoints, samples)
 
     builder.add(part)
-    if options.scanpath_film:
-        film = out.with_name(f"{name}.scanpath.mp4")
-        with video_writer(film, FRAME_RATE) as write:
-            for frame, seconds in scanpath_frames(image, scan):
-                for _ in range(max(1, round(seconds * FRAME_RATE))):
-                    write(frame)
-        row["film"] = str(film)
     return row, (scan, samples)
 
 
@@ -307,30 +279,3 @@ def write_scanpaths(
             files[f"{stem}_{kind}"] = str(out / f"{stem}.{kind}")
             write_fixations(out / f"{stem}.{kind}", table, onset_ms=onset, saliency=saliency)
     return files
-
-
-def look_at_frames(frames: Frames, out: Path, attention: AttentionModel) -> dict[str, Any]:
-    """Write the saliency and the gaze as a film and as arrays; returns the row for --json.
-
-    The film `out`.mp4 has frames (H, 2 W, 3): the gaze in the image and in its saliency. The arrays
-    `out`.npz are the saliency (n, h, w), the times (n,) in seconds, and the gaze (n, 2) in pixels.
-    If the model has a prior of the center, the gaze has none.
-    """
-    config = VideoConfig()
-    if getattr(attention.settings, "center_prior", None) is not None:
-        config = replace(config, scanpath=replace(config.scanpath, center_sigma=None))
-    video = VideoSaliency(config, lambda frame: attention.maps(frame).saliency)
-    times, maps = list[float](), list[VideoMaps]()
-
-    def analyze(time: float, frame: Image) -> tuple[Image, dict[str, Any]]:
-        times.append(time)
-        maps.append(video(frame, time))
-        beside = heat_beside(frame, maps[-1].saliency, maps[-1].gaze)
-        return beside, {"heat": beside[:, frame.shape[1] :]}
-
-    film, arrays = Path(f"{out}.mp4"), Path(f"{out}.npz")
-    count = make_film(frames, film, analyze)
-    saliency, gaze = np.stack([each.saliency for each in maps]), np.array([m.gaze for m in maps])
-    write_arrays(arrays, {"saliency": saliency, "time": np.array(times), "gaze": gaze})
-    row = {"image": frames.source, "frames": count, "film": str(film)}
-    return row | {"arrays": str(arrays)}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 import numpy as np
 from cyclopts import Parameter
 
-from saccade.cli.detect import DetectorOptions, keypoints_of
+from saccade.cli.detect import CameraModel, DetectorOptions, keypoints_of
 from saccade.cli.extract import batch_progress
 from saccade.cli.options import (
     EXECUTION,
@@ -32,6 +32,7 @@ from saccade.cli.output import (
     write_text,
 )
 from saccade.errors import require, setting
+from saccade.exchange.colmap import parse_cameras
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.io.image import read_image
@@ -44,7 +45,6 @@ from saccade.viewing.report import ReportBuilder, match_part
 if TYPE_CHECKING:
     from saccade.batch.matching import Format as ManyFormat
     from saccade.batch.matching import MatchRun
-    from saccade.exchange.colmap import Cameras
 
 
 FORMATS = {"two images": get_args(FigureFormat), "many images": ("hdf5", "colmap")}
@@ -85,10 +85,7 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     ] = None
     """Output format: of the figure of two images, png by default, svg or pdf; of many images hdf5
     for hloc, by default, or colmap; several with commas."""
-    camera: Annotated[str | None, INPUT, Parameter(metavar="MODEL,...")] = None
-    """Of many images with --format colmap: the camera of all of them, such as PINHOLE,fx,fy,cx,cy
-    in COLMAP's pixels, or a model alone, whose parameters are guessed; or a file with NAME MODEL
-    WIDTH HEIGHT PARAMETER ... to a line. By default each image has its own."""
+    camera: CameraModel = None
     redo: Annotated[bool, EXECUTION] = False
     """Of many images make features and matches anew."""
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
@@ -228,7 +225,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
                 options.ratio, options.mutual, options.verification, options.tolerance
             ),
             formats=cast("Sequence[ManyFormat]", formats),
-            cameras=cameras_of(options.camera),
+            cameras=parse_cameras(options.camera),
             workers=options.workers,
             redo=options.redo,
             should_stop=stack.enter_context(stop_on_interrupt()),
@@ -246,15 +243,6 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
         )
     table = facts_table(f"{options.first} -> {options.out}", row | row["files"])
     return Result(row, [table], code)
-
-
-def cameras_of(text: str | None) -> "Cameras":
-    """The camera of --camera, or those in its file."""
-    from saccade.exchange.colmap import ColmapCamera, read_cameras
-
-    if text is None:
-        return None
-    return read_cameras(Path(text)) if Path(text).is_file() else ColmapCamera.parse(text)
 
 
 def _as_row(run: "MatchRun") -> dict[str, Any]:

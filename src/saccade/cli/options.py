@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 from cyclopts import Group, Parameter, Token, convert
 
 from saccade.cli.output import print_message
-from saccade.errors import ConfigError, Settings, require, setting
-from saccade.io.image import find_images
+from saccade.errors import Settings, require, setting
 from saccade.settings import FREE_VIEWING, load_model, load_settings, preset_names
 
 if TYPE_CHECKING:
@@ -58,26 +57,11 @@ def _require_folder(_: Any, path: Path | None) -> None:
         raise ValueError(f"Expected a folder, found the name of a file: {path}")
 
 
-def _require_figures(_: Any, paths: list[Path] | None) -> None:
-    for path in paths or ():
-        if path.suffix.lower().removeprefix(".") not in get_args(FigureFormat):
-            raise ValueError(f"Expected a .png, .svg or .pdf, found {path}")
-
-
 SEVERAL = Parameter(converter=_split_commas)
 """Marks options whose values may be separated by commas."""
 OUT = Parameter(("--out", "-o"), metavar="DIR", help="Output folder.")
 FOLDER = Parameter(validator=_require_folder)
 OutputFolder: TypeAlias = Annotated[Path, OUTPUT, OUT, FOLDER]
-FigureFiles: TypeAlias = Annotated[
-    list[Path] | None,
-    OUTPUT,
-    Parameter(
-        metavar="FILE",
-        help="Also draw a figure: .png, .svg or .pdf; may be repeated.",
-        validator=_require_figures,
-    ),
-]
 
 
 def figure_formats(formats: Iterable[str] | None) -> list[str]:
@@ -98,14 +82,6 @@ class JsonOptions(Options):
 
     as_json: Annotated[bool, OUTPUT, Parameter("--json")] = False
     """Print the result as JSON."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReportOptions(JsonOptions):
-    """How the tables of an evaluation are shown."""
-
-    report: Annotated[Path | None, OUTPUT] = None
-    """Also write the tables as an HTML page."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,49 +136,6 @@ def parse_pose(option: str, text: str, expected: str) -> tuple[float, float, flo
     if not all(map(isfinite, (x, y, angle))):
         raise ConfigError(f"{option}: expected {expected}, found {text!r}")
     return x, y, angle
-
-
-MAX_CAMERA_FRAMES = 36_000
-"""Frames of a camera by default: twenty minutes at 30 a second."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LiveOptions(Options):
-    """A camera, and where its frames are shown."""
-
-    camera: Annotated[str | None, INPUT, Parameter(metavar="SOURCE")] = None
-    """Take the frames of a camera: a device (0), an address (rtsp://...) or a video file."""
-    live: Annotated[bool, OUTPUT] = False
-    """Show the run in the rerun viewer (needs rerun-sdk)."""
-    page: Annotated[bool, OUTPUT] = False
-    """Show it in rerun's viewer in the browser."""
-
-
-@dataclass(frozen=True)
-class ImageArguments(Options):
-    """Images and videos."""
-
-    images: list[str] | None = None
-    """Images, videos, folders, or quoted patterns."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SourceOptions(LiveOptions, ImageArguments):
-    """Images and videos, or a camera."""
-
-    frames: Annotated[int, INPUT] = setting(MAX_CAMERA_FRAMES, 2)
-    """Maximum number of frames of a camera, at least 2."""
-
-    def paths(self) -> list[Path]:
-        """The images and videos; none with a camera.
-
-        Raises:
-            ConfigError: there are both, or neither.
-        """
-        if bool(self.images) == (self.camera is not None):
-            found = "both" if self.images else "neither"
-            raise ConfigError(f"IMAGES: expected images or --camera, found {found}")
-        return [path for each in self.images or () for path in find_images(each)]
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,7 @@ from saccade.errors import ImageWarning, LogWarning
 from saccade.io.files import as_text, atomic_write
 
 if TYPE_CHECKING:
-    from saccade.cli.options import JsonOptions
     from saccade.evaluation.intervals import Estimate, Scores
-    from saccade.viewing.report import Table as ReportTable
 
 T = TypeVar("T")
 LINE_SECONDS = 10.0
@@ -53,17 +51,6 @@ def print_data_warnings() -> None:
             show(message, category, *place, **kwargs)
 
     warnings.showwarning = print_warning
-
-
-@contextmanager
-def resumable(checkpoint: Path) -> Iterator[None]:
-    """Print how to resume the run if Ctrl-C interrupts it."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        if checkpoint.exists():
-            print_message(f"run the same command again to resume from {checkpoint}")
-        raise
 
 
 @contextmanager
@@ -137,14 +124,14 @@ MAX_CELL = 60
 """Characters of a number with its unit or remark; what is longer is text, which is left-aligned."""
 
 
-def print_table(table: "Table | ReportTable") -> None:
+def print_table(table: Table) -> None:
     """Print a table on stdout."""
     from rich import box
     from rich.console import Console
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    title, columns, rows = table[:3]
+    title, columns, rows = table
     shown = RichTable(
         title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_header=any(columns)
     )
@@ -162,14 +149,9 @@ class Result:
 
     row: Mapping[str, Any]
     """Figures, for --json."""
-    tables: Sequence[Any] = ()
-    """`Table` objects, of this module or of a report."""
+    tables: Sequence[Table] = ()
     code: int = 0
     """Exit code."""
-    lead: str = ""
-    """First paragraph of the page of --report."""
-    report: "Sequence[ReportTable] | None" = None
-    """Tables of that page, if they are others."""
 
 
 LABELS = {
@@ -217,14 +199,11 @@ def comparison(
     gains: "Mapping[str, Estimate[Scores]]",
     columns: Iterable[str],
     cells: "Callable[[Scores], Sequence[str]]",
-    text: str,
-) -> "list[ReportTable]":
+) -> list[Table]:
     """Tables of means and, titled `difference`, of paired differences, each with its interval."""
-    from saccade.viewing.report import Table as ReportTable
-
     tables = {title: means} | ({difference: gains} if gains else {})
     return [
-        ReportTable(
+        Table(
             heading,
             ["", *columns],
             [
@@ -232,20 +211,14 @@ def comparison(
                 for name, each in estimates.items()
                 for label, scores in zip((name, "  95 % from", "  95 % to"), each, strict=True)
             ],
-            text if estimates is means else "",
         )
         for heading, estimates in tables.items()
     ]
 
 
-def emit(result: Result, command: str, options: "JsonOptions") -> None:
-    """Print a result on stdout, as JSON or as tables, and write its page, if there is to be one."""
-    report: Path | None = getattr(options, "report", None)
-    if report is not None:
-        from saccade.viewing.report import write_tables
-
-        write_tables(report, command, result.lead, result.report or result.tables)
-    if options.as_json:
+def emit(result: Result, *, as_json: bool) -> None:
+    """Print a result on stdout, as JSON or as tables."""
+    if as_json:
         print_json(result.row)
         return
     for table in result.tables:

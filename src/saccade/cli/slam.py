@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
@@ -21,7 +20,6 @@ from saccade.cli.mapping import (
 )
 from saccade.cli.options import (
     MAP,
-    OUTPUT,
     SEVERAL,
     LogOptions,
     Options,
@@ -41,7 +39,6 @@ from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
 from saccade.errors import ConfigError, LogError
 from saccade.evaluation.runs import lost_times, summarize_run
-from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.landmark_names import name_texts
 from saccade.plane import in_robot_frame
@@ -51,7 +48,6 @@ from saccade.slam import (
     Slam,
     SlamResult,
     SmoothResult,
-    dead_reckon,
     run,
     smooth,
 )
@@ -66,7 +62,6 @@ from saccade.types import (
 )
 from saccade.viewing import chart_figure, map_figure, map_frames
 from saccade.viewing.charts import Chart
-from saccade.viewing.live import LiveMap, save_rrd
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
 from saccade.viewing.report_map import ObservedLandmarks, map_part
@@ -103,10 +98,6 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     merge: Annotated[list[Path] | None, MAP, SEVERAL, Parameter(metavar="MAP")] = None
     """Instead of a LOG: merge these maps, in the frame of the first, into --save-map; several with
     commas."""
-    live: Annotated[bool, OUTPUT] = False
-    """Show the run in the rerun viewer (needs rerun-sdk)."""
-    rrd: Annotated[Path | None, OUTPUT] = None
-    """Record the run for the rerun viewer (needs rerun-sdk)."""
 
     @property
     def first(self) -> str:
@@ -180,15 +171,12 @@ def map_log(
 
     The run is added to `report`; None for one of its own.
     """
-    if options.rrd is not None:
-        import_optional("rerun", "live")
     causes = check_log(log)
     out, slam = options.out, options.filter_of(log)
     settings = slam.config
     smoothed: SmoothResult | None = None
     try:
-        viewer = LiveMap(log.name, log.time, dead_reckon(log, settings)) if options.live else None
-        recorder = Recorder(SNAPSHOTS, viewer)
+        recorder = Recorder(SNAPSHOTS)
 
         def filtered(done: int, total: int) -> None:
             progress(done, total, "filter")
@@ -209,8 +197,6 @@ def map_log(
     if options.film:
         frames = map_frames(snapshots, log.time, odometry)
         files |= write_film(out / "map.mp4", frames, len(snapshots), progress)
-    if options.rrd is not None:
-        files["rrd"] = save_rrd(options.rrd, log.name, snapshots, log.time, odometry)
     if options.save_map is not None:
         slam.save(options.save_map)
         files["map"] = options.save_map
@@ -261,25 +247,21 @@ def _map_figures(options: SlamOptions, slam: Slam, result: SlamResult) -> dict[s
 def write_tables(
     out: Path, log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None
 ) -> dict[str, Path]:
-    """Write trajectory, landmarks and innovations; returns the files.
-
-    The tables are CSV, and Parquet too where pyarrow is installed.
-    """
+    """Write trajectory, landmarks and innovations; returns the files."""
     best = result if smoothed is None else smoothed
     files = {
         "trajectory": out / "trajectory.tum",
+        "poses": out / "poses.csv",
         "landmarks": out / "landmarks.csv",
+        "innovations": out / "innovations.csv",
     }
     write_tum(files["trajectory"], best.trajectory)
     write_landmarks(files["landmarks"], best.map)
     if smoothed is not None:
         files["filter"] = out / "filter.tum"
         write_tum(files["filter"], result.trajectory)
-    tables = {"poses": pose_table(best.trajectory), "innovations": innovation_table(log, result)}
-    for name, table in tables.items():
-        for kind in ("csv", "parquet") if find_spec("pyarrow") else ("csv",):
-            files[name if kind == "csv" else f"{name}_{kind}"] = out / f"{name}.{kind}"
-            write_table(out / f"{name}.{kind}", table)
+    write_table(files["poses"], pose_table(best.trajectory))
+    write_table(files["innovations"], innovation_table(log, result))
     return files
 
 

@@ -103,6 +103,24 @@ def _numbers(name: str, expected: str, words: Sequence[str]) -> tuple[float, ...
     return values
 
 
+def parse_cameras(text: str | None) -> Cameras:
+    """Cameras as users name them: the camera of all images, or a file that `read_cameras` reads.
+
+    Raises:
+        ConfigError: it is neither.
+    """
+    if text is None:
+        return None
+    return read_cameras(Path(text)) if Path(text).is_file() else ColmapCamera.parse(text)
+
+
+def check_cameras(cameras: Cameras) -> None:
+    """Raises `ConfigError` if a camera is not one of COLMAP's models, or pycolmap is missing."""
+    pycolmap = import_pycolmap()
+    for each in [cameras] if isinstance(cameras, ColmapCamera) else (cameras or {}).values():
+        make_camera(pycolmap, each, 1, 1)
+
+
 class TwoViews(Protocol):
     """`saccade.Verification`: the geometry of two views, and the matches that agree with it."""
 

@@ -1,8 +1,8 @@
 """Figures, films and pages, made from the data types of `saccade.types`."""
 
-from saccade.viewing.attention import attention_figure, heat_beside, pair_figure
+from saccade.viewing.attention import attention_figure, pair_figure
 from saccade.viewing.charts import chart_figure
-from saccade.viewing.film import drive_frames, map_frames, scanpath_frames
+from saccade.viewing.film import drive_frames, map_frames
 from saccade.viewing.keypoints import keypoint_figure, match_figure, region_figure
 from saccade.viewing.page import Picture, Section
 from saccade.viewing.slam import map_figure
@@ -14,7 +14,6 @@ __all__ = [
     "attention_figure",
     "chart_figure",
     "drive_frames",
-    "heat_beside",
     "keypoint_figure",
     "map_figure",
     "map_frames",
@@ -23,5 +22,4 @@ __all__ = [
     "region_figure",
     "save_figure",
     "save_figures",
-    "scanpath_frames",
 ]

@@ -1,4 +1,4 @@
-"""Films, frame by frame: of a scanpath, of a map over time, and of a drive."""
+"""Films of a map over time and of a drive, frame by frame."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, cast
@@ -13,8 +13,8 @@ from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Polygon
 from matplotlib.transforms import Affine2D
 
-from saccade.types import Float32Array, FloatArray, Image, MapSnapshot, Scanpath, Trajectory
-from saccade.viewing.attention import draw_scanpath, heat_colors
+from saccade.types import Float32Array, FloatArray, Image, MapSnapshot, Trajectory
+from saccade.viewing.attention import heat_colors
 from saccade.viewing.report_map import ObservedLandmarks
 from saccade.viewing.slam import (
     ELLIPSE,
@@ -29,17 +29,9 @@ from saccade.viewing.style import (
     GREEN,
     ORANGE,
     RED,
-    draw_panel,
-    figure_for,
     rgb_levels,
 )
 
-FOVEA_SIGMA = 0.08
-"""Standard deviation of the bright region around a fixation, of the longer side of the image."""
-SLOWDOWN = 4.0
-"""Slow motion of the film of a scanpath."""
-LAST_SECONDS = 1.5
-"""Duration of its last frame."""
 WIDTH = 1280
 """Width of a frame of the map in pixels."""
 HEIGHT = 720
@@ -71,37 +63,6 @@ class Eye(NamedTuple):
     """Width of the view in radians."""
     reason: str = ""
     """Why, as it is written on the frame."""
-
-
-def scanpath_frames(image: Float32Array, path: Scanpath) -> Iterator[tuple[Frame, float]]:
-    """One frame before the first fixation and one for each, titled with the model's time.
-
-    Args:
-        image: (H, W, 3) in [0, 1].
-        path: fixations.
-
-    Yields:
-        Frames (h, w, 3), and the seconds for which each is shown.
-    """
-    starts = np.concatenate([[0.0], path.time])
-    durations = [*(SLOWDOWN * np.diff(starts)).tolist(), LAST_SECONDS]
-    height, width = image.shape[:2]
-    y, x = np.ogrid[:height, :width]
-    sigma = FOVEA_SIGMA * max(height, width)
-    for count, (time, seconds) in enumerate(zip(starts.tolist(), durations, strict=True)):
-        shown = image
-        if count:
-            fixation = path.xy[count - 1]
-            d2 = (x - fixation[0]) ** 2 + (y - fixation[1]) ** 2
-            weight = np.asarray(0.35 + 0.65 * np.exp(-d2 / (2 * sigma**2)), np.float32)
-            shown = image * weight[:, :, None]
-        figure = figure_for(width, height, panel=6)
-        axes = figure.subplots()
-        draw_panel(axes, shown, f"{1000 * time:.0f} ms")
-        draw_scanpath(axes, Scanpath(path.xy[:count], path.time[:count], path.saliency[:count]))
-        canvas = cast("Any", FigureCanvasAgg(figure))
-        canvas.draw()
-        yield np.array(canvas.buffer_rgba())[:, :, :3], seconds
 
 
 def map_frames(

@@ -15,7 +15,6 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 from PIL import Image as Pillow
 
 from saccade.types import Float32Array, Image
@@ -32,13 +31,6 @@ PACKED_TYPES = ("float32", "int32", "int16", "uint16", "uint8")
 def data_uri(kind: str, data: bytes) -> str:
     """The data URI of an image file; `kind` is "png", "jpeg" or "webp"."""
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-
-
-def figure_uri(figure: Figure) -> str:
-    """The data URI of a figure as a PNG."""
-    with BytesIO() as file:
-        figure.savefig(file, format="png", facecolor="white")
-        return data_uri("png", file.getvalue())
 
 
 def shrunk(image: npt.NDArray[Any], scale: float) -> npt.NDArray[Any]:
@@ -119,17 +111,15 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, a paragraph, pictures and facts, in that order."""
+    """A heading, a paragraph and facts, in that order."""
 
     heading: str
     text: str
-    pictures: Sequence[Picture] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
 
     def html(self, content: str = "") -> str:
         """The section, with more HTML after its text."""
         parts = [f"<h2>{escape(self.heading)}</h2>\n<p>{escape(self.text)}</p>{content}"]
-        parts += [picture.html for picture in self.pictures]
         rows = (
             f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>\n'
             for name, value in self.facts.items()

@@ -1,22 +1,21 @@
 """The report: one self-contained, interactive HTML page, built part by part."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
 from saccade.io.files import atomic_write
 from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Scanpath, ScanpathSamples
-from saccade.viewing.page import Picture, Section, heat, html_page, json_element, photograph
+from saccade.viewing.page import Section, heat, html_page, json_element, photograph
 
 SCRIPTS: dict[str, tuple[str, ...]] = {
     "map": ("charts.js", "ground.js", "map.js"),
     "image": ("photo.js", "samples.js", "image.js"),
     "match": ("photo.js", "match.js"),
-    "table": ("table.js",),
 }
 """Additional scripts for each kind of part."""
 MAX_LENGTH = 4_700_000
@@ -25,8 +24,6 @@ MAX_POINTS = 400
 """Maximum number of interest points, shown with their descriptors."""
 MAX_MATCHES = 5000
 """Maximum number of matches of two photographs."""
-SORT_HINT = "Click a heading to sort by it, and once more to reverse the order."
-"""Appended to the text of a table."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +32,7 @@ class Part:
 
     section: Section
     """Its heading, text and facts."""
-    kind: Literal["map", "image", "match", "table"]
+    kind: Literal["map", "image", "match"]
     """Script that shows it."""
     data: Mapping[str, Any]
     """The input of that script: JSON, and arrays of numbers."""
@@ -45,27 +42,6 @@ class Part:
         """The part as HTML."""
         data = json_element(self.data)
         return self.section.html(f'\n<div class="part" data-kind="{self.kind}">{data}</div>\n')
-
-
-class Table(NamedTuple):
-    """A sortable table of a report."""
-
-    title: str
-    columns: Sequence[str]
-    """Headings; the first may be empty."""
-    rows: Sequence[Sequence[str]]
-    """One cell for each column; the first names the row."""
-    text: str = ""
-    """Explains the columns."""
-    first: str = "name"
-    """Heading of the first column where that is empty."""
-    figures: Sequence[Picture] = ()
-
-    def part(self) -> Part:
-        """The table as a part of a report."""
-        section = Section(self.title, f"{self.text} {SORT_HINT}".strip(), self.figures)
-        data = {name: getattr(self, name) for name in ("title", "columns", "rows", "first")}
-        return Part(section, "table", data)
 
 
 class ReportBuilder:
@@ -117,15 +93,6 @@ def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
     body += "<noscript><p>The interactive parts of this page need JavaScript.</p></noscript>"
     scripts = ("report.js", *of_parts, "start.js")
     return html_page(title, lead, body, ("page.css", "report.css"), scripts)
-
-
-def write_tables(path: Path, title: str, lead: str, tables: Iterable[Table]) -> None:
-    """Write tables as a report; those without rows are omitted."""
-    builder = ReportBuilder(title, lead)
-    for table in tables:
-        if table.rows:
-            builder.add(table.part)
-    builder.write(path)
 
 
 def image_part(
