@@ -48,16 +48,9 @@ def fit(
     scores = {name: each.estimate() for name, each in found.results.items()}
     own = found.results[FITTED]
     gains = {name: own.minus(each) for name, each in found.results.items() if each is not own}
-    tables = [
-        *comparison(
-            f"{len(data.sizes)} images",
-            scores,
-            f"{FITTED}, minus:",
-            gains,
-            SCORES,
-            score_cells,
-        ),
-    ]
+    tables = comparison(
+        f"{len(data.sizes)} images", scores, f"{FITTED}, minus:", gains, SCORES, score_cells
+    )
     out = options.out
     write_text(out, as_toml(found.model))
     count, fitted_to = len(found.model.features), found.model.fitted_to
