@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 from cyclopts import Group, Parameter, Token, convert
 
 from saccade.cli.output import print_message
-from saccade.errors import Settings, require, setting
+from saccade.errors import ConfigError, Settings, require, setting
 from saccade.settings import FREE_VIEWING, load_model, load_settings, preset_names
 
 if TYPE_CHECKING:
