@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fuzz.targets import TARGETS, points
+from fuzz.targets import TARGETS
 from saccade import exchange, read_image
 from saccade.datasets import load
 from saccade.errors import ImageError, KeypointsError, LogError, OutputError
@@ -130,17 +130,6 @@ def test_features_that_unpack_to_too_much(tmp_path):
         file.create_dataset("a.png/keypoints", shape, "f4", compression="gzip", fillvalue=0)
     with limited(memory=100 << 20), refuses(KeypointsError, "a.h5", "bytes that unpack to"):
         exchange.read_hdf5(tmp_path / "a.h5")
-
-
-def test_a_table_that_unpacks_to_too_much(tmp_path):
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    schema = exchange.to_arrow({"a.png": points()}).schema
-    empty = pa.table({field.name: pa.nulls(1 << 23, field.type) for field in schema})
-    pq.write_table(empty, tmp_path / "a.parquet", compression="zstd")
-    with limited(memory=100 << 20), refuses(KeypointsError, "a.parquet", "bytes that unpack to"):
-        exchange.read_parquet(tmp_path / "a.parquet")
 
 
 def test_a_view_in_the_place_of_a_table(tmp_path):

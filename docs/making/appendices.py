@@ -6,7 +6,7 @@ from pathlib import Path
 import saccade
 from saccade.viewing.textbook.ekf import simulated_log
 from saccade.viewing.textbook.walkthrough import (
-    Implementation,
+    code_of,
     equations_html,
     load_steps,
     run_appendix,
@@ -20,18 +20,18 @@ def draw(appendix: str, folder: Path) -> None:
     """Draw the figures of an appendix."""
     with as_file(files("saccade") / "data" / PHOTO) as path:
         image = saccade.read_image(path)
-    figures, _ = run_appendix(Implementation.of_textbook(appendix), image, simulated_log())
+    figures, _ = run_appendix(appendix, image, simulated_log())
     for name, figure in figures.items():
         save_webp(figure, folder / f"appendix-{name}.webp")
 
 
 def steps_markdown(appendix: str) -> str:
     """The steps of an appendix as Markdown, with the current code of the textbook."""
-    code = Implementation.of_textbook(appendix).code
+    code = code_of(appendix)
     parts = []
     for step in load_steps(appendix):
         picture = f"![{step['alt']}](pictures/appendix-{step['name']}.webp){{ .wide }}"
-        equations = equations_html(step["equations"], code, code)
+        equations = equations_html(step["equations"], code)
         parts += [f"### {step['title']}", step["text"], equations, picture, f"*{step['caption']}*"]
         if "default" in step:
             parts.append(f'!!! info "Where the default differs"\n    {step["default"]}')

@@ -1,9 +1,10 @@
 """Figures of the documentation, drawn by the code that each page describes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,9 +20,18 @@ from saccade.frames import Frame
 from saccade.scale.pyramid import halve
 from saccade.simulation import DriveConfig, LightConfig, simulate_drive
 from saccade.viewing.attention import draw_scanpath
-from saccade.viewing.charts import innovation_charts, uncertainty_charts
+from saccade.viewing.charts import Chart, innovation_charts, uncertainty_charts
 from saccade.viewing.keypoints import draw_keypoints
-from saccade.viewing.style import BLUE, HEAT, ORANGE, figure_for, picture_axes
+from saccade.viewing.style import (
+    BLUE,
+    GRAY,
+    GREEN,
+    HEAT,
+    ORANGE,
+    figure_for,
+    grid_axes,
+    picture_axes,
+)
 
 DATA = Path(str(files("saccade") / "data"))
 
@@ -267,6 +277,41 @@ def park() -> Figure:
     return viewing.map_figure(run.trajectory, run.map, run.dead_reckoning)
 
 
+def chart_figure(charts: Sequence[Chart], start: float = 0.0) -> Figure:
+    """Charts side by side.
+
+    Args:
+        charts: in their order.
+        start: origin of the time axes, in seconds.
+    """
+    columns = max(1, min(len(charts), 3))
+    rows = max(1, -(-len(charts) // columns))
+    figure = Figure(figsize=(4.2 * columns, 2.9 * rows), layout="constrained", dpi=110)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[len(charts) :]:
+        axes.set_axis_off()
+    for axes, chart in zip(panels, charts, strict=False):
+        time = chart.time - start
+        style: dict[str, Any] = {"color": BLUE, "linewidth": 1.0}
+        dots = {"linestyle": "", "marker": ".", "markersize": 2, "color": GRAY, "alpha": 0.4}
+        band = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
+        axes.fill_between(time, *chart.band, **band, label=chart.band_name)
+        label = chart.name if chart.name != chart.band_name else None
+        axes.plot(time, chart.values, **(dots if chart.dots else style), label=label)
+        if chart.mean is not None:
+            axes.plot(time, chart.mean, **style, label=chart.mean_name)
+        if chart.logarithmic:
+            axes.set_yscale("log")
+            axes.minorticks_off()
+        title = f"{chart.title} [{chart.unit}]" if chart.unit else chart.title
+        axes.set_title(title, loc="left", fontsize=10, color="0.2")
+        axes.set_xlabel("time since the start [s]")
+        axes.margins(x=0.01)
+        axes.legend(loc="upper right", fontsize=7, markerscale=3, edgecolor="none")
+        grid_axes(axes)
+    return figure
+
+
 def innovations() -> Figure:
     """Innovations and uncertainty of Victoria Park."""
     from saccade.slam.consistency import chi_square_band
@@ -276,7 +321,7 @@ def innovations() -> Figure:
     S, band = run.innovation_covariance, chi_square_band(2, 50)
     charts = innovation_charts(time, run.innovation, S, nis, band, 50)
     charts += uncertainty_charts(run.trajectory, None)
-    return viewing.chart_figure(charts, float(log.time[0]))
+    return chart_figure(charts, float(log.time[0]))
 
 
 def simulated_frames() -> Figure:

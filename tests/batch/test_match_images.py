@@ -128,11 +128,8 @@ def test_what_is_done_is_not_done_again(photos, listed, tmp_path):
     part = cv2.imread(str(folder / "part.png"))
     cv2.imwrite(str(folder / "part.png"), part[:, ::-1])
     assert counts() == (1, 2, 0)
-    assert counts(redo=True) == (3, 2, 0)
-    with pytest.raises(ConfigError, match=r"made with max_keypoints.* --redo"):
+    with pytest.raises(ConfigError, match="made with max_keypoints"):
         match_images(str(folder), out, pairs=listed)
-    changed = match_images(str(folder), out, pairs=listed, redo=True)
-    assert (changed.extraction.done, changed.done) == (3, 2)
 
 
 def test_the_command_leaves_out_images_that_fail(run, photos, tmp_path):
@@ -161,7 +158,7 @@ def test_the_command_leaves_out_images_that_fail(run, photos, tmp_path):
         (["."], ".: expected images"),
         (["one.png", "--format", "svg"], "expected hdf5 or colmap for many images, found 'svg'"),
         (["one.png", "one.png", "--format", "hdf5"], "expected png or svg or pdf for two images"),
-        (["one.png", "one.png", "--pairs", "x"], "--pairs, --camera, --redo and --workers"),
+        (["one.png", "one.png", "--pairs", "x"], "--pairs, --camera and --workers"),
         (["b", "--pairs", "absent.txt"], "absent.txt: cannot be read"),
         (["b", "--pairs", "one.txt"], "one.txt, line 2: expected two images, found 'one.png'"),
         (

@@ -5,8 +5,7 @@ import dataclasses
 import cv2
 import h5py
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
+import pandas
 import pytest
 
 import saccade
@@ -15,14 +14,11 @@ from saccade.errors import KeypointsError
 from saccade.types import Keypoints
 from support.keypoint_files import FIELDS, HALLWAY, assert_same, random_points
 
-ONE = {"npz": ".npz", "csv": ".csv"}
-MANY = {"parquet": ".parquet", "hdf5": ".h5"}
-
 
 def written(kind, path, points, name="photo.jpg"):
     """The points of one image after a way there and back."""
     write, read = (getattr(exchange, f"{verb}_{kind}") for verb in ("write", "read"))
-    if kind in ONE:
+    if kind == "npz":
         write(path, points)
         return read(path)
     write(path, {name: points})
@@ -31,33 +27,39 @@ def written(kind, path, points, name="photo.jpg"):
     return found[1]
 
 
-@pytest.mark.parametrize("kind", [*ONE, *MANY])
+@pytest.mark.parametrize("kind", ["npz", "hdf5"])
 @pytest.mark.parametrize("count", [0, 1, 40])
 @pytest.mark.parametrize("described", [True, False])
 def test_points_come_back_as_they_were(rng, tmp_path, kind, count, described):
     points = random_points(rng, count, described)
     found = written(kind, tmp_path / "points", points)
-    described_back = FIELDS[:-1] if kind == "csv" or count == 0 else FIELDS
-    assert_same(found, points, described_back)
+    assert_same(found, points, FIELDS[:-1] if count == 0 else FIELDS)
     assert [path.name for path in tmp_path.iterdir()] == ["points"]
 
 
-@pytest.mark.parametrize("kind", MANY)
-def test_many_images_keep_their_names(rng, tmp_path, kind):
+def test_many_images_keep_their_names(rng, tmp_path):
     images = {
         "b/photo.jpg": random_points(rng, 5),
         "a/photo.jpg": random_points(rng, 3),
         "a/deep/photo.jpg": random_points(rng, 0),
         "äöü photo.png": random_points(rng, 2, described=False),
     }
-    path = tmp_path / f"points{MANY[kind]}"
-    getattr(exchange, f"write_{kind}")(path, images)
-    found = getattr(exchange, f"read_{kind}")(path)
-    getattr(exchange, f"write_{kind}")(tmp_path / "none", {})
-    assert getattr(exchange, f"read_{kind}")(tmp_path / "none") == {}
+    exchange.write_hdf5(tmp_path / "points.h5", images)
+    found = exchange.read_hdf5(tmp_path / "points.h5")
+    exchange.write_hdf5(tmp_path / "none", {})
+    assert exchange.read_hdf5(tmp_path / "none") == {}
     assert found.keys() == images.keys()
     for name, points in images.items():
         assert_same(found[name], points, FIELDS[: 6 if len(points) else 5])
+
+
+def test_a_table_has_every_digit(rng, tmp_path):
+    points = random_points(rng, 40)
+    exchange.write_csv(tmp_path / "a.csv", points)
+    table = pandas.read_csv(tmp_path / "a.csv")
+    np.testing.assert_array_equal(table[["x", "y"]].to_numpy(np.float32), points.xy)
+    for name in ("size", "angle", "response", "octave"):
+        np.testing.assert_array_equal(table[name].astype(np.float32), getattr(points, name))
 
 
 @pytest.fixture(scope="module")
@@ -173,23 +175,7 @@ def test_hlocs_own_features_come_in(rng, tmp_path):
     np.testing.assert_array_equal(found.size, 2)
 
 
-def test_a_folder_of_tables_in_any_order(rng, tmp_path):
-    """As other programs write them: parts, rows that are mixed, bytes without a length."""
-    points = random_points(rng, 30)
-    table = exchange.to_arrow({"a": points[:20], "b": points[20:]})
-    table = pa.Table.from_pandas(table.to_pandas()).replace_schema_metadata()
-    assert table.schema.field("descriptor").type == pa.binary()
-    order = np.argsort(rng.random(30) + np.arange(30) / 100)
-    mixed = table.take(order)
-    (tmp_path / "parts").mkdir()
-    pq.write_table(mixed.slice(0, 11), tmp_path / "parts" / "0.parquet")
-    pq.write_table(mixed.slice(11), tmp_path / "parts" / "1.parquet")
-    found = exchange.read_parquet(tmp_path / "parts")
-    assert_same(found["a"], points[order[order < 20]])
-    assert_same(found["b"], points[order[order >= 20]])
-
-
-@pytest.mark.parametrize("kind", [*ONE, *MANY, "colmap"])
+@pytest.mark.parametrize("kind", ["npz", "hdf5", "colmap"])
 @pytest.mark.parametrize("what", ["missing", "empty", "garbage", "cut"])
 def test_what_is_no_file_of_points_is_named(rng, tmp_path, kind, what):
     path = tmp_path / "file"
@@ -198,13 +184,11 @@ def test_what_is_no_file_of_points_is_named(rng, tmp_path, kind, what):
     elif what == "empty":
         path.touch()
     elif what == "cut":
-        if kind in ("csv", "colmap"):
+        if kind == "colmap":
             path.write_text("x,y,size\n1,2,3\n")
         else:
             written(kind, path, random_points(rng, 500))
             path.write_bytes(path.read_bytes()[:-2000])
-    if kind == "csv" and what == "garbage":
-        path.write_text("x,y,size,angle,response,octave\n1,2,3,4,5,6\n1,2,three,4,5,6\n")
     with pytest.raises(KeypointsError, match=f"^{path}") as caught:
         getattr(exchange, f"read_{kind}")(path)
     assert "\n" not in str(caught.value)
@@ -230,7 +214,7 @@ def with_field(points, **fields):
         ({"descriptors": np.full((3, 128), np.nan)}, "whole numbers from 0 to 255, found nan"),
     ],
 )
-@pytest.mark.parametrize("kind", [*ONE, *MANY])
+@pytest.mark.parametrize("kind", ["npz", "hdf5"])
 def test_points_that_do_not_fit_are_named_and_not_written(rng, tmp_path, kind, fields, words):
     points = with_field(random_points(rng, 3), **fields)
     with pytest.raises(KeypointsError, match=words):
@@ -239,17 +223,14 @@ def test_points_that_do_not_fit_are_named_and_not_written(rng, tmp_path, kind, f
 
 
 @pytest.mark.parametrize("name", ["", "/absolute.jpg", "folder/"])
-@pytest.mark.parametrize("kind", MANY)
-def test_names_that_no_format_can_hold(rng, tmp_path, kind, name):
+def test_names_that_no_format_can_hold(rng, tmp_path, name):
     with pytest.raises(KeypointsError, match="image: expected a name"):
-        getattr(exchange, f"write_{kind}")(tmp_path / "x", {name: random_points(rng, 1)})
+        exchange.write_hdf5(tmp_path / "x", {name: random_points(rng, 1)})
 
 
 def test_descriptors_of_other_lengths(rng, tmp_path):
     short = with_field(random_points(rng, 3), descriptors=np.ones((3, 64), np.uint8))
     assert_same(written("hdf5", tmp_path / "file", short), short)
-    with pytest.raises(KeypointsError, match=r"photo\.jpg: expected descriptors of 128.*64"):
-        written("parquet", tmp_path / "file", short)
 
 
 def test_learned_descriptors_are_refused(rng, tmp_path):

@@ -369,9 +369,7 @@ TARGETS = {
     "osie": a_file("fixations.mat", _osie, partial(read_fixations, say=print)),
     "homography": Target(_homographies, "H_1_2.txt", homography_pairs),
     "npz": _exchanged("a.npz", exchange.write_npz, exchange.read_npz, [points()]),
-    "csv": _exchanged("a.csv", exchange.write_csv, exchange.read_csv, [points()]),
     "hdf5": _exchanged("a.h5", exchange.write_hdf5, exchange.read_hdf5, [FOUND]),
-    "parquet": _exchanged("a.parquet", exchange.write_parquet, exchange.read_parquet, [FOUND]),
     "hloc-matches": _exchanged(
         "a.h5", exchange.write_hloc_matches, exchange.read_hloc_matches, MATCHED
     ),

@@ -7,11 +7,9 @@ import subprocess
 import sys
 import threading
 from importlib.resources import files
-from pathlib import Path
 from typing import get_type_hints
 from urllib.request import Request, urlopen
 
-import numpy as np
 import pytest
 
 from saccade.errors import ConfigError, ImageError
@@ -209,29 +207,6 @@ CHANGED = {
     "scanpath": {"inhibition_sigma": 0.1},
     "must": {"contrast_threshold": 0.1, "upright": True},
 }
-
-
-@pytest.mark.parametrize("model", ["attention", "contrast", "symmetry", "boolean"])
-def test_the_copied_python_computes_what_is_shown(model, monkeypatch, tmp_path):
-    name = 'it\'s \N{SNOWMAN} "1".jpg'
-    monkeypatch.chdir(tmp_path)
-    Path(name).write_bytes(PHOTO.read_bytes())
-    analyzer = PhotoAnalyzer()
-    opened = analyzer.open(PHOTO.read_bytes(), name)
-    request = {
-        "photo": opened["photo"],
-        "model": model,
-        "fixations": 4,
-        "detector": "must",
-        **CHANGED,
-    }
-    looked, found = analyzer.analyze(request), analyzer.detect(request)
-    space = {}
-    exec("\n".join([opened["python"], looked["python"], found["python"]]), space)
-    assert np.array_equal(space["path"].xy.ravel(), looked["scanpath"]["xy"])
-    assert len(space["path"]) == 4
-    assert np.array_equal(space["points"].descriptors.ravel(), found["points"]["descriptor"])
-    assert len(space["points"]) == found["count"] > 0
 
 
 def test_the_copied_files_have_the_settings(tmp_path):

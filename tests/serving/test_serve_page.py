@@ -137,14 +137,12 @@ def test_a_photograph_is_dropped_set_and_copied(opened):
     _slide(page, "contrast_threshold", 0.05)
     expect(pre.first).to_contain_text("contrast_threshold=0.05")
     assert 0 < int(serve.get_attribute("data-points")) < before
-    assert "saccade.Sift(saccade.SiftConfig(contrast_threshold=0.05))" in pre.first.inner_text()
     assert "contrast_threshold = 0.05" in pre.last.inner_text()
     assert sift.locator(".state").inner_text() == "changed"
     sift.get_by_label("Preset").select_option("kootstra2010")
-    expect(pre.first).to_contain_text("octaves=3")
+    expect(pre.last).to_contain_text("octaves = 3")
     sift.get_by_role("button", name="Reset").click()
     expect(serve).to_have_attribute("data-points", str(before))
-    assert "points = saccade.Sift()(image)" in pre.first.inner_text()
     assert sift.get_by_role("button", name="Reset").is_disabled()
     copy = page.locator(".snippet button").first
     copy.click()

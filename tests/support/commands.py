@@ -12,7 +12,7 @@ from saccade.simulation import WorldConfig, simulate_world
 
 COMMANDS = {
     "look": "{in}/photos/a.png --fixations 2 -f csv -f mat -f svg --maps npy --maps tiff",
-    "detect": "{in}/photos/a.png --max 5 -f npz -f csv -f hdf5 -f parquet -o out",
+    "detect": "{in}/photos/a.png --max 5 -f npz -f csv -f hdf5 -o out",
     "extract": "{in}/photos --workers 1 -o out",
     "convert --to": "hdf5 {in}/points x.h5",
     "match": "{in}/photos/a.png {in}/photos/b.png -o out",
@@ -20,7 +20,7 @@ COMMANDS = {
     "slam": "{in}/log.csv --no-film -o out",
     "check": "{in}/drive",
     "convert": "{in}/log.csv log.g2o",
-    "drive": "{in}/drive --no-film --frames 3 -o out --save-tracks tracks",
+    "drive": "{in}/drive --no-film --frames 3 -o out",
     "serve": "--no-browser --port {port}",
     "demo": "--out {in}/log.csv",
     "evaluate fixations": "--images {in}/seen --fixations {in}/seen/fixations.csv",

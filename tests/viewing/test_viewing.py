@@ -17,7 +17,6 @@ from saccade.types import (
 )
 from saccade.viewing import (
     attention_figure,
-    chart_figure,
     keypoint_figure,
     map_figure,
     map_frames,
@@ -117,7 +116,6 @@ def test_an_empty_result_can_still_be_drawn(tmp_path):
         keypoint_figure(IMAGE, nothing),
         match_figure((IMAGE, IMAGE), (nothing, nothing), np.zeros((0, 2), np.int64)),
         map_figure(still, empty_map, still, still, empty_map, still),
-        chart_figure([]),
     ]
     for number, figure in enumerate(figures):
         assert save_figure(figure, tmp_path / f"{number}.png").stat().st_size > 1000

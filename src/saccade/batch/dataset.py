@@ -2,7 +2,6 @@
 
 import json
 import os
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -14,18 +13,10 @@ import pyarrow.parquet as pq
 
 from saccade.batch.job import POINTS, What
 from saccade.batch.storage import Store
-from saccade.errors import ConfigError, ImageWarning, KeypointsError, OutputError
-from saccade.exchange import write_colmap, write_csv, write_hdf5
-from saccade.exchange.arrow import (
-    NO_POINTS,
-    POINT_SCHEMA,
-    points_by_image,
-    read_metadata,
-    read_rows,
-)
-from saccade.exchange.fields import check_name
-from saccade.exchange.opencv import write_opencv
-from saccade.io.files import LARGEST_TEXT, check_format, is_invalid_name, reading
+from saccade.errors import ConfigError, KeypointsError
+from saccade.exchange import write_colmap, write_hdf5
+from saccade.exchange.arrow import POINT_SCHEMA, points_of, read_metadata, read_rows
+from saccade.io.files import LARGEST_TEXT, check_format, reading
 from saccade.types import Keypoints
 
 MANIFEST = "manifest.json"
@@ -95,16 +86,20 @@ def read_points(location: str) -> Iterator[ImageKeypoints]:
 
 
 def read_block_points(store: Store, file: str) -> list[ImageKeypoints]:
-    """The keypoints of the images in a file."""
+    """The keypoints of the images in a file.
+
+    Raises:
+        KeypointsError: the file is broken.
+    """
+    path = f"{store.location}/{file}"
     records, table = read_block(store, file, POINT_SCHEMA)
-    points = points_by_image(f"{store.location}/{file}", table)
+    points = points_of(path, table, [record.rows for record in records])
     found = []
-    for record in records:
-        each = points.get(record.image, NO_POINTS)
-        if len(each) != record.rows or min(record.width, record.height) < 1:
+    for record, each in zip(records, points, strict=True):
+        if min(record.width, record.height) < 1:
+            size = f"{record.width} x {record.height}"
             raise KeypointsError(
-                f"{store.location}/{file}: {record.image}: expected {record.rows} rows and an "
-                f"image of a size, found {len(each)} and {record.width} x {record.height}"
+                f"{path}: {record.image}: expected an image of a size, found {size}"
             )
         shape = record.height, record.width
         found.append(ImageKeypoints(record.image, shape, each, record.orientation))
@@ -160,10 +155,8 @@ def read_block(
         return [ImageRecord(**image) for image in images], table
 
 
-FILE_FORMATS: dict[str, Callable[..., None]] = {"colmap": write_colmap, "hdf5": write_hdf5}
-"""Writers of formats with one file for all images."""
-FOLDER_FORMATS = {"opencv": (".yml.gz", write_opencv), "csv": (".csv", write_csv)}
-"""Suffixes and writers of formats with a file for each image, in a folder."""
+EXPORTS: dict[str, Callable[..., None]] = {"colmap": write_colmap, "hdf5": write_hdf5}
+"""Writers of other formats, one file for all images."""
 
 
 def export_points(location: str, to: str, out: Path) -> int:
@@ -171,8 +164,8 @@ def export_points(location: str, to: str, out: Path) -> int:
 
     Args:
         location: folder or URL of the data set.
-        to: one of `FILE_FORMATS` or `FOLDER_FORMATS`.
-        out: the file, or folder, to write.
+        to: one of `EXPORTS`.
+        out: the file to write.
 
     Returns:
         Number of images.
@@ -181,23 +174,9 @@ def export_points(location: str, to: str, out: Path) -> int:
         ConfigError: the data set holds no points, or a library is not installed.
         OutputError: it cannot be written.
     """
-    if to in FILE_FORMATS:
-        images = {image.image: image for image in read_points(location)}
-        points = {name: image.points for name, image in images.items()}
-        shapes = {name: image.shape for name, image in images.items()}
-        turned = {name: image.orientation for name, image in images.items()}
-        FILE_FORMATS[to](out, points, shapes, orientations=turned)
-        return len(images)
-    suffix, write = FOLDER_FORMATS[to]
-    count = 0
-    for image in read_points(location):
-        if ".." in Path(check_name(image.image)).parts:
-            raise KeypointsError(f"{image.image}: would be written outside {out}")
-        try:
-            write(out / f"{image.image}{suffix}", image.points)
-            count += 1
-        except OutputError as error:
-            if not is_invalid_name(error):
-                raise
-            warnings.warn(f"{error}; it is left out", ImageWarning, stacklevel=2)
-    return count
+    images = {image.image: image for image in read_points(location)}
+    points = {name: image.points for name, image in images.items()}
+    shapes = {name: image.shape for name, image in images.items()}
+    turned = {name: image.orientation for name, image in images.items()}
+    EXPORTS[to](out, points, shapes, orientations=turned)
+    return len(images)

@@ -82,7 +82,6 @@ def extract(
     workers: int = 1,
     scheduler: str | None = None,
     block_size: int | None = None,
-    redo: bool = False,
     should_stop: Callable[[], bool] = lambda: False,
     on_progress: Callable[[int, int, int], None] = lambda done, failed, total: None,
 ) -> Extraction:
@@ -96,7 +95,6 @@ def extract(
         scheduler: address of a Dask scheduler, whose workers are used; they must see the same
             paths or URLs.
         block_size: images in a block; None to choose it so that every worker has work.
-        redo: whether to remove the results of a data set, of these or other settings.
         should_stop: called before or after every block; true ends the run after the blocks that
             have begun.
         on_progress: called after every block with the numbers of images that are done, that failed,
@@ -111,7 +109,7 @@ def extract(
     """
     store = Store(out)
     with store.locked():
-        _prepare(store, job, redo)
+        _prepare(store, job)
         finished = remove_outdated(store, source, job)
         blocks = plan_blocks(source, finished, block_size)
         total, done, failed = sum(map(len, blocks)), 0, dict[str, str]()
@@ -269,19 +267,16 @@ def make_analyzer(job: Job) -> Callable[[Image], Any]:
     return lambda image: scanpath(model.maps(image), job.network, fixations=job.fixations)
 
 
-def _prepare(store: Store, job: Job, redo: bool) -> None:
+def _prepare(store: Store, job: Job) -> None:
     """Writes the manifest; refuses a data set of other settings by the first that differs."""
     manifest, requested = read_manifest(store), json.loads(json.dumps(job.describe(), default=str))
-    if redo and manifest is not None:
-        for file in block_files(store, manifest["what"]):
-            store.remove(file)
-    elif manifest is not None:
+    if manifest is not None:
         made, now = ({**each, **each["settings"]} for each in (manifest, requested))
         for name in now:
             if name != "settings" and made.get(name) != now[name]:
                 raise ConfigError(
                     f"{store.location}: made with {name} = {made.get(name)!r}, now {now[name]!r}; "
-                    "take another --out, or --redo to do all anew"
+                    "take another --out, or remove this one"
                 )
     header = {"format": FORMATS["extraction"], "version": saccade.__version__}
     with store.writing(MANIFEST) as path:

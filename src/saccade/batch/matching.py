@@ -124,7 +124,6 @@ def match_images(
     formats: Sequence[Format] = ("hdf5",),
     cameras: Cameras = None,
     workers: int | None = 1,
-    redo: bool = False,
     should_stop: Callable[[], bool] = lambda: False,
     on_progress: Callable[[str, int, int, int], None] = lambda stage, done, failed, total: None,
 ) -> MatchRun:
@@ -139,7 +138,6 @@ def match_images(
         formats: hdf5 for hloc, colmap for a database.
         cameras: of the database; see `write_colmap`.
         workers: see `extract`; None for as many as cores and memory allow.
-        redo: whether features and matches are made anew.
         should_stop: see `extract`.
         on_progress: see `extract`; its first argument is "images" or "pairs".
 
@@ -165,7 +163,6 @@ def match_images(
         features,
         workers=workers,
         block_size=MAX_IMAGES if len(images) > MIN_BLOCKS * MAX_IMAGES else None,
-        redo=redo,
         should_stop=should_stop,
         on_progress=partial(on_progress, "images"),
     )
@@ -173,7 +170,7 @@ def match_images(
         return MatchRun(extraction, len(wanted), 0, 0, (), False, {})
     with locked(out):
         blocks = plan_pairs(Store(features), wanted, config, job)
-        todo = [block for block in blocks if redo or not (out / block.file).exists()]
+        todo = [block for block in blocks if not (out / block.file).exists()]
         total, done = sum(len(block.pairs) for block in todo), 0
         work = partial(match_block, config, features, str(out))
         for block, matched_now in run_blocks(work, todo, workers=workers, should_stop=should_stop):

@@ -9,7 +9,6 @@ import gc
 import io
 import logging
 import os
-import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -21,8 +20,8 @@ from typing import Any, NoReturn
 from cyclopts import App, CycloptsError, Group, Parameter, UnknownCommandError
 
 from saccade import __version__
-from saccade.cli.output import INTERRUPTED, Result, emit, print_data_warnings, print_message
-from saccade.errors import ConfigError, OutputError, SaccadeError
+from saccade.cli.output import INTERRUPTED, Result, emit, print_data_warnings
+from saccade.errors import OutputError, SaccadeError
 from saccade.io.files import LARGEST_IMAGE, one_line
 
 TRACEBACK = "SACCADE_TRACEBACK"
@@ -32,11 +31,6 @@ OPENCV_LIMITS = {
     "OPENCV_FFMPEG_LOGLEVEL": "-8",  # quiet: errors are reported once, by us
 }
 """Variables that OpenCV reads once, unless the user has set them."""
-TERMINAL_SIZE = ("COLUMNS", "LINES", "TERMINAL_WIDTH")
-"""Variables of the size of the terminal; Rich prints nothing where one is 0."""
-OPENCV_NUMBERS = ("OPENCV_IO_MAX_IMAGE_", "OPENCV_IMGCODECS_", "OPENCV_THREAD_POOL_")
-"""Prefixes of variables at which OpenCV aborts the process unless they are numbers."""
-NUMBER = re.compile(r"\d{1,18}(KB|Kb|kb|MB|Mb|mb)?")
 OBJECTS_PER_COLLECTION = 10_000
 """Number of new objects before Python looks for garbage; with its default of 700, this takes a
 tenth of the time of a first command, because imports and the compiler make a million objects."""
@@ -107,28 +101,14 @@ def _application() -> App:
     ):
         for panel, commands in panels.items():
             for number, (name, summary) in enumerate(commands.items()):
+                options: Any = {"help": summary, "group": panel, "sort_key": number}
                 path = f"{module}{name}:{name}"
-                parent.command(
-                    *(path, name),
-                    help=summary,
-                    group=panel,
-                    sort_key=number,
-                    help_format="markdown",
-                )
-    app.command(
-        "saccade.cli:install_completion",
-        name="--install-completion",
-        help="Let the shell complete commands and options.",
-    )
+                parent.command(path, name, help_format="markdown", **options)
+    app.register_install_completion_command()
     return app
 
 
 app = _application()
-
-
-def install_completion() -> None:
-    """Install the completion of commands and options for the shell that runs."""
-    print_message(f"completion is in {app.install_completion()}; open a new shell")
 
 
 def _description(command: Callable[..., Any]) -> str:
@@ -168,25 +148,12 @@ def prepare_streams() -> None:
 
 
 def prepare_libraries() -> None:
-    """Set a Matplotlib backend without a display and limits of OpenCV; unset bad terminal sizes.
-
-    Garbage is collected less often.
-
-    Raises:
-        ConfigError: OpenCV would abort the process because of a variable.
-    """
+    """Set a Matplotlib backend without a display and limits of OpenCV; collect garbage less."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
     os.environ["MPLBACKEND"] = "agg"  # figures go into files
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports its font cache
     for name, value in OPENCV_LIMITS.items():
         os.environ.setdefault(name, value)
-    for name in TERMINAL_SIZE:
-        value = os.environ.get(name, "1")
-        if not value.isdecimal() or int(value) < 1:
-            del os.environ[name]
-    for name, value in os.environ.items():
-        if name.startswith(OPENCV_NUMBERS) and not NUMBER.fullmatch(value):
-            raise ConfigError(f"{name}: expected a number for OpenCV, found {value!r}; unset it")
 
 
 def main() -> None:

@@ -1,6 +1,5 @@
 """`saccade convert`: a landmark log, or extracted keypoints, in another format."""
 
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -10,7 +9,6 @@ from saccade.cli.options import OUTPUT, JsonOptions, LogOptions, Options
 from saccade.cli.output import Result, facts_table
 from saccade.errors import require
 from saccade.extras import import_optional
-from saccade.io.files import results_in
 
 
 @dataclass(frozen=True)
@@ -28,8 +26,8 @@ class ConvertOptions(LogOptions, JsonOptions, FileArguments):
     """Options of `saccade convert`."""
 
     to: Annotated[str | None, OUTPUT] = None
-    """Format of FILE: csv, g2o, isam, toro or gtsam; of keypoints colmap, hdf5, opencv or csv;
-    given by its suffix by default."""
+    """Format of FILE: csv, g2o, isam, toro or gtsam; of keypoints colmap or hdf5; given by
+    its suffix by default."""
 
 
 def convert(options: ConvertOptions) -> Result:
@@ -40,9 +38,7 @@ def convert(options: ConvertOptions) -> Result:
     stamps; they need the identity of every landmark.
 
     Of keypoints colmap (database, .db) and hdf5 (in the layout of hloc, .h5)
-    are one file for all images; csv (without descriptors) and opencv (YAML of
-    keypoints and descriptors, for cv::FileStorage) are folders with a file for
-    each image.
+    are one file for all images.
 
     Example: saccade convert victoria_park.txt park.g2o
     """
@@ -60,11 +56,8 @@ def convert(options: ConvertOptions) -> Result:
 def _convert_points(folder: str, file: Path, to: str | None) -> dict[str, Any]:
     """Write the keypoints of a data set in the format of another program."""
     import_optional("pyarrow", "parquet")
-    from saccade.batch.dataset import FILE_FORMATS, FOLDER_FORMATS, export_points
+    from saccade.batch.dataset import EXPORTS, export_points
 
     form = to or {".db": "colmap", ".h5": "hdf5", ".hdf5": "hdf5"}.get(file.suffix, "")
-    names = [*FILE_FORMATS, *FOLDER_FORMATS]
-    require(form in names, "--to", f"one of {', '.join(names)} for keypoints", to or file.name)
-    with nullcontext() if form in FILE_FORMATS else results_in(file):
-        images = export_points(folder, form, file)
-    return {"images": images, "format": form, "file": str(file)}
+    require(form in EXPORTS, "--to", f"{' or '.join(EXPORTS)} for keypoints", to or file.name)
+    return {"images": export_points(folder, form, file), "format": form, "file": str(file)}

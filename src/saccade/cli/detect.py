@@ -31,7 +31,7 @@ from saccade.types import Keypoints, Regions
 from saccade.viewing import keypoint_figure, region_figure, save_figures
 
 DETECTORS: dict[str, Any] = {"sift": Sift, "must": Must, "symroid": SymRoid}
-Format = Literal["npz", "csv", "parquet", "hdf5", "colmap", "png", "svg", "pdf"]
+Format = Literal["npz", "csv", "hdf5", "colmap", "png", "svg", "pdf"]
 """File formats of keypoints and of figures."""
 
 
@@ -95,8 +95,8 @@ def detect(options: DetectOptions) -> Result:
 
     For each image --out receives a figure (NAME.keypoints.png), and the
     keypoints as NAME.keypoints.npz or .csv (without descriptors). Keypoints of
-    all images go to keypoints.parquet, keypoints.h5 (in the layout of hloc) or
-    database.db (for COLMAP).
+    all images go to keypoints.h5 (in the layout of hloc) or database.db (for
+    COLMAP); for Parquet see saccade extract.
 
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
@@ -132,7 +132,6 @@ Detections: TypeAlias = tuple[Keypoints, tuple[int, ...]]
 """The keypoints of an image, and its shape."""
 
 SHARED_FILES = {
-    "parquet": "keypoints.parquet",
     "hdf5": "keypoints.h5",
     "colmap": "database.db",
 }
@@ -145,8 +144,6 @@ def require_libraries(formats: Sequence[str], cameras: Cameras) -> None:
         check_cameras(cameras)
     if "hdf5" in formats:
         import_optional("h5py", "hdf5")
-    if "parquet" in formats:
-        import_optional("pyarrow", "parquet")
 
 
 def detect_in(
@@ -182,10 +179,7 @@ def write_shared(
     keypoints = {names[path]: each for path, (each, _) in detections.items()}
     shapes = {names[path]: shape for path, (_, shape) in detections.items()}
     files = {each: str(out / SHARED_FILES[each]) for each in formats}
-    if "parquet" in formats:
-        exchange.write_parquet(files["parquet"], keypoints)
-    if "hdf5" in formats or "colmap" in formats:
-        turned = {names[path]: exchange.read_orientation(path) for path in detections}
+    turned = {names[path]: exchange.read_orientation(path) for path in detections}
     if "hdf5" in formats:
         exchange.write_hdf5(files["hdf5"], keypoints, shapes, turned)
     if "colmap" in formats:

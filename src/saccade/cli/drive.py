@@ -1,6 +1,6 @@
 """`saccade drive`: visual SLAM from camera frames and odometry."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -18,13 +18,13 @@ from saccade.cli.mapping import (
     pose_table,
     run_facts,
     time_charts,
+    write_files,
     write_film,
     write_run,
 )
 from saccade.cli.options import (
     INPUT,
     MAP,
-    OUTPUT,
     OutputFolder,
     SequenceOptions,
     SettingsOptions,
@@ -36,16 +36,15 @@ from saccade.cli.output import (
     print_message,
     progress_bar,
     stop_on_interrupt,
-    write_arrays,
 )
-from saccade.datasets import load_drive, save_drive, write_landmarks, write_table, write_tum
-from saccade.datasets.drives.writing import LiveDrive, require_writable
+from saccade.datasets import load_drive, write_landmarks, write_table, write_tum
+from saccade.datasets.drives.writing import LiveDrive
 from saccade.diagnostics import drop_repeated
 from saccade.errors import ImageError, setting
 from saccade.evaluation.runs import summarize_drive
 from saccade.evaluation.trajectory import coverage_remarks
 from saccade.frames import Drive, Frame
-from saccade.io.files import FORMATS, results_in
+from saccade.io.files import results_in
 from saccade.io.video import LiveVideo
 from saccade.slam import Recorder
 from saccade.types import Float32Array, Image, MapSnapshot
@@ -73,8 +72,6 @@ class DriveOptions(SettingsOptions, RunOutput, SequenceOptions):
     """Maximum number of landmarks in the map, at least 1."""
     anyway: Annotated[bool, INPUT] = False
     """Use frames that repeat the frame before as they are."""
-    save_tracks: Annotated[Path | None, OUTPUT, Parameter(metavar="DIR")] = None
-    """Also write the tracked points, as a drive of tracks."""
 
 
 def drive(options: DriveOptions) -> Result:
@@ -82,10 +79,8 @@ def drive(options: DriveOptions) -> Result:
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
     covariances; visual_odometry.csv, by the camera alone), the map
-    (landmarks.csv; map.npz with descriptors), every observation of a landmark
-    (observations.csv), a figure (map.png), an interactive report (report.html),
-    and settings and scores (run.json); with --film a film (drive.mp4) and a
-    frame of it (drive.png) too.
+    (landmarks.csv), a figure (map.png), an interactive report (report.html),
+    and settings and scores (run.json); with --film a film (drive.mp4) too.
 
     With --camera a camera is mapped live, and recorded in the folder SEQUENCE,
     whose camera.toml is its calibration; Ctrl-C ends the drive.
@@ -172,25 +167,14 @@ def map_drive(
     drive: Drive, settings: VisualConfig, options: DriveOptions, progress: Progress
 ) -> dict[str, Any]:
     """Map a drive, write the results, and return the content of run.json."""
-    tracks = None
-    if options.save_tracks is not None:
-        require_writable(options.save_tracks, drive)
-        tracks = visual.TrackRecorder()
     recorder = Recorder(SNAPSHOTS)
 
     def report(done: int, total: int) -> None:
         progress(done, total, "map")
 
     with visual.dedicated_process():
-        result = visual.run(
-            *(drive, settings, report),
-            recorder=recorder,
-            tracks=tracks,
-        )
-    row = write_results(drive, settings, options, progress, result, recorder.snapshots)
-    if options.save_tracks is not None and tracks is not None:
-        save_drive(options.save_tracks, tracks.drive(drive))
-    return row
+        result = visual.run(drive, settings, report, recorder=recorder)
+    return write_results(drive, settings, options, progress, result, recorder.snapshots)
 
 
 MAX_CAMERA_FRAMES = 36_000
@@ -232,11 +216,16 @@ def write_results(
     The run is added to `report`; None for one of its own.
     """
     out = output.out
-    files = write_tables(out, result) | write_figure(output, drive, result)
+    tables: dict[str, tuple[Callable[..., Any], Any]] = {
+        "trajectory.tum": (write_tum, result.trajectory),
+        "poses.csv": (write_table, pose_table(result.trajectory)),
+        "visual_odometry.csv": (write_table, pose_table(result.visual_odometry)),
+        "landmarks.csv": (write_landmarks, result.map),
+    }
+    files = write_files(out, tables) | write_figure(output, drive, result)
     if output.film:
         frames = film_frames(drive, snapshots, result)
-        count = len(snapshots)
-        files |= write_film(out / "drive.mp4", frames, count, progress, still=60 * count // 100)
+        files |= write_film(out / "drive.mp4", frames, len(snapshots), progress)
     summary = summarize_drive(drive, result)
     return write_run(
         out,
@@ -258,47 +247,6 @@ def write_results(
         },
         report,
     )
-
-
-def write_tables(out: Path, result: VisualResult) -> dict[str, Path]:
-    """Write trajectory, map and observations; returns the files."""
-    files = {
-        "trajectory": out / "trajectory.tum",
-        "poses": out / "poses.csv",
-        "visual_odometry": out / "visual_odometry.csv",
-        "landmarks": out / "landmarks.csv",
-        "map": out / "map.npz",
-        "observations": out / "observations.csv",
-    }
-    write_tum(files["trajectory"], result.trajectory)
-    write_table(files["poses"], pose_table(result.trajectory))
-    write_table(files["visual_odometry"], pose_table(result.visual_odometry))
-    write_landmarks(files["landmarks"], result.map)
-    write_arrays(
-        files["map"],
-        {
-            "format": FORMATS["map"],
-            "id": result.map.id,
-            "xy": result.map.xy,
-            "covariance": result.map.covariance,
-            "height": result.height,
-            "descriptors": result.descriptors,
-        },
-    )
-    observed = result.observations
-    columns: dict[str, np.ndarray[Any, Any]] = {
-        "frame": observed.frame,
-        "landmark": observed.landmark,
-        "kind": observed.kind,
-        "pixel_x": observed.xy[:, 0],
-        "pixel_y": observed.xy[:, 1],
-        "z_range": observed.z[:, 0],
-        "z_bearing": observed.z[:, 1],
-        "sigma_range": observed.sigma[:, 0],
-        "sigma_bearing": observed.sigma[:, 1],
-    }
-    write_table(files["observations"], columns)
-    return files
 
 
 def write_figure(output: RunOutput, drive: Drive, result: VisualResult) -> dict[str, Path]:

@@ -20,7 +20,6 @@ from saccade.evaluation.trajectory import (
     score_poses,
     statistics,
 )
-from saccade.io.files import as_text
 from saccade.types import FloatArray
 
 COLUMNS = ["", "RMSE", "mean", "median", "std", "min", "max"]
@@ -79,7 +78,7 @@ def trajectory(
     scores: dict[str, PoseScores] = {}
     for path in dict.fromkeys(options.estimates):
         try:
-            scores[as_text(str(path))] = score_poses(read_tum_poses(path), true, config)
+            scores[str(path)] = score_poses(read_tum_poses(path), true, config)
         except LogError as error:
             name = "" if str(error).startswith(str(path)) else f"{path}: "
             raise LogError(f"{name}{error}") from error

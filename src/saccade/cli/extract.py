@@ -53,8 +53,6 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     """Use every Nth frame of a video."""
     anonymous: Annotated[bool, INPUT] = False
     """Read a public bucket, without credentials."""
-    redo: Annotated[bool, EXECUTION] = False
-    """Remove the results in DIR and do all anew."""
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as cores and memory allow."""
     scheduler: Annotated[str | None, EXECUTION, Parameter(metavar="ADDRESS")] = None
@@ -99,7 +97,6 @@ def extract(options: ExtractOptions) -> Result:
             out,
             workers=options.workers or count_workers(len(images)),
             scheduler=options.scheduler,
-            redo=options.redo,
             should_stop=stack.enter_context(stop_on_interrupt()),
             on_progress=stack.enter_context(batch_progress("images")),
         )

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import PIL.Image
 from cyclopts import Parameter
 from matplotlib.figure import Figure
 
@@ -22,7 +21,7 @@ from saccade.cli.options import (
 )
 from saccade.cli.output import Progress, facts, write_text
 from saccade.datasets import symmetric_columns
-from saccade.io.files import FORMATS, atomic_write
+from saccade.io.files import FORMATS
 from saccade.io.video import video_writer
 from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.types import FloatArray, Image, IntArray, Trajectory
@@ -56,23 +55,23 @@ class RunOutput(JsonOptions):
 
 
 def write_film(
-    path: Path,
-    frames: Iterable[Image],
-    count: int,
-    progress: Progress,
-    still: int | None = None,
+    path: Path, frames: Iterable[Image], count: int, progress: Progress
 ) -> dict[str, Path]:
-    """Write a film as MP4, and frame `still` of it as PNG too; returns the files."""
-    files = {"film": path}
+    """Write a film as MP4; returns the file."""
     with video_writer(path, FRAME_RATE) as write:
-        for number, frame in enumerate(frames):
+        for number, frame in enumerate(frames, start=1):
             write(frame)
-            if number == still:
-                files["still"] = path.with_suffix(".png")
-                with atomic_write(files["still"]) as temporary:
-                    PIL.Image.fromarray(frame).save(temporary, format="PNG")
-            progress(min(number + 1, count), count, "film")
-    return files
+            progress(min(number, count), count, "film")
+    return {"film": path}
+
+
+def write_files(
+    out: Path, contents: Mapping[str, tuple[Callable[..., Any], Any]]
+) -> dict[str, Path]:
+    """Write the content of each file by its function; returns the paths by the names' stems."""
+    for name, (write, content) in contents.items():
+        write(out / name, content)
+    return {Path(name).stem: out / name for name in contents}
 
 
 def write_run(

@@ -86,8 +86,6 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     """Output format: of the figure of two images, png by default, svg or pdf; of many images hdf5
     for hloc, by default, or colmap; several with commas."""
     camera: CameraModel = None
-    redo: Annotated[bool, EXECUTION] = False
-    """Of many images make features and matches anew."""
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as cores and memory allow."""
 
@@ -119,8 +117,8 @@ def match(options: MatchOptions) -> Result:
         require(each in FORMATS[words], "format", expected, each)
     if options.second is None:
         return match_many(options, chosen)
-    given = options.pairs or options.redo or options.workers or options.camera
-    expected = "--pairs, --camera, --redo and --workers with many images"
+    given = options.pairs or options.workers or options.camera
+    expected = "--pairs, --camera and --workers with many images"
     require(not given, "pairs", expected, str(options.second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
@@ -227,7 +225,6 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
             formats=cast("Sequence[ManyFormat]", formats),
             cameras=parse_cameras(options.camera),
             workers=options.workers,
-            redo=options.redo,
             should_stop=stack.enter_context(stop_on_interrupt()),
             on_progress=show,
         )

@@ -14,7 +14,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 from saccade.errors import ImageWarning, LogWarning
-from saccade.io.files import as_text, atomic_write
+from saccade.io.files import atomic_write
 
 if TYPE_CHECKING:
     from saccade.evaluation.intervals import Estimate, Scores
@@ -104,11 +104,6 @@ def tracked(items: Iterable[T], description: str, total: int) -> Iterator[T]:
         for number, item in enumerate(items):
             yield item
             update(number + 1)
-
-
-def print_json(result: Mapping[str, Any]) -> None:
-    """Print a result as JSON on stdout."""
-    print(json.dumps(result, indent=2, allow_nan=False))
 
 
 class Table(NamedTuple):
@@ -219,14 +214,14 @@ def comparison(
 def emit(result: Result, *, as_json: bool) -> None:
     """Print a result on stdout, as JSON or as tables."""
     if as_json:
-        print_json(result.row)
+        print(json.dumps(result.row, indent=2, allow_nan=False))
         return
     for table in result.tables:
         print_table(table)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically; surrogates in file names are escaped."""
+    """Write a text file atomically; bytes of file names that are not text are escaped."""
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
@@ -259,6 +254,5 @@ def relative_names(paths: Sequence[Path]) -> dict[Path, str]:
     absolute = [path.absolute() for path in paths]
     root = os.path.commonpath([path.parent for path in absolute])
     return {
-        path: as_text(each.relative_to(root).as_posix())
-        for path, each in zip(paths, absolute, strict=True)
+        path: each.relative_to(root).as_posix() for path, each in zip(paths, absolute, strict=True)
     }

@@ -31,8 +31,8 @@ def serve(options: ServeOptions = ServeOptions()) -> None:
     """Serve a page for photographs (saliency, scanpath, keypoints) and for SLAM.
 
     The page is served to this machine only (127.0.0.1), and nothing is stored.
-    Every setting has a control, and the settings can be copied as Python or as
-    a command. A playground shows what the filters of EKF-SLAM estimate while a
+    Every setting has a control, and the settings can be copied as a command and
+    its file. A playground shows what the filters of EKF-SLAM estimate while a
     simulated robot is driven. Ctrl-C stops the server.
 
     Example: saccade serve --port 8014

@@ -60,7 +60,7 @@ from saccade.types import (
     LandmarkMap,
     MapSnapshot,
 )
-from saccade.viewing import chart_figure, map_figure, map_frames
+from saccade.viewing import map_figure, map_frames
 from saccade.viewing.charts import Chart
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
@@ -134,7 +134,7 @@ def slam(options: SlamOptions = SlamOptions()) -> Result:
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
     covariances), the landmarks with covariances (landmarks.csv), the
-    innovations (innovations.csv), figures (map.png, innovations.png), an
+    innovations (innovations.csv), a figure (map.png), an
     interactive report (report.html), and settings and scores (run.json); with
     --film a film too (map.mp4).
 
@@ -284,7 +284,7 @@ def innovation_table(log: LandmarkLog, result: SlamResult) -> dict[str, np.ndarr
 def write_figures(
     output: RunOutput, log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None
 ) -> dict[str, Path]:
-    """Write figures of the map and of the innovations; returns the files of the first format."""
+    """Write a figure of the map; returns the file of the first format."""
     files: dict[str, Path] = {}
     best = result if smoothed is None else smoothed
     files["picture"] = output.save_figure(
@@ -299,8 +299,6 @@ def write_figures(
         ),
         "map",
     )
-    figure = chart_figure(run_charts(log, result), float(log.time[0]))
-    files["innovation_picture"] = output.save_figure(figure, "innovations")
     return files
 
 

@@ -8,19 +8,13 @@ from cyclopts import Parameter
 
 from saccade import datasets
 from saccade.cli.options import JsonOptions, Options, OutputFolder
-from saccade.cli.output import Result, Table, print_message, write_text
-from saccade.errors import ConfigError, setting
+from saccade.cli.output import Result, Table, write_text
+from saccade.errors import setting
 from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import read_image
 from saccade.viewing.page import shrunk
 from saccade.viewing.textbook.ekf import simulated_log
-from saccade.viewing.textbook.walkthrough import (
-    ENTRY_POINTS,
-    Implementation,
-    load_implementations,
-    walk_through,
-    walkthrough_page,
-)
+from saccade.viewing.textbook.walkthrough import walk_through, walkthrough_page
 
 LEAD = (
     "Each step with its equations, the lines of code that compute them, and their results for "
@@ -42,9 +36,6 @@ class TextbookOptions(JsonOptions, SourceArgument):
     """Options of `saccade textbook`."""
 
     out: OutputFolder = Path("saccade-textbook")
-    modules: Annotated[list[Path] | None, Parameter("--module", metavar="FILE")] = None
-    """A Python file whose contrast_saliency, sift or EkfSlam replaces the textbook's; may be given
-    several times."""
     max_side: Annotated[int, Parameter(metavar="PX")] = setting(480, 32)
     """Pixels of the longer side, at least 32: a larger image is reduced."""
 
@@ -57,42 +48,21 @@ def textbook(options: TextbookOptions) -> Result:
     photograph these are the contrast-saliency model and SIFT, and EKF-SLAM
     in a small simulated world; with a log EKF-SLAM alone.
 
-    To try an equation of your own, copy a file of saccade.textbook, change
-    it, and name the copy with --module.
-
-    Example: saccade textbook photo.jpg --module my_contrast.py
+    Example: saccade textbook photo.jpg
     """
     source = options.source
-    replacements = {
-        each.appendix: each for path in options.modules or [] for each in load_implementations(path)
-    }
     image, log, appendices = None, simulated_log(), "ABC"
     if source.suffix.lower() in IMAGE_SUFFIXES:
         photo = read_image(source)
         image = shrunk(photo, options.max_side / max(photo.shape))
     else:
         log, appendices = datasets.load("auto", source), "C"
-    for appendix, each in replacements.items():
-        if appendix not in appendices:
-            raise ConfigError(f"{each.path}: {each.name} needs an image, found the log {source}")
-        print_message(f"{each.name} is that of {each.path}")
     sections, results = [], {}
     for appendix in appendices:
-        implementation = replacements.get(appendix) or Implementation.of_textbook(appendix)
-        section, results[appendix] = walk_through(implementation, image, log)
+        section, results[appendix] = walk_through(appendix, image, log)
         sections.append(section)
     page, lead = options.out / "report.html", LEAD.format(source=source.name)
     write_text(page, walkthrough_page(f"saccade textbook: {source.name}", lead, sections))
-    row = {
-        "source": str(source),
-        "report": str(page),
-        "implementations": {
-            ENTRY_POINTS[appendix]: str(replacements[appendix].path)
-            if appendix in replacements
-            else "saccade.textbook"
-            for appendix in appendices
-        },
-        "results": results,
-    }
+    row = {"source": str(source), "report": str(page), "results": results}
     rows = [row for steps in results.values() for step in steps.values() for row in step.items()]
     return Result(row, [Table(f"{source.name} -> {page}", ["", ""], rows)])

@@ -1,4 +1,4 @@
-"""Tables of points as Arrow has them, in Parquet files with a list of the images.
+"""Tables of features as Arrow has them, in Parquet files with a list of the images.
 
 The list is JSON text in the metadata of a file: an image may have no points.
 """
@@ -14,16 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from saccade.errors import KeypointsError
-from saccade.exchange.fields import (
-    COLUMNS,
-    FIELDS,
-    check_name,
-    checked,
-    columns_of,
-    keypoints_from,
-    keypoints_from_columns,
-)
-from saccade.io.files import FORMATS, atomic_write, check_format, natural_order, open_file, reading
+from saccade.exchange.fields import FIELDS, keypoints_from
+from saccade.io.files import FORMATS, check_format
 from saccade.io.npz import check_unpacked
 from saccade.types import Keypoints
 
@@ -46,21 +38,6 @@ POINT_SCHEMA = pa.schema(
     ]
 )
 """A row for every point, in the units of `Keypoints`; the entries of a descriptor are its bytes."""
-NO_POINTS = keypoints_from("no points", np.zeros((0, 2)), np.zeros((0, DESCRIPTOR_SIZE)))
-
-
-def point_rows(name: str, points: Keypoints) -> pa.RecordBatch:
-    """A row for every point of an image.
-
-    Raises:
-        KeypointsError: shapes that do not fit together, NaN, or descriptors of another length.
-    """
-    points = checked(check_name(name), points)
-    descriptors = points.descriptors
-    if descriptors is not None and descriptors.shape[1] != DESCRIPTOR_SIZE:
-        expected = f"expected descriptors of {DESCRIPTOR_SIZE} entries"
-        raise KeypointsError(f"{name}: {expected}, found {descriptors.shape[1]}")
-    return rows_of_image(name, [*columns_of(points).values(), descriptors], POINT_SCHEMA)
 
 
 def rows_of_image(
@@ -107,11 +84,6 @@ def rows_of(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.RecordBa
     return pa.RecordBatch.from_arrays(columns, schema=schema)
 
 
-def metadata_of(images: Sequence[Mapping[str, Any]]) -> dict[bytes, str]:
-    """The metadata of a file: its format, and its images."""
-    return {METADATA: json.dumps({"format": FORMATS["points"], "images": images})}
-
-
 def read_metadata(file: pq.ParquetFile, path: object) -> dict[str, Any]:
     """The metadata of a file; the list of images is empty in a file of another program.
 
@@ -147,7 +119,8 @@ def write_rows(
     with path.open("wb") as file, pq.ParquetWriter(file, schema, **_options(schema)) as writer:
         for group in _grouped(batches):
             writer.write_table(pa.Table.from_batches(group))
-        writer.add_key_value_metadata(metadata_of(images))
+        text = json.dumps({"format": FORMATS["points"], "images": images})
+        writer.add_key_value_metadata({METADATA: text})
 
 
 def read_rows(file: pq.ParquetFile, size: int, schema: pa.Schema) -> pa.Table:
@@ -175,91 +148,36 @@ def read_rows(file: pq.ParquetFile, size: int, schema: pa.Schema) -> pa.Table:
     return table
 
 
-def to_arrow(keypoints: Mapping[str, Keypoints]) -> pa.Table:
-    """Points as a `pyarrow.Table`, image by image.
+def points_of(source: object, table: pa.Table, counts: Sequence[int]) -> list[Keypoints]:
+    """The points of successive images.
 
     Args:
-        keypoints: by the name of their image; descriptors have 128 entries or are None.
-
-    Returns:
-        Columns image (string), x, y, size, angle, response (float32), octave (int32) and
-        descriptor (128 bytes, or null), in the units of `Keypoints`.
+        source: of the table, for error messages.
+        table: as `POINT_SCHEMA`.
+        counts: rows of each image.
 
     Raises:
-        KeypointsError: shapes that do not fit together, or NaN.
+        KeypointsError: another number of rows, numbers that are no points, or descriptors of some
+            points only.
     """
-    batches = [point_rows(name, points) for name, points in keypoints.items()]
-    metadata = metadata_of([{"image": name} for name in keypoints])
-    return pa.Table.from_batches(batches, POINT_SCHEMA).replace_schema_metadata(metadata)
-
-
-def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
-    """Writes the points of many images to one file; see `to_arrow` for its columns.
-
-    Args:
-        path: written whole or not at all; an old file is replaced.
-        keypoints: by the name of their image.
-
-    Raises:
-        KeypointsError: shapes that do not fit together, or NaN.
-        OutputError: the file cannot be written.
-    """
-    batches = (point_rows(name, points) for name, points in keypoints.items())
-    with atomic_write(path) as temporary:
-        write_rows(temporary, batches, POINT_SCHEMA, [{"image": name} for name in keypoints])
-
-
-def read_parquet(path: str | Path) -> dict[str, Keypoints]:
-    """Reads a file as `write_parquet` or `saccade extract` writes it, or a folder of such files.
-
-    The rows of an image need not be adjacent; they keep their order.
-
-    Raises:
-        KeypointsError: the file is missing, is something else, or lacks a column.
-    """
-    path = Path(path)
-    names: dict[str, None] = {}
-    tables = [POINT_SCHEMA.empty_table()]
-    with reading(path, KeypointsError, "a Parquet file", pa.ArrowException, ValueError, TypeError):
-        for each in (
-            sorted(path.glob("**/*.parquet"), key=natural_order) if path.is_dir() else [path]
-        ):
-            with open_file(each) as opened, pq.ParquetFile(opened) as file:
-                names |= {
-                    str(image["image"]): None for image in read_metadata(file, each)["images"]
-                }
-                tables.append(read_rows(file, each.stat().st_size, POINT_SCHEMA))
-        found = points_by_image(path, pa.concat_tables(tables))
-    return {name: found.get(name, NO_POINTS) for name in names | dict.fromkeys(found)}
-
-
-def points_by_image(source: object, table: pa.Table) -> dict[str, Keypoints]:
-    """The points of every image, whose rows need not be adjacent and keep their order.
-
-    Raises:
-        KeypointsError: numbers that are no points, or descriptors of some points only.
-    """
-    images = table["image"].combine_chunks().dictionary_encode()
-    codes = images.indices.to_numpy()
-    order = np.argsort(codes, kind="stable")
-    ends = np.cumsum(np.bincount(codes, minlength=len(images.dictionary)))
-    columns = {name: table[name].to_numpy() for name in COLUMNS}
+    if sum(counts) != len(table):
+        raise KeypointsError(f"{source}: expected {sum(counts)} rows, found {len(table)}")
+    xy = np.stack([table["x"].to_numpy(), table["y"].to_numpy()], 1)
+    columns = {name: table[name].to_numpy() for name in FIELDS}
     described = table["descriptor"].is_valid().to_numpy()
     cells = table["descriptor"].combine_chunks()
     packed = np.frombuffer(cells.buffers()[1] or b"", np.uint8).reshape(-1, DESCRIPTOR_SIZE)
-    descriptors = packed[cells.offset :]
-    found = {}
-    for name, rows in zip(
-        images.dictionary.to_pylist(), np.split(order, ends[:-1]), strict=bool(len(ends))
-    ):
-        some = described[rows]
-        if some.any() and not some.all():
+    descriptors, found, start = packed[cells.offset :], [], 0
+    for count in counts:
+        rows = slice(start, start + count)
+        start += count
+        if described[rows].any() and not described[rows].all():
             raise KeypointsError(
-                f"{source}: {name}: expected descriptors for all points, found some empty"
+                f"{source}: expected descriptors for all points of an image, found some empty"
             )
         fields = {column: values[rows] for column, values in columns.items()}
-        chosen = descriptors[rows] if some.all() else None
-        found[name] = keypoints_from_columns(f"{source}: {name}", fields, chosen)
+        chosen = descriptors[rows] if described[rows].all() else None
+        found.append(keypoints_from(str(source), xy[rows], chosen, **fields))
     return found
 
 

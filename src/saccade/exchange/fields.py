@@ -1,7 +1,6 @@
 """The fields of keypoints, checked wherever they come in or go out."""
 
 import re
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,8 +25,6 @@ FIELDS = {
     "octave": Field(np.int32, 0),
 }
 """The fields of `Keypoints` beside `xy` and `descriptors`."""
-COLUMNS = ("x", "y", *FIELDS)
-"""Names of the columns of tables of points."""
 
 
 def keypoints_from(
@@ -64,25 +61,13 @@ def keypoints_from(
     return Keypoints(xy=_convert(source, "xy", positions, (n, 2), np.float32), **columns)
 
 
-def keypoints_from_columns(
-    source: str,
-    columns: Mapping[str, npt.NDArray[Any]],
-    descriptors: npt.NDArray[Any] | None = None,
-) -> Keypoints:
-    """Keypoints from the columns of a table, of which others than `COLUMNS` are left alone."""
-    fields = {name: columns[name] for name in FIELDS}
-    return keypoints_from(
-        source, np.stack([columns["x"], columns["y"]], axis=1), descriptors, **fields
-    )
-
-
 def checked(source: str, points: Keypoints) -> Keypoints:
     """The points in their proper dtypes; raises as `keypoints_from` does."""
     return keypoints_from(source, **vars(points))
 
 
 def columns_of(points: Keypoints) -> dict[str, npt.NDArray[Any]]:
-    """The columns of a table of points, by `COLUMNS`."""
+    """The columns of a table of points: x, y and `FIELDS`."""
     x, y = points.xy.T
     return {"x": x, "y": y, **{name: getattr(points, name) for name in FIELDS}}
 

@@ -4,21 +4,16 @@ CSV has all fields but the descriptors; .npz has the fields of `Keypoints` by th
 """
 
 import csv
-from io import StringIO
 from pathlib import Path
-
-import numpy as np
 
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import (
-    COLUMNS,
     FIELDS,
     checked,
     columns_of,
     keypoints_from,
-    keypoints_from_columns,
 )
-from saccade.io.files import FORMATS, atomic_write, check_format, read_text, reading
+from saccade.io.files import FORMATS, atomic_write, check_format, reading
 from saccade.io.npz import read_arrays, save_arrays
 from saccade.types import Keypoints
 
@@ -44,30 +39,6 @@ def write_csv(path: str | Path, keypoints: Keypoints) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*(values.astype(str) for values in columns.values()), strict=True))
-
-
-def read_csv(path: str | Path) -> Keypoints:
-    """Read what `write_csv` writes; columns may be in any order, and others are left alone.
-
-    Raises:
-        KeypointsError: the file is missing, lacks a column, or a cell is no number.
-    """
-    path = Path(path)
-    with reading(path, KeypointsError, "CSV text", csv.Error):
-        reader = csv.DictReader(StringIO(read_text(path), newline=""))
-        missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-        if missing:
-            raise KeypointsError(f"{path}: expected a column {missing[0]}, found none")
-        lines = [(reader.line_num, row) for row in reader]
-    columns = {name: np.empty(len(lines)) for name in COLUMNS}
-    for number, (line, row) in enumerate(lines):
-        for name, values in columns.items():
-            try:
-                values[number] = float(row[name])
-            except (TypeError, ValueError) as error:
-                message = f"{path}, line {line}: {name}: expected a number, found {row[name]!r}"
-                raise KeypointsError(message) from error
-    return keypoints_from_columns(str(path), columns)
 
 
 def write_npz(path: str | Path, keypoints: Keypoints) -> None:

@@ -5,7 +5,6 @@ import os
 import re
 import shutil
 import stat
-import tempfile
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -59,27 +58,6 @@ def check_file(path: Path, max_bytes: int | None = None) -> None:
     if max_bytes is not None and status.st_size > max_bytes:
         expected = f"expected at most {max_bytes:,} bytes, found {status.st_size:,}"
         raise OSError(None, expected, str(path))
-
-
-def as_text(name: str) -> str:
-    """A file name as text; a byte that is not UTF-8 is escaped, as in a Python literal."""
-    return os.fsencode(name).decode("utf-8", "backslashreplace")
-
-
-@contextmanager
-def text_path(path: Path) -> Iterator[str]:
-    """A path for a library that accepts only UTF-8: a symbolic link, where the name is not.
-
-    Args:
-        path: an existing file.
-    """
-    if as_text(str(path)) == str(path):
-        yield str(path)
-        return
-    with tempfile.TemporaryDirectory(prefix="saccade-") as folder:
-        link = Path(folder) / f"file{as_text(path.suffix)}"
-        link.symlink_to(path.absolute())
-        yield str(link)
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -353,7 +331,6 @@ def _locked(file: Path, path: Path) -> Iterator[None]:
 # A change to a format adds 1 here. Text files with named columns have no version.
 FORMATS = {
     "run": 1,  # run.json of `saccade slam` and `saccade drive`
-    "map": 1,  # map.npz of `saccade drive`
     "look": 1,  # NAME.look.npz of `saccade look`
     "slam_map": 6,  # of `Slam.save` and `saccade slam --save-map`
     "points": 1,  # of an image: .npz; of many: .parquet, .h5

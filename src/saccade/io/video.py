@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.io.files import VIDEO_SUFFIXES, atomic_write, check_file, reading, text_path
+from saccade.io.files import VIDEO_SUFFIXES, atomic_write, check_file, reading
 from saccade.io.image import quiet_opencv
 from saccade.types import Image
 
@@ -84,8 +84,8 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
             if not writers:
                 size = (frame.shape[1], frame.shape[0])
                 code = cv2.VideoWriter.fourcc(*"mp4v")
-                with quiet_opencv(), text_path(temporary) as name:
-                    writers.append(cv2.VideoWriter(name, code, rate, size))
+                with quiet_opencv():
+                    writers.append(cv2.VideoWriter(str(temporary), code, rate, size))
             writers[0].write(np.ascontiguousarray(frame[:, :, ::-1]))
 
         try:
@@ -160,8 +160,8 @@ def open_video(path: str | Path) -> cv2.VideoCapture:
     """
     with reading(path, ImageError, "the name of a file", ValueError):
         check_file(Path(path))
-    with quiet_opencv(), text_path(Path(path)) as name:
-        return cv2.VideoCapture(name)
+        with quiet_opencv():
+            return cv2.VideoCapture(str(path))
 
 
 USUAL_RATE = 30.0

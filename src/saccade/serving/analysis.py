@@ -15,10 +15,7 @@ from saccade.serving.controls import (
     DETECTORS,
     MODELS,
     attention_file,
-    attention_python,
     detection_file,
-    detection_python,
-    read_python,
 )
 from saccade.serving.recent import Recent
 from saccade.settings import settings_from, update_settings
@@ -77,7 +74,6 @@ class PhotoAnalyzer:
             "name": name,
             "size": [pixels.shape[1], pixels.shape[0]],
             "image": photograph(pixels),
-            "python": read_python(name),
         }
 
     def analyze(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -109,11 +105,9 @@ class PhotoAnalyzer:
             self._cached, self._cached_for = (found, maps_data(found.layers)), (photo, attention)
         found, maps = self._cached
         path = scanpath(found, config, fixations=fixations)
-        choices = (model, attention.settings, config, fixations)
         return {
             "maps": maps,
             "scanpath": scanpath_data(path),
-            "python": attention_python(*choices),
             "file": attention_file(model, attention.settings, fixations),
         }
 
@@ -136,7 +130,6 @@ class PhotoAnalyzer:
         return {
             "points": points_data(points[:MAX_POINTS]),
             "count": len(points),
-            "python": detection_python(name, settings),
             "file": detection_file(name, settings),
         }
 

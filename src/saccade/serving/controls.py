@@ -1,4 +1,4 @@
-"""Controls of the page of `saccade serve`, and its settings as Python and as a command."""
+"""Controls of the page of `saccade serve`, and its settings as files for commands."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -125,30 +125,6 @@ def _control(hint: Any, slider: Sequence[float] | None) -> dict[str, Any]:
     return {"input": {bool: "check", int: "number", float: "number"}.get(hint, "list")}
 
 
-FIXATIONS = 10
-"""Default length of a scanpath."""
-
-
-def read_python(name: str) -> str:
-    """The lines that read a photograph."""
-    return f"import saccade\n\nimage = saccade.read_image({name!r})"
-
-
-def attention_python(model: str, settings: Any, path: Any, fixations: int) -> str:
-    """The lines that compute saliency and scanpath."""
-    config = f", {_constructor(settings)}" if changes(settings) else ""
-    options = f", fixations={fixations}" if fixations != FIXATIONS else ""
-    if changes(path):
-        options += f", config={_constructor(path)}"
-    return f"maps = saccade.{model}_saliency(image{config})\npath = saccade.scanpath(maps{options})"
-
-
-def detection_python(detector: str, settings: Any) -> str:
-    """The line that detects interest points."""
-    config = _constructor(settings) if changes(settings) else ""
-    return f"points = saccade.{DETECTORS[detector]}({config})(image)"
-
-
 def attention_file(model: str, settings: Any, fixations: int) -> str:
     """The settings of a model as a file for `saccade look`."""
     options = f"--model {model} --scanpath winner-take-all --fixations {fixations}"
@@ -159,19 +135,3 @@ def detection_file(detector: str, settings: Any) -> str:
     """The settings of a detector as a file for `saccade detect`."""
     command = f"saccade detect PHOTO --detector {detector} --config {detector}.toml"
     return f"# {command}\n{as_toml(settings)}"
-
-
-def changes(settings: Any) -> dict[str, Any]:
-    """The settings of a configuration that differ from its defaults."""
-    default = type(settings)()
-    values = {each.name: getattr(settings, each.name) for each in fields(settings)}
-    return {name: value for name, value in values.items() if value != getattr(default, name)}
-
-
-def _constructor(settings: Any) -> str:
-    """A configuration as the Python expression that makes it."""
-    arguments = ", ".join(
-        f"{name}={_constructor(value) if is_dataclass(value) else repr(value)}"
-        for name, value in changes(settings).items()
-    )
-    return f"saccade.{type(settings).__name__}({arguments})"

@@ -1,19 +1,14 @@
-"""Charts over time of the consistency of a filter, for figures and for the report."""
+"""Charts over time of the consistency of a filter, for the report."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from saccade.types import FloatArray, Trajectory
-from saccade.viewing.style import BLUE, GRAY, GREEN, SIGMAS, grid_axes
+from saccade.viewing.style import SIGMAS
 
 BAND_NAME = f"{SIGMAS:.0f} sigma"
 """Name of the band of one variable."""
-MAX_COLUMNS = 3
-"""Charts side by side."""
 
 
 @dataclass(frozen=True)
@@ -127,38 +122,3 @@ def running_mean(values: FloatArray, window: int) -> FloatArray:
     if len(values) < window:
         return np.empty(0)
     return np.convolve(values, np.full(window, 1 / window), "valid")
-
-
-def chart_figure(charts: Sequence[Chart], start: float = 0.0) -> Figure:
-    """Charts side by side.
-
-    Args:
-        charts: in their order.
-        start: origin of the time axes, in seconds.
-    """
-    columns = max(1, min(len(charts), MAX_COLUMNS))
-    rows = max(1, -(-len(charts) // columns))
-    figure = Figure(figsize=(4.2 * columns, 2.9 * rows), layout="constrained", dpi=110)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes in panels[len(charts) :]:
-        axes.set_axis_off()
-    for axes, chart in zip(panels, charts, strict=False):
-        time = chart.time - start
-        style: dict[str, Any] = {"color": BLUE, "linewidth": 1.0}
-        dots = {"linestyle": "", "marker": ".", "markersize": 2, "color": GRAY, "alpha": 0.4}
-        band = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
-        axes.fill_between(time, *chart.band, **band, label=chart.band_name)
-        label = chart.name if chart.name != chart.band_name else None
-        axes.plot(time, chart.values, **(dots if chart.dots else style), label=label)
-        if chart.mean is not None:
-            axes.plot(time, chart.mean, **style, label=chart.mean_name)
-        if chart.logarithmic:
-            axes.set_yscale("log")
-            axes.minorticks_off()
-        title = f"{chart.title} [{chart.unit}]" if chart.unit else chart.title
-        axes.set_title(title, loc="left", fontsize=10, color="0.2")
-        axes.set_xlabel("time since the start [s]")
-        axes.margins(x=0.01)
-        axes.legend(loc="upper right", fontsize=7, markerscale=3, edgecolor="none")
-        grid_axes(axes)
-    return figure

@@ -89,24 +89,12 @@ def json_element(data: Any) -> str:
     return f'<script type="application/json">{text}</script>'
 
 
-@dataclass(frozen=True)
-class Picture:
-    """An image on a page."""
-
-    source: str
-    """Data URI."""
-    alternative: str
-    """Alternative text."""
-    caption: str
-
-    @property
-    def html(self) -> str:
-        """The picture with its caption; it scrolls sideways on a narrow screen."""
-        caption = escape(self.caption)
-        image = f'<img src="{escape(self.source)}" alt="{escape(self.alternative)}">'
-        scrollable = f'class="wide" tabindex="0" role="group" aria-label="{caption}"'
-        caption = f"<figcaption>{caption}</figcaption>"
-        return f"<figure>\n<div {scrollable}>{image}</div>\n{caption}\n</figure>"
+def picture_html(source: str, alternative: str, caption: str) -> str:
+    """A picture, whose source is a data URI; it scrolls sideways on a narrow screen."""
+    name = escape(caption)
+    image = f'<img src="{escape(source)}" alt="{escape(alternative)}">'
+    scrollable = f'class="wide" tabindex="0" role="group" aria-label="{name}"'
+    return f"<figure>\n<div {scrollable}>{image}</div>\n<figcaption>{name}</figcaption>\n</figure>"
 
 
 @dataclass(frozen=True)

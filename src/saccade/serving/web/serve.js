@@ -99,7 +99,7 @@ function pages(elements, changed) {
 
 function serve(element, data) {
   const request = { photo: null, model: "attention", detector: "sift", fixations: 10 };
-  const results = { look: {}, points: {}, python: "" };
+  const results = { look: {}, points: {} };
   const errors = { photo: null, look: null, points: null };
   const running = { photo: false, look: false, points: false };
   let firstLook = true;
@@ -109,7 +109,7 @@ function serve(element, data) {
   const status = make("p", { class: "status", role: "status" });
   const notice = make("p", { class: "notice", role: "status", hidden: true },
     "Compiling for this machine. Only the first run does, and it takes up to a minute.");
-  const python = snippet("The same in Python"), files = { look: snippet("Settings of the model"), points: snippet("Settings of the points") };
+  const files = { look: snippet("Settings of the model"), points: snippet("Settings of the points") };
 
   const { values, elements } = settingsGroups(data.groups, (kind) => (data.detectors.includes(kind) ? detect() : look()));
   const groupOf = (kind) => elements.find((each) => each.dataset.kind === kind);
@@ -160,8 +160,6 @@ function serve(element, data) {
       parts.push(`${count} points in ${short(results.points.ms, 0)} ms${limited}`);
     }
     status.textContent = parts.join(" · ");
-    const joined = (key) => [results.look[key], results.points[key]].filter(Boolean);
-    python.set([results.python, ...joined("python")].join("\n"));
     for (const [name, each] of Object.entries(files)) each.set(results[name].file ?? "");
   }
 
@@ -177,7 +175,6 @@ function serve(element, data) {
       const opened = await post(`photo?name=${encodeURIComponent(name)}`, file);
       if (number !== numOpened) return;
       request.photo = opened.photo;
-      results.python = opened.python;
       results.look = results.points = {};
       title.textContent = `${opened.name} · ${opened.size[0]} x ${opened.size[1]} px`;
       stage.hidden = false;
@@ -222,7 +219,7 @@ function serve(element, data) {
   const view = kinds.image(part, {
     image: { address: "data:,", width: 4, height: 3 }, maps: [], scanpath: EMPTY, points: NO_POINTS,
   });
-  view.layers.after(status, make("div", { class: "snippets" }, python.element, files.look.element, files.points.element));
+  view.layers.after(status, make("div", { class: "snippets" }, files.look.element, files.points.element));
 
   const models = segments("Model", Object.keys(data.models), request.model, (name) => {
     request.model = name;
