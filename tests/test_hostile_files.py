@@ -24,7 +24,7 @@ from support.pictures import png
 from support.privileges import without_privileges
 from support.processes import run_python
 
-NAME = "no\udcff text \"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>"
+NAME = "no text \"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>"
 HUGE = 65_000
 MAIN = "from saccade.cli import main; main()"
 
@@ -162,7 +162,7 @@ def test_any_name_will_do(run, tmp_path, photo):
     (folder / "log.csv").rename(log)
     for words in (
         ["look", image, "-o", folder / "out", "--json"],
-        ["detect", image, "-o", folder / "out", "-f", "npz", "-f", "hdf5", "-f", "parquet"],
+        ["detect", image, "-o", folder / "out", "-f", "npz", "-f", "hdf5"],
         ["match", image, image, "-o", folder / "out"],
         ["slam", log, "-o", folder / "out"],
         ["convert", log, folder / f"{NAME}.g2o"],

@@ -13,6 +13,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from saccade import textbook
+from saccade.io.files import read_text
 from saccade.types import Image, LandmarkLog
 from saccade.viewing.page import data_uri, escape, html_page, picture_html, web_file
 from saccade.viewing.textbook.ekf import filter_figures, filter_results, trace_filter
@@ -47,7 +48,7 @@ WIDE_TEX = 36
 def code_of(appendix: str) -> dict[str, Code]:
     """The code of each equation of an appendix by its number, and of each function by its name."""
     path = Path(inspect.getfile(ENTRY_POINTS[appendix]))
-    return equation_code(path.read_text(encoding="utf-8"), path.name)
+    return equation_code(read_text(path), path.name)
 
 
 def walk_through(appendix: str, image: Image | None, log: LandmarkLog) -> tuple[str, Results]:
