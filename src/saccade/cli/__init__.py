@@ -10,7 +10,7 @@ import io
 import logging
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from inspect import getdoc
@@ -111,12 +111,6 @@ def _application() -> App:
 app = _application()
 
 
-def _description(command: Callable[..., Any]) -> str:
-    """The docstring of a command and the `MEANING` of its figures, if its module has one."""
-    meaning = getattr(sys.modules[command.__module__], "MEANING", "")
-    return f"{getdoc(command)}\n\n{meaning}"
-
-
 def run_command(words: Sequence[str]) -> int:
     """Run a command, print its result, and return the exit code.
 
@@ -127,7 +121,7 @@ def run_command(words: Sequence[str]) -> int:
     _, apps, _ = app.parse_commands(words)
     for each in apps:
         if each.default_command is not None:
-            each.help = _description(each.default_command)
+            each.help = getdoc(each.default_command)
     command, bound, _ = app.parse_args(words, print_error=False, exit_on_error=False)
     bound.apply_defaults()
     result = command(*bound.args, **bound.kwargs)

@@ -30,14 +30,6 @@ SCORES = {
     "AUC@1/3/5/10": ("auc_1", "auc_3", "auc_5", "auc_10"),
 }
 """Columns of the table, and their scores."""
-MEANING = (
-    "Rep.: repeatability, the fraction of the locations visible in both images that both detect; "
-    "error: their mean distance in px. MMA: fraction of the mutual nearest neighbors correct "
-    "within 1, 3 and 5 px; ratio: the same of those that pass the ratio test. Score: correct "
-    "matches over the locations visible in both images. AUC: area under the cumulative curve of "
-    "the corner error of the homography that is estimated from the matches that pass the ratio "
-    "test. Higher is better, except for the error."
-)
 CLEAN = "clean"
 """Value of --degrade for images as they are."""
 
@@ -69,6 +61,8 @@ def features(options: FeatureOptions) -> Result:
     are enough keypoints where contrast is low; OpenCV and COLMAP keep theirs. A
     module:callable takes an (H, W, 3) image in [0, 1] and returns an object
     with xy and descriptors, strongest first.
+
+    docs/evaluation.md defines the figures.
 
     Example: saccade evaluate features --pairs oxford --detector opencv
     """

@@ -56,6 +56,8 @@ def fixations(options: ScoreOptions) -> Result:
     model is scored without and with the prior of the position, and as one
     density from which each metric has the map that is optimal for it.
 
+    docs/evaluation.md defines the figures.
+
     Example: saccade evaluate fixations --images photos --fixations fixations.csv
     """
     data = options.data(options.sigma)

@@ -22,15 +22,6 @@ from saccade.evaluation.scanpaths import (
 )
 from saccade.settings import load_settings
 
-MEANING = (
-    "Each path is compared with those of the people who saw the image by ScanMatch (Cristino et "
-    "al. 2010); 1 is equal. Amplitude, fraction of horizontal saccades and duration are its own. "
-    "People are compared with the other people. Beside them are people's paths on another image, "
-    "walks about the center, paths drawn from the scanpath model and from its preset similar, and "
-    "the winner-take-all network. The last table scores the prediction of each next fixation: NSS, "
-    "AUC, and information gain over the fixations on other images, in bits; the walk and the "
-    "sampled models know the fixations before it, the static density does not."
-)
 PATHS = {
     "scanmatch": "ScanMatch",
     "amplitude": "amplitude [deg]",
@@ -61,6 +52,8 @@ def scanpaths(options: ScanpathOptions) -> Result:
     """Score scanpaths by how similar they are to those of people.
 
     Means over the images with 95 % bootstrap intervals.
+
+    docs/evaluation.md defines the figures.
 
     Example: saccade evaluate scanpaths --images photos --fixations fixations.csv
     """

@@ -23,13 +23,6 @@ from saccade.evaluation.trajectory import (
 from saccade.types import FloatArray
 
 COLUMNS = ["", "RMSE", "mean", "median", "std", "min", "max"]
-MEANING = (
-    "ATE: distance from the true position at the same time, after rigid alignment of all positions "
-    "(aligned), after alignment of the first pose (first pose), and as it is (unaligned), which is "
-    "right for an estimate in the frame of the truth. RPE: error of the motion from one pose to a "
-    "later one. Segments: the same over 100 to 800 m of the true path, by its length, as in "
-    "KITTI's benchmark. Definitions as in evo."
-)
 ERRORS = {
     "ate_aligned_m": ("ATE aligned [m]", "aligned.translation"),
     "ate_first_pose_m": ("ATE first pose [m]", "first_aligned.translation"),
@@ -70,6 +63,8 @@ def trajectory(
 
     TUM files have lines of time x y z qx qy qz qw. A pose is compared with the
     true one nearest in time.
+
+    docs/evaluation.md defines the figures.
 
     Example: saccade evaluate trajectory mapped/trajectory.tum --truth groundtruth.tum
     """

@@ -19,14 +19,6 @@ LARGEST = 1e6
 """Bound on pixels of a screen."""
 SCORES = ("AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)")
 """Columns of tables: the fields of `FixationScores`."""
-MEANING = (
-    "AUC: probability that a fixation is more salient than a pixel of the image; sAUC: than a "
-    "fixation of another image. Both are 0.5 by chance. NSS: saliency at the fixations in standard "
-    "deviations above the mean of the map. CC, SIM and KL: correlation with the fixation density, "
-    "histogram intersection with it, and divergence from it. IG: information gain over the center, "
-    "the density of all other images' fixations, in bits per fixation. Higher is better, except "
-    "for KL."
-)
 
 
 def score_cells(scores: FixationScores) -> list[str]:

@@ -77,11 +77,6 @@ class LookOptions(ModelOptions, JsonOptions, ImageArguments):
     keypoints: bool = False
     """Also show the strongest interest points in the report."""
 
-    @property
-    def tables(self) -> list[str]:
-        """Formats of the tables of scanpaths."""
-        return [each for each in dict.fromkeys(self.formats or ()) if each in ("csv", "mat")]
-
 
 def look(options: LookOptions) -> Result:
     """Compute saliency by contrast and symmetry, and a scanpath.
@@ -116,10 +111,15 @@ def look(options: LookOptions) -> Result:
     with results_in(out):
         rows, code = analyze_each(options.images, out, of_image)
         report = builder.write(out / "report.html") if len(builder) else None
-        written = write_scanpaths(out, options.tables, paths)
+        written = write_scanpaths(out, _tables(options), paths)
     row: dict[str, Any] = {"images": rows, "report": None if report is None else str(report)}
     row |= {"files": written} if written else {}
     return Result(row, [_table(each) for each in rows], code)
+
+
+def _tables(options: LookOptions) -> list[str]:
+    """Formats of the tables of scanpaths."""
+    return [each for each in ("csv", "mat") if each in (options.formats or ())]
 
 
 def _table(row: dict[str, Any]) -> Table:
@@ -193,14 +193,12 @@ def analyze_image(
         "scanpath": np.column_stack([scan.xy, scan.time, scan.saliency]).tolist(),
         "picture": str(picture),
     }
-    if not options.tables or "npz" in (options.formats or ()):
+    if not _tables(options) or "npz" in (options.formats or ()):
         row["arrays"] = f"{out}.npz"
         write_arrays(Path(f"{out}.npz"), layers | scanpath_arrays | {"format": FORMATS["look"]})
     name = out.name.removesuffix(".look")
     if options.maps:
-        row["maps"] = write_maps(
-            out.parent, name, chosen_layers(maps.upsampled, options.layers), options.maps
-        )
+        row["maps"] = write_maps(out.parent / "maps", name, maps.upsampled, options)
     section = Section(path.name, "" if len(builder) else TEXT)
 
     def part() -> Part:
@@ -212,32 +210,22 @@ def analyze_image(
     return row, (scan, samples)
 
 
-def chosen_layers(
-    maps: Mapping[str, Float32Array], names: Sequence[str] | None
-) -> Mapping[str, Float32Array]:
-    """The maps (H, W) of --layers, or all.
+def write_maps(
+    out: Path, name: str, layers: Mapping[str, Float32Array], options: LookOptions
+) -> list[str]:
+    """Write maps (H, W), those of --layers or all, into a folder for each; returns the files.
 
     Raises:
         ConfigError: the model has no such map.
     """
-    for name in names or ():
-        require(name in maps, "layers", f"names of {', '.join(maps)}", name)
-    return {name: maps[name] for name in names} if names else maps
-
-
-def write_maps(
-    out: Path, name: str, layers: Mapping[str, Float32Array], kinds: Sequence[str]
-) -> list[str]:
-    """Write maps (H, W) into a folder for each layer; returns the files."""
     from saccade.exchange import write_map
 
-    files = {
-        out / "maps" / layer / f"{name}.{kind}": values
-        for kind in kinds
-        for layer, values in layers.items()
-    }
-    for path, values in files.items():
-        write_map(path, values)
+    chosen = options.layers or list(layers)
+    for each in chosen:
+        require(each in layers, "layers", f"names of {', '.join(layers)}", each)
+    files = [out / each / f"{name}.{kind}" for kind in options.maps or () for each in chosen]
+    for path in files:
+        write_map(path, layers[path.parent.name])
     return [str(path) for path in files]
 
 
