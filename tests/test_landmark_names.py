@@ -51,7 +51,7 @@ def test_steps_maps_and_sessions_know_names(named, results, tmp_path):
         u, U = (named.control[i - 1], named.control_covariance[i - 1]) if i else (None, None)
         scan = named.observation_pose == i
         robot.step(time, u, U, z[scan], R[scan], named.names[scan].tolist())
-    assert robot.pose.tobytes() == results[1].trajectory.pose[-1].tobytes()
+    assert robot.pose.tobytes() == results[1].filtered.pose[-1].tobytes()
     robot.save(tmp_path / "map.npz")
     again = slam.Slam.load(tmp_path / "map.npz", "localize", start=named.start)
     assert again.map.label.tolist() == robot.map.label.tolist()

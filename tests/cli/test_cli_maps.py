@@ -48,7 +48,6 @@ def test_a_run_begins_with_a_map(folder, mode, tmp_path):
     [
         (["--start", "here"], r"--start: expected last, search, log or X,Y,HEADING, found 'here'"),
         (["--mode", "localize", "--save-map", "x.npz"], r"--save-map: expected --mode continue"),
-        (["--smooth"], r"--smooth: expected a log that begins its map"),
     ],
 )
 def test_options_that_contradict_are_named(folder, options, message, tmp_path):

@@ -74,20 +74,25 @@ def test_how_far_odometry_ends_from_what(rng):
         (Trajectory(log.time, places), {"odometry_end_from_estimate_m": off_estimate}),
         (None, {"odometry_end_from_estimate_m": off_estimate}),
     ):
-        found = summarize_run(replace(log, truth=truth), result, None)
+        found = summarize_run(replace(log, truth=truth), result)
         ending = {name: each for name, each in found.items() if name.startswith("odometry_end")}
         assert ending == pytest.approx(expected)
 
 
 def test_smoothing_is_written_beside_the_filter(run, short):
-    code, out, _ = run("slam", short, "--smooth", "--no-film", "--json")
-    row = json.loads(out)
-    assert code == 0
-    smoothed = slam.smooth(load("auto", short), slam.run(load("auto", short)))
-    best, before = (np.loadtxt(row["files"][name])[:, 1:3] for name in ("trajectory", "filter"))
-    np.testing.assert_allclose(best, smoothed.trajectory.pose[:, :2], atol=1e-8)
-    assert np.abs(before - best).max() > 0.001
-    assert row["smooth"] is True
+    kept = {}
+    for option in ((), ("--no-smooth",)):
+        code, out, _ = run("slam", short, *option, "--json")
+        row = json.loads(out)
+        assert code == 0
+        kept[row["estimate"]] = {
+            name: np.loadtxt(row["files"][name])[:, 1:3]
+            for name in ("trajectory", "filtered")
+            if name in row["files"]
+        }
+    assert np.abs(kept["smoothed"]["filtered"] - kept["smoothed"]["trajectory"]).max() > 0.001
+    np.testing.assert_array_equal(kept["filtered"]["trajectory"], kept["smoothed"]["filtered"])
+    assert "filtered" not in kept["filtered"]
 
 
 def test_a_log_of_one_pose_has_a_map_and_a_film(run, tmp_path):
@@ -96,7 +101,7 @@ def test_a_log_of_one_pose_has_a_map_and_a_film(run, tmp_path):
         "time,forward,left,turn,cov_forward_forward,cov_left_left,cov_turn_turn,"
         "range,bearing,cov_range_range,cov_bearing_bearing\n0,,,,,,,,,,\n"
     )
-    code, out, err = run("slam", "one.csv", "--smooth", "--film", "--json")
+    code, out, err = run("slam", "one.csv", "--film", "--json")
     assert code == 0
     assert "warning: Nothing is mapped: there are no observations" in err
     row = json.loads(out)

@@ -32,8 +32,8 @@ def assert_two_sessions_equal_one(log, config, pose, path):
     after = slam.run(end, initial=second)
     same = {"rtol": 0, "atol": 1e-9}
     for name in ("pose", "covariance"):
-        parts = getattr(before.trajectory, name), getattr(after.trajectory, name)[1:]
-        np.testing.assert_allclose(np.concatenate(parts), getattr(one.trajectory, name), **same)
+        parts = getattr(before.filtered, name), getattr(after.filtered, name)[1:]
+        np.testing.assert_allclose(np.concatenate(parts), getattr(one.filtered, name), **same)
     np.testing.assert_allclose(second.filter.state, whole.filter.state, **same)
     np.testing.assert_allclose(second.filter.covariance, whole.filter.covariance, **same)
     np.testing.assert_array_equal(second.map.id, whole.map.id)

@@ -99,7 +99,7 @@ def test_early_observations_of_a_candidate_are_not_lost(rng):
     """When it is confirmed has no influence on the estimate: it is in the filter from the first."""
     log = without_names(simulate(rng)[0])
     runs = [slam.run(log, replace(SINGLE, confirm_after=times)) for times in (1, 4)]
-    one, four = (run.trajectory for run in runs)
+    one, four = (run.filtered for run in runs)
     assert one.pose.tobytes() == four.pose.tobytes()
     assert one.covariance.tobytes() == four.covariance.tobytes()
     assert len(runs[1].map) >= 15
@@ -140,7 +140,7 @@ def test_no_observations_and_only_culled_landmarks_are_warnings(rng):
 
 def test_snapshots_show_landmarks_without_candidates(rng):
     recorder = slam.Recorder(frames=1000)
-    result = slam.run(without_names(simulate(rng)[0]), EkfConfig(), recorder=recorder)
+    result = slam.run(without_names(simulate(rng)[0]), EkfConfig(smooth=False), recorder=recorder)
     assert len(recorder.snapshots[0].landmarks) == 0
     assert len(recorder.snapshots[5].observed) > 0
     np.testing.assert_array_equal(recorder.snapshots[-1].landmarks, result.map.xy)
@@ -156,8 +156,8 @@ def _check_cuts(log, config, cuts, rng):
         cut = between(log, 0, int(poses) - 1)
         part, k = slam.run(cut, config), len(cut.observation)
         for name in ("pose", "covariance"):
-            before = getattr(whole.trajectory, name)[:poses]
-            assert getattr(part.trajectory, name).tobytes() == before.tobytes()
+            before = getattr(whole.filtered, name)[:poses]
+            assert getattr(part.filtered, name).tobytes() == before.tobytes()
         for name in ("innovation", "innovation_covariance"):
             assert getattr(part, name).tobytes() == getattr(whole, name)[:k].tobytes()
         assert part.consistency.nis.tobytes() == whole.consistency.nis[:k].tobytes()

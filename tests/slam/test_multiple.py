@@ -101,7 +101,7 @@ def test_steps_and_copies_have_the_bits_of_a_run():
         several = max(several, len(live.hypotheses.hypotheses))
         if i % 60 == 40:
             live.hypotheses.hypotheses = [each.copy() for each in live.hypotheses.hypotheses]
-    assert np.array(poses).tobytes() == whole.trajectory.pose.tobytes()
+    assert np.array(poses).tobytes() == whole.filtered.pose.tobytes()
     assert 1 < several <= 6
     assert live.hypotheses.best.weight == 0.0
 

@@ -9,14 +9,17 @@ from scipy.optimize import least_squares
 
 from saccade import slam
 from saccade.datasets import load
-from saccade.errors import LogError
-from saccade.slam import EkfConfig, observe, smooth, wrap
+from saccade.errors import ConfigError, LogError
+from saccade.slam import EkfConfig, observe, smooth, smoothing, wrap
 from saccade.slam.consistency import normalized_squared
 from saccade.types import LandmarkLog
 from support.alignment import align, interpolate
 from support.circular_log import simulate
 from support.gtsam_smoothing import smooth_by_gtsam
+from support.kidnapping import kidnapped
 from support.logs import with_observations
+
+FILTER = EkfConfig(smooth=False)
 
 
 def _rmse(position, truth):
@@ -61,7 +64,7 @@ def test_answer_is_that_of_least_squares(rng):
         observation_covariance=log.observation_covariance * 0.04,
         landmark=np.unique(log.landmark, return_inverse=True)[1],
     )
-    filtered = slam.run(log)
+    filtered = slam.run(log, FILTER)
     order = np.argsort(filtered.map.id)
     result = smooth(log, filtered, EkfConfig(huber=1e6))
     start = np.concatenate([filtered.trajectory.pose[1:].ravel(), filtered.map.xy[order].ravel()])
@@ -84,7 +87,7 @@ def test_optimum_and_marginals_are_those_of_gtsam(rng):
     log = dataclasses.replace(
         log, observation=log.observation + wrong[:, None] * rng.choice([-0.4, 0.4], (len(wrong), 2))
     )
-    filtered = slam.run(log, EkfConfig(association="known"))
+    filtered = slam.run(log, EkfConfig(association="known", smooth=False))
     result = smooth(log, filtered, min_decrease=1e-15)
     pose, pose_covariance, xy, covariance, weight = smooth_by_gtsam(log, filtered, EkfConfig())
     assert (weight < 0.9).any()
@@ -98,7 +101,7 @@ def test_optimum_and_marginals_are_those_of_gtsam(rng):
 @pytest.mark.parametrize("motion", ["turn_then_translate", "compose"])
 def test_exact_log_gives_the_exact_world(rng, motion):
     log, truth, world = simulate(rng, motion, noise=0.0, steps=60)
-    result = smooth(log, slam.run(log))
+    result = slam.run(log)
     np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=1e-6)
     np.testing.assert_allclose(result.map.xy, world[result.map.id], atol=1e-6)
     np.testing.assert_array_equal(result.weight, 1)
@@ -107,7 +110,7 @@ def test_exact_log_gives_the_exact_world(rng, motion):
 @pytest.mark.parametrize("motion", ["turn_then_translate", "compose"])
 def test_smoothing_beats_the_filter_and_is_as_sure_as_it_should_be(rng, motion):
     log, truth, _ = simulate(rng, motion)
-    filtered = slam.run(log)
+    filtered = slam.run(log, FILTER)
     result = smooth(log, filtered)
     error = result.trajectory.pose - truth
     error[:, 2] = wrap(error[:, 2])
@@ -123,7 +126,7 @@ def test_wrong_observations_count_less(rng):
     bad = dataclasses.replace(
         log, observation=log.observation + wrong[:, None] * rng.choice([-1, 1], (len(wrong), 2))
     )
-    filtered = slam.run(bad, slam.EkfConfig(association="known"))
+    filtered = slam.run(bad, EkfConfig(association="known", smooth=False))
     plain, robust = (smooth(bad, filtered, EkfConfig(huber=k)) for k in (np.inf, 1.345))
     error = [np.hypot(*(r.trajectory.pose - truth)[:, :2].T).mean() for r in (plain, robust)]
     assert error[1] < 0.5 * error[0]
@@ -133,7 +136,7 @@ def test_wrong_observations_count_less(rng):
 
 def test_unused_observations_have_no_weight_and_no_effect(rng):
     log, _, _ = simulate(rng, steps=40)
-    filtered = slam.run(log)
+    filtered = slam.run(log, FILTER)
     k = int(np.flatnonzero(filtered.association == 0)[-1])
     association = filtered.association.copy()
     association[k] = -1
@@ -151,7 +154,7 @@ def test_unused_observations_have_no_weight_and_no_effect(rng):
 def test_without_observations_it_is_dead_reckoning(rng):
     log, _, _ = simulate(rng, "turn_then_translate", steps=30)
     blind = with_observations(log, np.array([], np.int64))
-    filtered = slam.run(blind)
+    filtered = slam.run(blind, FILTER)
     result = smooth(blind, filtered)
     reckoned = filtered.dead_reckoning
     np.testing.assert_allclose(result.trajectory.pose, reckoned.pose, atol=1e-6)
@@ -180,7 +183,7 @@ def _open_world(huge):
 
 
 def test_what_is_not_determined_is_named():
-    log, known = _open_world(1e17), slam.EkfConfig(association="known")
+    log, known = _open_world(1e17), EkfConfig(association="known", smooth=False)
     with pytest.raises(LogError, match="smoothing: expected measurements") as caught:
         smooth(log, slam.run(log, known))
     message = str(caught.value)
@@ -188,7 +191,7 @@ def test_what_is_not_determined_is_named():
     assert "landmark 4" not in message
     assert "\n" not in message
     determined = _open_world(0.01)
-    assert len(smooth(determined, slam.run(determined)).map) == 3
+    assert len(slam.run(determined).map) == 3
 
 
 @pytest.mark.shared
@@ -197,7 +200,7 @@ def test_robots_of_one_configuration(shared):
     errors = []
     for robot in (1, 2, 3, 4, 5):
         log = load("mrclam", shared / "data/logs/mrclam/mrclam6.npz", robot=robot)
-        result = smooth(log, slam.run(log))
+        result = slam.run(log)
         errors.append(_rmse(*interpolate(result.trajectory, log.truth)))
     print(f"\nMRCLAM 6: {np.mean(errors):.3f} m, {np.round(errors, 3).tolist()}")
     assert np.mean(errors) < 0.13
@@ -208,7 +211,7 @@ def test_city_of_trees_is_smoothed(shared):
     folder = shared / "data/logs/citytrees"
     log = load("auto", folder / "cityTrees10000.txt")
     truth = slam.dead_reckon(load("auto", folder / "cityTrees10000_groundtruth.txt")).pose
-    result = smooth(log, slam.run(log))
+    result = slam.run(log)
     rmse = _rmse(result.trajectory.pose[:, :2], truth[:, :2])
     print(f"\ncityTrees10000, smoothed: {rmse:.3f} m")
     assert rmse < 0.14
@@ -223,9 +226,60 @@ def test_city_of_trees_is_smoothed(shared):
 )
 def test_noise_scales_are_factors_on_deviations(rng, scale, covariance):
     log, _, _ = simulate(rng, steps=10, reach=6.0, noise=0.2)
-    filtered = slam.run(log)
+    filtered = slam.run(log, FILTER)
     scaled = smooth(log, filtered, EkfConfig(**{scale: 3.0}))
     louder = dataclasses.replace(log, **{covariance: 9 * getattr(log, covariance)})
     told = smooth(louder, filtered)
     np.testing.assert_allclose(scaled.trajectory.pose, told.trajectory.pose, atol=1e-6)
     np.testing.assert_allclose(scaled.map.xy, told.map.xy, atol=1e-6)
+
+
+def test_a_run_is_smoothed_unless_switched_off_or_begun_in_a_map(rng):
+    log, _, _ = simulate(rng, steps=40)
+    filtered = slam.run(log, FILTER)
+    result = slam.run(log)
+    assert (result.estimate, filtered.estimate, filtered.remark) == ("smoothed", "filtered", "")
+    np.testing.assert_array_equal(result.filtered.pose, filtered.trajectory.pose)
+    np.testing.assert_array_equal(result.trajectory.pose, smooth(log, filtered).trajectory.pose)
+    robot = slam.slam_for(log)
+    np.testing.assert_array_equal(slam.run(log, initial=robot).map.xy, result.map.xy)
+    np.testing.assert_array_equal(robot.map.xy, filtered.map.xy)  # a robot stays causal
+    again = slam.run(log, initial=robot)
+    assert (again.estimate, again.remark) == ("filtered", "not smoothed: the run began in a map")
+    with pytest.raises(ConfigError, match="expected none with `initial`"):
+        slam.run(log, FILTER, initial=robot)
+
+
+def test_what_is_too_large_is_filtered_only(rng, monkeypatch):
+    log, _, _ = simulate(rng, steps=40)
+    monkeypatch.setattr(smoothing, "MAX_BYTES", 1e4)
+    result = slam.run(log)
+    assert result.estimate == "filtered"
+    assert result.remark.startswith("not smoothed: expected poses and landmarks that fit into")
+
+
+def test_after_a_kidnapping_the_lost_poses_are_led_back_from_where_the_robot_was_found():
+    log = kidnapped(1, named=True)
+    result = slam.run(log)
+    assert result.lost.sum() > 1
+    before, after = (
+        np.hypot(*(each.pose - log.truth.pose)[:, :2].T)
+        for each in (result.filtered, result.trajectory)
+    )
+    assert before[result.lost].max() > 5.0
+    assert after[result.lost].max() < 0.3
+    assert after.mean() < before[~result.lost].mean()
+
+
+def test_half_observations_count_by_the_component_that_was_measured(rng):
+    """As with the other component at a standard deviation of 1000."""
+    log, _, _ = simulate(rng, steps=40)
+    filtered = slam.run(log, FILTER)
+    missing = rng.random(log.observation.shape) < 0.3
+    missing[missing.all(1)] = False
+    half = dataclasses.replace(log, observation=np.where(missing, np.nan, log.observation))
+    vague = log.observation_covariance + 1e6 * missing[:, :, None] * np.eye(2)
+    told = dataclasses.replace(log, observation_covariance=vague)
+    one, two = (smooth(each, filtered) for each in (half, told))
+    np.testing.assert_allclose(one.trajectory.pose, two.trajectory.pose, atol=1e-4)
+    np.testing.assert_allclose(one.map.xy, two.map.xy, atol=1e-4)

@@ -62,7 +62,9 @@ def entries(monkeypatch):
 def test_estimates_are_those_of_the_whole_map(kind, association, bias, view, seed):
     world = dataclasses.replace(WORLD, field_of_view_deg=view)
     log = dataclasses.replace(simulate_world(world, seed), odometry_bias=bias)
-    config = EkfConfig(filter=kind, association=association, confirm_after=2, submaps="never")
+    config = EkfConfig(
+        filter=kind, association=association, confirm_after=2, submaps="never", smooth=False
+    )
     whole = slam.run(log, config)
     _close(slam.run(log, dataclasses.replace(config, submaps="always")), whole)
     assert len(whole.map) > 20
@@ -79,6 +81,7 @@ def test_landmarks_are_culled_alike(entries):
         confirm_after=1,
         culling_ratio=0.9,
         submaps="never",
+        smooth=False,
     )
     whole = slam.run(log, config)
     _close(slam.run(log, dataclasses.replace(config, submaps="always")), whole)
@@ -92,10 +95,10 @@ def test_landmarks_are_culled_alike(entries):
 
 def test_a_large_map_chooses_by_itself(monkeypatch, entries):
     log = simulate_world(WORLD, 1)
-    whole = slam.run(log, EkfConfig(submaps="never"))
+    whole = slam.run(log, EkfConfig(submaps="never", smooth=False))
     assert not entries
     monkeypatch.setattr(submaps, "LARGE_MAP", 30)
     monkeypatch.setattr(submaps, "MAX_FRACTION", 0.5)
-    _close(slam.run(log, EkfConfig()), whole)
+    _close(slam.run(log, EkfConfig(smooth=False)), whole)
     assert min(mapped for _, mapped in entries) >= 30
     assert all(inside <= mapped / 2 for inside, mapped in entries)

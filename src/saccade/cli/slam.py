@@ -47,17 +47,13 @@ from saccade.slam import (
     Recorder,
     Slam,
     SlamResult,
-    SmoothResult,
     run,
-    smooth,
 )
 from saccade.slam.merging import merge_maps
 from saccade.slam.run import find_start, slam_for
 from saccade.types import (
     FloatArray,
-    IntArray,
     LandmarkLog,
-    LandmarkMap,
     MapSnapshot,
 )
 from saccade.viewing import map_figure, map_frames
@@ -83,8 +79,8 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     association: Annotated[str | None, Parameter(metavar="NAME")] = None
     """Data association: known (identities of the log, believed), nearest, mutual, multiple (several
     hypotheses), or auto: identities that agree with the map, else mutual."""
-    smooth: bool = False
-    """Smooth the trajectory and the map at the end, by the whole log."""
+    no_smooth: Annotated[bool, Parameter(negative=())] = False
+    """Keep the trajectory and the map of the filter, without smoothing at the end."""
     map_file: Annotated[Path | None, MAP, Parameter("--map")] = None
     """Begin with a map of an earlier run."""
     save_map: Annotated[Path | None, MAP] = None
@@ -113,10 +109,10 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
         settings: EkfConfig = self.settings("slam")
         if self.association is not None:
             settings = replace(settings, association=cast("Any", self.association))
+        if self.no_smooth:
+            settings = replace(settings, smooth=False)
         if self.map_file is None:
             return slam_for(log, settings)
-        if self.smooth:
-            raise ConfigError("--smooth: expected a log that begins its map, found --map")
         if self.mode == "localize" and self.save_map is not None:
             raise ConfigError("--save-map: expected --mode continue, found localize")
         given = any(each is not None for each in (self.association, self.preset, self.config))
@@ -130,11 +126,11 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
 
 
 def slam(options: SlamOptions = SlamOptions()) -> Result:
-    """Map the landmarks of a recorded log with an extended Kalman filter.
+    """Map the landmarks of a recorded log: extended Kalman filter, then smoothing.
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
-    covariances), the landmarks with covariances (landmarks.csv), the
-    innovations (innovations.csv), a figure (map.png), an
+    covariances; filtered.tum before smoothing), the landmarks with covariances
+    (landmarks.csv), the innovations (innovations.csv), a figure (map.png), an
     interactive report (report.html), and settings and scores (run.json); with
     --film a film too (map.mp4).
 
@@ -155,10 +151,11 @@ def slam(options: SlamOptions = SlamOptions()) -> Result:
         print_message(f"warning: {row['warning']}")
     if row["remark"]:
         print_message(row["remark"])
-    return Result(row, [facts_table(f"{log.name} -> {options.out}", run_facts(row))])
+    shown = run_facts({**row, "warning": ""})  # it is printed above
+    return Result(row, [facts_table(f"{log.name} -> {options.out}", shown)])
 
 
-LEAD = "The trajectory of a robot and the map of its landmarks, by an extended Kalman filter."
+LEAD = "The trajectory of a robot and the map of its landmarks, filtered and smoothed."
 
 
 def map_log(
@@ -174,7 +171,6 @@ def map_log(
     causes = check_log(log)
     out, slam = options.out, options.filter_of(log)
     settings = slam.config
-    smoothed: SmoothResult | None = None
     try:
         recorder = Recorder(SNAPSHOTS)
 
@@ -182,17 +178,14 @@ def map_log(
             progress(done, total, "filter")
 
         result: SlamResult = run(log, progress=filtered, recorder=recorder, initial=slam)
-        if options.smooth:
-            progress(0, 1, "smoothing")
-            smoothed = smooth(log, result, settings)
     except (LogError, ArithmeticError, np.linalg.LinAlgError) as error:
         known = isinstance(error, LogError)
         if not causes and not known:
             raise
         why = error if known else "The estimate diverged"
         raise LogError(f"{log.name}: {' '.join(map(str, causes[:1]))} {why}") from error
-    files = write_tables(out, log, result, smoothed)
-    files |= write_figures(options, log, result, smoothed)
+    files = write_tables(out, log, result)
+    files |= write_figures(options, log, result)
     snapshots, odometry = recorder.snapshots, result.dead_reckoning
     if options.film:
         frames = map_frames(snapshots, log.time, odometry)
@@ -201,20 +194,19 @@ def map_log(
         slam.save(options.save_map)
         files["map"] = options.save_map
     findings = check_run(log, result, causes)
-    summary = summarize_run(log, result, smoothed) | _map_figures(options, slam, result)
+    summary = summarize_run(log, result) | _map_figures(options, slam, result)
     found = filter(None, (*map(str, findings), summary["warning"]))
     summary |= {"warning": " ".join(found), "findings": [asdict(each) for each in findings]}
     return write_run(
         out,
         f"saccade slam: {log.name}",
         LEAD,
-        lambda: slam_part(log, result, smoothed, snapshots, summary, _num_loaded(slam)),
+        lambda: slam_part(log, result, snapshots, summary, _num_loaded(slam)),
         files,
         {
             **summary,
             "seed": None,  # nothing is random
             "settings": asdict(settings),
-            "smooth": options.smooth or None,
         },
         report,
     )
@@ -244,23 +236,20 @@ def _map_figures(options: SlamOptions, slam: Slam, result: SlamResult) -> dict[s
     }
 
 
-def write_tables(
-    out: Path, log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None
-) -> dict[str, Path]:
+def write_tables(out: Path, log: LandmarkLog, result: SlamResult) -> dict[str, Path]:
     """Write trajectory, landmarks and innovations; returns the files."""
-    best = result if smoothed is None else smoothed
     files = {
         "trajectory": out / "trajectory.tum",
         "poses": out / "poses.csv",
         "landmarks": out / "landmarks.csv",
         "innovations": out / "innovations.csv",
     }
-    write_tum(files["trajectory"], best.trajectory)
-    write_landmarks(files["landmarks"], best.map)
-    if smoothed is not None:
-        files["filter"] = out / "filter.tum"
-        write_tum(files["filter"], result.trajectory)
-    write_table(files["poses"], pose_table(best.trajectory))
+    write_tum(files["trajectory"], result.trajectory)
+    write_landmarks(files["landmarks"], result.map)
+    if result.estimate == "smoothed":
+        files["filtered"] = out / "filtered.tum"
+        write_tum(files["filtered"], result.filtered)
+    write_table(files["poses"], pose_table(result.trajectory))
     write_table(files["innovations"], innovation_table(log, result))
     return files
 
@@ -281,20 +270,17 @@ def innovation_table(log: LandmarkLog, result: SlamResult) -> dict[str, np.ndarr
     }
 
 
-def write_figures(
-    output: RunOutput, log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None
-) -> dict[str, Path]:
+def write_figures(output: RunOutput, log: LandmarkLog, result: SlamResult) -> dict[str, Path]:
     """Write a figure of the map; returns the file of the first format."""
     files: dict[str, Path] = {}
-    best = result if smoothed is None else smoothed
     files["picture"] = output.save_figure(
         map_figure(
-            best.trajectory,
-            best.map,
+            result.trajectory,
+            result.map,
             result.dead_reckoning,
             truth=log.aligned_truth,
             landmark_truth=log.landmark_truth,
-            filtered=None if smoothed is None else result.trajectory,
+            filtered=result.filtered if result.estimate == "smoothed" else None,
             lost=result.lost,
         ),
         "map",
@@ -324,17 +310,16 @@ LOADED = " Blue landmarks are of the map that was loaded, black ones are new."
 def slam_part(
     log: LandmarkLog,
     result: SlamResult,
-    smoothed: SmoothResult | None,
     snapshots: Sequence[MapSnapshot],
     summary: Mapping[str, Any],
     loaded: int,
 ) -> Part:
     """The map of a log as a part of a report; landmarks with an id under `loaded` were loaded."""
     truth = log.aligned_truth
-    trajectories = {"estimate": result.trajectory, "odometry": result.dead_reckoning}
+    trajectories = {"estimate": result.filtered, "odometry": result.dead_reckoning}
     trajectories |= {} if truth is None else {"truth": truth}
-    trajectories |= {} if smoothed is None else {"smoothed": smoothed.trajectory}
-    used, ids = result.association >= 0, _final_ids(result.map, snapshots[-1])
+    trajectories |= {"smoothed": result.trajectory} if result.estimate == "smoothed" else {}
+    used, ids = result.association >= 0, result.ids
     texts = result.map.text_names and dict(
         zip(ids.tolist(), map(str, result.map.names), strict=True)
     )
@@ -353,12 +338,6 @@ def slam_part(
         lost=lost_times(result.trajectory, result.lost),
         names=texts or None,
     )
-
-
-def _final_ids(landmarks: LandmarkMap, last: MapSnapshot) -> IntArray:
-    """(n,) identities in the last snapshot of the landmarks of the final map."""
-    distance = np.square(landmarks.xy[:, None] - last.landmarks).sum(2)  # 0 to itself
-    return last.ids[distance.argmin(1)] if len(last.ids) else np.zeros(len(landmarks), np.int64)
 
 
 def _first_pose(slam: Slam, log: LandmarkLog, start: str) -> tuple[FloatArray, FloatArray | None]:

@@ -16,9 +16,9 @@ from saccade.evaluation.trajectory import (
 )
 from saccade.frames import Drive
 from saccade.plane import point_covariance, rotated, rotations, to_points
-from saccade.slam import SlamResult, SmoothResult
+from saccade.slam import SlamResult
 from saccade.slam.consistency import normalized_squared
-from saccade.slam.run import MAX_NONLINEARITY
+from saccade.slam.results import MAX_NONLINEARITY
 from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, IntArray, LandmarkLog, Trajectory
 from saccade.visual import ObservationKind, VisualResult
 
@@ -26,13 +26,12 @@ GPS_INLIERS = 0.9
 """Fraction of the GPS positions that count; the others may be multipath reflections."""
 
 
-def summarize_run(
-    log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None = None
-) -> dict[str, Any]:
+def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
     """The figures of a run, as in run.json; errors where the log has the truth.
 
-    They are those after alignment, and the unaligned ones where the truth is in the frame of the
-    log, see `LandmarkLog.aligned_truth`.
+    The name of an error names its estimate: smoothed, filtered, or odometry alone. Errors are those
+    after alignment, and the unaligned ones where the truth is in the frame of the log, see
+    `LandmarkLog.aligned_truth`.
     """
     bias = None
     if result.odometry_bias is not None:
@@ -40,6 +39,7 @@ def summarize_run(
         bias = dict(zip(names, result.odometry_bias.tolist(), strict=True))
     row: dict[str, Any] = {
         "log": log.name,
+        "estimate": result.estimate,
         "poses": len(result.trajectory),
         "observations": len(log.observation),
         "observations_used": int((result.association >= 0).sum()),
@@ -54,13 +54,12 @@ def summarize_run(
         "nonlinearity": result.nonlinearity,
         "warning": _doubt(result),
     }
-    remarks = [result.consistency.remark]
-    trajectories = {"odometry": result.dead_reckoning, "position": result.trajectory}
-    maps = {"landmark": result.map}
-    if smoothed is not None:
-        row["smoothing_iterations"] = smoothed.iterations
-        trajectories["smoothed_position"] = smoothed.trajectory
-        maps["smoothed_landmark"] = smoothed.map
+    remarks = [result.remark, result.consistency.remark]
+    trajectories = {
+        "odometry": result.dead_reckoning,
+        "filtered": result.filtered,
+        result.estimate: result.trajectory,
+    }
     if log.truth is not None:
         exact = has_headings(log.truth)
         compared = len(common_times(result.trajectory, log.truth))
@@ -68,26 +67,25 @@ def summarize_run(
         remarks += coverage_remarks(compared, len(result.trajectory))
         for name, trajectory in trajectories.items():
             rmse = position_rmse(trajectory, log.truth, keep=1.0 if exact else GPS_INLIERS)
-            row[f"{name}_{'rmse_m' if exact else 'gps_rmse_m'}"] = none_if_nan(rmse)
+            row[f"{name}_position_{'rmse_m' if exact else 'gps_rmse_m'}"] = none_if_nan(rmse)
             if log.aligned_truth is not None:
                 rmse = position_rmse(trajectory, log.truth, aligned=False)
-                row[f"{name}_unaligned_rmse_m"] = none_if_nan(rmse)
+                row[f"{name}_position_unaligned_rmse_m"] = none_if_nan(rmse)
     if log.landmark_truth is not None:
-        for name, landmarks in maps.items():
-            for kind, aligned in (("rmse_m", True), ("unaligned_rmse_m", False)):
-                rmse = landmark_rmse(landmarks, log.landmark_truth, aligned=aligned)
-                row[f"{name}_{kind}"] = none_if_nan(rmse)
+        for kind, aligned in (("rmse_m", True), ("unaligned_rmse_m", False)):
+            rmse = landmark_rmse(result.map, log.landmark_truth, aligned=aligned)
+            row[f"{result.estimate}_landmark_{kind}"] = none_if_nan(rmse)
     return row | {"remark": "; ".join(filter(None, remarks))}
 
 
 def _doubt(result: SlamResult) -> str:
-    """That the covariances are doubtful, in words; empty where they are not."""
-    if result.nonlinearity <= MAX_NONLINEARITY:
+    """Why the covariances of a filter are too small, in words; empty where they are not."""
+    if result.estimate == "smoothed" or result.nonlinearity <= MAX_NONLINEARITY:
         return ""
     return (
         f"the covariances are too small: the uncertainty is large against the distances "
-        f"(nonlinearity {result.nonlinearity:.2f}, over {MAX_NONLINEARITY:g}); --smooth linearizes "
-        "all of the log again"
+        f"(nonlinearity {result.nonlinearity:.2f}, over {MAX_NONLINEARITY:g}); smoothing "
+        "linearizes all of the log again"
     )
 
 
@@ -112,7 +110,7 @@ def has_headings(truth: Trajectory) -> bool:
 
 
 def _odometry_end(log: LandmarkLog, result: SlamResult) -> dict[str, float | None]:
-    """Error of dead reckoning at the end, against the truth or else the filter's estimate.
+    """Error of dead reckoning at the end, against the truth or else the estimate.
 
     The end is the last pose with a true one.
     """

@@ -16,9 +16,9 @@ from saccade.slam.models import (
 )
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
-from saccade.slam.results import Innovation, PoseHypotheses, SlamMap, StepResult
-from saccade.slam.run import SlamResult, dead_reckon, find_start, run, slam_for
-from saccade.slam.smoothing import SmoothResult, smooth
+from saccade.slam.results import Innovation, PoseHypotheses, SlamMap, SlamResult, StepResult
+from saccade.slam.run import dead_reckon, find_start, run, slam_for
+from saccade.slam.smoothing import smooth
 from saccade.slam.snapshots import Recorder
 
 __all__ = [
@@ -37,7 +37,6 @@ __all__ = [
     "Slam",
     "SlamMap",
     "SlamResult",
-    "SmoothResult",
     "StepResult",
     "compose",
     "dead_reckon",

@@ -60,7 +60,9 @@ class EkfConfig(Settings):
     estimate_odometry_bias: bool = True
     """Whether systematic odometry errors are states of the filter where the log gives their
     standard deviations (`LandmarkLog.odometry_bias`)."""
-
+    smooth: bool = True
+    """Whether the trajectory and the map of a recorded log are smoothed at its end
+    (`saccade.slam.smooth`). `Slam.step` is causal anyway."""
     submaps: Literal["auto", "always", "never"] = "auto"
     """Whether steps change the landmarks around the robot only, and the others later (the
     compressed filter): with "auto" in maps of 1000 landmarks and more. The estimate is the same up
@@ -75,9 +77,9 @@ class EkfConfig(Settings):
         """Kootstra (2010): the filter of C.1-C.18 with known data association.
 
         Errors along the axes of the map, every observation with its full weight, no odometry
-        bias, no landmark removed, no search for a lost robot. Two things are not specified there:
-        singular covariances R are made regular (`MIN_SIGMA`), and a second observation of a new
-        landmark in the same scan is dropped.
+        bias, no landmark removed, no search for a lost robot, no smoothing. Two things are not
+        specified there: singular covariances R are made regular (`MIN_SIGMA`), and a second
+        observation of a new landmark in the same scan is dropped.
         """
         return cls(
             filter="standard",
@@ -85,4 +87,5 @@ class EkfConfig(Settings):
             recover=False,
             huber=np.inf,
             estimate_odometry_bias=False,
+            smooth=False,
         )

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy.typing as npt
 
 from saccade.errors import LogError
-from saccade.types import BoolArray, FloatArray, IntArray
+from saccade.slam.consistency import Consistency
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,6 +108,65 @@ class StepResult:
         return (
             f"StepResult(pose {x:.2f} {y:.2f} m {theta:.3f} rad, "
             f"{used} of {len(self.association)} observations used{', lost' * self.lost})"
+        )
+
+
+MAX_NONLINEARITY = 0.12
+"""`SlamResult.nonlinearity` above which the filter is overconfident in simulated worlds."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SlamResult:
+    """Trajectory, map and consistency of a log."""
+
+    trajectory: Trajectory
+    """(t + 1) poses with covariance, see `estimate`."""
+    filtered: Trajectory
+    """(t + 1) poses with covariance of the filter: each is the estimate at its own time."""
+    map: LandmarkMap
+    """Landmarks with covariance: smoothed, or those of the filter at the end of the log."""
+    ids: IntArray
+    """(n,) ids of the landmarks of the map, as in `Slam.map`."""
+    consistency: Consistency
+    """Normalized innovations squared of the filter, and whether they agree with its covariances."""
+    association: IntArray
+    """(k,) row of the landmark in the map for each observation, -1 if it was not used."""
+    innovation: FloatArray
+    """(k, 2) of each observation in the filter (see `Innovation`); NaN where the NIS is."""
+    innovation_covariance: FloatArray
+    """(k, 2, 2) before the update."""
+    dead_reckoning: Trajectory
+    """(t + 1) poses from the controls alone, with covariance."""
+    rejected: BoolArray
+    """(k,) whether the label of each observation contradicted the map and was rejected."""
+    estimate: Literal["smoothed", "filtered"] = "filtered"
+    """Kind of the trajectory and the map: "smoothed" over the whole log, or "filtered"."""
+    removed: int = 0
+    """Landmarks that were culled."""
+    warning: str = ""
+    """Why nothing is in the map, or most observations were not used; empty if neither is so."""
+    remark: str = ""
+    """Why the log is not smoothed; empty if it is, or if smoothing is switched off."""
+    odometry_bias: FloatArray | None = None
+    """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
+    bias_covariance: FloatArray | None = None
+    """(3, 3) their covariance."""
+    weight: FloatArray | None = None
+    """(k,) robust weight of each observation in the smoothing, from 0 to 1; NaN where it was not
+    used. None without smoothing."""
+    nonlinearity: float = 0.0
+    """Root of the mean fraction of second-order terms in the variance of the innovations; the
+    covariances of the filter are unreliable over `MAX_NONLINEARITY`. Zero for the standard
+    filter."""
+    lost: BoolArray | None = None
+    """(t + 1,) whether the robot was kidnapped and not found yet at each pose: the filtered pose
+    is by odometry alone there."""
+    session: IntArray | None = None
+    """(n,) session in which each landmark of the map was added, from 0, see `Slam.load`."""
+
+    def __repr__(self) -> str:
+        return (
+            f"SlamResult({self.estimate}, {self.trajectory!r}, {self.map!r}, {self.consistency!r})"
         )
 
 

@@ -1,22 +1,23 @@
 """EKF-SLAM on a landmark log."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from saccade.errors import LogError
+from saccade.errors import ConfigError, LogError
 from saccade.landmark_names import FIRST_TEXT, number_labels
 from saccade.plane import in_robot_frame, rotations
 from saccade.slam.config import EkfConfig
-from saccade.slam.consistency import Consistency, summarize
+from saccade.slam.consistency import summarize
 from saccade.slam.filter.models import new_innovations
 from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch
+from saccade.slam.results import SlamResult
 from saccade.slam.scans import scans_of
+from saccade.slam.smoothing import smooth
 from saccade.slam.snapshots import Recorder
 from saccade.types import (
-    BoolArray,
     FloatArray,
     IntArray,
     LandmarkLog,
@@ -31,91 +32,76 @@ MAX_AMBIGUOUS = 0.28
 unreliable."""
 MAX_MISASSOCIATED = 0.2
 """Expected fraction of wrong associations above which a map without labels may be unreliable."""
-MAX_NONLINEARITY = 0.12
-"""`SlamResult.nonlinearity` above which the filter is overconfident in simulated worlds."""
 START_PROBABILITY = 0.99
 """Probability from which a hypothesis of the first pose is right."""
 MAX_SCANS = 50
 """Scans after which a robot that was not found is not in the map."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class SlamResult:
-    """Trajectory, map and consistency of a filtered log."""
-
-    trajectory: Trajectory
-    """(t + 1) filtered poses with covariance: each is the estimate at its own time."""
-    map: LandmarkMap
-    """Landmarks with covariance at the end of the log."""
-    consistency: Consistency
-    """Normalized innovations squared, and whether they agree with the filter's covariances."""
-    association: IntArray
-    """(k,) row of the landmark in the map for each observation, -1 if it was not used."""
-    innovation: FloatArray
-    """(k, 2) of each observation (see `Innovation`); NaN where the NIS is."""
-    innovation_covariance: FloatArray
-    """(k, 2, 2) before the update."""
-    dead_reckoning: Trajectory
-    """(t + 1) poses from the controls alone, with covariance."""
-    rejected: BoolArray
-    """(k,) whether the label of each observation contradicted the map and was rejected."""
-    removed: int = 0
-    """Landmarks that were culled."""
-    warning: str = ""
-    """Why nothing is in the map, or most observations were not used; empty if neither is so."""
-    odometry_bias: FloatArray | None = None
-    """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
-    nonlinearity: float = 0.0
-    """Root of the mean fraction of second-order terms in the variance of the innovations; the
-    covariances are unreliable over `MAX_NONLINEARITY`. Zero for the standard filter."""
-    lost: BoolArray | None = None
-    """(t + 1,) whether the robot was kidnapped and not found yet at each pose: the pose is by
-    odometry alone there."""
-    session: IntArray | None = None
-    """(n,) session in which each landmark of the map was added, from 0, see `Slam.load`."""
-
-    def __repr__(self) -> str:
-        return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
-
-
 def run(
     log: LandmarkLog,
-    config: EkfConfig = EkfConfig(),
+    config: EkfConfig | None = None,
     progress: Callable[[int, int], None] | None = None,
     *,
     recorder: Recorder | None = None,
     initial: Slam | None = None,
 ) -> SlamResult:
-    """Filters a landmark log with EKF-SLAM (C.1-C.18).
+    """Maps a landmark log: EKF-SLAM (C.1-C.18), then smoothing over the whole log.
 
-    Every pose depends on earlier measurements only. Candidates that are not confirmed at the end
-    are left out of the map and of the association.
+    A filtered pose depends on earlier measurements only, a smoothed one on all of them. Candidates
+    that are not confirmed at the end are left out of the map and of the association.
 
     Args:
         log: controls and observations.
-        config: filter, association and noise.
-        progress: called with the number of poses done and of all poses, some
+        config: filter, association, noise, and whether to smooth (`EkfConfig.smooth`); by default
+            `EkfConfig()`.
+        progress: called with the number of poses that are filtered and of all poses, some
             hundred times in all.
-        recorder: records snapshots of the map while it grows.
-        initial: a `Slam` that takes the steps of the log, as `Slam.load` or `slam_for` gives it;
-            then `config` is its own, and the first pose of
-            the log is the one at which it is. Without one, the log begins a map.
+        recorder: records snapshots of the map while the filter extends it.
+        initial: a `Slam` that takes the steps of the log, as `Slam.load` or `slam_for` gives it,
+            in place of `config`; the first pose of the log is the one at which it is. Without
+            one, the log begins a map.
 
     Returns:
-        Trajectory, map, consistency and association.
+        Trajectory and map, with `SlamResult.estimate` "smoothed" or "filtered"; consistency and
+        association. A run that begins in a map, and a log that cannot be smoothed, are filtered
+        only; `SlamResult.remark` says why.
 
     Raises:
+        ConfigError: both `config` and `initial` are given.
         LogError: known association of a log that does not identify its landmarks, or an estimate
             that diverges; names the pose.
     """
-    slam = initial or slam_for(log, config)
+    if config is not None and initial is not None:
+        raise ConfigError("config: expected none with `initial`, whose settings apply; found both")
+    slam = initial or slam_for(log, config or EkfConfig())
     if slam.config.association == "known" and (log.landmark < 0).all() and len(log.landmark):
         raise LogError(
             "association: expected nearest, found known, but the log does not name "
             "the landmarks it sees"
         )
+    log = replace(log, start=slam.filter.pose, odometry_bias=slam.odometry_bias)
+    begins = len(slam.filter) == 0
+    result = _filtered(log, slam, progress, recorder)
+    if not slam.config.smooth:
+        return result
+    if not begins:
+        return replace(result, remark="not smoothed: the run began in a map")
+    try:
+        return smooth(log, result, slam.config)
+    except LogError as error:
+        return replace(result, remark=f"not {str(error).replace('smoothing:', 'smoothed:', 1)}")
+
+
+def _filtered(
+    log: LandmarkLog,
+    slam: Slam,
+    progress: Callable[[int, int], None] | None,
+    recorder: Recorder | None,
+) -> SlamResult:
+    """The result of a filter over a log, without smoothing."""
     poses, k, culled_before = len(log.time), len(log.observation), slam.landmarks.culled
-    odometry = dead_reckon(replace(log, start=slam.filter.pose), slam.config)
+    odometry = dead_reckon(log, slam.config)
     pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
     lost, rejected = np.zeros(poses, np.bool_), np.zeros(k, np.bool_)
     association, innovations = np.full(k, -1), new_innovations(k)  # association by ids
@@ -143,8 +129,10 @@ def run(
     known = np.isin(association, found.id)
     association = np.where(known, row, -1)
     return SlamResult(
-        trajectory=Trajectory(log.time, pose, covariance),
+        trajectory=(filtered := Trajectory(log.time, pose, covariance)),
+        filtered=filtered,
         map=_landmark_map(slam, log, association),
+        ids=found.id,
         consistency=summarize(innovations.nis, rejected=float(rejected.sum()) / max(k, 1)),
         association=association,
         innovation=innovations.value,

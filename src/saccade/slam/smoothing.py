@@ -1,11 +1,18 @@
 """Smoothing: the most probable trajectory and map, given a whole log."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.plane import in_robot_frame, relative_pose_jacobian, rotations, to_relative_poses
+from saccade.plane import (
+    in_robot_frame,
+    path_of,
+    relative_pose_jacobian,
+    rotated,
+    rotations,
+    to_relative_poses,
+)
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.models import bias_jacobian
 from saccade.slam.least_squares import (
@@ -15,107 +22,134 @@ from saccade.slam.least_squares import (
     NormalEquations,
     minimize,
 )
-from saccade.slam.run import SlamResult
-from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
+from saccade.slam.models import wrap
+from saccade.slam.results import SlamResult
+from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory
 
 MIN_SIGMA = 1e-4
 """Standard deviation in meters and radians that is added to every measurement."""
 MAX_BYTES = 2e9
 """Largest size of the covariances between poses and landmarks, in bytes."""
+ANYWHERE = (1e4, 1e4, 10.0)
+"""Standard deviations in meters and radians of the motion of a kidnapped robot."""
 MAX_SIGMA = 1e4
 """Standard deviation in meters above which a landmark is not determined."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class SmoothResult:
-    """Smoothed trajectory and map: each estimate uses later measurements too."""
-
-    trajectory: Trajectory
-    """(t + 1) poses with covariance, given the whole log."""
-    map: LandmarkMap
-    """The filter's landmarks, with covariance."""
-    weight: FloatArray
-    """(k,) robust weight of each observation, from 0 to 1; NaN where it was not used."""
-    odometry_bias: FloatArray
-    """(3,) estimated systematic errors of the odometry, or (0,) if none were estimated."""
-    bias_covariance: FloatArray
-    """(3, 3) their covariance, or (0, 0)."""
-    iterations: int
-    """Iterations until convergence."""
-
-    def __repr__(self) -> str:
-        return f"SmoothResult({self.trajectory!r}, {self.map!r}, {self.iterations} iterations)"
-
-
 def smooth(
     log: LandmarkLog,
-    filtered: SlamResult,
+    result: SlamResult,
     config: EkfConfig = EkfConfig(),
     *,
     min_decrease: float = MIN_DECREASE,
-) -> SmoothResult:
-    """Smooth a log over the filter's association.
+) -> SlamResult:
+    """Smooths a log over the association of the filter.
 
     Args:
         log: controls and observations of range and bearing.
-        filtered: result of the same log; the initial estimate.
+        result: of the same log; the initial estimate.
         config: settings of the filter, of which the noise, the start, `huber` and
             `estimate_odometry_bias` apply.
         min_decrease: relative decrease of the cost below which the estimate has converged.
 
     Returns:
-        Trajectory, map, and the weight of each observation.
+        The result with the smoothed trajectory, map and odometry biases, and the weight of each
+        observation.
 
     Raises:
         LogError: the log leaves a landmark undetermined, which is named; or it is too large.
     """
     log = in_robot_frame(log)
-    moves = log.control.any(1) | log.control_covariance.any((1, 2))  # (t,)
+    cuts = _kidnappings(log, result)
+    cut = np.isin(np.arange(len(log.control)), cuts)
+    moves = log.control.any(1) | log.control_covariance.any((1, 2)) | cut  # (t,)
     variable = np.concatenate([[0], np.cumsum(moves)])  # poses at standstill share one
     first = np.unique(variable, return_index=True)[1]
-    used = np.flatnonzero(filtered.association >= 0)
-    if 8 * 3 * len(first) * 2 * len(filtered.map) > MAX_BYTES:
+    if 8 * 3 * len(first) * 2 * len(result.map) > MAX_BYTES:
         raise LogError(
             f"smoothing: expected poses and landmarks that fit into {MAX_BYTES / 1e9:g} GB, "
-            f"found {len(first)} and {len(filtered.map)}"
+            f"found {len(first)} and {len(result.map)}"
         )
-    measured = _measurements(log, config, variable, filtered.association)
+    measured = _measurements(log, config, variable, result.association, cuts)
     start = Estimate(
-        filtered.trajectory.pose[first], filtered.map.xy, np.zeros(len(measured.bias_sigma))
+        _initial_poses(log, result, cuts)[first], result.map.xy, np.zeros(len(measured.bias_sigma))
     )
     try:
-        best, iterations = minimize(measured, start, min_decrease)
+        best, _ = minimize(measured, start, min_decrease)
         pose_covariance, others = NormalEquations(measured, best).covariances()
     except (np.linalg.LinAlgError, RuntimeError) as error:
-        raise LogError(f"smoothing: {_undetermined(filtered, measured, start)}") from error
+        raise LogError(f"smoothing: {_undetermined(result, measured, start)}") from error
     n = len(best.landmark)
     row = 2 * np.arange(n)[:, None] + np.arange(2)
     covariance = others[row[:, :, None], row[:, None]]
     if not (np.abs(covariance) < MAX_SIGMA**2).all():
-        raise LogError(f"smoothing: {_undetermined(filtered, measured, best)}")
+        raise LogError(f"smoothing: {_undetermined(result, measured, best)}")
     weight = np.full(len(log.observation), np.nan)
-    weight[used] = measured.weights(measured.observations(best))
-    return SmoothResult(
+    weight[result.association >= 0] = measured.weights(measured.observations(best))
+    estimated = len(best.bias) > 0
+    return replace(
+        result,
         trajectory=Trajectory(log.time, best.pose[variable], pose_covariance[variable]),
-        map=replace(filtered.map, xy=best.landmark, covariance=covariance),
+        map=replace(result.map, xy=best.landmark, covariance=covariance),
+        estimate="smoothed",
+        odometry_bias=best.bias if estimated else None,
+        bias_covariance=others[2 * n :, 2 * n :] if estimated else None,
         weight=weight,
-        odometry_bias=best.bias,
-        bias_covariance=others[2 * n :, 2 * n :],
-        iterations=iterations,
     )
 
 
+def _kidnappings(log: LandmarkLog, result: SlamResult) -> IntArray:
+    """(c,) number of the control at which the robot was kidnapped, where it was found again.
+
+    It is the first one after the last observation that was used before the robot counted as lost.
+    """
+    if result.lost is None:
+        return np.empty(0, np.int64)
+    begins = np.flatnonzero(np.diff(result.lost.astype(np.int64)) > 0) + 1
+    begins = begins[begins < np.flatnonzero(~result.lost).max(initial=0)]
+    used = log.observation_pose[result.association >= 0]
+    last = np.append(-1, used)[np.searchsorted(used, begins)]
+    return np.asarray(np.where(last < 0, begins - 1, last))
+
+
+def _initial_poses(log: LandmarkLog, result: SlamResult, cuts: IntArray) -> FloatArray:
+    """(t + 1, 3) filtered poses; between a kidnapping and its end, led back from the latter."""
+    pose = result.trajectory.pose.copy()
+    if len(cuts) == 0 or result.lost is None:
+        return pose
+    steps, found = to_relative_poses(log)[0], np.flatnonzero(~result.lost)
+    for cut in cuts.tolist():
+        end = int(found[np.searchsorted(found, np.flatnonzero(result.lost[cut:])[0] + cut)])
+        path = path_of(steps[cut + 1 : end])  # poses cut + 1 to end from the first of them
+        heading = pose[end, 2] - path[-1, 2]
+        offset = rotated(path[:, :2] - path[-1, :2], np.full(len(path), heading))
+        pose[cut + 1 : end + 1, :2] = pose[end, :2] + offset
+        pose[cut + 1 : end + 1, 2] = wrap(heading + path[:, 2])
+    return pose
+
+
 def _measurements(
-    log: LandmarkLog, config: EkfConfig, variable: IntArray, association: IntArray
+    log: LandmarkLog,
+    config: EkfConfig,
+    variable: IntArray,
+    association: IntArray,
+    cuts: IntArray,
 ) -> Measurements:
-    """The measurements of a log between variables (t + 1,), the number of that of each pose."""
+    """The measurements of a log between variables (t + 1,), the number of that of each pose.
+
+    The controls `cuts` (c,) say nothing of the motion.
+    """
     moves, used = np.flatnonzero(np.diff(variable)), np.flatnonzero(association >= 0)
     step, covariance = (each[moves] for each in to_relative_poses(log))
+    covariance[np.isin(moves, cuts)] += np.diag(np.square(ANYWHERE))
     turned = np.tile(np.eye(3), (len(moves), 1, 1))
     turned[:, :2, :2] = rotations(-step[:, 2])
     in_later_frame = turned @ covariance @ turned.transpose(0, 2, 1)
     sigma = np.array(log.odometry_bias) * config.estimate_odometry_bias
     by_bias = (relative_pose_jacobian(log) @ bias_jacobian(log.control))[moves][:, :, sigma > 0]
+    missing = np.isnan(log.observation[used])  # (k, 2)
+    with_missing = missing[:, :, None] | missing[:, None]
+    R = np.where(with_missing, np.eye(2), log.observation_covariance[used])
     return Measurements(
         start=log.start,
         start_root=_root(np.diag(np.square(config.start_sigma))),
@@ -125,8 +159,8 @@ def _measurements(
         bias_sigma=sigma[sigma > 0],
         observer=variable[log.observation_pose[used]],
         landmark=association[used],
-        observation=log.observation[used],
-        observation_root=_root(log.observation_covariance[used] * config.sensor_noise_scale**2),
+        observation=np.where(missing, 0.0, log.observation[used]),
+        observation_root=~missing[:, :, None] * _root(R * config.sensor_noise_scale**2),
         huber=config.huber,
     )
 
@@ -137,7 +171,7 @@ def _root(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(regular)))
 
 
-def _undetermined(filtered: SlamResult, measured: Measurements, at: Estimate) -> str:
+def _undetermined(result: SlamResult, measured: Measurements, at: Estimate) -> str:
     """Message that names the landmark about which the observations tell least."""
     B = measured.observations(at).by_second
     information = np.zeros((len(at.landmark), 2, 2))
@@ -146,6 +180,6 @@ def _undetermined(filtered: SlamResult, measured: Measurements, at: Estimate) ->
     seen = int((measured.landmark == worst).sum())
     return (
         "expected measurements that determine every landmark, found that they leave open landmark "
-        f"{filtered.map.names[worst]} (seen {seen} time{'s' * (seen != 1)}); are standard "
+        f"{result.map.names[worst]} (seen {seen} time{'s' * (seen != 1)}); are standard "
         "deviations in the log too large?"
     )
