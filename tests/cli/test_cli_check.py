@@ -4,7 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade.datasets import save_drive
+from saccade.datasets import save, save_drive
+from saccade.simulation import WorldConfig, simulate_world
+from support.logs import mounted
 
 
 @pytest.fixture
@@ -36,3 +38,26 @@ def test_programs_get_every_number(run, sequence):
     assert "1 image is missing, first number 7" in by_check["files"]["what"]
     assert by_check["no odometry"]["severity"] == "note"
     assert report["figures"]["points_per_frame"] > 50
+
+
+@pytest.fixture
+def log(tmp_path):
+    world = WorldConfig(
+        course_length=30.0, curvature_amplitude=1.5, steps=300, step_length=0.5,
+        range_limits=(0.5, 8.0),
+    )  # fmt: skip
+    save(tmp_path / "log.csv", mounted(simulate_world(world, 1), (0.0, 0.3, 0.0)))
+    return tmp_path / "log.csv"
+
+
+def test_a_log_is_checked_with_and_without_the_pose_of_its_sensor(run, log):
+    code, out, _ = run("check", log)
+    assert code == 1
+    assert "error: sensor mounting" in out
+    for path in (log, log.parent):
+        code, out, err = run("check", path, "--sensor", "0,0.3,0", "--json")
+        assert (code, err) == (0, "")
+        assert json.loads(out)["findings"] == []
+    code, _, err = run("check", log, "--sensor", "left")
+    assert code == 2
+    assert "--sensor: expected X,Y,YAW, found 'left'" in err

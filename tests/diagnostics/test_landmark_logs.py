@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from saccade import slam
+from saccade.datasets import load
 from saccade.diagnostics import check_log, check_run
 from saccade.errors import LogError
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.types import LandmarkLog
+from support.logs import mounted, with_observations
 
 WORLD = WorldConfig(
     course_length=30.0,
@@ -118,6 +120,52 @@ def test_a_wrong_log_is_refused_or_its_cause_is_named_first(kind, good):
     findings = causes or check_run(log, slam.run(log))
     assert findings[0].check == cause
     assert WORDS.get(kind, "") in findings[0].what
+
+
+MOUNTINGS = [(0.3, 0.0, 0.0), (0.0, -0.3, 0.0), (0.0, 0.0, np.deg2rad(5)), (0.3, 0.3, -0.5)]
+
+
+@pytest.mark.parametrize("sensor", MOUNTINGS)
+@pytest.mark.parametrize("known", [(0.0, 0.0, 0.0), (0.5, 0.0, 0.25)])
+def test_the_mounting_of_the_sensor_is_found(sensor, known, good):
+    """By the data alone, within 0.1 m and a degree; and in the frame that the log gives."""
+    log = mounted(good, sensor)
+    if any(known):
+        x, y, yaw = known  # the log has the sensor there
+        c, s = np.cos(yaw), np.sin(yaw)
+        true = x + c * sensor[0] - s * sensor[1], y + s * sensor[0] + c * sensor[1]
+        log = replace(mounted(good, (*true, yaw + sensor[2])), sensor=known)
+        sensor = *true, yaw + sensor[2]
+    (finding,) = check_log(log)
+    assert (finding.severity, finding.check) == ("error", "sensor mounting")
+    found = np.array(finding.advice.split()[4].split(","), float)
+    np.testing.assert_allclose(found[:2], sensor[:2], atol=0.1)
+    assert found[2] == pytest.approx(sensor[2], abs=np.deg2rad(1))
+    assert check_log(replace(log, sensor=sensor)) == ()
+
+
+def test_a_sensor_one_step_ahead_is_like_the_other_motion_order(good):
+    """Turn and translation are exchanged exactly by a lever arm of the length of a step."""
+    (finding,) = check_log(mounted(good, (0.5, 0.0, 0.0)))
+    assert finding.severity == "warning"
+    assert finding.check == "motion order"
+    assert "or the sensor is mounted 0.5" in finding.what
+
+
+def test_halves_of_observations_are_left_out(good):
+    half = good.observation.copy()
+    half[::7, 0] = half[3::7, 1] = np.nan
+    log = replace(mounted(good, (0.0, 0.3, 0.0)), observation=half)
+    whole = np.isfinite(half).all(1)
+    assert check_log(log) == check_log(with_observations(log, whole))
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("number", [6, 9])
+@pytest.mark.parametrize("robot", range(1, 6))
+def test_recorded_logs_have_no_findings(number, robot, shared):
+    log = load("mrclam", shared / f"data/logs/mrclam/mrclam{number}.npz", robot=robot)
+    assert check_log(log) == ()
 
 
 @pytest.mark.parametrize("seed", range(2))

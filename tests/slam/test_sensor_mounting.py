@@ -10,23 +10,9 @@ from saccade.datasets import load, save
 from saccade.errors import LogError
 from saccade.plane import in_robot_frame, to_robot_frame
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam.models import wrap
+from support.logs import mounted
 
 MOUNTINGS = [(0.3, 0.0, 0.0), (-0.1, 0.3, 0.0), (0.0, 0.0, np.deg2rad(5)), (0.3, -0.2, -0.1)]
-
-
-def mounted(log, sensor, seed=0):
-    """The log as a sensor elsewhere on the robot records it, by the true poses and landmarks."""
-    rng = np.random.default_rng(seed)
-    x, y, heading = log.truth.pose[log.observation_pose].T
-    ahead, left, yaw = sensor
-    at_x = x + ahead * np.cos(heading) - left * np.sin(heading)
-    at_y = y + ahead * np.sin(heading) + left * np.cos(heading)
-    dx, dy = (log.landmark_truth.xy[log.landmark] - np.stack([at_x, at_y], 1)).T
-    sigma = np.sqrt(log.observation_covariance.diagonal(axis1=1, axis2=2))
-    z = np.stack([np.hypot(dx, dy), wrap(np.arctan2(dy, dx) - heading - yaw)], 1)
-    z += sigma * rng.standard_normal(z.shape)
-    return replace(log, observation=np.abs(z) * [1, 0] + z * [0, 1])
 
 
 @pytest.mark.parametrize("sensor", MOUNTINGS)

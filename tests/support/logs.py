@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from saccade.slam.models import wrap
+
 
 def without_names(log):
     """The log, whose landmarks nobody has named."""
@@ -40,3 +42,17 @@ def scan_of(log, step):
     moved = [log.control[step - 1], log.control_covariance[step - 1]] if step else [None, None]
     arrays = log.observation, log.observation_covariance, log.landmark
     return (log.time[step], *moved, *(each[k] for each in arrays))
+
+
+def mounted(log, sensor, seed=0):
+    """The log as a sensor elsewhere on the robot records it, by the true poses and landmarks."""
+    rng = np.random.default_rng(seed)
+    x, y, heading = log.truth.pose[log.observation_pose].T
+    ahead, left, yaw = sensor
+    at_x = x + ahead * np.cos(heading) - left * np.sin(heading)
+    at_y = y + ahead * np.sin(heading) + left * np.cos(heading)
+    dx, dy = (log.landmark_truth.xy[log.landmark] - np.stack([at_x, at_y], 1)).T
+    sigma = np.sqrt(log.observation_covariance.diagonal(axis1=1, axis2=2))
+    z = np.stack([np.hypot(dx, dy), wrap(np.arctan2(dy, dx) - heading - yaw)], 1)
+    z += sigma * rng.standard_normal(z.shape)
+    return replace(log, observation=np.abs(z) * [1, 0] + z * [0, 1])

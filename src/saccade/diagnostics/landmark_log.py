@@ -6,42 +6,45 @@ No filter is run: gates and wrong associations have no part in it.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from saccade.diagnostics.findings import Finding, counted
+from saccade.diagnostics.observation_pairs import (
+    FACTORS,
+    MIN_PAIRS,
+    SINGULAR,
+    Readings,
+    gains,
+    pairs,
+)
+from saccade.diagnostics.sensor_mounting import Mounting
 from saccade.errors import LogError
 from saccade.landmark_names import name_texts
 from saccade.plane import (
+    in_robot_frame,
     path_of,
     point_covariance,
     rotated,
-    rotations,
     to_points,
     to_relative_poses,
 )
 from saccade.slam.consistency import normalized_squared
-from saccade.types import FloatArray, IntArray, LandmarkLog
+from saccade.types import BoolArray, FloatArray, LandmarkLog
 
 MAX_BEARING = 2 * np.pi
 """Largest bearing in radians; a difference of two angles in (-pi, pi] is not larger."""
 FAR = 1000.0
 """Median range in meters that is hardly one of a robot's sensor."""
-MIN_PAIRS = 30
-"""Minimum number of pairs of observations at one lag."""
-MAX_PAIRS = 2000
-"""Number of pairs at one lag above which some are left out."""
-MIN_MOTION = 0.08
-"""Smallest relative movement of a landmark between the observations of a pair."""
-MAX_MOTION = 0.45
-"""Largest median relative movement of the landmarks at a lag."""
 MIN_GAIN = 0.5
 """Nats per pair by which another reading must be better, unless it has a minimum of its own."""
 MIN_WINS = 0.7
 """Fraction of tenths of the log in which another reading must be better."""
+SIMILAR_GAIN = 0.8
+"""Gain of another mounting of the sensor, relative to that of another motion order, above which
+either may be the cause."""
 NOISE_FACTORS = (1 / 12, 1.5)
 """Smallest and largest factor on the standard deviations that is accepted."""
 MIN_NOISE_GAIN = 0.15
@@ -52,45 +55,8 @@ MIN_SEPARATION = 3.0
 """Minimum distance of two observations with the same label, in standard deviations."""
 MAX_GAP = 20.0
 """Largest duration of a step, over the duration that 99 % of the steps are within."""
-FACTORS: FloatArray = np.exp2(np.arange(-7.0, 8.0))
-"""Factors on the standard deviations among which the best is taken."""
-SINGULAR = 1e-8
-"""Variance added to an observation, over its squared range: exact ones have none."""
 DEGREE, MILLIMETER = np.pi / 180, 1e-3
 AHEAD = "Bearings are 0 straight ahead and positive to the left: "
-
-
-@dataclass(frozen=True, eq=False)
-class Readings:
-    """The numbers of a log, as they are or as another convention reads them."""
-
-    control: FloatArray
-    """(t, 3) forward, left, turn."""
-    control_covariance: FloatArray
-    """(t, 3, 3)."""
-    observation: FloatArray
-    """(k, 2) range, bearing."""
-    observation_covariance: FloatArray
-    """(k, 2, 2)."""
-    time: FloatArray
-    """(t + 1,) of the poses."""
-    observed: FloatArray
-    """(k,) time of each observation."""
-
-    def scaled(self, control: tuple[float, ...], observation: tuple[float, ...]) -> "Readings":
-        """Other units, of the standard deviations too."""
-        u, z = np.array(control), np.array(observation)
-        return replace(
-            self,
-            control=self.control * u,
-            control_covariance=self.control_covariance * np.outer(u, u),
-            observation=self.observation * z,
-            observation_covariance=self.observation_covariance * np.outer(z, z),
-        )
-
-    def observing(self, distance: FloatArray, bearing: FloatArray) -> "Readings":
-        """Other ranges (k,) and bearings (k,), of the same covariances."""
-        return replace(self, observation=np.stack([distance, bearing], 1))
 
 
 class Rival(NamedTuple):
@@ -133,23 +99,32 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
     bearing = np.abs(log.observation[:, 1])
     if (bearing > MAX_BEARING).any():
         raise LogError(
-            f"{log.name}: expected bearings in radians, found {bearing.max():.4g}, which is over "
-            "2 pi: they are in degrees; multiply bearings, turns and headings by pi / 180, and "
-            "their variances by its square"
+            f"{log.name}: expected bearings in radians, found {np.nanmax(bearing):.4g}, which is "
+            "over 2 pi: they are in degrees; multiply bearings, turns and headings by pi / 180, "
+            "and their variances by its square"
         )
+    sensor, whole = log.sensor, ~np.isnan(log.observation).any(1)
+    log = in_robot_frame(_observations_of(log, np.asarray(whole)))
     control, covariance = to_relative_poses(log)
     readings = Readings(
         *(control, covariance, log.observation, log.observation_covariance),
         *(log.time, log.time[log.observation_pose]),
     )
-    findings = [*_check_readings(log, readings), *_check_gap(log)]
+    findings = [*_check_readings(log, readings, sensor), *_check_gap(log)]
     findings += _check_repeated_names(log, control)
-    median = float(np.median(log.observation[:, 0])) if len(bearing) else 0.0
+    median = float(np.median(log.observation[:, 0])) if whole.any() else 0.0
     if median > FAR and not any("millimetres" in finding.check for finding in findings):
         what = f"half of the ranges are over {median:.0f} m, which is far for a sensor"
         advice = "If ranges and odometry are in millimetres, divide both by 1000"
         findings.append(Finding("warning", "millimetres", what, advice, median, "m"))
     return tuple(findings)
+
+
+def _observations_of(log: LandmarkLog, kept: BoolArray) -> LandmarkLog:
+    """The log with some of its observations, (k,) those that are kept."""
+    names = ("observation_pose", "observation", "observation_covariance", "landmark")
+    columns: dict[str, Any] = {name: getattr(log, name)[kept] for name in names}
+    return log if kept.all() else replace(log, **columns)
 
 
 def _check_gap(log: LandmarkLog) -> Iterator[Finding]:
@@ -191,24 +166,28 @@ def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Fin
         yield shared_name_finding(log, names.tolist(), float(np.median(distance[of])), "at once")
 
 
-def _check_readings(log: LandmarkLog, readings: Readings) -> Iterator[Finding]:
+def _check_readings(
+    log: LandmarkLog, readings: Readings, sensor: tuple[float, float, float]
+) -> Iterator[Finding]:
     """The rival reading that explains the log best, if any, and the factor of its noise."""
-    pairs = _pairs(log)
-    if len(pairs[0]) < MIN_PAIRS:
+    a, b = pairs(log)
+    if len(a) < MIN_PAIRS:
         return
-    recorded, (factor, of_odometry) = _gains(readings, *pairs)
+    recorded, (factor, of_odometry) = gains(readings, a, b)
     least, most = NOISE_FACTORS
     accepted = FACTORS[(least <= FACTORS) & (most >= FACTORS)]
-    stated, _ = _gains(readings, *pairs, accepted)
-    best, size = None, 0.0
-    order = np.argsort(readings.observed[pairs[0]], kind="stable")
-    for rival in _rivals(readings):
-        gain = _gains(rival.readings, *pairs)[0] - recorded
+    stated, _ = gains(readings, a, b, accepted)
+    mounting = Mounting.fit(readings, a, b, log.odometry_bias)
+    mounted = float((gains(mounting.apply(readings), a, b)[0] - recorded).mean())
+    found: dict[str, tuple[float, Rival]] = {}
+    order = np.argsort(readings.observed[a], kind="stable")
+    for rival in (*_mounting_rival(readings, mounting, sensor), *_rivals(readings)):
+        gain = gains(rival.readings, a, b)[0] - recorded
         wins = np.mean([tenth.mean() > 0 for tenth in np.array_split(gain[order], 10)])
-        if gain.mean() > max(size, rival.min_gain) and wins >= MIN_WINS:
-            best, size = rival, float(gain.mean())
-    if best is not None:
-        yield Finding("error", best.check, best.what, best.advice, size, "nats")
+        if wins >= MIN_WINS and gain.mean() > found.get(rival.check, (rival.min_gain,))[0]:
+            found[rival.check] = float(gain.mean()), rival
+    if found:
+        yield _likeliest(found, mounted, _mounted_at(mounting, sensor))
     elif recorded.mean() - stated.mean() > MIN_NOISE_GAIN:
         word, verb, times = (
             ("large", "Divide", 1 / factor) if factor < 1 else ("small", "Multiply", factor)
@@ -216,6 +195,49 @@ def _check_readings(log: LandmarkLog, readings: Readings) -> Iterator[Finding]:
         noun = "log" if of_odometry == factor else "observations"
         what = f"the standard deviations of the {noun} are about {times:.0f} times too {word}"
         yield Finding("error", "noise", what, f"{verb} them by {times:.0f}", factor, "times")
+
+
+def _likeliest(found: dict[str, tuple[float, Rival]], mounted: float, where: str) -> Finding:
+    """The finding of the rival reading with the greatest gain.
+
+    The wrong order of turn and translation is like a sensor ahead of or behind the origin by the
+    length of a step, and is an error only if no mounting of the sensor explains the log as well.
+
+    Args:
+        found: gain in nats and reading by the name of the check.
+        mounted: gain of the likeliest mounting of the sensor.
+        where: that mounting, in words.
+    """
+    size, best = max(found.values(), key=lambda each: each[0])
+    if best.check == "sensor mounting" and "motion order" in found:
+        by_order, order = found["motion order"]
+        size, best = (by_order, order) if by_order > SIMILAR_GAIN * size else (size, best)
+    if best.check == "motion order" and mounted > SIMILAR_GAIN * size:
+        what = f"{best.what}, or {where}"
+        return Finding("warning", best.check, what, best.advice, size, "nats")
+    return Finding("error", best.check, best.what, best.advice, size, "nats")
+
+
+def _mounting_rival(
+    log: Readings, mounting: Mounting, sensor: tuple[float, float, float]
+) -> Iterator[Rival]:
+    """The sensor elsewhere on the robot, or turned, if that is significant."""
+    if mounting.is_significant:
+        x, y, yaw = mounting.after(sensor)
+        advice = f"Give its pose, --sensor {x:.2f},{y:.2f},{yaw:.3f} or `LandmarkLog.sensor`"
+        what = _mounted_at(mounting, sensor)
+        yield Rival("sensor mounting", what, advice, mounting.apply(log), min_gain=0.05)
+
+
+def _mounted_at(mounting: Mounting, sensor: tuple[float, float, float]) -> str:
+    """A pose of the sensor, in words."""
+    x, y, yaw = mounting.after(sensor)
+    sigma = mounting.sigma
+    return (
+        f"the sensor is mounted {x:.2f} +- {sigma[0]:.2f} m ahead and {y:.2f} +- {sigma[1]:.2f} m "
+        f"to the left of the robot's origin and turned by {np.rad2deg(yaw):.1f} +- "
+        f"{np.rad2deg(sigma[2]):.1f} degrees, not as the log has it"
+    )
 
 
 def _rivals(log: Readings) -> Iterator[Rival]:
@@ -285,124 +307,3 @@ def _filled(log: Readings) -> Readings:
         control=np.where(short[:, None], expected, log.control),
         control_covariance=log.control_covariance * factor[:, None, None],
     )
-
-
-def _pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
-    """Earlier (m,) and later (m,) observations of a landmark, a short while apart.
-
-    Lags double, from the shortest in which landmarks move noticeably; at most three are used.
-    """
-    none = np.empty(0, np.int64)
-    time, xy = log.time[log.observation_pose], to_points(log.observation)
-    if len(time) == 0 or np.ptp(log.time) <= 0:
-        return none, none
-    track = _tracks(log, xy)
-    order = np.lexsort((time, track))
-    elapsed = time[order] - time[0]
-    key = np.unique(track[order], return_inverse=True)[1] * 4 * (np.ptp(log.time) + 1) + elapsed
-    duration = np.diff(log.time)
-    lag = float(np.median(duration[duration > 0]))
-    found: list[tuple[IntArray, IntArray]] = []
-    while lag < np.ptp(log.time) and len(found) < 3:
-        later = np.minimum(np.searchsorted(key, key + lag * (1 - 1e-6)), len(key) - 1)
-        apart = key[later] - key
-        first = np.flatnonzero((apart >= lag * (1 - 1e-6)) & (apart < 2 * lag))
-        first = first[:: 1 + len(first) // MAX_PAIRS]
-        a, b = order[first], order[later[first]]
-        lag *= 2
-        if len(a) < MIN_PAIRS:
-            continue
-        ranges = np.maximum(log.observation[a, 0] + log.observation[b, 0], 1e-12)
-        movement = np.hypot(*(xy[a] - xy[b]).T) / ranges
-        if np.median(movement) > MAX_MOTION and found:
-            break
-        if np.median(movement) < MIN_MOTION:
-            found.clear()  # a longer lag says more
-        moved = movement > MIN_MOTION  # the others fit every reading
-        found.append((a[moved], b[moved]))
-    if not found:
-        return none, none
-    return np.concatenate([a for a, _ in found]), np.concatenate([b for _, b in found])
-
-
-def _tracks(log: LandmarkLog, xy: FloatArray) -> IntArray:
-    """(k,) the same number for observations of the same landmark: its name.
-
-    Without names, mutual nearest neighbors in consecutive scans, where no other is near.
-    """
-    number = np.arange(len(xy))
-    if (log.landmark >= 0).any():
-        return np.where(log.landmark >= 0, log.landmark, -1 - number)
-    scans = np.split(number, np.flatnonzero(np.diff(log.observation_pose)) + 1)
-    for last, scan in pairwise(scans):
-        distance = np.hypot(*(xy[last][:, None] - xy[scan]).transpose(2, 0, 1))
-        near = distance.argmin(1)
-        mutual = np.flatnonzero(distance.argmin(0)[near] == np.arange(len(last)))
-        for i in mutual.tolist():
-            j = near[i]
-            limit = np.minimum(*log.observation[[last[i], scan[j]], 0])
-            others = np.concatenate([np.delete(distance[i], j), np.delete(distance[:, j], i)])
-            if distance[i, j] < 0.3 * min(limit, others.min(initial=np.inf)):
-                number[scan[j]] = number[last[i]]
-    return number
-
-
-def _residuals(
-    log: Readings, a: IntArray, b: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Later observations (m, 2) minus those predicted; covariances of sensor and odometry."""
-    U, path = log.control_covariance, path_of(log.control)
-    along = rotations(path[:-1, 2])
-    grown = np.zeros((len(log.time), 5))
-    grown[1:, :4] = np.cumsum((along @ U[:, :2, :2] @ along.transpose(0, 2, 1)).reshape(-1, 4), 0)
-    grown[1:, 4] = np.cumsum(U[:, 2, 2])
-    knots = np.column_stack([path, grown])
-    state = np.stack([np.interp(log.observed, log.time, column) for column in knots.T], 1)
-    x, y, xy = state[a], state[b], to_points(log.observation)
-    turn = x[:, 2] - y[:, 2]
-    carried, moved = rotated(xy[a], turn), rotated(x[:, :2] - y[:, :2], -y[:, 2])
-    residual = xy[b] - carried - moved
-    C = point_covariance(log.observation, log.observation_covariance)
-    T, W = rotations(turn), rotations(-y[:, 2])
-    floor = SINGULAR * np.square(log.observation[b, :1]) + 1e-12
-    sensor = C[b] + T @ C[a] @ T.transpose(0, 2, 1) + floor[:, :, None] * np.eye(2)
-    change = y[:, 3:] - x[:, 3:]
-    odometry = W @ change[:, :4].reshape(-1, 2, 2) @ W.transpose(0, 2, 1)
-    middle = (carried + xy[b]) / 2  # where a turn in the middle of the way sees the landmark
-    lever = np.stack([-middle[:, 1], middle[:, 0]], 1)
-    odometry += change[:, 4, None, None] * lever[:, :, None] * lever[:, None, :]
-    return residual, sensor, odometry
-
-
-def _gains(
-    log: Readings, a: IntArray, b: IntArray, noise: FloatArray = FACTORS
-) -> tuple[FloatArray, tuple[float, float]]:
-    """Log-likelihood (m,) of each pair over that of a guess, at the likeliest factor of its noise.
-
-    Sensor and odometry are diagonalized together, so that each factor costs a sum. A gain is at
-    least 0, since any pair may be an outlier.
-
-    Returns:
-        The gains, and the factors on the standard deviations of sensor and odometry: equal, or
-        that of odometry 1.
-    """
-    residual, sensor, odometry = _residuals(log, a, b)
-    whitening = np.linalg.inv(np.linalg.cholesky(sensor))
-    variance, axes = np.linalg.eigh(whitening @ odometry @ whitening.transpose(0, 2, 1))
-    axes = axes.transpose(0, 2, 1) @ whitening
-    square = np.square((axes @ residual[:, :, None])[:, :, 0])
-    constant = np.log(np.abs(np.linalg.det(whitening))) - np.log(2 * np.pi) - _guess(log)
-    best = np.zeros(len(a)), (1.0, 1.0)
-    for k in noise.tolist():
-        for factors in ((k, k), (k, 1.0)):
-            S = factors[0] ** 2 + factors[1] ** 2 * variance
-            gain = np.maximum(constant - (square / S + np.log(S)).sum(1) / 2, 0.0)
-            if gain.mean() > best[0].mean():
-                best = gain, factors
-    return best
-
-
-def _guess(log: Readings) -> float:
-    """Mean log-likelihood of the observations by their own mean and covariance."""
-    spread = np.linalg.det(np.cov(to_points(log.observation).T))
-    return float(-np.log(2 * np.pi * np.e) - np.log(max(spread, 1e-300)) / 2)
