@@ -30,9 +30,11 @@ def steps_markdown(appendix: str) -> str:
     code = code_of(appendix)
     parts = []
     for step in load_steps(appendix):
-        picture = f"![{step['alt']}](pictures/appendix-{step['name']}.webp){{ .wide }}"
         equations = equations_html(step["equations"], code)
-        parts += [f"### {step['title']}", step["text"], equations, picture, f"*{step['caption']}*"]
+        parts += [f"### {step['title']}", step["text"], equations]
+        if "alt" in step:
+            picture = f"![{step['alt']}](pictures/appendix-{step['name']}.webp){{ .wide }}"
+            parts += [picture, f"*{step['caption']}*"]
         if "default" in step:
             parts.append(f'!!! info "Where the default differs"\n    {step["default"]}')
     return "\n\n".join(parts)

@@ -28,6 +28,3 @@ def test_options_override_the_configuration(run, tmp_path):
     assert code == 0
     assert out.count("3 of 8") == 3  # of each trajectory
     assert "warning: truth for only 3 of 8 poses" in err
-    code, _, err = run(*words, "--selection", "luck")
-    assert code == 2
-    assert "selection: expected 'strength' or" in err

@@ -5,7 +5,7 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from cyclopts import Parameter
@@ -65,9 +65,6 @@ class DriveOptions(SettingsOptions, RunOutput, SequenceOptions):
     """Map live, by a device (0), an address (rtsp://...) or a video file."""
     frames: Annotated[int | None, INPUT, Parameter(metavar="N")] = setting(None, 1)
     """Process only the first N frames, at least 1."""
-    selection: Annotated[str | None, MAP, Parameter(metavar="NAME")] = None
-    """Landmark selection criterion: strength, random, contrast, symmetry or
-    rematch-rate-range."""
     max_landmarks: Annotated[int | None, MAP, Parameter(metavar="N")] = setting(None, 1)
     """Maximum number of landmarks in the map, at least 1."""
     anyway: Annotated[bool, INPUT] = False
@@ -88,28 +85,18 @@ def drive(options: DriveOptions) -> Result:
     Example: saccade drive KITTI/07 --out mapped
     """
     settings: VisualConfig = options.settings("visual")
-    given: dict[str, Any] = {
-        "selection": options.selection,
-        "max_landmarks": options.max_landmarks,
-    }
-    settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
-    if options.camera is not None:
-        name, known = f"camera {options.camera}", 0
-        with results_in(options.out), progress_bar(name) as progress:
-            row = map_camera(settings, options, progress)
-    else:
-        recorded = options.load_drive()
-        if options.frames is not None:
-            recorded = recorded.until(options.frames)
-        if not options.anyway:
-            recorded = drop_repeated(recorded)
-        remarks = (*recorded.remarks, *recorded.assumptions)
-        for remark in remarks:
-            print_message(remark)
-        name, known = recorded.name, len(remarks)
-        with results_in(options.out), progress_bar(name) as progress:
-            row = map_drive(recorded, settings, options, progress)
-    for remark in row["remarks"][known:]:
+    if options.max_landmarks is not None:
+        settings = replace(settings, max_landmarks=options.max_landmarks)
+    recorded = load_recorded(options) if options.camera is None else None
+    name = f"camera {options.camera}" if recorded is None else recorded.name
+    with results_in(options.out), progress_bar(name) as progress:
+        mapped, result, snapshots = (
+            map_camera(settings, options, progress)
+            if recorded is None
+            else map_recorded(recorded, settings, progress)
+        )
+        row = write_results(mapped, settings, options, progress, result, snapshots)
+    for remark in row["remarks"]:
         print_message(remark)
     return Result(row, drive_tables(row, f"{name} -> {options.out}"))
 
@@ -163,31 +150,32 @@ def _error_table(row: dict[str, Any], title: str) -> Table:
 LEAD = "The trajectory of a robot and the map of its landmarks, from camera frames and odometry."
 
 
-def map_drive(
-    drive: Drive, settings: VisualConfig, options: DriveOptions, progress: Progress
-) -> dict[str, Any]:
-    """Map a drive, write the results, and return the content of run.json."""
-    recorder = Recorder(SNAPSHOTS)
+Mapped: TypeAlias = tuple[Drive, VisualResult, list[MapSnapshot]]
 
-    def report(done: int, total: int) -> None:
-        progress(done, total, "map")
 
+def load_recorded(options: DriveOptions) -> Drive:
+    """The drive that is mapped, as its files have it."""
+    recorded = options.load_drive()
+    if options.frames is not None:
+        recorded = recorded.until(options.frames)
+    return recorded if options.anyway else drop_repeated(recorded)
+
+
+def map_recorded(drive: Drive, settings: VisualConfig, progress: Progress) -> Mapped:
+    """Map a recorded drive."""
+    recorder, report = Recorder(SNAPSHOTS), partial(progress, stage="map")
     with visual.dedicated_process():
         result = visual.run(drive, settings, report, recorder=recorder)
-    return write_results(drive, settings, options, progress, result, recorder.snapshots)
+    return drive, result, recorder.snapshots
 
 
 MAX_CAMERA_FRAMES = 36_000
 """Frames of a camera by default: twenty minutes at 30 a second."""
 
 
-def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress) -> dict[str, Any]:
-    """Map while the camera records into a folder; write the results, return run.json's content."""
+def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress) -> Mapped:
+    """Map while the camera records into a folder."""
     frames = options.frames or MAX_CAMERA_FRAMES
-
-    def report(done: int, _: int) -> None:
-        progress(done, None, "map")  # nobody knows how many will come
-
     recorder = Recorder(max(SNAPSHOTS, frames // 4))
     with (
         stop_on_interrupt("stopping after this frame") as stopped,
@@ -195,11 +183,11 @@ def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress
         closing(LiveDrive(video, options.sequence, options.calibration(), frames)) as recording,
         visual.dedicated_process(),
     ):
+        report = partial(progress, stage="map")
         result = visual.run(recording.drive, settings, report, recorder=recorder)
     if video.dropped:
         print_message(f"{video.name}: {video.dropped} frames came during others: dropped")
-    recorded = load_drive("folder", options.sequence)
-    return write_results(recorded, settings, options, progress, result, recorder.snapshots)
+    return load_drive("folder", options.sequence), result, recorder.snapshots
 
 
 def write_results(

@@ -3,11 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import cv2
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
 
 from saccade.types import FloatArray, Image
 from saccade.viewing.keypoints import draw_keypoints
@@ -23,7 +20,6 @@ from saccade.viewing.style import (
     faded,
     figure_for,
     hide_ticks,
-    picture_axes,
 )
 
 CHANNELS = {
@@ -173,37 +169,19 @@ OUTCOMES = {
     "kept": (GREEN, "o"),
 }
 """Color and marker of a candidate by the first test it failed."""
-MAX_STRONGEST, MIN_ROTATION = 60, 0.5
-"""The example is the largest of the strongest keypoints whose patch is inside the image and visibly
-rotated: its absolute sine of twice the orientation is larger."""
-PATCH = 160
-"""Pixels on a side of the rotated patch."""
 
 
 def sift_figures(image: Image, result: Any) -> dict[str, Figure]:
     """The figures of the steps from an image to its keypoints, by name.
 
-    Without a keypoint there are no figures of a single one.
-
     Args:
         image: (H, W, 3) in [0, 1].
         result: the `SiftResult` of the textbook.
     """
-    figures = {
+    return {
         "scale-space": _scale_space_figure(result.scale_space, result.differences),
         "candidates": _candidate_figure(image, result),
     }
-    point = _example(result)
-    if point is not None:
-        candidate = result.candidates[point.candidate]
-        octave = result.scale_space[candidate.octave]
-        scale = round(candidate.i + candidate.offset[2])
-        L = octave[min(max(scale, 0), len(octave) - 1)]
-        angles = [each.angle for each in result.descriptions if each.candidate == point.candidate]
-        spacing = 2**candidate.octave
-        figures["orientation"] = _orientation_figure(image, point, L, spacing, angles)
-        figures["descriptor"] = _descriptor_figure(point, L)
-    return figures
 
 
 def sift_results(result: Any) -> dict[str, dict[str, str]]:
@@ -216,18 +194,6 @@ def sift_results(result: Any) -> dict[str, dict[str, str]]:
         | {name: str(outcomes.count(name)) for name in OUTCOMES},
         "orientation": {"keypoints": f"{len(result.keypoints)}{ratio}"},
     }
-
-
-def _example(result: Any) -> Any:
-    """The description of one keypoint; None where no patch is inside the image."""
-    inside = []
-    for each in result.descriptions[:MAX_STRONGEST]:
-        octave = result.candidates[each.candidate].octave
-        height, width = result.scale_space[octave][0].shape
-        if (each.grid >= 0).all() and (each.grid <= (width - 1, height - 1)).all():
-            rotated = abs(np.sin(2 * each.angle)) > MIN_ROTATION
-            inside.append((rotated, each.sigma * 2**octave, each))
-    return max(inside, key=lambda each: each[:2])[2] if inside else None
 
 
 def _scale_space_figure(
@@ -274,94 +240,3 @@ def _candidate_figure(image: Image, result: Any) -> Figure:
     legend = {"ncols": len(OUTCOMES), "frameon": False, "markerscale": 1.6}
     figure.legend(loc="outside lower center", **legend)
     return figure
-
-
-def _orientation_figure(
-    image: Image, point: Any, L: FloatArray, spacing: int, dominant: Sequence[float]
-) -> Figure:
-    """The patch of a keypoint, its grid of samples in L, and its histogram of directions."""
-    figure = Figure(figsize=(11.5, 3.6), layout="compressed", dpi=110)
-    overview, closeup, bars = figure.subplots(1, 3, width_ratios=(1.35, 1, 1.35))
-    corners = _corners(point.grid)
-    draw_panel(overview, image, "the keypoint and its patch")
-    overview.plot(*(corners * spacing).T, color=ORANGE, linewidth=2)
-    draw_panel(closeup, L, "16 x 16 samples, rotated", cmap="gray")
-    margin = 1.5 * point.sigma
-    low, high = corners.min(0) - margin, corners.max(0) + margin
-    closeup.set_xlim(low[0], high[0])
-    closeup.set_ylim(high[1], low[1])
-    closeup.plot(*point.grid.reshape(-1, 2).T, ".", color=BLUE, markersize=3)
-    a, b, c, d, _ = corners
-    for t in (0, 0.25, 0.5, 0.75, 1):  # the borders of the subregions
-        for border in ((a + (b - a) * t, d + (c - d) * t), (a + (d - a) * t, b + (c - b) * t)):
-            closeup.plot(*np.array(border).T, color=ORANGE, linewidth=1.2)
-    length = 6 * point.sigma
-    tip = point.x + length * np.cos(point.angle), point.y + length * np.sin(point.angle)
-    arrow = {"color": RED, "width": 2, "headwidth": 9}
-    closeup.annotate("", tip, (point.x, point.y), arrowprops=arrow)
-    fraction = point.histogram / (float(point.histogram.max()) or 1.0)
-    bars.bar(np.arange(36) * 10 + 5, fraction, width=9, color=np.where(fraction > 0.8, BLUE, GRAY))
-    bars.axhline(0.8, color="black", linestyle="--", linewidth=1)
-    for angle in dominant:
-        bars.axvline(np.degrees(angle) % 360, color=RED, linewidth=1.5)
-    bars.set_title("36 bins; over 80 % of the highest: blue", fontsize=10)
-    bars.set_xlabel("direction, from x towards y [degrees]")
-    bars.xaxis.set_major_locator(MultipleLocator(90))
-    return figure
-
-
-def _descriptor_figure(point: Any, L: FloatArray) -> Figure:
-    """The gradients in the rotated patch, and the descriptor as stars and as bars."""
-    figure = Figure(figsize=(11.5, 3.6), layout="compressed", dpi=110)
-    left, middle, right = figure.subplots(1, 3, width_ratios=(1, 1, 1.6))
-    x, y = np.meshgrid(np.arange(16) + 0.5, np.arange(16) + 0.5)
-    lengths = point.magnitudes * point.weights
-    _draw_patch(left, point.grid, L)
-    _draw_arrows(left, (x, y), lengths, point.orientations, 1.4, width=0.007)
-    picture_axes(left, "gradients, weighted")
-    row, column, direction = (each.ravel() for each in np.indices((4, 4, 8)))
-    centers, angles = (4 * column + 2, 4 * row + 2), direction * np.pi / 4
-    rays = {"width": 0.012, "headwidth": 1, "headlength": 0}
-    _draw_patch(middle, point.grid, L)
-    _draw_arrows(middle, centers, point.vector, angles, 2.2, **rays)
-    picture_axes(middle, "4 x 4 histograms of 8 directions")
-    right.bar(np.arange(128), point.vector, width=1.0, color=BLUE)
-    right.set_xlim(-0.5, 127.5)
-    right.xaxis.set_major_locator(MultipleLocator(32))
-    right.set_xlabel("four subregions of 8 bins between two ticks: a row of the patch")
-    right.set_title("128 values of unit length", fontsize=10)
-    return figure
-
-
-def _draw_patch(axes: Axes, grid: FloatArray, L: FloatArray) -> None:
-    """L in the frame of the keypoint, 16 samples on a side, pale, with its subregions."""
-    along_x, along_y = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
-    u = (np.arange(PATCH) + 0.5) * (16 / PATCH) - 0.5  # in samples from the first
-    xy = grid[0, 0] + u[:, None, None] * along_y + u[:, None] * along_x  # (PATCH, PATCH, 2)
-    x, y = (np.ascontiguousarray(xy[..., i], np.float32) for i in (0, 1))
-    border = cv2.BORDER_REPLICATE
-    patch = cv2.remap(np.asarray(L, np.float32), x, y, cv2.INTER_LINEAR, borderMode=border)
-    low, high = float(patch.min()), float(patch.max())
-    axes.imshow(patch, cmap="gray", vmin=low - 1.2 * (high - low), vmax=high, extent=(0, 16, 16, 0))
-    for line in (4, 8, 12):
-        axes.axhline(line, color=ORANGE, linewidth=1.2)
-        axes.axvline(line, color=ORANGE, linewidth=1.2)
-    axes.set_xlim(0, 16)
-    axes.set_ylim(16, 0)
-
-
-def _draw_arrows(
-    axes: Axes, tails: Any, length: FloatArray, angle: Any, max_length: float, **style: float
-) -> None:
-    """Arrows of these lengths and angles, scaled so that the longest has `max_length`."""
-    scaled = length * (max_length / (float(length.max()) or 1.0))
-    options: Any = {"angles": "xy", "scale_units": "xy", "scale": 1, "color": BLUE, **style}
-    axes.quiver(*tails, scaled * np.cos(angle), scaled * np.sin(angle), **options)
-
-
-def _corners(grid: FloatArray) -> FloatArray:
-    """(5, 2) the closed outline of the samples, half a spacing beyond the outermost."""
-    along_x, along_y = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
-    signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
-    center = grid.reshape(-1, 2).mean(0)
-    return np.asarray(center + 8 * (signs[:, :1] * along_x + signs[:, 1:] * along_y))
