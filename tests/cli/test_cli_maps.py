@@ -1,9 +1,8 @@
-"""`saccade slam --map` and `saccade slam --merge` as a person runs them."""
+"""`saccade slam --map` as a person runs it."""
 
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import saccade
@@ -35,8 +34,6 @@ def test_a_run_begins_with_a_map(folder, mode, tmp_path):
     )
     saved = slam.Slam.load(folder / "park.npz")
     assert row["map"] == str(folder / "park.npz")
-    assert row["map_mode"] == mode
-    assert row["map_start"] == "log"
     assert row["map_landmarks"] == row["map_landmarks_observed"] == len(saved.map)
     assert row["map_landmarks_new"] == 0
     assert json.loads((tmp_path / "run.json").read_text()) == row
@@ -56,15 +53,3 @@ def test_options_that_contradict_are_named(folder, options, message, tmp_path):
             *("slam", folder / "park.txt", "--map", folder / "park.npz", "--out", tmp_path),
             *options,
         )
-
-
-def test_maps_are_merged(folder, tmp_path):
-    out = tmp_path / "both.npz"
-    both = f"{folder / 'park.npz'},{folder / 'park.npz'}"
-    row = json_of("slam", "--merge", both, "--save-map", out)
-    (merged,) = row["merged"]
-    assert row["landmarks"] == merged["common"] == len(slam.Slam.load(out).map)
-    np.testing.assert_allclose(merged["transform"], 0, atol=1e-6)
-    for words in (["--merge", folder / "park.npz", "--save-map", out], ["--merge", both]):
-        with pytest.raises(ConfigError, match="--merge: expected two maps or more, --save-map"):
-            json_of("slam", *words)

@@ -23,7 +23,6 @@ READS = {
     "drive {}": ("npz", "mp4"),
     "extract {} --workers 1": ("png", "txt", "mp4"),
     "convert {} x.h5": ("db",),
-    "slam --merge {0},{0} --save-map there.npz": ("npz",),
     "config {}": ("toml",),
     "evaluate fixations --images . --fixations {}": ("csv", "mat"),
     "evaluate fixations --images {} --fixations fixations.csv": ("png",),

@@ -28,7 +28,6 @@ COMMANDS = {
     "evaluate scanpaths": "--images {in}/seen --fixations {in}/seen/people.csv --samples 2",
     "evaluate features": "--pairs {in}/pairs --points 20",
     "evaluate trajectory": "{in}/a.tum --truth {in}/a.tum",
-    "slam --merge": "{in}/a.map.npz,{in}/a.map.npz --save-map merged.npz",
     "simulate": "world --config {in}/world.toml -o out",
     "simulate --frames": "2 drive --config {in}/drive.toml -o out",
     "textbook": "{in}/log.csv -o out",

@@ -88,7 +88,7 @@ def _slam(data: Path, out: Path, builder: ReportBuilder) -> dict[str, Any]:
     """Map of a recorded log."""
     with progress_bar("EKF-SLAM: a car in Victoria Park") as progress:
         log = datasets.load("isam", data / "victoria_park.txt")
-        return map_log(log, SlamOptions(out=out), progress, builder)
+        return map_log(log, SlamOptions(log=data / "victoria_park.txt", out=out), progress, builder)
 
 
 def _drive(out: Path, builder: ReportBuilder) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """`saccade slam`: EKF-SLAM over a landmark log."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,12 +15,12 @@ from saccade.cli.mapping import (
     pose_table,
     run_facts,
     time_charts,
+    write_files,
     write_film,
     write_run,
 )
 from saccade.cli.options import (
     MAP,
-    SEVERAL,
     LogOptions,
     Options,
     OutputFolder,
@@ -49,7 +49,6 @@ from saccade.slam import (
     SlamResult,
     run,
 )
-from saccade.slam.merging import merge_maps
 from saccade.slam.run import find_start, slam_for
 from saccade.types import (
     FloatArray,
@@ -57,7 +56,6 @@ from saccade.types import (
     MapSnapshot,
 )
 from saccade.viewing import map_figure, map_frames
-from saccade.viewing.charts import Chart
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
 from saccade.viewing.report_map import ObservedLandmarks, map_part
@@ -67,7 +65,7 @@ from saccade.viewing.report_map import ObservedLandmarks, map_part
 class LogArgument(Options):
     """A landmark log."""
 
-    log: Path | None = None
+    log: Path
     """Landmark log: a file, folder or ROS bag."""
 
 
@@ -91,9 +89,6 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     """With --map: first pose in its frame. last: the robot has not moved since (the default of
     continue); search: by the first scans (the default of localize); log: as in the log; or
     X,Y,HEADING in metres and radians."""
-    merge: Annotated[list[Path] | None, MAP, SEVERAL, Parameter(metavar="MAP")] = None
-    """Instead of a LOG: merge these maps, in the frame of the first, into --save-map; several with
-    commas."""
 
     @property
     def first(self) -> str:
@@ -125,7 +120,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
         return load(start=pose, covariance=covariance)
 
 
-def slam(options: SlamOptions = SlamOptions()) -> Result:
+def slam(options: SlamOptions) -> Result:
     """Map the landmarks of a recorded log: extended Kalman filter, then smoothing.
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
@@ -134,16 +129,10 @@ def slam(options: SlamOptions = SlamOptions()) -> Result:
     interactive report (report.html), and settings and scores (run.json); with
     --film a film too (map.mp4).
 
-    With --map, the settings are those of the map unless others are given. With
-    --merge the common landmarks of maps are found by their labels or, without,
-    by their mutual distances.
+    With --map, the settings are those of the map unless others are given.
 
     Example: saccade slam victoria_park.txt --out mapped
     """
-    if options.merge:
-        return _merge_maps(options, options.merge)
-    if options.log is None:
-        raise ConfigError("LOG: expected a log, or --merge with maps, found neither")
     log = in_robot_frame(options.load(options.log))
     with results_in(options.out), progress_bar(log.name) as progress:
         row = map_log(log, options, progress)
@@ -170,22 +159,34 @@ def map_log(
     """
     causes = check_log(log)
     out, slam = options.out, options.filter_of(log)
-    settings = slam.config
     try:
-        recorder = Recorder(SNAPSHOTS)
-
-        def filtered(done: int, total: int) -> None:
-            progress(done, total, "filter")
-
-        result: SlamResult = run(log, progress=filtered, recorder=recorder, initial=slam)
+        recorder, filtered = Recorder(SNAPSHOTS), partial(progress, stage="filter")
+        result = run(log, progress=filtered, recorder=recorder, initial=slam)
     except (LogError, ArithmeticError, np.linalg.LinAlgError) as error:
         known = isinstance(error, LogError)
         if not causes and not known:
             raise
         why = error if known else "The estimate diverged"
         raise LogError(f"{log.name}: {' '.join(map(str, causes[:1]))} {why}") from error
-    files = write_tables(out, log, result)
-    files |= write_figures(options, log, result)
+    smoothed = result.estimate == "smoothed"
+    tables: dict[str, tuple[Callable[..., Any], Any]] = {
+        "trajectory.tum": (write_tum, result.trajectory),
+        "poses.csv": (write_table, pose_table(result.trajectory)),
+        "landmarks.csv": (write_landmarks, result.map),
+        "innovations.csv": (write_table, innovation_table(log, result)),
+    }
+    tables |= {"filtered.tum": (write_tum, result.filtered)} if smoothed else {}
+    files = write_files(out, tables)
+    figure = map_figure(
+        result.trajectory,
+        result.map,
+        result.dead_reckoning,
+        truth=log.aligned_truth,
+        landmark_truth=log.landmark_truth,
+        filtered=result.filtered if smoothed else None,
+        lost=result.lost,
+    )
+    files["picture"] = options.save_figure(figure, "map")
     snapshots, odometry = recorder.snapshots, result.dead_reckoning
     if options.film:
         frames = map_frames(snapshots, log.time, odometry)
@@ -203,11 +204,7 @@ def map_log(
         LEAD,
         lambda: slam_part(log, result, snapshots, summary, _num_loaded(slam)),
         files,
-        {
-            **summary,
-            "seed": None,  # nothing is random
-            "settings": asdict(settings),
-        },
+        {**summary, "settings": asdict(slam.config)},
         report,
     )
 
@@ -223,35 +220,13 @@ def _map_figures(options: SlamOptions, slam: Slam, result: SlamResult) -> dict[s
     observations = result.map.observations
     if options.map_file is None or result.session is None or observations is None:
         return {"map": None}
-    session = slam.landmarks.session
-    loaded = result.session < session
+    loaded = result.session < slam.landmarks.session
     return {
         "map": str(options.map_file),
-        "map_mode": options.mode,
-        "map_start": options.first,
-        "map_sessions": session,
         "map_landmarks": int(loaded.sum()),
         "map_landmarks_observed": int((observations[loaded] > 0).sum()),
         "map_landmarks_new": int((~loaded).sum()),
     }
-
-
-def write_tables(out: Path, log: LandmarkLog, result: SlamResult) -> dict[str, Path]:
-    """Write trajectory, landmarks and innovations; returns the files."""
-    files = {
-        "trajectory": out / "trajectory.tum",
-        "poses": out / "poses.csv",
-        "landmarks": out / "landmarks.csv",
-        "innovations": out / "innovations.csv",
-    }
-    write_tum(files["trajectory"], result.trajectory)
-    write_landmarks(files["landmarks"], result.map)
-    if result.estimate == "smoothed":
-        files["filtered"] = out / "filtered.tum"
-        write_tum(files["filtered"], result.filtered)
-    write_table(files["poses"], pose_table(result.trajectory))
-    write_table(files["innovations"], innovation_table(log, result))
-    return files
 
 
 def innovation_table(log: LandmarkLog, result: SlamResult) -> dict[str, np.ndarray[Any, Any]]:
@@ -268,36 +243,6 @@ def innovation_table(log: LandmarkLog, result: SlamResult) -> dict[str, np.ndarr
         **symmetric_columns(("1", "2"), result.innovation_covariance),
         "nis": result.consistency.nis,
     }
-
-
-def write_figures(output: RunOutput, log: LandmarkLog, result: SlamResult) -> dict[str, Path]:
-    """Write a figure of the map; returns the file of the first format."""
-    files: dict[str, Path] = {}
-    files["picture"] = output.save_figure(
-        map_figure(
-            result.trajectory,
-            result.map,
-            result.dead_reckoning,
-            truth=log.aligned_truth,
-            landmark_truth=log.landmark_truth,
-            filtered=result.filtered if result.estimate == "smoothed" else None,
-            lost=result.lost,
-        ),
-        "map",
-    )
-    return files
-
-
-def run_charts(log: LandmarkLog, result: SlamResult) -> list[Chart]:
-    """Charts of the innovations, and of the uncertainty or the errors of the pose."""
-    return time_charts(
-        result.trajectory,
-        log.aligned_truth,
-        log.observation_pose,
-        result.innovation,
-        result.innovation_covariance,
-        result.consistency.dof,
-    )
 
 
 SLAM_TEXT = (
@@ -332,7 +277,14 @@ def slam_part(
         trajectories,
         snapshots,
         ObservedLandmarks(log.observation_pose[used], ids[result.association[used]]),
-        run_charts(log, result),
+        time_charts(
+            result.trajectory,
+            log.aligned_truth,
+            log.observation_pose,
+            result.innovation,
+            result.innovation_covariance,
+            result.consistency.dof,
+        ),
         log.landmark_truth,
         loaded=loaded,
         lost=lost_times(result.trajectory, result.lost),
@@ -347,32 +299,3 @@ def _first_pose(slam: Slam, log: LandmarkLog, start: str) -> tuple[FloatArray, F
     if start == "log":
         return log.start, np.diag(np.square(slam.config.start_sigma))
     return np.array(parse_pose("--start", start, "last, search, log or X,Y,HEADING")), None
-
-
-def _merge_maps(options: SlamOptions, maps: Sequence[Path]) -> Result:
-    """Merge maps in the frame of the first, and tell what they have in common."""
-    out = options.save_map
-    if options.log is not None or out is None or len(maps) < 2:
-        raise ConfigError("--merge: expected two maps or more, --save-map, and no LOG")
-    slam, merged = Slam.load(maps[0], "continue"), []
-    for path in maps[1:]:
-        try:
-            result = merge_maps(slam, Slam.load(path, "continue"))
-        except LogError as error:
-            raise LogError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
-        slam = result.slam
-        merged.append(
-            {
-                "map": str(path),
-                "common": len(result.common),
-                "probability": result.probability,
-                "nis_per_dof": result.nis / (2 * len(result.common) - 3),
-                "transform": result.transform.tolist(),
-                "transform_covariance": result.covariance.tolist(),
-            }
-        )
-    slam.save(out)
-    row = {"map": str(maps[0]), "merged": merged, "landmarks": len(slam.map), "file": str(out)}
-    common = ", ".join(str(each["common"]) for each in merged)
-    shown = {"landmarks": f"{len(slam.map):,}", "common landmarks": common}
-    return Result(row, [facts_table(f"{' + '.join(map(str, maps))} -> {out}", shown)])
