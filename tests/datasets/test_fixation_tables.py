@@ -275,9 +275,9 @@ def _eyelink_blocks(path, plan, start_lines):
     ("plan", "eye", "y"),
     [
         (["R", "L", "R"], None, [50, 40, 50]),
-        (["LR", "L", "R"], None, [40, 40, 50]),
+        (["LR", "L", "R"], None, [45, 40, 50]),
         (["LR", "L", "R"], "right", [50, 40, 50]),
-        (["R", "LR", "LR"], None, [50, 50, 50]),
+        (["R", "LR", "LR"], None, [50, 45, 45]),
         (["R", "LR", "LR"], "left", [50, 40, 40]),
     ],
 )
@@ -296,6 +296,22 @@ def test_each_block_is_read_by_an_eye_that_it_has(tmp_path, plan, eye, y, start_
     (tmp_path / "a.csv").write_text(_trials("subject,image,EYE_USED,index,x,y", rows))
     table = read_fixations(tmp_path / "a.csv", form=FixationFormat(eye=eye), say=str)
     np.testing.assert_array_equal(table.xy, found.xy)
+
+
+def test_both_eyes_are_averaged_where_they_fixate_at_the_same_time(tmp_path):
+    """The right eye loses a fixation, and begins each of the others 7 ms later."""
+    _eyelink_blocks(tmp_path / "s1.asc", ["LR"], True)
+    lines = (tmp_path / "s1.asc").read_text().splitlines()
+    rights = [n for n, line in enumerate(lines) if line.startswith("EFIX R")]
+    for n in rights:
+        words = lines[n].split()
+        lines[n] = " ".join([*words[:2], str(int(words[2]) + 7), *words[3:5], "60", "70", "9"])
+    del lines[rights[1]]
+    (tmp_path / "s1.asc").write_text("\n".join(lines) + "\n")
+    remarks = []
+    found = read_fixations(tmp_path / "s1.asc", say=remarks.append)
+    assert found.xy.tolist() == [[55, 55], [51, 40], [56, 55], [56.5, 55]]
+    assert "3 fixations are the mean of both eyes" in " ".join(remarks)
 
 
 def test_an_eye_that_is_hardly_tracked_in_a_block_is_not_read_there(tmp_path):

@@ -49,7 +49,7 @@ class FixationOptions(Options):
     """Meanings of x and y: y,x if they are exchanged (row, column), x,-y or -x,y if one of them
     points the other way."""
     eye: Annotated[Literal["left", "right"] | None, INPUT] = None
-    """Eye to read where both are recorded; by default the one with more fixations."""
+    """Eye to read where both are recorded; by default the mean of both."""
     trials: Annotated[Literal["separate", "first", "joined"] | None, INPUT] = None
     """Of several trials of a subject on an image: each a scanpath (separate), only the first, or
     all one scanpath (joined)."""

@@ -4,21 +4,21 @@ Source of lines and fields: "The ASC File Format" in SR Research's user manuals;
 trials and images: "Protocol for EyeLink Data to Viewer Integration".
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from saccade.datasets.fixation_tables import (
-    BLANK,
-    OTHER_EYE,
+    NO_BOX,
     Box,
     FixationList,
-    RawFixation,
-    choose_eyes,
+    RawFixations,
     is_named,
+    number_in,
 )
 from saccade.datasets.tables import Row, is_number, read_rows
 from saccade.errors import LogError
@@ -30,7 +30,7 @@ class _Shown(NamedTuple):
 
     time: float
     name: str
-    box: Box | None
+    box: Box
 
 
 @dataclass
@@ -42,75 +42,53 @@ class _Trial:
     variables: dict[str, str] = field(default_factory=dict)
     fixations: list[Row] = field(default_factory=list)
     """EFIX, eye, start, end, duration, x, y."""
-    blocks: list[int] = field(default_factory=list)
-    """Number of the lines START before each fixation."""
 
 
-def read_eyelink(
-    path: Path, columns: Mapping[str, str] | None = None, eye: str | None = None
-) -> FixationList:
+def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> FixationList:
     """The fixations of a recording; its subject is the name of the file.
 
     A fixation belongs to the image on the screen at its end: the first one of a trial often begins
     before its image. The message `!V IMGLOAD` names the image and its position on the screen; else
-    a trial variable (`!V TRIAL_VAR`) called image or alike, or a file name in TRIALID. Where
-    both eyes are recorded, one is read: see `choose_eyes`.
+    a trial variable (`!V TRIAL_VAR`) called image or alike, or a file name in TRIALID.
 
     Args:
         path: the .asc.
         columns: "image": the name of the trial variable that names the image.
-        eye: L or R: the eye to read where both are recorded.
     """
-    trials = _trials(path)
-    blocks = [(n, block) for n, trial in enumerate(trials) for block in trial.blocks]
-    eyes = [row.cells[1] for trial in trials for row in trial.fixations]
-    of_eye = iter(choose_eyes(blocks, eyes, eye))
-    fixations, early = list[RawFixation](), 0
-    for number, trial in enumerate(trials):
-        events = [row for row in trial.fixations if next(of_eye)]
+    found, early = list[tuple[Any, ...]](), 0
+    for number, trial in enumerate(_trials(path)):
         shown = _images(trial, (columns or {}).get("image"))
-        ends = [row.numbers(slice(3, 4))[0] for row in events]
-        if len(shown) == 1 and all(end < shown[0].time for end in ends):
+        ends = [row.numbers(slice(3, 4))[0] for row in trial.fixations]
+        if len(shown) == 1 and max(ends, default=np.inf) < shown[0].time:
             shown = [shown[0]._replace(time=-np.inf)]  # named after the recording
-        for row, end in zip(events, ends, strict=True):
+        for row, end in zip(trial.fixations, ends, strict=True):
             order = sum(each.time <= end for each in shown)
             if order == 0:
                 early += 1
                 continue
             image = shown[order - 1]
-            start, _, milliseconds = row.numbers(slice(2, 5))
-            x, y = (
-                np.nan if row.cells[i] in BLANK else row.numbers(slice(i, i + 1))[0] for i in (5, 6)
-            )
-            fixations.append(
-                RawFixation(
-                    *(image.name, path.stem, start, x, y, milliseconds, image.box),
-                    f"{number}.{order}",
-                )
-            )
-    if not fixations:
+            start, milliseconds, x, y = (number_in(row, i) for i in (2, 4, 5, 6))
+            of_image = (image.name, path.stem, start, x, y, milliseconds, image.box)
+            found.append((*of_image, f"{number}.{order}", row.cells[1]))
+    if not found:
         raise LogError(
             f"{path}: expected fixations (EFIX) on images that a message names (!V IMGLOAD, or "
             f"!V TRIAL_VAR image NAME), found {early} without; --columns image=VARIABLE names "
             "another variable"
         )
-    others = sum(len(trial.fixations) for trial in trials) - early - len(fixations)
-    left_out = {"with no image on the screen": early, OTHER_EYE: others}
-    return FixationList(fixations, "time", left_out)
+    remarks = Counter({"fixations with no image on the screen are left out": early})
+    return FixationList(RawFixations.of(found), "time", remarks)
 
 
 def _trials(path: Path) -> list[_Trial]:
     """The trials of a file; the first is what comes before any."""
-    trials, screen, block = [_Trial()], None, 0
+    trials, screen = [_Trial()], NO_BOX
     for row in read_rows(path):
         kind = row.cells[0]
         if kind == "EFIX":
             if len(row.cells) < 7:
                 raise row.error("EFIX, eye, start, end, duration, x and y", " ".join(row.cells))
             trials[-1].fixations.append(row)
-            trials[-1].blocks.append(block)
-        elif kind == "START":
-            block += 1
         elif kind == "EVENTS" and row.cells[1:2] != ["GAZE"]:
             raise row.error("events of GAZE, positions on the screen", " ".join(row.cells[1:2]))
         elif kind == "MSG" and len(row.cells) > 2:
@@ -118,7 +96,7 @@ def _trials(path: Path) -> list[_Trial]:
     return trials
 
 
-def _read_message(row: Row, trials: list[_Trial], screen: Box | None) -> Box | None:
+def _read_message(row: Row, trials: list[_Trial], screen: Box) -> Box:
     """Add the content of a message to the trials; returns the screen, if known."""
     words, offset = row.cells[2:], 0.0
     if len(words) > 1 and words[0].lstrip("+-").isdecimal():
@@ -128,7 +106,7 @@ def _read_message(row: Row, trials: list[_Trial], screen: Box | None) -> Box | N
     elif words[0] in ("DISPLAY_COORDS", "GAZE_COORDS") and len(words) == 5:
         left, top, right, bottom = Row(row.path, row.line, words[1:]).numbers()
         if right > left and bottom > top:
-            return Box(left, top, right - left + 1, bottom - top + 1)
+            return left, top, right - left + 1, bottom - top + 1, False
     elif words[:2] == ["!V", "IMGLOAD"]:
         time = row.numbers(slice(1, 2))[0] - offset
         name, box = _loaded(Row(row.path, row.line, words[2:]), screen)
@@ -138,7 +116,7 @@ def _read_message(row: Row, trials: list[_Trial], screen: Box | None) -> Box | N
     return screen
 
 
-def _loaded(command: Row, screen: Box | None) -> tuple[str, Box | None]:
+def _loaded(command: Row, screen: Box) -> tuple[str, Box]:
     """Image and box of FILL PATH, CENTER PATH X Y [WIDTH HEIGHT], or TOP_LEFT, alike."""
     kind, *words = command.cells or [""]
     numbers: list[str] = []
@@ -151,10 +129,10 @@ def _loaded(command: Row, screen: Box | None) -> tuple[str, Box | None]:
         )
     name = PureWindowsPath(" ".join(words)).name  # takes both kinds of slashes
     if kind == "FILL" or not numbers:
-        return name, screen if kind == "FILL" else None
+        return name, screen if kind == "FILL" else NO_BOX
     x, y, *size = Row(command.path, command.line, numbers).numbers()
     width, height = size if size and min(size) > 0 else (np.nan, np.nan)
-    return name, Box(x, y, width, height, kind == "CENTER")
+    return name, (x, y, width, height, kind == "CENTER")
 
 
 def _images(trial: _Trial, wanted: str | None) -> list[_Shown]:
@@ -167,4 +145,4 @@ def _images(trial: _Trial, wanted: str | None) -> list[_Shown]:
         if (name == wanted if wanted else is_named("image", name))
     ]
     names = names or [word for word in trial.label.split() if word.lower().endswith(IMAGE_SUFFIXES)]
-    return [_Shown(-np.inf, PureWindowsPath(name).name, None) for name in names[:1]]
+    return [_Shown(-np.inf, PureWindowsPath(name).name, NO_BOX) for name in names[:1]]

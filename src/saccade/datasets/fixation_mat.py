@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from saccade.datasets.fixation_tables import ROLES, RawFixation, is_named
+from saccade.datasets.fixation_tables import NO_BOX, ROLES, RawFixations, is_named
 from saccade.datasets.matlab import read_variables
 from saccade.errors import LogError
 
@@ -18,9 +18,11 @@ EXPECTED = (
     "structs or columns with x, y, image and subject, or cells {image, subject} of matrices (n, 2)"
 )
 VECTOR_ROLES = ("x", "y", "index", "time", "duration")
+Rows = list[tuple[Any, ...]]
+"""Rows of `RawFixations.of`."""
 
 
-def read_mat_fixations(path: Path) -> list[RawFixation]:
+def read_mat_fixations(path: Path) -> RawFixations:
     """The fixations of a MATLAB file.
 
     Positions are in vectors x and y by their usual names, or in the first two columns of matrices.
@@ -32,7 +34,7 @@ def read_mat_fixations(path: Path) -> list[RawFixation]:
         LogError: the file is broken or has another layout; names its variables.
     """
     variables = read_variables(path)
-    fixations = list[RawFixation]()
+    fixations: Rows = []
     texts = [each for each in variables.values() if _is_texts(each)]
     try:
         shapes = {*_shapes(variables)}
@@ -43,12 +45,10 @@ def read_mat_fixations(path: Path) -> list[RawFixation]:
     if not fixations:
         found = ", ".join(f"{name} ({_described(each)})" for name, each in variables.items())
         raise LogError(f"{path}: expected {EXPECTED}, found {found[:300] or 'nothing'}")
-    return fixations
+    return RawFixations.of(fixations)
 
 
-def _collect(
-    value: Any, known: Mapping[str, Any], texts: Sequence[list[str]], out: list[RawFixation]
-) -> None:
+def _collect(value: Any, known: Mapping[str, Any], texts: Sequence[list[str]], out: Rows) -> None:
     """Add the fixations in a value; `known` are the contents of its roles."""
     if isinstance(value, dict):
         found = {
@@ -106,7 +106,7 @@ def _turned(value: Any) -> Any:
     return value.T if isinstance(value, np.ndarray) else value
 
 
-def _add_vectors(known: Mapping[str, Any], out: list[RawFixation]) -> None:
+def _add_vectors(known: Mapping[str, Any], out: Rows) -> None:
     """Add the fixations of vectors x and y; other roles have one value, or one for each."""
     count = np.size(known["x"])
 
@@ -127,12 +127,12 @@ def _add_vectors(known: Mapping[str, Any], out: list[RawFixation]) -> None:
             raise ValueError(f"found no {role} of the fixations")
     order = known.get("index", known.get("time", np.arange(float(count))))
     role = "index" if "index" in known else "time"
-    rows = zip(
+    columns = (
         *(column("image", ""), column("subject", "0"), column(role, order), column("x", 0)),
-        *(column("y", 0), column("duration", np.nan), [None] * count, column("trial", "")),
-        strict=True,
+        *(column("y", 0), column("duration", np.nan), [NO_BOX] * count, column("trial", "")),
+        [""] * count,
     )
-    out += [RawFixation(*row) for row in rows]
+    out += zip(*columns, strict=True)
 
 
 def _as_columns(structs: Sequence[dict[str, Any]]) -> dict[str, Any] | None:

@@ -1,18 +1,14 @@
 """Images of fixations in a folder, and positions in the pixels of these images."""
 
-from collections.abc import Sequence
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
-import numpy.typing as npt
 
-from saccade.datasets.fixation_tables import Box
+from saccade.datasets.fixation_tables import Texts
 from saccade.errors import LogError
 from saccade.io.files import IMAGE_SUFFIXES, is_file, natural_order, reading
 from saccade.io.image import read_image
 from saccade.types import BoolArray, FloatArray
-
-Names = npt.NDArray[np.str_]
 
 NORMALIZED = (-0.5, 1.5)
 """Range of normalized coordinates, including fixations beside the image."""
@@ -47,7 +43,7 @@ def list_folder(folder: Path) -> list[Path]:
         return sorted(folder.iterdir(), key=natural_order) if folder.is_dir() else []
 
 
-def resolve_images(names: Names, folder: Path) -> Names:
+def resolve_images(names: Texts, folder: Path) -> Texts:
     """The file of each image: of this name, or with another case, without a folder or suffix.
 
     Args:
@@ -74,14 +70,14 @@ def resolve_images(names: Names, folder: Path) -> Names:
     return np.array(resolved)[inverse]
 
 
-def image_sizes(names: Names, folder: Path) -> FloatArray:
+def image_sizes(names: Texts, folder: Path) -> FloatArray:
     """(n, 2) width and height of the image of each name."""
     unique, inverse = np.unique(names, return_inverse=True)
     shapes = [read_image(folder / str(name)).shape for name in unique]
     return np.array([(shape[1], shape[0]) for shape in shapes], np.float64)[inverse]
 
 
-def to_image_pixels(xy: FloatArray, boxes: Sequence[Box | None], sizes: FloatArray) -> FloatArray:
+def to_image_pixels(xy: FloatArray, boxes: FloatArray, sizes: FloatArray) -> FloatArray:
     """Positions in the pixels of images, of positions on the screen.
 
     The center of a pixel has whole coordinates, on the screen as in the image; fractions, percent
@@ -89,22 +85,17 @@ def to_image_pixels(xy: FloatArray, boxes: Sequence[Box | None], sizes: FloatArr
 
     Args:
         xy: (n, 2) positions in the units of the boxes.
-        boxes: (n,) where the images were; None for positions that are in their pixels already.
+        boxes: (n, 5) where the images were, see `Box`.
         sizes: (n, 2) of the images, width and height in pixels.
     """
-    moved = np.array([box is not None for box in boxes])
-    if not moved.any():
-        return xy
-    table = np.array([box for box in boxes if box is not None], np.float64)
-    shown = np.where(np.isnan(table[:, 2:4]), sizes[moved], table[:, 2:4])
-    corner = table[:, :2] - table[:, 4:] * shown / 2
-    placed = xy.copy()
+    shown = np.where(np.isnan(boxes[:, 2:4]), sizes, boxes[:, 2:4])
+    corner = boxes[:, :2] - boxes[:, 4:] * shown / 2
     half = np.where(shown.max(axis=1, keepdims=True) > LARGEST_UNIT, 0.5, 0)
-    pixels = (xy[moved] - corner + half) * (sizes[moved] / shown) - 0.5
+    pixels = (xy - corner + half) * (sizes / shown) - 0.5
     pixels = np.round(pixels, 6)  # those in decimals are as they were before division
-    edge = sizes[moved] - 0.5
-    placed[moved] = np.where(pixels == edge, edge - 1e-6, pixels)  # in the last pixel
-    return placed
+    edge = sizes - 0.5
+    pixels = np.where(pixels == edge, edge - 1e-6, pixels)  # in the last pixel
+    return np.where(np.isnan(boxes[:, :1]), xy, pixels)
 
 
 def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:

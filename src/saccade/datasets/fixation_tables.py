@@ -4,60 +4,74 @@ Columns are found by their usual names. Tobii's data export, described in Tobii 
 has a row for each sample, with its fixation.
 """
 
-import math
 import re
 from collections import Counter
-from collections.abc import Hashable, Mapping, Sequence
-from itertools import compress
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.datasets.tables import DETECTED, Row, TextTable, read_csv
 from saccade.errors import ConfigError, LogError
+from saccade.types import FloatArray, IntArray, Table
+
+Texts = npt.NDArray[np.str_]
+Box = tuple[float, float, float, float, bool]
+"""Position of an image on the screen, in the units of the fixations: x and y of its upper left
+corner, width and height (NaN for those of the file), and whether x and y are its center instead."""
+NO_BOX: Box = (np.nan, np.nan, np.nan, np.nan, False)
+"""Positions are in pixels of the image."""
 
 
-class Box(NamedTuple):
-    """Position of an image on the screen, in the units of the fixations."""
+@dataclass(frozen=True, eq=False)
+class RawFixations(Table):
+    """n fixations as a file has them."""
 
-    x: float
-    """Position of the upper left corner, or of the center."""
-    y: float
-    width: float = np.nan
-    """NaN for the width of the image in pixels."""
-    height: float = np.nan
-    centered: bool = False
-    """Whether `x` and `y` are the center."""
+    image: Texts
+    subject: Texts
+    order: FloatArray
+    """(n,) index, time in the unit of the file, or number of the row."""
+    xy: FloatArray
+    """(n, 2) NaN where the file has none, as during a blink."""
+    milliseconds: FloatArray
+    """(n,) duration; NaN where unknown."""
+    box: FloatArray
+    """(n, 5) `Box`."""
+    trial: npt.NDArray[Any]
+    """(n,) name of the trial, empty without one; or its number."""
+    eye: Texts
+    """(n,) L or R; empty if unknown."""
 
-
-class RawFixation(NamedTuple):
-    """A fixation as a file has it."""
-
-    image: str
-    subject: str
-    order: float
-    """Index, time, or number of the row."""
-    x: float
-    """NaN where the file has none, as during a blink."""
-    y: float
-    milliseconds: float
-    """Duration; NaN where unknown."""
-    box: Box | None = None
-    """None where fixations are in pixels of the image."""
-    trial: str = ""
-    """Name of the trial, if the file has one."""
+    @classmethod
+    def of(cls, rows: Iterable[tuple[Any, ...]]) -> Self:
+        """The table of rows of image, subject, order, x, y, milliseconds, box, trial and eye."""
+        columns = [*zip(*rows, strict=True)] or [()] * 9
+        image, subject, trial, eye = (np.array(columns[i], np.str_) for i in (0, 1, 7, 8))
+        order, x, y, milliseconds, box = (np.array(each, np.float64) for each in columns[2:7])
+        xy = np.stack([x, y], axis=1)
+        return cls(image, subject, order, xy, milliseconds, box.reshape(-1, 5), trial, eye)
 
 
 class FixationList(NamedTuple):
     """The fixations of a file."""
 
-    fixations: list[RawFixation]
+    fixations: RawFixations
     order: str
-    """Meaning of `RawFixation.order`: index, time or row."""
-    left_out: Mapping[str, int] = MappingProxyType({})
-    """Number of fixations by the reason that they are not among these."""
+    """Meaning of `RawFixations.order`: index, time or row."""
+    remarks: Counter[str]
+    """Numbers of the fixations that are left out, by the reason."""
+
+
+def rows_by(*columns: npt.NDArray[Any]) -> list[IntArray]:
+    """The indices of the rows of each group that has equal values in all columns (n,)."""
+    codes = [np.unique(each, return_inverse=True)[1].reshape(-1) for each in columns]
+    order = np.lexsort(codes[::-1])
+    sorted_codes = np.stack(codes, axis=1)[order]
+    starts = np.flatnonzero((sorted_codes[1:] != sorted_codes[:-1]).any(axis=1)) + 1
+    return [np.sort(rows) for rows in np.split(order, starts) if len(rows)]
 
 
 def _position_names(axis: str) -> str:
@@ -86,8 +100,6 @@ COLUMN_NAMES = {
 }
 """Patterns of the usual names of columns, in the letters and digits of their names."""
 ROLES = tuple(COLUMN_NAMES)
-OTHER_EYE = "of the other eye"
-"""Reason to leave out fixations."""
 UNITS = re.compile(r"(px|pix|pixels?|ms|msec|milliseconds|s|sec|seconds)$")
 BLANK = ("", ".", "-", "na", "nan", "n/a", "none", "null")
 """Cells without a number, in lower case: of tables, R, MATLAB, pandas and EyeLink."""
@@ -106,17 +118,13 @@ TOBII = {
 """Columns of Tobii's export by their roles, the preferred first."""
 TOBII_TYPE = "eyemovementtype"
 TOBII_INDEX = "eyemovementtypeindex"
-TOBII_RECORDING = "recordingname"
 TOBII_BOX = tuple(
     f"presentedmedia{name}" for name in ("positionxdacspx", "positionydacspx", "width", "height")
 )
 
 
 def read_fixation_table(
-    path: Path,
-    columns: Mapping[str, str] | None = None,
-    subject: str | None = None,
-    eye: str | None = None,
+    path: Path, columns: Mapping[str, str] | None = None, subject: str = ""
 ) -> FixationList:
     """The fixations of a table, separated by commas, semicolons or tabs.
 
@@ -124,77 +132,53 @@ def read_fixation_table(
         path: a file with a header; decimal commas are read where they cannot be anything else.
         columns: names of columns by `ROLES`, where they are not the usual ones.
         subject: of all rows, where no column names one.
-        eye: L or R: the eye to read where a column says that both are recorded.
     """
     table = read_csv(path, delimiter=DETECTED, comment=None)
-    keys = [_key(name) for name in table.names]
+    keys, named, rows = [_key(name) for name in table.names], dict(columns or {}), table.rows
     is_tobii = TOBII_TYPE in keys
-    place = {
-        role: number
-        for role in ROLES
-        if role != "trial"
-        for number in _find_columns(path, table.names, role, (columns or {}).get(role), is_tobii)
-    }
+    if is_tobii:
+        named = _tobii_columns(table.names, keys) | named
+    place = {role: _find_columns(path, table.names, role, named.get(role)) for role in ROLES}
     for role in ("image", "subject", "x", "y"):
-        if role not in place and not (role == "subject" and subject):
+        if not place[role] and not (role == "subject" and subject):
             raise LogError(
                 f"{path}: expected columns of image, subject, x and y; {role} is missing among "
                 f"{', '.join(table.names)[:200] or 'none'}; --columns {role}=NAME names it"
             )
-    trials = _find_columns(path, table.names, "trial", (columns or {}).get("trial"), is_tobii)
-    is_normalized = is_tobii and keys[place["x"]].endswith("norm")
-    box = []
-    if is_tobii and not is_normalized and all(name in keys for name in TOBII_BOX):
-        box = [keys.index(name) for name in TOBII_BOX]
-    for column in [
-        *box,
-        *(place[role] for role in place if role not in ("image", "subject", "eye")),
-    ]:
-        _replace_decimal_commas(table.rows, column)
-    order = next((role for role in ("index", "time") if role in place and not is_tobii), "row")
-    fixations, eyes = list[RawFixation](), list[str]()
-    for row in _tobii_rows(path, table, keys, place) if is_tobii else table.rows:
-        image = row.cells[place["image"]]
-        person = row.cells[place["subject"]] if "subject" in place else subject or ""
-        number = _number(row, place[order]) if order in place else row.line
-        x, y, milliseconds = (_number(row, place.get(role)) for role in ("x", "y", "duration"))
-        where = Box(0.0, 0.0, 1.0, 1.0) if is_normalized else None
-        if box:
-            left, top, width, height = (_number(row, column) for column in box)
-            where = Box(left, top, width, height)
-        is_blank = bool({image, person} & {"", "."}) or np.isnan(number)
-        if is_blank or (where and not (np.isfinite(where).all() and min(where[2:4]) > 0)):
-            x = np.nan
-        trial = " ".join(row.cells[column] for column in trials)
-        fixations.append(RawFixation(image, person, number, x, y, milliseconds, where, trial))
-        eyes.append(row.cells[place["eye"]][:1].upper() if "eye" in place else "")
-    if "duration" in place:
-        fixations = _in_milliseconds(fixations, keys[place["duration"]])
-    views = [(each.image, each.subject, each.trial) for each in fixations]
-    of_eye = choose_eyes(views, eyes, eye)
-    left_out = {OTHER_EYE: len(of_eye) - sum(of_eye)}
-    return FixationList([*compress(fixations, of_eye)], "time" if is_tobii else order, left_out)
+    if is_tobii:
+        rows = _tobii_rows(path, table, keys, place)
+    n, kind = len(rows), next((role for role in ("index", "time") if place[role]), "row")
 
+    def texts(role: str) -> Texts:
+        return np.array([" ".join(row.cells[c] for c in place[role]) for row in rows], np.str_)
 
-def choose_eyes(
-    blocks: Sequence[Hashable], eyes: Sequence[str], wanted: str | None = None
-) -> list[bool]:
-    """Whether each fixation is of the eye that is read in its block of the recording.
+    def numbers(columns: Sequence[int]) -> FloatArray:
+        for column in columns:
+            _replace_decimal_commas(rows, column)
+        values = [number_in(row, column) for row in rows for column in columns]
+        return np.array(values, np.float64).reshape(n, len(columns))
 
-    Args:
-        blocks: (n,) block of each fixation.
-        eyes: (n,) L or R.
-        wanted: the eye to read where it has fixations. By default the one with more of them in the
-            recording, but in blocks where the other one has more than twice as many.
-    """
-    overall, counts = Counter(eyes), Counter(zip(blocks, eyes, strict=True))
-    preferred = wanted or max(sorted(overall), key=overall.__getitem__, default="")
-    chosen = {}
-    for block in {*blocks}:
-        most = max(sorted(overall), key=lambda eye: counts[block, eye])
-        enough = counts[block, preferred] * (math.inf if wanted else 2) >= counts[block, most]
-        chosen[block] = preferred if counts[block, preferred] and enough else most
-    return [chosen[block] == eye for block, eye in zip(blocks, eyes, strict=True)]
+    order = numbers(place[kind])[:, 0] if kind != "row" else np.array([r.line for r in rows], float)
+    xy, box = numbers([*place["x"], *place["y"]]), np.tile(NO_BOX, (n, 1))
+    if is_tobii and keys[place["x"][0]].endswith("norm"):
+        box[:] = 0, 0, 1, 1, False
+    elif is_tobii and all(name in keys for name in TOBII_BOX):
+        box[:, :4] = numbers([keys.index(name) for name in TOBII_BOX])
+        box[:, 4] = 0
+        xy[~(np.isfinite(box).all(axis=1) & (box[:, 2:4].min(axis=1) > 0))] = np.nan
+    image, person = texts("image"), texts("subject") if place["subject"] else np.full(n, subject)
+    xy[np.isin(image, ("", ".")) | np.isin(person, ("", ".")) | np.isnan(order)] = np.nan
+    durations = np.full(n, np.nan)
+    if place["duration"]:
+        durations = numbers(place["duration"])[:, 0]
+        known = durations[np.isfinite(durations)]
+        named_ms = keys[place["duration"][0]].endswith(("ms", "msec", "milliseconds"))
+        if len(known) and np.median(known) < SHORTEST and not named_ms:
+            durations = 1000 * durations
+    eye = np.array([each[:1].upper() for each in texts("eye")], np.str_)
+    return FixationList(
+        RawFixations(image, person, order, xy, durations, box, texts("trial"), eye), kind, Counter()
+    )
 
 
 def _key(name: str) -> str:
@@ -208,9 +192,7 @@ def is_named(role: str, name: str) -> bool:
     return any(re.fullmatch(COLUMN_NAMES[role], each) for each in (key, UNITS.sub("", key)))
 
 
-def _find_columns(
-    path: Path, names: Sequence[str], role: str, wanted: str | None, is_tobii: bool
-) -> list[int]:
+def _find_columns(path: Path, names: Sequence[str], role: str, wanted: str | None) -> list[int]:
     """The numbers of the columns of a role: one, none, or several of trials."""
     if wanted is not None:
         for same in (str, str.casefold):
@@ -220,9 +202,6 @@ def _find_columns(
         raise ConfigError(
             f"--columns: {role}: expected a column of {path} ({found}), found {wanted!r}"
         )
-    if is_tobii:
-        keys = [_key(name) for name in names]
-        return [keys.index(name) for name in TOBII.get(role, ()) if name in keys][:1]
     fits = [i for i, name in enumerate(names) if name == role]
     fits = fits or [i for i, name in enumerate(names) if is_named(role, name)]
     if len(fits) > 1 and role != "trial":
@@ -234,9 +213,9 @@ def _find_columns(
     return fits
 
 
-def _number(row: Row, column: int | None) -> float:
-    """The number in a cell; NaN where it is blank, or where there is no such column."""
-    if column is None or row.cells[column].casefold() in BLANK:
+def number_in(row: Row, column: int) -> float:
+    """The number in a cell; NaN where it is blank."""
+    if row.cells[column].casefold() in BLANK:
         return np.nan
     return row.numbers(slice(column, column + 1))[0]
 
@@ -252,29 +231,25 @@ def _replace_decimal_commas(rows: Sequence[Row], column: int) -> None:
         row.cells[column] = row.cells[column].replace(",", ".", 1)
 
 
-def _in_milliseconds(fixations: list[RawFixation], key: str) -> list[RawFixation]:
-    """The fixations with durations in milliseconds, by the name of the column or their size."""
-    known = [each.milliseconds for each in fixations if np.isfinite(each.milliseconds)]
-    in_seconds = bool(known) and float(np.median(known)) < SHORTEST
-    if key.endswith(("ms", "msec", "milliseconds")) or not in_seconds:
-        return fixations
-    return [each._replace(milliseconds=1000 * each.milliseconds) for each in fixations]
+def _tobii_columns(names: Sequence[str], keys: Sequence[str]) -> dict[str, str]:
+    """The names of columns of Tobii's export by their roles."""
+    found = {role: next((k for k in known if k in keys), None) for role, known in TOBII.items()}
+    return {role: names[keys.index(key)] for role, key in found.items() if key is not None}
 
 
 def _tobii_rows(
-    path: Path, table: TextTable, keys: Sequence[str], place: Mapping[str, int]
+    path: Path, table: TextTable, keys: Sequence[str], place: Mapping[str, Sequence[int]]
 ) -> list[Row]:
     """One row for each fixation on an image: of its samples the first with a position."""
     if TOBII_INDEX not in keys:
         raise LogError(f"{path}: expected the column Eye movement type index of Tobii's export")
-    identity = [place["subject"], place["image"]]
-    identity += [keys.index(name) for name in (TOBII_INDEX, TOBII_RECORDING) if name in keys]
-    kind = keys.index(TOBII_TYPE)
+    identity = [*place["subject"], *place["image"], *place["trial"], keys.index(TOBII_INDEX)]
+    kind, image, x = keys.index(TOBII_TYPE), place["image"][0], place["x"][0]
     first: dict[tuple[str, ...], Row] = {}
     for row in table.rows:
-        if row.cells[kind] != "Fixation" or not row.cells[place["image"]]:
+        if row.cells[kind] != "Fixation" or not row.cells[image]:
             continue
         key = tuple(row.cells[column] for column in identity)
-        if key not in first or np.isnan(_number(first[key], place["x"])):
+        if key not in first or first[key].cells[x].casefold() in BLANK:
             first[key] = row
     return [*first.values()]

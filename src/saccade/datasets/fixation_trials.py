@@ -1,80 +1,114 @@
-"""Trials of a subject on an image: each is a scanpath of its own."""
+"""Trials of a subject on an image, each a scanpath of its own, and the eye that is read in each."""
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import groupby, pairwise
+from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 
-from saccade.datasets.fixation_tables import RawFixation
-from saccade.types import IntArray
+from saccade.datasets.fixation_tables import RawFixations, rows_by
+from saccade.types import BoolArray, FloatArray, IntArray
 
 RUN = 3
 """Minimum mean number of fixations in a row for runs in the order of a file to be trials."""
+BOTH_EYES = 0.5
+"""Minimum number of fixations of one eye over those of the other for both to be read."""
+AVERAGED = "fixations are the mean of both eyes; --eye left or right reads one"
+OTHER_EYE = "fixations of the other eye are left out"
 
 
-def number_trials(fixations: Sequence[RawFixation], order: str) -> IntArray:
+def merge_eyes(
+    raw: RawFixations, order: str, wanted: str | None, remarks: Counter[str]
+) -> RawFixations:
+    """The fixations of one eye in each trial, or of both.
+
+    Args:
+        raw: with positions.
+        order: index, time or row.
+        wanted: L or R: the eye to read where it has fixations. None for the one that has more of
+            them; those during which the other eye has one, if it has at least half as many, are
+            the mean of both.
+        remarks: counts what is averaged and left out.
+    """
+    kept, used, xy = (np.ones(len(raw), bool), np.zeros(len(raw), bool), raw.xy.copy())
+    for rows in rows_by(raw.image, raw.subject, raw.trial):
+        names, counts = np.unique(raw.eye[rows], return_counts=True)
+        ranked = names[np.argsort(-counts, kind="stable")].tolist()
+        eye = wanted if wanted in ranked else ranked[0]
+        kept[rows] = raw.eye[rows] == eye
+        if wanted is None and len(ranked) > 1 and sorted(counts)[-2] >= BOTH_EYES * max(counts):
+            one, other = (rows[raw.eye[rows] == each] for each in ranked[:2])
+            partner = _simultaneous(raw[one], raw[other], order)
+            paired = partner >= 0
+            both = one[paired], other[partner[paired]]
+            xy[both[0]] = (raw.xy[both[0]] + raw.xy[both[1]]) / 2
+            used[both[0]] = used[both[1]] = True
+    remarks[AVERAGED] += int((kept & used).sum())
+    remarks[OTHER_EYE] += int((~kept & ~used).sum())
+    return replace(raw, xy=xy)[kept]
+
+
+def _simultaneous(one: RawFixations, other: RawFixations, order: str) -> IntArray:
+    """(n,) the fixation of the other eye that begins nearest to each, during it; -1 for none."""
+    spans = []
+    for raw in (one, other):
+        start = np.arange(float(len(raw))) if order == "row" else raw.order
+        length = raw.milliseconds if order == "time" else np.full(len(raw), np.nan)
+        spans.append((start, start + np.where(np.isfinite(length), length, 1.0)))
+    (start, end), (other_start, other_end) = spans
+    apart = np.abs(start[:, None] - other_start)
+    apart[(start[:, None] >= other_end) | (end[:, None] <= other_start)] = np.inf
+    return np.where(np.isfinite(apart.min(axis=1)), apart.argmin(axis=1), -1)
+
+
+def number_trials(raw: RawFixations, order: str) -> IntArray:
     """(n,) number of the trial of each fixation, from 0 for each subject and image.
 
     Trials are named by the file, or begin where the index or time restarts, or where a subject
     returns to an image after another. A trial that repeats another is the same.
 
     Args:
-        fixations: with positions, in the order of the file.
+        raw: with positions, in the order of the file.
         order: index, time or row.
     """
-    block = _blocks(fixations)
-    views: dict[tuple[str, str], list[int]] = {}
-    for number, each in enumerate(fixations):
-        views.setdefault((each.image, each.subject), []).append(number)
-    trial = np.zeros(len(fixations), np.int64)
-    for rows in views.values():
-        named: Sequence[object] = [fixations[row].trial for row in rows]
-        if len({*named}) == 1:
-            named = _restarts([fixations[row] for row in rows], order == "index")
-        if len({*named}) == 1:
-            named = [block[row] for row in rows]
-        parts: dict[object, list[int]] = {}
-        for row, name in zip(rows, named, strict=True):
-            parts.setdefault(name, []).append(row)
+    block, trial = _blocks(raw), np.zeros(len(raw), np.int64)
+    content = np.column_stack([raw.order, raw.xy])
+    for rows in rows_by(raw.image, raw.subject):
+        names = np.unique(raw.trial[rows], return_inverse=True)[1]
+        if not names.any():
+            names = _restarts(content[rows], order == "index")
+        if not names.any():
+            names = block[rows]
         seen: dict[frozenset[tuple[float, ...]], int] = {}
-        for part in parts.values():
-            content = frozenset((*fixations[row][2:5],) for row in part)
-            trial[part] = seen.setdefault(content, len(seen))
+        for name in dict.fromkeys(names.tolist()):
+            part = rows[names == name]
+            same = frozenset(map(tuple, content[part].tolist()))
+            trial[part] = seen.setdefault(same, len(seen))
     return trial
 
 
-def _restarts(view: Sequence[RawFixation], is_index: bool) -> list[int]:
-    """The run of each fixation on an image, where index or time restart; else 0 for all."""
-    run = [0]
-    for before, after in pairwise(view):
-        restarts = after.order <= before.order and after[2:5] != before[2:5]
-        run.append(run[-1] + restarts)
-    starts = [view[run.index(number)].order for number in range(run[-1] + 1)]
+def _restarts(content: FloatArray, is_index: bool) -> IntArray:
+    """(n,) the run of each fixation on an image, where index or time restart; else 0 for all."""
+    order = content[:, 0]
+    restarts: BoolArray = (np.diff(order) <= 0) & (np.diff(content, axis=0) != 0).any(axis=1)
+    run = np.concatenate([[0], np.cumsum(restarts)])
+    starts = order[np.unique(run, return_index=True)[1]]
     if is_index:
-        most = max(
-            Counter(
-                order for order, _ in {(e.order, r) for e, r in zip(view, run, strict=True)}
-            ).values()
-        )
-        valid = most == len(starts) and max(starts) <= min(starts) + 1
+        most = Counter(order for order, _ in {*zip(order.tolist(), run.tolist(), strict=True)})
+        valid = max(most.values()) == len(starts) and max(starts) <= min(starts) + 1
     else:
-        valid = len(view) >= RUN * len(starts)
-    return run if valid else [0] * len(view)
+        valid = len(run) >= RUN * len(starts)
+    return run if valid else np.zeros_like(run)
 
 
-def _blocks(fixations: Sequence[RawFixation]) -> list[int]:
-    """The number of each uninterrupted run of a subject on one image; 0 if these are too short."""
-    block = [0] * len(fixations)
-    rows = sorted(
-        range(len(fixations)), key=lambda row: (fixations[row].subject, fixations[row].order)
-    )
-    for _, group in groupby(rows, key=lambda row: fixations[row].subject):
-        own = [*group]
-        runs = [[*run] for _, run in groupby(own, key=lambda row: fixations[row].image)]
-        distinct = len({fixations[row].order for row in own}) == len(own)
+def _blocks(raw: RawFixations) -> IntArray:
+    """(n,) number of each uninterrupted run of a subject on one image; 0 if these are too short."""
+    block = np.zeros(len(raw), np.int64)
+    for rows in rows_by(raw.subject):
+        own = rows[np.argsort(raw.order[rows], kind="stable")]
+        runs: Sequence[list[int]] = [[*run] for _, run in groupby(own, lambda row: raw.image[row])]
+        distinct = len(np.unique(raw.order[own])) == len(own)
         if distinct and len(own) >= RUN * len(runs):
-            for number, run in enumerate(runs):
-                for row in run:
-                    block[row] = number
+            block[own] = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
     return block

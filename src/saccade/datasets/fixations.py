@@ -3,7 +3,7 @@
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +14,6 @@ from saccade.datasets.eyelink import read_eyelink
 from saccade.datasets.fixation_mat import read_mat_fixations
 from saccade.datasets.fixation_positions import (
     AXES,
-    Names,
     check_positions,
     image_sizes,
     is_outside,
@@ -24,16 +23,16 @@ from saccade.datasets.fixation_positions import (
 )
 from saccade.datasets.fixation_tables import (
     ROLES,
-    Box,
     FixationList,
-    RawFixation,
+    RawFixations,
     read_fixation_table,
+    rows_by,
 )
-from saccade.datasets.fixation_trials import number_trials
+from saccade.datasets.fixation_trials import merge_eyes, number_trials
 from saccade.datasets.tables import write_table
 from saccade.errors import LogError, LogWarning, require
 from saccade.io.files import atomic_write, is_file, natural_order
-from saccade.types import BoolArray, FixationTable, FloatArray, IntArray
+from saccade.types import BoolArray, FixationTable, IntArray
 
 DURATION = "duration_ms"
 TABLES = (".csv", ".tsv", ".txt")
@@ -56,7 +55,8 @@ class FixationFormat:
     checked: bool = True
     """Whether positions that cannot be in the pixels of the images are refused."""
     eye: Literal["left", "right"] | None = None
-    """Eye to read where both are recorded. None for the one with more fixations."""
+    """Eye to read where both are recorded. None for the mean of both, or the one with more
+    fixations where the other one has less than half as many."""
     trials: Literal["separate", "first", "joined"] | None = None
     """Of several trials of a subject on an image: each is a scanpath, only the first is read, or
     all are one scanpath. None refuses them."""
@@ -116,140 +116,126 @@ def read_fixations(
         ImageError: an image cannot be read.
     """
     path, form = Path(path), form or FixationFormat()
-    recording = _recording(path, form.columns, {"left": "L", "right": "R"}.get(form.eye or ""))
-    fixations = _complete(path, _choose_trials(path, recording, form, say), say)
-    image = np.array([each.image for each in fixations])
-    xy = np.array([(each.x, each.y) for each in fixations]) @ np.array(AXES[form.axes]).T
-    outside = np.zeros(len(xy), bool)
+    raw, order, remarks = _recording(path, form.columns)
+    known = np.asarray(np.isfinite(raw.xy).all(axis=1))
+    remarks["fixations with an empty cell, as of a blink, are left out"] += int((~known).sum())
+    raw = merge_eyes(raw[known], order, form.eye and form.eye[0].upper(), remarks)
+    raw = _choose_trials(path, raw, order, form.trials, remarks)
+    raw = _distinct(raw, order, remarks)
+    if order == "row":
+        say(f"{path}: neither index nor time is a column; the order is that of the rows")
+    for remark, count in (+remarks).items():
+        say(f"{path}: {count} {remark}")
+    if len(raw) == 0:
+        raise LogError(f"{path}: expected at least one fixation, found none")
+    raw = replace(raw, xy=raw.xy @ np.array(AXES[form.axes]).T)
+    outside = np.zeros(len(raw), bool)
     if images is not None:
-        folder = Path(images)
-        image = resolve_images(image, folder)
-        present = _present(path, image, folder, only_present, say)
-        image, xy = image[present], xy[present]
-        fixations = [each for each, kept in zip(fixations, present, strict=True) if kept]
-        sizes = image_sizes(image, folder)
-        boxes: Sequence[Box | None] = [each.box for each in fixations]
-        if form.shown is not None or form.offset is not None:
-            boxes = [Box(*(form.offset or (0, 0)), *(form.shown or ()))] * len(fixations)
-        xy = to_image_pixels(xy, boxes, sizes)
-        remark = check_positions(str(path), xy, sizes) if form.checked else ""
-        if remark:
-            say(remark)
-        outside = is_outside(xy, sizes) & form.checked
-        if outside.any():
-            say(f"{path}: {outside.sum()} fixations outside their images are left out")
-    subject = _subject_numbers(path, [each.subject for each in fixations], say)
-    order = np.array([each.order for each in fixations])
-    seconds = np.array([each.milliseconds for each in fixations]) / 1000
-    trial = np.array([int(each.trial) for each in fixations])
-    index = _indices(path, image, subject, trial, order, recording.order, say)
-    duration = None if np.isnan(seconds).all() else seconds
-    table = FixationTable(image, subject, index, xy, duration, trial if trial.any() else None)
-    rows = np.lexsort((order, trial, subject, image))
+        raw, outside = _on_images(path, raw, Path(images), form, only_present, say)
+    subject = _subject_numbers(path, raw.subject.tolist(), say)
+    index = _indices(path, raw, order, say)
+    seconds = None if np.isnan(raw.milliseconds).all() else raw.milliseconds / 1000
+    trial = raw.trial if raw.trial.any() else None
+    table = FixationTable(raw.image, subject, index, raw.xy, seconds, trial)
+    rows = np.lexsort((raw.order, raw.trial, subject, raw.image))
     return table[rows[~outside[rows]]]
 
 
-def _recording(
-    path: Path, columns: Mapping[str, str], eye: str | None, subject: str | None = None
-) -> FixationList:
+def _recording(path: Path, columns: Mapping[str, str], subject: str = "") -> FixationList:
     """The fixations of a file, or of all of those in a folder."""
     suffix = path.suffix.lower()
-    if path.is_dir():
-        return _recordings(path, columns, eye)
     if suffix == ".mat":
-        return FixationList(read_mat_fixations(path), "index")
-    if suffix != ".asc":
-        return read_fixation_table(path, columns, subject, eye)
-    foreign = ", ".join(sorted(columns.keys() - {"image"}))
-    require(not foreign, "--columns", "image alone of an EyeLink recording", foreign)
-    return read_eyelink(path, columns, eye)
-
-
-def _recordings(folder: Path, columns: Mapping[str, str], eye: str | None) -> FixationList:
-    files = [each for each in list_folder(folder) if each.suffix.lower() in (".asc", *TABLES)]
+        return FixationList(read_mat_fixations(path), "index", Counter())
+    if suffix == ".asc":
+        foreign = ", ".join(sorted(columns.keys() - {"image"}))
+        require(not foreign, "--columns", "image alone of an EyeLink recording", foreign)
+        return read_eyelink(path, columns)
+    if not path.is_dir():
+        return read_fixation_table(path, columns, subject)
+    files = [each for each in list_folder(path) if each.suffix.lower() in (".asc", *TABLES)]
     if not files:
-        raise LogError(f"{folder}: expected tables or recordings ({', '.join(TABLES)}, .asc)")
-    parts = [_recording(each, columns, eye, each.stem) for each in files]
-    for part, file in zip(parts, files, strict=True):
-        part.fixations[:] = [e._replace(trial=f"{file.name} {e.trial}") for e in part.fixations]
-    orders = {part.order for part in parts}
+        raise LogError(f"{path}: expected tables or recordings ({', '.join(TABLES)}, .asc)")
+    lists = [_recording(each, columns, each.stem) for each in files]
+    orders = sorted({each.order for each in lists})
     if len(orders) > 1:
-        found = " and some with ".join(sorted(orders))
-        raise LogError(f"{folder}: expected files of one kind, found some with {found}")
-    left_out = sum((Counter(part.left_out) for part in parts), Counter())
-    return FixationList([each for part in parts for each in part.fixations], orders.pop(), left_out)
+        found = " and some with ".join(orders)
+        raise LogError(f"{path}: expected files of one kind, found some with {found}")
+    parts = [
+        replace(found, trial=np.array([f"{file.name} {name}" for name in found.trial.tolist()]))
+        for file, (found, *_) in zip(files, lists, strict=True)
+        if len(found)
+    ]
+    every = RawFixations.concatenate(parts) if parts else RawFixations.of([])
+    return FixationList(every, orders[0], sum((each.remarks for each in lists), Counter()))
 
 
 def _choose_trials(
-    path: Path, recording: FixationList, form: FixationFormat, say: Callable[[str], None]
-) -> FixationList:
-    """The fixations of the chosen trials, whose names are their numbers."""
-    found = [each for each in recording.fixations if np.isfinite([each.x, each.y]).all()]
-    number = number_trials(found, recording.order)
-    repeated = Counter(
-        (each.subject, each.image) for each, n in zip(found, number, strict=True) if n
-    )
-    if repeated and form.trials is None:
-        subject, image = next(iter(repeated))
+    path: Path, raw: RawFixations, order: str, chosen: str | None, remarks: Counter[str]
+) -> RawFixations:
+    """The fixations of the chosen trials, which are numbered; counts the others in `remarks`."""
+    number = number_trials(raw, order)
+    later = np.flatnonzero(number)
+    if len(later) and chosen is None:
+        several = len(rows_by(raw.image[later], raw.subject[later]))
         raise LogError(
-            f"{path}: expected one trial of a subject on an image, found several of {subject} on "
-            f"{image}" + f" and {len(repeated) - 1} more" * (len(repeated) > 1) + "; --trials "
-            "separate makes each a scanpath, first takes the first, joined makes them one"
+            f"{path}: expected one trial of a subject on an image, found several of "
+            f"{raw.subject[later[0]]} on {raw.image[later[0]]}"
+            + f" and {several - 1} more"
+            * (several > 1)
+            + "; --trials separate makes each a scanpath, first takes the first, joined makes them "
+            "one"
         )
-    if form.trials == "joined":
+    if chosen == "joined":
         number[:] = 0
-    kept = [
-        each._replace(trial=str(n))
-        for each, n in zip(found, number, strict=True)
-        if n == 0 or form.trials == "separate"
-    ]
-    reason = "in later trials of a subject on an image"
-    blank = "with an empty cell, as of a blink,"
-    left_out = {reason: len(found) - len(kept), blank: len(recording.fixations) - len(found)}
-    return recording._replace(fixations=kept, left_out={**recording.left_out, **left_out})
+    kept = (number == 0) | (chosen == "separate")
+    remarks["fixations in later trials of a subject on an image are left out"] += int((~kept).sum())
+    return replace(raw, trial=number)[kept]
 
 
-def _complete(path: Path, recording: FixationList, say: Callable[[str], None]) -> list[RawFixation]:
-    """The fixations with a position, each once."""
-    found = recording.fixations
-    if not found:
-        raise LogError(f"{path}: expected at least one fixation, found none")
-    order = recording.order
-    once = {
-        (
-            *(each.image, each.subject, each.trial, each.x, each.y),
-            str(each.milliseconds) if order == "row" else each.order,
-        ): each
-        for each in reversed(found)
-    }
-    if order == "row":
-        say(f"{path}: neither index nor time is a column; the order is that of the rows")
-    repeated = len(found) - len(once)
-    kept = len(once) - len({(e.image, e.subject, e.trial, e.order) for e in once.values()})
-    counts = {f"fixations {why} are left out": n for why, n in recording.left_out.items()} | {
-        f"rows that repeat another (of the same {order}) are left out": repeated,
-        f"fixations have the image, subject and {order} of another and are kept": kept,
-    }
-    for remark, count in counts.items():
-        if count:
-            say(f"{path}: {count} {remark}")
-    return [*reversed(once.values())]
+def _distinct(raw: RawFixations, order: str, remarks: Counter[str]) -> RawFixations:
+    """Each fixation once; counts the others in `remarks`."""
+    scanpath, number = (raw.image, raw.subject, raw.trial), raw.order
+    by = raw.milliseconds if order == "row" else number
+    first = np.sort([rows[0] for rows in rows_by(*scanpath, *raw.xy.T, by)]).astype(np.int64)
+    once = raw[first]
+    same = len(once) - len(rows_by(*(each[first] for each in (*scanpath, number))))
+    remarks[f"rows that repeat another (of the same {order}) are left out"] += len(raw) - len(once)
+    remarks[f"fixations have the image, subject and {order} of another and are kept"] += same
+    return once
 
 
-def _present(
-    path: Path, image: Names, images: Path, only_present: bool, say: Callable[[str], None]
-) -> BoolArray:
-    """(n,) whether the file of an image is in the folder."""
-    names = np.unique(image)
-    absent = [name for name in names if not is_file(images / name)]
+def _on_images(
+    path: Path,
+    raw: RawFixations,
+    folder: Path,
+    form: FixationFormat,
+    only_present: bool,
+    say: Callable[[str], None],
+) -> tuple[RawFixations, BoolArray]:
+    """The fixations on the images of a folder, in their pixels, and (n,) which lie outside."""
+    raw = replace(raw, image=resolve_images(raw.image, folder))
+    names = np.unique(raw.image).tolist()
+    absent = [name for name in names if not is_file(folder / name)]
     if absent:
-        found = f"{len(absent)} of the {len(names)} images of {path} are not in {images}"
-        if len(absent) == len(names):
-            raise LogError(f"{found}, {absent[0][:80]} first")
-        if not only_present:
-            raise LogError(f"{found}, {absent[0][:80]} first; --only-present leaves them out")
+        found = f"{len(absent)} of the {len(names)} images of {path} are not in {folder}"
+        if len(absent) == len(names) or not only_present:
+            cure = "; --only-present leaves them out" * (len(absent) < len(names))
+            raise LogError(f"{found}, {absent[0][:80]} first{cure}")
         say(f"{found} and are left out")
-    return np.asarray(~np.isin(image, absent))
+        raw = raw[~np.isin(raw.image, absent)]
+    sizes, boxes = image_sizes(raw.image, folder), raw.box
+    if form.shown is not None or form.offset is not None:
+        box = (*(form.offset or (0, 0)), *(form.shown or (np.nan, np.nan)), 0)
+        boxes = np.tile(box, (len(raw), 1))
+    raw = replace(raw, xy=to_image_pixels(raw.xy, boxes, sizes))
+    if not form.checked:
+        return raw, np.zeros(len(raw), bool)
+    if remark := check_positions(str(path), raw.xy, sizes):
+        say(remark)
+    outside = is_outside(raw.xy, sizes)
+    if outside.any():
+        say(f"{path}: {outside.sum()} fixations outside their images are left out")
+    return raw, outside
 
 
 def _subject_numbers(path: Path, subjects: Sequence[str], say: Callable[[str], None]) -> IntArray:
@@ -263,28 +249,18 @@ def _subject_numbers(path: Path, subjects: Sequence[str], say: Callable[[str], N
     return np.array([numbers[subject] for subject in subjects])
 
 
-def _indices(
-    path: Path,
-    image: Names,
-    subject: IntArray,
-    trial: IntArray,
-    order: FloatArray,
-    kind: str,
-    say: Callable[[str], None],
-) -> IntArray:
+def _indices(path: Path, raw: RawFixations, kind: str, say: Callable[[str], None]) -> IntArray:
     """(n,) numbers of the fixations of a scanpath, from 0; see `read_fixations`."""
-    by = np.lexsort((order, trial, subject, image))
-    new = np.ones(len(by), bool)
-    keys = [key[by] for key in (image, subject, trial)]
-    new[1:] = np.any([key[1:] != key[:-1] for key in keys], axis=0)
-    first = order[by][new]
+    paths = rows_by(raw.image, raw.subject, raw.trial)
+    first = np.array([raw.order[rows].min() for rows in paths])
     base = first.min()
     if kind == "index" and base in (0, 1) and np.mean(first == base) >= 0.5:
         if base == 1:
             say(f"{path}: the index counts from 1, the first fixation of a subject on an image")
-        return np.asarray(order - base).astype(np.int64)
-    rank = np.empty(len(by), np.int64)
-    rank[by] = np.arange(len(by)) - np.flatnonzero(new)[np.cumsum(new) - 1]
+        return np.asarray(raw.order - base).astype(np.int64)
+    rank = np.empty(len(raw), np.int64)
+    for rows in paths:
+        rank[rows[np.argsort(raw.order[rows], kind="stable")]] = np.arange(len(rows))
     return rank
 
 
