@@ -88,7 +88,7 @@ def bank(folder: Path, variants: int, frames: int) -> Iterator[Drive]:
             first = int(rng.integers(count - length + 1))
             part = slice(first, first + length)
             some = type(poses)(time[part], poses.rotation[part], poses.position[part])
-            truth = camera_truth(some, camera, float(some.time[0])).trajectory
+            truth = camera_truth(some, camera, float(some.time[0]))
             assert truth is not None
             matrices = np.concatenate([some.rotation, some.position[:, :, None]], 2)
             config = variant(number, rng)

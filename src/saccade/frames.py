@@ -201,9 +201,6 @@ class Drive:
     """Standard deviations of systematic errors, as `LandmarkLog.odometry_bias`."""
     truth: Trajectory | None = None
     """Ground truth, if known; its times may differ from the times of the frames."""
-    truth_off_plane: FloatArray | None = None
-    """(t, 3) ground truth off the plane, if known: height in meters, pitch (nose up) and roll in
-    radians, at the poses of `truth`."""
     start_known: bool = True
     """Whether `start` is in the frame of the truth; False where the truth does not cover it."""
     scale: Literal["metric", "held", "assumed"] = "metric"

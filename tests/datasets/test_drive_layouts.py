@@ -84,7 +84,6 @@ class TestTum:
         heading = drive.truth.pose[1:, 2]
         along = np.stack([np.cos(heading), np.sin(heading)], 1) * 0.5
         np.testing.assert_allclose(steps, along, atol=1e-5)
-        np.testing.assert_allclose(drive.truth_off_plane, 0, atol=1e-5)
 
     def test_frames_out_of_order_or_twice_are_mended_and_told(self, tmp_path):
         folder = self.write(tmp_path / "fr1")

@@ -13,7 +13,7 @@ from saccade.diagnostics.survey import survey_drive
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
 from saccade.types import Trajectory
-from support.winding_drive import FRAMES, winding
+from support.winding_drive import winding
 
 
 @pytest.fixture(scope="module")
@@ -127,22 +127,6 @@ def test_a_camera_that_looks_elsewhere_is_found(drive, axis, degrees, check, val
     report = check_drive(askew)
     assert set(found(report)) - {"turn"} == {check}
     assert found(report)[check].value == pytest.approx(value, abs=1)
-
-
-def test_tilt_is_told_by_images_and_by_truth():
-    rocking = winding(tilt=np.deg2rad(9))
-    survey = survey_drive(rocking, 300)
-    assert found(report_on(rocking, survey))["tilt"].value == pytest.approx(18, abs=4)
-    lift = np.zeros((FRAMES, 3))
-    lift[:, 1] = np.deg2rad(9) * np.sin(1.5 * rocking.time)
-    lift[:, 0] = 0.01 * np.arange(FRAMES)
-    known = replace(rocking, truth_off_plane=lift)
-    report = report_on(known, survey)
-    assert found(report)["tilt"].value == pytest.approx(9, abs=0.7)
-    part = known.until(120)  # the truth goes on
-    for each, rise in ((report, 2.39), (report_on(part, survey_drive(part, 300)), 1.19)):
-        (height,) = (finding for finding in each.findings if finding.check == "height")
-        assert height.value == pytest.approx(rise)
 
 
 def test_tracks_that_stand_still_are_found(drive):

@@ -54,7 +54,7 @@ def check(options: CheckOptions) -> Result:
 
     In a drive, compares odometry with visual motion (sign, scale, time offset,
     noise, camera extrinsics), and detects repeated, black, blurred and missing
-    frames, stereo pairs that are not rectified, and ground that is not flat.
+    frames, and stereo pairs that are not rectified.
 
     In a log, compares observations of the same landmark through odometry under
     other units, signs, axes, sensor mountings, orders of motion and clocks.

@@ -18,7 +18,6 @@ from saccade.diagnostics.odometry import (
 from saccade.diagnostics.recording import (
     check_egomotion,
     check_images,
-    check_planarity,
     check_timestamps,
 )
 from saccade.diagnostics.survey import (
@@ -206,8 +205,6 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
         what = "there are no translations by odometry to compare the images with"
         advice = "Provide odometry.csv if odometry was recorded"
         findings.append(Finding("note", "no odometry", what, advice, 0.0, "steps"))
-    if not extrinsics:  # wrong extrinsics make turns look like tilt
-        findings += check_planarity(drive, survey)
     findings.sort(key=lambda finding: ORDER.index(finding.severity))
     figures = _figures(survey, series, lag)
     return CheckReport(drive.name, len(drive), len(survey), tuple(findings), figures)

@@ -1,4 +1,4 @@
-"""Checks of the recording: images, repeated frames, timestamps, and whether the ground is flat."""
+"""Checks of the recording: images, repeated frames and timestamps."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -7,12 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from saccade.diagnostics.findings import Finding, Severity, counted
+from saccade.diagnostics.findings import Finding, counted
 from saccade.diagnostics.survey import MIN_POINTS, Survey, repeated_observations
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame, Tracks
-from saccade.types import BoolArray, FloatArray, IntArray
-from saccade.visual.motion_prior import INTEGRATION_TIME
+from saccade.types import BoolArray, IntArray
 from saccade.visual.optical_flow import MIN_CONTRAST
 
 
@@ -95,10 +94,6 @@ GAP_RATIO = 2.5
 """Frame period over the median one from which frames are missing."""
 MAX_JITTER = 0.3
 """Standard deviation of the frame period, as a fraction of its median."""
-MAX_TILT = np.deg2rad(5.0)
-"""Radians of pitch or roll from which distances on the plane are wrong by half a per cent."""
-MAX_HEIGHT, MAX_GRADIENT = 0.5, 0.1
-"""Change of height in metres that is reported, and as a fraction of the path that is a warning."""
 
 
 def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
@@ -185,54 +180,3 @@ def check_timestamps(drive: Drive) -> Iterator[Finding]:
         what = f"the time between frames varies by {jitter:.0f} % (one standard deviation)"
         advice = "Use the times of exposure rather than of arrival"
         yield Finding("warning", "uneven clock", what, advice, jitter, "%")
-
-
-def check_planarity(drive: Drive, survey: Survey) -> Iterator[Finding]:
-    """Pitch, roll and height: by the ground truth if there is one, else by the images."""
-    if drive.truth_off_plane is not None and drive.truth is not None:
-        time = drive.truth.time
-        known = (time >= drive.time[0]) & (time <= drive.time[-1])
-        return _by_truth(drive.truth_off_plane[known], drive.truth.pose[known])
-    return _by_images(drive, survey)
-
-
-def _by_truth(off_plane: FloatArray, pose: FloatArray) -> Iterator[Finding]:
-    """Findings by height, pitch and roll (t, 3) of the poses (t, 3)."""
-    if len(off_plane) == 0:
-        return
-    tilt = np.abs(off_plane[:, 1:] - np.median(off_plane[:, 1:], 0)).max(1)
-    yield from _tilt_finding(float(np.quantile(tilt, 0.95)), "by the ground truth")
-    rise = float(np.ptp(off_plane[:, 0]))
-    length = float(np.hypot(*np.diff(pose[:, :2], axis=0).T).sum())
-    if rise > MAX_HEIGHT:
-        severity: Severity = "warning" if rise > MAX_GRADIENT * length else "note"
-        what = f"the height changes by {rise:.1f} m over {length:.0f} m, by the ground truth"
-        advice = "The map is flat: compare it with the projection of the ground truth"
-        yield Finding(severity, "height", what, advice, rise, "m")
-
-
-def _by_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
-    """Findings by roll and pitch integrated over short stretches, before their drift dominates."""
-    period = float(np.median(np.diff(drive.time))) if len(drive) > 1 else 0.0
-    if period <= 0:
-        return
-    size = max(round(INTEGRATION_TIME / period), 2)
-    tilts = [
-        np.abs(np.cumsum(survey.rotation[k : k + size, :2], 0)).max()
-        for k in range(1, len(survey) - size + 1, size)
-        if survey.frame[k + size - 1] - survey.frame[k - 1] == size
-        and np.isfinite(survey.rotation[k : k + size]).all()
-    ]
-    if len(tilts) >= 3:
-        source = f"by the images within {INTEGRATION_TIME:g} s"
-        yield from _tilt_finding(float(np.quantile(tilts, 0.75)), source)
-
-
-def _tilt_finding(tilt: float, source: str) -> Iterator[Finding]:
-    if tilt > MAX_TILT:
-        what = f"the robot is tilted by {np.rad2deg(tilt):.1f} deg, {source}, but its map is flat"
-        advice = (
-            "It makes ranges and bearings wrong: increase the noise of observations, or level the "
-            "camera"
-        )
-        yield Finding("warning", "tilt", what, advice, float(np.rad2deg(tilt)), "deg")

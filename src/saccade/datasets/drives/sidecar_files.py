@@ -11,7 +11,7 @@ groundtruth.tum          ground truth of the robot, on the ground; or of the lef
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -82,13 +82,6 @@ START_UNKNOWN = (
 """Assumption on the start of a recording."""
 
 
-class Truth(NamedTuple):
-    """Ground truth of a drive, if known: `Drive.truth` and `Drive.truth_off_plane`."""
-
-    trajectory: Trajectory | None = None
-    off_plane: FloatArray | None = None
-
-
 def read_tum_poses(path: Path) -> Poses:
     """Lines of `time x y z qx qy qz qw`; `#` begins a comment."""
     table = read_table(path, TUM_COLUMNS)
@@ -106,7 +99,7 @@ def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
     return Poses(time, matrix[:, :, :3], matrix[:, :, 3])
 
 
-def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Truth:
+def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Trajectory:
     """Ground truth from poses of the camera, in any world frame.
 
     The world frame becomes the robot's frame at the pose nearest to `start_time`, in seconds.
@@ -116,22 +109,13 @@ def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Truth:
     first = int(np.argmin(np.abs(poses.time - start_time)))
     to_start = rotation[first].T
     position = (position - position[first]) @ to_start.T
-    return robot_truth(Poses(poses.time, to_start @ rotation, position))
+    return project_to_plane(Poses(poses.time, to_start @ rotation, position))
 
 
-def robot_truth(poses: Poses) -> Truth:
-    """Ground truth from poses of the robot in space."""
-    R = poses.rotation
-    pitch = np.arcsin(R[:, 2, 0].clip(-1, 1))
-    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
-    off_plane = np.column_stack([poses.position[:, 2], pitch, roll])
-    return Truth(project_to_plane(poses), off_plane)
-
-
-def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Truth:
+def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Trajectory | None:
     """Ground truth of a folder, if it has any; KITTI's has a pose for each recorded frame."""
     if (of_robot := folder / "groundtruth.tum").exists():
-        return robot_truth(read_tum_poses(of_robot))
+        return project_to_plane(read_tum_poses(of_robot))
     start_time = float(frames.time[0])
     if (of_camera := folder / "groundtruth_tum.txt").exists():
         return camera_truth(read_tum_poses(of_camera), camera, start_time)
@@ -139,7 +123,7 @@ def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Truth:
     for file in (folder / "groundtruth_kitti.txt", folder / "poses.txt", benchmark):
         if file.exists():
             return camera_truth(read_kitti_poses(file, frames.recorded), camera, start_time)
-    return Truth()
+    return None
 
 
 def assemble_drive(
@@ -149,19 +133,19 @@ def assemble_drive(
     frames: FrameTimes,
     read: Callable[[int], Frame],
     increments: OdometryIncrements | None = None,
-    truth: Truth | None = None,
+    truth: Trajectory | Literal["in the folder"] | None = "in the folder",
     turns: Sequence[CameraTurn] | None = None,
     assumptions: tuple[str, ...] = (),
 ) -> Drive:
     """A drive from its parts.
 
-    `read` gives a recorded frame by its number. Odometry, ground truth and turns of the camera are
-    read from the folder if they are None; without odometry the motion is unknown. The drive starts
-    at the pose of the calibration, else at the true pose, else at the origin.
+    `read` gives a recorded frame by its number. Odometry and turns of the camera are read from the
+    folder if they are None; without odometry the motion is unknown. The drive starts at the pose of
+    the calibration, else at the true pose, else at the origin.
     """
     if increments is None:
         increments = read_odometry(folder, frames) or unknown_increments(frames.time)
-    if truth is None:
+    if truth == "in the folder":
         truth = read_truth(folder, frames, calibration.camera)
     if turns is None and (path := folder / GAZE_FILE).exists():
         turns = read_turns(path)
@@ -173,10 +157,10 @@ def assemble_drive(
     start, is_known = np.zeros(3), True
     if calibration.start is not None:
         start = np.array(calibration.start)
-    elif truth.trajectory is not None and not truth.trajectory.covers(frames.time[:1])[0]:
+    elif truth is not None and not truth.covers(frames.time[:1])[0]:
         is_known, assumptions = False, (*assumptions, f"{folder}: {START_UNKNOWN}")
-    elif truth.trajectory is not None:
-        start = truth.trajectory.at(frames.time[:1])[0]
+    elif truth is not None:
+        start = truth.at(frames.time[:1])[0]
     numbers = frames.index.tolist()
 
     def load(i: int) -> Frame:
@@ -192,8 +176,7 @@ def assemble_drive(
         load=load,
         start=start,
         odometry_bias=calibration.odometry_bias,
-        truth=truth.trajectory,
-        truth_off_plane=truth.off_plane,
+        truth=truth,
         start_known=is_known,
         remarks=frames.remarks,
         assumptions=assumptions,

@@ -16,7 +16,6 @@ import numpy as np
 from saccade.datasets.drives.calibration import CAMERA_FILE, Calibration, read_calibration
 from saccade.datasets.drives.frames import FrameTimes, associate, frame_reader, image_files
 from saccade.datasets.drives.sidecar_files import (
-    Truth,
     assemble_drive,
     camera_truth,
     read_tum_poses,
@@ -50,7 +49,7 @@ def read_tum_drive(path: Path) -> Drive:
         nearest = associate(recorded, depth_time, MAX_TIME_DIFFERENCE)
         beside = [depth_files[i] if i >= 0 else None for i in nearest.tolist()]
         depth = image_files(beside.__getitem__)
-    truth = Truth()
+    truth = None
     if (path / "groundtruth.txt").exists():
         poses = read_tum_poses(path / "groundtruth.txt")
         truth = camera_truth(poses, calibration.camera, float(frames.time[0]))

@@ -48,10 +48,8 @@ from saccade.datasets.drives.odometry import (
 )
 from saccade.datasets.drives.sidecar_files import (
     Poses,
-    Truth,
     assemble_drive,
     project_to_plane,
-    robot_truth,
 )
 from saccade.datasets.ros.bags import (
     FIELDS,
@@ -126,7 +124,7 @@ def read_rosbag_drive(path: Path) -> Drive:
             frames,
             read,
             increments,
-            Truth() if truth is None else robot_truth(bag.poses(truth, zero)),
+            None if truth is None else project_to_plane(bag.poses(truth, zero)),
             turns,
             assumptions,
         )
