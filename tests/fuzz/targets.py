@@ -99,8 +99,14 @@ def run_log(path: Path) -> slam.SlamResult:
 
 
 def _log(name: str) -> Target:
-    kind = "gtsam" if name == "log.txt" else "auto"
-    return a_file(name, lambda path: save(path, a_log(), kind), run_log)
+    return a_file(name, lambda path: save(path, a_log()), run_log)
+
+
+def _graph(name: str, edge: str, first: str = "", matrix: str = "40 1 0 40 0 80") -> Target:
+    """Three steps, and a landmark that is seen from each pose."""
+    edges = [f"{edge} {k} {k + 1} 1 0.1 0.2 {matrix}" for k in range(3)]
+    seen = [f"LANDMARK {k} 9 {4 - k} {1 - k / 5} 20 1 30" for k in range(4)]
+    return a_text(name, "\n".join([first, *edges, *seen]) + "\n", run_log)
 
 
 def _mrclam(file: str) -> Target:
@@ -332,9 +338,9 @@ MATCHED = {("a.png", "b.png"): np.array([[0, 1], [3, 2]])}, {"a.png": 4, "b.png"
 TARGETS = {
     "log-csv": _log("log.csv"),
     "g2o": _log("log.g2o"),
-    "isam": _log("log.isam"),
-    "toro": _log("log.graph"),
-    "gtsam": _log("log.txt"),
+    "isam": _graph("log.isam", "EDGE2"),
+    "toro": _graph("log.graph", "EDGE2", "VERTEX2 0 1 2 0.3", "40 1 40 80 0 0"),
+    "gtsam": _graph("log.txt", "ODOMETRY"),
     "mrclam-odometry": _mrclam("Robot1_Odometry.dat"),
     "mrclam-measurement": _mrclam("Robot1_Measurement.dat"),
     "mrclam-npz": a_file("log.npz", _mrclam_npz, run_log),

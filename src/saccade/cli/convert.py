@@ -26,16 +26,15 @@ class ConvertOptions(LogOptions, JsonOptions, FileArguments):
     """Options of `saccade convert`."""
 
     to: Annotated[str | None, OUTPUT] = None
-    """Format of FILE: csv, g2o, isam, toro or gtsam; of keypoints colmap or hdf5; given by
-    its suffix by default."""
+    """Format of FILE: csv or g2o; of keypoints colmap or hdf5; given by its suffix by default."""
 
 
 def convert(options: ConvertOptions) -> Result:
     """Convert a landmark log or extracted keypoints to another format.
 
-    Of a log csv keeps everything but the ground truth; its header names the
-    columns. g2o, isam, toro and gtsam are pose graphs as text, without time
-    stamps; they need the identity of every landmark.
+    Of a log csv keeps everything but the true landmarks; its header names the
+    columns. g2o is a pose graph as text, without time stamps; it needs the
+    identity of every landmark.
 
     Of keypoints colmap (database, .db) and hdf5 (in the layout of hloc, .h5)
     are one file for all images.

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
@@ -12,7 +11,7 @@ import numpy as np
 from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
 from saccade.datasets.logs.mrclam import read_mrclam
-from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
+from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_g2o
 from saccade.datasets.ros.bags import BAG_SUFFIXES, bag_files
 from saccade.datasets.ros.logs import read_rosbag_log
 from saccade.errors import ConfigError, LogError, require
@@ -21,7 +20,7 @@ from saccade.types import LandmarkLog, invalid_range_bearing
 
 Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "rosbag"]
 """Formats to read; "auto" detects the format from the path and the content."""
-Format: TypeAlias = Literal["auto", "csv", "g2o", "isam", "toro", "gtsam"]
+Format: TypeAlias = Literal["auto", "csv", "g2o"]
 """Formats to write; "auto" chooses by the suffix of the file."""
 _READERS: dict[str, Callable[..., LandmarkLog]] = {
     "csv": read_log_csv,
@@ -32,10 +31,7 @@ _READERS: dict[str, Callable[..., LandmarkLog]] = {
 }
 _WRITERS: dict[str, Callable[[Path, LandmarkLog], None]] = {
     "csv": write_log_csv,
-    "g2o": partial(write_pose_graph, dialect="g2o"),
-    "isam": partial(write_pose_graph, dialect="isam"),
-    "toro": partial(write_pose_graph, dialect="toro"),
-    "gtsam": partial(write_pose_graph, dialect="gtsam"),
+    "g2o": write_g2o,
 }
 _FOLDERS: dict[str, Kind] = {"Barcodes.dat": "mrclam", LOG_FILE: "csv", "metadata.yaml": "rosbag"}
 """Formats by a file in a folder."""
@@ -45,8 +41,6 @@ _FILES: dict[str, Kind] = {
     ".npz": "mrclam",
 }
 """Formats by the suffix of a file."""
-_SUFFIXES = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro"}
-"""Formats to write by the suffix of the file."""
 
 
 def load(
@@ -113,8 +107,8 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
     Args:
         path: the file.
         log: the log.
-        kind: "csv", which keeps everything but the true landmarks; "g2o", "isam", "toro" or
-            "gtsam", text without a clock; or "auto": .csv, .g2o, .isam, .graph (TORO).
+        kind: "csv", which keeps everything but the true landmarks; "g2o", text without a clock; or
+            "auto", by the suffix of the file.
 
     Raises:
         LogError: the format cannot represent the log.
@@ -122,12 +116,9 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
         ConfigError: no such format.
     """
     require(kind in get_args(Format), "kind", f"one of {', '.join(get_args(Format))}", kind)
-    path, name = Path(path), str(kind)
-    if kind == "auto":
-        suffix = path.suffix.lower()
-        known = f"a file that ends in {', '.join(_SUFFIXES)}"
-        require(suffix in _SUFFIXES, "path", known, str(path))
-        name = _SUFFIXES[suffix]
+    path = Path(path)
+    name = path.suffix.lower().removeprefix(".") if kind == "auto" else kind
+    require(name in _WRITERS, "path", "a file that ends in .csv or .g2o", str(path))
     if name != "csv":
         log = in_robot_frame(log)
         for k in np.flatnonzero(np.isnan(log.observation).any(1))[:1].tolist():

@@ -61,15 +61,6 @@ _OBSERVATIONS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
 _POSES = {"VERTEX_SE2": 5, "VERTEX2": 5}
 _FIELDS = {**_EDGES, **_OBSERVATIONS, **_POSES, "VERTEX_XY": 4}
 """Number of fields in a line of each tag."""
-Dialect: TypeAlias = Literal["g2o", "isam", "toro", "gtsam"]
-"""The program a file is written for."""
-_DIALECTS: dict[Dialect, tuple[str, str, str | None, MatrixForm]] = {
-    "g2o": ("EDGE_SE2", "EDGE_SE2_XY", "VERTEX_SE2", "information"),
-    "isam": ("EDGE2", "LANDMARK", None, "root"),
-    "toro": ("EDGE2", "LANDMARK", "VERTEX2", "toro"),
-    "gtsam": ("ODOMETRY", "LANDMARK", None, "covariance"),
-}
-"""Tags of edges, observations and vertices, and the matrix form."""
 
 
 class _Edge(NamedTuple):
@@ -213,74 +204,52 @@ def _covariances(edges: list[_Edge], entries: FloatArray, form: MatrixForm) -> F
     return matrices if form == "covariance" else np.asarray(np.linalg.inv(matrices), np.float64)
 
 
-def write_pose_graph(path: str | Path, log: LandmarkLog, dialect: Dialect) -> None:
-    """Write a log as text, with every digit.
+def write_g2o(path: str | Path, log: LandmarkLog) -> None:
+    """Write a log as g2o, with every digit.
 
-    The formats have no clock: poses are numbered from 0. In g2o poses and landmarks share one
-    numbering; landmarks follow the t + 1 poses. Only g2o and TORO keep the start pose.
+    The format has no clock: poses are numbered from 0, and landmarks follow the t + 1 poses. The
+    vertices are initial estimates: poses by dead reckoning, landmarks by their first observation.
     Observations become Cartesian, to first order.
 
     Args:
         path: the file; replaced if it exists.
         log: with the number of every landmark.
-        dialect: selects the tags and the matrix form.
     """
-    require_numbered(log, dialect)
-    edge, observation, vertex, form = _DIALECTS[dialect]
-    landmark_offset = len(log.time) if dialect == "g2o" else 0
-    poses = np.arange(len(log.time))
-    steps = np.stack([poses[:-1], poses[1:]], 1)
-    vertices = np.stack([log.observation_pose, landmark_offset + log.landmark], 1)
-    control, control_covariance = to_relative_poses(log)
+    require_numbered(log, "g2o")
     for k in np.flatnonzero(log.observation[:, 0] < 1e-9)[:1].tolist():
         raise LogError(
             f"{log.name}, observation {k}: expected a landmark away from the robot, found range "
             f"{log.observation[k, 0]:g}"
         )
+    control, control_covariance = to_relative_poses(log)
     covariance = point_covariance(log.observation, log.observation_covariance)
-    points = np.hstack([to_points(log.observation), _entries(covariance, form)])
+    points, number = to_points(log.observation), np.arange(len(log.time))
+    pose = path_of(control)
+    pose[:, :2] = log.start[:2] + rotated(pose[:, :2], log.start[2:])
+    pose[:, 2] = np.angle(np.exp(1j * (log.start[2] + pose[:, 2])))
+    landmarks, first = np.unique(log.landmark, return_index=True)
+    before = pose[log.observation_pose[first]]
+    xy = before[:, :2] + rotated(points[first], before[:, 2])
+    observed = np.stack([log.observation_pose, len(pose) + log.landmark], 1)
+    edges = np.hstack([control, _information(control_covariance)])
+    sights = np.hstack([points, _information(covariance)])
     lines = [
-        *([] if vertex is None else _vertex_lines(log, control, vertex, landmark_offset)),
-        *_lines(edge, steps, np.hstack([control, _entries(control_covariance, form)])),
-        *_lines(observation, vertices, points),
-        *(["FIX 0"] if dialect == "g2o" else []),  # at the end: GTSAM reads no farther
+        *_lines("VERTEX_SE2", number[:, None], pose),
+        *_lines("VERTEX_XY", len(pose) + landmarks[:, None], xy),
+        *_lines("EDGE_SE2", np.stack([number[:-1], number[1:]], 1), edges),
+        *_lines("EDGE_SE2_XY", observed, sights),
+        "FIX 0",  # at the end: GTSAM reads no farther
     ]
     with atomic_write(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _vertex_lines(
-    log: LandmarkLog, control: FloatArray, tag: str, landmark_offset: int
-) -> Iterator[str]:
-    """Initial estimates: poses by dead reckoning, landmarks by their first observation."""
-    pose = path_of(control)
-    pose[:, :2] = log.start[:2] + rotated(pose[:, :2], log.start[2:])
-    pose[:, 2] = np.angle(np.exp(1j * (log.start[2] + pose[:, 2])))
-    yield from _lines(tag, np.arange(len(pose))[:, None], pose)
-    if landmark_offset == 0:
-        return
-    landmarks, first = np.unique(log.landmark, return_index=True)
-    pose = pose[log.observation_pose[first]]
-    xy = pose[:, :2] + rotated(to_points(log.observation[first]), pose[:, 2])
-    yield from _lines("VERTEX_XY", landmark_offset + landmarks[:, None], xy)
-
-
-def _entries(covariance: FloatArray, form: MatrixForm) -> FloatArray:
-    """The entries (n, d (d + 1) / 2) in the file of covariances (n, d, d)."""
-    d = covariance.shape[1]
-    matrices: FloatArray = covariance
-    if form != "covariance":
-        singular = np.linalg.eigvalsh(covariance)[:, 0] < MIN_SIGMA**2
-        matrices = np.asarray(
-            np.linalg.inv(covariance + MIN_SIGMA**2 * singular[:, None, None] * np.eye(d))
-        )
-        matrices = (matrices + matrices.transpose(0, 2, 1)) / 2
-    if form == "root":
-        matrices = np.asarray(np.linalg.cholesky(matrices).transpose(0, 2, 1), np.float64)
-    entries = upper_triangle(matrices)  # (n, 3) or (n, 6)
-    if form == "toro" and d == 3:
-        entries = entries[:, np.argsort(TORO_ORDER)]
-    return entries
+def _information(covariance: FloatArray) -> FloatArray:
+    """The upper triangles (n, d (d + 1) / 2) of the inverses of covariances (n, d, d)."""
+    singular = np.linalg.eigvalsh(covariance)[:, 0] < MIN_SIGMA**2
+    added = MIN_SIGMA**2 * singular[:, None, None] * np.eye(covariance.shape[1])
+    matrices = np.linalg.inv(covariance + added)
+    return upper_triangle((matrices + matrices.transpose(0, 2, 1)) / 2)
 
 
 def _lines(tag: str, vertices: IntArray, values: FloatArray) -> Iterator[str]:
