@@ -25,10 +25,8 @@ from saccade.types import FloatArray
 COLUMNS = ["", "RMSE", "mean", "median", "std", "min", "max"]
 ERRORS = {
     "ate_aligned_m": ("ATE aligned [m]", "aligned.translation"),
-    "ate_first_pose_m": ("ATE first pose [m]", "first_aligned.translation"),
     "ate_unaligned_m": ("ATE unaligned [m]", "unaligned.translation"),
     "rotation_aligned_deg": ("rotation aligned [deg]", "aligned.rotation"),
-    "rotation_first_pose_deg": ("rotation first pose [deg]", "first_aligned.rotation"),
     "rotation_unaligned_deg": ("rotation unaligned [deg]", "unaligned.rotation"),
     "rpe_m": ("RPE translation [m]", "relative.translation"),
     "rpe_deg": ("RPE rotation [deg]", "relative.rotation"),
@@ -107,7 +105,6 @@ def _summary(scores: PoseScores) -> dict[str, Any]:
     row: dict[str, Any] = {
         "poses": len(scores.estimate.time),
         "estimated_poses": scores.poses,
-        "pairs": len(scores.first),
         "scale": scores.scale,
     }
     for key, errors in _errors(scores).items():

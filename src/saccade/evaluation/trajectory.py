@@ -6,12 +6,12 @@ Endres, Burgard & Cremers (2012) and Geiger, Lenz & Urtasun (2012).
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses
-from saccade.errors import LogError, Settings, require, setting
+from saccade.datasets.drives.sidecar_files import Poses
+from saccade.errors import LogError, Settings, setting
 from saccade.landmark_names import labels_of, number_labels
 from saccade.plane import rotations
 from saccade.slam.consistency import normalized_squared
@@ -203,36 +203,18 @@ def _in_space(time: FloatArray, pose: FloatArray) -> Poses:
     return Poses(time, rotation, pose * (1.0, 1.0, 0.0))
 
 
-Unit = Literal["frames", "seconds", "meters"]
-UNITS: tuple[Unit, ...] = ("frames", "seconds", "meters")
-"""Units of the distance between the two poses of a relative error."""
-TOLERANCE = 0.1
-"""Fraction by which the two poses of a pair may be farther apart or nearer than asked for."""
 SEGMENTS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 """Lengths in meters of KITTI's segments; one of each begins at every tenth pose."""
 
 
 @dataclass(frozen=True)
 class PoseErrorConfig(Settings):
-    """Association of estimated with true poses, alignment and pairs."""
+    """Association of estimated with true poses, and their alignment."""
 
     max_difference: float = setting(0.01, 0)
     """Seconds between a pose and the true one with which it is compared."""
-    interpolate: bool = False
-    """Whether the poses of the finer trajectory are interpolated at the times of the other."""
     scale: bool = False
     """Whether the alignment estimates the scale too, as for a single camera."""
-    delta: float = setting(1.0, above=0)
-    """Distance between the two poses of a relative error."""
-    unit: Unit = "frames"
-    """Unit of `delta`; meters are counted along the estimate."""
-    all_pairs: bool = False
-    """Whether a pair begins at every pose; else each begins where the last one ends."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        whole = self.unit != "frames" or float(self.delta).is_integer()
-        require(whole, "delta", "a whole number of frames", self.delta)
 
 
 class Errors(NamedTuple):
@@ -256,18 +238,12 @@ class PoseScores(NamedTuple):
     """At the same times, up to `PoseErrorConfig.max_difference`."""
     aligned: Errors
     """After rigid alignment of all positions, with scale where that is asked for."""
-    first_aligned: Errors
-    """After alignment of the first pose with the first true one."""
     unaligned: Errors
     """Errors without alignment, for an estimate in the frame of the truth."""
     scale: float
     """Scale of the alignment; 1 where it is not estimated."""
-    first: IntArray
-    """(m,) number of the pose from which each relative error leads."""
-    second: IntArray
-    """(m,) number of the pose to which it leads."""
     relative: Errors
-    """(m,) of the motion between the two (RPE)."""
+    """(n - 1,) of the motion from each pose to the next (RPE)."""
     segments: Errors
     """Of the motion over 100 to 800 m of the true path (KITTI's); empty for paths under 100 m."""
 
@@ -302,10 +278,10 @@ def score_poses(
     Args:
         estimate: in the frame of the truth, or another where only aligned errors matter.
         truth: of the same body.
-        config: association, alignment and pairs.
+        config: association and alignment.
 
     Raises:
-        LogError: fewer than two poses have a true one, or no pair is `delta` apart.
+        LogError: fewer than two poses have a true one.
     """
     poses = len(estimate.time)
     estimate, truth = associate(estimate, truth, config)
@@ -314,26 +290,16 @@ def score_poses(
     aligned = _absolute(moved, truth)
     if fit.rank < 2:
         aligned = aligned._replace(rotation=np.full(len(aligned.rotation), np.nan))
-    turn = truth.rotation[0] @ estimate.rotation[0].T
-    position = (estimate.position - estimate.position[0]) @ turn.T + truth.position[0]
     scaled = estimate._replace(position=fit.scale * estimate.position)
-    first, second = pairs(scaled, config)
-    if len(first) == 0:
-        raise LogError(
-            f"delta: expected poses {config.delta:g} {config.unit} apart, found none among "
-            f"{len(estimate.time)} poses"
-        )
+    first = np.arange(len(truth.time) - 1)
     return PoseScores(
         poses=poses,
         estimate=moved,
         truth=truth,
         aligned=aligned,
-        first_aligned=_absolute(Poses(estimate.time, turn @ estimate.rotation, position), truth),
         unaligned=_absolute(estimate, truth),
         scale=fit.scale,
-        first=first,
-        second=second,
-        relative=relative_errors(scaled, truth, first, second),
+        relative=relative_errors(scaled, truth, first, first + 1),
         segments=_segment_errors(scaled, truth),
     )
 
@@ -358,46 +324,14 @@ def associate(
             f"expected at least 2 poses within {config.max_difference:g} s of a true one, found "
             f"{int(found.sum())}, the nearest {distance.min():.3g} s away"
         )
-    few = _select(few, found)
-    many = (
-        interpolate_poses(many, few.time) if config.interpolate else _select(many, nearest[found])
-    )
+    few, many = _select(few, found), _select(many, nearest[found])
     return (few, many) if swapped else (many, few)
-
-
-def pairs(poses: Poses, config: PoseErrorConfig) -> tuple[IntArray, IntArray]:
-    """The poses (m,) from which relative errors lead, and those (m,) to which they lead."""
-    n = len(poses.time)
-    if config.unit == "frames":
-        delta = int(config.delta)
-        first = np.arange(0, n - delta, 1 if config.all_pairs else delta)
-        return first, first + delta
-    reached = poses.time if config.unit == "seconds" else path_length(poses.position)
-    if config.all_pairs:
-        return _all_pairs(reached, config.delta)
-    ends = [0]
-    while (end := int(np.searchsorted(reached, reached[ends[-1]] + config.delta))) < n:
-        ends.append(end)
-    return np.array(ends[:-1], np.int64), np.array(ends[1:], np.int64)
 
 
 def path_length(position: FloatArray) -> FloatArray:
     """Metres (n,) along a path (n, d) from its first point."""
     steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _all_pairs(reached: FloatArray, delta: float) -> tuple[IntArray, IntArray]:
-    """Pairs of each pose and the later one nearest to `delta` away, within the tolerance."""
-    n = len(reached)
-    first = np.arange(n - 1)
-    target = reached[first] + delta
-    after = np.searchsorted(reached, target).clip(first + 1, n - 1)
-    before = np.maximum(after - 1, first + 1)
-    nearer = np.abs(reached[before] - target) <= np.abs(reached[after] - target)
-    second = np.where(nearer, before, after)
-    kept = np.abs(reached[second] - target) <= TOLERANCE * delta
-    return first[kept], second[kept]
 
 
 def _absolute(estimate: Poses, truth: Poses) -> Errors:
