@@ -1,10 +1,7 @@
-"""Optional dependencies: import, and the command that installs them."""
+"""Optional dependencies and functions that users name."""
 
-import json
-import shlex
 from collections.abc import Callable
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, distribution
 from pkgutil import resolve_name
 from typing import Any
 
@@ -25,27 +22,8 @@ def import_optional(library: str, extra: str) -> Any:
         return import_module(library)
     except ImportError as error:
         raise ConfigError(
-            f"{extra}: needs {library}, which is not installed; {install_command(extra)}"
+            f"{extra}: needs {library}, which is not installed; uv sync --extra {extra}"
         ) from error
-
-
-def install_command(extra: str) -> str:
-    """The shell command that installs an extra.
-
-    This is `uv sync` in a clone (an editable installation, or none). Elsewhere pip installs the
-    requirements by their own names: `saccade` on PyPI is another project.
-    """
-    try:
-        package = distribution("saccade")
-        origin = json.loads(package.read_text("direct_url.json") or "{}")  # PEP 610
-        editable = origin.get("dir_info", {}).get("editable", False)
-    except PackageNotFoundError:
-        editable = True
-    if editable:
-        return f"uv sync --extra {extra}"
-    lines = (line.partition(";") for line in package.requires or ())
-    required = (name.strip() for name, _, marker in lines if f"'{extra}'" in marker)
-    return f"pip install {shlex.join(required)}"
 
 
 def import_function(what: str, name: str) -> Callable[..., Any]:

@@ -258,8 +258,7 @@ def test_ctrl_c_finishes_the_block_in_progress(folder, run, tmp_path, monkeypatc
 
 
 def test_points_come_back_and_are_exported(folder, run, tmp_path):
-    exact = Job("sift", SiftConfig(), exact=True)
-    extract_here(folder, tmp_path / "out", exact)
+    extract_here(folder, tmp_path / "out")
     expected = {path.name: Sift()(read_image(path)) for path in sorted(folder.iterdir())}
     found = {each.image: each for each in read_points(str(tmp_path / "out"))}
     assert found.keys() == expected.keys()

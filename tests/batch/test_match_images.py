@@ -19,7 +19,7 @@ from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.hdf5 import group_of
 
 HALLWAY = [str(files("saccade") / "data" / f"hallway_{n}.jpg") for n in (1, 2)]
-JOB = Job("sift", saccade.SiftConfig(max_keypoints=200), exact=True)
+JOB = Job("sift", saccade.SiftConfig(max_keypoints=200))
 
 
 @pytest.fixture(scope="module")

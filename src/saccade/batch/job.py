@@ -27,8 +27,6 @@ class Job(Settings):
     """ScanpathConfig of a scanpath; None for the default."""
     fixations: int = setting(10, 1)
     """Length of a scanpath."""
-    exact: bool = False
-    """Keep all bits of points; see `saccade.batch.tables.round_points`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -42,8 +40,6 @@ class Job(Settings):
         if self.what == "scanpath":
             network = None if self.network is None else asdict(self.network)
             description |= {"network": network, "fixations": self.fixations}
-        if self.what in POINTS:
-            description["exact"] = self.exact
         return description
 
     @cached_property

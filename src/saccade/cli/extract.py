@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from time import monotonic
 from typing import Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Parameter
@@ -47,8 +46,6 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     """Fitted model of saccade fit, for saliency and scanpath."""
     fixations: int = setting(10, 1)
     """Length of a scanpath."""
-    exact: Annotated[bool, OUTPUT] = False
-    """Store keypoints without rounding, in a third more space."""
     every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
     """Use every Nth frame of a video."""
     anonymous: Annotated[bool, INPUT] = False
@@ -86,7 +83,7 @@ def extract(options: ExtractOptions) -> Result:
 
     out, what, source = options.out, options.what, options.source
     settings = options.settings_of(what)
-    job = Job(what, settings, fixations=options.fixations, exact=options.exact)
+    job = Job(what, settings, fixations=options.fixations)
     if options.anonymous:
         source = source.replace("://", f"://{ANONYMOUS}", 1)
     images = open_source(source, options.every)
@@ -122,20 +119,10 @@ def extract(options: ExtractOptions) -> Result:
 
 @contextmanager
 def batch_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
-    """A progress bar with speed and number of errors.
-
-    Args:
-        what: "images" or "pairs".
-
-    Yields:
-        A function that takes the numbers of those done, those that failed, and of all.
-    """
-    start = monotonic()
+    """A progress bar; yields a function of the numbers of items done, failed, and of all."""
     with progress_bar(what) as update:
 
         def show(done: int, failed: int, total: int) -> None:
-            parts = [f"{(done + failed) / (monotonic() - start):.1f} {what}/s"]
-            parts += [f"{failed:,} errors"] if failed else []
-            update(done + failed, total, "  ".join(parts))
+            update(done + failed, total, f"{failed:,} errors" if failed else "")
 
         yield show

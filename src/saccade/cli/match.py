@@ -218,7 +218,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
             options.first,
             options.out,
             pairs=options.pairs,
-            job=Job(options.detector, find.config, exact=True),
+            job=Job(options.detector, find.config),
             config=MatchConfig(
                 options.ratio, options.mutual, options.verification, options.tolerance
             ),
