@@ -34,7 +34,7 @@ from saccade.cli.output import (
     print_message,
     progress_bar,
 )
-from saccade.datasets import symmetric_columns, write_landmarks, write_table, write_tum
+from saccade.datasets import load_map, symmetric_columns, write_landmarks, write_table, write_tum
 from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
 from saccade.errors import ConfigError, LogError
@@ -53,6 +53,7 @@ from saccade.slam.run import find_start, slam_for
 from saccade.types import (
     FloatArray,
     LandmarkLog,
+    LandmarkMap,
     MapSnapshot,
 )
 from saccade.viewing import map_figure, map_frames
@@ -80,20 +81,26 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     no_smooth: Annotated[bool, Parameter(negative=())] = False
     """Keep the trajectory and the map of the filter, without smoothing at the end."""
     map_file: Annotated[Path | None, MAP, Parameter("--map")] = None
-    """Begin with a map of an earlier run."""
+    """Begin with a map: of an earlier run (.npz), or surveyed or landmarks.csv (.csv)."""
     save_map: Annotated[Path | None, MAP] = None
     """Save map and filter for --map of a later run."""
     mode: Annotated[Literal["continue", "localize"], MAP] = "continue"
     """With --map: continue mapping, or localize, which adds and culls nothing."""
     start: Annotated[str | None, MAP, Parameter(metavar="WHERE")] = None
     """With --map: first pose in its frame. last: the robot has not moved since (the default of
-    continue); search: by the first scans (the default of localize); log: as in the log; or
-    X,Y,HEADING in metres and radians."""
+    continue, unless the first scans contradict it); search: by the first scans (the default of
+    localize and of a .csv); log: as in the log; or X,Y,HEADING in meters and radians."""
 
     @property
     def first(self) -> str:
         """Where the first pose is taken from."""
-        return self.start or ("search" if self.mode == "localize" else "last")
+        searched = self.mode == "localize" or self.has_survey
+        return self.start or ("search" if searched else "last")
+
+    @property
+    def has_survey(self) -> bool:
+        """Whether the map is a table of landmarks."""
+        return self.map_file is not None and self.map_file.suffix.lower() == ".csv"
 
     def filter_of(self, log: LandmarkLog) -> Slam:
         """The filter of a log: with the map that is given, and then its settings unless others are.
@@ -112,9 +119,15 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
             raise ConfigError("--save-map: expected --mode continue, found localize")
         given = any(each is not None for each in (self.association, self.preset, self.config))
         own = settings if given else None
-        load = partial(Slam.load, self.map_file, self.mode, own)
-        if self.first == "last":
-            return load()
+        load: Callable[..., Slam] = partial(Slam.load, self.map_file, self.mode, own)
+        if self.has_survey:
+            if self.first == "last":
+                raise ConfigError("--start: expected search, log or X,Y,HEADING with a .csv")
+            load = partial(_surveyed, settings, load_map(self.map_file), self.mode)
+        elif self.first == "last":
+            robot = load()
+            robot.start = "last" if self.start is None else "given"
+            return robot
         load = partial(load, odometry_bias=log.odometry_bias)
         pose, covariance = _first_pose(load(start=log.start), log, self.first)
         return load(start=pose, covariance=covariance)
@@ -290,6 +303,22 @@ def slam_part(
         lost=lost_times(result.trajectory, result.lost),
         names=texts or None,
     )
+
+
+def _surveyed(
+    settings: EkfConfig,
+    landmarks: LandmarkMap,
+    mode: Literal["continue", "localize"],
+    *,
+    start: FloatArray,
+    odometry_bias: tuple[float, float, float],
+    covariance: FloatArray | None = None,
+) -> Slam:
+    """A filter in a surveyed map, as `Slam.load` gives it in a saved one."""
+    robot = Slam(settings, start=start, odometry_bias=odometry_bias, mode=mode, map=landmarks)
+    if covariance is not None:
+        robot.filter.reset_pose(start, covariance)
+    return robot
 
 
 def _first_pose(slam: Slam, log: LandmarkLog, start: str) -> tuple[FloatArray, FloatArray | None]:

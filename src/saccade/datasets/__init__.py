@@ -8,6 +8,7 @@ line with the file, the line or row, the expected content and the found content.
 
 from saccade.datasets.drives.loading import DriveKind, load_drive
 from saccade.datasets.drives.writing import save_drive
+from saccade.datasets.landmark_maps import load_map
 from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.loading import Format, Kind, load, save
 from saccade.datasets.tables import symmetric_columns, write_landmarks, write_table, write_tum
@@ -19,6 +20,7 @@ __all__ = [
     "OdometryNoise",
     "load",
     "load_drive",
+    "load_map",
     "save",
     "save_drive",
     "symmetric_columns",

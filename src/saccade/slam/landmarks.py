@@ -8,11 +8,11 @@ from typing import Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from saccade.landmark_names import Label
+from saccade.landmark_names import Label, labels_of
 from saccade.slam.association._kernels import DROPPED
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.models import observe
-from saccade.types import BoolArray, FloatArray, IntArray, Table, column
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Table, column
 
 MAX_AMBIGUOUS = 0.5
 """Fraction of ambiguous observations above which a run warns."""
@@ -311,3 +311,14 @@ class LandmarkTable:
         new.labels = {label: copy.copy(each) for label, each in self.labels.items()}
         new.descriptors = dict(self.descriptors)
         return new
+
+
+def known_landmarks(landmarks: LandmarkMap) -> LandmarkTable:
+    """The table of landmarks that are known beforehand, with ids from 0 on in their order."""
+    table, n = LandmarkTable(CullingPolicy(False, 1, 1)), len(landmarks)
+    table.counts = LandmarkRows.zeros(n, id=np.arange(n), confirmed=np.ones(n, np.bool_))
+    for i, label in enumerate(labels_of(landmarks.id, landmarks.text_names)):
+        if label is not None:
+            table.labels[label] = LabelRecord(landmark=i, accepted=ESTABLISHED)
+    table.has_unlabeled = len(table.labels) < n
+    return table

@@ -1,7 +1,7 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,14 +17,17 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.validation import check_covariance
 from saccade.slam.hypotheses import Hypotheses, Hypothesis
 from saccade.slam.kidnapping import KidnappingDetector
-from saccade.slam.landmarks import CullingPolicy, LandmarkTable
+from saccade.slam.landmarks import CullingPolicy, LandmarkTable, known_landmarks
 from saccade.slam.map_file import SavedMap, read_map, write_map
 from saccade.slam.pose_search import PoseSearch
 from saccade.slam.results import PoseHypotheses, SlamMap, StepResult, check_diverged
 from saccade.slam.scans import Scan, checked_scan
 from saccade.slam.submaps import SubmapChoice
-from saccade.types import FloatArray, IntArray
+from saccade.types import FloatArray, IntArray, LandmarkMap
 
+Start: TypeAlias = Literal["given", "last", "unknown"]
+"""Pose at the first step of a session: the one that is given, the last one of a saved filter, or
+unknown."""
 MODES = ("continue", "localize")
 """What a robot does with a map that was saved."""
 START_SIGMA = (0.5, 0.5, 0.1)
@@ -38,14 +41,18 @@ class Slam:
 
     Args:
         config: filter, association and noise.
-        start: (3,) first pose.
+        start: (3,) first pose, in the frame of the map; by default the origin or, with a map,
+            unknown: then the robot is lost until its scans have found it.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
-        mode: "localize" adds and culls no landmarks; the estimates of those in the map (see `load`)
-            still change, as their covariance lets them.
+        mode: "localize" adds and culls no landmarks; the estimates of those in the map still
+            change, as their covariance lets them.
+        map: landmarks that are known, as of `datasets.load_map`; -1 in `id` for those without a
+            label. With a start, its covariance is that of `EkfConfig.start_sigma` or, where this
+            is zero, of `START_SIGMA`: half a meter and a tenth of a radian.
 
     Raises:
         LogError: here and in `step`, an argument is not a number, not finite or of another shape.
-        ConfigError: unknown mode.
+        ConfigError: unknown mode, or a map without landmarks.
 
     Examples:
         >>> import numpy as np
@@ -65,16 +72,17 @@ class Slam:
         self,
         config: EkfConfig = EkfConfig(),
         *,
-        start: FloatArray | tuple[float, float, float] = (0.0, 0.0, 0.0),
+        start: FloatArray | tuple[float, float, float] | None = None,
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
         mode: Literal["continue", "localize"] = "continue",
+        map: LandmarkMap | None = None,
     ) -> None:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
         estimated = config.estimate_odometry_bias and any(odometry_bias)
         bias = odometry_bias if estimated else ()
         self.config, self.mode, self.odometry_bias = config, mode, odometry_bias
         ekf = EkfSlam(
-            np.concatenate([start, np.zeros(len(bias))]),
+            np.concatenate([np.zeros(3) if start is None else start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
             retraction=RETRACTIONS[config.filter],
             huber=config.huber,
@@ -103,6 +111,28 @@ class Slam:
         self._may_branch = several and adds and config.max_hypotheses > 1
         self._uses_labels = config.association in ("auto", "known")
         self._time = -np.inf
+        self.start: Start = "given" if map is None or start is not None else "unknown"
+        """How the pose at the first step of the session is known."""
+        if map is not None:
+            require(len(map) > 0, "map", "landmarks", "none")
+            self.landmarks.adopt(known_landmarks(map))
+            C = np.zeros((len(map), 2, 2)) if map.covariance is None else map.covariance
+            self._set_map(map.xy, block_diag(*C))
+
+    def _set_map(self, xy: FloatArray, P: FloatArray, covariance: FloatArray | None = None) -> None:
+        """Replaces the landmarks by those of the table, at xy (N, 2) with covariance P (2N, 2N).
+
+        The pose is independent of them, with a covariance (3, 3) or, without, that of the settings
+        or of `START_SIGMA`.
+        """
+        robot = self.filter.covariance
+        if covariance is None and not any(self.config.start_sigma):
+            covariance = np.diag(np.square(START_SIGMA))
+        if covariance is not None:
+            robot[:3, :3] = check_covariance("covariance of the start", covariance, 3)
+        mean = np.concatenate([self.filter.robot_state, xy.ravel()])
+        lever = np.zeros(len(mean))
+        self.filter.set_gaussian(mean, block_diag(robot, P), self.landmarks.counts.id, lever)
 
     @property
     def filter(self) -> EkfSlam:
@@ -180,6 +210,10 @@ class Slam:
         """
         if not self._uses_labels:
             scan = scan._replace(labels=[None] * len(scan.z))
+        if self.start == "unknown" and not self.kidnapping.lost:
+            ids = self.landmarks.counts.id
+            self.kidnapping.begin(PoseSearch(self.filter, ids, anywhere=True))
+        self.start = "given"
         self._prepare(scan)
         result = self._step(scan)
         check_diverged(result.pose, self.num_steps)
@@ -372,31 +406,20 @@ class Slam:
         require(same, "filter", f"{saved.config.filter!r}, as in {path}", settings.filter)
         if start is None or odometry_bias is None:
             odometry_bias = saved.odometry_bias
-        slam = cls(
-            settings,
-            start=(0.0, 0.0, 0.0) if start is None else start,
-            odometry_bias=odometry_bias,
-            mode=mode,
-        )
-        size, N = len(slam.filter.robot_state), len(saved.table)
-        r = len(saved.mean) - 2 * N
-        mean, P, lever = saved.mean, saved.covariance, saved.heading_lever
+        slam = cls(settings, start=start, odometry_bias=odometry_bias, mode=mode)
+        size, r = len(slam.filter.robot_state), len(saved.mean) - 2 * len(saved.table)
+        slam.landmarks.adopt(saved.table)
         if start is None:
             as_saved = f"{r > 3}, as in {path}"
             require(size == r, "estimate_odometry_bias", as_saved, size > 3)
             rule = slam.association
             rule.clock, rule.streak, rule.overriding_until = saved.clock
             slam.num_steps, slam._time = saved.num_steps, saved.time
+            ids = saved.table.counts.id
+            slam.filter.set_gaussian(saved.mean, saved.covariance, ids, saved.heading_lever)
+            slam.start = "last"
         else:
-            robot = slam.filter.covariance
-            if covariance is None and not any(settings.start_sigma):
-                covariance = np.diag(np.square(START_SIGMA))
-            if covariance is not None:
-                robot[:3, :3] = check_covariance("covariance of the start", covariance, 3)
-            mean = np.concatenate([slam.filter.robot_state, mean[r:]])
-            P, lever = block_diag(robot, P[r:, r:]), np.zeros(len(mean))
-        slam.filter.set_gaussian(mean, P, saved.table.counts.id, lever)
-        slam.landmarks.adopt(saved.table)
+            slam._set_map(saved.mean[r:].reshape(-1, 2), saved.covariance[r:, r:], covariance)
         if start is not None or mode == "localize":
             slam.remove_candidates()
         return slam

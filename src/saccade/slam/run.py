@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from saccade.errors import ConfigError, LogError
-from saccade.landmark_names import FIRST_TEXT, number_labels
+from saccade.landmark_names import FIRST_TEXT, labels_of, number_labels
 from saccade.plane import in_robot_frame, rotations
 from saccade.slam.config import EkfConfig
-from saccade.slam.consistency import summarize
+from saccade.slam.consistency import normalized_squared, summarize
 from saccade.slam.filter.models import new_innovations
+from saccade.slam.models import pose_difference
 from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch
 from saccade.slam.results import SlamResult
@@ -36,6 +37,10 @@ START_PROBABILITY = 0.99
 """Probability from which a hypothesis of the first pose is right."""
 MAX_SCANS = 50
 """Scans after which a robot that was not found is not in the map."""
+MAX_SCANS_AT_LAST = 10
+"""The same for a robot that was at a known pose when the map was saved."""
+SAME_POSE = 16.0
+"""Squared Mahalanobis distance within which a pose that was found is the last one."""
 
 
 def run(
@@ -80,13 +85,15 @@ def run(
             "association: expected nearest, found known, but the log does not name "
             "the landmarks it sees"
         )
+    remark = locate_start(slam, log)
     log = replace(log, start=slam.filter.pose, odometry_bias=slam.odometry_bias)
     begins = len(slam.filter) == 0
     result = _filtered(log, slam, progress, recorder)
+    if not begins:
+        unsmoothed = "not smoothed: the run began in a map" * slam.config.smooth
+        return replace(result, remark="; ".join(filter(None, (remark, unsmoothed))))
     if not slam.config.smooth:
         return result
-    if not begins:
-        return replace(result, remark="not smoothed: the run began in a map")
     try:
         return smooth(log, result, slam.config)
     except LogError as error:
@@ -188,14 +195,42 @@ def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory
     return Trajectory(log.time, pose, covariance)
 
 
-def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
-    """Find the first pose of a log in a map, by its first scans and without a prior.
+def locate_start(slam: Slam, log: LandmarkLog) -> str:
+    """Sets the first pose of a log in a map by its first scans, unless it is given.
+
+    That is where it is unknown, or where the scans contradict the pose at which the map was saved.
+    If no pose is certain, it stays unknown, or the last one.
+
+    Returns:
+        A remark where the scans contradict the last pose, else nothing.
+    """
+    if slam.start == "given":
+        return ""
+    unknown = slam.start == "unknown"
+    try:
+        pose, covariance = find_start(slam, log, anywhere=unknown)
+    except LogError:
+        return ""
+    square = normalized_squared(pose_difference(pose, slam.pose), slam.pose_covariance + covariance)
+    if not unknown and square < SAME_POSE:
+        return ""
+    slam.filter.reset_pose(pose, covariance)
+    slam.start = "given"
+    return "" if unknown else "the first scans contradict the last pose: the start was searched"
+
+
+def find_start(
+    slam: Slam, log: LandmarkLog, *, anywhere: bool = True
+) -> tuple[FloatArray, FloatArray]:
+    """Find the first pose of a log in a map, by its first scans and their labels.
 
     This looks ahead to the scan that decides; `Relocalizer` finds a live robot at that scan.
 
     Args:
         slam: with the map, as `Slam.load` gives it.
         log: of which the first scans are used, as many as are needed.
+        anywhere: whether the pose of the filter is no likelier than others; else it is one
+            hypothesis, and several scans must agree.
 
     Returns:
         The first pose (3,) in the frame of the map, and its covariance (3, 3), which includes
@@ -206,15 +241,21 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
     """
     log = in_robot_frame(log)
     ekf, scans, best = slam.filter, 0, 0.0
-    search = PoseSearch(ekf, ekf.ids, anywhere=True, min_probability=START_PROBABILITY, scans=1)
+    search = PoseSearch(ekf, ekf.ids, anywhere=False)
+    if anywhere:
+        search = PoseSearch(ekf, ekf.ids, anywhere=True, min_probability=START_PROBABILITY, scans=1)
+    labels = slam.landmarks.landmarks_of(labels_of(log.landmark, log.text_names))
+    whole = ~np.isnan(log.observation).any(1)
     for step in range(len(log.time)):
         if step > 0:
             search.predict(log.control[step - 1], log.control_covariance[step - 1])
-        scan = log.observation_pose == step
-        if not scan.any() or scans == MAX_SCANS:
+        scan = (log.observation_pose == step) & whole
+        if scans == (MAX_SCANS if anywhere else MAX_SCANS_AT_LAST):
+            break
+        if not scan.any():
             continue
         z, R = log.observation[scan], log.observation_covariance[scan]
-        found = search.add(z, R, np.full(len(z), -1))
+        found = search.add(z, R, labels[scan])
         scans += 1
         best = float(found.probability[0]) if len(found) > 0 else best
         if search.is_found:
