@@ -126,7 +126,7 @@ def test_the_command_takes_a_survey(run, tmp_path, survey, log):
     assert "no covariance of 40 landmarks" in err
     summary = json.loads((tmp_path / "out" / "run.json").read_text())
     assert summary["map_landmarks"] == 40
-    assert summary["position_unaligned_rmse_m"] < 0.15
+    assert summary["filtered_position_unaligned_rmse_m"] < 0.15
     code, _, err = run(*words, "--start", "last")
     assert code == 2
     assert "--start: expected search, log or X,Y,HEADING with a .csv" in err
