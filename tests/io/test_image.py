@@ -14,7 +14,7 @@ from PIL import ImageOps
 
 from saccade.batch import open_source
 from saccade.errors import ImageError, ImageWarning
-from saccade.io.image import as_gray, as_rgb, find_images, read_image
+from saccade.io.image import as_gray, as_rgb, find_images, read_image, read_orientation
 from support.error_checks import refuses
 
 COLORS = np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3)
@@ -165,6 +165,41 @@ def test_every_dtype_means_the_same_picture(pixels):
     opaque = np.full(pixels.shape[:2], 255, np.uint8)
     np.testing.assert_array_equal(as_rgb(np.dstack([pixels, opaque])), expected)
     np.testing.assert_array_equal(as_rgb(pixels[:, ::-1])[:, ::-1], expected)
+
+
+@pytest.mark.parametrize("predictor", [1, 2])
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_a_gray_tiff_of_16_bits_lies_on_white(tmp_path, rng, order, predictor, orientation):
+    """A file by the specification: samples of gray and opacity in turn, deflated."""
+    gray, alpha = rng.integers(0, 1 << 16, (2, 5, 7)).astype(np.uint16)
+    alpha[:3, 2] = (0, 65535, 32768)
+    rows = np.dstack([gray, alpha])
+    if predictor == 2:
+        rows = np.diff(rows, axis=1, prepend=np.uint16(0))
+    strip = zlib.compress(rows.astype(f"{order}u2").tobytes())
+    tags = [
+        *((256, "H", 7), (257, "H", 5), (258, "HH", 16, 16), (259, "H", 8), (262, "H", 1)),
+        *((273, "I", 8), (274, "H", orientation), (277, "H", 2), (278, "H", 5)),
+        *((279, "I", len(strip)), (284, "H", 1), (317, "H", predictor), (338, "H", 2)),
+    ]
+    strip += bytes(len(strip) % 2)
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", 8 + len(strip))
+    entries = [
+        struct.pack(f"{order}HHI", tag, 4 if kind == "I" else 3, len(values))
+        + struct.pack(order + kind, *values).ljust(4, b"\0")
+        for tag, kind, *values in tags
+    ]
+    path = tmp_path / "a.tif"
+    path.write_bytes(
+        head + strip + struct.pack(f"{order}H", len(tags)) + b"".join(entries) + bytes(4)
+    )
+    opacity = alpha / 65535
+    expected = gray / 65535 * opacity + 1 - opacity
+    expected = np.rot90(expected, -1) if orientation == 6 else expected
+    found = read_image(path)
+    np.testing.assert_allclose(found, np.repeat(expected[:, :, None], 3, axis=2), atol=1e-5)
+    assert read_orientation(path) == orientation
 
 
 def test_transparency_lies_on_white_and_a_trace_over_one_is_cut_off(rng):

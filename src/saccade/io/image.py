@@ -24,6 +24,7 @@ from saccade.io.files import (
     read_bytes,
     reading,
 )
+from saccade.io.gray_alpha_tiff import find_gray_alpha, split_opacity
 from saccade.types import Float32Array, Image
 
 Color: TypeAlias = tuple[float, float, float]
@@ -55,6 +56,8 @@ class Header(NamedTuple):
     tiff: bool = False
     """Whether it is a TIFF, which OpenCV turns upright, and whose 8-bit colors it multiplies by
     their opacity."""
+    multiplied: bool = False
+    """Whether the stored colors are multiplied by their opacity."""
 
 
 def composite(
@@ -143,6 +146,7 @@ def decode_image(
     except ImageError:  # of a format that OpenCV alone reads
         header = Header(0, 0)
     multiplied = header.tiff and pixels.dtype == np.uint8 and pixels.ndim == 3
+    multiplied |= header.multiplied
     if pixels.ndim == 2 and header.transparent:
         pixels = _with_opacity(pixels, data)
     if pixels.ndim == 3 and pixels.shape[2] == 4:
@@ -201,6 +205,9 @@ def read_header(data: bytes, name: str) -> Header:
     Raises:
         ImageError: not an image, or the header gives an enormous size.
     """
+    if gray := find_gray_alpha(data, name):
+        multiplied = gray.multiplied
+        return Header(gray.width, gray.height, gray.orientation, True, multiplied=multiplied)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of its size and its metadata
@@ -227,6 +234,8 @@ def _decode(data: bytes, name: str) -> npt.NDArray[Any]:
         raise ImageError(f"{name}: expected an image, found an empty file")
     if _is_truncated(data):
         raise ImageError(f"{name}: the image is cut short")
+    if gray := find_gray_alpha(data, name):
+        return split_opacity(_decode(gray.data, name), gray.differs)
     with quiet_opencv():
         try:
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

@@ -1,0 +1,90 @@
+"""Gray TIFF images of 16 bits with an opacity, of which OpenCV and Pillow read gray alone, or none.
+
+They are decoded as an image that is twice as wide, whose samples are in turn gray and opacity.
+Source of tags: Adobe, "TIFF Revision 6.0".
+"""
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.errors import ImageError
+
+WIDTH, HEIGHT, BITS, PHOTOMETRIC = 256, 257, 258, 262
+ORIENTATION, SAMPLES, PLANAR, PREDICTOR = 274, 277, 284, 317
+TILE_WIDTH, EXTRA_SAMPLES, SAMPLE_FORMAT = 322, 338, 339
+SHORT, LONG = 3, 4
+"""Types of the values of tags."""
+ASSOCIATED = 1
+"""Value of ExtraSamples for colors that are multiplied by their opacity."""
+
+
+class GrayAlpha(NamedTuple):
+    """A gray image with an opacity."""
+
+    width: int
+    height: int
+    orientation: int
+    """EXIF orientation, 1 to 8."""
+    multiplied: bool
+    """Whether gray is multiplied by the opacity."""
+    differs: bool
+    """Whether rows are stored as differences from the sample before."""
+    data: bytes
+    """The file of the image that is twice as wide."""
+
+
+def find_gray_alpha(data: bytes, name: str) -> GrayAlpha | None:
+    """The image in the bytes of a file; None for all other kinds of files.
+
+    Raises:
+        ImageError: it is stored in tiles of differences, in planes or inverted; names the file.
+    """
+    order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
+    try:
+        (start,) = struct.unpack_from(f"{order}I", data, 4) if order else (len(data),)
+        (count,) = struct.unpack_from(f"{order}H", data, start)
+        rows = [struct.unpack_from(f"{order}HHI4s", data, start + 2 + 12 * k) for k in range(count)]
+    except struct.error:
+        return None
+    entries = {tag: rest for tag, *rest in rows}
+
+    def number(tag: int, default: int) -> int:
+        kind, _, value = entries.get(tag, (LONG, 1, struct.pack(f"{order}I", default)))
+        return int(struct.unpack_from(f"{order}{'H' if kind == SHORT else 'I'}", value)[0])
+
+    if number(SAMPLES, 1) != 2 or number(BITS, 1) != 16:
+        return None
+    differs = number(PREDICTOR, 1) == 2
+    if number(PLANAR, 1) != 1 or number(PHOTOMETRIC, 1) != 1 or (differs and TILE_WIDTH in entries):
+        raise ImageError(f"{name}: expected another kind of gray TIFF with opacity; save it as PNG")
+    changed = {WIDTH: 2 * number(WIDTH, 0), BITS: 16, SAMPLES: 1}
+    changed |= {TILE_WIDTH: 2 * number(TILE_WIDTH, 0)} if TILE_WIDTH in entries else {}
+    for tag, value in changed.items():
+        entries[tag] = [LONG, 1, struct.pack(f"{order}I", value)]
+    kept = sorted(entries.keys() - {EXTRA_SAMPLES, ORIENTATION, SAMPLE_FORMAT})
+    table = struct.pack(f"{order}H", len(kept))
+    table += b"".join(struct.pack(f"{order}HHI4s", tag, *entries[tag]) for tag in kept)
+    body = data + bytes(len(data) % 2)
+    wide = body[:4] + struct.pack(f"{order}I", len(body)) + body[8:] + table + bytes(4)
+    turned = number(ORIENTATION, 1)
+    return GrayAlpha(
+        number(WIDTH, 0) // 2,
+        number(HEIGHT, 0),
+        turned if turned in range(1, 9) else 1,
+        number(EXTRA_SAMPLES, 0) == ASSOCIATED,
+        differs,
+        wide,
+    )
+
+
+def split_opacity(pixels: npt.NDArray[np.uint16], differs: bool) -> npt.NDArray[np.uint16]:
+    """(H, W, 4) RGBA of the pixels (H, 2W) of the image that is twice as wide."""
+    pairs = pixels.reshape(len(pixels), -1, 2)
+    if differs:  # undone between neighbors, which are gray and opacity
+        steps = np.diff(pixels, axis=1, prepend=np.uint16(0)).reshape(pairs.shape)
+        pairs = np.cumsum(steps, axis=1, dtype=np.uint16)
+    gray, opacity = pairs[:, :, 0], pairs[:, :, 1]
+    return np.dstack([gray, gray, gray, opacity])
