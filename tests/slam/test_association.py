@@ -14,17 +14,17 @@ from saccade.slam import (
     Retraction,
     observe,
 )
-from saccade.slam.association._kernels import (
+from saccade.slam.association._kernels import prefilter_landmarks, squared_distance
+from saccade.slam.association.labels import LabelAssociation
+from saccade.slam.association.nearest_neighbor import (
     DROPPED,
     NEW,
     Gates,
-    pair_mutual,
-    pair_nearest_first,
-    prefilter_landmarks,
-    squared_distance,
+    associate_by_geometry,
+    mahalanobis_squared,
+    mutual_pairs,
+    nearest_first,
 )
-from saccade.slam.association.labels import LabelAssociation
-from saccade.slam.association.nearest_neighbor import associate_by_geometry, mahalanobis_squared
 from saccade.slam.landmarks import CullingPolicy, LandmarkTable
 
 R = np.diag([0.01, 1e-4])
@@ -79,8 +79,8 @@ def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too
 
 @given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
 def test_pairs_exclude_each_other_and_no_better_pair_is_left(distance, limit):
-    paired = np.empty(len(distance), np.int64)
-    pair_nearest_first(distance, limit, paired)
+    paired = nearest_first(distance)
+    paired[distance[np.arange(5), paired] > limit] = -1
     taken = paired[paired >= 0]
     assert len(set(taken.tolist())) == len(taken)
     for row in range(5):
@@ -125,17 +125,13 @@ def test_distance_is_the_nis_of_an_update_where_range_and_bearing_correlate():
         np.testing.assert_allclose(distance[landmark, landmark], nis, rtol=1e-9)
 
 
-@given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
-def test_mutual_pairs_are_the_nearest_of_each_other(distance, limit):
-    paired = np.empty(len(distance), np.int64)
-    pair_mutual(distance, limit, paired)
-    for row, column in enumerate(paired.tolist()):
-        if column != DROPPED:
-            assert distance[row, column] <= limit
+@given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)))
+def test_mutual_pairs_are_the_nearest_of_each_other(distance):
+    for row, column in enumerate(mutual_pairs(distance).tolist()):
+        if column >= 0:
             assert distance[row, column] == distance[row].min() == distance[:, column].min()
         elif len(np.unique(distance)) == distance.size:  # without ties
-            nearest = distance[row].argmin()
-            assert distance[row, nearest] > limit or distance[:, nearest].argmin() != row
+            assert distance[:, distance[row].argmin()].argmin() != row
 
 
 @pytest.mark.parametrize("retraction", list(Retraction))

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives, log_determinant
+from saccade.slam.association.nearest_neighbor import NEW
 from saccade.slam.consistency import normalized_squared
-from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
+from saccade.slam.filter._kernels import write_pose
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import new_innovations
+from saccade.slam.filter.models import Innovations, new_innovations
 from saccade.slam.landmarks import LandmarkTable
 from saccade.slam.models import wrap
 from saccade.slam.scans import Scan

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.landmark_names import Label, labels_of
-from saccade.slam.association._kernels import DROPPED
+from saccade.slam.association.nearest_neighbor import DROPPED
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.models import observe
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Table, column

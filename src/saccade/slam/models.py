@@ -6,8 +6,7 @@ from math import cos, sin
 import numpy as np
 import numpy.typing as npt
 
-from saccade.slam.filter._kernels import wrapped
-from saccade.slam.filter._range_bearing_kernels import MIN_RANGE
+from saccade.slam.filter._kernels import MIN_RANGE, wrapped
 from saccade.slam.filter.validation import as_numbers, check_vector
 from saccade.types import FloatArray
 

@@ -9,8 +9,8 @@ from scipy.linalg import block_diag
 
 from saccade.errors import ConfigError, LogError, require
 from saccade.landmark_names import label_array
-from saccade.slam.association._kernels import DROPPED, NEW
 from saccade.slam.association.labels import LabelAssociation
+from saccade.slam.association.nearest_neighbor import DROPPED, NEW
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam

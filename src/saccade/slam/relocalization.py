@@ -130,7 +130,7 @@ class Relocalizer:
         Raises:
             LogError: an observation or covariance is not finite.
         """
-        check_all("observation", z, R)
+        check_all("observation", z, R.copy())
         self._remember(z, R, np.full(len(z), -1) if landmark is None else landmark)
         proposals = self._tracked
         if self._total < SETTLED:

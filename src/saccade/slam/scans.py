@@ -15,7 +15,7 @@ from saccade.slam.filter.validation import (
     as_array,
     as_number,
     as_numbers,
-    check_noise,
+    check_all,
     check_range_bearing,
     require_shape,
 )
@@ -59,7 +59,7 @@ def checked_scan(
         c = 3 if np.size(control) == 3 else 2
         u = np.array(as_array("control", (c,), control), np.float64)
         C = np.array(as_array("covariance of the control", (c, c), U), np.float64)
-        check_noise("control", u[None], C[None], config.motion_noise_scale**2)
+        check_all("control", u[None], C[None], config.motion_noise_scale**2)
         motion = u, C
     z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
     if z.size == 0:
@@ -72,7 +72,7 @@ def checked_scan(
     C = np.tile(C, (k, 1, 1)) if C.shape == (2, 2) else C.copy()
     require_shape("covariances of the observations", (k, 2, 2), C)
     check_range_bearing(z)
-    check_noise("observation", z, C, config.sensor_noise_scale**2, MIN_SIGMA)
+    check_all("observation", z, C, config.sensor_noise_scale**2, MIN_SIGMA)
     return Scan(seconds, motion, z, C, found)
 
 
@@ -85,8 +85,8 @@ def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
     log = in_robot_frame(log)
     u, U = (np.array(each, np.float64, order="C") for each in (log.control, log.control_covariance))
     z, R = np.array(log.observation, np.float64), np.array(log.observation_covariance, np.float64)
-    check_noise("control", u, U, config.motion_noise_scale**2)
-    check_noise("observation", z, R, config.sensor_noise_scale**2, MIN_SIGMA)
+    check_all("control", u, U, config.motion_noise_scale**2)
+    check_all("observation", z, R, config.sensor_noise_scale**2, MIN_SIGMA)
     check_range_bearing(z)
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1)).tolist()
     labels = labels_of(log.landmark, log.text_names)

@@ -11,8 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.landmark_names import Label
-from saccade.slam.association._kernels import DROPPED, NEW, Gates, compare_with_landmarks
-from saccade.slam.association.nearest_neighbor import associate_by_geometry
+from saccade.slam.association._kernels import compare_with_landmarks
+from saccade.slam.association.nearest_neighbor import (
+    DROPPED,
+    NEW,
+    Gates,
+    associate_by_geometry,
+)
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam

@@ -1,14 +1,32 @@
 """Nearest-neighbor data association by Mahalanobis distances."""
 
+from typing import NamedTuple
+
 import numpy as np
 
-from saccade.slam.association._kernels import (
-    Gates,
-    associate_nearest,
-    mahalanobis_distances,
-)
+from saccade.slam.association._kernels import mahalanobis_distances, prefilter_landmarks
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.models import expected
 from saccade.types import BoolArray, FloatArray, IntArray
+
+NEW = -1
+"""No landmark of the map is near the observation: it may become one."""
+DROPPED = -2
+"""Ambiguous: near a landmark, but outside its gate, or not near that one alone."""
+AMBIGUITY_MARGIN = 3.0
+"""A pair is ambiguous if the squared Mahalanobis distance of the observation from an unpaired
+landmark is larger by less than this: the pair is less than four times as likely."""
+
+
+class Gates(NamedTuple):
+    """Parameters of nearest-neighbor association."""
+
+    gate: float
+    """Squared Mahalanobis distance up to which an observation may be paired with a landmark."""
+    new_gate: float
+    """Squared Mahalanobis distance from every landmark beyond which an observation is new."""
+    mutual: bool
+    """Whether a pair must be the nearest for both."""
 
 
 def associate_by_geometry(
@@ -37,13 +55,70 @@ def associate_by_geometry(
     Returns:
         (m,) the id of the landmark, `NEW` or `DROPPED`.
     """
-    ids, paired = ekf.active_ids, np.empty(len(z), np.int64)
-    used = ekf.rows(np.empty(0, np.int64) if taken is None else taken)
-    confirmed = np.ones(len(ids), np.bool_) if confirmed is None else confirmed
-    associate_nearest(ekf.active, z, R, gates, used, confirmed, paired)
+    f, ids = ekf.active, ekf.active_ids
+    near = np.empty(len(ids), np.int64)
+    near = near[: prefilter_landmarks(f, z, R, gates.new_gate, near)]
+    distance = np.empty((len(z), len(near)))
+    mahalanobis_distances(*expected(f, near), z, R, gates.new_gate, distance)
+    used = np.zeros(len(near), np.bool_) if taken is None else np.isin(ids[near], taken)
+    more = np.ones(len(near), np.bool_) if confirmed is None else confirmed[near]
+    paired = select_pairs(distance, gates, used, more)
     found = paired >= 0
-    paired[found] = ids[paired[found]]
+    paired[found] = ids[near[paired[found]]]
     return paired
+
+
+def select_pairs(
+    distance: FloatArray, gates: Gates, taken: BoolArray, confirmed: BoolArray
+) -> IntArray:
+    """(m,) column of each row of squared distances (m, c), `NEW` or `DROPPED`.
+
+    An observation that is near a column that is `taken` (c,) is not new, but is not paired with it
+    either. For `confirmed` columns (c,), see `drop_ambiguous`.
+    """
+    paired = np.full(len(distance), NEW)
+    if distance.size == 0:
+        return paired
+    distance = np.where(taken & (distance <= gates.new_gate), gates.new_gate, distance)
+    pairs = mutual_pairs(distance) if gates.mutual else nearest_first(distance)
+    paired = np.where(distance[np.arange(len(pairs)), pairs] <= gates.gate, pairs, DROPPED)
+    paired[pairs < 0] = DROPPED
+    drop_ambiguous(distance, confirmed, paired)
+    paired[np.isin(paired, np.flatnonzero(taken))] = DROPPED
+    paired[(distance > gates.new_gate).all(1)] = NEW
+    return paired
+
+
+def mutual_pairs(distance: FloatArray) -> IntArray:
+    """(m,) column of each row that is mutually nearest to it, else -1; of ties, the first."""
+    column = distance.argmin(1)
+    mutual = distance.argmin(0)[column] == np.arange(len(distance))
+    return np.where(mutual, column, -1)
+
+
+def nearest_first(distance: FloatArray) -> IntArray:
+    """(m,) column of each row, paired greedily with the smallest distance first, else -1."""
+    paired, used = np.full(len(distance), -1), set[int]()
+    order = np.argsort(distance, axis=None, kind="stable")
+    for row, column in zip(*np.unravel_index(order, distance.shape), strict=True):
+        if paired[row] < 0 and int(column) not in used:
+            paired[row] = column
+            used.add(int(column))
+    return paired
+
+
+def drop_ambiguous(distance: FloatArray, confirmed: BoolArray, paired: IntArray) -> None:
+    """Drops pairs of distances (m, c) for which an unpaired column is almost as near.
+
+    For a pair with a confirmed column (c,), only confirmed ones count: next to a landmark, a
+    candidate is most often one of its own observations that was outside of its gate.
+    """
+    row = np.flatnonzero(paired >= 0)
+    column = paired[row]
+    rival = confirmed | ~confirmed[column, None]
+    rival[:, column] = False
+    near = distance[row] <= distance[row, column, None] + AMBIGUITY_MARGIN
+    paired[row[(near & rival).any(1)]] = DROPPED
 
 
 def mahalanobis_squared(

@@ -1,4 +1,4 @@
-"""EKF prediction, update and augmentation, in place on a `FilterState`.
+"""EKF prediction and update (C.5-C.14), in place on a `FilterState`.
 
 What is stored of the covariance is that of the errors
 
@@ -13,63 +13,17 @@ the landmarks' covariance by the noise of the heading only. In the standard filt
 No kernel runs out of room: `state.with_capacity` is called before a scan.
 """
 
-from math import sin, sqrt
+from math import atan2, cos, hypot, isnan, sin, sqrt
 
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.slam.filter._state_kernels import INVARIANT, STANDARD, FilterState, num_rows
-from saccade.types import FloatArray
+from saccade.slam.filter._row_kernels import _add_two_rows, _multiply_covariance, _scale_and_add
+from saccade.slam.filter._state_kernels import INVARIANT, FilterState, num_rows
+from saccade.types import FloatArray, IntArray
 
-
-@kernel(fastmath=("contract",))
-def _scale_and_add(row: FloatArray, keep: float, factor: float, other: FloatArray) -> None:
-    """Set row = keep row + factor other."""
-    for j in range(len(row)):
-        row[j] = keep * row[j] + factor * other[j]
-
-
-@kernel(fastmath=("contract",))
-def _add_two_rows(row: FloatArray, a: float, x: FloatArray, b: float, y: FloatArray) -> None:
-    """Add a x + b y to row."""
-    for j in range(len(row)):
-        row[j] += a * x[j] + b * y[j]
-
-
-@kernel(fastmath=("contract",))
-def _add_eight_rows(
-    row: FloatArray, w: FloatArray, rows: FloatArray, i: int, r: int, n: int
-) -> None:
-    """Add w (8,) rows[i : i + 8] from r to n to row."""
-    a, b, c, d, e, f, g, h = w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7]
-    s, t, u, v = rows[i, r:n], rows[i + 1, r:n], rows[i + 2, r:n], rows[i + 3, r:n]
-    x, y, p, q = rows[i + 4, r:n], rows[i + 5, r:n], rows[i + 6, r:n], rows[i + 7, r:n]
-    for j in range(len(row)):
-        one = (a * s[j] + b * t[j]) + (c * u[j] + d * v[j])
-        row[j] += one + ((e * x[j] + f * y[j]) + (g * p[j] + h * q[j]))
-
-
-@kernel()
-def _add_product(
-    V: FloatArray, D: FloatArray, r: int, m: int, sign: float, Y: FloatArray, used: int, n: int
-) -> None:
-    """Add the product of D and sign Y^T Y, of the first `used` rows of Y, to V (2, n)."""
-    w = np.empty((2, used))
-    for k in range(2):
-        for i in range(used):
-            w[k, i] = sign * (D[k, r] * Y[i, m] + D[k, r + 1] * Y[i, m + 1])
-    x, y, eights = V[0, r:n], V[1, r:n], used // 8 * 8
-    for i in range(0, eights, 8):
-        _add_eight_rows(x, w[0, i : i + 8], Y, i, r, n)
-        _add_eight_rows(y, w[1, i : i + 8], Y, i, r, n)
-    for i in range(eights, used - 1, 2):
-        _add_two_rows(x, w[0, i], Y[i, r:n], w[0, i + 1], Y[i + 1, r:n])
-        _add_two_rows(y, w[1, i], Y[i, r:n], w[1, i + 1], Y[i + 1, r:n])
-    if used % 2 == 1:
-        _scale_and_add(x, 1.0, w[0, used - 1], Y[used - 1, r:n])
-        _scale_and_add(y, 1.0, w[1, used - 1], Y[used - 1, r:n])
-
-
+MIN_RANGE = 1e-6
+"""Meters; a landmark closer than this to the robot has no bearing."""
 SINGULAR = 1e-13
 """An innovation variance below this fraction of the terms that it is the sum of counts as zero."""
 ROUNDING = 1e-9
@@ -85,19 +39,12 @@ def wrapped(angle: float) -> float:
 
 
 @kernel()
-def _squared_norm(x: float, y: float) -> float:
-    """x^2 + y^2; Numba compiles `x ** 2` with the flags of whichever kernel comes first."""
-    return x * x + y * y
-
-
-@kernel()
-def _sandwich(
-    A: FloatArray, C: FloatArray, noise: FloatArray, scale: float, out: FloatArray, n: int, m: int
-) -> None:
-    """Fill out (n, n) = A C A^T + scale noise, C and noise symmetric; A's shape is (n, m)."""
+def _add_sandwich(A: FloatArray, C: FloatArray, out: FloatArray) -> None:
+    """Add A C A^T to out (n, n), A of shape (n, m), C and out symmetric."""
+    n, m = A.shape
     for i in range(n):
         for j in range(i + 1):
-            total = scale * noise[i, j]
+            total = out[i, j]
             for k in range(m):
                 part = 0.0
                 for o in range(m):
@@ -107,51 +54,78 @@ def _sandwich(
 
 
 @kernel(fastmath=("contract",))
-def predict(f: FilterState, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
-    """Move the robot to `moved` (r,) with Jacobian F (r, r) and noise Q (r, r) (C.5-C.6)."""
-    r, n, now = f.robot_size, num_rows(f), f.now
-    P, old, a, state = f.P, f.robot_rows, f.heading_lever, f.state
-    G, Pxx, covariance = np.empty((r, r)), np.empty((r, r)), np.zeros(r)
+def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None:
+    """Predict the state after a control u (c,) with covariance U (c, c) (C.5-C.9).
+
+    The models of motion are `models.turn_then_translate`, u (2,), and `models.compose`, u (3,).
+    D (c, r - 3) is the Jacobian of the control by the robot's states beyond the pose.
+    """
+    r, n, P, a, now = f.robot_size, num_rows(f), f.P, f.heading_lever, f.now
+    Fx, Fu = np.empty((r, r)), np.empty((r, len(u)))
+    Pxx, new, turn = np.empty((r, r)), np.empty((r, r)), np.empty(r)
+    _move(f, u, D, Fx, Fu)  # C.5, C.8, C.9
+    for i in range(r):
+        for k in range(r):
+            Pxx[i, k], new[i, k] = P[i, k], 0.0
+    _add_sandwich(Fu, U, new)  # C.7, Q
     now.lowest_heading_variance = min(now.lowest_heading_variance, now.heading_variance)
-    for i in range(r):
+    if f.error_state == INVARIANT:
+        variance = new[2, 2]
+        for i in range(r):  # covariance of the moved robot with the error of the turn
+            turn[i] = new[i, 2]
         for k in range(r):
-            G[i, k], Pxx[i, k] = F[i, k], P[i, k]
-        G[i, 2] += F[i, 0] * a[0] + F[i, 1] * a[1]  # by eta
-    if f.error_state == INVARIANT:  # covariance of the moved robot with the turn's error
-        before, turn = 0.0, np.empty(r)
-        for k in range(r):
-            turn[k] = G[2, k] - (1.0 if k == 2 else 0.0)
-        for k in range(r):
-            with_turn = 0.0
+            biased = 0.0
+            for j in range(3, r):
+                biased += Pxx[k, j] * Fx[2, j]
+            variance += Fx[2, k] * biased if k > 2 else 0.0
             for i in range(r):
-                with_turn += Pxx[k, i] * turn[i]
-            before += with_turn if k == 2 else 0.0
-            for i in range(r):
-                covariance[i] += G[i, k] * with_turn
-        for i in range(r):
-            covariance[i] += Q[i, 2]
-        _add_heading_noise(f, turn, covariance[2] - before)
-    _sandwich(G, Pxx, Q, 1.0, P, r, r)  # C.6, Pxx
-    for i in range(r):
-        _scale_and_add(old[i, r:n], 0.0, 1.0, P[i, r:n])
+                turn[i] += Fx[i, k] * biased
+        _add_heading_noise(f, Fx[2], variance)
+    _add_sandwich(Fx, Pxx, new)  # C.6, Pxx
     for i in range(r):
         row = P[i, r:n]
         if f.error_state == INVARIANT:
-            _scale_and_add(row, G[i, i], -covariance[i], a[r:n])
-        elif G[i, i] != 1:
-            _scale_and_add(row, G[i, i], 0.0, row)
+            _scale_and_add(row, 1.0, -turn[i], a[r:n])
+        for k in range(max(i + 1, 2), r):
+            if Fx[i, k] != 0:
+                _scale_and_add(row, 1.0, Fx[i, k], P[k, r:n])  # C.6, Pxm
         for k in range(r):
-            if k != i and G[i, k] != 0:
-                _scale_and_add(row, 1.0, G[i, k], old[k, r:n])  # C.6, Pxm
-        state[i] = moved[i]  # C.5
+            P[i, k] = new[i, k]
+
+
+@kernel()
+def _move(f: FilterState, u: FloatArray, D: FloatArray, Fx: FloatArray, Fu: FloatArray) -> None:
+    """Move the robot (C.5); fill Fx (r, r), by eta, and Fu (r, c) (C.8, C.9)."""
+    s, a, r, c = f.state, f.heading_lever, f.robot_size, len(u)
+    real = np.empty(c)  # the control without biases
+    for j in range(c):
+        real[j] = u[j]
+        for k in range(r - 3):
+            real[j] += D[j, k] * s[3 + k]
+    angle = s[2] + (real[1] if c == 2 else 0.0)
+    cosine, sine, left = cos(angle), sin(angle), real[1] if c == 3 else 0.0
+    dx, dy = cosine * real[0] - sine * left, sine * real[0] + cosine * left
+    for i in range(r):
+        for j in range(c):
+            Fu[i, j] = 0.0
+        for k in range(r):
+            Fx[i, k] = 1.0 if i == k else 0.0
+    Fu[0, 0], Fu[1, 0], Fu[2, c - 1] = cosine, sine, 1.0
+    Fu[0, 1], Fu[1, 1] = (-dy, dx) if c == 2 else (-sine, cosine)
+    Fx[0, 2], Fx[1, 2] = a[0] - dy, a[1] + dx
+    for i in range(3):
+        for k in range(3, r):
+            for j in range(c):
+                Fx[i, k] += Fu[i, j] * D[j, k - 3]
+    s[0], s[1], s[2] = s[0] + dx, s[1] + dy, wrapped(s[2] + real[c - 1])
     a[0] = a[1] = 0.0
 
 
 @kernel(fastmath=("contract",))
-def _add_heading_noise(f: FilterState, turn: FloatArray, variance: float) -> None:
+def _add_heading_noise(f: FilterState, by_robot: FloatArray, variance: float) -> None:
     """Change the landmarks' eta by -a e, e the error of a turn with this variance.
 
-    It is turn . eta of the robot before the motion, plus noise.
+    It is noise plus `by_robot` (r,) times the robot's eta beyond the pose, before the motion.
     """
     if variance <= 0:
         return
@@ -160,9 +134,9 @@ def _add_heading_noise(f: FilterState, turn: FloatArray, variance: float) -> Non
     y, x = updates[now.updates, r:n], f.downdates[now.downdates, r:n]
     root, coupled = sqrt(variance), False
     _scale_and_add(y, 0.0, root, a)
-    for k in range(r):
-        if turn[k] != 0:
-            _scale_and_add(x, 1.0 if coupled else 0.0, turn[k] / root, P[k, r:n])
+    for k in range(3, r):
+        if by_robot[k] != 0:
+            _scale_and_add(x, 1.0 if coupled else 0.0, by_robot[k] / root, P[k, r:n])
             coupled = True
     if coupled:
         _scale_and_add(y, 1.0, -1.0, x)
@@ -181,79 +155,150 @@ def _add_heading_noise(f: FilterState, turn: FloatArray, variance: float) -> Non
 @kernel(fastmath=("contract",))
 def _add_to_blocks(f: FilterState, y: FloatArray, sign: float) -> None:
     """Add sign y^T y, y (2N,), to the diagonal blocks of the landmarks."""
-    blocks, xy = f.blocks, y.reshape((len(y) // 2, 2))
+    blocks = f.blocks
     for i in range(f.now.landmarks):
-        first, second = xy[i, 0], xy[i, 1]
+        first, second = y[2 * i], y[2 * i + 1]
         blocks[i, 0] += sign * first * first
         blocks[i, 1] += sign * first * second
         blocks[i, 2] += sign * second * second
 
 
 @kernel()
-def update(
-    f: FilterState, m: int, v: FloatArray, H: FloatArray, noise: FloatArray, S: FloatArray
+def update_scan(
+    f: FilterState,
+    z: FloatArray,
+    R: FloatArray,
+    landmark: IntArray,
+    k: int,
+    v: FloatArray,
+    S: FloatArray,
+    nis: FloatArray,
+) -> int:
+    """Update by observations z (n, 2) of landmarks at rows (n,), from the k-th on (C.10-C.14).
+
+    Fills v (n, 2), S (n, 2, 2) and the normalized innovations squared (n,). A negative landmark
+    leaves an observation out; returns the index of the first one that is not in the map, or n.
+    """
+    H, C, D, noise = np.empty((3, 5)), np.empty((5, 5)), np.empty((3, 3)), np.empty((2, 2))
+    now = f.now
+    while k < len(z) and landmark[k] < now.landmarks:
+        if landmark[k] >= 0:
+            m = f.robot_size + 2 * landmark[k]
+            q = _expect(f, m, v[k], H, C, D)
+            v[k, 0], v[k, 1] = z[k, 0] - v[k, 0], wrapped(z[k, 1] - v[k, 1])  # C.10
+            for i in range(2):
+                for j in range(2):
+                    noise[i, j] = R[k, i, j]
+            if f.error_state == INVARIANT and q > MIN_RANGE:
+                _add_second_order(q, D, v[k], noise)
+            nis[k] = _update(f, m, v[k], H, C, D, noise, S[k])
+            if S[k, 0, 0] > 0 and S[k, 1, 1] > 0:
+                range_part = (noise[0, 0] - R[k, 0, 0]) / S[k, 0, 0]
+                now.nonlinearity += max(range_part, (noise[1, 1] - R[k, 1, 1]) / S[k, 1, 1])
+                now.nonlinear_updates += 1
+        k += 1
+    return k
+
+
+@kernel()
+def _update(
+    f: FilterState,
+    m: int,
+    v: FloatArray,
+    H: FloatArray,
+    C: FloatArray,
+    D: FloatArray,
+    noise: FloatArray,
+    S: FloatArray,
 ) -> float:
     """Update by an innovation v (2,) of the landmark at row m; returns the NIS and fills S.
 
     With A the inverse root of S and V = A H P, the gain W = P H^T S^-1 (C.13) is V^T A: W v is V^T
-    (A v), and W S W^T is V^T V.
-
-    Where the root of the NIS exceeds `huber`, the noise is multiplied by their ratio.
-    H (2, r + 2) is by eta of the robot and the landmark, `noise` (2, 2) the covariance of the
-    observation. Only the columns of these two take part in the gain (C.10-C.13).
+    (A v), and W S W^T is V^T V. Where the root of the NIS exceeds `huber`, the noise is multiplied
+    by their ratio. A component of v that is NaN was not observed.
     """
     r, n, P, now = f.robot_size, num_rows(f), f.P, f.now
-    D, A = np.empty((2, r + 2)), np.empty((2, 2))
-    _whiten(f, m, H, noise, 1.0, S, D, A)  # C.12
-    first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
-    nis = first * first + second * second
+    A, B, x = np.empty((2, 2)), np.empty((2, 5)), np.empty(2)
+    nis = _whiten(v, H, C, D, noise, 1.0, S, A, x)
     if nis > f.huber * f.huber:
-        _whiten(f, m, H, noise, sqrt(nis) / f.huber, np.empty((2, 2)), D, A)
-        first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
+        _whiten(v, H, C, D, noise, sqrt(nis) / f.huber, np.empty((2, 2)), A, x)
+    for k in range(2):
+        for i in range(5):
+            B[k, i] = A[k, 0] * H[0, i] + A[k, 1] * H[1, i]
     V = f.downdates[now.downdates : now.downdates + 2]
-    _observed_rows(f, m, D, V)  # C.13
+    _multiply_covariance(f, m, B, V)  # C.13
     for i in range(r):
-        if _squared_norm(V[0, i], V[1, i]) > P[i, i] * (1 + ROUNDING):
+        if V[0, i] * V[0, i] + V[1, i] * V[1, i] > P[i, i] * (1 + ROUNDING):
             V[0, i] = V[1, i] = 0.0
-    _downdate_blocks(f, V)  # C.11
-    x, y = V[0, :n], V[1, :n]
+    _downdate_blocks(f, V)  # C.11, W S W^T = V^T V
     for i in range(r):
-        _add_two_rows(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
+        _add_two_rows(P[i, :n], -V[0, i], V[0, :n], -V[1, i], V[1, :n])  # C.11
     now.downdates += 2
-    retract(f, first, second, V)  # C.10
+    retract(f, x[0], x[1], V)  # C.10, W v = V^T x
     now.heading_variance = P[2, 2]
     return float(nis)
 
 
 @kernel()
+def _expect(
+    f: FilterState, m: int, z: FloatArray, H: FloatArray, C: FloatArray, D: FloatArray
+) -> float:
+    """Fill the expected observation z (2,) of the landmark at row m, and its Jacobian (C.14).
+
+    H (3, 5) is of range, bearing and heading by eta of x, y, theta and the landmark; C (5, 5) is
+    the covariance of these, and D = H C H^T. Returns the range.
+    """
+    s, a, P, blocks = f.state, f.heading_lever, f.P, f.blocks[(m - f.robot_size) // 2]
+    dx, dy = s[m] - s[0], s[m + 1] - s[1]
+    q = hypot(dx, dy)
+    for i in range(3):
+        for j in range(5):
+            H[i, j] = 0.0
+        for j in range(3):
+            C[i, j], D[i, j] = P[i, j], 0.0
+        C[i, 3] = C[3, i] = P[i, m]
+        C[i, 4] = C[4, i] = P[i, m + 1]
+    C[3, 3], C[3, 4], C[4, 3], C[4, 4] = blocks[0], blocks[1], blocks[1], blocks[2]
+    z[0], z[1], H[2, 2] = q, 0.0, 1.0
+    if q > MIN_RANGE:
+        z[1] = wrapped(atan2(dy, dx) - s[2])
+        H[0, 3], H[0, 4], H[1, 3], H[1, 4] = dx / q, dy / q, -dy / q**2, dx / q**2
+        H[1, 2] = -1.0
+        for i in range(2):
+            H[i, 0], H[i, 1] = -H[i, 3], -H[i, 4]
+            H[i, 2] += H[i, 3] * (a[m] - a[0]) + H[i, 4] * (a[m + 1] - a[1])  # by eta
+    _add_sandwich(H, C, D)
+    return q
+
+
+@kernel()
 def _whiten(
-    f: FilterState,
-    m: int,
+    v: FloatArray,
     H: FloatArray,
+    C: FloatArray,
+    D: FloatArray,
     noise: FloatArray,
     scale: float,
     S: FloatArray,
-    D: FloatArray,
     A: FloatArray,
-) -> None:
-    """Fill S (C.12) of an observation as in `update`, its inverse root A (2, 2), and D = A H.
+    x: FloatArray,
+) -> float:
+    """Fill S (C.12), its inverse root A (2, 2), and x = A v (2,); returns the NIS.
 
     A S A^T = 1 on the directions in which S has a variance. One that is much smaller than the
     terms that it is the sum of is rounding.
     """
-    q = f.robot_size + 2
-    C = np.empty((q, q))
-    _joint_covariance(f, m, C)
-    _sandwich(H, C, noise, scale, S, 2, q)
     s0, s1 = 0.0, 0.0
-    for i in range(q):
+    for i in range(5):
         deviation = sqrt(abs(C[i, i]))
         s0 += abs(H[0, i]) * deviation
         s1 += abs(H[1, i]) * deviation
     s0, s1 = s0 * s0 + scale * noise[0, 0], s1 * s1 + scale * noise[1, 1]
+    for i in range(2):
+        for j in range(2):
+            S[i, j], A[i, j] = D[i, j] + scale * noise[i, j], 0.0
     i = 0 if S[0, 0] * s1 >= S[1, 1] * s0 else 1
     j, si, sj = 1 - i, s0 if i == 0 else s1, s1 if i == 0 else s0
-    A[0, 0] = A[0, 1] = A[1, 0] = A[1, 1] = 0.0
     if S[i, i] > SINGULAR * si + TINY:
         ratio = S[i, j] / S[i, i]
         rest = S[j, j] - ratio * S[i, j]
@@ -261,162 +306,95 @@ def _whiten(
         if rest > SINGULAR * sj + TINY:
             A[j, j] = 1 / sqrt(rest)
             A[j, i] = -ratio * A[j, j]
-    for i in range(q):
-        D[0, i] = A[0, 0] * H[0, i] + A[0, 1] * H[1, i]
-        D[1, i] = A[1, 0] * H[0, i] + A[1, 1] * H[1, i]
+    v0, v1 = 0.0 if isnan(v[0]) else v[0], 0.0 if isnan(v[1]) else v[1]
+    x[0], x[1] = A[0, 0] * v0 + A[0, 1] * v1, A[1, 0] * v0 + A[1, 1] * v1
+    return float(x[0] * x[0] + x[1] * x[1])
 
 
 @kernel()
-def _joint_covariance(f: FilterState, m: int, C: FloatArray) -> None:
-    """Fill the covariance (r + 2, r + 2) of eta of the robot and of the landmark at row m."""
-    r, P, blocks = f.robot_size, f.P, f.blocks[(m - f.robot_size) // 2]
-    for i in range(r):
-        for j in range(r):
-            C[i, j] = P[i, j]
-        C[i, r] = C[r, i] = P[i, m]
-        C[i, r + 1] = C[r + 1, i] = P[i, m + 1]
-    C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = blocks[0], blocks[1], blocks[1], blocks[2]
+def _add_second_order(q: float, D: FloatArray, v: FloatArray, noise: FloatArray) -> None:
+    """Subtract the mean of the second-order terms from v (2,), and add their covariance to noise.
 
-
-@kernel(fastmath=("contract",))
-def _observed_rows(f: FilterState, m: int, D: FloatArray, V: FloatArray) -> None:
-    """Fill V (2, n) with the product of D (see `_whiten`) and the covariance of eta."""
-    r, n, P = f.robot_size, num_rows(f), f.P
-    base, cached = 2 * _cached_rows(f, m), f.cached_rows
-    for k in range(2):
-        v, first, second = V[k, :n], D[k, r], D[k, r + 1]
-        _scale_and_add(v, 0.0, D[k, 0], P[0, :n])
-        _add_two_rows(v, D[k, 1], P[1, :n], D[k, 2], P[2, :n])
-        for i in range(3, r):
-            if D[k, i] != 0:
-                _scale_and_add(v, 1.0, D[k, i], P[i, :n])
-        for i in range(r):
-            v[i] += first * P[i, m] + second * P[i, m + 1]
-        _add_two_rows(v[r:], first, cached[base, r:n], second, cached[base + 1, r:n])
-    _add_product(V, D, r, m, -1.0, f.downdates, f.now.downdates, n)
-    _add_product(V, D, r, m, 1.0, f.updates, f.now.updates, n)
-
-
-@kernel()
-def _cached_rows(f: FilterState, m: int) -> int:
-    """Index of the pair of `FilterState.cached_rows` that holds rows m and m + 1 of P.
-
-    Half of each is a column of the upper triangle, which is slow to read; a landmark in view is
-    re-observed many times until the next flush.
+    With along the error of the landmark's distance q, x that of the bearing and turn that of the
+    heading, of which D (3, 3) is the covariance, y = x + turn is the error of the landmark's
+    direction in the map. These terms are q x y / 2 of the range and -along (x + y) / 2q of the
+    bearing (Jazwinski 1970, Gaussian second-order filter).
     """
-    r, n, i, P, pair = f.robot_size, num_rows(f), (m - f.robot_size) // 2, f.P, f.cached_pair
-    if pair[i] < 0:
-        first, second = f.cached_rows[2 * f.now.cached], f.cached_rows[2 * f.now.cached + 1]
-        for j in range(r, m):
-            first[j], second[j] = P[j, m], P[j, m + 1]
-        first[m], first[m + 1] = P[m, m], P[m, m + 1]
-        second[m], second[m + 1] = P[m, m + 1], P[m + 1, m + 1]
-        _scale_and_add(first[m + 2 : n], 0.0, 1.0, P[m, m + 2 : n])
-        _scale_and_add(second[m + 2 : n], 0.0, 1.0, P[m + 1, m + 2 : n])
-        pair[i] = f.now.cached
-        f.now.cached += 1
-    return int(pair[i])
+    along, along_x, along_y = D[0, 0], D[1, 0], D[1, 0] + D[2, 0]
+    xx, xy = D[1, 1], D[1, 1] + D[2, 1]
+    yy = xy + D[2, 1] + D[2, 2]
+    along_mean, mean = (along_x + along_y) / 2, (xx + 2 * xy + yy) / 4
+    x_mean, y_mean = (xx + xy) / 2, (xy + yy) / 2
+    v[0] -= q * xy / 2
+    v[1] = wrapped(v[1] + along_mean / q)
+    noise[0, 0] += q * q * (xx * yy + xy * xy) / 4
+    noise[1, 1] += (along * mean + along_mean * along_mean) / (q * q)
+    both = (along_x * y_mean + along_y * x_mean) / 2
+    noise[0, 1] -= both
+    noise[1, 0] -= both
 
 
 @kernel(fastmath=("contract",))
 def _downdate_blocks(f: FilterState, V: FloatArray) -> None:
     """Subtract V^T V, V (2, n), from the landmarks' diagonal blocks, keeping variances positive."""
-    r, blocks = f.robot_size, f.blocks
-    n = r + 2 * f.now.landmarks
-    x, y = V[0, r:n].reshape((n - r) // 2, 2), V[1, r:n].reshape((n - r) // 2, 2)
-    for i in range(len(x)):
-        if _squared_norm(x[i, 0], y[i, 0]) > blocks[i, 0] * (1 + ROUNDING):
-            x[i, 0] = y[i, 0] = 0.0
-        if _squared_norm(x[i, 1], y[i, 1]) > blocks[i, 2] * (1 + ROUNDING):
-            x[i, 1] = y[i, 1] = 0.0
-        blocks[i, 0] -= _squared_norm(x[i, 0], y[i, 0])
-        blocks[i, 1] -= x[i, 0] * x[i, 1] + y[i, 0] * y[i, 1]
-        blocks[i, 2] -= _squared_norm(x[i, 1], y[i, 1])
+    r, blocks, x, y = f.robot_size, f.blocks, V[0], V[1]
+    for i in range(f.now.landmarks):
+        m = r + 2 * i
+        if x[m] * x[m] + y[m] * y[m] > blocks[i, 0] * (1 + ROUNDING):
+            x[m] = y[m] = 0.0
+        if x[m + 1] * x[m + 1] + y[m + 1] * y[m + 1] > blocks[i, 2] * (1 + ROUNDING):
+            x[m + 1] = y[m + 1] = 0.0
+        blocks[i, 0] -= x[m] * x[m] + y[m] * y[m]
+        blocks[i, 1] -= x[m] * x[m + 1] + y[m] * y[m + 1]
+        blocks[i, 2] -= x[m + 1] * x[m + 1] + y[m + 1] * y[m + 1]
 
 
 @kernel(fastmath=("contract",))
 def retract(f: FilterState, first: float, second: float, V: FloatArray) -> None:
     """Correct the state by the errors first V[0] + second V[1] of eta (C.10).
 
-    The invariant filter corrects by the exponential of SE(2).
+    The invariant filter corrects by the exponential of SE(2), which moves heading levers as well.
     """
-    s, a, r, n = f.state, f.heading_lever, f.robot_size, num_rows(f)
+    s, a, r, n, invariant = f.state, f.heading_lever, f.robot_size, num_rows(f), 0.0
     sine, versine, p, q = 0.0, 0.0, 1.0, 0.0
     turn = first * V[0, 2] + second * V[1, 2]
-    if f.error_state == INVARIANT and turn != 0:
-        sine, versine = sin(turn), 2 * sin(turn / 2) ** 2
-        p, q = sine / turn, versine / turn
+    if f.error_state == INVARIANT:
+        invariant = 1.0
+        if turn != 0:
+            sine, versine = sin(turn), 2 * sin(turn / 2) ** 2
+            p, q = sine / turn, versine / turn
     for i in range(2, r):
         s[i] += first * V[0, i] + second * V[1, i]
     s[2] = wrapped(s[2])
-    by, fixed_lever = (first, second, p, q, sine, versine), f.error_state == STANDARD
-    _retract_points(s[:2], a[:2], V[0, :2], V[1, :2], by, fixed_lever)
-    _retract_points(s[r:n], a[r:n], V[0, r:n], V[1, r:n], by, fixed_lever)
+    for start, end in ((0, 2), (r, n)):
+        for i in range(start, end, 2):
+            d = first * V[0, i] + second * V[1, i]
+            e = first * V[0, i + 1] + second * V[1, i + 1]
+            x = p * d - q * e + sine * a[i] - versine * a[i + 1]
+            y = q * d + p * e + versine * a[i] + sine * a[i + 1]
+            s[i] += x
+            s[i + 1] += y
+            a[i] -= invariant * y
+            a[i + 1] += invariant * x
     f.now.mergeable_variance = 0.0
 
 
-@kernel(fastmath=("contract",))
-def _retract_points(
-    s: FloatArray,
-    a: FloatArray,
-    v: FloatArray,
-    w: FloatArray,
-    by: tuple[float, ...],
-    fixed_lever: bool,
-) -> None:
-    """Correct points s (2 k,) and their heading levers by rows v and w of V, see `retract`."""
-    first, second, p, q, sine, versine = by
-    shape = (len(s) // 2, 2)
-    points, lever, x0, x1 = s.reshape(shape), a.reshape(shape), v.reshape(shape), w.reshape(shape)
-    for i in range(len(points)):
-        e, f = first * x0[i, 0] + second * x1[i, 0], first * x0[i, 1] + second * x1[i, 1]
-        x = p * e - q * f + sine * lever[i, 0] - versine * lever[i, 1]
-        y = q * e + p * f + versine * lever[i, 0] + sine * lever[i, 1]
-        points[i, 0] += x
-        points[i, 1] += y
-        if not fixed_lever:
-            lever[i, 0] -= y
-            lever[i, 1] += x
+@kernel()
+def expected_observations(f: FilterState, landmark: IntArray, z: FloatArray, S: FloatArray) -> None:
+    """Fill range and bearing z (c, 2) of landmarks (c,), and S = H P H^T (c, 2, 2)."""
+    H, C, D = np.empty((3, 5)), np.empty((5, 5)), np.empty((3, 3))
+    for i in range(len(landmark)):
+        _expect(f, f.robot_size + 2 * landmark[i], z[i], H, C, D)
+        for j in range(2):
+            S[i, j, 0], S[i, j, 1] = D[j, 0], D[j, 1]
 
 
-@kernel(fastmath=("contract",))
-def augment(f: FilterState, xy: FloatArray, Gx: FloatArray, noise: FloatArray) -> None:
-    """Add a landmark at xy (2,), with Jacobian Gx (2, r) by the robot and noise (C.16-C.17)."""
-    r, P, D, a, now = f.robot_size, f.P, np.empty(f.robot_size), f.heading_lever, f.now
-    state, blocks, downdates, updates, pair = (
-        f.state,
-        f.blocks,
-        f.downdates,
-        f.updates,
-        f.cached_pair,
-    )
-    N = now.landmarks
-    n = r + 2 * N
-    for k in range(2):
-        for i in range(r):
-            D[i] = Gx[k, i]
-        D[2] += D[0] * a[0] + D[1] * a[1]
-        for j in range(n):
-            P[j, n + k] = 0.0
-            for i in range(r):
-                P[j, n + k] += D[i] * P[i, j]  # C.17, Gx Pxx and Gx Pxm
-        for j in range(len(state) - 2 * f.auxiliary, len(state)):
-            P[n + k, j] = 0.0
-            for i in range(r):
-                P[n + k, j] += D[i] * P[i, j]
-        for m in range(k + 1):
-            total = (noise[k, m] + noise[m, k]) / 2
-            for i in range(r):
-                total += D[i] * P[i, n + m]
-            P[n + m, n + k] = total  # C.17, Gx Pxx Gx^T + Gz R Gz^T
-            blocks[N, k + m] = total
-        state[n + k], a[n + k] = xy[k], 0.0
-        for i in range(len(downdates)):
-            downdates[i, n + k] = updates[i, n + k] = 0.0
-    for i in range(N + 1):
-        pair[i] = -1
-    now.cached = 0
-    now.heading_variance = P[2, 2]
-    f.ids[N] = now.next_id
-    now.next_id += 1
-    now.landmarks = N + 1
+@kernel()
+def write_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> None:
+    """Fill the pose (3,) and its covariance (3, 3), of e."""
+    s, a, P = f.state, f.heading_lever, f.P
+    for i in range(3):
+        pose[i] = s[i]
+        for j in range(3):
+            ai, aj = a[i] if i < 2 else 0.0, a[j] if j < 2 else 0.0
+            covariance[i, j] = P[i, j] + ai * P[2, j] + aj * P[i, 2] + ai * aj * P[2, 2]

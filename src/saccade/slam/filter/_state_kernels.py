@@ -70,8 +70,6 @@ class FilterState:
     """(rank, size) pairs of full rows of P, of landmarks observed since the last flush."""
     cached_pair: IntArray
     """(c,) index of the pair of each landmark in `cached_rows`, -1 if there is none."""
-    robot_rows: FloatArray
-    """(r, size) the robot's rows before a motion; memory for `predict`."""
     now: Scalars
     """Numbers that change from step to step."""
 
@@ -91,7 +89,6 @@ def bind_state(
     updates: FloatArray,
     cached_rows: FloatArray,
     cached_pair: IntArray,
-    robot_rows: FloatArray,
     now: Scalars,
 ) -> FilterState:
     """A state of these fields, see `_jit.share`."""
@@ -109,7 +106,6 @@ def bind_state(
         updates,
         cached_rows,
         cached_pair,
-        robot_rows,
         now,
     )
 

@@ -14,17 +14,19 @@ SLACK = 1e-9
 
 
 @kernel()
-def prepare_noise(
+def first_invalid(
     values: FloatArray, covariances: FloatArray, factor: float, min_sigma: float
 ) -> int:
-    """Multiply covariances (k, c, c) by a factor, in place.
+    """Index of the first invalid one of values (k, c) or covariances (k, c, c), -1 if none is.
 
-    Singular ones (2, 2) get the variance of `min_sigma` in every direction if it is positive.
-    Returns the index of the first invalid one, see `first_invalid`.
+    Before, covariances are multiplied by a factor, in place, and singular ones (2, 2) get the
+    variance of `min_sigma` in every direction if it is positive. A symmetric matrix plus a multiple
+    of the identity has a Cholesky root if and only if no eigenvalue is below minus that multiple.
     """
-    c = values.shape[1]
-    for n in range(len(values)):
-        C = covariances[n]
+    k, c = values.shape
+    root = np.empty((c, c))
+    for n in range(k):
+        C, largest = covariances[n], 0.0
         for i in range(c):
             for j in range(c):
                 C[i, j] *= factor
@@ -33,33 +35,15 @@ def prepare_noise(
             if smallest < min_sigma * min_sigma:  # eigenvalue
                 C[0, 0] += min_sigma * min_sigma
                 C[1, 1] += min_sigma * min_sigma
-    return first_invalid(values, covariances)
-
-
-@kernel()
-def first_invalid(values: FloatArray, covariances: FloatArray) -> int:
-    """Index of the first invalid one of values (k, c) or covariances (k, c, c), -1 if none is.
-
-    A symmetric matrix plus a multiple of the identity has a Cholesky root if and only if no
-    eigenvalue is below minus that multiple.
-    """
-    k, c = values.shape
-    root = np.empty((c, c))
-    for n in range(k):
-        largest = 0.0
         for i in range(c):
-            if not abs(values[n, i]) < LARGEST:
-                return n
             for j in range(c):
-                if not abs(covariances[n, i, j]) < LARGEST * LARGEST:
+                if not (abs(C[i, j]) < LARGEST * LARGEST and abs(values[n, i]) < LARGEST):
                     return n
-                largest = max(largest, abs(covariances[n, i, j]))
-        if largest == 0:
-            continue
-        for i in range(c):
+                largest = max(largest, abs(C[i, j]))
+        for i in range(c if largest > 0 else 0):
             for j in range(i + 1):
-                rest = covariances[n, i, j] + (SLACK * largest if i == j else 0.0)
-                if abs(covariances[n, i, j] - covariances[n, j, i]) > SLACK * largest:
+                rest = C[i, j] + (SLACK * largest if i == j else 0.0)
+                if abs(C[i, j] - C[j, i]) > SLACK * largest:
                     return n
                 for m in range(j):
                     rest -= root[i, m] * root[j, m]

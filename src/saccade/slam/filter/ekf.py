@@ -7,19 +7,22 @@ from typing import Self
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam.filter._kernels import retract
-from saccade.slam.filter._range_bearing_kernels import (
-    Innovations,
-    augment_range_bearing,
-    write_pose,
-)
+from saccade.slam.filter._kernels import predict, retract, update_scan, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
-from saccade.slam.filter.models import BIASES, PredictedObservations, expected, predict, update
+from saccade.slam.filter.models import (
+    BIASES,
+    Innovations,
+    PredictedObservations,
+    control_bias,
+    expected,
+    new_innovations,
+)
 from saccade.slam.filter.state import (
     RANK,
     STANDARD,
     Retraction,
     add_rows,
+    augment,
     dense,
     flush,
     flush_rows,
@@ -153,7 +156,8 @@ class EkfSlam:
 
     def move(self, u: FloatArray, U: FloatArray) -> None:
         """`predict` by valid arguments, for which there is room (see `reserve`)."""
-        predict(self.active, u, U)
+        f = self.active
+        predict(f, u, U, control_bias(u, f.robot_size))
 
     def observe(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
         """`update_scan` by valid arguments, for which there is room (see `reserve`)."""
@@ -161,11 +165,16 @@ class EkfSlam:
         if self.submap is not None:
             observed = self.submap.observed
             observed[rows[(rows >= 0) & (rows < len(observed))]] = True
-        return update(self.active, z, R, rows)
+        f, out = self.active, new_innovations(len(z))
+        k = update_scan(f, z, R, rows, 0, *out)
+        while k < len(z):  # at a new landmark
+            augment(f, z[k], R[k])
+            k = update_scan(f, z, R, rows, k + 1, *out)
+        return out
 
     def add(self, z: FloatArray, R: FloatArray) -> int:
         """`augment` by valid arguments, for which there is room (see `reserve`)."""
-        augment_range_bearing(self.active, z, R)
+        augment(self.active, z, R)
         return self.next_id - 1
 
     def remove(self, landmarks: IntArray) -> None:

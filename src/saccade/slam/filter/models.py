@@ -1,15 +1,10 @@
-"""Prediction, update and predicted observations of a state, and the odometry's biases."""
+"""Innovations and predicted observations, and the biases of the odometry."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from saccade.slam.filter._range_bearing_kernels import (
-    Innovations,
-    expected_observations,
-    predict_by_control,
-    update_scan,
-)
+from saccade.slam.filter._kernels import expected_observations
 from saccade.slam.filter._state_kernels import FilterState
 from saccade.types import FloatArray, IntArray
 
@@ -35,6 +30,17 @@ def bias_jacobian(control: FloatArray) -> FloatArray:
     return D
 
 
+class Innovations(NamedTuple):
+    """Innovations of k observations, NaN where one updated nothing; see `results.Innovation`."""
+
+    value: FloatArray
+    """(k, 2)."""
+    covariance: FloatArray
+    """(k, 2, 2)."""
+    nis: FloatArray
+    """(k,)."""
+
+
 class PredictedObservations(NamedTuple):
     """Predicted observations of landmarks."""
 
@@ -42,21 +48,6 @@ class PredictedObservations(NamedTuple):
     """(n, 2)."""
     covariance: FloatArray
     """(n, 2, 2) H P H^T of each, without the noise of an observation."""
-
-
-def predict(f: FilterState, u: FloatArray, U: FloatArray) -> None:
-    """Move the robot by a control (c,) with covariance (c, c) (C.5-C.9)."""
-    predict_by_control(f, u, U, control_bias(u, f.robot_size))
-
-
-def update(f: FilterState, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
-    """Update by observations (k, 2) of landmarks (k,), in their order (C.10-C.14).
-
-    The next free number augments, a negative one leaves the observation out.
-    """
-    out = new_innovations(len(z))
-    update_scan(f, z, R, landmark, out)
-    return out
 
 
 def expected(f: FilterState, landmarks: IntArray) -> PredictedObservations:

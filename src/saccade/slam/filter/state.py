@@ -21,6 +21,7 @@ from saccade.slam.filter._state_kernels import (
     bind_state,
     gather,
 )
+from saccade.slam.models import inverse_observe
 from saccade.types import FloatArray, IntArray
 
 
@@ -86,7 +87,6 @@ def new_state(
         np.zeros((capacity, 3)),
         *(np.zeros((rank, size)) for _ in range(3)),
         np.full(capacity, -1),
-        np.zeros((r, size)),
         Scalars(heading_variance=heading, lowest_heading_variance=heading),
     )
 
@@ -182,6 +182,45 @@ def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
     new.ids[: now.landmarks] = f.ids[: now.landmarks]
     copy_scalars(f, new)
     return new
+
+
+def augment(f: FilterState, z: FloatArray, R: FloatArray) -> None:
+    """Adds a landmark observed at z (2,) with covariance R (2, 2) (C.15-C.18)."""
+    xy, Gx, Gz = inverse_observe(f.state[:3], z)  # C.15, C.18
+    noise = Gz @ R @ Gz.T
+    if f.error_state == INVARIANT:
+        mean, covariance = _second_order_point(f.state[2] + z[1], z[0], R)
+        xy, noise = xy + mean, noise + covariance
+        Gx[:, 2] = f.state[1] - xy[1], xy[0] - f.state[0]
+    r, n, N, P = f.robot_size, state_size(f), f.now.landmarks, f.P
+    new, points, a = slice(n, n + 2), auxiliary_rows(f), f.heading_lever
+    G = np.zeros((2, r))
+    G[:, :3] = Gx
+    G[:, 2] += Gx[:, :2] @ a[:2]  # by eta
+    P[:n, new] = (G @ P[:r, :n]).T  # C.17, Gx Pxx and Gx Pxm
+    P[new, points] = G @ P[:r, points]
+    P[new, new] = symmetric(G @ P[:r, new] + noise)  # C.17, Gx Pxx Gx^T + Gz R Gz^T
+    f.blocks[N] = P[n, n], P[n, n + 1], P[n + 1, n + 1]
+    f.state[new], a[new], f.ids[N] = xy, 0.0, f.now.next_id  # C.16
+    f.downdates[:, new] = f.updates[:, new] = 0.0
+    f.cached_pair[: N + 1] = -1
+    f.now.cached, f.now.heading_variance = 0, P[2, 2]
+    f.now.next_id, f.now.landmarks = f.now.next_id + 1, N + 1
+
+
+def _second_order_point(
+    direction: float, distance: float, R: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean (2,) and covariance (2, 2) of the second-order terms of an observed point.
+
+    Along its direction and across it, they are -distance n^2 / 2 and d n, d and n the errors of
+    range and bearing.
+    """
+    c, s, q, k = np.cos(direction), np.sin(direction), R[1, 1], R[0, 1]
+    turn = np.array([[c, -s], [s, c]])
+    cross = -distance * k * q
+    C = np.array([[(distance * q) ** 2 / 2, cross], [cross, R[0, 0] * q + k * k]])
+    return turn @ [-distance * q / 2, k], turn @ C @ turn.T
 
 
 def auxiliary_rows(f: FilterState) -> slice:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import LogError
-from saccade.slam.filter._validation_kernels import LARGEST, first_invalid, prepare_noise
+from saccade.slam.filter._validation_kernels import LARGEST, first_invalid
 from saccade.types import FloatArray, invalid_range_bearing
 
 MIN_SIGMA = 1e-4
@@ -40,7 +40,7 @@ def check_covariance(name: str, value: FloatArray, size: int) -> FloatArray:
         raise LogError(f"{name}: expected shape {(size, size)}, found {matrix.shape}")
     if not (np.abs(matrix) < LARGEST**2).all():
         raise LogError(f"{name}: expected numbers within {LARGEST**2:g}, found {matrix.tolist()}")
-    if first_invalid(np.zeros((1, size)), matrix[None]) == 0:
+    if first_invalid(np.zeros((1, size)), matrix[None].copy(), 1.0, 0.0) == 0:
         raise LogError(
             f"{name}: expected a symmetric matrix without negative eigenvalues, "
             f"found {matrix.tolist()}"
@@ -48,23 +48,19 @@ def check_covariance(name: str, value: FloatArray, size: int) -> FloatArray:
     return matrix
 
 
-def check_all(name: str, values: FloatArray, covariances: FloatArray) -> None:
-    """Raise for the first invalid one of values (k, c) and their covariances (k, c, c)."""
-    _raise_for(first_invalid(values, covariances), name, values, covariances)
-
-
-def check_noise(
+def check_all(
     name: str,
     values: FloatArray,
     covariances: FloatArray,
-    factor: float,
+    factor: float = 1.0,
     min_sigma: float = 0.0,
 ) -> None:
-    """Multiply covariances by a factor in place, and `check_all`; see `prepare_noise`."""
-    _raise_for(prepare_noise(values, covariances, factor, min_sigma), name, values, covariances)
+    """Raises for the first invalid one of values (k, c) and their covariances (k, c, c).
 
-
-def _raise_for(i: int, name: str, values: FloatArray, covariances: FloatArray) -> None:
+    Before, the covariances are multiplied by a factor, in place, and singular ones get the variance
+    of `min_sigma` in every direction.
+    """
+    i = first_invalid(values, covariances, factor, min_sigma)
     if i >= 0:
         check_vector(f"{name} {i}", values[i])
         check_covariance(f"covariance of {name} {i}", covariances[i], values.shape[1])
