@@ -217,14 +217,15 @@ class Relocalizer:
         ends = np.column_stack(np.triu_indices(len(self._points), 1))
         separation = np.linalg.norm(self._points[ends[:, 0]] - self._points[ends[:, 1]], axis=1)
         order = np.argsort(-separation, kind="stable")[: np.count_nonzero(separation)]
-        uses, chosen = np.zeros(len(self._points), np.int64), list[int]()
+        uses, chosen = np.zeros(len(self._points), np.int64), dict[int, None]()
         for limit in range(1, MAX_PAIRS + 1):
-            for pair in order:
-                free = pair not in chosen and uses[ends[pair]].max() < limit
-                if free and len(chosen) < MAX_PAIRS:
+            for pair in order.tolist():
+                if len(chosen) == MAX_PAIRS:
+                    return ends[list(chosen)]
+                if pair not in chosen and uses[ends[pair]].max() < limit:
                     uses[ends[pair]] += 1
-                    chosen.append(pair)
-        return ends[chosen]
+                    chosen[pair] = None
+        return ends[list(chosen)]
 
     def _landmark_pairs(self, reach: float) -> "_LandmarkPairs":
         """The ordered pairs of landmarks up to a distance, or a larger one."""
