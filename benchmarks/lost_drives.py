@@ -2,7 +2,6 @@
 
     uv run python benchmarks/lost_drives.py [--seeds 100 101] [--presets ring dark]
     uv run python benchmarks/lost_drives.py --undisturbed --presets dark flicker --seeds 100 101 102
-    uv run python benchmarks/lost_drives.py --recordings kitti07 kitti_stereo_60m
 
 In the second lap of a simulated drive the robot is carried along its course, 0.3 to 5 m ahead or
 back, while odometry reports nothing of it: at once, or during twelve black frames in which it
@@ -19,14 +18,11 @@ Undisturbed: the number of lost frames, and the fraction of the frames in the 99
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
 from measuring import arguments
-from out_and_back import OutAndBackConfig, out_and_back
 from saccade import visual
-from saccade.datasets import load_drive
 from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Drive, Frame
 from saccade.simulation import DriveConfig, simulate_drive
@@ -230,27 +226,14 @@ def report_undisturbed(drives: Iterator[Drive]) -> None:
           f"at least {inside.min():.3f}")  # fmt: skip
 
 
-def recordings(folders: Sequence[Path]) -> Iterator[Drive]:
-    """The drives of folders with all of their tracks, and each out and back."""
-    for folder in folders:
-        drive = load_drive("auto", folder)
-        yield replace(drive, name=folder.name)
-        yield replace(out_and_back(drive, OutAndBackConfig()), name=f"{folder.name}, out and back")
-        for file in sorted(folder.glob("*tracks*.npz")):
-            yield replace(load_drive("auto", file), name=file.stem)
-
-
 def main() -> None:
     given = arguments(
         __doc__,
         seeds=[100, 101],
         presets={"nargs": "+", "choices": PRESETS, "default": list(PRESETS)},
         undisturbed=False,
-        recordings={"type": Path, "nargs": "+"},
     )
-    if given.recordings:
-        report_undisturbed(recordings(given.recordings))
-    elif given.undisturbed:
+    if given.undisturbed:
         pairs = ((preset, seed) for preset in given.presets for seed in given.seeds)
         report_undisturbed(Source(*pair).drive for pair in pairs)
     else:

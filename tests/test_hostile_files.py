@@ -99,9 +99,9 @@ def npz(path, shape, content=b"", size=0):
 def test_an_array_that_says_it_is_huge(tmp_path, shape):
     npz(tmp_path / "a.npz", shape, b"\0" * 100)
     with limited(memory=100 << 20):
-        with refuses(KeypointsError, "a.npz: expected a NumPy .npz file", "shorter than its shape"):
+        with refuses(KeypointsError, "a.npz: expected a NumPy .npz file"):
             exchange.read_npz(tmp_path / "a.npz")
-        with refuses(LogError, "a.npz: expected an .npz of tables", "shorter than its shape"):
+        with refuses(LogError, "a.npz: expected an .npz of tables"):
             load("mrclam", tmp_path / "a.npz")
 
 

@@ -3,7 +3,6 @@
 import os
 import zipfile
 from collections.abc import Mapping
-from math import prod
 from pathlib import Path
 from typing import IO, Any
 
@@ -16,10 +15,6 @@ MAX_UNPACKED = 1 << 30
 """Bytes that any file may unpack to."""
 MAX_RATIO = 100
 """Maximum compression ratio of larger files; measurements compress less."""
-_HEADERS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
 
 
 def save_arrays(
@@ -50,12 +45,9 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
         try:
             with zipfile.ZipFile(file) as archive:
                 check_unpacked(size, sum(member.file_size for member in archive.infolist()))
-                return {
-                    member.filename.removesuffix(".npy"): _array(archive, member)
-                    for member in archive.infolist()
-                }
-        except MemoryError:
-            raise
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as arrays:
+                return {name: np.asarray(arrays[name]) for name in arrays.files}
         except Exception as error:  # the libraries raise anything for broken bytes
             raise ValueError(one_line(error)) from error
 
@@ -85,21 +77,3 @@ def check_unpacked(packed: int, unpacked: int) -> None:
     """
     if unpacked > max(MAX_UNPACKED, MAX_RATIO * packed):
         raise ValueError(f"{packed:,} bytes that unpack to {unpacked:,}")
-
-
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
-    with archive.open(member) as file:
-        shape, dtype = _header(file)
-    if prod(shape) * dtype.itemsize > member.file_size:
-        raise ValueError(f"{member.filename} is shorter than its shape {shape}")
-    with archive.open(member) as file:
-        values: npt.NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
-    return values
-
-
-def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    version = np.lib.format.read_magic(file)
-    if version not in _HEADERS:
-        raise ValueError(f"expected an array of version 1 or 2, found {version}")
-    shape, _, dtype = _HEADERS[version](file)
-    return shape, dtype
