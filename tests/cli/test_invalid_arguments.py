@@ -91,15 +91,6 @@ def test_what_is_no_file_is_refused(run, monkeypatch, here, number):
         assert code == 2 or kind == "empty" or command.startswith("extract"), (kind, ending)
 
 
-@pytest.mark.parametrize("command", ["look a.png", "detect a.png", "simulate world"])
-def test_a_file_where_a_folder_is_written_is_refused(run, monkeypatch, here, command):
-    monkeypatch.chdir(here)
-    code, _, err = run(*command.split(), "--out", "new.pdf")
-    assert code == 2
-    assert "Expected a folder, found the name of a file: new.pdf" in err
-    assert not (here / "new.pdf").exists()
-
-
 @pytest.mark.parametrize("command", WRITES)
 def test_a_result_takes_the_place_of_no_pipe(run, monkeypatch, here, command):
     monkeypatch.chdir(here)

@@ -5,7 +5,6 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
-from saccade import datasets
 from saccade.cli.drive import write_results
 from saccade.cli.look import LookOptions, analyze_image
 from saccade.cli.mapping import RunOutput
@@ -51,9 +50,18 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
     out = options.out
     builder = ReportBuilder("saccade demo", LEAD)
     with results_in(out), as_file(files("saccade") / "data") as data:
-        look = _look(data, out, builder)
-        match = _match(data, out, builder)
-        slam = _slam(data, out, builder)
+        with progress_bar("attention: saliency and scanpath"):
+            photo = data / "chelsea.jpg"
+            looking = LookOptions(images=[str(photo)], keypoints=True)
+            attention = looking.attention_model(looking.model, free_viewing=True)
+            look, _ = analyze_image(photo, out / "look", attention, looking, builder)
+        with progress_bar("interest points: two views of a hallway"):
+            first, second = (data / f"hallway_{number}.jpg" for number in (1, 2))
+            matching = MatchOptions(first=str(first), second=second, out=out)
+            match = match_images(Sift(), matching, second, builder)
+        with progress_bar("EKF-SLAM: a car in Victoria Park") as progress:
+            mapping = SlamOptions(log=data / "victoria_park.txt", out=out)
+            slam = map_log(mapping.load(mapping.log), mapping, progress, builder)
         drive = _drive(out, builder)
         page = builder.write(out / "index.html")
     print_message(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")
@@ -66,29 +74,6 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
     ]
     row = {"page": str(page), "look": look, "match": match, "slam": slam, "drive": drive}
     return Result(row, [Table("saccade demo", ["file", "content"], rows)])
-
-
-def _look(data: Path, out: Path, builder: ReportBuilder) -> dict[str, Any]:
-    """Saliency and scanpath of a photograph."""
-    with progress_bar("attention: saliency and scanpath"):
-        options = LookOptions(images=[str(data / "chelsea.jpg")], keypoints=True)
-        attention = options.attention_model(options.model, free_viewing=True)
-        return analyze_image(data / "chelsea.jpg", out / "look", attention, options, builder)[0]
-
-
-def _match(data: Path, out: Path, builder: ReportBuilder) -> dict[str, Any]:
-    """Interest points of two views."""
-    first, second = (data / f"hallway_{number}.jpg" for number in (1, 2))
-    with progress_bar("interest points: two views of a hallway"):
-        matching = MatchOptions(first=str(first), second=second, out=out)
-        return match_images(Sift(), matching, second, builder)
-
-
-def _slam(data: Path, out: Path, builder: ReportBuilder) -> dict[str, Any]:
-    """Map of a recorded log."""
-    with progress_bar("EKF-SLAM: a car in Victoria Park") as progress:
-        log = datasets.load("isam", data / "victoria_park.txt")
-        return map_log(log, SlamOptions(log=data / "victoria_park.txt", out=out), progress, builder)
 
 
 def _drive(out: Path, builder: ReportBuilder) -> dict[str, Any]:

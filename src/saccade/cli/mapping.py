@@ -126,12 +126,6 @@ def pose_table(trajectory: Trajectory) -> dict[str, FloatArray]:
     return columns
 
 
-def averaging_window(nis: FloatArray) -> int:
-    """Number of observations in the running mean of the NIS (k,), NaN where one was not used."""
-    used = int(np.isfinite(nis).sum())
-    return int(np.clip(used // 50, 5, 500))
-
-
 def time_charts(
     trajectory: Trajectory,
     truth: Trajectory | None,
@@ -144,7 +138,7 @@ def time_charts(
     used = np.isfinite(innovation).all(1)
     v, S = innovation[used], covariance[used]
     nis = normalized_squared(v, S)
-    window = averaging_window(nis)
+    window = int(np.clip(np.isfinite(nis).sum() // 50, 5, 500))  # of the running mean
     band = chi_square_band(dof, window)
     charts = innovation_charts(trajectory.time[step[used]], v, S, nis, band, window)
     return [*charts, *uncertainty_charts(trajectory, truth)]

@@ -28,11 +28,6 @@ INPUT = Parameter(group=Group("Input", sort_key=2))
 MAP = Parameter(group=Group("Map", sort_key=3))
 OUTPUT = Parameter(group=Group("Output", sort_key=4))
 EXECUTION = Parameter(group=Group("Execution", sort_key=5))
-FILE_SUFFIXES = (
-    *(".bmp", ".csv", ".db", ".eps", ".gif", ".h5", ".html", ".jpeg", ".jpg", ".json", ".mp4"),
-    *(".npz", ".parquet", ".pdf", ".png", ".svg", ".tif", ".tiff", ".toml", ".txt", ".webp"),
-)
-"""Suffixes of an output that was meant as a file where a folder is written."""
 FigureFormat = Literal["png", "svg", "pdf"]
 """File formats of figures."""
 Egomotion = Literal["camera", "second-camera", "wheels"]
@@ -52,16 +47,10 @@ def _is_path(text: str) -> bool:
     return Path(text.partition("=")[2] or text).exists()
 
 
-def _require_folder(_: Any, path: Path | None) -> None:
-    if path and path.suffix.lower() in FILE_SUFFIXES and not path.exists():
-        raise ValueError(f"Expected a folder, found the name of a file: {path}")
-
-
 SEVERAL = Parameter(converter=_split_commas)
 """Marks options whose values may be separated by commas."""
 OUT = Parameter(("--out", "-o"), metavar="DIR", help="Output folder.")
-FOLDER = Parameter(validator=_require_folder)
-OutputFolder: TypeAlias = Annotated[Path, OUTPUT, OUT, FOLDER]
+OutputFolder: TypeAlias = Annotated[Path, OUTPUT, OUT]
 
 
 def figure_formats(formats: Iterable[str] | None) -> list[str]:

@@ -37,6 +37,8 @@ def serve(options: ServeOptions = ServeOptions()) -> None:
 
     Example: saccade serve --port 8014
     """
+    import sys
+    import webbrowser
     from contextlib import suppress
     from importlib.resources import files
 
@@ -61,8 +63,8 @@ def serve(options: ServeOptions = ServeOptions()) -> None:
             app, log_level="warning", access_log=False, timeout_graceful_shutdown=SHUTDOWN_TIMEOUT
         )
         print_message(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C stops the server")
-        if options.browser:
-            _open_browser(f"http://127.0.0.1:{port}/")
+        if options.browser and sys.stderr.isatty():
+            webbrowser.open(f"http://127.0.0.1:{port}/")
         with suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listener])
     print_message("stopped")
@@ -96,13 +98,3 @@ def _listening(port: int) -> "socket":
         raise ConfigError(
             f"port: {port} cannot be used: {one_line(error)}; try --port 0"
         ) from error
-
-
-def _open_browser(address: str) -> None:
-    """Open a page if a terminal is attached."""
-    import sys
-    import webbrowser
-    from threading import Thread
-
-    if sys.stderr is not None and sys.stderr.isatty():
-        Thread(target=webbrowser.open, args=(address,), daemon=True).start()

@@ -8,7 +8,6 @@ from cyclopts import Parameter
 
 from saccade import datasets
 from saccade.cli.options import (
-    FOLDER,
     INPUT,
     OUT,
     OUTPUT,
@@ -38,7 +37,7 @@ class KindArgument(Options):
 class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
     """Options of `saccade simulate`."""
 
-    out: Annotated[Path | None, OUTPUT, OUT, FOLDER] = None
+    out: Annotated[Path | None, OUTPUT, OUT] = None
     """Output folder: saccade-world or saccade-simulated-drive by default."""
     seed: int = setting(0, 0)
     """Seed of the random number generator, at least 0."""
