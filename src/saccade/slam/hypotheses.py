@@ -114,7 +114,7 @@ class Hypothesis:
         """
         ekf, table, first = self.ekf, self.table, self.ekf.next_id
         self.matches, self.updated = matches, True
-        self._visible = table.predict_visible(ekf, scan.z)
+        self._visible = table.predict_visible(ekf, scan.complete.z)
         self.innovations = ekf.observe(scan.z, scan.R, matches)
         if ekf.next_id > first:
             table.add(np.arange(first, ekf.next_id), confirmed=True)
@@ -393,4 +393,5 @@ class Hypotheses:
 
 def _point_sigma(scan: Scan) -> float:
     """Standard deviation of the position of an observed point, in meters."""
-    return float(np.exp(log_determinant(scan.R).mean() / 4) * np.sqrt(scan.z[:, 0].mean()))
+    z, R = scan.complete.z, scan.complete.R
+    return float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))

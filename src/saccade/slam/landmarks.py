@@ -191,7 +191,7 @@ class LandmarkTable:
 
         They are those in which the filter works before the update; None if misses do not count.
         """
-        self.max_range = max(self.max_range, *z[:, 0].tolist())
+        self.max_range = max([self.max_range, *z[:, 0].tolist()])
         due = self.policy.enabled and (self.scans + 1) % self.policy.interval == 0
         if not (due and self.has_unlabeled):
             return None

@@ -11,6 +11,7 @@ from saccade.errors import ConfigError, LogError, require
 from saccade.landmark_names import label_array
 from saccade.slam.association.labels import LabelAssociation
 from saccade.slam.association.nearest_neighbor import DROPPED, NEW
+from saccade.slam.association.partial import UNUSED, associate_partial
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
@@ -186,6 +187,8 @@ class Slam:
                 first pose.
             U: (c, c) its covariance.
             z: (k, 2) range in meters, bearing in radians within 2 pi; None without observations.
+                NaN for one of both that was not observed: the other one updates a landmark of the
+                map, and adds none.
             R: (k, 2, 2) their covariances, or (2, 2) one for all.
             labels: (k,) labels of the landmarks, integers from 0 on or text, -1 or "" where
                 unknown; compared with the map, and rejected if they contradict it, unless
@@ -223,7 +226,7 @@ class Slam:
     def _step(self, scan: Scan) -> StepResult:
         """One step of EKF-SLAM, in the order of appendix C."""
         self.hypotheses.predict(scan)  # C.5-C.9
-        self.kidnapping.update(self.filter, self.landmarks, scan)  # evidence for and against
+        self.kidnapping.update(self.filter, self.landmarks, scan.complete)  # for and against
         self._relocalize(scan)  # if lost
         for hypothesis, matches in self._associate(scan):  # labels, gates; none while contradicted
             hypothesis.update(scan, matches)  # C.10-C.14
@@ -266,7 +269,8 @@ class Slam:
         if kidnapping.lost or (kidnapping.contradicted and kidnapping.kidnapped):
             self.hypotheses.settle()
             best = self.hypotheses.best
-            best.matches = kidnapping.relocalize(best.ekf, best.table, scan)
+            found = kidnapping.relocalize(best.ekf, best.table, scan.complete)
+            best.matches = _spread(found, scan)
 
     def _associate(self, scan: Scan) -> list[tuple[Hypothesis, IntArray]]:
         """The hypotheses to follow, and (k,) the id of the landmark of each observation in each.
@@ -277,11 +281,30 @@ class Slam:
         if len(scan.z) == 0 or self.kidnapping.blocks_update:
             followed = []
         elif branching:
-            followed = self.hypotheses.branch(scan)
+            seen = scan.complete
+            split = self.hypotheses.branch(seen) if len(seen.z) > 0 else []
+            followed = [(hypothesis, _spread(matches, scan)) for hypothesis, matches in split]
         else:
-            matches = self.association(best.ekf, best.table, scan.z, scan.R, scan.labels)
-            followed = [(best, self._known(matches) if self.mode == "localize" else matches)]
+            seen = scan.complete
+            matches = self.association(best.ekf, best.table, seen.z, seen.R, seen.labels)
+            matches = self._known(matches) if self.mode == "localize" else matches
+            followed = [(best, self._with_partial(scan, matches))]
         return followed
+
+    def _with_partial(self, scan: Scan, matches: IntArray) -> IntArray:
+        """(k,) matches of a scan, by those of its complete observations."""
+        if scan.missing is None:
+            return matches
+        partial, rule, best = scan.partial, self.association, self.hypotheses.best
+        found, rejected = associate_partial(
+            self.config, best.ekf, best.table, scan.part(partial), matches[matches >= 0]
+        )
+        every, rule_rejected = _spread(matches, scan), np.zeros(len(partial), np.bool_)
+        every[partial], rule_rejected[partial] = found, rejected
+        if len(rule.rejected) == len(matches):
+            rule_rejected[~partial] = rule.rejected
+        rule.rejected = rule_rejected
+        return every
 
     def _known(self, matches: IntArray) -> IntArray:
         """Matches (k,) without new landmarks, and takes their labels back."""
@@ -294,6 +317,8 @@ class Slam:
     def _result(self, scan: Scan) -> StepResult:
         """The result of a step."""
         best, rejected = self.hypotheses.best, self.association.rejected
+        if scan.missing is not None:
+            best.innovations.value[scan.missing] = np.nan
         if not best.updated or self.hypotheses.branching or len(rejected) != len(scan.z):
             rejected = np.zeros(len(scan.z), np.bool_)
         return StepResult(
@@ -344,7 +369,8 @@ class Slam:
             ids = table.counts.id[table.in_map]
             self.kidnapping.begin(PoseSearch(self.filter, ids, anywhere=True))
         assert self.kidnapping.search is not None
-        return self.kidnapping.search.add(scan.z, scan.R, table.landmarks_of(scan.labels))
+        seen = scan.complete
+        return self.kidnapping.search.add(seen.z, seen.R, table.landmarks_of(seen.labels))
 
     def save(self, path: str | Path) -> None:
         """Saves the map as one file, for `load`; of several hypotheses, the most probable one.
@@ -426,3 +452,12 @@ class Slam:
 
     def __repr__(self) -> str:
         return f"Slam({self.num_steps} steps, {self.filter!r})"
+
+
+def _spread(matches: IntArray, scan: Scan) -> IntArray:
+    """(k,) matches of a scan by those of its complete observations; others are `UNUSED`."""
+    if scan.missing is None:
+        return matches
+    every = np.full(len(scan.z), UNUSED)
+    every[~scan.partial] = matches
+    return every

@@ -85,7 +85,8 @@ class StepResult:
     candidate, or culled after this step. While several hypotheses are followed, the ids are those
     of the most probable one."""
     innovations: FloatArray
-    """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing."""
+    """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing, and here
+    for a range or bearing that was not observed."""
     innovation_covariances: FloatArray
     """(k, 2, 2) before the update."""
     nis: FloatArray

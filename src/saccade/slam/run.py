@@ -131,6 +131,7 @@ def _filtered(
         if progress is not None and (i % hundredth == 0 or i + 1 == poses):
             progress(i + 1, poses)
 
+    nis = np.where(np.isnan(innovations.value).any(1), np.nan, innovations.nis)
     found = slam.map
     row = np.searchsorted(found.id, association).clip(max=max(len(found) - 1, 0))
     known = np.isin(association, found.id)
@@ -140,7 +141,7 @@ def _filtered(
         filtered=filtered,
         map=_landmark_map(slam, log, association),
         ids=found.id,
-        consistency=summarize(innovations.nis, rejected=float(rejected.sum()) / max(k, 1)),
+        consistency=summarize(nis, rejected=float(rejected.sum()) / max(k, 1)),
         association=association,
         innovation=innovations.value,
         innovation_covariance=innovations.covariance,

@@ -352,7 +352,7 @@ class SubmapChoice:
         """
         if not self._enabled:
             return
-        z, R = scan.z, scan.R
+        z, R = scan.complete.z, scan.complete.R
         if not self._always and len(ekf) + (ekf.submap is None) * len(z) < LARGE_MAP:
             self._radius = -1.0
             ekf.leave()

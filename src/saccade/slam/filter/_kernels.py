@@ -13,7 +13,7 @@ the landmarks' covariance by the noise of the heading only. In the standard filt
 No kernel runs out of room: `state.with_capacity` is called before a scan.
 """
 
-from math import atan2, cos, hypot, isnan, sin, sqrt
+from math import atan2, cos, hypot, sin, sqrt
 
 import numpy as np
 
@@ -215,7 +215,7 @@ def _update(
 
     With A the inverse root of S and V = A H P, the gain W = P H^T S^-1 (C.13) is V^T A: W v is V^T
     (A v), and W S W^T is V^T V. Where the root of the NIS exceeds `huber`, the noise is multiplied
-    by their ratio. A component of v that is NaN was not observed.
+    by their ratio.
     """
     r, n, P, now = f.robot_size, num_rows(f), f.P, f.now
     A, B, x = np.empty((2, 2)), np.empty((2, 5)), np.empty(2)
@@ -306,8 +306,7 @@ def _whiten(
         if rest > SINGULAR * sj + TINY:
             A[j, j] = 1 / sqrt(rest)
             A[j, i] = -ratio * A[j, j]
-    v0, v1 = 0.0 if isnan(v[0]) else v[0], 0.0 if isnan(v[1]) else v[1]
-    x[0], x[1] = A[0, 0] * v0 + A[0, 1] * v1, A[1, 0] * v0 + A[1, 1] * v1
+    x[0], x[1] = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
     return float(x[0] * x[0] + x[1] * x[1])
 
 
