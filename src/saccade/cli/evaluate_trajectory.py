@@ -75,8 +75,6 @@ def trajectory(
         except LogError as error:
             name = "" if str(error).startswith(str(path)) else f"{path}: "
             raise LogError(f"{name}{error}") from error
-    estimates_row = {name: _summary(each) for name, each in scores.items()}
-    row = {"truth": str(truth), **asdict(config), "estimates": estimates_row}
     rows: list[list[str]] = []
     for name, each in scores.items():
         rows += [[name, *[""] * (len(COLUMNS) - 1)]] if len(scores) > 1 else []
@@ -84,6 +82,8 @@ def trajectory(
         for remark in coverage_remarks(len(each.estimate.time), each.poses):
             print_message(f"{name}: {remark}")
     title = f"against {truth}" if len(scores) > 1 else f"{next(iter(scores))} against {truth}"
+    estimates = {name: _summary(each) for name, each in scores.items()}
+    row = {"truth": str(truth), **asdict(config), "estimates": estimates}
     return Result(row, [Table(title, COLUMNS, rows)])
 
 

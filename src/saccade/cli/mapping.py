@@ -1,4 +1,4 @@
-"""What `saccade slam` and `saccade drive` write alike: films, reports and run.json."""
+"""Output that `saccade slam` and `saccade drive` share: tables, films, reports and run.json."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping

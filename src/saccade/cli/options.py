@@ -54,7 +54,7 @@ OutputFolder: TypeAlias = Annotated[Path, OUTPUT, OUT]
 
 
 def figure_formats(formats: Iterable[str] | None) -> list[str]:
-    """The formats of figures among those of --format; PNG where there is none."""
+    """Formats of figures in --format; PNG by default."""
     known = get_args(FigureFormat)
     return [each for each in dict.fromkeys(formats or ()) if each in known] or ["png"]
 
@@ -137,7 +137,7 @@ class SequenceArgument(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceOptions(SequenceArgument):
-    """A camera drive, and what its files do not tell."""
+    """A camera drive, with the calibration that its files lack."""
 
     kind: Annotated[str | None, INPUT, Parameter("--format", metavar="FORMAT")] = None
     """Format of SEQUENCE: kitti, tum-rgbd, rosbag, tracks, folder or video; detected by default."""
@@ -147,7 +147,7 @@ class SequenceOptions(SequenceArgument):
     """Distance between the cameras of a stereo pair without a calibration."""
 
     def calibration(self) -> "Calibration":
-        """The camera where the drive tells of none."""
+        """Calibration of a drive without one."""
         from saccade.datasets.drives.folder import CameraOptions, parse_intrinsics
 
         return CameraOptions(parse_intrinsics(self.intrinsics), self.baseline)

@@ -1,4 +1,4 @@
-"""What commands print and write."""
+"""Output of commands: messages, progress, tables, JSON and files."""
 
 import json
 import os
@@ -116,7 +116,7 @@ class Table(NamedTuple):
 
 
 MAX_CELL = 60
-"""Characters of a number with its unit or remark; what is longer is text, which is left-aligned."""
+"""Characters of a number with its unit or remark; longer cells are text, which is left-aligned."""
 
 
 def print_table(table: Table) -> None:

@@ -26,7 +26,7 @@ from saccade.simulation.gaze_drive import gaze_drive
 
 @dataclass(frozen=True)
 class KindArgument(Options):
-    """What to simulate."""
+    """Kind of the simulation."""
 
     kind: Literal["world", "drive"]
     """world: the landmark log of a robot or a car. drive: the drive of a robot with a camera around
@@ -49,7 +49,7 @@ class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
     gaze: Annotated[str | None, Parameter(metavar="POLICY")] = None
     """Turn the camera of a drive while it maps: fixed, sweep, random, salient or active."""
     egomotion: Egomotion = "camera"
-    """What measures the motion: camera, second-camera (a fixed one), or wheels."""
+    """Sensor of the motion: camera, second-camera (a fixed one), or wheels."""
     color: bool = False
     """Render a drive in color."""
     depth: bool = False

@@ -223,13 +223,13 @@ def map_log(
 
 
 def _num_loaded(slam: Slam) -> int:
-    """The id from which on landmarks are new in this session."""
+    """Smallest id of the landmarks that are new in this session."""
     counts = slam.landmarks.counts
     return int(counts.id[counts.session < slam.landmarks.session].max(initial=-1)) + 1
 
 
 def _map_figures(options: SlamOptions, slam: Slam, result: SlamResult) -> dict[str, Any]:
-    """What became of the map that was loaded, for run.json."""
+    """Landmarks of the loaded map that were observed, and new ones, for run.json."""
     observations = result.map.observations
     if options.map_file is None or result.session is None or observations is None:
         return {"map": None}
