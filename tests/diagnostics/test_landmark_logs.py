@@ -169,6 +169,44 @@ def test_recorded_logs_have_no_findings(number, robot, shared):
     assert check_log(log) == ()
 
 
+PRECISE = replace(WORLD, range_percent=2.0, bearing_sigma_deg=1.0, odometry_percent=1.0, steps=600)
+"""A sensor and odometry in which errors of a few percent are seen."""
+
+
+def veer(log):
+    turned = log.control + np.array([0, 0, np.deg2rad(0.4)]) * log.control[:, :1]
+    return replace(log, control=turned)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "hint"),
+    [
+        (lambda log: scaled(log, observation=(1.03, 1)), "ranges are on average"),
+        (veer, "bearings are on average"),
+        (lambda log: mounted(log, (0, 0, np.deg2rad(2))), "noise"),
+    ],
+)
+@pytest.mark.parametrize("seed", range(2))
+def test_an_inconsistent_run_warns_with_the_side_of_its_innovations(spoil, hint, seed):
+    config = slam.EkfConfig(estimate_odometry_bias=False, smooth=False)
+    log = simulate_world(PRECISE, seed)
+    assert check_run(log, slam.run(log, config)) == ()
+    wrong = spoil(log)
+    finding = check_run(wrong, slam.run(wrong, config))[0]
+    assert (finding.severity, finding.check) == ("warning", "consistency")
+    assert hint in finding.what
+
+
+def test_a_difference_of_scale_is_told_where_it_is_not_declared():
+    """Ranges 5 % too long are odometry 5 % too short, by the data alone."""
+    log = scaled(simulate_world(PRECISE, 1), observation=(1.05, 1))
+    result = slam.run(replace(log, odometry_bias=(0.05, 0.05, 0.05)))
+    (finding,) = check_run(replace(log, odometry_bias=(0.0, 0.0, 0.0)), result)
+    assert finding.check == "scale"
+    assert finding.value == pytest.approx(5, abs=0.5)
+    assert check_run(replace(log, odometry_bias=(0.1, 0.0, 0.0)), result) == ()
+
+
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("named", [True, False])
 def test_good_logs_have_no_findings(seed, named):
