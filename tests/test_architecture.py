@@ -47,6 +47,7 @@ ALLOWED = {
     "batch": FOUNDATION | {"attention", "keypoints", "exchange"},
     "viewing": FOUNDATION | {"textbook"},
     "settings": {"errors", "io"},
+    "torch": {"errors", "extras", "types", "io", "scale", "attention"},
     "serving": FOUNDATION | {"settings", "scale", "attention", "keypoints", "slam", "viewing"},
 }
 """What each package may import besides itself; `cli` may import everything, nobody imports it."""

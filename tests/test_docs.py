@@ -21,7 +21,7 @@ WHOLE = {page.stem: page.read_text("utf-8") for page in PAGES if page.stem not i
 SECTIONS = re.split(r"^#+ (.+)$", WHOLE.pop("keypoints"), flags=re.MULTILINE)[1:]
 TEXTS = WHOLE | dict(zip(SECTIONS[::2], SECTIONS[1::2], strict=True))
 """What is run in one piece: pages, and sections of that on keypoints."""
-PEERS = re.compile(r"^(?:import|from) (skimage|pycolmap)", re.M)
+PEERS = re.compile(r"^(?:import|from) (skimage|pycolmap|torch)", re.M)
 
 
 def run_code(text, folder):
@@ -46,13 +46,15 @@ def run_code(text, folder):
     return names
 
 
+def marks_of(text):
+    return [
+        pytest.mark.torch if name == "torch" else pytest.mark.peer for name in PEERS.findall(text)
+    ]
+
+
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[pytest.mark.peer] * bool(PEERS.search(text)))
-        for name, text in TEXTS.items()
-        if code_of(text)
-    ],
+    [pytest.param(name, marks=marks_of(text)) for name, text in TEXTS.items() if code_of(text)],
 )
 def test_the_code_of_a_page_runs_and_finds_something(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -30,6 +30,11 @@ def drive(said):
     return by_camera < 0.2 < 1 < odometry and again > 50
 
 
+def tensors(said):
+    rows = [numbers(line) for line in said.splitlines()]
+    return all(abs(true - b) < 0.1 and abs(a - b) < 2e-3 for true, a, b in rows) and len(rows) == 3
+
+
 FOUND = {
     "drive": drive,
     "gaze": lambda said: numbers(said.splitlines()[-1])[0] < 0.2 and " decisions" in said,
@@ -39,6 +44,7 @@ FOUND = {
     "saliency": lambda said: said.count(" ms  at (") == 8,
     "scanpath": lambda said: all(numbers(line)[0] > 0.95 for line in said.splitlines()),
     "symmetry": lambda said: said.count("pyramid levels") == 4,
+    "tensors": tensors,
 }
 """What each must say."""
 
@@ -47,8 +53,16 @@ def test_there_is_a_check_of_every_example():
     assert [example.stem for example in EXAMPLES] == sorted(FOUND)
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(path, id=path.stem, marks=[pytest.mark.torch] * (path.stem == "tensors"))
+        for path in EXAMPLES
+    ],
+)
 def test_the_example_runs(example, tmp_path, monkeypatch, capsys):
+    if example.stem == "tensors":
+        pytest.importorskip("torch", reason="needs the group `torch`")
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(example), run_name="__main__")
     said = capsys.readouterr().out

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from saccade.attention.channels import CONSPICUITY, Channel, ChannelName, Conspicuity
 from saccade.attention.contrast_config import DEFAULT, ContrastConfig
-from saccade.attention.contrast_steps import KOOTSTRA2010, MIRRORED, Steps
+from saccade.attention.contrast_steps import KOOTSTRA2010, MIRRORED, Shape, Steps
 from saccade.attention.maps import SaliencyMaps
 from saccade.attention.saliencytoolbox2 import SALIENCYTOOLBOX2
 from saccade.errors import ImageError
@@ -118,10 +118,15 @@ def contrast_maps(
     config: ContrastConfig | None = None,
     steps: Steps | None = None,
     *,
+    shape: Shape | None = None,
     keep_features: bool = False,
 ) -> ContrastMaps:
-    """`contrast_saliency` of a checked image; `steps` are by default those of its variant."""
-    shape = pixels.shape[:2]
+    """`contrast_saliency` of a checked image; `steps` are by default those of its variant.
+
+    Steps of another array library take `pixels` and give maps (..., h, w) in their own layout, for
+    images of `shape` (H, W).
+    """
+    shape = shape or pixels.shape[:2]
     config = (config or DEFAULT).at_size(shape)
     steps = steps or VARIANTS[config.variant]
     scales = existing_scales(shape, config, steps)

@@ -109,21 +109,46 @@ def gabor_pair(
     return gabor_sums(*gabor_factors(angle, period, sigma, size))
 
 
-def gabor_energy(image: FloatMap, angle: float, period: float, sigma: float, size: int) -> FloatMap:
+def filter_lines(image: FloatMap, along_x: FloatArray, along_y: FloatArray) -> FloatMap:
+    """The image filtered along both axes, mirrored at its borders."""
+    return cv2.sepFilter2D(image, -1, along_x, along_y, borderType=cv2.BORDER_REFLECT)
+
+
+def box_mean(image: FloatMap, size: int) -> FloatMap:
+    """Mean over a square of `size` pixels, mirrored at the borders."""
+    return cv2.boxFilter(image, -1, (size, size), borderType=cv2.BORDER_REFLECT)
+
+
+def magnitude(even: FloatMap, odd: FloatMap) -> FloatMap:
+    """Root of the sum of squares; cv2.magnitude rounds differently with where its input lies."""
+    energy: FloatMap = even * even + odd * odd
+    np.sqrt(energy, out=energy)
+    return energy
+
+
+def gabor_energy(
+    image: FloatMap,
+    angle: float,
+    period: float,
+    sigma: float,
+    size: int,
+    *,
+    filter_lines: Callable[[FloatMap, FloatArray, FloatArray], FloatMap] = filter_lines,
+    box_mean: Callable[[FloatMap, int], FloatMap] = box_mean,
+    magnitude: Callable[[FloatMap, FloatMap], FloatMap] = magnitude,
+) -> FloatMap:
     """(h, w) magnitude of the responses to a `gabor_pair` in quadrature (A.6), by its factors."""
     even_x, odd_x, (cos_y, sin_y) = gabor_factors(angle, period, sigma, size)
-    mean = cv2.boxFilter(image, -1, (size, size), borderType=cv2.BORDER_REFLECT)
 
-    def response(x: FloatArray, y: FloatArray) -> FloatMap | float:
+    def response(x: FloatArray, y: FloatArray) -> Any:
         if not (x.any() and y.any()):  # a wave along one axis has no sine along the other
             return 0.0
-        return cv2.sepFilter2D(image, -1, x, y, borderType=cv2.BORDER_REFLECT)
+        return filter_lines(image, x, y)
 
-    even = response(even_x[0], cos_y) - float(even_x[0].sum() * cos_y.sum()) * mean
+    mean = float(even_x[0].sum() * cos_y.sum()) * box_mean(image, size)
+    even = response(even_x[0], cos_y) - mean
     even -= response(even_x[1], sin_y)
-    odd = response(odd_x[0], sin_y) + response(odd_x[1], cos_y)
-    energy = even * even + odd * odd  # cv2.magnitude rounds differently with where its input lies
-    return np.sqrt(energy, out=energy)
+    return magnitude(even, response(odd_x[0], sin_y) + response(odd_x[1], cos_y))
 
 
 def gabors(config: ContrastConfig) -> list[tuple[float, float, float, int]]:
@@ -132,13 +157,21 @@ def gabors(config: ContrastConfig) -> list[tuple[float, float, float, int]]:
     return [(float(np.deg2rad(angle)), *window) for angle in config.orientations]
 
 
+def rgb_channels(
+    pixels: npt.NDArray[Any], config: ContrastConfig, dtype: npt.DTypeLike = np.float32
+) -> dict[ChannelName, FloatMap]:
+    """Intensity and opponents of a checked image (A.1-A.3)."""
+    rgb = repeat_gray(in_unit_range(pixels, dtype))  # (h, w, 3)
+    return {"intensity": intensity(rgb), **opponency(rgb, config.color, config.dark)}
+
+
 def split_channels(
     pixels: npt.NDArray[Any],
     config: ContrastConfig,
     finest: int,
     *,
     halve: Callable[[FloatMap], FloatMap] = halve,
-    dtype: npt.DTypeLike = np.float32,
+    channels: Callable[[Any, ContrastConfig], dict[ChannelName, FloatMap]] = rgb_channels,
 ) -> tuple[int, dict[ChannelName, FloatMap]]:
     """A level, at most `finest`, and intensity and opponents there (A.1-A.3).
 
@@ -148,8 +181,7 @@ def split_channels(
     level = finest if config.color == "linear" else 0
     for _ in range(level):
         pixels = halve(pixels)
-    rgb = repeat_gray(in_unit_range(pixels, dtype))  # (h, w, 3)
-    return level, {"intensity": intensity(rgb), **opponency(rgb, config.color, config.dark)}
+    return level, channels(pixels, config)
 
 
 def gabor_energies(level: FloatMap, config: ContrastConfig) -> list[FloatMap]:
@@ -164,13 +196,19 @@ def difference(
     config: ContrastConfig,
     *,
     resize: Callable[[FloatMap, Shape], FloatMap] = resize,
+    absdiff: Callable[[FloatMap, FloatMap], FloatMap] = cv2.absdiff,
 ) -> FloatMap:
     """Absolute difference of center and surround (A.7-A.10)."""
-    contrast = cv2.absdiff(center, resize(surround, center.shape))
+    contrast = absdiff(center, resize(surround, center.shape[-2:]))
     return resize(contrast, map_shape) if config.normalize_at == "map" else contrast
 
 
-def normalize_map(values: FloatMap, config: ContrastConfig) -> FloatMap:
+def normalize_map(
+    values: FloatMap,
+    config: ContrastConfig,
+    *,
+    normalize: Callable[..., FloatMap] = normalize,
+) -> FloatMap:
     """N with the settings of a configuration."""
     return normalize(
         values,
@@ -259,7 +297,9 @@ def normalize_as_published(values: FloatMap, config: ContrastConfig) -> FloatMap
 
 KOOTSTRA2010 = replace(
     MIRRORED,
-    split_channels=partial(split_channels, halve=halve_as_published, dtype=np.float64),
+    split_channels=partial(
+        split_channels, halve=halve_as_published, channels=partial(rgb_channels, dtype=np.float64)
+    ),
     halve=halve_as_published,
     orientations=gabor_responses,
     difference=partial(difference, resize=resize_as_published),

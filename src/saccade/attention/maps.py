@@ -41,5 +41,5 @@ class SaliencyMaps:
         return {name: resize(layer, self.image_shape) for name, layer in self.layers.items()}
 
     def __repr__(self) -> str:
-        (h, w), (height, width) = self.saliency.shape, self.image_shape
+        (h, w), (height, width) = self.saliency.shape[-2:], self.image_shape
         return f"{type(self).__name__}({w} x {h} cells of a {width} x {height} image)"

@@ -4,7 +4,8 @@ N promotes maps with few outstanding maxima over those with many. Every method f
 to [0, 1]. A flat map becomes 0.
 """
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -30,36 +31,6 @@ KERNEL_CUT = 0.01
 """The Gaussians are truncated where they fall below this fraction of their peak."""
 MAX_SMOOTHING = 1 / 8
 """Largest standard deviation of the smoothing, as a fraction of a side of the map."""
-
-
-def normalize(
-    values: FloatMap,
-    method: Normalization,
-    *,
-    threshold: float = 0.1,
-    radius: float | None = 0.05,
-    iterations: int = 3,
-) -> FloatMap:
-    """The operator N: the map scaled to [0, 1] and weighted by how few maxima stand out in it.
-
-    Args:
-        values: (h, w).
-        method: "local-maxima" weights by `(1 - m)^2` with the mean m of all local maxima,
-            "local-maxima-1998" of all but the global one (Itti, Koch & Niebur 1998);
-            "iterative" is lateral inhibition (Itti & Koch 2000), "none" only scales.
-        threshold: lower local maxima are ignored.
-        radius: of the neighborhood of a local maximum, as a fraction of the longer side of the
-            map, at least a pixel; None for the 8 neighbors.
-        iterations: of the iterative method.
-    """
-    scaled = rescale(values)
-    if method == "iterative":
-        return inhibit_laterally(scaled, iterations)
-    if method == "none":
-        return scaled
-    pixels = 1 if radius is None else max(1, round(radius * max(values.shape)))
-    maxima = local_maxima(scaled, threshold, pixels)
-    return scaled * promotion(maxima, without_highest=method == "local-maxima-1998")
 
 
 def rescale(values: FloatMap) -> FloatMap:
@@ -115,11 +86,12 @@ def position_prior(
     return prior
 
 
-def promotion(maxima: FloatMap, *, without_highest: bool) -> float:
-    """The weight `(1 - m)^2` with the mean m of the (n,) maxima; 1 for a single one, 0 for none.
+def promotion(values: FloatMap, threshold: float, radius: int, without_highest: bool) -> float:
+    """The weight `(1 - m)^2` with the mean m of the local maxima; 1 for a single one, 0 for none.
 
     A single maximum is 1 after scaling: the formula would suppress the map that it should promote.
     """
+    maxima = local_maxima(values, threshold, radius)
     n = len(maxima)
     if n < 2:
         return float(n)
@@ -148,6 +120,42 @@ def local_maxima(values: FloatMap, threshold: float, radius: int) -> FloatMap:
     height = np.zeros(count, values.dtype)
     height[label.ravel()[maxima]] = values.ravel()[maxima]
     return height[1:]
+
+
+def normalize(
+    values: FloatMap,
+    method: Normalization,
+    *,
+    threshold: float = 0.1,
+    radius: float | None = 0.05,
+    iterations: int = 3,
+    rescale: Callable[[FloatMap], FloatMap] = rescale,
+    promotion: Callable[[FloatMap, float, int, bool], Any] = promotion,
+) -> FloatMap:
+    """The operator N: the map scaled to [0, 1] and weighted by how few maxima stand out in it.
+
+    Args:
+        values: (h, w).
+        method: "local-maxima" weights by `(1 - m)^2` with the mean m of all local maxima,
+            "local-maxima-1998" of all but the global one (Itti, Koch & Niebur 1998);
+            "iterative" is lateral inhibition (Itti & Koch 2000), "none" only scales.
+        threshold: lower local maxima are ignored.
+        radius: of the neighborhood of a local maximum, as a fraction of the longer side of the
+            map, at least a pixel; None for the 8 neighbors.
+        iterations: of the iterative method.
+        rescale: the scaling, which may be of another array library.
+        promotion: the weight, likewise.
+    """
+    scaled = rescale(values)
+    if method == "iterative":
+        return inhibit_laterally(scaled, iterations)
+    if method == "none":
+        return scaled
+    pixels = 1 if radius is None else max(1, round(radius * max(values.shape[-2:])))
+    weighted: FloatMap = scaled * promotion(
+        scaled, threshold, pixels, method == "local-maxima-1998"
+    )
+    return weighted
 
 
 def inhibit_laterally(values: FloatMap, iterations: int, min_sigma: float = MIN_SIGMA) -> FloatMap:
