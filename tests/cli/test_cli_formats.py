@@ -14,7 +14,6 @@ from scipy.io import loadmat
 import saccade
 from saccade.attention.models import AttentionModel
 from saccade.cli import output
-from saccade.datasets.fixations import read_fixations
 from saccade.scale.pyramid import resize
 from support.commands import json_of
 
@@ -82,15 +81,13 @@ def test_progress_is_printed_in_lines_where_stderr_is_no_terminal(capsys, monkey
 def looked(photos, tmp_path_factory):
     """The folder and the rows of `look` with both tables."""
     out = tmp_path_factory.mktemp("looked")
-    words = ["look", photos, "--format", "csv", "--format", "mat", "--fixations", 4]
+    words = ["look", photos, "--format", "csv", "--fixations", 4]
     return out, json_of(*words, "--out", out)
 
 
 def test_scanpaths_are_a_tidy_table(looked):
     out, told = looked
-    assert set(told["files"]) == {
-        f"{stem}_{kind}" for stem in ("scanpaths", "samples") for kind in ("csv", "mat")
-    }
+    assert set(told["files"]) == {"scanpaths_csv", "samples_csv"}
     assert not list(out.glob("*.npz"))
     table = pandas.read_csv(out / "scanpaths.csv")
     for row in told["images"]:
@@ -105,12 +102,6 @@ def test_scanpaths_are_a_tidy_table(looked):
     samples = pandas.read_csv(out / "samples.csv")
     assert samples.groupby(["image", "subject"]).size().tolist() == [4] * 200
     assert samples.notna().all(axis=None)
-
-
-def test_fixations_for_matlab_are_those_of_the_table(looked):
-    table, mat = (read_fixations(looked[0] / f"samples.{kind}") for kind in ("csv", "mat"))
-    for field in ("image", "subject", "index", "xy"):
-        np.testing.assert_array_equal(getattr(mat, field), getattr(table, field))
 
 
 @pytest.mark.parametrize("command", ["fixations", "scanpaths"])

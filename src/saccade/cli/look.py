@@ -1,6 +1,6 @@
 """`saccade look`: saliency maps and scanpaths."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -47,7 +47,7 @@ from saccade.viewing import (
 )
 from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
 
-Format = Literal["npz", "csv", "mat", "png", "svg", "pdf"]
+Format = Literal["npz", "csv", "png", "svg", "pdf"]
 """File formats of arrays, of tables of scanpaths, and of figures."""
 MapFormat = Literal["npy", "mat", "png", "tiff"]
 """File formats of maps at the size of the image."""
@@ -67,7 +67,7 @@ class LookOptions(ModelOptions, JsonOptions, ImageArguments):
     """The most probable path of the scanpath model (the default), or that of the winner-take-all
     network (the default with --preset kootstra2010, itti1998 and saliencytoolbox2)."""
     formats: Annotated[list[Format] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))] = None
-    """Output format: of the maps and scanpaths, npz by default, or csv and mat for the scanpaths;
+    """Output format: of the maps and scanpaths, npz by default, or csv for the scanpaths;
     and of the figures, png by default; several with commas."""
     maps: Annotated[list[MapFormat] | None, OUTPUT, SEVERAL] = None
     """Also write every map at the size of the image: npy and tiff of float32, mat, or png of 16
@@ -87,7 +87,7 @@ def look(options: LookOptions) -> Result:
 
     For each image --out receives a figure (NAME.look.png) and the arrays
     (NAME.look.npz), and for all of them an interactive report (report.html).
-    With --format csv or mat the scanpaths of all images go to scanpaths.csv,
+    With --format csv the scanpaths of all images go to scanpaths.csv,
     and a hundred drawn ones of each to samples.csv; with --maps each map goes
     to maps/MAP/NAME.npy.
 
@@ -111,15 +111,10 @@ def look(options: LookOptions) -> Result:
     with results_in(out):
         rows, code = analyze_each(options.images, out, of_image)
         report = builder.write(out / "report.html") if len(builder) else None
-        written = write_scanpaths(out, _tables(options), paths)
+        written = write_scanpaths(out, paths) if "csv" in (options.formats or ()) else {}
     row: dict[str, Any] = {"images": rows, "report": None if report is None else str(report)}
     row |= {"files": written} if written else {}
     return Result(row, [_table(each) for each in rows], code)
-
-
-def _tables(options: LookOptions) -> list[str]:
-    """Formats of the tables of scanpaths."""
-    return [each for each in ("csv", "mat") if each in (options.formats or ())]
 
 
 def _table(row: dict[str, Any]) -> Table:
@@ -193,7 +188,7 @@ def analyze_image(
         "scanpath": np.column_stack([scan.xy, scan.time, scan.saliency]).tolist(),
         "picture": str(picture),
     }
-    if not _tables(options) or "npz" in (options.formats or ()):
+    if "csv" not in (options.formats or ()) or "npz" in (options.formats or ()):
         row["arrays"] = f"{out}.npz"
         write_arrays(Path(f"{out}.npz"), layers | scanpath_arrays | {"format": FORMATS["look"]})
     name = out.name.removesuffix(".look")
@@ -230,10 +225,10 @@ def write_maps(
 
 
 def write_scanpaths(
-    out: Path, kinds: Sequence[str], paths: Mapping[Path, tuple[Scanpath, ScanpathSamples]]
+    out: Path, paths: Mapping[Path, tuple[Scanpath, ScanpathSamples]]
 ) -> dict[str, str]:
-    """Write the scanpaths of all images, and their samples, in each format; returns the files."""
-    if not kinds or not paths:
+    """Write the scanpaths of all images, and their samples, as tables; returns the files."""
+    if not paths:
         return {}
     from saccade.datasets.fixations import write_fixations
     from saccade.evaluation.scanpaths import durations_of
@@ -263,7 +258,6 @@ def write_scanpaths(
         )
         onset = 1000 * np.concatenate([each.time for each in scans])
         saliency = np.concatenate([each.saliency for each in scans])
-        for kind in kinds:
-            files[f"{stem}_{kind}"] = str(out / f"{stem}.{kind}")
-            write_fixations(out / f"{stem}.{kind}", table, onset_ms=onset, saliency=saliency)
+        files[f"{stem}_csv"] = str(out / f"{stem}.csv")
+        write_fixations(out / f"{stem}.csv", table, onset_ms=onset, saliency=saliency)
     return files

@@ -31,7 +31,7 @@ from saccade.datasets.fixation_tables import (
 from saccade.datasets.fixation_trials import merge_eyes, number_trials
 from saccade.datasets.tables import write_table
 from saccade.errors import LogError, LogWarning, require
-from saccade.io.files import atomic_write, is_file, natural_order
+from saccade.io.files import is_file, natural_order
 from saccade.types import BoolArray, FixationTable, IntArray
 
 DURATION = "duration_ms"
@@ -269,10 +269,7 @@ def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArr
 
     Args:
         path: .csv, a row for each fixation: image, subject, index, x, y, duration_ms (empty where
-            unknown) and further columns; or .mat, in OSIE's layout: a cell array `fixations` with
-            `img` and a cell array `subjects` for each image, and `subject`, `fix_x`, `fix_y`,
-            `fix_duration` (ms) and further fields `fix_NAME` for each subject. Written whole or
-            not at all; an old file is replaced.
+            unknown) and further columns.
         table: fixations, of each subject in their order.
         columns: (n,) further numbers, by name.
 
@@ -280,29 +277,11 @@ def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArr
         ConfigError: another suffix.
         OutputError: the file cannot be written.
     """
-    path = Path(path)
-    require(path.suffix in (".csv", ".mat"), "path", "a .csv or .mat", str(path))
+    require(Path(path).suffix == ".csv", "path", "a .csv", str(path))
     x, y = table.xy.T
     unknown = np.full(len(table), np.nan)
+    keys = {"image": table.image, "subject": table.subject, "index": table.index}
+    if table.trial is not None:
+        keys["trial"] = table.trial
     milliseconds = unknown if table.duration is None else 1000 * table.duration
-    if path.suffix == ".csv":
-        keys = {"image": table.image, "subject": table.subject, "index": table.index}
-        if table.trial is not None:
-            keys["trial"] = table.trial
-        write_table(path, keys | {"x": x, "y": y, DURATION: milliseconds} | columns)
-        return
-    from scipy.io import savemat  # slow to import
-
-    fields = {"x": x, "y": y, "duration": milliseconds} | columns
-    images = []
-    for name in np.unique(table.image):
-        own = np.flatnonzero(table.image == name)
-        subjects = []
-        paths = table[own].scanpath
-        for rows in (own[paths == path] for path in np.unique(paths)):
-            numbers = {f"fix_{key}": values[rows] for key, values in fields.items()}
-            subjects.append({"subject": table.subject[rows[0]], **numbers})
-        images.append({"img": str(name), "subjects": np.array(subjects, object)})
-    with atomic_write(path) as temporary:
-        content = {"fixations": np.array(images, object)}
-        savemat(temporary, content, do_compression=True, oned_as="column")
+    write_table(path, keys | {"x": x, "y": y, DURATION: milliseconds} | columns)

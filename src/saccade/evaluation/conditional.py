@@ -5,12 +5,11 @@ Bethge 2021, *State-of-the-art in human scanpath prediction*), on the cells of t
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import repeat
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from saccade.attention.maps import SaliencyMaps
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
@@ -57,9 +56,6 @@ class FixationRow(NamedTuple):
     image: str
     model: str
     """One of `MODELS`."""
-    subject: int
-    fixation: int
-    """Number of the fixation among the scored ones of the subject."""
     scores: FixationPrediction
 
 
@@ -78,7 +74,6 @@ def score_fixations(
     center = np.array([[(shape[1] - 1) / 2, (shape[0] - 1) / 2]])
     first = np.searchsorted(seen.scanpath, seen.scanpath)  # the table is sorted by scanpath
     past = [np.vstack([center, seen.xy[start:i]]) for i, start in enumerate(first.tolist())]
-    number = np.arange(len(seen)) - first
     cells = np.ravel_multi_index(tuple(cells_of(seen.xy, shape, saliency.shape).T), saliency.shape)
 
     def density_of(xy: FloatArray) -> FloatArray:
@@ -101,8 +96,7 @@ def score_fixations(
         SIMILAR: sampled(saliency, ScanpathModelConfig.similar()),
     }
     for kind, densities in predictions.items():
-        rows = zip(seen.subject.tolist(), number.tolist(), cells.tolist(), densities, strict=False)
-        for subject, k, cell, density in rows:
+        for cell, density in zip(cells.tolist(), densities, strict=False):
             values = density.ravel()
             with np.errstate(divide="ignore"):  # a map that is no density may be 0 there
                 gain = float(np.log2(values[cell] / baseline.ravel()[cell]))
@@ -111,7 +105,7 @@ def score_fixations(
                 auc=float(ranks(values[cell : cell + 1], values)[0]),
                 information_gain=np.nan if kind == STATIC else gain,
             )
-            yield FixationRow(name, kind, subject, k, scores)
+            yield FixationRow(name, kind, scores)
 
 
 def _cell_density(
@@ -163,11 +157,3 @@ def _mean_score(images: Mapping[str, Sequence[float]]) -> MeanScore:
     table = np.array([np.mean(values) for values in images.values()])[:, None]
     low, high = mean_interval(table, 0.95, SEED)
     return MeanScore(float(table.mean()), float(low[0]), float(high[0]))
-
-
-def tidy(rows: Sequence[PathRow | FixationRow]) -> dict[str, npt.NDArray[Any]]:
-    """The columns of a table, a row for each path or fixation; NaN where a score is unknown."""
-    keys = [name for name in rows[0]._fields if name not in ("path", "scores")]
-    columns = {key: np.array([getattr(row, key) for row in rows]) for key in keys}
-    scores = np.array([astuple(row.scores) for row in rows])
-    return columns | dict(zip(asdict(rows[0].scores), scores.T, strict=True))

@@ -143,9 +143,6 @@ class PathRow(NamedTuple):
     image: str
     source: str
     """One of `SOURCES`."""
-    number: int
-    """Number of the path among those of its source on this image; of people the subject."""
-    path: GazePath
     scores: PathScores
 
 
@@ -216,20 +213,18 @@ def score_paths(
     seen = _cut(people[name].paths, settings.fixations)
     everyone = list(seen.values())
 
-    def row(source: str, number: int, path: GazePath, subjects: Sequence[GazePath]) -> PathRow:
-        scores = path_scores(path, subjects, shape, settings.similarity)
-        return PathRow(name, source, number, path, scores)
+    def row(source: str, path: GazePath, subjects: Sequence[GazePath]) -> PathRow:
+        return PathRow(name, source, path_scores(path, subjects, shape, settings.similarity))
 
     for (subject, _), path in seen.items():
         others = [each for (other, _), each in seen.items() if other != subject]
-        yield row(PEOPLE, subject, path, others)
+        yield row(PEOPLE, path, others)
     names = list(people)
     stranger = people[names[(names.index(name) + 1) % len(names)]]
     scale = np.array(shape[::-1]) / stranger.shape[::-1]
     seed = settings.seed * len(names) + names.index(name)
-    for (subject, _), path in _cut(stranger.paths, settings.fixations).items():
-        moved = GazePath((path.xy + 0.5) * scale - 0.5, path.duration)
-        yield row(OTHERS, subject, moved, everyone)
+    for path in _cut(stranger.paths, settings.fixations).values():
+        yield row(OTHERS, GazePath((path.xy + 0.5) * scale - 0.5, path.duration), everyone)
     maps, length = SaliencyMaps(saliency, shape), settings.fixations
     for source, values, model in (
         (WALK, SaliencyMaps(np.ones_like(saliency), shape), walk_model(settings.model)),
@@ -237,14 +232,14 @@ def score_paths(
         (SIMILAR, maps, ScanpathModelConfig.similar()),
     ):
         drawn = sample_scanpaths(values, model, count=settings.samples, fixations=length, seed=seed)
-        for number, each in enumerate(zip(drawn.xy, drawn.duration, strict=True)):
-            yield row(source, number, GazePath(*each), everyone)
+        for each in zip(drawn.xy, drawn.duration, strict=True):
+            yield row(source, GazePath(*each), everyone)
     for source, found in (
         (MOST_PROBABLE, most_probable_scanpath(maps, fixations=length)),
         (DETERMINISTIC, scanpath(maps, settings.network, fixations=length)),
     ):
         if len(found):
-            yield row(source, 0, GazePath(found.xy, durations_of(found)), everyone)
+            yield row(source, GazePath(found.xy, durations_of(found)), everyone)
 
 
 def walk_model(model: ScanpathModelConfig) -> ScanpathModelConfig:
