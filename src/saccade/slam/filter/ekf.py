@@ -329,11 +329,12 @@ class EkfSlam:
 
     def _known_rows(self, landmarks: IntArray) -> IntArray:
         """Rows in the whole map of landmarks (k,)."""
-        unknown = landmarks[~np.isin(landmarks, self.ids)]
-        if len(unknown) > 0:
+        ids = self.ids
+        known = (np.append(ids, -1)[ids.searchsorted(landmarks)] == landmarks) & (landmarks >= 0)
+        if not known.all():
             raise LogError(
-                f"landmark: expected ids of the {len(self)} landmarks of the map, "
-                f"found {int(unknown[0])}"
+                f"landmark: expected ids of the {len(ids)} landmarks of the map, "
+                f"found {int(landmarks[~known][0])}"
             )
         return self.rows(landmarks)
 

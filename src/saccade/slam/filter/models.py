@@ -66,7 +66,8 @@ def control_bias(u: FloatArray, robot_size: int) -> FloatArray:
 
 def new_innovations(k: int) -> Innovations:
     """Room for the innovations of so many observations."""
-    room = np.full(7 * k, np.nan)
+    room = np.empty(7 * k)
+    room.fill(np.nan)
     value, covariance = room[: 2 * k].reshape(k, 2), room[2 * k : 6 * k].reshape(k, 2, 2)
     return Innovations(value, covariance, room[6 * k :])
 

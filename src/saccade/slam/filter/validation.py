@@ -38,13 +38,11 @@ def check_covariance(name: str, value: FloatArray, size: int) -> FloatArray:
     matrix = as_numbers(name, value)
     if matrix.shape != (size, size):
         raise LogError(f"{name}: expected shape {(size, size)}, found {matrix.shape}")
-    if not (np.abs(matrix) < LARGEST**2).all():
-        raise LogError(f"{name}: expected numbers within {LARGEST**2:g}, found {matrix.tolist()}")
     if first_invalid(np.zeros((1, size)), matrix[None].copy(), 1.0, 0.0) == 0:
-        raise LogError(
-            f"{name}: expected a symmetric matrix without negative eigenvalues, "
-            f"found {matrix.tolist()}"
-        )
+        expected = "a symmetric matrix without negative eigenvalues"
+        if not (np.abs(matrix) < LARGEST**2).all():
+            expected = f"numbers within {LARGEST**2:g}"
+        raise LogError(f"{name}: expected {expected}, found {matrix.tolist()}")
     return matrix
 
 
