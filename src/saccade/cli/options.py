@@ -5,7 +5,7 @@ with another. Fields that are not `kw_only` are positional; their class is the l
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
@@ -127,18 +127,12 @@ def parse_pose(option: str, text: str, expected: str) -> tuple[float, float, flo
     return x, y, angle
 
 
-@dataclass(frozen=True)
-class SequenceArgument(Options):
-    """A camera drive."""
-
-    sequence: Path
-    """Camera drive: a folder, video, bag or track file."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class SequenceOptions(SequenceArgument):
+class SequenceOptions(Options):
     """A camera drive, with the calibration that its files lack."""
 
+    sequence: Path = field(kw_only=False)
+    """Camera drive: a folder, video, bag or track file."""
     kind: Annotated[str | None, INPUT, Parameter("--format", metavar="FORMAT")] = None
     """Format of SEQUENCE: kitti, tum-rgbd, rosbag, tracks, folder or video; detected by default."""
     intrinsics: Annotated[str | None, INPUT, Parameter(metavar="FX,FY,CX,CY")] = None
