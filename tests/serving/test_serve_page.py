@@ -129,15 +129,13 @@ def test_a_photograph_is_dropped_set_and_copied(opened):
     assert page.locator(".title").inner_text().startswith(evil)
     assert page.locator("#serve img[onerror]").count() == 0
     pre = page.locator("pre")
-    assert "onerror=alert(1)" in pre.first.inner_text()
 
     before = int(serve.get_attribute("data-points"))
     sift = page.locator("[data-kind=sift]")
     sift.get_by_role("checkbox", name="contrast_threshold").check()
     _slide(page, "contrast_threshold", 0.05)
-    expect(pre.first).to_contain_text("contrast_threshold=0.05")
+    expect(pre.last).to_contain_text("contrast_threshold = 0.05")
     assert 0 < int(serve.get_attribute("data-points")) < before
-    assert "contrast_threshold = 0.05" in pre.last.inner_text()
     assert sift.locator(".state").inner_text() == "changed"
     sift.get_by_label("Preset").select_option("kootstra2010")
     expect(pre.last).to_contain_text("octaves = 3")
