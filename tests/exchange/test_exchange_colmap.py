@@ -258,8 +258,9 @@ def test_a_camera_that_does_not_fit_is_named(pycolmap, rng, tmp_path, cameras, e
     assert not list(tmp_path.iterdir())
 
 
-def test_the_command_takes_a_camera_or_a_list_of_them(pycolmap, run, tmp_path):
-    words = ["match", str(Path(HALLWAY[0]).parent / "hallway_*.jpg"), "--format", "colmap"]
+@pytest.mark.parametrize("command", ["match", "detect"])
+def test_the_command_takes_a_camera_or_a_list_of_them(pycolmap, run, tmp_path, command):
+    words = [command, str(Path(HALLWAY[0]).parent / "hallway_*.jpg"), "--format", "colmap"]
     height, width = saccade.read_image(HALLWAY[0]).shape[:2]
     camera = f"PINHOLE,400,400,{width / 2},{height / 2}"
     assert run(*words, "--out", tmp_path / "o", "--camera", camera)[0] == 0
