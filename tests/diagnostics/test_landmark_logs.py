@@ -214,3 +214,13 @@ def test_good_logs_have_no_findings(seed, named):
     if not named:
         log = replace(log, landmark=np.full(len(log.landmark), -1))
     assert check_run(log, slam.run(log), check_log(log)) == ()
+
+
+def test_a_run_with_halves_of_observations_is_judged(good):
+    half = good.observation.copy()
+    half[::5, 0] = half[2::5, 1] = np.nan
+    log = replace(good, observation=half)
+    assert check_run(log, slam.run(log), check_log(log)) == ()
+    unnamed = replace(log, landmark=np.full(len(log.landmark), -1))
+    findings = check_run(unnamed, slam.run(unnamed), check_log(unnamed))
+    assert [each.check for each in findings] == ["unused"]  # halves name no landmark

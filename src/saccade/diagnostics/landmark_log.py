@@ -43,8 +43,7 @@ MIN_GAIN = 0.5
 MIN_WINS = 0.7
 """Fraction of tenths of the log in which another reading must be better."""
 SIMILAR_GAIN = 0.8
-"""Gain of another mounting of the sensor, relative to that of another motion order, above which
-either may be the cause."""
+"""Minimum ratio of two gains for an ambiguous cause: motion order or mounting of the sensor."""
 NOISE_FACTORS = (1 / 12, 1.5)
 """Smallest and largest factor on the standard deviations that is accepted."""
 MIN_NOISE_GAIN = 0.15
@@ -72,7 +71,7 @@ class Rival(NamedTuple):
 def shared_name_finding(
     log: LandmarkLog, numbers: Sequence[int], distance: float, when: str
 ) -> Finding:
-    """Finding of names that several landmarks share, the one with most evidence first."""
+    """Finding of names that several landmarks share; `numbers` in descending order of evidence."""
     names = [str(name) for name in name_texts(np.array(numbers), log.text_names)]
     what = f"several landmarks share the name {names[0]}: it is observed {when} at places "
     what += f"{distance:.1f} m apart"
@@ -90,8 +89,7 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
         log: the log.
 
     Returns:
-        What is wrong, the likeliest cause first; empty for a log without controls or observations
-        that can be compared.
+        Findings, the likeliest cause first; none for a log without observations to compare.
 
     Raises:
         LogError: bearings that are no angles in radians.
@@ -121,7 +119,7 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
 
 
 def _observations_of(log: LandmarkLog, kept: BoolArray) -> LandmarkLog:
-    """The log with some of its observations, (k,) those that are kept."""
+    """The log with the observations that are `kept` (k,)."""
     names = ("observation_pose", "observation", "observation_covariance", "landmark")
     columns: dict[str, Any] = {name: getattr(log, name)[kept] for name in names}
     return log if kept.all() else replace(log, **columns)

@@ -11,7 +11,7 @@ from saccade.types import FloatArray, IntArray, LandmarkLog
 MIN_PAIRS = 30
 """Minimum number of pairs of observations at one lag."""
 MAX_PAIRS = 2000
-"""Number of pairs at one lag above which some are left out."""
+"""Approximate maximum number of pairs at one lag."""
 MIN_MOTION = 0.08
 """Smallest relative movement of a landmark between the observations of a pair."""
 MAX_MOTION = 0.45
@@ -143,14 +143,14 @@ def residuals(log: Readings, a: IntArray, b: IntArray) -> tuple[FloatArray, Floa
 def gains(
     log: Readings, a: IntArray, b: IntArray, noise: FloatArray = FACTORS
 ) -> tuple[FloatArray, tuple[float, float]]:
-    """Log-likelihood (m,) of each pair over that of a guess, at the likeliest factor of its noise.
+    """Log-likelihood ratio (m,) of each pair and a guess, at the likeliest factor of the noise.
 
     Sensor and odometry are diagonalized together, so that each factor costs a sum. A gain is at
     least 0, since any pair may be an outlier.
 
     Returns:
-        The gains, and the factors on the standard deviations of sensor and odometry: equal, or
-        that of odometry 1.
+        The gains, and the factors on the standard deviations of sensor and odometry: one for both,
+        or 1 for odometry.
     """
     residual, sensor, odometry = residuals(log, a, b)
     whitening = np.linalg.inv(np.linalg.cholesky(sensor))

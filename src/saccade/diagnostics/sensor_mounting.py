@@ -23,7 +23,7 @@ from saccade.types import FloatArray, IntArray
 ITERATIONS = 10
 """Iterations of the reweighted least squares."""
 CAUCHY = 2.5
-"""Whitened residual at which an observation has half of its weight."""
+"""Scale of the Cauchy weights, in standard deviations."""
 BIAS_SIGMA = 0.05
 """Prior standard deviation of the errors of odometry for which a log declares none: of a factor,
 of radians per meter, and of meters per radian."""

@@ -1,4 +1,4 @@
-"""Judgement of a SLAM run by what it used: what is wrong, and the likeliest cause first."""
+"""Checks of a SLAM run: names, unused observations, innovations, scale, and duplicates."""
 
 from collections.abc import Iterator, Sequence
 
@@ -7,62 +7,64 @@ from scipy.spatial import cKDTree
 
 from saccade.diagnostics.findings import Finding
 from saccade.diagnostics.landmark_log import shared_name_finding
-from saccade.plane import rotated, to_points
+from saccade.plane import in_robot_frame, rotated, to_points
 from saccade.slam import SlamResult
 from saccade.slam.consistency import chi_square_gate
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
 MAX_UNUSED = 0.3
-"""Fraction of the observations that may be without use."""
+"""Largest fraction of unused observations without a warning."""
 MAX_DUPLICATES = 0.1
-"""Fraction of the landmarks that may stand for a name, or a place, that has one."""
+"""Largest fraction of landmarks with the name or the position of another one without a warning."""
 MIN_OBSERVATIONS = 50
-"""Observations from which names are said to have changed."""
-MIN_REFUSED, MIN_JUMP = 0.04, 3.0
-"""Fraction of named observations refused or not used from which names may have changed, and its
-ratio after and before."""
-MIN_SIGHTINGS, MIN_SHARE, MIN_SECOND = 16, 0.1, 0.005
-"""Sightings of a name whose places are compared, the fraction of them at the second place, and the
-fraction that these are of all observations."""
+"""Minimum number of observations for a test whether names have changed."""
+MIN_REFUSED = 0.04
+"""Minimum fraction of rejected or unused named observations for that test."""
+MIN_JUMP = 3.0
+"""Minimum ratio of that fraction after the change to that before it."""
+MIN_SIGHTINGS = 16
+"""Minimum number of observations of a name for a comparison of their positions."""
+MIN_SHARE = 0.1
+"""Minimum fraction of the observations of a name at its second position."""
+MIN_SECOND = 0.005
+"""Minimum number of observations at the second position, over the number of all observations."""
 MIN_NAME_REFUSED = 0.1
-"""Fraction of the observations of a shared name that are refused."""
+"""Minimum fraction of rejected observations of a shared name."""
 POSSIBLE = 0.9999
-"""Probability with which the NIS of a possible observation is inside its gate."""
+"""Probability of the gate of the NIS outside of which an observation is an outlier."""
 MIN_INNOVATIONS = 200
-"""Minimum number of innovations for a judgement of their mean."""
+"""Minimum number of innovations for a test of their mean NIS."""
 ALL_SIDES_NIS = 1.15
-"""Mean NIS, over its degrees of freedom, above which a run is inconsistent: in twenty simulated
-runs of five worlds it is at most 1.03."""
+"""Largest mean NIS over its degrees of freedom without a warning; correct logs have up to 1.03."""
 ONE_SIDED_NIS = 1.05
-"""The same where innovations are on one side."""
+"""Largest mean NIS over its degrees of freedom without a warning, for one-sided innovations."""
 MIN_SIDE = 0.1
-"""Mean innovation in standard deviations from which innovations are on one side."""
+"""Minimum mean of one-sided innovations, in standard deviations."""
 MAX_SCALE_ERROR = 0.02
-"""Relative error of the distances of odometry that is tolerated."""
+"""Largest relative error of the distances of odometry without a warning."""
 SCALE_SIGMAS = 5.0
-"""Minimum size of that error in standard deviations."""
+"""Minimum ratio of that error to its standard deviation."""
 MIN_SEPARATION = 4.0
-"""Distance of two places of a name, over the spread at either and over their uncertainty."""
+"""Minimum distance of two positions of a name, over their spread and over their uncertainty."""
 MAX_ORDER = 0.6
-"""Difference of the mean ranks in time of two places between which a robot goes to and fro; 1 is
-first the one, then the other."""
+"""Largest difference of the mean ranks in time of two positions of a shared name; a name that has
+changed its position once has 1."""
 
 
 def check_run(
     log: LandmarkLog, result: SlamResult, causes: Sequence[Finding] = ()
 ) -> tuple[Finding, ...]:
-    """Judge a run over a log.
+    """Checks a run over a log.
 
     Args:
-        log: of range and bearing.
-        result: of the run.
-        causes: what `check_log` found in the log.
+        log: the log.
+        result: the result of the run.
+        causes: the findings of `check_log`.
 
     Returns:
-        The causes, else what is wrong with the names; then what is wrong with the run. Empty for
-        a run that is as it should be.
+        The causes or, without any, defects of the names; then defects of the run.
     """
-    found = [*causes]
+    log, found = in_robot_frame(log), [*causes]
     if not found and (log.landmark >= 0).any():
         found += _check_names(log, result)
     return (*found, *_symptoms(log, result))
@@ -89,10 +91,7 @@ def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
 
 
 def _check_innovations(log: LandmarkLog, result: SlamResult, advice: str) -> Iterator[Finding]:
-    """Innovations that are larger than their covariances, and the side to which they are.
-
-    The mean is that of possible observations: others are outliers, not a sign of the noise.
-    """
+    """Innovations that are larger than their covariances or one-sided, without outliers."""
     what, dof, nis = result.consistency.warning, result.consistency.dof, result.consistency.nis
     used = nis < chi_square_gate(dof, POSSIBLE)  # not if NaN
     mean, innovation = float(nis[used].mean()) if used.any() else 0.0, result.innovation[used]
@@ -154,7 +153,7 @@ def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iter
         return
     noise = _spread(log.observation[used], log.observation_covariance[used])
     nearest = np.asarray(cKDTree(landmarks.xy).query(landmarks.xy, k=2)[0])[:, 1]
-    near = nearest < np.median(noise) / 2
+    near = nearest < np.nanmedian(noise) / 2
     if near.sum() > max(2.0, 2 * MAX_DUPLICATES * count):
         what = f"{near.sum()} of {count} landmarks are at the place of another landmark"
         yield Finding("warning", "duplicate places", what, advice, float(near.sum()), "landmarks")
@@ -183,9 +182,9 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
 
 
 def _change(refused: BoolArray, names: IntArray) -> int | None:
-    """The observation from which on the names of many landmarks are refused; None if there is none.
+    """First observation after the names of many landmarks have changed, or None.
 
-    It is that where the fraction refused in the fifth of the log after it exceeds that before most.
+    There the fraction of rejected names in the next fifth of the log exceeds that before it most.
     """
     count = len(refused)
     if refused.mean() <= MIN_REFUSED:
@@ -216,7 +215,7 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
         variance += C[:, 0, 0] + C[:, 1, 1] + turned
     found = []
     for name in np.unique(log.landmark[log.landmark >= 0]).tolist():
-        rows = np.flatnonzero(log.landmark == name)
+        rows = np.flatnonzero((log.landmark == name) & np.isfinite(place[:, 0]))
         if len(rows) < MIN_SIGHTINGS:
             continue
         if result.rejected[rows].mean() < MIN_NAME_REFUSED:
