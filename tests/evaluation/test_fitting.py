@@ -32,6 +32,7 @@ from saccade.evaluation.fixations import FixationScores, auc, fixation_density, 
 from saccade.evaluation.prediction import (
     FixationData,
     PredictionScores,
+    fixation_rows,
     score_models,
     score_people,
 )
@@ -180,6 +181,17 @@ def test_differences_are_paired(looked):
         np.testing.assert_allclose(astuple(scores), 0.5)
     some = PredictionScores("cx", [better[2], better[0]])
     np.testing.assert_allclose(astuple(some.minus(one).mean), 0.5)
+
+
+def test_the_scores_of_the_fixations_average_to_those_of_the_image(looked):
+    data, maps = looked
+    scored = dict(score_models({"x": maps["x"].__getitem__}, data))
+    rows = list(fixation_rows("b", {"x": maps["x"]["b"]}, data))
+    assert len(rows) == len(data.on("b")) == 18
+    for key in ("auc", "shuffled_auc", "nss", "information_gain"):
+        mean = np.mean([getattr(row, key) for row in rows])
+        assert mean == pytest.approx(getattr(scored["b"]["x"], key), rel=1e-9)
+    assert {row.subject for row in rows} == {0, 1, 2}
 
 
 def test_people_are_each_against_the_others(looked):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +12,15 @@ import numpy.typing as npt
 from saccade.datasets.matlab import read_matrix
 from saccade.errors import ImageError, LogError
 from saccade.evaluation.fixations import (
+    TINY,
     FixationScores,
     Map,
+    distribution,
     fixation_density,
     inside,
+    ranks,
     score,
+    values_at,
 )
 from saccade.evaluation.intervals import ScoreSet
 from saccade.io.image import as_gray, read_image, read_stored
@@ -192,6 +196,45 @@ def score_people(data: FixationData) -> Iterator[tuple[str, FixationScores]]:
         ]
         if rows:
             yield name, PredictionScores([name] * len(rows), rows).mean()
+
+
+class FixationRow(NamedTuple):
+    """The scores of one fixation; their means over an image are those of its map."""
+
+    image: str
+    model: str
+    subject: int
+    fixation: int
+    """Its index."""
+    x: float
+    y: float
+    auc: float
+    """Fraction of the pixels that are less salient, ties counting half."""
+    shuffled_auc: float
+    """Shuffled AUC: AUC against the other images' fixations."""
+    nss: float
+    """Saliency in standard deviations above the mean of the map."""
+    information_gain: float
+    """Bits over the density of the other images' fixations."""
+
+
+def fixation_rows(name: str, maps: Mapping[str, Map], data: FixationData) -> Iterator[FixationRow]:
+    """The scores of each fixation on an image by maps (H, W) of each model."""
+    seen = data.on(name)
+    others, density = data.negatives(name)
+    baseline = distribution(density)
+    for model, saliency in maps.items():
+        at, p = values_at(saliency, seen.xy), distribution(saliency)
+        bits = np.log2(TINY + values_at(p, seen.xy)) - np.log2(TINY + values_at(baseline, seen.xy))
+        columns = (
+            *(seen.subject, seen.index, *seen.xy.T),
+            ranks(at, saliency.ravel()),
+            ranks(at, values_at(saliency, others)),
+            (at - saliency.mean()) / (float(saliency.std()) or np.inf),
+            bits,
+        )
+        for row in zip(*(column.tolist() for column in columns), strict=True):
+            yield FixationRow(name, model, *row)
 
 
 def checked_map(values: Any, name: str) -> Float32Array:
