@@ -48,7 +48,7 @@ class _Announcer(event.Listener):
 
     def on_start(self, event: event.Event) -> None:
         if not self.announced:
-            _logger.info("compiling for this machine (once; the result is cached)")
+            _logger.warning("compiling for this machine (once; the result is cached)")
         self.announced = True
 
     def on_end(self, event: event.Event) -> None:

@@ -20,8 +20,10 @@ FloatMap: TypeAlias = npt.NDArray[Any]
 
 MAX_LEVEL = 30
 """A pyramid level coarser than that of any image."""
+BINOMIAL = np.array([1, 4, 6, 4, 1], np.float32) / 16
+"""Kernel of variance 1 along an axis."""
 BINOMIAL_SIZE = (5, 5)
-"""OpenCV's Gaussian of this size is [1 4 6 4 1] / 16 along both axes, of variance 1."""
+"""Size for which OpenCV's Gaussian is `BINOMIAL` along both axes."""
 
 
 def half_shape(shape: tuple[int, int]) -> tuple[int, int]:
@@ -66,9 +68,14 @@ def halve(image: FloatMap) -> FloatMap:
         image: (h, w) or (h, w, c); uint8, uint16, float32 or float64.
 
     Returns:
-        (ceil(h / 2), ceil(w / 2)) or (..., c), of the same dtype.
+        (ceil(h / 2), ceil(w / 2)) or (..., c), of the same dtype; float32 in [0, 1] for integers,
+        whose steps would be too coarse.
     """
-    smooth = cv2.GaussianBlur(image, BINOMIAL_SIZE, 0, borderType=cv2.BORDER_REFLECT)
+    if image.dtype.kind == "u":
+        lines = BINOMIAL, BINOMIAL / np.iinfo(image.dtype).max
+        smooth = cv2.sepFilter2D(image, cv2.CV_32F, *lines, borderType=cv2.BORDER_REFLECT)
+    else:
+        smooth = cv2.GaussianBlur(image, BINOMIAL_SIZE, 0, borderType=cv2.BORDER_REFLECT)
     return resize(smooth, half_shape(image.shape[:2]), cv2.INTER_LINEAR)
 
 
