@@ -1,9 +1,12 @@
 """One call that shows a result as a picture."""
 
 import sys
+from base64 import b64encode
+from html import escape
 from io import BytesIO
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image as PillowImage
 
@@ -14,6 +17,7 @@ from saccade.types import Keypoints, Regions, Scanpath
 from saccade.viewing.attention import attention_figure
 from saccade.viewing.keypoints import keypoint_figure, region_figure
 from saccade.viewing.slam import map_figure
+from saccade.viewing.style import draw_panel, figure_for
 
 EXPECTED = "the result of a run, or an image and its maps, Scanpath, Keypoints or Regions"
 
@@ -42,6 +46,27 @@ def show(*items: Any) -> None:
         IPython.display.display(IPython.display.Image(data=data.getvalue()))
     else:
         PillowImage.open(data).show(title="saccade")
+
+
+def result_html(result: Any) -> str:
+    """A result as an HTML image, in a notebook; keypoints and saliency without their image."""
+    if isinstance(result, SaliencyMaps):
+        if result.saliency.ndim != 2:  # a batch of tensors
+            return escape(repr(result))
+        layers, (height, width) = result.layers, result.image_shape
+        figure = figure_for(width, height, len(layers))
+        panels = figure.subplots(1, len(layers), squeeze=False)[0]
+        for axes, (name, values) in zip(panels, layers.items(), strict=True):
+            draw_panel(axes, values, name, vmin=0)
+    elif isinstance(result, Keypoints):
+        width, height = (np.max(result.xy, axis=0, initial=1.0) + 16).astype(int)
+        figure = keypoint_figure(np.ones((height, width, 3), np.float32), result)
+    else:
+        figure = result_figure(result)
+    data = BytesIO()
+    figure.savefig(data, format="png")
+    encoded = b64encode(data.getvalue()).decode()
+    return f'<img alt="{escape(repr(result))}" src="data:image/png;base64,{encoded}">'
 
 
 def result_figure(*items: Any) -> Figure:

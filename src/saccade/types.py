@@ -7,6 +7,7 @@ from the x axis.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from importlib import import_module
 from typing import Any, Literal, Self, TypeAlias, cast
 
 import numpy as np
@@ -66,6 +67,14 @@ def invalid_range_bearing(z: npt.NDArray[np.float64]) -> tuple[int, str, str] | 
     return None
 
 
+class Pictured:
+    """Base of results that a notebook shows as a picture."""
+
+    def _repr_html_(self) -> str:
+        html: str = import_module("saccade.pictures").result_html(self)  # draws, loaded when asked
+        return html
+
+
 class Table:
     """Base of dataclasses of columns: arrays (n, ...), or None for a column that is not known."""
 
@@ -115,7 +124,7 @@ THREE_SIGMA_2D = 11.829
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Keypoints(Table):
+class Keypoints(Table, Pictured):
     """Keypoints of one image, normally in order of decreasing strength."""
 
     xy: Float32Array

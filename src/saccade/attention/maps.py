@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.scale.pyramid import FloatMap, resize
-from saccade.types import Float32Array
+from saccade.types import Float32Array, Pictured
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SaliencyMaps:
+class SaliencyMaps(Pictured):
     """Saliency of an image, by one of our models or any other.
 
     The cells of a map tile the image: see `saccade.scale.pyramid.cell_centers`.

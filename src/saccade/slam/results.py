@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from saccade.errors import LogError
 from saccade.slam.consistency import Consistency
-from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Pictured, Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,7 +117,7 @@ MAX_NONLINEARITY = 0.12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SlamResult:
+class SlamResult(Pictured):
     """Trajectory, map and consistency of a log."""
 
     trajectory: Trajectory

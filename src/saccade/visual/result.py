@@ -13,6 +13,7 @@ from saccade.types import (
     FloatArray,
     IntArray,
     LandmarkMap,
+    Pictured,
     Table,
     Trajectory,
     column,
@@ -64,7 +65,7 @@ class LandmarkObservations(Table):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VisualResult:
+class VisualResult(Pictured):
     """Trajectory, map and observations of a drive of n frames."""
 
     trajectory: Trajectory
