@@ -187,8 +187,8 @@ class Slam:
                 first pose.
             U: (c, c) its covariance.
             z: (k, 2) range in meters, bearing in radians within 2 pi; None without observations.
-                NaN for one of both that was not observed: the other one updates a landmark of the
-                map, and adds none.
+                NaN for a range or a bearing that was not observed: the observation updates a
+                landmark of the map, and adds none.
             R: (k, 2, 2) their covariances, or (2, 2) one for all.
             labels: (k,) labels of the landmarks, integers from 0 on or text, -1 or "" where
                 unknown; compared with the map, and rejected if they contradict it, unless
@@ -292,7 +292,7 @@ class Slam:
         return followed
 
     def _with_partial(self, scan: Scan, matches: IntArray) -> IntArray:
-        """(k,) matches of a scan, by those of its complete observations."""
+        """(k,) matches of a scan, given matches of its complete observations."""
         if scan.missing is None:
             return matches
         partial, rule, best = scan.partial, self.association, self.hypotheses.best
@@ -455,7 +455,7 @@ class Slam:
 
 
 def _spread(matches: IntArray, scan: Scan) -> IntArray:
-    """(k,) matches of a scan by those of its complete observations; others are `UNUSED`."""
+    """(k,) matches of a scan, given matches of its complete observations; others are `UNUSED`."""
     if scan.missing is None:
         return matches
     every = np.full(len(scan.z), UNUSED)

@@ -30,7 +30,7 @@ the state by less than the sixteenth digit."""
 
 
 class Scan(NamedTuple):
-    """The motion to a pose, and what is observed there."""
+    """The motion to a pose, and the observations there."""
 
     time: float
     """Time of the pose."""

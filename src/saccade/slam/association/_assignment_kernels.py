@@ -35,7 +35,7 @@ def best_assignments(
         noise: (p,) log determinant of the covariance of the observation.
         huber: root of the squared distance of a pair beyond which it costs Huber's loss.
         new_cost: of a row without a pair.
-        window: assignments that cost so much more than the best one are left out.
+        window: largest cost of an assignment above the cost of the best one.
         max_nodes: pairs that are tried.
         cost: (k,) is filled; infinite where there are fewer assignments.
         pair: (k, m) is filled; -1 for none.

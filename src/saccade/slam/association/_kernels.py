@@ -59,8 +59,8 @@ def compare_with_landmarks(
 ) -> None:
     """Compare each observation (m,) with a landmark, negative for none.
 
-    Fills its normalized innovation squared, and the variance of the prediction over that of the
-    observation, the larger of the two.
+    Fills the normalized innovation squared, and the ratio of predicted variance to noise: the
+    larger one of range and bearing.
     """
     which, expected, S = np.zeros(1, np.int64), np.empty((1, 2)), np.empty((1, 2, 2))
     for i in range(len(z)):

@@ -36,12 +36,12 @@ class Alternatives:
     least_new_cost: float = 10.0
     """Least cost of an observation of a new landmark, however coarse the sensor; see `new_cost`."""
     window: float = 10.0
-    """Cost above that of the best alternative from which others are left out."""
+    """Largest cost of an alternative above the cost of the best one."""
     known: float = 2.0
-    """Log ratio of the determinants of an innovation's covariance and of the noise below which a
-    landmark is at a known position."""
+    """Largest log ratio of the determinants of an innovation's covariance and of the noise for a
+    landmark to be at a known position."""
     max_assignments: int = 6
-    """Number of joint associations from which the alternatives are taken."""
+    """Largest number of joint associations that become alternatives."""
     max_nodes: int = 500
     """Pairs of an observation and a landmark that are tried."""
 

@@ -34,17 +34,16 @@ prior of a wrong pose, in labels."""
 WINDOW = 10
 """Labeled observations for which a rejected one counts."""
 FAR = 100.0
-"""Normalized innovation squared up to which a wrong filter is likelier than swapped labels. It is
+"""Largest normalized innovation squared for a wrong filter to be likelier than swapped labels. It is
 also the gate before a long loop is closed, where the heading is too uncertain for a linear one."""
 LOOSE = 4.0
-"""Minimum ratio of predicted variance to noise for labels to be checked in pairs. Below it, the
-gate of one observation is about as narrow as that of a distance."""
+"""Minimum ratio of predicted variance to noise for labels to be checked in pairs. For a
+lower ratio, the gate of one observation is about as narrow as the gate of a distance."""
 LOOP = 100.0
-"""Minimum ratio of predicted variance to noise at which one observation of a new label closes no
-loop. Its standard deviation is ten times that of an observation then."""
+"""Largest ratio of predicted variance to noise for one observation of a new label to close a loop:
+ten standard deviations of an observation."""
 LONG_LOOP = 1000.0
-"""Minimum ratio of predicted variance to noise at which one observation of any label closes no
-loop."""
+"""Largest ratio of predicted variance to noise for one observation of any label to close a loop."""
 PAIR_GATE = 10.83
 """Gate of the squared error of the distance of two landmarks: 99.9 % of a chi-square variable with
 one degree of freedom."""
@@ -77,7 +76,7 @@ class LabelAssociation:
         self.streak = 0
         """Rejected observations since the last accepted one."""
         self.overriding_until = -1
-        """Time until which one label is enough to override the filter."""
+        """Last time at which one label is enough to override the filter."""
         self._all_accepted = config.association == "known"
         self._gate = chi_square_gate(2, config.label_gate)
 
@@ -263,9 +262,9 @@ class LabelAssociation:
     ) -> bool:
         """Whether a rejected label and others that agree with it override the filter.
 
-        Either there are more of them than of those that were accepted or that contradict it, or
-        none was accepted since, and none contradicts it. Once labels override the filter, one is
-        enough until one is accepted: the filter is corrected step by step.
+        Two cases suffice: agreeing labels outnumber both accepted and contradicting ones; or no
+        label was accepted since, and none contradicts. Once labels override the filter, one label
+        is enough until a label is accepted: the filter is corrected step by step.
         """
         if not record.is_established:
             return False
@@ -301,7 +300,7 @@ class _Sighting(NamedTuple):
 
 
 def _inconsistent(ekf: EkfSlam, seen: dict[int, _Sighting]) -> set[int]:
-    """Observations whose distances from others are not those of their landmarks.
+    """Observations whose mutual distances contradict the distances of their landmarks.
 
     An uncertain prediction, as before a loop is closed, accepts many landmarks; the distances
     between landmarks are certain all the same.
@@ -320,7 +319,7 @@ def _inconsistent(ekf: EkfSlam, seen: dict[int, _Sighting]) -> set[int]:
 
 
 def _move(table: LandmarkTable, record: LabelRecord, j: int) -> None:
-    """Gives a label to landmark j; the one before is removed if few observations made it."""
+    """Gives a label to landmark j; its former landmark is removed if few observations made it."""
     old, record.landmark = record.landmark, j
     if old >= 0:
         table.has_unlabeled = True
@@ -330,9 +329,9 @@ def _move(table: LandmarkTable, record: LabelRecord, j: int) -> None:
 
 
 def _is_duplicate(ekf: EkfSlam, table: LandmarkTable, seen: _Sighting) -> bool:
-    """Whether a landmark with a better known label is where that of a sighting is.
+    """Whether a landmark with a better known label is at the position of a sighting's landmark.
 
-    The first observation of that label was wrong then, and this one is of another landmark.
+    The first observation of the sighting's label was wrong then.
     """
     ids = [n.landmark for n in table.labels.values() if n.landmark >= 0 and n.is_established]
     others = np.array(ids, np.int64)

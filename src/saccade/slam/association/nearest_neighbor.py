@@ -22,7 +22,7 @@ class Gates(NamedTuple):
     """Parameters of nearest-neighbor association."""
 
     gate: float
-    """Squared Mahalanobis distance up to which an observation may be paired with a landmark."""
+    """Largest squared Mahalanobis distance of an observation from the landmark of its pair."""
     new_gate: float
     """Squared Mahalanobis distance from every landmark beyond which an observation is new."""
     mutual: bool

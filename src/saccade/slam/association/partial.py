@@ -27,7 +27,7 @@ def associate_partial(
         config: the gates.
         ekf: the filter, predicted to the pose of the scan.
         table: its landmarks.
-        scan: partial observations only, k of them.
+        scan: with k partial observations and no others.
         taken: (n,) ids of the landmarks of the other observations.
 
     Returns:

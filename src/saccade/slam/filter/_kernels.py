@@ -1,12 +1,12 @@
 """EKF prediction and update (C.5-C.14), in place on a `FilterState`.
 
-What is stored of the covariance is that of the errors
+The stored covariance is of the errors
 
     eta = e - a e_theta,    a = J (s - f) for the robot's position and every landmark, else 0,
 
 e the errors along the axes of the map, J a quarter turn, s the state, and f the first estimate
-of each point: of a landmark when it was augmented, of the robot after its last motion; a is
-called the heading lever. In these errors an update of the invariant filter needs no change of
+of each point: of a landmark when it was augmented, of the robot after its last motion. The vector a
+is called the heading lever. In these errors an update of the invariant filter needs no change of
 coordinates of the covariance, the observation Jacobian depends on f alone, and a motion changes
 the landmarks' covariance by the noise of the heading only. In the standard filter a is zero.
 
@@ -34,7 +34,7 @@ TINY = 1e-100
 
 @kernel()
 def wrapped(angle: float) -> float:
-    """The same angle in (-pi, pi]."""
+    """Angle wrapped to (-pi, pi]."""
     return angle if -np.pi < angle <= np.pi else np.pi - (np.pi - angle) % (2 * np.pi)
 
 
@@ -314,10 +314,10 @@ def _whiten(
 def _add_second_order(q: float, D: FloatArray, v: FloatArray, noise: FloatArray) -> None:
     """Subtract the mean of the second-order terms from v (2,), and add their covariance to noise.
 
-    With along the error of the landmark's distance q, x that of the bearing and turn that of the
-    heading, of which D (3, 3) is the covariance, y = x + turn is the error of the landmark's
-    direction in the map. These terms are q x y / 2 of the range and -along (x + y) / 2q of the
-    bearing (Jazwinski 1970, Gaussian second-order filter).
+    D (3, 3) is the covariance of three errors: along, of the landmark's distance q; x, of the
+    bearing; and turn, of the heading. The error of the landmark's direction in the map is
+    y = x + turn. The terms are q x y / 2 of the range and -along (x + y) / 2q of the bearing
+    (Jazwinski 1970, Gaussian second-order filter).
     """
     along, along_x, along_y = D[0, 0], D[1, 0], D[1, 0] + D[2, 0]
     xx, xy = D[1, 1], D[1, 1] + D[2, 1]

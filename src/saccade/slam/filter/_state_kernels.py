@@ -5,8 +5,10 @@ from ctypes import Structure, c_double, c_int64
 from saccade._jit import kernel, structure
 from saccade.types import FloatArray, IntArray
 
-STANDARD, INVARIANT = 0, 1
-"""The error parametrizations, see `state.Retraction`."""
+STANDARD = 0
+"""Errors along the axes of the map, see `state.Retraction`."""
+INVARIANT = 1
+"""Right-invariant errors, see `state.Retraction`."""
 MAX_HEADING_GROWTH = 0.0025
 """Square radians by which the heading variance may grow before the covariance is inflated."""
 
@@ -69,7 +71,7 @@ class FilterState:
     cached_rows: FloatArray
     """(rank, size) pairs of full rows of P, of landmarks observed since the last flush."""
     cached_pair: IntArray
-    """(c,) index of the pair of each landmark in `cached_rows`, -1 if there is none."""
+    """(c,) index in `cached_rows` of the pair of each landmark, -1 for none."""
     now: Scalars
     """Numbers that change from step to step."""
 
@@ -112,20 +114,8 @@ def bind_state(
 
 @kernel(inline=True)
 def num_rows(f: FilterState) -> int:
-    """n: rows of the state in use; with auxiliary points, all of them."""
+    """n: number of rows of the state in use, which with auxiliary points is its size."""
     return len(f.state) if f.auxiliary > 0 else f.robot_size + 2 * f.now.landmarks
-
-
-@kernel()
-def gather(P: FloatArray, rows: IntArray) -> None:
-    """Move these rows (m,), ascending, and their columns to the beginning of the upper triangle."""
-    first = 0
-    while first < len(rows) and rows[first] == first:
-        first += 1
-    for i in range(len(rows)):
-        target, source = P[i], P[rows[i]]
-        for j in range(max(first, i), len(rows)):
-            target[j] = source[rows[j]]
 
 
 @kernel()

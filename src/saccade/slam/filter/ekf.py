@@ -185,8 +185,8 @@ class EkfSlam:
     def join(self, kept: int, removed: int) -> None:
         """Updates by the observation that two landmarks are one; both stay.
 
-        An update (C.10-C.11) by an innovation of zero distance, with the Jacobian 1 of the one
-        landmark and -1 of the other.
+        The innovation (C.10) is the distance of the landmarks, which is measured as zero. Its
+        Jacobian is 1 by the first landmark and -1 by the second.
         """
         self.reserve()
         self.leave()
@@ -302,7 +302,7 @@ class EkfSlam:
 
     @property
     def active(self) -> FilterState:
-        """The state in which a step works: of all landmarks, or of those of a submap."""
+        """State in which a step works: the whole map, or a submap."""
         return self._whole if self.submap is None else self.submap.state
 
     @property
@@ -312,7 +312,7 @@ class EkfSlam:
         return f.ids[: f.now.landmarks]
 
     def rows(self, landmarks: IntArray) -> IntArray:
-        """Rows in `active` of landmarks (k,), -1 for those that are not in it.
+        """Rows in `active` of landmarks (k,), -1 for landmarks outside of it.
 
         Negative ids stay, and ids of landmarks that are yet to be added have the rows behind.
         """
@@ -339,7 +339,7 @@ class EkfSlam:
         return self.rows(landmarks)
 
     def reserve(self, observations: int = 1) -> None:
-        """Reserves memory for one motion and so many new landmarks."""
+        """Reserves memory for one motion and a number of new landmarks."""
         state = room_for_scan(self.active, observations)
         if self.submap is None:
             self._whole = state

@@ -65,7 +65,7 @@ def control_bias(u: FloatArray, robot_size: int) -> FloatArray:
 
 
 def new_innovations(k: int) -> Innovations:
-    """Room for the innovations of so many observations."""
+    """Innovations of k observations that have updated nothing yet."""
     room = np.empty(7 * k)
     room.fill(np.nan)
     value, covariance = room[: 2 * k].reshape(k, 2), room[2 * k : 6 * k].reshape(k, 2, 2)

@@ -1,8 +1,8 @@
 """Allocation, growth and read-out of a `FilterState`, and all that is quadratic in the map.
 
-The steps leave low-rank rows beside the covariance between landmarks. Some dozens of them are
-added in one pass over the matrix (a blocked symmetric rank-k update), which is limited by
-arithmetic; adding each by itself would be limited by memory bandwidth.
+The steps leave low-rank rows beside the covariance between landmarks. Dozens of rows are added in
+one pass over the matrix (a blocked symmetric rank-k update), which is limited by arithmetic; a pass
+for every row would be limited by memory bandwidth.
 """
 
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
@@ -19,7 +19,6 @@ from saccade.slam.filter._state_kernels import (
     FilterState,
     Scalars,
     bind_state,
-    gather,
 )
 from saccade.slam.models import inverse_observe
 from saccade.types import FloatArray, IntArray
@@ -98,7 +97,7 @@ def like(
     ids: IntArray,
     heading_lever: FloatArray | None = None,
 ) -> FilterState:
-    """A state of this mean (n,) and covariance of e (n, n), with the parameters of another one.
+    """A state of this mean (n,) and covariance of e (n, n), with the parameters of the state f.
 
     Without heading levers (n,) these are zero: the estimates are the first ones.
     """
@@ -114,20 +113,20 @@ def like(
 
 
 def set_landmarks(f: FilterState, landmarks: int) -> None:
-    """Set the number of landmarks, and their diagonal blocks to those of P."""
+    """Sets the number of landmarks, and takes their diagonal blocks from P."""
     i = f.robot_size + 2 * np.arange(landmarks)
     f.blocks[:landmarks] = np.stack([f.P[i, i], f.P[i, i + 1], f.P[i + 1, i + 1]], 1)
     f.now.landmarks = landmarks
 
 
 def copy_scalars(source: FilterState, target: FilterState) -> None:
-    """Give a state the numbers of another one that change from step to step."""
+    """Copies the numbers that change from step to step."""
     for name, _ in Scalars._fields_:
         setattr(target.now, name, getattr(source.now, name))
 
 
 def with_capacity(f: FilterState, landmarks: int, rows: int) -> FilterState:
-    """The state, or a larger one, with room for so many new landmarks and delayed rows."""
+    """The state, or a larger one, with room for new landmarks and delayed rows of this number."""
     now, rank = f.now, len(f.downdates)
     if now.landmarks + landmarks > len(f.blocks) or rows > rank:
         return _grown(f, now.landmarks + landmarks, rows)
@@ -158,7 +157,7 @@ def state_size(f: FilterState) -> int:
 
 
 def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
-    """The same state with room for so many landmarks and delayed rows."""
+    """A copy of the state with room for landmarks and delayed rows of this number."""
     flush(f)
     capacity, rank = len(f.blocks), len(f.downdates)
     while capacity < landmarks:
@@ -229,21 +228,22 @@ def auxiliary_rows(f: FilterState) -> slice:
 
 
 def remove_landmarks(f: FilterState, removed: IntArray) -> None:
-    """Marginalize out the landmarks in these rows."""
+    """Marginalizes out the landmarks in these rows."""
     flush(f)
     kept = np.delete(np.arange(f.now.landmarks), removed)
     rows = state_rows(kept, f.robot_size)
-    gather(f.P, rows)
+    for target, row in enumerate(rows.tolist()):  # rows and columns move towards the beginning
+        f.P[target, target : len(rows)] = f.P[row, rows[target:]]
     f.state[: len(rows)], f.heading_lever[: len(rows)] = f.state[rows], f.heading_lever[rows]
     f.blocks[: len(kept)], f.ids[: len(kept)] = f.blocks[kept], f.ids[kept]
     f.now.landmarks = len(kept)
 
 
 def replace_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> None:
-    """Replace the pose by another one, independent of all else.
+    """Replaces the pose by one that is independent of the landmarks.
 
-    The invariant error of a landmark depends on that of the heading: of the new one not, if the
-    landmarks' present estimates are their first.
+    The invariant errors of landmarks depend on the error of the heading. They do not depend on the
+    new heading if the present estimates of the landmarks count as the first ones.
     """
     n = state_size(f)
     P = dense(f)
@@ -314,7 +314,7 @@ def _blas() -> ThreadpoolController:
 
 
 def inflate_heading_covariance(f: FilterState) -> None:
-    """Add to the covariance what a heading that has become less certain does to the errors xi.
+    """Adds the effect of a heading that has become less certain on the errors xi.
 
     Noise of the heading moves no point. In the exponential coordinates of SE(2), a point's error e
     along the axes of the map stands for the displacement V(theta) e, V = 1 + J theta / 2 + ..., so
@@ -378,7 +378,7 @@ def dense(f: FilterState) -> FloatArray:
 def _up_to_date(
     f: FilterState, C: FloatArray, downdates: FloatArray, updates: FloatArray, a: FloatArray
 ) -> FloatArray:
-    """The covariance of e, from that of eta without the delayed rows; heading levers a."""
+    """Covariance of e by the covariance C of eta without delayed rows, and heading levers a."""
     r = f.robot_size
     plus, minus = updates[: f.now.updates, r:], downdates[: f.now.downdates, r:]
     C[r:, r:] += plus.T @ plus - minus.T @ minus
@@ -400,7 +400,7 @@ def landmark_blocks(f: FilterState) -> FloatArray:
 
 
 def _by_map(C: FloatArray, a: FloatArray) -> FloatArray:
-    """The covariance of e from that of eta."""
+    """Covariance of e by the covariance C of eta and heading levers a."""
     half = np.outer(a, C[2] + C[2, 2] / 2 * a)
     return np.asarray(C + (half + half.T))
 
