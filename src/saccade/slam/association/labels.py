@@ -34,8 +34,8 @@ prior of a wrong pose, in labels."""
 WINDOW = 10
 """Labeled observations for which a rejected one counts."""
 FAR = 100.0
-"""Largest normalized innovation squared for a wrong filter to be likelier than swapped labels. It is
-also the gate before a long loop is closed, where the heading is too uncertain for a linear one."""
+"""Largest normalized innovation squared for a wrong filter to be likelier than swapped labels. The
+gate before a long loop is closed is the same: the heading is too uncertain for a linear one."""
 LOOSE = 4.0
 """Minimum ratio of predicted variance to noise for labels to be checked in pairs. For a
 lower ratio, the gate of one observation is about as narrow as the gate of a distance."""
