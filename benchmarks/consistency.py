@@ -94,7 +94,8 @@ class MonteCarloRuns:
 
 def run_monte_carlo(world: WorldConfig, kind: str, runs: int, seed: int = 0) -> MonteCarloRuns:
     """Runs a kind of filter in a world; the seed of run i is `seed + i`."""
-    config, retraction, rows = EkfConfig(filter=kind, association="known"), RETRACTIONS[kind], []
+    config = EkfConfig(filter=kind, association="known", smooth=False)
+    retraction, rows = RETRACTIONS[kind], []
     for number in range(runs):
         log = simulate_world(world, seed + number)
         result = run(log, config)

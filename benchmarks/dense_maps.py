@@ -130,7 +130,7 @@ def compare(world: DenseWorld, seed: int) -> list[float]:
     split = len(most) - false.sum() - len(np.unique(most[~false]))
     wrong = 1 - counts.max(1, initial=0).sum() / max(len(used), 1)
     assert log.truth is not None
-    errors = [position_rmse(each.trajectory, log.truth) for each in (known, hidden)]
+    errors = [position_rmse(each.filtered, log.truth) for each in (known, hidden)]
     counted = (seen, len(hidden.map), split, false.sum(), wrong)
     return [sigma, *map(float, counted), len(used) / len(log.landmark), *errors]
 

@@ -106,12 +106,12 @@ def main() -> None:
                     log = kidnapped(WORLDS[name], seed, metres, turned)
                     if not named:
                         log = without_labels(log)
-                    result = slam.run(log)
+                    result = slam.run(log, slam.EkfConfig(smooth=False))
                     key = seed, turned
                     error = map_error(log, result)
                     if metres == 0:
                         clean[seed, False] = clean[seed, True] = error
-                    plain = slam.run(log, slam.EkfConfig(recover=False))
+                    plain = slam.run(log, slam.EkfConfig(recover=False, smooth=False))
                     ratio = error / clean.get(key, np.nan)
                     rows.append(
                         (result.lost.any(), recovered(log, result), recovered(log, plain),

@@ -188,7 +188,7 @@ def main() -> None:
     log = world(given.steps, given.trees, given.seed)
     truth, trees = log.truth.pose[:, :2], len(np.unique(log.landmark))
     print(f"{given.steps} steps, {trees} trees seen, {len(log.observation)} observations")
-    config = slam.EkfConfig(association="known")
+    config = slam.EkfConfig(association="known", smooth=False)
     slam.run(world(400, 100, 0), replace(config, submaps="always"))  # compiles
     clock = Clock()
     result = slam.run(log, config, clock)

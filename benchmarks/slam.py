@@ -113,6 +113,9 @@ def contest(landmarks: int, rounds: int) -> None:
     )
 
 
+FILTER = slam.EkfConfig(smooth=False)
+
+
 def logs(folder: Path, rounds: int) -> None:
     """Whole logs after they were read, and the smoothing of the same association."""
     paths = [(folder / "mrclam" / "mrclam6.npz", {"robot": robot}) for robot in range(1, 6)]
@@ -121,8 +124,8 @@ def logs(folder: Path, rounds: int) -> None:
     print("log                  filter s  at best  smoothing s")
     for path, options in paths:
         log = datasets.load("auto", path, **options)
-        result = slam.run(log)
-        times = [seconds(lambda log=log: slam.run(log)) for _ in range(rounds)]
+        result = slam.run(log, FILTER)
+        times = [seconds(lambda log=log: slam.run(log, FILTER)) for _ in range(rounds)]
         smooth = seconds(lambda log=log, result=result: slam.smooth(log, result))
         print(
             f"{log.name:20s} {np.median(times):8.3f} {min(times):8.3f} {smooth:12.3f}",

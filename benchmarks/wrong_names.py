@@ -103,8 +103,8 @@ FAULTS: dict[str, Callable[[LandmarkLog, np.random.Generator], LandmarkLog]] = {
 
 
 def rmse(log: LandmarkLog) -> float:
-    """RMSE of the position in meters; the log starts at the true pose."""
-    return position_rmse(slam.run(log).trajectory, log.truth, aligned=False)
+    """RMSE of the filtered position in meters; the log starts at the true pose."""
+    return position_rmse(slam.run(log).filtered, log.truth, aligned=False)
 
 
 def main() -> None:

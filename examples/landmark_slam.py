@@ -12,7 +12,10 @@ log = simulate_world(WorldConfig(steps=600), seed=3)  # 2.4 laps of a circle of 
 print(log)
 
 for name, errors in {"standard": slam.STANDARD, "invariant": slam.INVARIANT}.items():
-    run = slam.run(log, slam.EkfConfig(filter=name, association="known", smooth=False))
+    config = slam.EkfConfig(
+        filter=name, association="known", estimate_odometry_bias=False, smooth=False
+    )
+    run = slam.run(log, config)
     nees = pose_nees(run.trajectory, log.truth, errors)
     print(
         f"{name:9}  position RMSE {position_rmse(run.trajectory, log.truth):.2f} m, "

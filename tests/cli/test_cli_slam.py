@@ -41,7 +41,7 @@ def test_a_run_writes_all_that_is_known(made, short):
     assert json.loads((folder / "run.json").read_text()) == row
     assert row["version"] == saccade.__version__
     assert row["settings"]["filter"] == "invariant"
-    assert row["odometry_bias"] is None  # this log does not say that there may be one
+    assert list(row["odometry_bias"].values()) == result.odometry_bias.tolist()
     files = row["files"]
     assert {*map(Path, files.values()), folder / "run.json"} == {*folder.iterdir()}
     trajectory = file_interface.read_tum_trajectory_file(files["trajectory"])

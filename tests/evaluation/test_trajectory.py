@@ -169,5 +169,5 @@ def test_a_log_whose_truth_begins_late_has_no_start(tmp_path):
     row = summarize_run(log, slam.run(log))
     assert row["poses_compared"] == pytest.approx(late.sum(), abs=2)
     assert f"truth for {row['poses_compared']} of" in row["remark"]
-    assert "position_rmse_m" in row
-    assert "position_unaligned_rmse_m" not in row
+    assert "smoothed_position_rmse_m" in row
+    assert "smoothed_position_unaligned_rmse_m" not in row

@@ -14,7 +14,7 @@ KNOWN = EkfConfig(association="known")
 
 
 def _rmse(log, result):
-    return np.sqrt(np.square((result.trajectory.pose - log.truth.pose)[:, :2]).sum(1).mean())
+    return np.sqrt(np.square((result.filtered.pose - log.truth.pose)[:, :2]).sum(1).mean())
 
 
 def _wrong(log, fraction, seed=0):

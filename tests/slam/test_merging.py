@@ -127,8 +127,8 @@ def test_names_give_the_same_map(tmp_path):
 def test_maps_of_different_places_are_not_merged():
     first, second, _ = halves(1)
     xy = np.random.default_rng(0).uniform(0, 20, (len(second.map), 2))
-    P = second.filter.covariance
-    second.filter.set_gaussian(np.concatenate([np.zeros(3), xy.ravel()]), P, second.filter.ids)
+    P, robot = second.filter.covariance, np.zeros(len(second.filter.robot_state))
+    second.filter.set_gaussian(np.concatenate([robot, xy.ravel()]), P, second.filter.ids)
     with pytest.raises(LogError, match=r"merging: expected .*, found"):
         slam.merge_maps(without_names(first), without_names(second))
 

@@ -62,6 +62,8 @@ def test_one_covariance_serves_all_observations_and_the_map_is_read_by_label():
     one.step(0.0, z=z, R=R, labels=["door", 7])
     all_alike.step(0.0, z=z, R=np.tile(R, (2, 1, 1)), labels=["door", 7])
     assert one.filter.covariance.tobytes() == all_alike.filter.covariance.tobytes()
+    assert len(one.map) == 0  # a label that was read once may be wrong
+    one.step(1.0, z=z, R=R, labels=["door", 7])
     assert (one.map.id.tolist(), one.map.label.tolist()) == ([0, 1], ["door", "7"])
     np.testing.assert_array_equal(one.joint_covariance(np.array([1]))[:3, :3], one.pose_covariance)
 

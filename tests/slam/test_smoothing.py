@@ -19,7 +19,7 @@ from support.gtsam_smoothing import smooth_by_gtsam
 from support.kidnapping import kidnapped
 from support.logs import with_observations
 
-FILTER = EkfConfig(smooth=False)
+FILTER = EkfConfig(smooth=False, estimate_odometry_bias=False)
 
 
 def _rmse(position, truth):
@@ -66,7 +66,7 @@ def test_answer_is_that_of_least_squares(rng):
     )
     filtered = slam.run(log, FILTER)
     order = np.argsort(filtered.map.id)
-    result = smooth(log, filtered, EkfConfig(huber=1e6))
+    result = smooth(log, filtered, dataclasses.replace(FILTER, huber=1e6))
     start = np.concatenate([filtered.trajectory.pose[1:].ravel(), filtered.map.xy[order].ravel()])
     best, covariance = _by_scipy(log, start)
     poses = 3 * len(log.control)
@@ -88,7 +88,7 @@ def test_optimum_and_marginals_are_those_of_gtsam(rng):
         log, observation=log.observation + wrong[:, None] * rng.choice([-0.4, 0.4], (len(wrong), 2))
     )
     filtered = slam.run(log, EkfConfig(association="known", smooth=False))
-    result = smooth(log, filtered, min_decrease=1e-15)
+    result = smooth(log, filtered, FILTER, min_decrease=1e-15)
     pose, pose_covariance, xy, covariance, weight = smooth_by_gtsam(log, filtered, EkfConfig())
     assert (weight < 0.9).any()
     np.testing.assert_allclose(result.trajectory.pose, pose, atol=1e-6)
@@ -155,7 +155,7 @@ def test_without_observations_it_is_dead_reckoning(rng):
     log, _, _ = simulate(rng, "turn_then_translate", steps=30)
     blind = with_observations(log, np.array([], np.int64))
     filtered = slam.run(blind, FILTER)
-    result = smooth(blind, filtered)
+    result = smooth(blind, filtered, FILTER)
     reckoned = filtered.dead_reckoning
     np.testing.assert_allclose(result.trajectory.pose, reckoned.pose, atol=1e-6)
     np.testing.assert_allclose(
@@ -191,7 +191,7 @@ def test_what_is_not_determined_is_named():
     assert "landmark 4" not in message
     assert "\n" not in message
     determined = _open_world(0.01)
-    assert len(slam.run(determined).map) == 3
+    assert len(slam.run(determined, EkfConfig(association="known")).map) == 3
 
 
 @pytest.mark.shared
@@ -236,7 +236,7 @@ def test_noise_scales_are_factors_on_deviations(rng, scale, covariance):
 
 def test_a_run_is_smoothed_unless_switched_off_or_begun_in_a_map(rng):
     log, _, _ = simulate(rng, steps=40)
-    filtered = slam.run(log, FILTER)
+    filtered = slam.run(log, EkfConfig(smooth=False))
     result = slam.run(log)
     assert (result.estimate, filtered.estimate, filtered.remark) == ("smoothed", "filtered", "")
     np.testing.assert_array_equal(result.filtered.pose, filtered.trajectory.pose)

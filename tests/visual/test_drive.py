@@ -50,6 +50,19 @@ def test_the_map_corrects_odometry(drive, mapped):
     assert summarize_drive(drive, mapped)["lost"] == []
 
 
+def test_a_loop_is_smoothed(drive, mapped):
+    smoothed, filtered = (
+        each.covariance[1:, :2, :2].trace(0, 1, 2) for each in (mapped.trajectory, mapped.filtered)
+    )
+    assert mapped.estimate == "smoothed"
+    assert (smoothed < 1.05 * filtered).all()
+    assert smoothed.mean() < 0.9 * filtered.mean()
+    plain = visual.run(drive, VisualConfig(smooth=False))
+    assert plain.estimate == "filtered"
+    np.testing.assert_array_equal(plain.trajectory.pose, mapped.filtered.pose)
+    np.testing.assert_array_equal(plain.map.id, mapped.map.id)
+
+
 def test_reidentified_landmarks_are_the_same(drive, mapped):
     observations = mapped.observations
     right = correct_associations(
@@ -100,8 +113,8 @@ def test_blank_frames_are_bridged_and_enlarge_the_covariance(drive, mapped):
     result = visual.run(changed(drive, hidden))
     assert len(result.trajectory) == len(drive)
     assert result.remarks == ("20.png: cannot be read: no such file",)
-    spread = np.linalg.det(result.trajectory.covariance[:, :2, :2])
-    assert spread[11] > 1.2 * np.linalg.det(mapped.trajectory.covariance[11, :2, :2])
+    spread = np.linalg.det(result.filtered.covariance[:, :2, :2])
+    assert spread[11] > 1.2 * np.linalg.det(mapped.filtered.covariance[11, :2, :2])
     assert score_drive(result.trajectory, drive.truth).ate_m < 0.06
 
 
@@ -215,6 +228,6 @@ def test_drive_writes_its_files(drive, run, tmp_path):
 def test_there_are_no_errors_of_odometry_where_there_is_none(drive, mapped):
     row = summarize_drive(replace(drive, control=0 * drive.control), mapped)
     errors, _ = drive_tables(row, "ring")
-    assert [name for name, *_ in errors.rows] == ["SLAM", "egomotion"]
+    assert [name for name, *_ in errors.rows] == ["smoothed", "filtered", "egomotion"]
     assert row["odometry"]["ate_m"] is None
     assert summarize_drive(drive, mapped)["odometry"]["ate_m"] > 0

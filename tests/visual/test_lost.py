@@ -70,9 +70,11 @@ def test_a_robot_that_was_carried_away_is_found_in_its_map(drive, carried):
     assert result.lost[AFTER]
     assert not result.lost[-1]
     assert error_at_the_end(result, moved) < 0.1
-    sigma = np.sqrt(result.trajectory.covariance[:, 0, 0])
+    sigma = np.sqrt(result.filtered.covariance[:, 0, 0])
     assert 3 * sigma[AFTER] > distance > 10 * sigma[AFTER - 1]
     assert sigma[-1] < 0.1
+    offset = np.hypot(*(result.trajectory.pose - moved.truth.pose)[:, :2].T)
+    assert offset[result.lost].max() < 0.1  # led back from where it was found
 
 
 def test_a_robot_that_was_carried_in_the_dark_is_found(drive):
@@ -82,7 +84,7 @@ def test_a_robot_that_was_carried_in_the_dark_is_found(drive):
     assert result.lost[after]
     assert not result.lost[-1]
     assert error_at_the_end(result, moved) < 0.1
-    sigma = np.sqrt(result.trajectory.covariance[:, 0, 0])
+    sigma = np.sqrt(result.filtered.covariance[:, 0, 0])
     assert (np.diff(sigma[after - 8 : after]) > 0).all()  # from the first black frame on
 
 

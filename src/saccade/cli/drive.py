@@ -75,9 +75,10 @@ def drive(options: DriveOptions) -> Result:
     """Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
-    covariances; visual_odometry.csv, by the camera alone), the map
-    (landmarks.csv), a figure (map.png), an interactive report (report.html),
-    and settings and scores (run.json); with --film a film (drive.mp4) too.
+    covariances; filtered.tum before smoothing; visual_odometry.csv, by the
+    camera alone), the map (landmarks.csv), a figure (map.png), an interactive
+    report (report.html), and settings and scores (run.json); with --film a
+    film (drive.mp4) too.
 
     With --camera a camera is mapped live, and recorded in the folder SEQUENCE,
     whose camera.toml is its calibration; Ctrl-C ends the drive.
@@ -134,7 +135,12 @@ ERRORS = {
 
 def _error_table(row: dict[str, Any], title: str) -> Table:
     """Errors of the trajectories."""
-    trajectories = {"SLAM": row, "odometry": row["odometry"], "egomotion": row["visual_odometry"]}
+    others = {
+        "filtered": row["filtered"],
+        "odometry": row["odometry"],
+        "egomotion": row["visual_odometry"],
+    }
+    trajectories = {row["estimate"]: row} | others
     cells = [
         [
             name,
@@ -210,6 +216,8 @@ def write_results(
         "visual_odometry.csv": (write_table, pose_table(result.visual_odometry)),
         "landmarks.csv": (write_landmarks, result.map),
     }
+    if result.estimate == "smoothed":
+        tables["filtered.tum"] = write_tum, result.filtered
     files = write_files(out, tables) | write_figure(output, drive, result)
     if output.film:
         frames = film_frames(drive, snapshots, result)
@@ -241,7 +249,12 @@ def write_figure(output: RunOutput, drive: Drive, result: VisualResult) -> dict[
     """Write a figure of the map; returns the file of the first format."""
     odometry = result.odometry if drive.has_odometry else None
     figure = map_figure(
-        result.trajectory, result.map, odometry, truth=drive.aligned_truth, lost=result.lost
+        result.trajectory,
+        result.map,
+        odometry,
+        truth=drive.aligned_truth,
+        filtered=result.filtered if result.estimate == "smoothed" else None,
+        lost=result.lost,
     )
     if drive.scale != "metric":
         axes = figure.axes[0]
@@ -288,7 +301,8 @@ def drive_part(
     summary: Mapping[str, Any],
 ) -> Part:
     """The map of a drive as a part of a report; `summary` has the figures of run.json."""
-    trajectories = {"estimate": result.trajectory}
+    trajectories = {"estimate": result.filtered}
+    trajectories |= {"smoothed": result.trajectory} if result.estimate == "smoothed" else {}
     trajectories |= {"odometry": result.odometry} if drive.has_odometry else {}
     trajectories |= {} if (truth := drive.aligned_truth) is None else {"truth": truth}
     observed = result.observations

@@ -33,10 +33,6 @@ def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
     after alignment, and the unaligned ones where the truth is in the frame of the log, see
     `LandmarkLog.aligned_truth`.
     """
-    bias = None
-    if result.odometry_bias is not None:
-        names = ("distance_scale", "turn_rad_per_m", "distance_m_per_rad")
-        bias = dict(zip(names, result.odometry_bias.tolist(), strict=True))
     row: dict[str, Any] = {
         "log": log.name,
         "estimate": result.estimate,
@@ -48,7 +44,7 @@ def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
         "landmarks_culled": result.removed,
         **_odometry_end(log, result),
         "lost": lost_times(result.trajectory, result.lost),
-        "odometry_bias": bias,
+        **_odometry_biases(result),
         "nis_mean": none_if_nan(result.consistency.mean),
         "nis_band": list(result.consistency.band),
         "nonlinearity": result.nonlinearity,
@@ -76,6 +72,29 @@ def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
             rmse = landmark_rmse(result.map, log.landmark_truth, aligned=aligned)
             row[f"{result.estimate}_landmark_{kind}"] = none_if_nan(rmse)
     return row | {"remark": "; ".join(filter(None, remarks))}
+
+
+def _odometry_biases(result: SlamResult) -> dict[str, Any]:
+    """The estimated odometry biases with their standard deviations, as numbers and in words."""
+    bias, covariance = result.odometry_bias, result.bias_covariance
+    if bias is None or covariance is None:
+        return {"odometry_bias": None, "odometry_bias_sigma": None, "odometry_correction": ""}
+    names, sigma = ("distance_scale", "turn_rad_per_m", "distance_m_per_rad"), covariance.diagonal()
+    pairs = np.stack([bias, np.sqrt(sigma)], 1)  # (3, 2)
+    units = (
+        (100.0, "% of the distance"),
+        (np.degrees(1.0), "degrees per meter"),
+        (100.0, "cm per radian"),
+    )
+    words = (
+        f"{factor * mean:+.2f} +- {factor * std:.2f} {unit}"
+        for (mean, std), (factor, unit) in zip(pairs.tolist(), units, strict=True)
+    )
+    return {
+        "odometry_bias": dict(zip(names, pairs[:, 0].tolist(), strict=True)),
+        "odometry_bias_sigma": dict(zip(names, pairs[:, 1].tolist(), strict=True)),
+        "odometry_correction": ", ".join(words),
+    }
 
 
 def _doubt(result: SlamResult) -> str:
@@ -162,7 +181,8 @@ def correct_associations(
 def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
     """The figures of a mapped drive, as in run.json.
 
-    Errors are None without truth; those of odometry also where there is none.
+    Errors are those of `VisualResult.trajectory`, whose kind is `estimate`. They are None without
+    truth; those of odometry also where there is none.
     """
     n, observed = len(result.trajectory), result.observations
     reidentified = observed.kind == ObservationKind.REIDENTIFIED
@@ -176,7 +196,9 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
     return {
         "sequence": drive.name,
         "frames": n,
+        "estimate": result.estimate,
         **_errors(drive, result.trajectory),
+        "filtered": _errors(drive, result.filtered),
         "odometry": _errors(drive, result.odometry if drive.has_odometry else None),
         "visual_odometry": _errors(drive, result.visual_odometry),
         "association_precision": precision,

@@ -226,7 +226,9 @@ class Gazer:
 
     def _roll_out(self) -> "View":
         """The next `HORIZON` seconds: the robot follows its plan, the camera turns to each pan."""
-        start, found = self.slam.filter.pose, self.slam.map
+        ekf, table = self.slam.filter, self.slam.landmarks
+        start, known = ekf.pose, table.counts.confirmed | table.labeled  # also those seen once
+        ids, xy = ekf.ids[known], ekf.landmarks[known]
         steps = np.minimum(np.arange(ceil(HORIZON / self.period)), len(self.plan) - 1)
         controls = self.plan[steps] if len(self.plan) else np.zeros((0, 2))
         poses, F, Q = [start], np.eye(3), np.zeros((3, 3))
@@ -241,13 +243,13 @@ class Gazer:
                 sigma = np.append(np.full(len(u) - 1, self._odometry[0]), self._odometry[1])
                 F, Q = Fx @ F, Fx @ Q @ Fx.T + (Fu * sigma**2 * abs(u[0])) @ Fu.T
         sampled, center = np.array(poses[1:]), poses[SAMPLES // 2]
-        distance = np.hypot(*(found.xy - center[:2]).T)
+        distance = np.hypot(*(xy - center[:2]).T)
         nearest = np.argsort(distance, kind="stable")[:MAX_LANDMARKS]
         near = nearest[distance[nearest] < 2 * self.max_range]
         turn = self.rate * HORIZON * np.arange(1, SAMPLES + 1)[:, None] / SAMPLES
         pan = self.pan + np.clip(self.candidates - self.pan, -turn, turn)  # (s, c)
-        seen = self._sees(sampled, pan, found.xy[near]).mean(0)
-        return View(center, F, Q, found.id[near], found.xy[near], seen)
+        seen = self._sees(sampled, pan, xy[near]).mean(0)
+        return View(center, F, Q, ids[near], xy[near], seen)
 
     def _sees(self, poses: FloatArray, pan: FloatArray, points: npt.NDArray[Any]) -> BoolArray:
         """(s, c, k) whether points (k, 2) are in view from poses (s, 3) with pans (s, c)."""

@@ -58,8 +58,10 @@ class EkfConfig(Settings):
     start_sigma: tuple[float, float, float] = setting((0.0, 0.0, 0.0), 0, below=1e6)
     """Standard deviation of the first pose: meters, meters, radians."""
     estimate_odometry_bias: bool = True
-    """Whether systematic odometry errors are states of the filter where the log gives their
-    standard deviations (`LandmarkLog.odometry_bias`)."""
+    """Whether systematic odometry errors (`LandmarkLog.odometry_bias`) are estimated."""
+    odometry_bias: tuple[float, float, float] = setting((0.05, 0.05, 0.05), 0, below=1e6)
+    """Their standard deviations where the log declares none: relative error of the distance, turn
+    in radians per meter of distance, and distance in meters per radian of turn."""
     smooth: bool = True
     """Whether the trajectory and the map of a recorded log are smoothed at its end
     (`saccade.slam.smooth`). `Slam.step` is causal anyway."""
@@ -71,6 +73,12 @@ class EkfConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.gate <= self.new_gate, "new_gate", "at least `gate`", self.new_gate)
+
+    def bias_sigmas(self, declared: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Standard deviations of the odometry biases of a log that declares these; or zeros."""
+        if not self.estimate_odometry_bias:
+            return 0.0, 0.0, 0.0
+        return declared if any(declared) else self.odometry_bias
 
     @classmethod
     def kootstra2010(cls) -> Self:

@@ -270,8 +270,14 @@ class LandmarkTable:
 
     @property
     def in_map(self) -> BoolArray:
-        """(n,) landmarks of the map; the others are candidates without a label."""
-        return self.counts.confirmed | self.labeled
+        """(n,) landmarks of the map; the others are candidates, or were observed only once.
+
+        A wrong label may be read once. Observations are not counted where labels are never doubted.
+        """
+        kept = self.counts.confirmed | self.labeled
+        if self.policy.confirm_after > 1:
+            kept = kept & (self.counts.observations != 1)
+        return kept
 
     def warning(self, association: IntArray) -> str:
         """Why nothing was mapped, or most observations were not used; empty if neither is so.
@@ -284,12 +290,15 @@ class LandmarkTable:
         if not policy.enabled:
             return "" if (association >= 0).any() else "no observation names a landmark"
         if self.ambiguous > MAX_AMBIGUOUS * observations:
+            empty = "" if (association >= 0).any() else "nothing is mapped: "
             return (
-                f"{self.ambiguous} of {observations} observations are not used: each may be of "
-                "several landmarks, which are too close together for the odometry and its noise"
+                f"{empty}{self.ambiguous} of {observations} observations are not used: each may be "
+                "of several landmarks, which are too close together for the odometry and its noise"
             )
         if (association >= 0).any():
             return ""
+        if self.labels:
+            return "nothing is mapped: no landmark was observed twice"
         if self.culled > 0:
             return (
                 f"nothing is mapped: all of {self.culled} landmarks were culled, as they were "

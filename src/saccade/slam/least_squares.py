@@ -145,13 +145,13 @@ class NormalEquations:
         root = np.sqrt(measured.weights(seen))[:, None]
         pose = 3 * np.arange(len(at.pose))
         landmark = pose.size * 3 + 2 * np.arange(len(at.landmark))
-        bias = landmark.size * 2 + pose.size * 3 + np.zeros(len(steps.residual), np.int64)
+        bias = np.array([landmark.size * 2 + pose.size * 3])
         W, observer = root[:, None], pose[measured.observer]
         rows = (  # of the Jacobian, by kind of measurement: blocks with their first columns
             ((measured.start_root[None], pose[:1]),),
             ((steps.by_first, pose[:-1]), (steps.by_second, pose[1:]), (steps.by_bias, bias)),
             ((W * seen.by_first, observer), (W * seen.by_second, landmark[measured.landmark])),
-            ((np.diag(1 / measured.bias_sigma)[None], bias[:1]),),
+            ((np.diag(1 / measured.bias_sigma)[None], bias),),
         )
         J = _sparse(rows, pose.size * 3 + landmark.size * 2 + len(at.bias))
         residual = (

@@ -44,7 +44,8 @@ class Slam:
         config: filter, association and noise.
         start: (3,) first pose, in the frame of the map; by default the origin or, with a map,
             unknown: then the robot is lost until its scans have found it.
-        odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
+        odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`;
+            by default those of the settings.
         mode: "localize" adds and culls no landmarks; the estimates of those in the map still
             change, as their covariance lets them.
         map: landmarks that are known, as of `datasets.load_map`; -1 in `id` for those without a
@@ -63,10 +64,10 @@ class Slam:
         >>> labels = [7, 9]
         >>> _ = slam.step(0.0, z=np.array([[4.0, 0.3], [6.0, -0.8]]), R=R, labels=labels)
         >>> slam.step(1.0, np.array([1.0, 0.0]), U, np.array([[3.1, 0.4], [5.3, -0.9]]), R, labels)
-        StepResult(pose 1.00 -0.00 m -0.004 rad, 2 of 2 observations used)
+        StepResult(pose 0.99 -0.01 m -0.015 rad, 2 of 2 observations used)
         >>> slam.map.xy.round(1)
         array([[ 3.8,  1.2],
-               [ 4.2, -4.2]])
+               [ 4.2, -4.3]])
     """
 
     def __init__(
@@ -79,8 +80,8 @@ class Slam:
         map: LandmarkMap | None = None,
     ) -> None:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
-        estimated = config.estimate_odometry_bias and any(odometry_bias)
-        bias = odometry_bias if estimated else ()
+        sigmas = config.bias_sigmas(odometry_bias)
+        bias = sigmas if any(sigmas) else ()
         self.config, self.mode, self.odometry_bias = config, mode, odometry_bias
         ekf = EkfSlam(
             np.concatenate([np.zeros(3) if start is None else start, np.zeros(len(bias))]),

@@ -149,7 +149,8 @@ class SlamResult(Pictured):
     remark: str = ""
     """Why the log is not smoothed; empty if it is, or if smoothing is switched off."""
     odometry_bias: FloatArray | None = None
-    """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
+    """(3,) estimated odometry biases: relative error of the distance, turn in radians per meter of
+    distance, distance in meters per radian of turn, true minus measured. None if not estimated."""
     bias_covariance: FloatArray | None = None
     """(3, 3) their covariance."""
     weight: FloatArray | None = None

@@ -149,7 +149,8 @@ def _filtered(
         rejected=rejected,
         removed=slam.landmarks.culled - culled_before,
         warning=slam.landmarks.warning(association) or _reliability(association, slam),
-        odometry_bias=slam.filter.odometry_bias,
+        odometry_bias=(bias := slam.filter.odometry_bias),
+        bias_covariance=None if bias is None else slam.filter.marginal(found.id[:0])[3:, 3:],
         nonlinearity=slam.filter.nonlinearity,
         lost=lost,
         session=slam.landmarks.counts.session[slam.landmarks.in_map],
@@ -188,6 +189,7 @@ def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory
         observation_covariance=log.observation_covariance[none],
         landmark=log.landmark[none],
     )
+    config = replace(config, odometry_bias=(0.0, 0.0, 0.0))  # declared ones only
     slam = slam_for(blind, config)
     results = [slam.process(scan) for scan in scans_of(blind, config)]
     pose, covariance = (

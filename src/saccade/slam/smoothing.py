@@ -1,6 +1,7 @@
 """Smoothing: the most probable trajectory and map, given a whole log."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,14 @@ from saccade.slam.least_squares import (
 )
 from saccade.slam.models import wrap
 from saccade.slam.results import SlamResult
-from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory
+from saccade.types import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    LandmarkLog,
+    LandmarkMap,
+    Trajectory,
+)
 
 MIN_SIGMA = 1e-4
 """Standard deviation in meters and radians that is added to every measurement."""
@@ -34,6 +42,21 @@ ANYWHERE = (1e4, 1e4, 10.0)
 """Standard deviations in meters and radians of the motion of a kidnapped robot."""
 MAX_SIGMA = 1e4
 """Standard deviation in meters above which a landmark is not determined."""
+
+
+class Smoothed(NamedTuple):
+    """A smoothed log; the names are those of `SlamResult`."""
+
+    trajectory: Trajectory
+    """(t + 1) poses with covariance."""
+    map: LandmarkMap
+    """n landmarks with covariance."""
+    weight: FloatArray
+    """(k,) robust weight of each observation, NaN where it was not used."""
+    odometry_bias: FloatArray | None
+    """(3,), or None if it is not estimated."""
+    bias_covariance: FloatArray | None
+    """(3, 3) its covariance."""
 
 
 def smooth(
@@ -48,8 +71,8 @@ def smooth(
     Args:
         log: controls and observations of range and bearing.
         result: of the same log; the initial estimate.
-        config: settings of the filter, of which the noise, the start, `huber` and
-            `estimate_odometry_bias` apply.
+        config: settings of the filter, of which the noise, the start, `huber` and the odometry
+            biases apply.
         min_decrease: relative decrease of the cost below which the estimate has converged.
 
     Returns:
@@ -60,66 +83,89 @@ def smooth(
         LogError: the log leaves a landmark undetermined, which is named; or it is too large.
     """
     log = in_robot_frame(log)
-    cuts = _kidnappings(log, result)
+    found = smooth_log(
+        *(log, result.trajectory.pose, result.map, result.association, result.lost),
+        *(config, min_decrease),
+    )
+    return replace(result, **found._asdict(), estimate="smoothed")
+
+
+def smooth_log(
+    log: LandmarkLog,
+    poses: FloatArray,
+    landmarks: LandmarkMap,
+    association: IntArray,
+    lost: BoolArray | None,
+    config: EkfConfig,
+    min_decrease: float = MIN_DECREASE,
+) -> Smoothed:
+    """Smooths a log in the frame of the robot, from poses (t + 1, 3) and a map of n landmarks.
+
+    Each of the k observations is of the landmark in row `association` (k,), -1 for none; at each
+    pose the robot may be `lost` (t + 1,).
+
+    Raises:
+        LogError: as `smooth`.
+    """
+    cuts = _kidnappings(log, association, lost)
     cut = np.isin(np.arange(len(log.control)), cuts)
     moves = log.control.any(1) | log.control_covariance.any((1, 2)) | cut  # (t,)
     variable = np.concatenate([[0], np.cumsum(moves)])  # poses at standstill share one
     first = np.unique(variable, return_index=True)[1]
-    if 8 * 3 * len(first) * 2 * len(result.map) > MAX_BYTES:
+    if 8 * 3 * len(first) * 2 * len(landmarks) > MAX_BYTES:
         raise LogError(
             f"smoothing: expected poses and landmarks that fit into {MAX_BYTES / 1e9:g} GB, "
-            f"found {len(first)} and {len(result.map)}"
+            f"found {len(first)} and {len(landmarks)}"
         )
-    measured = _measurements(log, config, variable, result.association, cuts)
-    start = Estimate(
-        _initial_poses(log, result, cuts)[first], result.map.xy, np.zeros(len(measured.bias_sigma))
-    )
+    measured = _measurements(log, config, variable, association, cuts)
+    initial = _initial_poses(log, poses, lost, cuts)[first]
+    start = Estimate(initial, landmarks.xy, np.zeros(len(measured.bias_sigma)))
     try:
         best, _ = minimize(measured, start, min_decrease)
         pose_covariance, others = NormalEquations(measured, best).covariances()
     except (np.linalg.LinAlgError, RuntimeError) as error:
-        raise LogError(f"smoothing: {_undetermined(result, measured, start)}") from error
+        raise LogError(f"smoothing: {_undetermined(landmarks, measured, start)}") from error
     n = len(best.landmark)
     row = 2 * np.arange(n)[:, None] + np.arange(2)
     covariance = others[row[:, :, None], row[:, None]]
     if not (np.abs(covariance) < MAX_SIGMA**2).all():
-        raise LogError(f"smoothing: {_undetermined(result, measured, best)}")
+        raise LogError(f"smoothing: {_undetermined(landmarks, measured, best)}")
     weight = np.full(len(log.observation), np.nan)
-    weight[result.association >= 0] = measured.weights(measured.observations(best))
+    weight[association >= 0] = measured.weights(measured.observations(best))
     estimated = len(best.bias) > 0
-    return replace(
-        result,
+    return Smoothed(
         trajectory=Trajectory(log.time, best.pose[variable], pose_covariance[variable]),
-        map=replace(result.map, xy=best.landmark, covariance=covariance),
-        estimate="smoothed",
+        map=replace(landmarks, xy=best.landmark, covariance=covariance),
+        weight=weight,
         odometry_bias=best.bias if estimated else None,
         bias_covariance=others[2 * n :, 2 * n :] if estimated else None,
-        weight=weight,
     )
 
 
-def _kidnappings(log: LandmarkLog, result: SlamResult) -> IntArray:
+def _kidnappings(log: LandmarkLog, association: IntArray, lost: BoolArray | None) -> IntArray:
     """(c,) number of the control at which the robot was kidnapped, where it was found again.
 
     It is the first one after the last observation that was used before the robot counted as lost.
     """
-    if result.lost is None:
+    if lost is None:
         return np.empty(0, np.int64)
-    begins = np.flatnonzero(np.diff(result.lost.astype(np.int64)) > 0) + 1
-    begins = begins[begins < np.flatnonzero(~result.lost).max(initial=0)]
-    used = log.observation_pose[result.association >= 0]
+    begins = np.flatnonzero(np.diff(lost.astype(np.int64)) > 0) + 1
+    begins = begins[begins < np.flatnonzero(~lost).max(initial=0)]
+    used = log.observation_pose[association >= 0]
     last = np.append(-1, used)[np.searchsorted(used, begins)]
     return np.asarray(np.where(last < 0, begins - 1, last))
 
 
-def _initial_poses(log: LandmarkLog, result: SlamResult, cuts: IntArray) -> FloatArray:
+def _initial_poses(
+    log: LandmarkLog, poses: FloatArray, lost: BoolArray | None, cuts: IntArray
+) -> FloatArray:
     """(t + 1, 3) filtered poses; between a kidnapping and its end, led back from the latter."""
-    pose = result.trajectory.pose.copy()
-    if len(cuts) == 0 or result.lost is None:
+    pose = poses.copy()
+    if len(cuts) == 0 or lost is None:
         return pose
-    steps, found = to_relative_poses(log)[0], np.flatnonzero(~result.lost)
+    steps, found = to_relative_poses(log)[0], np.flatnonzero(~lost)
     for cut in cuts.tolist():
-        end = int(found[np.searchsorted(found, np.flatnonzero(result.lost[cut:])[0] + cut)])
+        end = int(found[np.searchsorted(found, np.flatnonzero(lost[cut:])[0] + cut)])
         path = path_of(steps[cut + 1 : end])  # poses cut + 1 to end from the first of them
         heading = pose[end, 2] - path[-1, 2]
         offset = rotated(path[:, :2] - path[-1, :2], np.full(len(path), heading))
@@ -145,7 +191,7 @@ def _measurements(
     turned = np.tile(np.eye(3), (len(moves), 1, 1))
     turned[:, :2, :2] = rotations(-step[:, 2])
     in_later_frame = turned @ covariance @ turned.transpose(0, 2, 1)
-    sigma = np.array(log.odometry_bias) * config.estimate_odometry_bias
+    sigma = np.array(config.bias_sigmas(log.odometry_bias))
     by_bias = (relative_pose_jacobian(log) @ bias_jacobian(log.control))[moves][:, :, sigma > 0]
     missing = np.isnan(log.observation[used])  # (k, 2)
     with_missing = missing[:, :, None] | missing[:, None]
@@ -171,7 +217,7 @@ def _root(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(regular)))
 
 
-def _undetermined(result: SlamResult, measured: Measurements, at: Estimate) -> str:
+def _undetermined(landmarks: LandmarkMap, measured: Measurements, at: Estimate) -> str:
     """Message that names the landmark about which the observations tell least."""
     B = measured.observations(at).by_second
     information = np.zeros((len(at.landmark), 2, 2))
@@ -180,6 +226,6 @@ def _undetermined(result: SlamResult, measured: Measurements, at: Estimate) -> s
     seen = int((measured.landmark == worst).sum())
     return (
         "expected measurements that determine every landmark, found that they leave open landmark "
-        f"{result.map.names[worst]} (seen {seen} time{'s' * (seen != 1)}); are standard "
+        f"{landmarks.names[worst]} (seen {seen} time{'s' * (seen != 1)}); are standard "
         "deviations in the log too large?"
     )

@@ -88,6 +88,8 @@ class VisualConfig(Settings):
     the map."""
     huber: float = setting(2.0, 1e-9, 1e6)
     """Threshold of the Huber weight, as the root of the normalized innovation squared."""
+    smooth: bool = True
+    """Whether trajectory and map are smoothed at the end of a drive."""
     seed: int = setting(0, 0, 2**63)
     """Seed of the random order of equal candidates."""
 

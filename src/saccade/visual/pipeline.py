@@ -148,8 +148,9 @@ class Pipeline:
         if number > 0 and not found:
             step = steps_between(np.stack([previous_pose, self.map.ekf.pose]))[0]
             self.motion.update_prior(number, step, len(self.tracked))
-        seconds, lost = perf_counter() - start, self.relocalization.lost
-        self.log.poses.append((self.map.ekf.pose, self.pose_covariance, seconds, lost))
+        pose, seconds, lost = self.map.ekf.pose, perf_counter() - start, self.relocalization.lost
+        others = self.motion.constant_errors(pose), self.relocalization.extra_covariance
+        self.log.poses.append((pose, self.map.ekf.pose_covariance, *others, seconds, lost))
         self._previous = self._previous if frame.is_blank else frame
         if self._gaze is not None:
             time = float(self.drive.time[number])
@@ -163,8 +164,9 @@ class Pipeline:
         return covariance + others
 
     def result(self) -> VisualResult:
-        """The result of the frames so far."""
-        return self.log.result(self.map)
+        """The result of the frames so far, smoothed if the settings say so."""
+        result = self.log.result(self.map)
+        return self.log.smoothed(result, self.map) if self.config.smooth else result
 
     def _detect_if_few(self, number: int, features: FrameFeatures) -> FrameFeatures:
         """Detect points ahead of time where a camera that turns has left most of them behind."""

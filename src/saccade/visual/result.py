@@ -1,11 +1,13 @@
 """Results of visual SLAM, and the log of a run from which they are made."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import accumulate
+from typing import Literal
 
 import numpy as np
 
+from saccade.errors import LogError
 from saccade.frames import Drive
 from saccade.slam.models import compose
 from saccade.types import (
@@ -69,13 +71,15 @@ class VisualResult(Pictured):
     """Trajectory, map and observations of a drive of n frames."""
 
     trajectory: Trajectory
-    """(n,) poses with covariances, each estimated from the frames up to it."""
+    """(n,) poses with covariances, see `estimate`."""
+    filtered: Trajectory
+    """(n,) poses with covariances of the filter, each estimated from the frames up to it."""
     odometry: Trajectory
     """(n,) poses by odometry alone."""
     visual_odometry: Trajectory
     """(n,) poses with covariances by visual odometry; by odometry in steps where it failed."""
     map: LandmarkMap
-    """m landmarks at the end."""
+    """m landmarks: smoothed, or those of the filter at the end."""
     descriptors: ByteArray
     """(m, 128) descriptors of the landmarks."""
     height: FloatArray
@@ -95,9 +99,14 @@ class VisualResult(Pictured):
     """Estimated errors of the calibration; None where no window of frames is adjusted."""
     remarks: tuple[str, ...]
     """Warnings, one sentence each."""
+    estimate: Literal["smoothed", "filtered"] = "filtered"
+    """Kind of the trajectory and the map: "smoothed" over the whole drive, or "filtered"."""
 
     def __repr__(self) -> str:
-        return f"VisualResult({self.trajectory!r}, {self.map!r}, {self.observations!r})"
+        return (
+            f"VisualResult({self.estimate}, {self.trajectory!r}, {self.map!r}, "
+            f"{self.observations!r})"
+        )
 
 
 @dataclass(eq=False)
@@ -107,8 +116,11 @@ class RunLog:
     drive: Drive
     remarks: list[str] = field(default_factory=list)
     missed: int = 0
-    poses: list[tuple[FloatArray, FloatArray, float, bool]] = field(default_factory=list)
-    """Pose and covariance after all updates of a frame, its time in seconds, and if it is lost."""
+    poses: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, bool]] = field(
+        default_factory=list
+    )
+    """Pose after all updates of a frame; its covariance in the filter, by errors of the calibration
+    and by the search of a lost robot; its time in seconds, and whether the robot is lost."""
     _observations: list[LandmarkObservations] = field(
         default_factory=lambda: [LandmarkObservations()]
     )
@@ -163,14 +175,19 @@ class RunLog:
         n = len(self.poses)
         time, steps = self.drive.time[:n], self.drive.control[: max(n - 1, 0)]
         odometry = accumulate(steps, lambda pose, u: compose(pose, u)[0], initial=self.drive.start)
-        pose, covariance, seconds, lost = map(np.array, zip(*self.poses, strict=True))
+        pose, covariance, constant, search, seconds, lost = map(
+            np.array, zip(*self.poses, strict=True)
+        )
         visual, visual_covariance, drift, off_plane = map(np.array, zip(*self._visual, strict=True))
         landmarks, motion = visual_map.landmarks, visual_map.motion
         xy, covariances = visual_map.ekf.landmarks, visual_map.landmark_covariances
         more = len(self.remarks) - MAX_REMARKS
         others = [f"{more} more frames could not be used"] if more > 0 else []
+        if len(landmarks) == 0:
+            others.append("the map is empty: no tracked point became a landmark that was kept")
         return VisualResult(
-            trajectory=Trajectory(time, pose, covariance),
+            trajectory=(filtered := Trajectory(time, pose, covariance + constant + search)),
+            filtered=filtered,
             odometry=Trajectory(time, np.array([*odometry])),
             visual_odometry=Trajectory(time, visual, visual_covariance + drift),
             map=LandmarkMap(landmarks.id, xy, covariances, landmarks.observations),
@@ -183,4 +200,25 @@ class RunLog:
             lost=lost,
             calibration=motion.drift.report() if motion.drift else None,
             remarks=(*self.remarks[:MAX_REMARKS], *others, *motion.planarity.remarks()),
+        )
+
+    def smoothed(self, result: VisualResult, visual_map: VisualMap) -> VisualResult:
+        """A result with smoothed trajectory and map, or with the remark that it is filtered."""
+        try:
+            found = visual_map.log.smooth(result.filtered, result.map, result.lost)
+        except LogError as error:
+            remark = f"not {str(error).replace('smoothing:', 'smoothed:', 1)}"
+            return replace(result, remarks=(*result.remarks, remark))
+        _, _, constant, search, _, lost = map(np.array, zip(*self.poses, strict=True))
+        found_again = lost & (np.arange(len(lost)) < np.flatnonzero(~lost).max(initial=0))
+        search[found_again] = 0.0
+        C, covariances = found.trajectory.covariance, found.map.covariance
+        assert C is not None
+        assert covariances is not None
+        covariances = covariances + visual_map.scale_covariances(found.map.xy)
+        return replace(
+            result,
+            trajectory=replace(found.trajectory, covariance=C + constant + search),
+            map=replace(found.map, covariance=covariances),
+            estimate="smoothed",
         )

@@ -16,6 +16,7 @@ from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.motion_prior import correlation_factor
 from saccade.visual.optical_flow import ByteArray
+from saccade.visual.smoothing import MapLog
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
 MIN_RESCALE = 1e-3
@@ -33,6 +34,7 @@ class VisualMap:
             association="known",
             huber=config.huber,
             recover=False,
+            odometry_bias=(0.0, 0.0, 0.0),
             submaps="never",
             start_sigma=(0.0, 0.0, 0.0),
         )
@@ -40,6 +42,7 @@ class VisualMap:
         bias = drive.odometry_bias if by_wheels else (0.0, 0.0, 0.0)
         self.slam = Slam(settings, start=drive.start, odometry_bias=bias)
         """Steps the filter; the labels of its landmarks are their ids."""
+        self.log = MapLog(settings, drive.start, bias)
         self.landmarks = Landmarks()
         self.next_id = 0
         """Id of the next landmark."""
@@ -57,20 +60,25 @@ class VisualMap:
     def move(self, number: int, control: MotionEstimate) -> None:
         """Predict the pose of a frame by a control (3,) with covariance (3, 3)."""
         self.slam.process(Scan(float(self._drive.time[number]), control, *NO_SCAN))
+        self.log.motions.append(control)
 
     def rescale(self) -> None:
         """Let the map have the scale of the motion, with which it begins as 1."""
         change = self.motion.scale / self._scale
         if abs(change - 1) > MIN_RESCALE:
             self.ekf.rescale(change, self._drive.start[:2])
+            self.log.rescale(change)
             self._scale = self.motion.scale
 
     @property
     def landmark_covariances(self) -> FloatArray:
         """(n, 2, 2) of the landmarks, with the uncertainty of the map's scale."""
-        offset = self.ekf.landmarks - self._drive.start[:2]
-        by_scale = self.motion.scale_sigma**2 * offset[:, :, None] * offset[:, None]
-        return np.asarray(self.ekf.landmark_covariances + by_scale)
+        return self.ekf.landmark_covariances + self.scale_covariances(self.ekf.landmarks)
+
+    def scale_covariances(self, xy: FloatArray) -> FloatArray:
+        """(n, 2, 2) covariances of points (n, 2) by the uncertainty of the map's scale."""
+        offset = xy - self._drive.start[:2]
+        return np.asarray(self.motion.scale_sigma**2 * offset[:, :, None] * offset[:, None])
 
     def observe(
         self, points: TrackedPoints, expected: PredictedObservations | None = None
@@ -115,14 +123,15 @@ class VisualMap:
             R = self._covariance(observations, int(reidentified.sum()))
             R *= correlation_factor(self.motion.seconds, self._config)
             ids, z = points.landmark[reidentified], observations.z[reidentified]
-            self._observe(ids, z, R[reidentified])
+            self._observe(number, ids, z, R[reidentified])
             self.landmarks.count(rows, observations.height, number)
         return innovation, S
 
-    def _observe(self, ids: IntArray, z: FloatArray, R: FloatArray) -> None:
-        """Process observations of landmarks (k,) at the present pose; unknown ones are added."""
+    def _observe(self, number: int, ids: IntArray, z: FloatArray, R: FloatArray) -> None:
+        """Process observations of landmarks (k,) in a frame; unknown ones are added."""
         if len(ids) > 0:
             self.slam.process(Scan(0.0, None, np.ascontiguousarray(z), R, ids.tolist()))
+            self.log.observations.append((number, ids, z, R))
 
     def initialize(
         self, observations: RangeBearings, descriptors: ByteArray, number: int
@@ -130,7 +139,7 @@ class VisualMap:
         """Augment the map by the landmarks of k observations. Returns their ids (k,)."""
         k = len(observations)
         ids = np.arange(self.next_id, self.next_id + k)
-        self._observe(ids, observations.z, self._covariance(observations, 1))
+        self._observe(number, ids, observations.z, self._covariance(observations, 1))
         new = Landmarks.zeros(
             k,
             id=ids,
