@@ -312,6 +312,15 @@ def test_both_eyes_are_averaged_where_they_fixate_at_the_same_time(tmp_path):
     assert "3 fixations are the mean of both eyes" in " ".join(remarks)
 
 
+def test_eyes_with_other_numbers_of_fixations_are_not_averaged_by_index(tmp_path):
+    """The second fixation of the left eye is none of the right: later indices are shifted."""
+    xs = {"L": [10, 20, 30, 40], "R": [12, 32, 42]}
+    rows = [("s1", "a", eye, k, x, 9) for eye, each in xs.items() for k, x in enumerate(each)]
+    (tmp_path / "a.csv").write_text(_trials("subject,image,eye,index,x,y", rows))
+    found = read_fixations(tmp_path / "a.csv", say=str)
+    assert found.xy[:, 0].tolist() == xs["L"]
+
+
 def test_an_eye_that_is_hardly_tracked_in_a_block_is_not_read_there(tmp_path):
     _eyelink_blocks(tmp_path / "s1.asc", ["L", "LR"], True)
     lines = (tmp_path / "s1.asc").read_text().splitlines()

@@ -27,8 +27,8 @@ def merge_eyes(
         raw: with positions.
         order: index, time or row.
         wanted: L or R: the eye to read where it has fixations. None for the one that has more of
-            them; those during which the other eye has one, if it has at least half as many, are
-            the mean of both.
+            them; those during which the other eye has one are the mean of both, if it has at least
+            half as many, or, without times, as many.
         remarks: counts what is averaged and left out.
     """
     kept, used, xy = (np.ones(len(raw), bool), np.zeros(len(raw), bool), raw.xy.copy())
@@ -37,8 +37,11 @@ def merge_eyes(
         ranked = names[np.argsort(-counts, kind="stable")].tolist()
         eye = wanted if wanted in ranked else ranked[0]
         kept[rows] = raw.eye[rows] == eye
-        if wanted is None and len(ranked) > 1 and sorted(counts)[-2] >= BOTH_EYES * max(counts):
-            one, other = (rows[raw.eye[rows] == each] for each in ranked[:2])
+        if wanted is not None or {*ranked[:2]} != {"L", "R"}:
+            continue
+        one, other = (rows[raw.eye[rows] == each] for each in ranked[:2])
+        fewest = BOTH_EYES * len(one) if order == "time" else len(one)  # else numbers may shift
+        if len(other) >= fewest:
             partner = _simultaneous(raw[one], raw[other], order)
             paired = partner >= 0
             both = one[paired], other[partner[paired]]
