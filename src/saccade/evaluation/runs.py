@@ -22,6 +22,8 @@ from saccade.slam.results import MAX_NONLINEARITY
 from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, IntArray, LandmarkLog, Trajectory
 from saccade.visual import ObservationKind, VisualResult
 
+GROSS_WEIGHT = 0.25
+"""Weight in the smoothing under which an observation is a gross error: over 5 sigma."""
 GPS_INLIERS = 0.9
 """Fraction of the GPS positions that count; the others may be multipath reflections."""
 
@@ -39,6 +41,9 @@ def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
         "poses": len(result.trajectory),
         "observations": len(log.observation),
         "observations_used": int((result.association >= 0).sum()),
+        "observations_downweighted": None
+        if result.weight is None
+        else int((result.weight < GROSS_WEIGHT).sum()),
         "names_refused": int(result.rejected.sum()),
         "landmarks": len(result.map),
         "landmarks_culled": result.removed,
