@@ -25,7 +25,7 @@ all symmetries are the faint ones of a flat background.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Literal, Self
@@ -403,21 +403,13 @@ def symmetric_pairs_at(
             cell = most_symmetric(symmetry, xy, radius, shape)
             pairs = pairs_about(cell, gradients, kernel, number, weights[number], shape)
             parts.append(strongest_first(pairs)[:max_pairs])
-    return [strongest_first(concatenated(parts)) for parts in selected]
+    return [strongest_first(SymmetricPairs.concatenate(parts)) for parts in selected]
 
 
 def strongest_first(pairs: SymmetricPairs) -> SymmetricPairs:
     """The pairs of any strength, ordered by it."""
     order = np.argsort(-pairs.strength, kind="stable")
     return pairs[order[pairs.strength[order] > 0]]
-
-
-def concatenated(parts: list[SymmetricPairs]) -> SymmetricPairs:
-    """All pairs of the parts, in their order."""
-    names = [field.name for field in fields(SymmetricPairs)]
-    return SymmetricPairs(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in names)
-    )
 
 
 def most_symmetric(
@@ -461,4 +453,4 @@ def pairs_about(
                 level=np.full(len(p), level),
             )
         )
-    return concatenated(parts)
+    return SymmetricPairs.concatenate(parts)
