@@ -318,7 +318,7 @@ def _sources(name: str) -> Callable[[Path], object]:
 def _matched(folder: Path) -> None:
     """Matches of two pictures, under a name that does not depend on the settings."""
     write_pictures(folder, "a.png", "b.png")
-    job = Job("sift", SiftConfig(max_keypoints=20), exact=True)
+    job = Job("sift", SiftConfig(max_keypoints=20))
     match_images(str(folder), folder / "out", job=job, formats=["hdf5"])
     (block,) = (folder / "out" / "matches").iterdir()
     block.rename(block.with_name("0.npz"))
