@@ -32,7 +32,7 @@ sys.addaudithook(refuse)
 """
 OPTIONAL = (
     *("pyarrow", "h5py", "gtsam", "rosbags", "starlette", "uvicorn"),
-    *("distributed", "dask", "pycolmap"),
+    *("rerun", "distributed", "dask", "pycolmap"),
 )
 
 

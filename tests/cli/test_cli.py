@@ -125,6 +125,32 @@ def test_one_bad_image_does_not_stop_the_others(run, tmp_path):
     assert {"hallway_1.keypoints.npz", "hallway_1.look.npz", "report.html"} < found
 
 
+def write_video(path, frames):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (96, 64))
+    for number in range(frames):
+        frame = np.zeros((64, 96, 3), np.uint8)
+        frame[20:36, 6 * number : 6 * number + 16] = 255
+        writer.write(frame)
+    writer.release()
+
+
+def test_gaze_follows_what_moves_in_a_video(run, tmp_path):
+    write_video(tmp_path / "moving.mp4", 8)
+    code, out, _ = run("look", "moving.mp4", "--every", 2, "--json")
+    assert code == 0
+    (video,) = json.loads(out)["images"]
+    with np.load(video["arrays"]) as arrays:
+        np.testing.assert_allclose(arrays["time"], [0, 0.2, 0.4, 0.6])
+        assert ((arrays["gaze"] >= 0) & (arrays["gaze"] <= (95, 63))).all()
+        columns = [maps.sum(axis=0).argmax() / maps.shape[1] for maps in arrays["saliency"]]
+    assert columns == sorted(columns)
+    assert columns[-1] > columns[0]
+    film = cv2.VideoCapture(video["film"])
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == video["frames"] == 4
+    assert film.get(cv2.CAP_PROP_FPS) == 5
+    assert film.get(cv2.CAP_PROP_FRAME_WIDTH) == 192
+
+
 def test_look_takes_folders_and_patterns(run, tmp_path):
     (tmp_path / "photos").mkdir()
     for number, name in enumerate(("b.jpg", "a.jpg", "c.png")):

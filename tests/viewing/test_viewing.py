@@ -24,7 +24,9 @@ from saccade.viewing import (
     pair_figure,
     save_figure,
 )
+from saccade.viewing.live import LiveMap
 from saccade.viewing.style import BLUE
+from support.processes import run_python
 
 IMAGE = np.random.default_rng(1).random((60, 90, 3), np.float32)
 KEYPOINTS = Keypoints(
@@ -104,6 +106,22 @@ def test_a_film_shows_the_map_so_far():
     early, late = ((np.abs(f[80:] - blue) < 30).all(2).nonzero()[1] for f in (first, last))
     assert early.max() < late.max()  # the drive goes on to the right
     assert all((frame == last).all() for frame in rest)
+
+
+@pytest.mark.peer
+def test_a_recording_for_rerun_has_each_part_of_the_map(tmp_path):
+    pytest.importorskip("rerun")
+    path = tmp_path / "live.rrd"
+    odometry = Trajectory(np.arange(10.0), np.zeros((10, 3)))
+    image = np.zeros((48, 64, 3), np.uint8)
+    show = LiveMap("a drive", np.arange(10.0), odometry, lambda _: image, file=path)
+    show(_growing_map()[:1])
+    show(_growing_map())
+    show.close()
+    found = run_python("-m", "rerun", "rrd", "print", path, check=True).stdout
+    parts = ("trajectory", "odometry", "observed", "landmarks", "robot", "landmarks/sigma")
+    assert all(f"/map/{part}" in found for part in parts)
+    assert "/camera" in found
 
 
 def test_an_empty_result_can_still_be_drawn(tmp_path):

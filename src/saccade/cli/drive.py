@@ -46,7 +46,6 @@ from saccade.evaluation.trajectory import coverage_remarks
 from saccade.frames import Drive, Frame
 from saccade.io.files import results_in
 from saccade.io.video import LiveVideo
-from saccade.slam import Recorder
 from saccade.types import Float32Array, Image, MapSnapshot
 from saccade.viewing import drive_frames, map_figure
 from saccade.viewing.film import Eye
@@ -65,6 +64,8 @@ class DriveOptions(SettingsOptions, RunOutput, SequenceOptions):
     """Map live, by a device (0), an address (rtsp://...) or a video file."""
     frames: Annotated[int | None, INPUT, Parameter(metavar="N")] = setting(None, 1)
     """Process only the first N frames, at least 1."""
+    selection: Annotated[str | None, MAP, Parameter(metavar="NAME")] = None
+    """Selection of landmarks by strength, random, contrast, symmetry or rematch-rate-range."""
     max_landmarks: Annotated[int | None, MAP, Parameter(metavar="N")] = setting(None, 1)
     """Maximum number of landmarks in the map, at least 1."""
     anyway: Annotated[bool, INPUT] = False
@@ -86,15 +87,15 @@ def drive(options: DriveOptions) -> Result:
     Example: saccade drive KITTI/07 --out mapped
     """
     settings: VisualConfig = options.settings("visual")
-    if options.max_landmarks is not None:
-        settings = replace(settings, max_landmarks=options.max_landmarks)
+    given: dict[str, Any] = {"selection": options.selection, "max_landmarks": options.max_landmarks}
+    settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
     recorded = load_recorded(options) if options.camera is None else None
     name = f"camera {options.camera}" if recorded is None else recorded.name
     with results_in(options.out), progress_bar(name) as progress:
         mapped, result, snapshots = (
             map_camera(settings, options, progress)
             if recorded is None
-            else map_recorded(recorded, settings, progress)
+            else map_recorded(recorded, settings, options, progress)
         )
         row = write_results(mapped, settings, options, progress, result, snapshots)
     for remark in row["remarks"]:
@@ -167,11 +168,13 @@ def load_recorded(options: DriveOptions) -> Drive:
     return recorded if options.anyway else drop_repeated(recorded)
 
 
-def map_recorded(drive: Drive, settings: VisualConfig, progress: Progress) -> Mapped:
+def map_recorded(
+    drive: Drive, settings: VisualConfig, output: RunOutput, progress: Progress
+) -> Mapped:
     """Map a recorded drive."""
-    recorder, report = Recorder(SNAPSHOTS), partial(progress, stage="map")
-    with visual.dedicated_process():
-        result = visual.run(drive, settings, report, recorder=recorder)
+    show = output.recorder(drive.name, drive.time, image_at=partial(image_of, drive))
+    with show as recorder, visual.dedicated_process():
+        result = visual.run(drive, settings, partial(progress, stage="map"), recorder=recorder)
     return drive, result, recorder.snapshots
 
 
@@ -182,11 +185,13 @@ MAX_CAMERA_FRAMES = 36_000
 def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress) -> Mapped:
     """Map while the camera records into a folder."""
     frames = options.frames or MAX_CAMERA_FRAMES
-    recorder = Recorder(max(SNAPSHOTS, frames // 4))
     with (
         stop_on_interrupt("stopping after this frame") as stopped,
         LiveVideo(str(options.camera), stopped) as video,
         closing(LiveDrive(video, options.sequence, options.calibration(), frames)) as recording,
+        options.recorder(
+            video.name, recording.drive.time, snapshots=max(SNAPSHOTS, frames // 4)
+        ) as recorder,
         visual.dedicated_process(),
     ):
         report = partial(progress, stage="map")

@@ -20,7 +20,7 @@ class ImageArguments(Options):
     """Images."""
 
     images: list[str]
-    """Images, folders, or quoted patterns."""
+    """Images, folders, or quoted patterns; look takes videos too."""
 
 
 def analyze_each(

@@ -12,7 +12,9 @@ from saccade.attention.models import AttentionModel
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.cli.images import ImageArguments, Row, analyze_each
+from saccade.cli.look_video import look_at_video, video_table
 from saccade.cli.options import (
+    INPUT,
     OUTPUT,
     PUBLISHED,
     SEVERAL,
@@ -31,6 +33,7 @@ from saccade.cli.output import (
 from saccade.errors import ImageError, require, setting
 from saccade.io.files import FORMATS, results_in
 from saccade.io.image import read_image
+from saccade.io.video import is_video
 from saccade.keypoints import Sift, SiftConfig
 from saccade.types import (
     FixationTable,
@@ -74,6 +77,8 @@ class LookOptions(ModelOptions, JsonOptions, ImageArguments):
     bits; several with commas."""
     layers: Annotated[list[str] | None, OUTPUT, SEVERAL] = None
     """Of --maps write these alone, such as saliency, contrast, symmetry; several with commas."""
+    every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
+    """Use every Nth frame of a video."""
     keypoints: bool = False
     """Also show the strongest interest points in the report."""
 
@@ -89,7 +94,8 @@ def look(options: LookOptions) -> Result:
     (NAME.look.npz), and for all of them an interactive report (report.html).
     With --format csv the scanpaths of all images go to scanpaths.csv,
     and a hundred drawn ones of each to samples.csv; with --maps each map goes
-    to maps/MAP/NAME.npy.
+    to maps/MAP/NAME.npy. For a video there are a film of the gaze beside the
+    saliency, which has flicker and motion (NAME.look.mp4), and both as arrays.
 
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
@@ -105,6 +111,8 @@ def look(options: LookOptions) -> Result:
 
     def of_image(path: Path, name: str) -> Row:
         file = out / f"{name}.look"
+        if is_video(path):
+            return look_at_video(path, file, attention, options.every)
         row, paths[path] = analyze_image(path, file, attention, options, builder, network)
         return row
 
@@ -118,7 +126,9 @@ def look(options: LookOptions) -> Result:
 
 
 def _table(row: dict[str, Any]) -> Table:
-    """The scanpath on an image."""
+    """The scanpath on an image, or the film of a video."""
+    if "frames" in row:
+        return video_table(row)
     return Table(
         f"{row['image']} -> {row['picture']}",
         ["fixation", "x [px]", "y [px]", "time [ms]", "saliency"],

@@ -1,7 +1,8 @@
 """Output that `saccade slam` and `saccade drive` share: tables, films, reports and run.json."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,12 +22,14 @@ from saccade.cli.options import (
 )
 from saccade.cli.output import Progress, facts, write_text
 from saccade.datasets import symmetric_columns
-from saccade.io.files import FORMATS
+from saccade.io.files import FORMATS, atomic_write
 from saccade.io.video import video_writer
+from saccade.slam import Recorder
 from saccade.slam.consistency import chi_square_band, normalized_squared
-from saccade.types import FloatArray, Image, IntArray, Trajectory
+from saccade.types import FloatArray, Image, IntArray, MapSnapshot, Trajectory
 from saccade.viewing import save_figures
 from saccade.viewing.charts import Chart, innovation_charts, uncertainty_charts
+from saccade.viewing.live import LiveMap
 from saccade.viewing.report import Part, ReportBuilder
 
 FRAME_RATE = 24
@@ -48,6 +51,34 @@ class RunOutput(JsonOptions):
     """Format of the figures, png by default; several with commas."""
     film: Annotated[bool, OUTPUT, Parameter(negative="--no-film")] = False
     """Also write a film of the growing map."""
+    live: Annotated[bool, OUTPUT, Parameter(negative=())] = False
+    """Show the growing map in the rerun viewer."""
+    rrd: Annotated[Path | None, OUTPUT, Parameter(metavar="FILE")] = None
+    """Record the growing map for the rerun viewer."""
+
+    @contextmanager
+    def recorder(
+        self,
+        name: str,
+        time: FloatArray,
+        odometry: Trajectory | None = None,
+        image_at: Callable[[int], Image | None] | None = None,
+        snapshots: int = SNAPSHOTS,
+    ) -> Iterator[Recorder]:
+        """Snapshots of a map while it grows, sent to rerun as asked; arguments as of `LiveMap`."""
+        with ExitStack() as stack:
+            shows = [LiveMap(name, time, odometry, image_at)] if self.live else []
+            if self.rrd is not None:
+                file = stack.enter_context(atomic_write(self.rrd))
+                shows.append(LiveMap(name, time, odometry, image_at, file))
+            for show in shows:
+                stack.callback(show.close)
+
+            def show_all(taken: Sequence[MapSnapshot]) -> None:
+                for show in shows:
+                    show(taken)
+
+            yield Recorder(snapshots, show_all)
 
     def save_figure(self, figure: Figure, name: str) -> Path:
         """Write a figure in each format; returns the file of the first."""

@@ -10,7 +10,6 @@ import numpy as np
 from cyclopts import Parameter
 
 from saccade.cli.mapping import (
-    SNAPSHOTS,
     RunOutput,
     pose_table,
     run_facts,
@@ -44,9 +43,9 @@ from saccade.landmark_names import name_texts
 from saccade.plane import in_robot_frame
 from saccade.slam import (
     EkfConfig,
-    Recorder,
     Slam,
     SlamResult,
+    dead_reckon,
     run,
 )
 from saccade.slam.run import find_start, slam_for
@@ -173,8 +172,9 @@ def map_log(
     causes = check_log(log)
     out, slam = options.out, options.filter_of(log)
     try:
-        recorder, filtered = Recorder(SNAPSHOTS), partial(progress, stage="filter")
-        result = run(log, progress=filtered, recorder=recorder, initial=slam)
+        odometry, filtered = dead_reckon(log, slam.config), partial(progress, stage="filter")
+        with options.recorder(log.name, log.time, odometry) as recorder:
+            result = run(log, progress=filtered, recorder=recorder, initial=slam)
     except (LogError, ArithmeticError, np.linalg.LinAlgError) as error:
         known = isinstance(error, LogError)
         if not causes and not known:
@@ -200,7 +200,7 @@ def map_log(
         lost=result.lost,
     )
     files["picture"] = options.save_figure(figure, "map")
-    snapshots, odometry = recorder.snapshots, result.dead_reckoning
+    snapshots = recorder.snapshots
     if options.film:
         frames = map_frames(snapshots, log.time, odometry)
         files |= write_film(out / "map.mp4", frames, len(snapshots), progress)

@@ -19,7 +19,9 @@ class Recorder:
     """
 
     def __init__(
-        self, frames: int = 240, on_snapshot: Callable[[Sequence[MapSnapshot]], None] | None = None
+        self,
+        frames: int = 240,
+        on_snapshot: Callable[[Sequence[MapSnapshot]], object] | None = None,
     ) -> None:
         require(frames >= 1, "frames", "at least 1", frames)
         self.snapshots: list[MapSnapshot] = []

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from saccade.types import Float32Array, Scanpath, SymmetricPairs
+from saccade.types import Float32Array, Image, Scanpath, SymmetricPairs
 from saccade.viewing.style import (
     BLUE,
     HEAT,
@@ -20,6 +20,7 @@ from saccade.viewing.style import (
     faded,
     figure_for,
     picture_axes,
+    rgb_levels,
 )
 
 STROKE = 0.12
@@ -170,6 +171,26 @@ def weighted_by(image: Float32Array, values: Float32Array) -> Float32Array:
     """
     weight = np.sqrt(cv2.resize(values / max(float(values.max()), 1e-12), image.shape[1::-1]))
     return np.asarray(image * (0.15 + 0.85 * weight[:, :, None]), np.float32)
+
+
+def heat_beside(
+    frame: Image, values: Float32Array, gaze: tuple[float, float]
+) -> npt.NDArray[np.uint8]:
+    """A frame and its saliency as a heat map, side by side: (H, 2 W, 3) RGB.
+
+    Args:
+        frame: (H, W, 3) uint8 RGB.
+        values: (h, w), not negative.
+        gaze: x and y in pixels, drawn in both.
+    """
+    levels = values * (255 / max(float(values.max()), 1e-12))
+    large = cv2.resize(levels.astype(np.uint8), frame.shape[1::-1])
+    panels = [np.array(panel, np.uint8) for panel in (frame, heat_colors(large))]
+    center, radius = (round(gaze[0]), round(gaze[1])), max(3, max(frame.shape) // 40)
+    for panel in panels:
+        cv2.circle(panel, center, radius, (0, 0, 0), 4, cv2.LINE_AA)
+        cv2.circle(panel, center, radius, rgb_levels(ORANGE), 2, cv2.LINE_AA)
+    return np.hstack(panels)
 
 
 def heat_colors(levels: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
