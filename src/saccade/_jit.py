@@ -143,8 +143,8 @@ def share(make: Callable[..., T], *fields: Any) -> T:
     A field that is a `ctypes.Structure` is a record: kernels and Python write to the same numbers.
     """
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
-        return make(*fields)
-    shared = make(*(_record(f) if isinstance(f, ctypes.Structure) else f for f in fields))
+        return make(fields)
+    shared = make(tuple(_record(f) if isinstance(f, ctypes.Structure) else f for f in fields))
     vars(shared).update(zip(cast("Any", shared)._fields, fields, strict=True), _made=(make, fields))
     return shared
 

@@ -1,6 +1,7 @@
 """The state of the filter, and the kernels that manage its memory."""
 
 from ctypes import Structure, c_double, c_int64
+from typing import Any
 
 from saccade._jit import kernel, structure
 from saccade.types import FloatArray, IntArray
@@ -77,39 +78,9 @@ class FilterState:
 
 
 @kernel()
-def bind_state(
-    robot_size: int,
-    error_state: int,
-    huber: float,
-    auxiliary: int,
-    ids: IntArray,
-    state: FloatArray,
-    heading_lever: FloatArray,
-    P: FloatArray,
-    blocks: FloatArray,
-    downdates: FloatArray,
-    updates: FloatArray,
-    cached_rows: FloatArray,
-    cached_pair: IntArray,
-    now: Scalars,
-) -> FilterState:
-    """A state of these fields, see `_jit.share`."""
-    return FilterState(
-        robot_size,
-        error_state,
-        huber,
-        auxiliary,
-        ids,
-        state,
-        heading_lever,
-        P,
-        blocks,
-        downdates,
-        updates,
-        cached_rows,
-        cached_pair,
-        now,
-    )
+def bind_state(fields: tuple[Any, ...]) -> FilterState:
+    """A state of these fields, in their order, see `_jit.share`."""
+    return FilterState(*fields)
 
 
 @kernel(inline=True)
