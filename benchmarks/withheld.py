@@ -89,10 +89,10 @@ def main() -> None:
     print("log                    as it is  no bias  no names   map  found      wrong  used")
     for path in given.logs:
         for log in robots(path):
-            plain = replace(log, odometry_bias=(0.0, 0.0, 0.0))
+            plain = slam.EkfConfig(estimate_odometry_bias=False)
             result = slam.run(without_labels(log), config)
             found, wrong = associated(log, result)
-            errors = [rmse(log, each) for each in (slam.run(log), slam.run(plain), result)]
+            errors = [rmse(log, each) for each in (slam.run(log), slam.run(log, plain), result)]
             print(
                 f"{log.name:22} {errors[0]:8.3f} {errors[1]:8.3f}  {errors[2]:8.3f} "
                 f"{len(result.map):5}  {found:4} of {len(np.unique(log.landmark)):4} {wrong:5.1%}"

@@ -163,12 +163,22 @@ class NormalEquations:
         self._H = csc_array(J.T @ J)
         self._gradient = J.T @ np.concatenate([each.ravel() for each in residual])
         self._poses = 3 * len(at.pose)
+        self._sparse = J.shape[1] - len(at.bias)
 
     def step(self, damping: float) -> FloatArray:
-        """The step of all variables, with the diagonal of H increased by a fraction of it."""
+        """The step of all variables, with the diagonal of H increased by a fraction of it.
+
+        The biases, which all steps depend on, would fill the factors: they are solved for by the
+        Schur complement of the others.
+        """
         damped = csc_array(self._H + damping * diags_array(self._H.diagonal()))
-        factors = splu(damped, "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
-        return -factors.solve(self._gradient)
+        n, g = self._sparse, -self._gradient
+        others, B = csc_array(damped[:n, :n]), damped[:n, n:].toarray()
+        factors = splu(others, "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
+        x = factors.solve(np.column_stack([g[:n], B]))
+        S = damped[n:, n:].toarray() - B.T @ x[:, 1:]
+        bias = np.linalg.solve(S, g[n:] - B.T @ x[:, 0])
+        return np.concatenate([x[:, 0] - x[:, 1:] @ bias, bias])
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
         """Marginal covariances of poses (v, 3, 3), and of landmarks and biases (m, m) together.
