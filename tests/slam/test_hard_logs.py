@@ -195,7 +195,7 @@ def test_a_log_that_ends_within_a_line_names_it(tmp_path):
         ({"landmark": np.array([-2])}, "any: landmark: expected names .*, found -2"),
         ({"time": np.array([1.0, 0.0])}, "any: time: goes back at entry 1"),
         ({"control": np.zeros((0, 2))}, "expected shape"),
-        ({"observation": np.array([[np.nan, 0.0]])}, "observation: expected finite"),
+        ({"observation": np.array([[np.nan, np.nan]])}, "observation: expected finite"),
         ({"observation_pose": np.array([9])}, "numbers from 0 to 1"),
         ({"observation_covariance": -np.eye(2)[None]}, "negative"),
         ({"observation": np.array([[-1.0, 0.0]])}, "observation 0: expected a range of 0 m"),
