@@ -23,7 +23,7 @@ from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, IntArray, Landm
 from saccade.visual import ObservationKind, VisualResult
 
 GROSS_WEIGHT = 0.25
-"""Weight in the smoothing under which an observation is a gross error: over 5 sigma."""
+"""Largest weight of a gross error in the smoothing: over 5 sigma."""
 GPS_INLIERS = 0.9
 """Fraction of the GPS positions that count; the others may be multipath reflections."""
 
@@ -186,8 +186,8 @@ def correct_associations(
 def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
     """The figures of a mapped drive, as in run.json.
 
-    Errors are those of `VisualResult.trajectory`, whose kind is `estimate`. They are None without
-    truth; those of odometry also where there is none.
+    The errors without a name are of `VisualResult.trajectory`, whose kind is `estimate`. Errors are
+    None without truth, and for odometry also without odometry.
     """
     n, observed = len(result.trajectory), result.observations
     reidentified = observed.kind == ObservationKind.REIDENTIFIED

@@ -125,7 +125,7 @@ class SlamResult(Pictured):
     filtered: Trajectory
     """(t + 1) poses with covariance of the filter: each is the estimate at its own time."""
     map: LandmarkMap
-    """Landmarks with covariance: smoothed, or those of the filter at the end of the log."""
+    """Landmarks with covariance: smoothed, or as in the filter at the end of the log."""
     ids: IntArray
     """(n,) ids of the landmarks of the map, as in `Slam.map`."""
     consistency: Consistency
