@@ -40,7 +40,7 @@ ONE_SIDED_NIS = 1.05
 """Largest mean NIS over its degrees of freedom without a warning, for one-sided innovations."""
 MIN_SIDE = 0.1
 """Minimum mean of one-sided innovations, in standard deviations."""
-MAX_SCALE_ERROR = 0.02
+MAX_SCALE_ERROR = 0.03
 """Largest relative error of the distances of odometry without a warning."""
 SCALE_SIGMAS = 5.0
 """Minimum ratio of that error to its standard deviation."""
