@@ -26,5 +26,5 @@ def test_options_override_the_configuration(run, tmp_path):
     Path("ring/groundtruth.tum").write_text("\n".join(truth[:3]))
     code, out, err = run(*(word for word in words if word != "--json"), "--max-landmarks", 5)
     assert code == 0
-    assert out.count("3 of 8") == 3  # of each trajectory
+    assert out.count("3 of 8") == 4  # of each trajectory
     assert "warning: truth for only 3 of 8 poses" in err
