@@ -17,7 +17,7 @@ import numpy as np
 
 from measuring import arguments, without_labels
 from saccade import datasets, slam
-from saccade.datasets.logs.published import ROBOTS
+from saccade.datasets.logs.mrclam import ROBOTS
 from saccade.errors import ConfigError
 from saccade.evaluation.trajectory import position_rmse
 from saccade.types import LandmarkLog

@@ -133,6 +133,27 @@ def test_maps_of_different_places_are_not_merged():
         slam.merge_maps(without_names(first), without_names(second))
 
 
+def test_maps_that_contradict_each_other_are_merged_only_if_told_to():
+    first, second, _ = halves(0)
+    stretched = copy.deepcopy(second)
+    mean = np.concatenate([np.zeros(len(second.filter.robot_state)), 1.1 * second.map.xy.ravel()])
+    stretched.filter.set_gaussian(mean, second.filter.covariance, second.filter.ids)
+    with pytest.raises(LogError, match=r"joint NIS of \d+ of \d+ common landmarks, for at most"):
+        slam.merge_maps(first, stretched)
+    assert "joint NIS" in slam.merge_maps(first, stretched, anyway=True).slam.warning
+
+
+def test_a_saved_map_has_its_warning_and_is_not_merged(tmp_path):
+    first, second, _ = halves(0)
+    assert first.warning == second.warning == slam.merge_maps(first, second).slam.warning == ""
+    second.warning = "half of the observations are not used"
+    second.save(tmp_path / "second.npz")
+    second = slam.Slam.load(tmp_path / "second.npz")
+    with pytest.raises(LogError, match="found the second map: half of the observations"):
+        slam.merge_maps(first, second)
+    assert "half of" in slam.merge_maps(first, second, anyway=True).slam.warning
+
+
 @pytest.mark.shared
 def test_five_robots_of_mrclam_make_one_map(shared):
     path = shared / "data" / "logs" / "mrclam" / "mrclam6.npz"

@@ -44,7 +44,7 @@ def test_a_map_from_wrong_odometry_may_be_unreliable(rng):
     result = slam.run(dataclasses.replace(log, control=turned))
     unused = (result.association < 0).mean()
     assert "the map may be unreliable" in result.warning
-    assert f"{unused:.0%} of them are not used" in result.warning
+    assert f"{unused:.0%} of the observations are not used" in result.warning
 
 
 def test_the_pose_has_the_mean_and_the_covariance_of_the_mixture():
@@ -70,6 +70,15 @@ def test_the_pose_has_the_mean_and_the_covariance_of_the_mixture():
     pose, covariance = hypotheses.pose
     assert [*pose[:2], pose[2] % (2 * np.pi)] == pytest.approx(drawn.mean(0), abs=0.003)
     assert covariance == pytest.approx(np.cov(drawn.T), abs=0.002)
+    best = hypotheses.best.ekf.pose
+    hypotheses.branching = True
+    hypotheses.settle()
+    pose, covariance = hypotheses.pose  # of one that was merely the most probable
+    np.testing.assert_array_equal(pose, best)
+    moved = means - best
+    moved[:, 2] = slam.wrap(moved[:, 2])
+    expected = covariances[0] + (weights * moved.T) @ moved
+    assert covariance == pytest.approx(expected, abs=1e-9)
 
 
 def test_names_end_the_hypotheses():

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from saccade.plane import rotations
 from saccade.slam.association.alternatives import Alternatives, log_determinant
 from saccade.slam.association.nearest_neighbor import NEW
 from saccade.slam.consistency import normalized_squared
@@ -68,8 +69,6 @@ class Hypothesis:
     table: LandmarkTable
     weight: float = 0.0
     """Log probability, relative to that of the most probable hypothesis."""
-    expected_misassociations: float = 0.0
-    """Expected number of wrong associations if the map is right."""
     history: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) id of the landmark of each observation so far, -1 if it was not used."""
     co_observations: IntArray = field(default_factory=lambda: np.zeros((0, 0), np.int64))
@@ -260,8 +259,6 @@ class Hypotheses:
         """The most probable one first."""
         self.branching = False
         """Whether alternatives are followed."""
-        self.settled = 1.0, 0.0
-        """`probability` and `misassociated` when the best hypothesis became the only one."""
 
     @property
     def best(self) -> Hypothesis:
@@ -269,13 +266,18 @@ class Hypotheses:
         return self.hypotheses[0]
 
     @property
+    def _weights(self) -> FloatArray:
+        """(h,) probability of each hypothesis."""
+        weight = np.exp([each.weight for each in self.hypotheses])
+        return np.asarray(weight / weight.sum())
+
+    @property
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """Mean (3,) and covariance (3, 3) of the pose over all hypotheses."""
         pose, C = np.empty(3), np.empty((3, 3))
         write_pose(self.best.ekf.active, pose, C)
         if len(self.hypotheses) > 1:
-            weight = np.exp([each.weight for each in self.hypotheses])
-            weight /= weight.sum()
+            weight = self._weights
             difference = np.array([each.ekf.pose for each in self.hypotheses]) - pose  # (h, 3)
             difference[:, 2] = wrap(difference[:, 2])
             mean = weight @ difference
@@ -285,43 +287,18 @@ class Hypotheses:
             C += (weight * difference.T) @ difference
         return pose, C
 
-    @property
-    def probability(self) -> float:
-        """Probability of the best hypothesis among those that are, or were, followed."""
-        if not self.branching:
-            return self.settled[0]
-        return float(1 / np.exp([each.weight for each in self.hypotheses]).sum())
-
-    @property
-    def misassociated(self) -> float:
-        """Expected fraction of wrong associations of the best hypothesis.
-
-        Those of landmarks that are next to one another, and those that are other ones in the
-        hypotheses that are, or were, followed beside it.
-        """
-        if not self.branching:
-            return self.settled[1]
-        kept = np.isin(self.best.history, self.best.ekf.ids)
-        used = self.best.history[kept]
-        if len(used) == 0:
-            return 0.0
-        landmark, fraction = self.best.table.rows(used), 0.0
-        for each in self.hypotheses[1:]:
-            other = each.history[kept]
-            mapped = np.isin(other, each.ekf.ids)
-            column = np.where(mapped, each.table.rows(np.where(mapped, other, 0)), len(each.ekf))
-            counts = np.zeros((len(self.best.ekf), len(each.ekf) + 1))
-            np.add.at(counts, (landmark, column), 1)
-            fraction += float(np.exp(each.weight)) * (1 - counts.max(1).sum() / len(used))
-        return fraction * self.probability + self.best.expected_misassociations / len(used)
-
     def settle(self) -> None:
-        """Follows the best hypothesis alone from now on."""
+        """Follows the best hypothesis alone from now on; its pose is as uncertain as all were."""
         if self.branching:
-            self.settled, self.branching = (self.probability, self.misassociated), False
-            self.best.co_observations = np.zeros((0, 0), np.int64)
-            self.best.merge_threshold = {}
-            self.hypotheses = [self.best]
+            best, pose, weight = self.best, self.best.ekf.pose, self._weights
+            difference = np.array([each.ekf.pose for each in self.hypotheses]) - pose  # (h, 3)
+            difference[:, 2] = wrap(difference[:, 2])
+            difference[:, :2] = difference[:, :2] @ rotations(pose[2])  # in the robot's frame
+            spread = (weight * difference.T) @ difference
+            if spread.any():
+                best.ekf.predict(np.zeros(3), spread)
+            best.co_observations, best.merge_threshold = np.zeros((0, 0), np.int64), {}
+            self.hypotheses, self.branching = [best], False
 
     @property
     def is_large(self) -> bool:
@@ -360,7 +337,6 @@ class Hypotheses:
             hypothesis = self.hypotheses[i].copy() if i in left else self.hypotheses[i]
             hypothesis.ekf.reserve(len(scan.z))
             hypothesis.weight = weight
-            hypothesis.expected_misassociations += alternative.misassociations
             found.append((hypothesis, alternative.association.copy()))
         self.hypotheses = [hypothesis for hypothesis, _ in found]
         return found

@@ -40,6 +40,8 @@ class SavedMap:
     """Settings of the filter that made the map."""
     odometry_bias: tuple[float, float, float]
     """Standard deviations, as for `Slam`."""
+    warning: str
+    """Why the map may be wrong."""
     num_steps: int
     """Steps that were taken."""
     time: float
@@ -63,7 +65,11 @@ def write_map(path: str | Path, saved: SavedMap) -> None:
         OutputError: the file cannot be written.
     """
     table = saved.table
-    settings = {"config": asdict(saved.config), "odometry_bias": saved.odometry_bias}
+    settings = {
+        "config": asdict(saved.config),
+        "odometry_bias": saved.odometry_bias,
+        "warning": saved.warning,
+    }
     arrays: Arrays = {
         "kind": np.array(KIND),
         "format": np.array(FORMATS["slam_map"]),
@@ -110,6 +116,7 @@ def read_map(path: str | Path) -> SavedMap:
     return SavedMap(
         config=EkfConfig(**settings["config"]),
         odometry_bias=tuple(settings["odometry_bias"]),
+        warning=settings["warning"],
         num_steps=int(arrays["num_steps"]),
         time=float(arrays["time"]),
         **{name: arrays[name] for name in ARRAYS},

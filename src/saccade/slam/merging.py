@@ -37,8 +37,11 @@ MAX_GROUPS = 12
 """Groups that are located, spread over the map."""
 MIN_PROBABILITY = 0.99
 """Probability that the correspondence must have, against others and against none."""
-MAX_CONTRADICTION = 5.0
-"""Largest NIS per degree of freedom of a correspondence that is not by names."""
+CONFIDENCE = 0.9999
+"""Probability with which two maps that agree pass the test of their common landmarks."""
+DISTORTION = 0.0025
+"""Standard deviation that is added to landmarks in that test, as a fraction of the map's extent:
+that of right maps of recorded logs, which have systematic errors."""
 LIKELY = 0.05
 """Probability from which a location of a group is tried."""
 CLEAR = 20.0
@@ -71,19 +74,24 @@ class MergedMaps:
         )
 
 
-def merge_maps(first: Slam, second: Slam, min_common: int = 5) -> MergedMaps:
-    """Merge two maps, in the frame of the first.
+def merge_maps(
+    first: Slam, second: Slam, min_common: int = 5, *, anyway: bool = False
+) -> MergedMaps:
+    """Merges two maps, in the frame of the first.
 
-    Landmarks with the same name are the same, if both maps have `min_common` such names; else the
+    Landmarks with the same label are the same, if both maps have `min_common` such labels; else the
     correspondence is searched. The robot of the second map is left out.
 
     Args:
         first: with its map, as `Slam.load` gives it.
         second: another one, in any frame.
         min_common: landmarks, at least two, that must be common to both maps.
+        anyway: whether maps with a warning (`Slam.warning`) are merged, and maps that contradict
+            each other; the merged map has the warnings then.
 
     Raises:
-        LogError: the correspondence is not certain.
+        LogError: the correspondence is not certain; a map has a warning; or the maps contradict
+            each other: their joint NIS is too large for its chi-square distribution.
         ConfigError: less than two landmarks are to be common.
     """
     require(min_common >= 2, "min_common", "at least 2", min_common)
@@ -91,37 +99,57 @@ def merge_maps(first: Slam, second: Slam, min_common: int = 5) -> MergedMaps:
     for each in (first, second):
         each.remove_candidates()
     maps = _Maps.of(first, second)
-    _, by_label, other = np.intersect1d(*maps.labels, return_indices=True)
-    labeled = maps.labels[0][by_label] >= 0
-    pairs = np.column_stack([by_label, other])[labeled]
-    if len(pairs) >= min_common:
-        best, probability = _grown(maps, pairs, _fitted(maps, pairs)), 1.0
-    else:
-        found = _search(maps)
-        if len(found) == 0:
-            raise LogError("merging: expected landmarks that both maps have, found none")
-        evidence = np.array([each.log_odds for each in found])
-        posterior = np.exp(evidence - logsumexp(np.append(evidence, 0.0)))
-        best, probability = found[int(posterior.argmax())], float(posterior.max())
-        if best.scale > MAX_CONTRADICTION:
-            raise LogError(
-                f"merging: expected maps that agree, found {best.scale:.1f} times the squared "
-                f"distances that their covariances let expect between {len(best.pairs)} landmarks"
-            )
+    best, probability = _correspondence(maps, min_common)
     if len(best.pairs) < min_common or probability < MIN_PROBABILITY:
         raise LogError(
             f"merging: expected {min_common} common landmarks with probability "
             f"{MIN_PROBABILITY:g}, found {len(best.pairs)} with {probability:.3f}"
         )
+    warnings = _warnings(first, second, maps, best)
+    if warnings and not anyway:
+        raise LogError(f"merging: expected right maps, found {'; '.join(warnings)} (see `anyway`)")
     first_ids = first.filter.ids
+    merged = _as_slam(first, second, maps, best)
+    merged.warning = "; ".join(warnings)
     return MergedMaps(
-        _as_slam(first, second, maps, best),
+        merged,
         best.transform,
         best.covariance,
         np.column_stack([first_ids[best.pairs[:, 0]], second.filter.ids[best.pairs[:, 1]]]),
         probability,
         best.nis,
     )
+
+
+def _correspondence(maps: "_Maps", min_common: int) -> "tuple[_Fused, float]":
+    """The most probable correspondence, by labels or by a search, and its probability."""
+    _, by_label, other = np.intersect1d(*maps.labels, return_indices=True)
+    labeled = maps.labels[0][by_label] >= 0
+    pairs = np.column_stack([by_label, other])[labeled]
+    if len(pairs) >= min_common:
+        return _grown(maps, pairs, _fitted(maps, pairs)), 1.0
+    found = _search(maps)
+    if len(found) == 0:
+        raise LogError("merging: expected landmarks that both maps have, found none")
+    evidence = np.array([each.log_odds for each in found])
+    posterior = np.exp(evidence - logsumexp(np.append(evidence, 0.0)))
+    return found[int(posterior.argmax())], float(posterior.max())
+
+
+def _warnings(first: Slam, second: Slam, maps: "_Maps", fused: "_Fused") -> list[str]:
+    """Why two maps should not be merged."""
+    named = {"first": first, "second": second}
+    found = [f"the {name} map: {each.warning}" for name, each in named.items() if each.warning]
+    limit = chi_square_gate(2 * len(fused.pairs) - 3, CONFIDENCE)
+    added = (DISTORTION * float(np.ptp(maps.xy[0], axis=0).max())) ** 2
+    P, Q = (C + added * np.eye(len(C)) for C in maps.P)
+    nis = _fuse(maps._replace(P=(P, Q)), fused.pairs, fused.transform).nis
+    if nis > limit:
+        found.append(
+            f"a joint NIS of {nis:.0f} of {len(fused.pairs)} common landmarks, for at most "
+            f"{limit:.0f}"
+        )
+    return found
 
 
 class _Maps(NamedTuple):

@@ -107,6 +107,8 @@ class Slam:
         """The test whether the robot is where the filter believes it."""
         self.num_steps = 0
         """Steps that were taken."""
+        self.warning = ""
+        """Why the map may be wrong, by the run that made it; empty if it seems right."""
         gate = float("inf") if all_accepted else chi_square_gate(2, config.new_gate)
         self._submaps = SubmapChoice(config.submaps, gate)
         several = config.association in ("auto", "hypotheses")
@@ -389,6 +391,7 @@ class Slam:
             SavedMap(
                 config=self.config,
                 odometry_bias=self.odometry_bias,
+                warning=self.warning,
                 num_steps=self.num_steps,
                 time=self._time,
                 mean=mean,
@@ -436,6 +439,7 @@ class Slam:
         slam = cls(settings, start=start, odometry_bias=odometry_bias, mode=mode)
         size, r = len(slam.filter.robot_state), len(saved.mean) - 2 * len(saved.table)
         slam.landmarks.adopt(saved.table)
+        slam.warning = saved.warning
         if start is None:
             as_saved = f"{r > 3}, as in {path}"
             require(size == r, "estimate_odometry_bias", as_saved, size > 3)

@@ -14,6 +14,7 @@ from saccade.slam.filter.models import new_innovations
 from saccade.slam.models import pose_difference
 from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch
+from saccade.slam.reliability import map_warning
 from saccade.slam.results import SlamResult
 from saccade.slam.scans import scans_of
 from saccade.slam.smoothing import smooth
@@ -26,13 +27,6 @@ from saccade.types import (
     Trajectory,
 )
 
-MIN_PROBABILITY = 0.8
-"""Probability of its hypothesis below which a map without labels may be unreliable."""
-MAX_AMBIGUOUS = 0.28
-"""Fraction of observations that may be of several landmarks above which a map without labels may be
-unreliable."""
-MAX_MISASSOCIATED = 0.2
-"""Expected fraction of wrong associations above which a map without labels may be unreliable."""
 START_PROBABILITY = 0.99
 """Probability from which a hypothesis of the first pose is right."""
 MAX_SCANS = 50
@@ -87,17 +81,21 @@ def run(
         )
     remark = locate_start(slam, log)
     log = replace(log, start=slam.filter.pose, odometry_bias=slam.odometry_bias)
-    begins = len(slam.filter) == 0
+    begins, remarks = len(slam.filter) == 0, [remark]
     result = _filtered(log, slam, progress, recorder)
-    if not begins:
-        unsmoothed = "not smoothed: the run began in a map" * slam.config.smooth
-        return replace(result, remark="; ".join(filter(None, (remark, unsmoothed))))
-    if not slam.config.smooth:
-        return result
-    try:
-        return smooth(log, result, slam.config)
-    except LogError as error:
-        return replace(result, remark=f"not {str(error).replace('smoothing:', 'smoothed:', 1)}")
+    if slam.config.smooth and begins:
+        try:
+            result = smooth(log, result, slam.config)
+        except LogError as error:
+            remarks.append(f"not {str(error).replace('smoothing:', 'smoothed:', 1)}")
+    elif slam.config.smooth:
+        remarks.append("not smoothed: the run began in a map")
+    warning = result.warning
+    if begins and not warning and not slam.landmarks.labeled.any():
+        warning = map_warning(log, result.trajectory, result.map, result.association)
+    warnings = filter(None, (slam.warning, warning, result.consistency.warning))
+    slam.warning = "; ".join(dict.fromkeys(warnings))
+    return replace(result, warning=warning, remark="; ".join(filter(None, remarks)))
 
 
 def _filtered(
@@ -148,29 +146,12 @@ def _filtered(
         dead_reckoning=odometry,
         rejected=rejected,
         removed=slam.landmarks.culled - culled_before,
-        warning=slam.landmarks.warning(association) or _reliability(association, slam),
+        warning=slam.landmarks.warning(association),
         odometry_bias=(bias := slam.filter.odometry_bias),
         bias_covariance=None if bias is None else slam.filter.marginal(found.id[:0])[3:, 3:],
         nonlinearity=slam.filter.nonlinearity,
         lost=lost,
         session=slam.landmarks.counts.session[slam.landmarks.in_map],
-    )
-
-
-def _reliability(association: IntArray, slam: Slam) -> str:
-    """Why a map without labels may be unreliable; empty if it seems reliable."""
-    if slam.landmarks.labeled.any():
-        return ""
-    count, followed = max(len(association), 1), slam.hypotheses
-    unused, ambiguous = (association < 0).sum() / count, slam.landmarks.ambiguous / count
-    sure = followed.probability > MIN_PROBABILITY and followed.misassociated < MAX_MISASSOCIATED
-    if sure and ambiguous < MAX_AMBIGUOUS:
-        return ""
-    return (
-        f"the map may be unreliable: no observation has a label; {unused:.0%} of them are not "
-        f"used, up to {followed.misassociated:.0%} of the associations may be wrong, and the "
-        "probability of the map among the hypotheses that were followed is "
-        f"{followed.probability:.2f}"
     )
 
 

@@ -85,7 +85,7 @@ class Alternatives:
         known, square = looseness <= self.known, distance[:, columns]
         alone = np.where(square <= np.where(known, gate, slip_gate), square + looseness, np.inf)
         if not np.isfinite(alone).any():
-            return [Alternative(len(z) * new_cost, unpaired, 0.0)]
+            return [Alternative(len(z) * new_cost, unpaired)]
         rows = np.argsort(alone.min(1), kind="stable")
         order = np.argsort(alone[rows], axis=1, kind="stable")
         inside = np.isfinite(np.take_along_axis(alone[rows], order, 1))
@@ -111,8 +111,6 @@ class Alternatives:
         )
         found: dict[tuple[int, ...], Alternative] = {}
         by_known = np.isfinite(alone) & known
-        likelihood = np.exp(-alone / 2)
-        likelihood /= likelihood.sum(1, keepdims=True) + np.exp(-new_cost / 2)
         for total, pairs in zip(cost.tolist(), assigned, strict=True):
             if total > cost[0] + self.window:
                 break
@@ -121,9 +119,7 @@ class Alternatives:
             settled = np.where(column < 0, by_known.any(1), by_known[np.arange(len(z)), column])
             which = tuple(np.where(settled, -2, column).tolist())
             association = np.where(column >= 0, landmarks[column], unpaired)
-            paired = np.flatnonzero(column >= 0)
-            wrong = len(paired) - float(likelihood[paired, column[paired]].sum())
-            found.setdefault(which, Alternative(total, association, wrong))
+            found.setdefault(which, Alternative(total, association))
         return list(found.values())
 
 
@@ -134,8 +130,6 @@ class Alternative(NamedTuple):
     """Minus twice the logarithm of its likelihood, up to a constant."""
     association: IntArray
     """(m,) ids of landmarks, `NEW` and `DROPPED`."""
-    misassociations: float
-    """Expected number of wrong associations, each observation taken by itself."""
 
 
 def log_determinant(C: FloatArray) -> FloatArray:

@@ -1,0 +1,176 @@
+"""Reliability of a map without labels: figures in which wrong maps differ from right ones.
+
+A wrong map holds landmarks twice: where a loop is not closed, or where a robot that was moved
+begins its map anew. When the robot comes back to a place, it misses the landmarks that it observed
+there before, or the newer part of the map is a copy of the older one, turned and shifted.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from saccade.plane import in_robot_frame, rotations
+from saccade.slam.models import observe, wrap
+from saccade.slam.relocalization import Relocalizer
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
+
+MIN_REOBSERVED = 0.965
+"""Least `Revisits.reobserved` of a right map; chosen in simulated worlds."""
+MIN_MISSED = 10.0
+"""Expected observations that must be missing for a map to be unreliable."""
+MAX_UNUSED = 0.35
+"""Largest fraction of observations that are not used in a right map."""
+MIN_COPIED = 0.5
+"""Fraction of the landmarks above which a copy of the older map in the newer one is no chance."""
+MIN_PAIRS = 8
+"""Least number of landmarks of such a copy."""
+SAME_VIEW = 0.06
+"""Distance between poses that observe the same landmarks, as a fraction of the sensor's range."""
+SAME_TURN = 0.35
+"""Turn in radians within which scans are taken together."""
+VIEW = 0.95
+"""Fraction of the observations that is within the range, and within the field of view."""
+ALL_AROUND = 5.3
+"""Field of view in radians from which the sensor counts as seeing all around."""
+GROUP = 8
+"""Landmarks that are located together among the older ones."""
+SPACING = 0.3
+"""Tolerance of a copied landmark, as a fraction of the distance between neighbors."""
+
+
+class Revisits(NamedTuple):
+    """Observations of landmarks that were observed from nearby before or after."""
+
+    reobserved: float
+    """Fraction that is observed in other visits, relative to the fraction within a visit."""
+    missed: float
+    """Number of observations that are missing, relative to that fraction."""
+
+
+def map_warning(
+    log: LandmarkLog, trajectory: Trajectory, found: LandmarkMap, association: IntArray
+) -> str:
+    """Why a map without labels may be wrong; empty if it seems right.
+
+    Args:
+        log: controls and observations.
+        trajectory: (t + 1) its poses, smoothed or filtered.
+        found: (n) the landmarks.
+        association: (k,) row of the landmark of each observation, -1 for none.
+    """
+    reasons, log = [], in_robot_frame(log)
+    unused = np.count_nonzero(association < 0) / max(len(association), 1)
+    if unused > MAX_UNUSED:
+        reasons.append(f"{unused:.0%} of the observations are not used")
+    visits = revisits(log, trajectory.pose, found.xy, association)
+    if visits.reobserved < MIN_REOBSERVED and visits.missed > MIN_MISSED:
+        reasons.append(
+            f"where the robot comes back, only {visits.reobserved:.0%} of the landmarks that were "
+            "observed there are observed again"
+        )
+    pairs, copied = copied_landmarks(log, found.xy, association)
+    if copied > MIN_COPIED and pairs >= MIN_PAIRS:
+        reasons.append(
+            f"{pairs} landmarks are a copy of older ones elsewhere ({copied:.0%} of those that "
+            "could be), as if the robot had been moved"
+        )
+    return f"the map may be unreliable: {'; '.join(reasons)}" if reasons else ""
+
+
+def revisits(log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: IntArray) -> Revisits:
+    """How many landmarks are observed again when the robot comes back, from poses (t + 1, 3).
+
+    Scans of a short stretch are taken together. A landmark (n, 2) is expected from there if it is
+    in the field of view and was observed from another stretch nearby: so it is not behind a wall.
+    """
+    scans = np.unique(log.observation_pose)
+    if len(xy) == 0 or len(scans) < 2:
+        return Revisits(1.0, 0.0)
+    z = log.observation
+    reach = float(np.nanquantile(z[:, 0], VIEW))
+    right, left = np.nanquantile(z[:, 1], [(1 - VIEW) / 2, (1 + VIEW) / 2])
+    steps = np.diff(pose, axis=0, prepend=pose[:1])
+    traveled = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))
+    near = max(SAME_VIEW * reach, 1.5 * float(np.median(np.diff(traveled[scans]))), 1e-6)
+    turned = np.cumsum(np.abs(wrap(steps[:, 2])))
+    number = np.floor((traveled / near + turned / SAME_TURN)[scans])
+    _, first, stretch, count = np.unique(
+        number, return_index=True, return_inverse=True, return_counts=True
+    )
+    middle = scans[first + count // 2]
+    observed = _nearest_if_unused(log, pose, xy, association, near)
+    used = observed >= 0
+    seen = np.zeros((len(middle), len(xy)), np.bool_)
+    seen[stretch[np.searchsorted(scans, log.observation_pose[used])], observed[used]] = True
+    offset = xy - pose[middle, None, :2]  # (m, n, 2)
+    bearing = wrap(np.arctan2(offset[..., 1], offset[..., 0]) - pose[middle, 2:])
+    in_view = np.hypot(offset[..., 0], offset[..., 1]) < reach
+    in_view &= (bearing > right) & (bearing < left) | (left - right > ALL_AROUND)
+    pairs = cKDTree(pose[middle, :2]).query_pairs(near, output_type="ndarray")
+    distance = np.abs(np.diff(traveled[middle][pairs], axis=1)[:, 0])
+    within = in_view & _seen_nearby(seen, pairs[distance <= 2 * near])
+    later = in_view & _seen_nearby(seen, pairs[distance > reach])
+    if not (seen & within).any() or not later.any():
+        return Revisits(1.0, 0.0)
+    reobserved = float(seen[later].mean() / seen[within].mean())
+    return Revisits(reobserved, (1 - reobserved) * int(later.sum()))
+
+
+def _nearest_if_unused(
+    log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: IntArray, near: float
+) -> IntArray:
+    """(k,) landmark of each observation; of one that is not used the nearest, within a distance."""
+    unused = np.flatnonzero((association < 0) & ~np.isnan(log.observation).any(1))
+    z, at = log.observation[unused], pose[log.observation_pose[unused]]
+    angle = at[:, 2] + z[:, 1]
+    points = at[:, :2] + z[:, :1] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    distance, nearest = cKDTree(xy).query(points)
+    observed = association.copy()
+    observed[unused] = np.where(np.asarray(distance) < near, nearest, -1)
+    return observed
+
+
+def _seen_nearby(seen: BoolArray, pairs: IntArray) -> BoolArray:
+    """(m, n) whether each landmark is seen from a stretch that makes a pair (p, 2) with each."""
+    nearby = np.zeros_like(seen)
+    for i, j in (pairs.T, pairs.T[::-1]):
+        np.logical_or.at(nearby, i, seen[j])
+    return nearby
+
+
+def copied_landmarks(log: LandmarkLog, xy: FloatArray, association: IntArray) -> tuple[int, float]:
+    """Landmarks (n, 2) that are a copy of older ones, as of a robot that was moved.
+
+    Groups of landmarks are located among those that were not observed any more when the group was
+    begun: in a right map of a repetitive environment, these are few.
+
+    Returns:
+        The number of newer landmarks that one motion puts onto older ones, and their fraction.
+    """
+    used, n = association >= 0, len(xy)
+    first, last = np.full(n, len(log.time)), np.full(n, -1)
+    np.minimum.at(first, association[used], log.observation_pose[used])
+    np.maximum.at(last, association[used], log.observation_pose[used])
+    xy, first, last = (each[last >= 0] for each in (xy, first, last))
+    order, best = np.argsort(first, kind="stable"), (0, 0.0)
+    if len(xy) < 2 * GROUP:
+        return best
+    tolerance = SPACING * float(np.median(np.asarray(cKDTree(xy).query(xy, 2)[0])[:, 1]))
+    R_xy = (tolerance / 3) ** 2 / 2 * np.eye(2)  # of each of two points
+    for i in range(GROUP, len(xy) - GROUP // 2, GROUP // 2):
+        group, begins = order[i : i + GROUP], first[order[i]]
+        older, newer = xy[last < begins], xy[first >= begins]
+        if len(older) < MIN_PAIRS or len(newer) < MIN_PAIRS:
+            continue
+        center = xy[group].mean(0)
+        z, H = observe(np.zeros(3), xy[group] - center)
+        J = H[..., 3:]
+        search = Relocalizer(older, np.tile(R_xy, (len(older), 1, 1)), 5000, 10)
+        tree = cKDTree(older)
+        for pose in search.add(z, J @ R_xy @ J.transpose(0, 2, 1)).pose[:5]:
+            moved = (newer - center) @ rotations(pose[2]).T + pose[:2]
+            distance, at = tree.query(moved, distance_upper_bound=tolerance)
+            count = len(np.unique(np.asarray(at)[np.isfinite(distance)]))
+            best = max(best, (count, count / min(len(older), len(newer))))
+    return best
