@@ -29,9 +29,10 @@ def noisy_pair(rng, n=300, k=400):
     return a.astype(np.uint8), b.clip(0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("block", [1, 1000, 1 << 22])
+@pytest.mark.parametrize("block", [(7, 1), (64, 100), (512, 2048)])
 def test_mutual_pairs_are_opencvs(rng, monkeypatch, block):
-    monkeypatch.setattr(matching, "BLOCK", block)
+    monkeypatch.setattr(matching, "ROWS", block[0])
+    monkeypatch.setattr(matching, "COLUMNS", block[1])
     a, b = noisy_pair(rng)
     theirs = cv2.BFMatcher(cv2.NORM_L2, crossCheck=True).match(
         a.astype(np.float32), b.astype(np.float32)
@@ -55,7 +56,7 @@ def test_ratio_test_is_opencvs(rng, ratio):
     np.testing.assert_array_equal(ours, theirs)
 
 
-@pytest.mark.parametrize("block", [1, 1 << 22])
+@pytest.mark.parametrize("block", [{"ROWS": 1, "COLUMNS": 2}, {"ROWS": 512}])
 @given(data=st.data())
 @settings(max_examples=40)
 def test_neighbors_are_exact(block, data):
@@ -65,7 +66,7 @@ def test_neighbors_are_exact(block, data):
     values = st.sampled_from([0, 1, 2, 254, 255])
     a = data.draw(hnp.arrays(np.uint8, (data.draw(sides), d), elements=values))
     b = data.draw(hnp.arrays(np.uint8, (data.draw(sides), d), elements=values))
-    with mock.patch.object(matching, "BLOCK", block):
+    with mock.patch.multiple(matching, **block):
         nearest, distance, runner_up, back = matching.nearest_neighbors(a, b)
     table = cdist(a.astype(float), b.astype(float), "sqeuclidean")
     np.testing.assert_array_equal(nearest, table.argmin(axis=1))

@@ -4,10 +4,13 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ConfigError, require
+from saccade.keypoints._neighbor_kernels import update_neighbors
 from saccade.types import Float32Array, IntArray, Keypoints
 
-BLOCK = 1 << 22
-"""Distances in memory at a time: 16 MB."""
+COLUMNS = 2048
+"""Keypoints of the first image in a block of products, which stays in the cache."""
+ROWS = 512
+"""Keypoints of the second image in a block of products."""
 
 
 def match(
@@ -55,10 +58,11 @@ def match(
 def nearest_neighbors(
     a: npt.NDArray[np.uint8] | Float32Array, b: npt.NDArray[np.uint8] | Float32Array
 ) -> tuple[IntArray, Float32Array, Float32Array, IntArray]:
-    """Nearest neighbors by squared distance, both ways, from one pass over blocks of `a`.
+    """Nearest neighbors by squared distance, both ways, from one pass over blocks of products.
 
     Sums of up to 128 products of bytes are integers below 2**24, exact in float32: their
-    distances do not depend on the order in which the library adds.
+    distances do not depend on the order of the additions. Of equal distances the first row is
+    taken.
 
     Args:
         a: (n, d), n and k at least 1.
@@ -69,30 +73,25 @@ def nearest_neighbors(
         (infinite where k is 1), and (k,) the nearest row of `a`.
     """
     n, k = len(a), len(b)
-    nearest, distance = np.empty(n, np.int64), np.empty(n, np.float32)
-    second_distance = np.empty(n, np.float32)
+    nearest, distance = np.zeros(n, np.int32), np.full(n, np.inf, np.float32)
     reverse, reverse_distance = np.zeros(k, np.int64), np.full(k, np.inf, np.float32)
-    columns = np.ascontiguousarray(b.astype(np.float32).T)  # (d, k)
+    second_distance = distance.copy()
+    columns = np.ascontiguousarray(a.T, np.float32)  # (d, n)
     column_norms = np.einsum("ij,ij->j", columns, columns)
-    rows_at_once = max(BLOCK // k, 1)
-    for start in range(0, n, rows_at_once):
-        rows = a[start : start + rows_at_once].astype(np.float32)
-        block = rows @ columns  # (r, k)
-        block *= -2
-        block += np.einsum("ij,ij->i", rows, rows)[:, None]
-        block += column_norms
-        closest = block.argmin(axis=0)
-        closest_distance = block[closest, np.arange(k)]
-        closer = closest_distance < reverse_distance
-        reverse[closer] = closest[closer] + start
-        reverse_distance[closer] = closest_distance[closer]
-
-        part = slice(start, start + len(rows))
-        minimum = np.arange(len(rows)), block.argmin(axis=1)
-        nearest[part], distance[part] = minimum[1], block[minimum]
-        block[minimum] = np.inf
-        second_distance[part] = block.min(axis=1)
-    return nearest, distance, second_distance, reverse
+    columns *= -2
+    parts = [slice(start, start + COLUMNS) for start in range(0, n, COLUMNS)]
+    blocks = [np.ascontiguousarray(columns[:, part]) for part in parts]
+    for start in range(0, k, ROWS):
+        rows = b[start : start + ROWS].astype(np.float32)
+        row_norms = np.einsum("ij,ij->i", rows, rows)
+        chosen = slice(start, start + ROWS)
+        for part, block in zip(parts, blocks, strict=True):
+            update_neighbors(
+                *(rows @ block, column_norms[part], row_norms, part.start, start),
+                *(nearest[part], distance[part], second_distance[part]),
+                *(reverse[chosen], reverse_distance[chosen]),
+            )
+    return nearest.astype(np.int64), distance, second_distance, reverse
 
 
 def _descriptors(keypoints: Keypoints, name: str) -> npt.NDArray[np.uint8] | Float32Array:
