@@ -3,11 +3,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import saccade
 from saccade import slam
-from saccade.errors import ConfigError
+from saccade.errors import ConfigError, LogError
 from support.commands import json_of
 
 PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
@@ -53,3 +54,27 @@ def test_options_that_contradict_are_named(folder, options, message, tmp_path):
             *("slam", folder / "park.txt", "--map", folder / "park.npz", "--out", tmp_path),
             *options,
         )
+
+
+def test_maps_are_merged(folder, tmp_path):
+    out = tmp_path / "both.npz"
+    both = f"{folder / 'park.npz'},{folder / 'park.npz'}"
+    row = json_of("slam", "--merge", both, "--save-map", out)
+    (merged,) = row["merged"]
+    assert row["landmarks"] == merged["common"] == len(slam.Slam.load(out).map)
+    np.testing.assert_allclose(merged["transform"], 0, atol=1e-6)
+    for words in (["--merge", folder / "park.npz", "--save-map", out], ["--merge", both]):
+        with pytest.raises(ConfigError, match="--merge: expected two maps or more, --save-map"):
+            json_of("slam", *words)
+
+
+def test_a_map_with_a_warning_is_merged_only_if_asked(folder, tmp_path):
+    doubtful, out = slam.Slam.load(folder / "park.npz"), tmp_path / "both.npz"
+    doubtful.warning = "two landmarks may be one"
+    doubtful.save(tmp_path / "doubtful.npz")
+    words = ("slam", "--merge", f"{folder / 'park.npz'},{tmp_path / 'doubtful.npz'}")
+    with pytest.raises(LogError, match=r"doubtful.npz: .*two landmarks may be one.*--anyway"):
+        json_of(*words, "--save-map", out)
+    assert not out.exists()
+    row = json_of(*words, "--save-map", out, "--anyway")
+    assert "two landmarks may be one" in row["warning"]

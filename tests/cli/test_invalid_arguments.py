@@ -17,6 +17,7 @@ READS = {
     "match {} --workers 1": ("png", "txt"),
     "match . --workers 1 --pairs {}": ("txt",),
     "slam {}": ("csv", "npz", "mat", "g2o", "bag"),
+    "slam --merge {0},{0} --save-map there.npz": ("npz",),
     "convert {} there.csv": ("csv", "g2o", "bag"),
     "check {}": ("bag", "npz", "mp4"),
     "check {} --format rosbag": ("bag",),

@@ -18,8 +18,10 @@ from saccade.cli.mapping import (
     write_film,
     write_run,
 )
+from saccade.cli.merge_maps import merge_files
 from saccade.cli.options import (
     MAP,
+    SEVERAL,
     LogOptions,
     Options,
     OutputFolder,
@@ -65,7 +67,7 @@ from saccade.viewing.report_map import ObservedLandmarks, map_part
 class LogArgument(Options):
     """A landmark log."""
 
-    log: Path
+    log: Path | None = None
     """Landmark log: a file, folder or ROS bag."""
 
 
@@ -89,6 +91,12 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     """With --map: first pose in its frame. last: the robot has not moved since (the default of
     continue, unless the first scans contradict it); search: by the first scans (the default of
     localize and of a .csv); log: as in the log; or X,Y,HEADING in meters and radians."""
+
+    merge: Annotated[list[Path] | None, MAP, SEVERAL, Parameter(metavar="MAP")] = None
+    """Instead of a LOG: merge these maps, in the frame of the first, into --save-map; several with
+    commas."""
+    anyway: Annotated[bool, MAP, Parameter(negative=())] = False
+    """With --merge: merge also maps that contradict each other, or that have a warning."""
 
     @property
     def first(self) -> str:
@@ -132,7 +140,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
         return load(start=pose, covariance=covariance)
 
 
-def slam(options: SlamOptions) -> Result:
+def slam(options: SlamOptions = SlamOptions()) -> Result:
     """Map the landmarks of a recorded log: extended Kalman filter, then smoothing.
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
@@ -141,10 +149,18 @@ def slam(options: SlamOptions) -> Result:
     interactive report (report.html), and settings and scores (run.json); with
     --film a film too (map.mp4).
 
-    With --map, the settings are those of the map unless others are given.
+    With --map, the settings are those of the map unless others are given. With
+    --merge the common landmarks of maps are found by their labels or, without
+    labels, by their mutual distances.
 
     Example: saccade slam victoria_park.txt --out mapped
     """
+    if (options.merge is None) == (options.log is None):
+        found = "neither" if options.log is None else "both"
+        raise ConfigError(f"LOG: expected a log, or --merge with maps, found {found}")
+    if options.merge is not None:
+        return merge_files(options.merge, options.save_map, anyway=options.anyway)
+    assert options.log is not None
     log = in_robot_frame(options.load(options.log))
     with results_in(options.out), progress_bar(log.name) as progress:
         row = map_log(log, options, progress)
