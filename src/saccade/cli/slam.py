@@ -77,8 +77,8 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
 
     out: OutputFolder = Path("saccade-slam")
     association: Annotated[str | None, Parameter(metavar="NAME")] = None
-    """Data association: known (identities of the log, believed), nearest, mutual, multiple (several
-    hypotheses), or auto: identities that agree with the map, else mutual."""
+    """Data association: auto (labels that agree with the map, else mutual), known (labels, trusted),
+    nearest, mutual, or hypotheses (several association hypotheses)."""
     no_smooth: Annotated[bool, Parameter(negative=())] = False
     """Keep the trajectory and the map of the filter, without smoothing at the end."""
     map_file: Annotated[Path | None, MAP, Parameter("--map")] = None
