@@ -77,7 +77,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
 
     out: OutputFolder = Path("saccade-slam")
     association: Annotated[str | None, Parameter(metavar="NAME")] = None
-    """Data association: auto (labels that agree with the map, else mutual), known (labels, trusted),
+    """Data association: auto (labels that agree with the map, else mutual), known (trusted labels),
     nearest, mutual, or hypotheses (several association hypotheses)."""
     no_smooth: Annotated[bool, Parameter(negative=())] = False
     """Keep the trajectory and the map of the filter, without smoothing at the end."""
