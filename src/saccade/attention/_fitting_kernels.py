@@ -19,16 +19,16 @@ def add_likelihood(
     fields_gradient: FloatArray,
     table_gradient: FloatArray,
 ) -> float:
-    """Sum of the negative log-likelihood of fixations; its gradient is added.
+    """Returns the negative log-likelihood of the fixations and accumulates its gradient.
 
     Args:
-        fields: (2, h, w) what is added, and what is added by the factor of `EARLY`.
-        tables: (T, 2 h - 1, 2 w - 1) by offset.
-        anchors: (n, T, 2) row and column of the fixation to which a table belongs.
-        factors: (n, T) of the tables.
+        fields: (2, h, w) logits added for every fixation, and logits scaled by the factor `EARLY`.
+        tables: (T, 2 h - 1, 2 w - 1) logits by offset from the anchor.
+        anchors: (n, T, 2) row and column of the fixation about which each table is centered.
+        factors: (n, T) factor of each table.
         cells: (n, 2) row and column of the fixations.
-        fields_gradient: as `fields`, is added to.
-        table_gradient: as `tables`, is added to.
+        fields_gradient: gradient with respect to `fields`, accumulated in place.
+        table_gradient: gradient with respect to `tables`, accumulated in place.
     """
     h, w = fields.shape[1:]
     p = np.empty((h, w))

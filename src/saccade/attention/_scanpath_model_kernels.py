@@ -9,14 +9,14 @@ from saccade._jit import kernel
 from saccade.types import FloatArray, IntArray
 
 EARLY = 6
-"""Number of the factor that falls with the number of the fixation."""
+"""Index of the factor that decreases with the fixation number."""
 
 
 @kernel()
 def fill_logits(
     fields: FloatArray, tables: FloatArray, anchors: IntArray, factors: FloatArray, out: FloatArray
 ) -> None:
-    """Fill `out` (h, w) by the fields and the tables about their anchors (T, 2), row and column."""
+    """Fills `out` (h, w) with the fields plus the tables centered at their anchors (T, 2)."""
     h, w = out.shape
     for i in range(h):
         for j in range(w):
@@ -31,7 +31,7 @@ def fill_logits(
 
 
 FARTHEST = 20.0
-"""Exponent from which a Gaussian is taken as 0: it is below 3e-9."""
+"""Largest exponent of an evaluated Gaussian; smaller values, below 3e-9, are set to 0."""
 
 
 class Dynamics(NamedTuple):
@@ -62,7 +62,7 @@ class Grid(NamedTuple):
 
 @kernel()
 def _saccade_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
-    """Kernel of the saccade from the last row of `path` (k, 2) to a point; in (0, 1]."""
+    """Saccade kernel from the last row of `path` (k, 2) to a point; in (0, 1]."""
     last = len(path) - 1
     dx, dy = x - path[last, 0], y - path[last, 1]
     squared = dx * dx + dy * dy
@@ -81,7 +81,7 @@ def _saccade_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> fl
 
 @kernel()
 def _inhibition_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
-    """Factor of inhibition of return by the fixations of `path` (k, 2) at a point; in (0, 1]."""
+    """Inhibition-of-return factor of the fixations `path` (k, 2) at a point; in (0, 1]."""
     weight, strength = 1.0, model.inhibition
     width = 2 * model.inhibition_sigma * model.inhibition_sigma
     for k in range(len(path) - 1, -1, -1):
@@ -95,7 +95,7 @@ def _inhibition_weight(model: Dynamics, x: float, y: float, path: FloatArray) ->
 
 @kernel()
 def fill_density(model: Dynamics, grid: Grid, path: FloatArray, density: FloatArray) -> None:
-    """Fill the probability (h w,) of each cell to hold the next fixation after `path` (k, 2)."""
+    """Fills the probability (h w,) of each cell to be fixated next after `path` (k, 2)."""
     total = 0.0
     for i in range(len(density)):
         x, y = grid.x[i], grid.y[i]
@@ -116,11 +116,11 @@ def draw_paths(
     paths: FloatArray,
     cells: IntArray,
 ) -> None:
-    """Fill `paths` (p, n, 2) from their second row on, and the cells (p, n).
+    """Samples scanpaths: fills `paths` (p, n, 2) after their first row, and `cells` (p, n).
 
-    A cell is proposed by its mass and accepted by its weight; after `max_trials` in vain it is
-    drawn from the density itself, so that the distribution is the same. `cumulative` (h w,) are
-    the sums of the mass of each cell and those before it, the last of them 1.
+    Rejection sampling: a cell is proposed with its mass and accepted with its weight. After
+    `max_trials` rejections it is drawn from the full density, which gives the same distribution.
+    `cumulative` (h w,) is the cumulative mass of the cells and ends at 1.
     """
     density = np.empty(len(grid.mass))
     for p in range(len(paths)):

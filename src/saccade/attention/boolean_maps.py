@@ -1,9 +1,9 @@
-"""Boolean map saliency: what is surrounded stands out, whatever the threshold.
+"""Boolean map saliency: regions that are surrounded at many thresholds are salient.
 
 After Zhang & Sclaroff (2013, 2016): the color channels of an image, decorrelated and of equal
-variance, are thresholded at many values. In each of these Boolean maps the regions of either
-value that do not touch the border of the image are figure, all else is ground. A map with little
-figure counts more: it is divided by its Euclidean norm, the root of its area.
+variance, are thresholded at many values. In each Boolean map, regions of either value that do not
+touch the image border are figure and the rest is ground. Each map is divided by its Euclidean norm,
+the square root of its area, so that a small figure counts more.
 """
 
 from dataclasses import dataclass
@@ -26,16 +26,16 @@ from saccade.types import Image
 class BooleanConfig(Settings):
     """Size, thresholds and weights of the Boolean maps.
 
-    The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
+    The default predicts human fixations best; docs/boolean-maps.md describes how it was chosen.
     """
 
     longer_side: int = setting(200, 16, 4096)
-    """Pixels to which the longer side of a larger image is reduced."""
+    """Maximum longer side in pixels; larger images are reduced to it."""
     thresholds: int = setting(24, 1, 256)
-    """Thresholds of each channel, evenly spaced between its extremes."""
+    """Number of thresholds per channel, evenly spaced between its extremes."""
     dilation: int = setting(3, 1, 99)
-    """Diameter in pixels of the disc by which the surrounded regions are dilated, odd; 1 leaves
-    them as they are."""
+    """Diameter in pixels, odd, of the disc that dilates the surrounded regions; 1 disables
+    dilation."""
     smoothing: float = setting(0.03, 0, 1)
     """Standard deviation of the Gaussian that smooths the sum, as a fraction of the longer side."""
 
@@ -57,10 +57,10 @@ def boolean_saliency(
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         config: size, thresholds and weights.
-        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
+        bgr: True for an image in OpenCV's channel order, as `cv2.imread` returns it.
 
     Returns:
-        Saliency (h, w), of the size of the image reduced to `config.longer_side`.
+        Saliency (h, w) at the size of the image reduced to `config.longer_side`.
 
     Raises:
         ImageError: not an image, or not finite.
@@ -72,7 +72,7 @@ def boolean_saliency(
 
 
 def boolean_maps(pixels: npt.NDArray[Any], config: BooleanConfig | None = None) -> BooleanMaps:
-    """`boolean_saliency` of a checked image."""
+    """Boolean map saliency of a validated image; see `boolean_saliency`."""
     config = config or BooleanConfig()
     height, width = pixels.shape[:2]
     scale = min(1.0, config.longer_side / max(height, width))
@@ -97,7 +97,7 @@ def boolean_maps(pixels: npt.NDArray[Any], config: BooleanConfig | None = None) 
 
 
 def surrounded(boolean_map: npt.NDArray[Any], dilation: int) -> npt.NDArray[Any]:
-    """The regions of ones, of a map (h, w) of 0 and 1, that do not touch the border; dilated."""
+    """Dilated regions of ones that do not touch the border of a binary map (h, w)."""
     framed = cv2.copyMakeBorder(boolean_map, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
     cv2.floodFill(framed, None, (0, 0), 0, flags=8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (dilation, dilation))

@@ -17,7 +17,7 @@ CONSPICUITY: dict[ChannelName, Conspicuity] = {
     "blue-yellow": "color",
     "orientation": "orientation",
 }
-"""The conspicuity map to which the feature maps of a channel contribute (A.11-A.13)."""
+"""Conspicuity map to which each channel contributes (A.11-A.13)."""
 
 OPPONENT = np.array([[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]])
 """Intensity (A.1), red-green and blue-yellow as linear functions of red, green and blue."""
@@ -28,11 +28,11 @@ LEAST_VARIANCE = 1.0
 
 
 class Channel(NamedTuple):
-    """A feature channel; there is one orientation channel for each angle."""
+    """A feature channel; each orientation is a channel of its own."""
 
     name: ChannelName
     angle: float | None = None
-    """Direction of the bars in degrees, from x towards y; None but for orientation."""
+    """Direction of the bars in degrees, from x towards y; None for other channels."""
 
 
 def intensity(rgb: FloatMap) -> FloatMap:
@@ -66,7 +66,7 @@ def quotient_opponency(rgb: FloatMap, dark: float) -> tuple[FloatMap, FloatMap]:
 
     Args:
         rgb: (H, W, 3) in [0, 1].
-        dark: both are 0 where the brightest color is below this, since hue is noise there.
+        dark: minimum value of the brightest color; in darker pixels hue is noise and both are 0.
     """
     r, g, b = rgb[..., 0], rgb[..., 1], rgb[..., 2]
     brightest = np.maximum(np.maximum(r, g), b)
@@ -78,8 +78,8 @@ def quotient_opponency(rgb: FloatMap, dark: float) -> tuple[FloatMap, FloatMap]:
 def whitened(colors: FloatMap) -> FloatMap:
     """Decorrelated color channels of unit variance: principal components of CIE L*a*b*.
 
-    Components of less than `LEAST_VARIANCE` are not amplified to unit variance, so that the
-    noise of a gray photograph is no color.
+    Components with a variance below `LEAST_VARIANCE` are not amplified to unit variance, so that
+    noise in a gray photograph does not become color.
 
     Args:
         colors: (h, w) gray or (h, w, 3) RGB, in [0, 1].

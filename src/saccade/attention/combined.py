@@ -1,7 +1,7 @@
-"""Attention: the weighted sum of symmetry, Boolean map and contrast saliency.
+"""Attention saliency: the weighted sum of symmetry, Boolean map and contrast saliency.
 
-The saliency of each model is normalized by N as the conspicuity maps are in A.14, so that a model
-with a single outstanding maximum decides over one with many equal maxima.
+The saliency of each model is normalized by N, as the conspicuity maps are in A.14, so that a model
+with a single outstanding maximum dominates a model with many equal maxima.
 """
 
 from collections.abc import Callable
@@ -29,18 +29,18 @@ from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image
 
 FaceDetector: TypeAlias = Callable[[Image], FloatArray]
-"""Function from an image to (n, 4) boxes of faces: left, top, width, height in pixels. Those of
-`saccade.face_detection`, or any other."""
+"""Function from an image to (n, 4) face boxes: left, top, width, height in pixels.
+`saccade.face_detection` has detectors; any function of this form will do."""
 
 FACE_SPREAD = 0.35
-"""Standard deviation of the Gaussian of a face, as a fraction of each side of its box."""
+"""Standard deviation of the Gaussian at a face, as a fraction of each side of its box."""
 
 
 @dataclass(frozen=True)
 class AttentionConfig(Settings):
     """Weights of contrast, symmetry and Boolean maps, and the settings of each.
 
-    The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
+    The default predicts human fixations best; docs/boolean-maps.md describes how it was chosen.
     """
 
     contrast_weight: float = setting(0.05, above=0, maximum=MAX_WEIGHT)
@@ -48,22 +48,22 @@ class AttentionConfig(Settings):
     symmetry_weight: float = setting(1.0, above=0, maximum=MAX_WEIGHT)
     """Weight of symmetry in the saliency."""
     boolean_weight: float = setting(0.6, 0, MAX_WEIGHT)
-    """Weight of Boolean maps in the saliency; at 0 they are not computed and their map is 0."""
+    """Weight of Boolean maps in the saliency; with 0 they are not computed and their map is 0."""
     face_weight: float = setting(1.0, 0, MAX_WEIGHT)
-    """Weight of faces beside the sum of the models scaled to [0, 1]; without effect unless
-    `attention_saliency` is given a detector of faces."""
+    """Weight of faces relative to the sum of the models scaled to [0, 1]; it has an effect only if
+    `attention_saliency` receives a face detector."""
     normalization: Normalization = "local-maxima"
     """Normalization of the maps; see `saccade.attention.normalize`."""
     sharpening: float = setting(1.4, above=0, maximum=100)
     """Exponent of the sum scaled to [0, 1]."""
     center_prior: float | None = setting(None, above=0)
-    """Standard deviation, as a fraction of each side, of a central Gaussian by which the saliency
-    is multiplied; None for no prior."""
+    """Standard deviation of the center prior, a Gaussian factor of the saliency, as a fraction of
+    each side; None for no prior."""
     center_height: float = setting(0.0, -0.5, 0.5)
-    """Height of the center of that Gaussian above the middle, as a fraction of the height."""
+    """Height of the center prior above the middle of the image, as a fraction of its height."""
     border_prior: float | None = setting(None, above=0)
-    """Distance from the border, as a fraction of each side, within which the saliency falls to 0:
-    it is multiplied by `1 - exp(-distance / border_prior)`; None for no such factor."""
+    """Width of the border prior, as a fraction of each side: the saliency is multiplied by `1 -
+    exp(-distance / border_prior)`, with the distance from the border; None for no prior."""
     contrast: ContrastConfig = field(default_factory=ContrastConfig)
     """Settings of the contrast model."""
     symmetry: SymmetryConfig = field(default_factory=SymmetryConfig)
@@ -73,17 +73,17 @@ class AttentionConfig(Settings):
 
     @classmethod
     def free_viewing(cls) -> Self:
-        """The default with a prior of the position, for photographs on a screen.
+        """The default with center and border priors, for photographs viewed on a screen.
 
-        People look at the center of a photograph whatever it shows, rather above the middle than
-        below it, and not at the border; photographers put there what matters. Shuffled AUC, to
-        which the position gains nothing, is lower. docs/boolean-maps.md says how it was chosen.
+        Subjects prefer the center of a photograph, somewhat above the middle, and avoid the border,
+        partly because photographers center their subject. The priors raise AUC, NSS and CC and
+        lower the shuffled AUC. docs/boolean-maps.md describes how they were chosen.
         """
         return cls(center_prior=0.4, center_height=0.1, border_prior=0.04)
 
     @classmethod
     def kootstra2010(cls) -> Self:
-        """The source's contrast and symmetry, of equal weight."""
+        """The contrast and symmetry models of Kootstra (2010), with equal weights."""
         return cls(
             contrast_weight=1.0,
             boolean_weight=0.0,
@@ -95,7 +95,7 @@ class AttentionConfig(Settings):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AttentionMaps(SaliencyMaps):
-    """Saliency, in [0, 1] and of the size of the contrast map, and the maps of the models."""
+    """Saliency in [0, 1], at the size of the contrast map, and the maps of the models."""
 
     contrast: ContrastMaps
     """Contrast saliency and its conspicuity maps."""
@@ -108,7 +108,7 @@ class AttentionMaps(SaliencyMaps):
 
     @property
     def layers(self) -> dict[str, FloatMap]:
-        """Saliency, that of the models, and the conspicuity maps of contrast, by name."""
+        """The combined saliency, the saliency of each model and the conspicuity maps, by name."""
         models = {
             "contrast": self.contrast.saliency,
             "symmetry": self.symmetry.saliency,
@@ -131,22 +131,21 @@ def attention_saliency(
 ) -> AttentionMaps:
     """Saliency from contrast, symmetry and Boolean maps.
 
-    Which settings to take:
+    Choice of settings:
 
-    - `AttentionConfig.free_viewing()` to show where people look at a photograph: AUC, NSS, CC.
-    - The default, which has no prior of the position, for shuffled AUC, for images without a frame
-      such as those of a robot, and for models with a center of their own, such as
-      `saccade.sample_scanpaths`.
+    - `AttentionConfig.free_viewing()` predicts where people look at a photograph (AUC, NSS, CC).
+    - The default has no position prior. It suits the shuffled AUC, images that nobody framed, such
+      as a robot's, and models with a center bias of their own, such as `saccade.sample_scanpaths`.
 
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
-        config: the weights, and the settings of the models.
-        keep_features: whether the maps of contrast hold their feature maps.
-        faces: finds (n, 4) boxes of faces in the image; None for a model without faces.
-        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
+        config: weights and settings of the models.
+        keep_features: whether the contrast result includes its feature maps.
+        faces: face detector, returning (n, 4) boxes; None for a model without faces.
+        bgr: True for an image in OpenCV's channel order, as `cv2.imread` returns it.
 
     Returns:
-        Saliency (h, w), and the maps of each model.
+        Saliency (h, w) and the maps of each model.
 
     Raises:
         ImageError: as `contrast_saliency` and `symmetry_saliency`.
@@ -162,7 +161,7 @@ def attention_maps(
     keep_features: bool = False,
     faces: FaceDetector | None = None,
 ) -> AttentionMaps:
-    """`attention_saliency` of a checked image."""
+    """Attention saliency of a validated image; see `attention_saliency`."""
     config = config or AttentionConfig()
     contrast = contrast_maps(pixels, config.contrast, keep_features=keep_features)
     symmetry = symmetry_maps(pixels, config.symmetry)
@@ -199,7 +198,7 @@ def attention_maps(
 
 
 def face_map(boxes: FloatArray, image_shape: tuple[int, int], shape: tuple[int, int]) -> FloatMap:
-    """A Gaussian at each face, of 1 at its center; the highest where they overlap.
+    """Maximum of Gaussians centered at the faces, each with a peak of 1.
 
     Args:
         boxes: (n, 4) left, top, width and height in pixels of the image; n may be 0.
@@ -210,7 +209,7 @@ def face_map(boxes: FloatArray, image_shape: tuple[int, int], shape: tuple[int, 
         (h, w) float32 in [0, 1].
 
     Raises:
-        ImageError: the boxes are not finite numbers of shape (n, 4), or without area.
+        ImageError: the boxes are not finite, not of shape (n, 4), or have no area.
     """
     boxes = np.asarray(boxes, np.float64).reshape(-1, 4) if np.size(boxes) else np.zeros((0, 4))
     if not (np.isfinite(boxes).all() and (boxes[:, 2:] > 0).all()):

@@ -1,4 +1,4 @@
-"""The contrast-saliency model: saliency is the contrast between a center and its surround.
+"""The contrast-saliency model: contrast between a center and its surround.
 
 After Itti, Koch & Niebur (1998) and Itti & Koch (2001); equations A.1-A.14.
 """
@@ -31,11 +31,11 @@ VARIANTS = {
     "kootstra2010": KOOTSTRA2010,
     "saliencytoolbox2": SALIENCYTOOLBOX2,
 }
-"""Steps of each `ContrastConfig.variant`."""
+"""Processing steps of each `ContrastConfig.variant`."""
 
 
 class Scale(NamedTuple):
-    """Pyramid levels that are compared, and their weight."""
+    """Center and surround levels of the pyramid, with their weight."""
 
     center: int
     surround: int
@@ -49,7 +49,7 @@ class FeatureMap(NamedTuple):
     """Contrast of one channel at one scale."""
 
     channel: Channel
-    """Name of the channel, and the angle of an orientation."""
+    """Name of the channel, with the angle for orientations."""
     center: int
     """Pyramid level of the center."""
     surround: int
@@ -57,15 +57,15 @@ class FeatureMap(NamedTuple):
     values: FloatMap
     """(h, w) absolute difference of center and surround (A.7-A.10)."""
     normalized: FloatMap
-    """(h, w) the same after N."""
+    """(h, w) difference normalized by N."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContrastMaps(SaliencyMaps):
     """Saliency, conspicuity maps and feature maps.
 
-    Maps are float32 (float64 for the presets `kootstra2010` and `saliencytoolbox2`); the saliency
-    is in [0, 1] for the normalizations by local maxima (A.14).
+    Maps are float32 (float64 for the presets `kootstra2010` and `saliencytoolbox2`). The saliency
+    is in [0, 1] if the normalization uses local maxima (A.14).
     """
 
     intensity: FloatMap
@@ -75,10 +75,10 @@ class ContrastMaps(SaliencyMaps):
     orientation: FloatMap
     """(h, w) conspicuity (A.13), from 0 to the number of orientations, 4."""
     features: tuple[FeatureMap, ...] = ()
-    """The feature maps; empty without `keep_features`."""
+    """Feature maps; empty without `keep_features`."""
     pyramids: Mapping[Channel, Mapping[int, FloatMap]] = field(default_factory=dict)
-    """Compared levels (h, w) by channel and number, 0 for the size of the image (A.1-A.6); empty
-    without `keep_features`."""
+    """Pyramid levels (h, w) in use, by channel and level; level 0 has the size of the image
+    (A.1-A.6). Empty without `keep_features`."""
 
     @property
     def layers(self) -> dict[str, FloatMap]:
@@ -97,16 +97,17 @@ def contrast_saliency(
 
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
-        config: channels, scales and normalization; presets name their source.
-        keep_features: whether the result holds the feature maps and the pyramids.
-        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
+        config: channels, scales and normalization; the presets cite their sources.
+        keep_features: whether the result includes the feature maps and the pyramids.
+        bgr: True for an image in OpenCV's channel order, as `cv2.imread` returns it.
 
     Returns:
-        Saliency and the three conspicuity maps, each (h, w), h = H / 2**map_level rounded up
-        (down for the preset `saliencytoolbox2`), with the level of `config.at_size((H, W))`.
+        Saliency and the three conspicuity maps, each (h, w) with h = H / 2**map_level rounded up
+        (down for the preset `saliencytoolbox2`), where `map_level` is taken from
+        `config.at_size((H, W))`.
 
     Raises:
-        ImageError: not an image, not finite, or too small for the finest surround.
+        ImageError: the input is not an image, not finite, or too small for the finest surround.
 
     Source: Itti, Koch & Niebur (1998); equations A.1-A.14.
     """
@@ -121,10 +122,10 @@ def contrast_maps(
     shape: Shape | None = None,
     keep_features: bool = False,
 ) -> ContrastMaps:
-    """`contrast_saliency` of a checked image; `steps` are by default those of its variant.
+    """Contrast saliency of a validated image; see `contrast_saliency`.
 
-    Steps of another array library take `pixels` and give maps (..., h, w) in their own layout, for
-    images of `shape` (H, W).
+    `steps` defaults to the steps of the configured variant. Steps for another array library
+    take `pixels` and return maps (..., h, w) in their own layout, for images of `shape` (H, W).
     """
     shape = shape or pixels.shape[:2]
     config = (config or DEFAULT).at_size(shape)
@@ -144,7 +145,7 @@ def contrast_maps(
             features.append(FeatureMap(channel, center, surround, values, normalized))
 
     def channel_sums(name: Conspicuity) -> list[FloatMap]:
-        """The sums over the scales of the channels of a conspicuity map; 0 for none."""
+        """Sums over scales of each channel of a conspicuity map; zeros if it has no channel."""
         found = [each for channel, each in sums.items() if CONSPICUITY[channel.name] == name]
         return found or [0 * next(iter(sums.values()))]
 
@@ -166,7 +167,7 @@ def contrast_maps(
 
 
 def existing_scales(shape: tuple[int, int], config: ContrastConfig, steps: Steps) -> Scales:
-    """The scales that an image of this shape has, of the channels with weight."""
+    """Available scales for an image of this shape, for channels of nonzero weight."""
     pairs = zip(config.scales, config.scale_weights, strict=True)
     color_scales = [Scale(center, surround, weight) for (center, surround), weight in pairs]
     orientation_scales = [Scale(*levels, 1.0) for levels in config.orientation_scales]
@@ -193,7 +194,7 @@ def existing_scales(shape: tuple[int, int], config: ContrastConfig, steps: Steps
 def channel_pyramids(
     pixels: npt.NDArray[Any], scales: Scales, config: ContrastConfig, steps: Steps
 ) -> dict[Channel, dict[int, FloatMap]]:
-    """The levels that the scales compare, by channel and level number (A.1-A.6)."""
+    """The pyramid levels needed by the scales, by channel and level (A.1-A.6)."""
     compared = {
         name: sorted({level for scale in channel for level in scale[:2]})
         for name, channel in scales.items()

@@ -1,4 +1,4 @@
-"""The settings of the contrast model, and the published models as presets of it."""
+"""Settings of the contrast model, with presets for published models."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -15,73 +15,76 @@ MapSize = Literal["center", "map"]
 Variant = Literal["mirrored", "kootstra2010", "saliencytoolbox2"]
 
 CENTERS_2_TO_4: Scales = ((2, 5), (2, 6), (3, 6), (3, 7), (4, 7), (4, 8))
-"""The six pairs of A.7-A.10."""
+"""Six pairs of center and surround levels (A.7-A.10)."""
 
 MAX_WEIGHT = 1e6
-"""A larger weight would leave nothing of the others in single precision."""
+"""Maximum weight; a larger one would cancel the others in single precision."""
 
 
 @dataclass(frozen=True)
 class ContrastConfig(Settings):
     """Channels, scales and normalization of the contrast model.
 
-    The default predicts human fixations best; docs/contrast-default.md says how it was chosen.
+    The default predicts human fixations best; docs/contrast-default.md describes how it was chosen.
     """
 
     intensity_weight: float = setting(1.0, 0, MAX_WEIGHT)
-    """Weight of intensity in the saliency; at 0 the channel is not computed and its map is 0."""
+    """Weight of intensity in the saliency; with 0 the channel is not computed and its map is 0."""
     color_weight: float = setting(1.0, 0, MAX_WEIGHT)
-    """Weight of color, likewise."""
+    """Weight of color in the saliency; with 0 the channel is not computed and its map is 0."""
     orientation_weight: float = setting(0.2, 0, MAX_WEIGHT)
-    """Weight of orientation, likewise."""
+    """Weight of orientation in the saliency; with 0 it is not computed and its map is 0."""
     color: Color = "linear"
-    """Color opponents as differences of intensities ("linear"), or divided by the brightest color
-    ("quotient"; A.2-A.3)."""
+    """Color opponency: differences of intensities ("linear"), or differences divided by the
+    brightest color ("quotient"; A.2-A.3)."""
     dark: float = setting(0.1, 0, 1)
-    """Opponents are 0 where the brightest color is below this; for "quotient" only."""
+    """Minimum value of the brightest color, for "quotient" only; in darker pixels the opponency is
+    0."""
     scales: Scales = ((1, 2), (1, 3), (4, 7))
-    """Pyramid levels of center and surround for intensity and color; the image is level 0."""
+    """Center and surround levels for intensity and color; the image is level 0."""
     scale_weights: tuple[float, ...] = (1.0, 1.0, 0.5)
     """Weight of each pair of `scales`."""
     orientation_scales: Scales = ((2, 4),)
-    """Center and surround levels for orientation, each of weight 1."""
+    """Center and surround levels for orientation, each with weight 1."""
     orientations: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
     """Directions of bars in degrees, from x towards y."""
     gabor_period: float = setting(7.0, 2, 1000)
-    """Wavelength of the oriented filters in pixels of their level."""
+    """Wavelength of the Gabor filters, in pixels of the pyramid level."""
     gabor_sigma: float = setting(7 / 3, 0.1, 1000)
-    """Standard deviation of the window of the oriented filters, in pixels of their level."""
+    """Standard deviation of the Gabor filters' Gaussian window, in pixels of the pyramid level."""
     gabor_size: int = setting(9, 3, 99)
-    """Side of the oriented filters in pixels of their level, odd."""
+    """Side of the Gabor filters, odd, in pixels of the pyramid level."""
     map_level: int = setting(4, 0, MAX_LEVEL)
-    """Pyramid level whose size the conspicuity maps and the saliency have."""
+    """Pyramid level that sets the size of the conspicuity maps and the saliency."""
     normalize_at: MapSize = "map"
-    """Whether a feature map is normalized at the size of its "center" level and then resized, or
-    at the size of the "map"."""
+    """Size of the feature maps during normalization: the size of the "center" level, before
+    resizing, or the size of the "map"."""
     smoothing: float = setting(1.5, 0)
-    """Standard deviation in cells of the Gaussian that smooths a feature map before it is
-    normalized at the size of the map, at most an eighth of the side."""
+    """Standard deviation, in cells, of the Gaussian applied to a feature map before it is
+    normalized at the size of the map; at most an eighth of the side."""
     normalization: Normalization = "local-maxima"
     """The operator N; see `saccade.attention.normalize`."""
     maxima_threshold: float = setting(0.1, 0, 1)
-    """Lower local maxima of a map in [0, 1] are ignored by its normalization."""
+    """Minimum height of the local maxima that the normalization counts, in a map scaled to [0,
+    1]."""
     maxima_radius: float | None = setting(None, above=0, maximum=1)
     """Radius of the neighborhood of a local maximum, as a fraction of the longer side of the map;
     None for the 8 neighbors.
 
-    The sources do not say. Without smoothing and with 8 neighbors, the faint maxima between the
-    items of a display lower the mean, and a display that should be suppressed is not."""
+    The sources leave the radius open. Without smoothing and with 8 neighbors, faint maxima between
+    the items of a display lower the mean, and a uniform display is not suppressed."""
     iterations: int = setting(3, 1, 1000)
     """Number of iterations of the iterative normalization."""
     sharpening: float = setting(1.5, above=0, maximum=100)
-    """Exponent of the saliency scaled to [0, 1]; 1 leaves it as in A.14."""
+    """Exponent applied to the saliency scaled to [0, 1]; 1 gives A.14."""
     viewing_size: int | None = setting(800, 1)
-    """Longer side in pixels of an image for which the levels are meant. In an image of twice
-    that size every level is one coarser, in one of half that size one finer, so that saliency does
-    not depend on the size at which a photograph was saved; None takes the levels as they are."""
+    """Reference length in pixels of the longer side of an image. Doubling the image size makes
+    every level one coarser and halving it one finer, so that saliency does not depend on the
+    resolution of a photograph; None uses the levels unchanged."""
     variant: Variant = "mirrored"
-    """Borders, sizes and ranges of the steps: "mirrored" reflects the image at its borders; the
-    modules of `saccade.attention` describe "kootstra2010" and "saliencytoolbox2"."""
+    """Borders, sizes and ranges of the steps: "mirrored" reflects the image at its borders;
+    `saccade.attention.contrast_steps` describes "kootstra2010",
+    `saccade.attention.saliencytoolbox2` the third."""
 
     @property
     def weights(self) -> tuple[float, float, float]:
@@ -113,7 +116,7 @@ class ContrastConfig(Settings):
         require(possible, "normalize_at", expected, self.normalize_at)
 
     def at_size(self, shape: tuple[int, int]) -> "ContrastConfig":
-        """The configuration with the levels for an image of (H, W) pixels.
+        """Returns the configuration with its levels adapted to an image of (H, W) pixels.
 
         No level becomes finer than the image itself, and no map finer than level 1.
         """
@@ -127,10 +130,10 @@ class ContrastConfig(Settings):
     def kootstra2010(cls) -> Self:
         """Kootstra (2010): equations A.1-A.14 as published.
 
-        One correction: a map with a single local maximum keeps its weight. What the print leaves
-        open is as in `saccade.textbook.contrast_saliency`. Differs from it where an image has no
-        level 8, shorter than 129 px: pairs of levels that do not exist are left out, where the
-        textbook continues with levels of a single sample.
+        One correction: a map with a single local maximum keeps its weight. Details that the source
+            leaves open follow `saccade.textbook.contrast_saliency`. The two differ for images below
+            129 px, which have no level 8: missing pairs of levels are skipped here, while the
+            textbook continues with levels of a single sample.
         """
         return replace(
             cls.itti1998(),
@@ -166,7 +169,7 @@ class ContrastConfig(Settings):
 
     @classmethod
     def saliencytoolbox2(cls) -> Self:
-        """The default of Walther & Koch's SaliencyToolbox 2, to the last digits."""
+        """The default of Walther & Koch's SaliencyToolbox 2, reproduced to the last digits."""
         return replace(
             cls.itti1998(),
             gabor_sigma=2.3333,
@@ -177,12 +180,12 @@ class ContrastConfig(Settings):
 
 
 DEFAULT = ContrastConfig()
-"""The default settings, checked once."""
+"""The default settings, validated once."""
 
 
 @lru_cache(maxsize=64)
 def _coarser(config: ContrastConfig, levels: int) -> ContrastConfig:
-    """The configuration with coarser levels; the check of new settings takes a third of a ms."""
+    """The configuration with coarser levels, cached since validation takes a third of a ms."""
     return replace(
         config,
         scales=_shifted(config.scales, levels),

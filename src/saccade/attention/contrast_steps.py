@@ -1,10 +1,10 @@
-"""The steps of the contrast model, as functions that its loop calls by name.
+"""The processing steps of the contrast model, as replaceable functions.
 
-A variant of the model, or another array library, is another set of `Steps`: `MIRRORED` is the
-default, `KOOTSTRA2010` has the steps as they are published. What the print of A.4-A.14 leaves open
-is as in `saccade.textbook.contrast_saliency`: a binomial kernel, replicated borders, linear
-interpolation of a coarser level, whose sample k stands at sample 2 k of the finer one, and a single
-even Gabor filter.
+Each variant of the model, and each array library, has its own `Steps`. `MIRRORED` is the default;
+`KOOTSTRA2010` follows the publication. Details that A.4-A.14 leave open follow
+`saccade.textbook.contrast_saliency`: a binomial kernel, replicated borders, linear interpolation of
+coarser levels, whose sample k lies at sample 2 k of the finer level, and a single even Gabor
+filter.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,53 +26,54 @@ from saccade.types import FloatArray
 Shape: TypeAlias = tuple[int, int]
 
 PUBLISHED_BORDER = cv2.BORDER_REPLICATE
-"""Border of the steps as published."""
+"""Border mode of the published steps."""
 EQUAL_DIGITS = 9
-"""Number of decimals to which equal values of a map in [0, 1] agree."""
+"""Number of equal decimals of two equal values in [0, 1]; further decimals are rounding."""
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Functions of which the contrast model is composed."""
+    """The functions that make up the contrast model."""
 
     level_shape: Callable[[Shape, int], Shape]
-    """Shape of a pyramid level of an image of a shape."""
+    """Shape of a pyramid level, from the image shape and the level."""
     deepest_level: Callable[[Shape], int]
-    """Number of the coarsest level of an image of a shape."""
+    """Coarsest pyramid level of an image of a given shape."""
     split_channels: Callable[[Any, ContrastConfig, int], tuple[int, dict[ChannelName, FloatMap]]]
-    """Number of a pyramid level, at most the one that is given, and the intensity and opponents of
-    pixels there (A.1-A.3)."""
+    """Intensity and color opponency at a pyramid level, and that level; the argument is the
+    coarsest level allowed (A.1-A.3)."""
     halve: Callable[[FloatMap], FloatMap]
-    """The next level of a pyramid (A.4-A.5)."""
+    """Next coarser pyramid level (A.4-A.5)."""
     orientations: Callable[[FloatMap, ContrastConfig], list[FloatMap]]
-    """Responses of a level of intensity to each orientation (A.6)."""
+    """Response to each orientation at a level of intensity (A.6)."""
     difference: Callable[[FloatMap, FloatMap, Shape, ContrastConfig], FloatMap]
-    """Contrast of a center and a surround, for a map of a shape (A.7-A.10)."""
+    """Contrast of a center and a surround, for a map of a given shape (A.7-A.10)."""
     resize: Callable[[FloatMap, Shape], FloatMap]
-    """A map at another size."""
+    """Resized map."""
     normalize: Callable[[FloatMap, ContrastConfig], FloatMap]
-    """N of a feature map."""
+    """Feature map normalized by N."""
     normalize_sum: Callable[[FloatMap, ContrastConfig], FloatMap]
-    """N of a sum of normalized maps."""
+    """Sum of normalized maps, normalized again by N."""
     conspicuity: Callable[[Sequence[FloatMap], ContrastConfig], FloatMap]
-    """Conspicuity map of the maps of its channels (A.11-A.13)."""
+    """Conspicuity map from the maps of its channels (A.11-A.13)."""
     saliency: Callable[[FloatMap, FloatMap, FloatMap, ContrastConfig], FloatMap]
-    """Saliency of the conspicuity of intensity, color and orientation (A.14)."""
+    """Saliency from the conspicuity of intensity, color and orientation (A.14)."""
     smooth: Callable[[FloatMap, float], FloatMap] = smooth
-    """A map after a Gaussian of so many cells."""
+    """Map smoothed by a Gaussian; its standard deviation is in cells."""
     sharpen: Callable[[FloatMap, float], FloatMap] = sharpen
-    """A map scaled to [0, 1] to a power."""
+    """Map scaled to [0, 1] and raised to a power."""
 
 
 @cache
 def gabor_factors(
     angle: float, period: float, sigma: float, size: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The pair of `gabor_pair` as sums of products of waves along x and along y.
+    """Separable factors of `gabor_pair`: waves along x and along y.
 
     Returns:
-        (2, size) cosine and sine along x for the even filter, the same for the odd one, and those
-        along y for both: even = cos cos - sin sin less its mean, odd = cos sin + sin cos.
+        Three (2, size) arrays of cosine and sine: along x for the even filter, along x for the odd
+        filter, and along y for both. The even filter is cos cos - sin sin minus its mean, the odd
+        filter cos sin + sin cos.
     """
     offset = np.arange(size) - (size - 1) / 2
     window = np.exp(-(offset**2) / (2 * sigma**2))
@@ -87,7 +88,7 @@ def gabor_factors(
 def gabor_sums(
     even_x: FloatArray, odd_x: FloatArray, along_y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The even and the odd filter of `gabor_factors`."""
+    """The even and odd filters, from the factors of `gabor_factors`."""
     even = np.outer(along_y[0], even_x[0]) - np.outer(along_y[1], even_x[1])
     return even - even.mean(), np.outer(along_y[1], odd_x[0]) + np.outer(along_y[0], odd_x[1])
 
@@ -95,32 +96,32 @@ def gabor_sums(
 def gabor_pair(
     angle: float, period: float, sigma: float, size: int
 ) -> tuple[FloatArray, FloatArray]:
-    """An even and an odd Gabor filter, each of zero mean and unit energy.
+    """An even and an odd Gabor filter, each with zero mean and unit energy.
 
     Args:
-        angle: direction in radians, from x towards y, of the bars to which the pair responds.
+        angle: direction of the preferred bars in radians, from x towards y.
         period: wavelength in pixels.
         sigma: standard deviation of the isotropic Gaussian window in pixels.
-        size: side of the filters in pixels, odd.
+        size: side of the filters in pixels, an odd number.
 
     Returns:
-        Two (size, size) filters, of phase 0 and pi / 2.
+        Two (size, size) filters, with phases 0 and pi / 2.
     """
     return gabor_sums(*gabor_factors(angle, period, sigma, size))
 
 
 def filter_lines(image: FloatMap, along_x: FloatArray, along_y: FloatArray) -> FloatMap:
-    """The image filtered along both axes, mirrored at its borders."""
+    """The image filtered along both axes, with mirrored borders."""
     return cv2.sepFilter2D(image, -1, along_x, along_y, borderType=cv2.BORDER_REFLECT)
 
 
 def box_mean(image: FloatMap, size: int) -> FloatMap:
-    """Mean over a square of `size` pixels, mirrored at the borders."""
+    """Mean over a square of `size` pixels, with mirrored borders."""
     return cv2.boxFilter(image, -1, (size, size), borderType=cv2.BORDER_REFLECT)
 
 
 def magnitude(even: FloatMap, odd: FloatMap) -> FloatMap:
-    """Root of the sum of squares; cv2.magnitude rounds differently with where its input lies."""
+    """Root of the sum of squares; the rounding of cv2.magnitude depends on memory alignment."""
     energy: FloatMap = even * even + odd * odd
     np.sqrt(energy, out=energy)
     return energy
@@ -137,11 +138,11 @@ def gabor_energy(
     box_mean: Callable[[FloatMap, int], FloatMap] = box_mean,
     magnitude: Callable[[FloatMap, FloatMap], FloatMap] = magnitude,
 ) -> FloatMap:
-    """(h, w) magnitude of the responses to a `gabor_pair` in quadrature (A.6), by its factors."""
+    """(h, w) magnitude of the responses to a `gabor_pair`, by separable filtering (A.6)."""
     even_x, odd_x, (cos_y, sin_y) = gabor_factors(angle, period, sigma, size)
 
     def response(x: FloatArray, y: FloatArray) -> Any:
-        if not (x.any() and y.any()):  # a wave along one axis has no sine along the other
+        if not (x.any() and y.any()):  # the sine is 0 for a wave along the other axis
             return 0.0
         return filter_lines(image, x, y)
 
@@ -160,7 +161,7 @@ def gabors(config: ContrastConfig) -> list[tuple[float, float, float, int]]:
 def rgb_channels(
     pixels: npt.NDArray[Any], config: ContrastConfig, dtype: npt.DTypeLike = np.float32
 ) -> dict[ChannelName, FloatMap]:
-    """Intensity and opponents of a checked image (A.1-A.3)."""
+    """Intensity and color opponency of a validated image (A.1-A.3)."""
     rgb = repeat_gray(in_unit_range(pixels, dtype))  # (h, w, 3)
     return {"intensity": intensity(rgb), **opponency(rgb, config.color, config.dark)}
 
@@ -173,10 +174,10 @@ def split_channels(
     halve: Callable[[FloatMap], FloatMap] = halve,
     channels: Callable[[Any, ContrastConfig], dict[ChannelName, FloatMap]] = rgb_channels,
 ) -> tuple[int, dict[ChannelName, FloatMap]]:
-    """A level, at most `finest`, and intensity and opponents there (A.1-A.3).
+    """Intensity and color opponency at a level up to `finest`, and that level (A.1-A.3).
 
-    Linear channels commute with subsampling, so that the image is halved before it is converted: in
-    8 bit it is a quarter as large.
+    Linear channels commute with subsampling, so the image is halved before conversion: an 8-bit
+    image takes a quarter of the memory.
     """
     level = finest if config.color == "linear" else 0
     for _ in range(level):
@@ -209,7 +210,7 @@ def normalize_map(
     *,
     normalize: Callable[..., FloatMap] = normalize,
 ) -> FloatMap:
-    """N with the settings of a configuration."""
+    """The map normalized by N, with the configured settings."""
     return normalize(
         values,
         config.normalization,
@@ -228,7 +229,7 @@ def add(parts: Sequence[FloatMap], config: ContrastConfig) -> FloatMap:
 def weighted_sum(
     intensity: FloatMap, color: FloatMap, orientation: FloatMap, config: ContrastConfig
 ) -> FloatMap:
-    """The maps of intensity, color and orientation times their weights."""
+    """Weighted sum of the conspicuity maps of intensity, color and orientation."""
     w_I, w_C, w_O = config.weights
     return w_I * intensity + w_C * color + w_O * orientation
 
@@ -259,16 +260,16 @@ MIRRORED = Steps(
     conspicuity=add,
     saliency=weighted_mean,
 )
-"""Steps on images that are mirrored at their borders."""
+"""The default steps, with mirrored image borders."""
 
 
 def halve_as_published(level: FloatMap) -> FloatMap:
-    """Every second sample of the smoothed level, beginning with the first (A.4-A.5)."""
+    """Smoothed level, subsampled by two from its first sample (A.4-A.5)."""
     return cv2.pyrDown(level, borderType=PUBLISHED_BORDER)
 
 
 def resize_as_published(values: FloatMap, shape: Shape) -> FloatMap:
-    """A level at the size of another: coarser by A.4-A.5, finer by linear interpolation."""
+    """Level resized to a coarser size by A.4-A.5, or to a finer size by linear interpolation."""
     while values.shape[0] > shape[0] or values.shape[1] > shape[1]:
         values = halve_as_published(values)
     if values.shape == shape:
@@ -285,13 +286,13 @@ def resize_as_published(values: FloatMap, shape: Shape) -> FloatMap:
 
 
 def gabor_responses(level: FloatMap, config: ContrastConfig) -> list[FloatMap]:
-    """The signed response to one even Gabor filter for each orientation (A.6)."""
+    """Signed response to an even Gabor filter for each orientation (A.6)."""
     even = (gabor_pair(*gabor)[0] for gabor in gabors(config))
     return [cv2.filter2D(level, -1, each, borderType=PUBLISHED_BORDER) for each in even]
 
 
 def normalize_as_published(values: FloatMap, config: ContrastConfig) -> FloatMap:
-    """N; maxima that differ by rounding are equal."""
+    """Map normalized by N; maxima that differ by rounding count as equal."""
     return normalize_map(np.round(rescale(values), EQUAL_DIGITS), config)
 
 
@@ -308,4 +309,4 @@ KOOTSTRA2010 = replace(
     normalize_sum=normalize_as_published,
     saliency=partial(weighted_mean, normalize=normalize_as_published),
 )
-"""The steps of A.1-A.14 as published, in double precision."""
+"""Steps A.1-A.14 as published, in double precision."""

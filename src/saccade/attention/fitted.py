@@ -1,13 +1,13 @@
-"""A model of fixations whose weights were fitted to people's, by `saccade fit`.
+"""Fixation models whose weights were fitted to recorded fixations by `saccade fit`.
 
 The logarithm of the density of the next fixation is a weighted sum of features of the image and of
-functions of the way from earlier fixations, so that its likelihood is convex (a conditional logit,
-McFadden 1974). Lengths are fractions of the longer side of the image.
+functions of the displacement from earlier fixations, so that the negative log-likelihood is convex
+(a conditional logit, McFadden 1974). Lengths are fractions of the longer side of the image.
 
 A feature map is the logarithm of a map of `attention_saliency`, relative to its mean over the
-image, so that their weighted sum is the logarithm of a product of powers. "NAME around 8" is the
-same of the map smoothed by 8 cells: what surrounds a position. The geometry of the image (center,
-height, border) and faces are features as they are.
+image, so that their weighted sum is the logarithm of a product of powers. "NAME around 8" is
+computed from the map smoothed by 8 cells and describes the surroundings of a position. Geometry
+(center, height, border) and faces enter without a logarithm.
 """
 
 from collections.abc import Collection
@@ -33,16 +33,16 @@ from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image, IntArray
 
 FLOOR = 0.1
-"""Added to a map of mean 1 before its logarithm."""
+"""Constant added to a map of mean 1 before the logarithm."""
 SURROUNDINGS = (3, 8)
 """Standard deviations in cells of the smoothed maps."""
 AROUND = " around "
 """Separator of the parts of a feature's name."""
 GEOMETRY = ("center x", "center y", "height", "border", "edge")
-"""Squared distance from the center along each axis, downward position, distance from the border as
-fractions of the sides, and closeness to it."""
+"""Squared distance from the center along each axis, downward position and distance from the border,
+as fractions of the sides, and closeness to the border."""
 EDGE = 0.05
-"""Distance from the border at which the closeness to it has fallen to 1 / e."""
+"""Decay length of the closeness to the border: it falls to 1 / e at this distance."""
 FACES = "faces"
 SKIN = ((15.0, 12.0), (18.0, 12.0))
 """Mean and standard deviation of a* and b* of skin in CIE L*a*b*."""
@@ -51,7 +51,7 @@ EARLY = ("attention", "attention around 3", "center x", "center y", "height", "b
 
 
 def map_names(config: AttentionConfig) -> list[str]:
-    """The names of the maps of a configuration."""
+    """Names of the maps of a configuration."""
     names = ["attention", "contrast", "symmetry", "boolean", "boolean edges"]
     names += ["intensity", "color", "orientation", "color distance", "skin"]
     names += [f"symmetry {i}" for i in range(len(config.symmetry.levels))]
@@ -63,7 +63,7 @@ def map_names(config: AttentionConfig) -> list[str]:
 
 
 def feature_names(config: AttentionConfig, *, faces: bool) -> list[str]:
-    """The names of all features; of faces only with a detector of faces."""
+    """Names of all features; those for faces only with a face detector."""
     maps = map_names(config)
     around = [f"{name}{AROUND}{cells}" for cells in SURROUNDINGS for name in maps]
     return [*maps, *around, *GEOMETRY, *([FACES] if faces else [])]
@@ -78,13 +78,13 @@ def feature_maps(
     """The features of an image, in the order of their names.
 
     Args:
-        image: as `attention_saliency` takes it.
-        names: of `feature_names`.
-        config: of the maps.
-        faces: finds (n, 4) boxes; None for no faces.
+        image: as for `attention_saliency`.
+        names: feature names, from `feature_names`.
+        config: settings of the maps.
+        faces: face detector, returning (n, 4) boxes; None for no faces.
 
     Returns:
-        (k, h, w) with the k names, of the size of the attention map.
+        (k, h, w) features in the order of `names`, at the size of the attention map.
 
     Raises:
         ImageError: as `attention_saliency`.
@@ -105,7 +105,7 @@ def feature_maps(
 def base_maps(
     image: Image, config: AttentionConfig, faces: FaceDetector | None
 ) -> dict[str, FloatMap]:
-    """The maps by name, all of the size of the attention map; a scale may be missing."""
+    """Maps by name at the size of the attention map, for the scales that the image has."""
     pixels = check_image(image)
     found = attention_maps(pixels, config, keep_features=True, faces=faces)
     shape = found.saliency.shape
@@ -131,7 +131,7 @@ def base_maps(
 
 
 def scale_maps(maps: AttentionMaps, config: AttentionConfig) -> dict[str, FloatMap]:
-    """Symmetry and contrast by scale, numbered as in the configuration."""
+    """Symmetry and contrast maps of each scale, numbered as in the configuration."""
     symmetry = config.symmetry.at_size(maps.image_shape)
     contrast = config.contrast.at_size(maps.image_shape)
     found: dict[str, FloatMap] = {
@@ -143,16 +143,16 @@ def scale_maps(maps: AttentionMaps, config: AttentionConfig) -> dict[str, FloatM
         oriented = each.channel.name == "orientation"
         scales = contrast.orientation_scales if oriented else contrast.scales
         name = f"{each.channel.name} {list(scales).index((each.center, each.surround))}"
-        found[name] = found.get(name, 0) + each.values  # over the angles
+        found[name] = found.get(name, 0) + each.values  # sum over the angles
     return found
 
 
 def color_maps(pixels: FloatMap, shape: tuple[int, int]) -> tuple[FloatMap, FloatMap]:
-    """Distance from the mean color in CIE L*a*b*, and likeness to skin; (h, w) of a small image.
+    """(h, w) distance from the mean color in CIE L*a*b*, and similarity to skin color.
 
     Args:
-        pixels: checked image.
-        shape: (H, W) of it.
+        pixels: validated image.
+        shape: (H, W) of the image.
     """
     scale = min(1.0, 200 / max(shape))
     small = max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
@@ -166,7 +166,7 @@ def color_maps(pixels: FloatMap, shape: tuple[int, int]) -> tuple[FloatMap, Floa
 
 
 def geometry(shape: tuple[int, ...]) -> dict[str, FloatArray]:
-    """The features that depend on the position alone, (h, w) each."""
+    """Features that depend only on the position, (h, w) each."""
     y, x = (
         axis.astype(np.float64)
         for axis in np.meshgrid(
@@ -178,7 +178,7 @@ def geometry(shape: tuple[int, ...]) -> dict[str, FloatArray]:
 
 
 def relative_log(values: FloatMap, cells: float) -> FloatArray:
-    """Logarithm of a map, not negative, over its mean; smoothed by so many cells before."""
+    """Logarithm of a nonnegative map relative to its mean, after smoothing by `cells` cells."""
     if cells > 0:
         values = cv2.GaussianBlur(values, (0, 0), cells, borderType=cv2.BORDER_REFLECT)
     mean = float(values.mean())
@@ -187,11 +187,11 @@ def relative_log(values: FloatMap, cells: float) -> FloatArray:
 
 
 SCALES = (0.012, 0.025, 0.05, 0.1, 0.2, 0.4)
-"""Standard deviations of the Gaussians about an earlier fixation."""
+"""Standard deviations of the Gaussians around an earlier fixation."""
 NEAR = (0.03, 0.1)
-"""Distances from which a direction counts."""
+"""Minimum distances for a direction to count."""
 LAGS = (1, 1, 1, 1, 1, 1, 1, 1, 2, 3, 4, 5, 6, 7, 8)
-"""The earlier fixation to which each table belongs, counted back from the next."""
+"""Number of fixations back from the next one, for each table."""
 FUNCTIONS = 53
 """Their number."""
 
@@ -206,22 +206,22 @@ class FittedMaps(SaliencyMaps):
 
 @dataclass(frozen=True)
 class FittedModel(Settings):
-    """Weights of the features of an image: the logarithm of the density of fixations.
+    """Log-linear model of fixation density: a weight for each feature of the image.
 
     The default is the attention map itself. `saccade.load_model` reads a file of `saccade fit`.
     """
 
     features: tuple[str, ...] = ("attention",)
-    """Their names; see `saccade.attention.fitted`."""
+    """Names of the features; see `saccade.attention.fitted`."""
     weights: tuple[float, ...] = (1.0,)
-    """Weight of each."""
+    """Weight of each feature."""
     fitted_to: str = ""
-    """Data that it was fitted to, for the reader."""
+    """Description of the training data, for information only."""
     attention: AttentionConfig = field(default_factory=AttentionConfig)
     """Settings of the maps."""
     scanpath_weights: tuple[float, ...] = ()
-    """Weights of `next_fixation_density`: of the features; of those in `features.EARLY`, over the
-    number of the fixation; of the functions of `saccade_tables`. None for a static model."""
+    """Weights for `next_fixation_density`: for the features, for the features in `EARLY` divided by
+    the fixation number, and for the functions of `saccade_tables`. Empty for a static model."""
 
     @property
     def _early(self) -> list[int]:
@@ -246,7 +246,7 @@ class FittedModel(Settings):
 
         Args:
             image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
-            faces: finds (n, 4) boxes of faces, for a model with faces; None for none in sight.
+            faces: face detector, returning (n, 4) boxes, for a model with faces; None for no faces.
 
         Raises:
             ImageError: as `attention_saliency`.
@@ -260,15 +260,15 @@ class FittedModel(Settings):
     def next_fixation_density(
         self, image: Image, xy: npt.ArrayLike, faces: FaceDetector | None = None
     ) -> FloatArray:
-        """The probability of each cell of the map to hold the next fixation.
+        """Probability that the next fixation falls in each cell of the map.
 
         Args:
             image: as for `maps`.
-            xy: (n, 2) fixations so far in pixels; the first is the center, or where it began.
+            xy: (n, 2) fixations so far in pixels, beginning with the start, usually the center.
             faces: as for `maps`.
 
         Returns:
-            (h, w), of sum 1.
+            (h, w), with a sum of 1.
 
         Raises:
             ConfigError: the model is static.
@@ -300,7 +300,7 @@ def _is_size(cells: str) -> bool:
 
 
 def saccade_tables(shape: tuple[int, int], image_shape: tuple[int, int]) -> FloatArray:
-    """(T, 2 h - 1, 2 w - 1, m) the functions by table and offset in cells; the middle is 0, 0.
+    """(T, 2 h - 1, 2 w - 1, m) functions by table and offset in cells, from the middle.
 
     Args:
         shape: (h, w) of the map.
@@ -351,8 +351,8 @@ def path_terms(
         image_shape: (H, W) of the image.
 
     Returns:
-        (T, 2) row and column of the fixation of each table, and (T,) its factor, which is 0
-        where no such fixation was.
+        (T, 2) row and column of the fixation of each table, and (T,) its factor, which is 0 if the
+        path has no such fixation.
     """
     n = len(xy)
     cells = np.floor((xy[:, ::-1] + 0.5) / image_shape * shape).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Base of the results of the attention models."""
+"""Base class for the results of the attention models."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,18 +12,17 @@ from saccade.types import Float32Array, Pictured
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SaliencyMaps(Pictured):
-    """Saliency of an image, by one of our models or any other.
+    """Saliency of an image, from a model of this package or any other source.
 
     The cells of a map tile the image: see `saccade.scale.pyramid.cell_centers`.
     """
 
     saliency: npt.NDArray[Any]
-    """(h, w), finite, not negative."""
+    """(h, w), finite and nonnegative."""
     image_shape: tuple[int, int]
-    """(H, W) of the image; further dimensions are dropped."""
+    """(H, W) of the image; additional dimensions are dropped."""
     without_center_bias: npt.NDArray[Any] = field(default_factory=lambda: np.zeros(0), kw_only=True)
-    """(h, w) saliency of the content alone, without a prior of the position; by default equal to
-    `saliency`."""
+    """(h, w) saliency without position priors; by default equal to `saliency`."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image_shape", tuple(self.image_shape[:2]))
@@ -37,7 +36,7 @@ class SaliencyMaps(Pictured):
 
     @property
     def upsampled(self) -> dict[str, Float32Array]:
-        """The maps by name at the size of the image, (H, W) each: bilinear where they grow."""
+        """Maps by name, enlarged bilinearly to the size of the image, (H, W) each."""
         return {name: resize(layer, self.image_shape) for name, layer in self.layers.items()}
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""The attention models by name, and the one function that chooses between them."""
+"""The attention models by name, and their common interface."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,11 +14,11 @@ from saccade.attention.symmetry import SymmetryConfig, symmetric_pairs_at, symme
 from saccade.types import Float32Array, SymmetricPairs
 
 MODEL_NAMES = ("attention", "contrast", "symmetry", "boolean")
-"""Names of the models, and of the kinds of their settings."""
+"""Names of the models, which are also the names of their settings."""
 REFERENCE_SIZE = 800
-"""Longer side in pixels of an image to which `PAIR_RADIUS` applies."""
+"""Longer side in pixels of the image for which `PAIR_RADIUS` is given."""
 PAIR_RADIUS = 12.0
-"""Radius in pixels about a fixation in which symmetric pairs are searched."""
+"""Search radius in pixels for symmetric pairs around a fixation."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class AttentionModel:
     """An attention model with its settings."""
 
     settings: AttentionConfig | ContrastConfig | SymmetryConfig | BooleanConfig | FittedModel
-    """Settings, whose type chooses the model."""
+    """Settings; their type selects the model."""
     faces: FaceDetector | None = None
-    """Detector of faces, for the attention model and fitted ones; None for none."""
+    """Face detector for the attention model and fitted models; None for no faces."""
 
     def maps(self, image: npt.NDArray[Any]) -> Any:
-        """The result of the model for an image: a subclass of `SaliencyMaps`."""
+        """Returns the model's result for an image, a subclass of `SaliencyMaps`."""
         match self.settings:
             case ContrastConfig():
                 return contrast_saliency(image, self.settings)
@@ -45,7 +45,7 @@ class AttentionModel:
                 return self.settings.maps(image, self.faces)
 
     def pairs(self, image: Float32Array, xy: npt.NDArray[Any]) -> list[SymmetricPairs]:
-        """The strongest symmetric pairs at each of (n, 2) positions; none without symmetry."""
+        """Strongest symmetric pairs at each of (n, 2) positions; none without symmetry."""
         settings = self.settings
         if isinstance(settings, FittedModel):
             settings = settings.attention

@@ -1,4 +1,4 @@
-"""The normalization operator N, and what a map of saliency is treated by after it.
+"""The normalization operator N, smoothing, sharpening and position priors.
 
 N promotes maps with few outstanding maxima over those with many. Every method first scales the map
 to [0, 1]. A flat map becomes 0.
@@ -16,25 +16,25 @@ from saccade.types import FloatArray
 Normalization = Literal["local-maxima", "local-maxima-1998", "iterative", "none"]
 
 FLAT = 2e-6
-"""A map of a smaller range is flat: for images in [0, 1] it is float32 rounding."""
+"""Maximum range of a flat map: the rounding of float32 for images in [0, 1]."""
 
 EXCITATION = (0.5, 0.02)
-"""Strength, and standard deviation as a fraction of the longer side of the map (Itti & Koch
-2000)."""
+"""Strength and standard deviation of the excitation; the deviation is a fraction of the longer side
+of the map (Itti & Koch 2000)."""
 INHIBITION = (1.5, 0.25)
-"""Strength and standard deviation of the inhibition of the surround, likewise."""
+"""Strength and standard deviation of the surround's inhibition, in the units of `EXCITATION`."""
 GLOBAL_INHIBITION = 0.02
-"""Subtracted in each iteration, as a fraction of the maximum of the map."""
+"""Amount subtracted in each iteration, as a fraction of the maximum of the map."""
 MIN_SIGMA = 0.5
-"""Standard deviation in pixels below which a sampled Gaussian no longer sums to its strength."""
+"""Minimum standard deviation in pixels for a sampled Gaussian to sum to its strength."""
 KERNEL_CUT = 0.01
-"""The Gaussians are truncated where they fall below this fraction of their peak."""
+"""Truncation of the Gaussians, as a fraction of their peak."""
 MAX_SMOOTHING = 1 / 8
 """Largest standard deviation of the smoothing, as a fraction of a side of the map."""
 
 
 def rescale(values: FloatMap) -> FloatMap:
-    """The map scaled linearly to [0, 1]; 0 where it is flat."""
+    """The map scaled linearly to [0, 1]; a flat map becomes 0."""
     low, high = values.min(), values.max()
     if high - low <= FLAT:
         return np.zeros_like(values)
@@ -43,7 +43,7 @@ def rescale(values: FloatMap) -> FloatMap:
 
 
 def smooth(values: FloatMap, sigma: float) -> FloatMap:
-    """The map filtered by a Gaussian of `sigma` cells, at most `MAX_SMOOTHING` of each side."""
+    """The map smoothed by a Gaussian of `sigma` cells, at most `MAX_SMOOTHING` of each side."""
     if sigma == 0:
         return values
     y, x = (min(sigma, MAX_SMOOTHING * side) for side in values.shape)
@@ -51,7 +51,7 @@ def smooth(values: FloatMap, sigma: float) -> FloatMap:
 
 
 def sharpen(saliency: FloatMap, exponent: float) -> FloatMap:
-    """The map scaled to [0, 1] to a power; unchanged for the power 1."""
+    """The map scaled to [0, 1] and raised to a power; unchanged for an exponent of 1."""
     return saliency if exponent == 1 else rescale(saliency) ** exponent
 
 
@@ -61,16 +61,16 @@ def position_prior(
     center_height: float = 0.0,
     border_distance: float | None = None,
 ) -> FloatArray:
-    """Where people look whatever an image shows: its center, and not its border.
+    """Position prior: the preference for the center and against the border of any image.
 
     Args:
         shape: (h, w) cells that tile the image.
-        center_sigma: standard deviation, as a fraction of each side, of a Gaussian about the
-            center; None for no such factor.
+        center_sigma: standard deviation of the center prior, a Gaussian, as a fraction of each
+            side; None for no center prior.
         center_height: height of that Gaussian's center above the middle, as a fraction of the
             image's height.
-        border_distance: distance d from the border, as a fraction of each side, in the factor
-            `1 - exp(-distance / d)`; None for no such factor.
+        border_distance: width d of the border prior `1 - exp(-distance / d)`, as a fraction of each
+            side; None for no border prior.
 
     Returns:
         (h, w) in [0, 1], a factor of the saliency.
@@ -87,9 +87,10 @@ def position_prior(
 
 
 def promotion(values: FloatMap, threshold: float, radius: int, without_highest: bool) -> float:
-    """The weight `(1 - m)^2` with the mean m of the local maxima; 1 for a single one, 0 for none.
+    """Weight `(1 - m)^2`, with the mean m of the local maxima; 1 for one maximum, 0 without any.
 
-    A single maximum is 1 after scaling: the formula would suppress the map that it should promote.
+    A single maximum equals 1 after scaling, and the formula would suppress the map instead of
+    promoting it.
     """
     maxima = local_maxima(values, threshold, radius)
     n = len(maxima)
@@ -101,15 +102,15 @@ def promotion(values: FloatMap, threshold: float, radius: int, without_highest: 
 
 
 def local_maxima(values: FloatMap, threshold: float, radius: int) -> FloatMap:
-    """(n,) heights of the local maxima, in no particular order.
+    """(n,) heights of the local maxima, in arbitrary order.
 
     A maximum is the highest pixel in the square of `2 radius + 1` around it, clipped to the map;
-    adjacent maxima are a plateau and count as one.
+    adjacent maxima form a plateau and count once.
 
     Args:
         values: (h, w).
-        threshold: lower maxima are left out.
-        radius: in pixels.
+        threshold: minimum height of a maximum.
+        radius: radius of the neighborhood in pixels.
     """
     square = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     is_maximum = (values == cv2.dilate(values, square)) & (values >= threshold)
@@ -132,19 +133,19 @@ def normalize(
     rescale: Callable[[FloatMap], FloatMap] = rescale,
     promotion: Callable[[FloatMap, float, int, bool], Any] = promotion,
 ) -> FloatMap:
-    """The operator N: the map scaled to [0, 1] and weighted by how few maxima stand out in it.
+    """The operator N: scales the map to [0, 1] and promotes it if few maxima stand out.
 
     Args:
         values: (h, w).
         method: "local-maxima" weights by `(1 - m)^2` with the mean m of all local maxima,
             "local-maxima-1998" of all but the global one (Itti, Koch & Niebur 1998);
             "iterative" is lateral inhibition (Itti & Koch 2000), "none" only scales.
-        threshold: lower local maxima are ignored.
-        radius: of the neighborhood of a local maximum, as a fraction of the longer side of the
-            map, at least a pixel; None for the 8 neighbors.
-        iterations: of the iterative method.
-        rescale: the scaling, which may be of another array library.
-        promotion: the weight, likewise.
+        threshold: minimum height of the local maxima that count.
+        radius: radius of the neighborhood of a local maximum, as a fraction of the longer side of
+            the map, at least one pixel; None for the 8 neighbors.
+        iterations: number of iterations of the iterative method.
+        rescale: function that scales the map; replaceable for other array libraries.
+        promotion: function that computes the weight; replaceable for other array libraries.
     """
     scaled = rescale(values)
     if method == "iterative":
@@ -165,8 +166,8 @@ def inhibit_laterally(values: FloatMap, iterations: int, min_sigma: float = MIN_
     strong, Gin a wide Gaussian, both renormalized at the borders.
 
     Args:
-        values: (h, w), not negative.
-        iterations: their number.
+        values: (h, w), nonnegative.
+        iterations: number of iterations.
         min_sigma: smallest standard deviation of the Gaussians, in pixels.
 
     Source: Itti & Koch (2000).
@@ -184,7 +185,7 @@ def inhibit_laterally(values: FloatMap, iterations: int, min_sigma: float = MIN_
 
 
 def gaussian_kernel(strength: float, sigma: float, shape: tuple[int, int]) -> FloatMap:
-    """One axis of a Gaussian of a strength, (2 r + 1,), no longer than the map's shorter side."""
+    """(2 r + 1,) one axis of a scaled Gaussian, no longer than the map's shorter side."""
     radius = int(sigma * np.sqrt(-2 * np.log(KERNEL_CUT)))
     max_radius = min(shape) // 2 - 1
     if max_radius > 0:
@@ -203,6 +204,6 @@ def truncated_filter(values: FloatMap, kernel: FloatMap) -> FloatMap:
 
 
 def fraction_inside(kernel: FloatMap, side: int) -> FloatMap:
-    """(side,) sum of the part of a kernel that lies inside an axis, convolved at each sample."""
+    """(side,) sum of the kernel weights that lie inside the axis, for each sample."""
     inside: FloatMap = np.convolve(np.ones(side), kernel)[len(kernel) // 2 :][:side]
     return inside

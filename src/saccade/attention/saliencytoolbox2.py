@@ -1,8 +1,8 @@
 """The steps of the contrast model in Walther & Koch's SaliencyToolbox 2.
 
-Written from a description of what that program computes, which its outputs confirm to the last
-digits. It differs from the equations in brightness, an asymmetric pyramid kernel, borders,
-comparison at the size of the map by nearest neighbors, faded borders and the ranges of N.
+Written from a description of the program's computation; results agree with its outputs to the last
+digits. It differs from the equations in the weights of brightness, an asymmetric pyramid kernel,
+borders, nearest-neighbor comparison at the size of the map, faded borders and the ranges of N.
 Borders are "energy-preserving": a kernel is normalized by its part inside the image.
 
 Source: Walther & Koch (2006), *Modeling attention to salient proto-objects*.
@@ -27,7 +27,7 @@ LUMA = (0.298936, 0.587043, 0.114021)
 KERNEL = np.array([1, 5, 10, 10, 5, 1, 1]) / 33
 """Kernel of the pyramids, applied as a convolution."""
 SHORT_KERNELS = {1: np.array([1.0]), 2: np.array([1, 1]) / 2, 3: np.array([1, 2, 1]) / 4}
-"""Kernels that reduce an axis of so few samples to one, where the image is short along either."""
+"""Kernels that reduce an axis of 1, 2 or 3 samples to one, for images with a short side."""
 FEATURE_RANGE = 10.0
 """Maximum of a feature map before it is weighted."""
 SALIENCY_RANGE = 2.0
@@ -37,14 +37,14 @@ FADED_BORDER = 1 / 20
 
 
 def level_shape(shape: Shape, level: int) -> Shape:
-    """Shape of a level: sides are halved and rounded down, but not to less than a pixel."""
+    """Shape of a level: each halving rounds down, to at least one pixel."""
     return max(1, shape[0] >> level), max(1, shape[1] >> level)
 
 
 def split_channels(
     pixels: npt.NDArray[Any], config: ContrastConfig, finest: int
 ) -> tuple[int, dict[ChannelName, FloatMap]]:
-    """Level 0, and intensity and opponents there (A.1-A.3)."""
+    """Intensity and color opponency at level 0 (A.1-A.3)."""
     del finest
     rgb = whole_levels(repeat_gray(in_unit_range(pixels, np.float64)))
     opponents = opponency(rgb, config.color, config.dark)
@@ -52,7 +52,7 @@ def split_channels(
 
 
 def halve(level: FloatMap) -> FloatMap:
-    """Every other sample of the smoothed level, without the last of an odd number (A.4-A.5)."""
+    """Smoothed level, subsampled by two; the last sample of an odd side is dropped (A.4-A.5)."""
     short = min(level.shape) <= max(SHORT_KERNELS)
     for axis in (0, 1):
         side = level.shape[axis]
@@ -66,7 +66,7 @@ def halve(level: FloatMap) -> FloatMap:
 
 
 def orientations(level: FloatMap, config: ContrastConfig) -> list[FloatMap]:
-    """The sum of the magnitudes of an even and an odd response, zero-padded (A.6)."""
+    """Sum of the magnitudes of an even and an odd Gabor response, zero-padded (A.6)."""
     responses = (
         [cv2.filter2D(level, -1, each, borderType=cv2.BORDER_CONSTANT) for each in pair]
         for pair in (gabor_pair(*gabor) for gabor in gabors(config))
@@ -83,7 +83,7 @@ def difference(
 
 
 def normalize(values: FloatMap, config: ContrastConfig, top: float | None = None) -> FloatMap:
-    """N of a map of range [0, top], or of any range."""
+    """N of a map in [0, top]; without `top`, of a map of any range."""
     if config.normalization == "iterative":
         return inhibit_laterally(values, config.iterations, min_sigma=0)
     if config.normalization == "none":
@@ -99,7 +99,7 @@ def normalize_feature(values: FloatMap, config: ContrastConfig) -> FloatMap:
 
 
 def normalize_sum(values: FloatMap, config: ContrastConfig) -> FloatMap:
-    """N of a sum of normalized maps, which keeps its range."""
+    """N of a sum of normalized maps; its range is kept."""
     return normalize(np.maximum(values, 0), config)
 
 
@@ -120,7 +120,8 @@ def saliency(
 def whole_levels(rgb: FloatMap) -> FloatMap:
     """Undoes the rounding of an image of 8 or 16 bit that passed through float32.
 
-    float32 cannot represent k / 255: an image within its precision of whole levels had these.
+    float32 cannot represent k / 255; an image that is within its precision of integer levels is
+    rounded to them.
 
     Args:
         rgb: (H, W, 3) float64.
@@ -134,7 +135,7 @@ def whole_levels(rgb: FloatMap) -> FloatMap:
 
 
 def nearest(values: FloatMap, shape: tuple[int, int]) -> FloatMap:
-    """The map at another size by nearest neighbors, the lower one at a tie."""
+    """The map resized by nearest neighbors; ties take the lower index."""
     rows, columns = (
         (2 * np.arange(1, new + 1) - 1) * old // (2 * new)
         for old, new in zip(values.shape, shape, strict=True)
@@ -143,7 +144,7 @@ def nearest(values: FloatMap, shape: tuple[int, int]) -> FloatMap:
 
 
 def fade_borders(values: FloatMap) -> FloatMap:
-    """The map times a linear ramp from 0 at each border."""
+    """The map multiplied by a linear ramp that starts from 0 at each border."""
     width = int(max(values.shape) * FADED_BORDER + 0.5)
     faded = values.copy()
     for k in range(1, min(width, *values.shape) + 1):
@@ -166,10 +167,10 @@ def rescale(values: FloatMap, top: float) -> FloatMap:
 
 
 def promote_by_maxima(values: FloatMap, top: float, threshold: float) -> FloatMap:
-    """The map times `(top - m)^2`, m the mean of the local maxima; `top^2` for one or none.
+    """The map times `(top - m)^2`, with the mean m of the local maxima; `top^2` for 0 or 1 maximum.
 
-    A local maximum is no border pixel, reaches the threshold, and none of its four neighbors is
-    higher. Where there is none the toolbox stops with an error.
+    A local maximum lies off the border, reaches the threshold and is at least as high as its four
+    neighbors. Without any maximum the toolbox stops with an error.
     """
     middle = values[1:-1, 1:-1]
     higher = np.zeros(middle.shape, bool)

@@ -5,11 +5,11 @@ Two layers of leaky integrators have one cell each per cell of the map:
     map layer      V[t+1] = V + dt ((drive S - V) / tau_V - g V)
     winner layer   W[t+1] = W + dt (gain V[t+1] - W) / tau_W
 
-The first W over the threshold is a fixation. It raises the conductance g in a disc around the
-winner, which suppresses the map layer there until g has decayed. Two steps later an interneuron
+The first W to exceed the threshold becomes a fixation. It raises the conductance g in a disc around
+the winner, which suppresses the map layer there until g has decayed. Two steps later an interneuron
 resets the whole winner layer, and the competition starts again.
 
-In place of a disc the region of the attended proto-object may be inhibited: Walther & Koch (2006),
+Instead of a disc, the region of the attended proto-object may be inhibited: Walther & Koch (2006),
 *Modeling attention to salient proto-objects*.
 """
 
@@ -32,50 +32,51 @@ from saccade.types import BoolArray, FloatArray, Scanpath
 _logger = logging.getLogger(__name__)
 
 REGION_HEIGHT = 0.05
-"""Height at which a proto-object ends, as a fraction of that of the winner."""
+"""Minimum height of a proto-object's cells, as a fraction of the winner's height."""
 REGION_AREA = 0.1
-"""Fraction of the map; a larger region is background."""
+"""Maximum area of a proto-object, as a fraction of the map; larger regions are background."""
 REGION_MARGIN = 2
-"""Radius of its dilation, in cells."""
+"""Radius of the dilation of a proto-object, in cells."""
 
 
 @dataclass(frozen=True)
 class ScanpathConfig(Settings):
-    """The winner-take-all network; potentials in volts.
+    """Settings of the winner-take-all network; potentials are in volts.
 
-    The disc of the default was chosen by the similarity of its paths to those of people, see
+    The default disc was chosen by the similarity of scanpaths to human scanpaths, see
     docs/scanpaths.md; the presets follow their sources.
 
     Source: Itti, Koch & Niebur (1998), with the constants published with Walther & Koch (2006).
     """
 
     peak: float | None = setting(2.0, above=0)
-    """Value to which the maximum of the map is scaled; None takes the map as it is."""
+    """Maximum of the map after scaling; None disables scaling."""
     time_step: float = setting(1e-4, above=0)
     """Time step of the network, in seconds."""
     time_limit: float = setting(10.0, above=0)
-    """Seconds after which the scanpath ends, however many fixations were made."""
+    """Maximum duration of the scanpath, in seconds."""
     drive: float = setting(0.01, above=0)
-    """Equilibrium of the map layer per saliency."""
+    """Equilibrium potential of the map layer per unit of saliency."""
     background: float = setting(1e-5)
-    """Saliency added to every cell that has any."""
+    """Saliency added to every cell with nonzero saliency."""
     map_time_constant: float = setting(0.5, above=0)
     """Time constant of the map layer, in seconds."""
     gain: float = setting(5.0, above=0)
-    """Equilibrium of the winner layer per potential of the map layer."""
+    """Equilibrium potential of the winner layer per potential of the map layer."""
     winner_time_constant: float = setting(0.1, above=0)
     """Time constant of the winner layer, in seconds."""
     threshold: float = setting(1e-3, above=0)
-    """Potential over which a winner cell spikes."""
+    """Firing threshold of a winner cell."""
     reset: float = setting(-0.02, maximum=0)
-    """Potential to which the winner layer is reset."""
+    """Potential of the winner layer after a reset."""
     inhibition_sigma: float = setting(0.015, above=0)
-    """Standard deviation of the disc of inhibition of return, a Gaussian, as a fraction of the
-    longer side of the map."""
+    """Standard deviation of the Gaussian disc of inhibition of return, as a fraction of the longer
+    side of the map."""
     inhibition_strength: float = setting(2e6, above=0)
     """Conductance over capacitance at the center of the disc, per second and volt of V."""
     inhibition_surround: float = setting(1e-4, 0, below=1)
-    """Fraction of the strength of inhibition that excites a surround four times as wide."""
+    """Strength of the excitatory surround, four times as wide as the disc, as a fraction of the
+    strength of inhibition."""
     inhibition_time_constant: float = setting(1.0, above=0)
     """Time constant of the inhibition of return, in seconds."""
 
@@ -87,18 +88,18 @@ class ScanpathConfig(Settings):
 
     @classmethod
     def itti1998(cls) -> Self:
-        """Inhibition of the focus of attention of Itti, Koch & Niebur (1998).
+        """Inhibition of return as in Itti, Koch & Niebur (1998).
 
-        That is a disc with a radius of a sixth of the shorter side; the Gaussian falls to a ninth
-        at its edge in an 8:5 image.
+        The radius of the disc is a sixth of the shorter side; in an 8:5 image the Gaussian falls to
+        a ninth at its edge.
         """
         return cls(inhibition_sigma=0.05)
 
     @classmethod
     def saliencytoolbox2(cls) -> Self:
-        """SaliencyToolbox 2 (Walther & Koch 2006): a narrower disc, and the map as it is.
+        """SaliencyToolbox 2 (Walther & Koch 2006): a narrower disc and an unscaled map.
 
-        For the maps of `ContrastConfig.saliencytoolbox2`, whose values are the toolbox's.
+        For the maps of `ContrastConfig.saliencytoolbox2`, which have the toolbox's range.
         """
         return cls(peak=None, inhibition_sigma=0.025)
 
@@ -112,23 +113,24 @@ def scanpath(
 ) -> Scanpath:
     """The first fixations on a saliency map.
 
-    Of several cells that reach the threshold in one step the first wins, down the columns and
-    then from left to right. Cells without saliency never win: an empty map has no fixations,
-    and a sparse one may have fewer than `fixations`.
+    If several cells reach the threshold in one step, the first in column-major order wins. Cells
+    without saliency never win, so that an empty map has no fixations and a sparse map may have
+    fewer than `fixations`.
 
     Args:
-        maps: result of a model, or `SaliencyMaps(saliency, image.shape)` of any other map.
-        config: the network.
+        maps: result of a model, or `SaliencyMaps(saliency, image.shape)` for any other map.
+        config: settings of the network.
         fixations: maximum number of fixations.
-        region: the (h, w) cells that are inhibited after the cell (row, column) has won, or None
-            for the disc; `partial(proto_object, maps)` gives the shape of the attended object.
+        region: function that returns the (h, w) mask of cells to inhibit after cell (row, column)
+            has won, or None for the disc; `partial(proto_object, maps)` inhibits the attended
+            object.
 
     Returns:
         Fixations at the centers of the winning cells, see `saccade.scale.pyramid.cell_centers`.
 
     Raises:
-        ImageError: the map is not two-dimensional, is empty, not finite, or negative somewhere;
-            or the image has no pixels, or fits the map only with its sides swapped.
+        ImageError: the map is not two-dimensional, is empty, not finite or negative; or the image
+            has no pixels, or height and width appear swapped.
         ConfigError: `fixations` is negative.
     """
     config = config or ScanpathConfig()
@@ -156,7 +158,7 @@ def scanpath(
 
 
 def checked_map(saliency: FloatMap, image_shape: tuple[int, int]) -> FloatArray:
-    """A saliency map in double precision.
+    """Validates a saliency map and converts it to double precision.
 
     Raises:
         ImageError: as `scanpath`.
@@ -181,12 +183,12 @@ def checked_map(saliency: FloatMap, image_shape: tuple[int, int]) -> FloatArray:
 
 
 def _covers(h: int, w: int, height: int, width: int) -> bool:
-    """Whether a map may be a reduced image, with each side rounded up or down."""
+    """Whether the map's shape is the image's shape divided by a factor, rounded up or down."""
     return (w - 1) * height < (h + 1) * width and (h - 1) * width < (w + 1) * height
 
 
 def network_of(config: ScanpathConfig, shape: tuple[int, ...]) -> Network:
-    """The constants of the network per time step, for a map of a shape."""
+    """Constants of the network per time step, for a map of a given shape."""
     dt = config.time_step
     return Network(
         map_rate=dt / config.map_time_constant,
@@ -203,19 +205,18 @@ def network_of(config: ScanpathConfig, shape: tuple[int, ...]) -> Network:
 
 
 def proto_object(maps: ContrastMaps, row: int, column: int) -> BoolArray | None:
-    """The region around a cell in the feature map that contributed most to it.
+    """Region of the proto-object at a cell (Walther & Koch 2006).
 
-    Of the conspicuity map that is highest at the cell, the feature map that is highest there is
-    taken. The region is its connected component of at least 5 % of the height at the cell, dilated
-    by a disc.
+    The region is taken from the strongest feature map at the cell, within the strongest conspicuity
+    map: the connected component of at least 5 % of the height at the cell, dilated by a disc.
 
     Args:
-        maps: with features, as `contrast_saliency(..., keep_features=True)` gives them.
-        row: of the cell in the saliency map.
-        column: of the cell.
+        maps: contrast maps with features, from `contrast_saliency(..., keep_features=True)`.
+        row: row of the cell in the saliency map.
+        column: column of the cell.
 
     Returns:
-        (h, w) mask; None where the region would be empty or over a tenth of the map.
+        (h, w) mask; None if the region is empty or larger than a tenth of the map.
 
     Raises:
         ImageError: the maps hold no features, or the cell lies outside.
@@ -236,10 +237,10 @@ def proto_object(maps: ContrastMaps, row: int, column: int) -> BoolArray | None:
 
 
 def region_around(values: FloatMap, row: int, column: int) -> BoolArray | None:
-    """The dilated connected component about a cell, above a fraction of its height.
+    """Dilated connected component around a cell, above a fraction of its height.
 
-    The fraction is 5 %, doubled while the region would be a tenth of the map or more; None where
-    no fraction up to 1 suffices.
+    The fraction starts at 5 % and doubles while the region covers a tenth of the map or more;
+    returns None if the region stays too large.
     """
     height = float(values[row, column])
     fraction = REGION_HEIGHT

@@ -1,6 +1,6 @@
 """Stochastic scanpaths: the probability of the next fixation, and samples of it.
 
-The next fixation is drawn from a product over the cells of a saliency map,
+The next fixation is drawn from the cells of a saliency map with the probability
 
     p(x | x_1 ... x_n)  ~  (S(x) + floor)^exponent  C(x)  K(x - x_n)  prod_k (1 - I_k(x))
 
@@ -10,12 +10,12 @@ decaying inhibition of return by the k-th fixation:
     K(d, theta, phi)  ~  (1 + d^2 / s^2)^-nu  (1 + h cos 2 theta)  (1 + p cos phi)
     I_k(x)  =  a r^(n - k) exp(-|x - x_k|^2 / (2 sigma^2))
 
-with the amplitude d of the saccade, its direction theta from the horizontal, and the angle phi by
-which it turns from the saccade before. The kernel is a constrained Levy flight: heavy tails of the
+with the amplitude d of the saccade, its direction theta from the horizontal, and the turning angle
+phi relative to the previous saccade. The kernel is a constrained Levy flight: heavy tails of the
 amplitude as in Boccignone & Ferraro (2004), *Modelling gaze shift as a constrained random walk*;
-the product of saliency, a window about the gaze and inhibition by past fixations is that of
-SceneWalk (Engbert, Trukenbrod, Barthelme & Wichmann 2015, *Spatial statistics and attentional
-dynamics in scene viewing*). Fixation durations are gamma distributed.
+the product of saliency, a window around the gaze and inhibition by past fixations follows SceneWalk
+(Engbert, Trukenbrod, Barthelme & Wichmann 2015, *Spatial statistics and attentional dynamics in
+scene viewing*). Fixation durations are gamma distributed.
 """
 
 from dataclasses import dataclass
@@ -39,57 +39,59 @@ from saccade.scale.pyramid import cell_centers, resize
 from saccade.types import FloatArray, IntArray, Scanpath, ScanpathSamples
 
 BEAM_CELLS = 25
-"""Most cells a side on which a path is searched."""
+"""Maximum cells per side of the map in the beam search."""
 MAX_TRIALS = 400
-"""Proposals of a fixation before it is drawn from the density of all cells, which takes longer."""
+"""Maximum number of rejections before a fixation is drawn from the full density, which is
+slower."""
 
 
 @dataclass(frozen=True)
 class ScanpathModelConfig(Settings):
     """Parameters of the scanpath model; lengths are fractions of the longer side of the image.
 
-    The default was fitted by likelihood to the maps of `attention_saliency` and people who looked
-    at photographs freely; docs/scanpaths.md has the data and the scores.
+    The default was fitted by maximum likelihood to free-viewing fixations on photographs, with the
+    maps of `attention_saliency`; docs/scanpaths.md has the data and the scores.
     """
 
     exponent: float = setting(0.99, 0, 20)
-    """Exponent of the saliency, which is scaled to a maximum of 1."""
+    """Exponent of the saliency, after scaling to a maximum of 1."""
     floor: float = setting(0.0022, 1e-9, 1e9)
-    """Saliency added everywhere: places without any are looked at, too."""
+    """Saliency added everywhere, since regions without saliency are fixated too."""
     smoothing: float = setting(0.0, 0, 1)
-    """Standard deviation of a Gaussian by which the saliency is smoothed before."""
+    """Standard deviation of the Gaussian that smooths the saliency first."""
     center_sigma: float | None = setting(0.37, 0.01, 100)
     """Standard deviation of the center bias as a fraction of each side; None for no bias."""
     center_height: float = setting(0.0, -0.5, 0.5)
     """Height of the center bias above the middle of the image, as a fraction of its height."""
     border_distance: float | None = setting(None, 0.01, 100)
-    """Distance from the border, as a fraction of each side, within which there is less to look at;
-    see `saccade.attention.normalize.position_prior`. None for no such factor."""
+    """Width of the border prior, as a fraction of each side; see
+    `saccade.attention.normalize.position_prior`. None for no border prior."""
     amplitude_scale: float = setting(0.009, 1e-3, 1e3)
-    """Amplitude from which the kernel falls as a power."""
+    """Scale of the saccade amplitude; beyond it the kernel follows a power law."""
     amplitude_exponent: float = setting(0.57, 0, 20)
-    """Half of the negative power of the amplitude as which the kernel falls; 1.5 is Cauchy's."""
+    """Exponent nu of the amplitude kernel, which falls with the power -2 nu; 1.5 is a Cauchy
+    distribution."""
     horizontal: float = setting(0.2, -0.99, 0.99)
-    """Preference of horizontal (1) over vertical (-1) saccades."""
+    """Preference for horizontal (1) over vertical (-1) saccades."""
     persistence: float = setting(0.32, -0.99, 0.99)
-    """Preference of going on in the direction of the last saccade (1) over turning back (-1)."""
+    """Preference for continuing in the direction of the last saccade (1) over reversing it (-1)."""
     inhibition: float = setting(0.26, 0, 0.999)
-    """Fraction by which the current fixation inhibits its own place."""
+    """Fraction by which the current fixation inhibits its own position."""
     inhibition_sigma: float = setting(0.17, 1e-3, 10)
-    """Standard deviation of the inhibited disc, a Gaussian."""
+    """Standard deviation of the Gaussian disc of inhibition."""
     inhibition_decay: float = setting(0.8, 0, 1)
-    """Fraction of the inhibition that a further fixation leaves."""
+    """Fraction of the inhibition that remains after another fixation."""
     duration_mean: float = setting(0.217, 1e-3, 1e3)
     """Mean duration of a fixation, in seconds."""
     duration_shape: float = setting(3.56, 1e-2, 1e4)
-    """Shape of the gamma distribution of durations: squared mean over variance."""
+    """Shape parameter of the gamma distribution of durations: squared mean over variance."""
 
     @classmethod
     def similar(cls) -> Self:
-        """Paths that are more similar to people's by ScanMatch, and less various than these.
+        """Paths closer to human scanpaths by ScanMatch, but less varied than human scanpaths.
 
-        They keep to the most salient places, and to the center; the parameters were searched for by
-        similarity at people's mean amplitude. As a density of people's fixations it is worse than
+        The paths stay near the most salient regions and the center; the parameters maximize the
+        similarity at the human mean amplitude. As a density of human fixations they are worse than
         the default.
         """
         return cls(
@@ -107,9 +109,9 @@ class ScanpathModelConfig(Settings):
 
     @classmethod
     def typical(cls) -> Self:
-        """Parameters of `most_probable_scanpath`: the path that is most similar to people's.
+        """Parameters of `most_probable_scanpath`: the path most similar to human scanpaths.
 
-        Chosen by ScanMatch at people's mean amplitude. A density with these parameters predicts
+        Chosen by ScanMatch at the human mean amplitude. A density with these parameters predicts
         single fixations worse than the default; docs/scanpaths.md has the scores.
         """
         return cls(
@@ -130,7 +132,7 @@ class ScanpathModelConfig(Settings):
 
     @property
     def dynamics(self) -> Dynamics:
-        """Parameters as the kernels take them."""
+        """Parameters in the form required by the kernels."""
         return Dynamics(*(getattr(self, name) for name in Dynamics._fields))
 
 
@@ -143,24 +145,24 @@ def sample_scanpaths(
     seed: int = 0,
     start: tuple[float, float] | None = None,
 ) -> ScanpathSamples:
-    """Scanpaths drawn from the model.
+    """Draws scanpaths from the model.
 
-    Equal arguments give equal paths on any number of threads; the first paths are the same
-    whatever `count` is.
+    Equal arguments give equal paths for any number of threads, and the first paths do not depend on
+    `count`.
 
     Args:
-        maps: result of a model, or `SaliencyMaps(saliency, image.shape)` of any other map; its
-            saliency without center bias is used, since the scanpath model has one.
+        maps: result of a model, or `SaliencyMaps(saliency, image.shape)` for any other map; the
+            saliency without center bias is used, since the scanpath model has its own center bias.
         config: the model.
         count: number of paths.
         fixations: number of fixations of each path.
-        seed: of the random numbers.
-        start: x and y of the fixation before the first, in image pixels, which is not part of
-            the paths; None for the center of the image.
+        seed: seed of the random numbers.
+        start: x and y of the initial fixation in image pixels, which is not part of the paths; None
+            for the center of the image.
 
     Returns:
-        Paths whose fixations are uniformly distributed within the cells that were drawn; their
-        first fixation begins when the one at `start` ends.
+        Paths with fixations uniformly distributed within the drawn cells; time starts when the
+        fixation at `start` ends.
 
     Raises:
         ImageError: as `saccade.scanpath`; or `start` lies outside the image.
@@ -203,19 +205,19 @@ def most_probable_scanpath(
 ) -> Scanpath:
     """The most probable path of the scanpath model, by beam search.
 
-    The probability of a path is the product of its `next_fixation_density`, on a map of at most
-    25 cells a side, since neighbors of a cell are about as probable; each fixation is then put on
-    the most salient of the cells of `saliency` that the found one covers.
+    The probability of a path is the product of its values of `next_fixation_density`, on a map of
+    at most 25 cells per side. Each fixation is then moved to the most salient cell of `saliency`
+    within the coarse cell.
 
     Args:
         maps: as for `sample_scanpaths`.
         config: the model; by default `ScanpathModelConfig.typical()`.
         fixations: number of fixations of the path.
-        beam: number of paths that are kept after each fixation.
-        start: x and y of the fixation before the first, in image pixels; None for the center.
+        beam: number of paths kept after each fixation.
+        start: x and y of the initial fixation in image pixels; None for the center.
 
     Returns:
-        Fixations whose times are those of fixations of the mean duration.
+        Fixations, with times that assume the mean duration.
 
     Raises:
         ImageError: as `saccade.scanpath`; or `start` lies outside the image.
@@ -238,7 +240,7 @@ def most_probable_scanpath(
         options = np.empty((len(paths), coarse.size))
         for path, row in zip(paths, options, strict=True):
             fill_density(config.dynamics, grid, path, density)
-            with np.errstate(divide="ignore"):  # far from a narrow center it is 0
+            with np.errstate(divide="ignore"):  # the density is 0 far from a narrow center bias
                 np.log(density, out=row)
         options += logs[:, None]
         best = np.argsort(-options, axis=None, kind="stable")[:beam]
@@ -258,7 +260,7 @@ def next_fixation_density(
     xy: npt.ArrayLike,
     config: ScanpathModelConfig | None = None,
 ) -> FloatArray:
-    """The probability of each cell of a map to hold the next fixation.
+    """Probability that the next fixation falls in each cell of the map.
 
     Args:
         maps: as for `sample_scanpaths`.
@@ -266,7 +268,7 @@ def next_fixation_density(
         config: the model.
 
     Returns:
-        (h, w), of sum 1.
+        (h, w), with a sum of 1.
 
     Raises:
         ImageError: as `saccade.scanpath`; or there is no fixation, or one outside the image.
@@ -285,16 +287,17 @@ def scanpath_log_likelihood(
     *,
     start: tuple[float, float] | None = None,
 ) -> FloatArray:
-    """Logarithm of the probability density of each fixation, given those before it.
+    """Log-likelihood of each fixation given the earlier fixations.
 
     Args:
         maps: as for `sample_scanpaths`.
         xy: (n, 2) fixations in image pixels.
         config: the model.
-        start: x and y of the fixation before the first; None for the center of the image.
+        start: x and y of the initial fixation; None for the center of the image.
 
     Returns:
-        (n,) natural logarithms of densities per square pixel; their sum is that of the path.
+        (n,) natural logarithms of densities per square pixel; their sum is the log-likelihood of
+        the path.
 
     Raises:
         ImageError: as `saccade.scanpath`; or a fixation lies outside the image.
@@ -312,7 +315,7 @@ def scanpath_log_likelihood(
 
 
 def _grid(saliency: FloatArray, shape: tuple[int, int], config: ScanpathModelConfig) -> Grid:
-    """The cells of a map with their mass: saliency to its power, times the center bias."""
+    """The cells of a map with their mass: powered saliency times the center bias."""
     (h, w), side = saliency.shape, max(shape)
     u, v = (np.arange(w) + 0.5) / w, (np.arange(h) + 0.5) / h
     if config.smoothing > 0:
@@ -336,7 +339,7 @@ def _grid(saliency: FloatArray, shape: tuple[int, int], config: ScanpathModelCon
 def _most_salient(
     saliency: FloatArray, coarse: tuple[int, ...], cells: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """(n,) row and column of the greatest saliency in each of (n,) cells of a coarser map."""
+    """(n,) rows and columns of the most salient cell within each of (n,) cells of a coarser map."""
     (h, w), found = saliency.shape, []
     for row, column in zip(*np.divmod(cells, coarse[1]), strict=True):
         top, left = row * h // coarse[0], column * w // coarse[1]
@@ -350,13 +353,13 @@ def _most_salient(
 
 
 def _start(start: tuple[float, float] | None, shape: tuple[int, int]) -> FloatArray:
-    """(1, 2) the fixation before the first, by default in the center of an image of (H, W)."""
+    """(1, 2) initial fixation, by default the center of an image of (H, W)."""
     xy = ((shape[1] - 1) / 2, (shape[0] - 1) / 2) if start is None else start
     return np.array([xy], np.float64)
 
 
 def _positions(xy: npt.ArrayLike, shape: tuple[int, int]) -> FloatArray:
-    """(n, 2) pixels as fractions of the longer side, from the corner of an image of (H, W)."""
+    """(n, 2) pixel positions as fractions of the longer side of an image of (H, W)."""
     pixels = np.asarray(xy, np.float64)
     if pixels.ndim != 2 or pixels.shape[1] != 2 or len(pixels) == 0:
         raise ImageError(f"xy: expected fixations of shape (n, 2), found {pixels.shape}")
@@ -366,7 +369,7 @@ def _positions(xy: npt.ArrayLike, shape: tuple[int, int]) -> FloatArray:
 
 
 def _cells(xy: FloatArray, map_shape: tuple[int, ...], shape: tuple[int, int]) -> IntArray:
-    """(n,) number of the cell, row by row, in which each fixation (n, 2) lies."""
+    """(n,) row-major index of the cell that contains each fixation (n, 2)."""
     h, w = map_shape
     columns, rows = np.floor((xy + 0.5) / shape[::-1] * (w, h)).astype(np.int64).T
     return np.asarray(rows.clip(0, h - 1) * w + columns.clip(0, w - 1), np.int64)

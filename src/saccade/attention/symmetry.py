@@ -10,13 +10,13 @@ pixel of every level, the pairs (i, j) of gradients that lie opposite each other
     distance   exp(-d^2 / (2 sigma^2)) / (sigma sqrt(2 pi)), with the distance d of i and j
     symmetry   the sum over the pairs of the product of the three
 
-The authors' release of 2010, inferred from its output (no code of it was read), differs in:
+The authors' release of 2010, inferred from its output alone, differs in the following:
 
 - The weights of red and blue in gray are exchanged, and gray is rounded to 8 bit and divided by
   256. Without the former the maps of colored images correlate by .84 at worst.
 - A level is the previous one filtered by [1 2 1] / 4 along both axes and resized bilinearly. Its
-  sides are half of the previous, rounded down up to the finest level that counts, and from there
-  on to the nearest integer, ties to even.
+  sides are half of the previous, rounded down up to the finest level that counts, and from there on
+  to the nearest integer, ties to even.
 - Gradients reflect about the center of the outermost pixel.
 - The ring of pairs reaches from 3 to 7 pixels: the given radius of 8 is exclusive.
 
@@ -69,9 +69,9 @@ Variant = Literal["mirrored", "kootstra2010"]
 SUMS = {"isotropic": isotropic_sums, "radial": radial_sums}
 
 RADIAL_FRACTION = 1.4
-"""Where a fraction of the pairs lies inside the image their axes are similar, and on noise the
-radial sum is that fraction to this power of the full sum; measured for rings of 1 to 4 and of 3 to
-7 pixels."""
+"""Exponent of the border correction for radial symmetry: with a fraction f of the pairs inside the
+image, the radial sum on noise is f to this power of the full sum. Measured for rings of 1 to 4 and
+of 3 to 7 pixels."""
 
 SWAPPED_LUMA = (0.114, 0.587, 0.299)
 """Weights of red, green and blue in the gray of the release of 2010."""
@@ -81,12 +81,12 @@ SWAPPED_LUMA = (0.114, 0.587, 0.299)
 class SymmetryConfig(Settings):
     """Kind, scales and kernel of the symmetry transform.
 
-    The default predicts human fixations best; docs/symmetry.md says how it was chosen.
+    The default predicts human fixations best; docs/symmetry.md describes how it was chosen.
     """
 
     kind: Kind = "radial"
-    """Weight of the axes of pairs: "isotropic" weighs all alike, "radial" (Reisfeld, Wolfson &
-    Yeshurun 1995) those least that are parallel to the strongest."""
+    """Weighting of the pairs' axes: "isotropic" weights all equally; "radial" (Reisfeld, Wolfson &
+    Yeshurun 1995) gives the least weight to axes parallel to the strongest axis."""
     channels: Channels = "whitened"
     """Channels of the gradients: three decorrelated color channels of unit variance, or the
     intensity of a gray image."""
@@ -95,27 +95,26 @@ class SymmetryConfig(Settings):
     level_weights: tuple[float, ...] = (3.0, 2.0, 1.0, 1.0, 1.0)
     """Weight of each of `levels`."""
     inner: int = setting(1, 1)
-    """Smallest distance of a pair from its center, along x or y, in pixels of its level."""
+    """Minimum distance of a pair from its center, along x or y, in pixels of the level."""
     outer: int = setting(4, 1, 100)
-    """Largest distance of a pair from its center, likewise."""
+    """Maximum distance of a pair from its center, along x or y, in pixels of the level."""
     sigma: float = setting(4.0, 0.1)
-    """Standard deviation of the normal density of the distance between the two, likewise."""
+    """Standard deviation of the Gaussian weight of the pair's distance, in pixels of the level."""
     gain: float = setting(18.0, above=0, maximum=1e6)
-    """Gain of the strength log(1 + gain m) of a gradient, with the magnitude m of Sobel's filters,
-    which is 4 for an edge between black and white."""
+    """Gain of the gradient strength log(1 + gain m), with the Sobel magnitude m, which is 4 at an
+    edge between black and white."""
     border: Border = "average"
-    """Value of pairs that reach beyond the image: the average of the level, or, with
-    "missing", nothing, so that the map has a center bias."""
+    """Value of pairs that extend beyond the image: the "average" of the level, or 0 with "missing",
+    which causes a center bias."""
     map_level: int = setting(4, 0, MAX_LEVEL)
-    """Pyramid level whose size the saliency has."""
+    """Pyramid level that sets the size of the saliency."""
     smoothing: float = setting(0.75, 0)
-    """Standard deviation in cells of the Gaussian that smooths the sum over the levels."""
+    """Standard deviation, in cells, of the Gaussian that smooths the sum over the levels."""
     sharpening: float = setting(2.0, above=0, maximum=100)
-    """Exponent of the saliency scaled to [0, 1]."""
+    """Exponent applied to the saliency scaled to [0, 1]."""
     viewing_size: int | None = setting(800, 1)
-    """Longer side in pixels of an image for which the levels are meant. In an image of twice that
-    size every level is one coarser, in one of half that size one finer; None takes the levels as
-    they are."""
+    """Reference length in pixels of the longer side of an image. Doubling the image size makes
+    every level one coarser and halving it one finer; None uses the levels unchanged."""
     variant: Variant = "mirrored"
     """Computation of the levels: "mirrored" reflects the image at its borders;
     `saccade.attention.symmetry` describes "kootstra2010"."""
@@ -139,7 +138,7 @@ class SymmetryConfig(Settings):
         require(possible, "channels", expected, self.channels)
 
     def at_size(self, shape: tuple[int, int]) -> "SymmetryConfig":
-        """The configuration with the levels for an image of (H, W) pixels.
+        """Returns the configuration with its levels adapted to an image of (H, W) pixels.
 
         No level becomes finer than the image itself, and no map finer than level 1.
         """
@@ -150,9 +149,9 @@ class SymmetryConfig(Settings):
 
     @classmethod
     def kootstra2010(cls) -> Self:
-        """The authors' release of 2010, in gray at levels 3 to 5; the map has the size of level 3.
+        """The authors' release of 2010: gray, levels 3 to 5, map at level 3.
 
-        With `kind="radial"` it is their radial symmetry. For other levels set `map_level` too.
+        `kind="radial"` gives their radial symmetry. If the levels change, set `map_level` too.
         """
         return cls(
             kind="isotropic",
@@ -173,12 +172,12 @@ class SymmetryConfig(Settings):
 
 
 DEFAULT = SymmetryConfig()
-"""The default settings, checked once."""
+"""The default settings, validated once."""
 
 
 @lru_cache(maxsize=64)
 def _coarser(config: SymmetryConfig, levels: int) -> SymmetryConfig:
-    """The configuration with coarser levels; the check of new settings takes a third of a ms."""
+    """The configuration with coarser levels, cached since validation takes a third of a ms."""
     return replace(
         config,
         levels=tuple(level + levels for level in config.levels),
@@ -189,37 +188,38 @@ def _coarser(config: SymmetryConfig, levels: int) -> SymmetryConfig:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SymmetryMaps(SaliencyMaps):
-    """Saliency, in [0, 1], and the symmetry of each level; (h, w) float32."""
+    """Saliency in [0, 1] and the symmetry of each level; (h, w) float32."""
 
     levels: Mapping[int, FloatMap]
-    """(h, w) symmetry by number of the pyramid level, not negative, not scaled."""
+    """(h, w) symmetry by pyramid level, nonnegative and unscaled."""
 
 
 def symmetry_saliency(
     image: Image, config: SymmetryConfig | None = None, *, bgr: bool = False
 ) -> SymmetryMaps:
-    """Saliency from local symmetry.
+    """Symmetry saliency: local mirror symmetry at several scales.
 
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
-        config: kind, scales and kernel; presets name their source.
-        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
+        config: kind, scales and kernel; the presets cite their sources.
+        bgr: True for an image in OpenCV's channel order, as `cv2.imread` returns it.
 
     Returns:
-        Saliency (h, w), h = H / 2**map_level rounded up, with the level of
+        Saliency (h, w), with h = H / 2**map_level rounded up and `map_level` taken from
         `config.at_size((H, W))`, and the symmetry at each level.
 
     Raises:
-        ImageError: not an image, not finite, or too small for a pair at the finest level.
+        ImageError: the input is not an image, not finite, or too small for a pair at the finest
+            level.
 
-    Source: Kootstra, de Boer & Schomaker (2011); the phase weight is that of Reisfeld,
-    Wolfson & Yeshurun (1995).
+    Source: Kootstra, de Boer & Schomaker (2011); phase weight from Reisfeld, Wolfson & Yeshurun
+    (1995).
     """
     return symmetry_maps(check_image(image, bgr=bgr), config)
 
 
 def symmetry_maps(pixels: npt.NDArray[Any], config: SymmetryConfig | None = None) -> SymmetryMaps:
-    """`symmetry_saliency` of a checked image."""
+    """Symmetry saliency of a validated image; see `symmetry_saliency`."""
     shape = pixels.shape[:2]
     config = (config or DEFAULT).at_size(shape)
     pairs = pair_kernel(config.inner, config.outer, config.sigma)
@@ -238,7 +238,7 @@ def symmetry_maps(pixels: npt.NDArray[Any], config: SymmetryConfig | None = None
 def gradient_pyramid(
     pixels: npt.NDArray[Any], config: SymmetryConfig
 ) -> dict[int, list[Gradients]]:
-    """The gradients of each channel by level, for the levels that the image has."""
+    """Gradients of each channel by level, for the levels that exist in the image."""
     levels = existing_levels(pixels.shape[:2], config)
     mirrored = config.variant == "mirrored"
     border = cv2.BORDER_REFLECT if mirrored else cv2.BORDER_REFLECT_101
@@ -263,18 +263,18 @@ def symmetry_at(
 
 
 def complete(sums: Float32Array, fraction: Float32Array) -> Float32Array:
-    """The sums, with the average of the level for the pairs that reach beyond the border.
+    """Corrects the sums at the border, where pairs are missing, by the average of the level.
 
     Args:
-        sums: (h, w) over the pairs inside the image.
-        fraction: (h, w) the fraction of the full sum that these would be in a uniform image.
+        sums: (h, w) sums over the pairs inside the image.
+        fraction: (h, w) sums as fractions of the full sum in a uniform image.
     """
     average = sums.sum(dtype=np.float64) / fraction.sum(dtype=np.float64)
     return sums + (1 - fraction) * np.float32(average)
 
 
 def existing_levels(shape: tuple[int, int], config: SymmetryConfig) -> tuple[int, ...]:
-    """The levels on which an image of this shape has a pixel with a pair about it."""
+    """Levels on which an image of this shape is large enough for a pair."""
     min_longer, min_shorter = 2 * (config.inner + MARGIN) + 1, 2 * MARGIN + 1
 
     def has_pairs(shape: tuple[int, int]) -> bool:
@@ -303,10 +303,10 @@ def shape_of_level(shape: tuple[int, int], level: int, config: SymmetryConfig) -
 def mirrored_channels(
     pixels: npt.NDArray[Any], levels: tuple[int, ...], config: SymmetryConfig
 ) -> dict[int, FloatMap]:
-    """(h, w, c) channels of an image that is mirrored at its borders, by level.
+    """(h, w, c) channels by level, with mirrored image borders.
 
-    The image is halved to the finest level before it is converted: linear channels commute with
-    that, and in 8 bit it is a quarter as large.
+    The image is halved to the finest level before conversion, which commutes with linear channels;
+    an 8-bit image takes a quarter of the memory.
     """
     colors = pixels
     for _ in range(levels[0]):
@@ -322,7 +322,7 @@ def mirrored_channels(
 
 
 def split_channels(colors: FloatMap, channels: Channels) -> FloatMap:
-    """(h, w, c) channels of gray, or of RGB in [0, 1]."""
+    """(h, w, c) channels of a gray or RGB image in [0, 1]."""
     if channels == "whitened":
         return whitened(colors)
     return (colors if colors.ndim == 2 else intensity(colors))[:, :, None]
@@ -331,7 +331,7 @@ def split_channels(colors: FloatMap, channels: Channels) -> FloatMap:
 def gray_levels_2010(
     pixels: npt.NDArray[Any], levels: tuple[int, ...], config: SymmetryConfig
 ) -> dict[int, FloatMap]:
-    """(h, w, 1) gray of the release of 2010, by level."""
+    """(h, w, 1) gray levels as in the release of 2010, by level."""
     gray = in_unit_range(pixels)
     if gray.ndim == 3:
         gray = cv2.transform(gray, np.array([SWAPPED_LUMA]))
@@ -355,21 +355,21 @@ def symmetric_pairs(
     radius: float = 0.0,
     max_pairs: int = 4,
 ) -> SymmetricPairs:
-    """The pairs of gradients that contribute most to the symmetry of a position at each level.
+    """Strongest symmetric pairs of gradients around a position, at each level.
 
-    A pair counts by its phase, strength and distance, times the weight of its level; the weight
-    by which radial symmetry compares axes is left out, since it would hide the strongest.
+    Pairs are ranked by phase, strength and distance, times the weight of the level. The axis weight
+    of radial symmetry is left out, since it would hide the strongest pairs.
 
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         xy: position in image pixels.
         config: as for `symmetry_saliency`.
-        radius: in pixels about the position; each level takes the most symmetric of its cells
+        radius: search radius in pixels around the position; each level uses the most symmetric cell
             within it, or the nearest cell.
         max_pairs: maximum number of pairs per level.
 
     Returns:
-        The pairs, the strongest first; fewer, or none, where nothing is symmetric.
+        The pairs, strongest first; fewer than `max_pairs`, or none, where symmetry is absent.
 
     Raises:
         ImageError: as `symmetry_saliency`, or the position lies outside the image.
@@ -385,7 +385,7 @@ def symmetric_pairs_at(
     radius: float = 0.0,
     max_pairs: int = 4,
 ) -> list[SymmetricPairs]:
-    """`symmetric_pairs` at each position; the symmetry of the image is computed once."""
+    """Symmetric pairs at each position; the symmetry of the image is computed once."""
     require(max_pairs >= 1, "max_pairs", "at least 1", max_pairs)
     require(radius >= 0, "radius", "0 px or more", radius)
     pixels, positions = check_image(image), list(positions)
@@ -407,7 +407,7 @@ def symmetric_pairs_at(
 
 
 def strongest_first(pairs: SymmetricPairs) -> SymmetricPairs:
-    """The pairs of any strength, ordered by it."""
+    """The pairs of nonzero strength in descending order of strength."""
     order = np.argsort(-pairs.strength, kind="stable")
     return pairs[order[pairs.strength[order] > 0]]
 
@@ -415,7 +415,7 @@ def strongest_first(pairs: SymmetricPairs) -> SymmetricPairs:
 def most_symmetric(
     symmetry: FloatMap, xy: tuple[float, float], radius: float, shape: tuple[int, int]
 ) -> tuple[int, int]:
-    """Row and column of the highest cell whose center lies within a radius, or of the nearest."""
+    """Row and column of the highest cell with its center within a radius, or the nearest cell."""
     rows, columns = (index.ravel() for index in np.indices(symmetry.shape))
     distance = np.hypot(*(cell_centers(rows, columns, symmetry.shape, shape) - xy).T)
     near = distance <= max(radius, float(distance.min()))
@@ -431,7 +431,7 @@ def pairs_about(
     level_weight: float,
     image_shape: tuple[int, int],
 ) -> SymmetricPairs:
-    """The pairs about a cell (row, column), in the order of the channels and of the kernel."""
+    """The pairs around a cell (row, column), in the order of channels and kernel."""
     row, column = cell
     height, width = shape = channels[0].strength.shape
     dx, dy = kernel.offsets.T

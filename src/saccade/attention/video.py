@@ -1,13 +1,13 @@
-"""Saliency over time: static saliency, flicker and motion of a video, and a track of the gaze.
+"""Video saliency: static saliency, flicker and motion, with a simulated gaze.
 
 Flicker is the temporal difference of luminance, motion its opponent (Reichardt) correlation in four
-directions. Both compare a frame with an earlier one, which is first moved as the camera has moved
-the scene, and both are then treated as the features of contrast saliency are: differences of center
-and surround over a pyramid, and the normalization N.
+directions. Both compare a frame with an earlier frame, after compensating for camera motion. Like
+the features of contrast saliency, both pass through center-surround differences over a pyramid and
+the normalization N.
 
 Source: Itti, Dhavale & Pighin (2003), *Realistic avatar eye and head animation using a
-neurobiological model of visual attention*. They correlate oriented filters, here it is differences
-of neighboring levels; and they do not subtract the motion of the camera.
+neurobiological model of visual attention*. They correlate oriented filters, where this module
+correlates differences of neighboring levels, and they do not compensate for camera motion.
 """
 
 from collections import deque
@@ -32,33 +32,33 @@ from saccade.scale.pyramid import FloatMap, cell_centers, halve, resize
 from saccade.types import BoolArray, Float32Array, FloatArray, Image
 
 WINDOW = (15, 15)
-"""Pixels around a point whose motion is that of the point."""
+"""Width and height of the tracking window in pixels."""
 CORNERS = 200
-"""Maximum number of points from which the motion of the camera is estimated."""
+"""Maximum number of corners for the estimate of camera motion."""
 QUALITY = 0.01
-"""Minimum quality of these points, as a fraction of that of the best."""
+"""Minimum quality of a corner, as a fraction of the best corner's quality."""
 SPACING = 8
-"""Minimum distance between these points, in pixels."""
+"""Minimum distance between corners, in pixels."""
 RANSAC_DISTANCE = 1.0
-"""Pixels within which a point moves with the camera."""
+"""Maximum residual in pixels of a point that moves with the camera."""
 TILES = 4
 """Number of tiles along each side of the image."""
 MIN_TILES = 5
-"""Minimum number of tiles with points that move with the camera: one object lies in fewer."""
+"""Minimum number of tiles with points that move with the camera; a single object covers fewer."""
 
 
 def tracked(
     before: Float32Array, now: Float32Array, points: Float32Array
 ) -> tuple[Float32Array, BoolArray]:
-    """Where points of an image have moved to, and which were found (pyramidal Lucas-Kanade).
+    """Tracks points from one image to the next (pyramidal Lucas-Kanade).
 
     Args:
-        before: (H, W) in [0, 1].
-        now: the same, later.
+        before: (H, W) earlier image in [0, 1].
+        now: (H, W) later image.
         points: (n, 2) x and y in pixels.
 
     Returns:
-        (n, 2) and (n,).
+        (n, 2) new positions in pixels, and (n,) True for the points that were found.
     """
     first, second = (np.rint(image * 255).astype(np.uint8) for image in (before, now))
     after, found, _ = cv2.calcOpticalFlowPyrLK(first, second, points, points.copy(), winSize=WINDOW)
@@ -66,10 +66,10 @@ def tracked(
 
 
 def camera_motion(before: Float32Array, now: Float32Array) -> FloatArray:
-    """(3, 3) similarity by which most corners of an image have moved, in homogeneous pixels.
+    """Camera motion between two images: (3, 3) similarity in homogeneous pixels.
 
-    It is the identity where too few corners agree, or all of them lie close together: what moves
-    before a uniform background does not move the camera. Arguments as for `tracked`.
+    The result is the identity if too few corners agree or the corners lie close together, since an
+    object moving before a uniform background is not camera motion. Arguments as for `tracked`.
     """
     corners = np.asarray(cv2.goodFeaturesToTrack(before, CORNERS, QUALITY, SPACING), np.float32)
     points = corners.reshape(-1, 2) if corners.ndim == 3 else np.zeros((0, 2), np.float32)
@@ -94,13 +94,13 @@ def moved(
     shape: tuple[int, ...],
     onto: Float32Array | None = None,
 ) -> Float32Array:
-    """An image after a motion.
+    """The image warped by a motion.
 
     Args:
         image: (h, w).
-        motion: (3, 3), homogeneous, in pixels of the same image at a shape (H, W).
-        shape: (H, W).
-        onto: (h, w) where no pixel comes to lie; None for the image.
+        motion: (3, 3) homogeneous motion, in pixels of the image at size `shape`.
+        shape: (H, W) for which the motion is given.
+        onto: (h, w) values where the warped image has no pixel; None for the image itself.
     """
     y, x = (h / H for h, H in zip(image.shape, shape, strict=True))
     scaling = np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])
@@ -114,51 +114,51 @@ def moved(
 CHANGES = ContrastConfig(scales=((1, 3), (2, 4), (3, 5)), scale_weights=(1.0, 1.0, 1.0))
 """Scales and normalization of flicker and motion."""
 SEMISATURATION = 0.05
-"""Change of the luminance, which is in [0, 1], that has half the largest response: the
-normalization alone would raise noise to the height of motion."""
+"""Change of luminance, in [0, 1], with half the maximum response. Without it, the normalization
+would raise noise to the level of motion."""
 DELAY = 0.04
-"""Seconds between the two frames that are compared: the earlier is the nearest to that."""
+"""Nominal delay between the compared frames in seconds; the nearest earlier frame is used."""
 TIME_CONSTANT = 0.1
-"""Seconds of the low-pass filter of the saliency."""
+"""Time constant of the saliency's low-pass filter, in seconds."""
 POOLING = 2.0
-"""Standard deviation in cells of the neighborhood over which correlations are averaged."""
+"""Standard deviation, in cells, of the Gaussian that averages the correlations."""
 REACH = 2
-"""Cells within which a saccade lands on the most salient one."""
+"""Radius in cells within which a saccade lands on the most salient cell."""
 MEMORY = 20
-"""Fixations whose places are followed; the inhibition by earlier ones has decayed."""
+"""Number of past fixations that are tracked; the inhibition by earlier fixations has decayed."""
 
 
 @dataclass(frozen=True)
 class VideoConfig(Settings):
-    """Static saliency and gaze; times are in seconds and hold at any frame rate."""
+    """Settings of static saliency and gaze; times are in seconds, independent of the frame rate."""
 
     static_interval: float = setting(0.1, 0, 2**31)
-    """Time after which the static saliency is computed again, which takes longer than all else;
-    until then it moves with the scene. 0 computes it at each frame."""
+    """Interval between updates of the static saliency, the slowest step; in between, the map is
+    warped with the scene. 0 updates it at each frame."""
     scanpath: ScanpathModelConfig = field(default_factory=lambda: ScanpathModelConfig(exponent=2))
-    """Model of the gaze. The exponent is not fitted: past its onset, people's gazes differ more in
-    a photograph than in a video (Dorr, Martinetz, Gegenfurtner & Barth 2010, *Variability of eye
-    movements when viewing dynamic natural scenes*)."""
+    """Model of the gaze. The exponent is not fitted: after the onset, gazes differ more between
+    subjects in a photograph than in a video (Dorr, Martinetz, Gegenfurtner & Barth 2010,
+    *Variability of eye movements when viewing dynamic natural scenes*)."""
     seed: int = setting(0, 0, 2**31)
     """Seed of the random numbers of the gaze."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class VideoMaps(SaliencyMaps):
-    """Saliency and gaze at a frame; they depend on no later one. Maps are (h, w) float32.
+    """Saliency and gaze at a frame, computed causally. Maps are (h, w) float32.
 
-    The saliency is in [0, 1], and equal to `static` while nothing changes.
+    The saliency is in [0, 1] and equals `static` while nothing changes.
     """
 
     static: Float32Array
-    """Saliency of the frame by itself, or of one up to `static_interval` earlier, moved."""
+    """Static saliency of the frame, or of a frame up to `static_interval` earlier, warped to it."""
     flicker: Float32Array
-    """In [0, 1]; 1 for a single strong change."""
+    """(h, w) flicker in [0, 1]; a single strong change reaches 1."""
     directions: Float32Array
-    """(4, h, w) motion to the right, down, to the left and up relative to the scene; each in
-    [0, 1], 1 for a single thing of high contrast."""
+    """(4, h, w) motion to the right, down, to the left and up relative to the scene, in [0, 1]; a
+    single moving object of high contrast reaches 1."""
     gaze: tuple[float, float]
-    """x and y in pixels of the frame."""
+    """x and y of the gaze in pixels of the frame."""
 
     @property
     def motion(self) -> Float32Array:
@@ -176,23 +176,23 @@ class _Past(NamedTuple):
 
     time: float
     luminance: Float32Array
-    """At the finest level of the scales."""
+    """Luminance at the finest level of the scales."""
     camera: FloatArray
-    """(3, 3) motion of the scene from then to now, in cells of that level."""
+    """(3, 3) motion of the scene since then, in cells of that level."""
 
 
 class VideoSaliency:
-    """Saliency and gaze of a video, frame by frame.
+    """Computes saliency and gaze of a video, frame by frame.
 
-    The gaze begins at the center. It fixates for a time drawn from the scanpath model; then it
-    moves to a cell drawn from `next_fixation_density` of the present saliency, or stays if that is
-    next to it. Meanwhile it follows what it fixates (pursuit), and the inhibition of return follows
-    what was fixated.
+    The gaze starts at the center. Each fixation lasts for a duration drawn from the scanpath model;
+    the next fixation is drawn from `next_fixation_density` of the current saliency, and the gaze
+    stays if it is adjacent. During a fixation the gaze pursues its target, and inhibition of return
+    moves with the earlier targets.
 
     Args:
         config: static saliency and gaze.
-        static: computes the saliency (h, w) of a frame by itself, not negative, which is scaled
-            to a maximum of 1 if it is above; None for that of `attention_saliency`.
+        static: function that returns the nonnegative saliency (h, w) of a single frame, scaled down
+            to a maximum of 1 if necessary; None for `attention_saliency`.
 
     Examples:
         >>> import numpy as np
@@ -221,12 +221,12 @@ class VideoSaliency:
         """Saliency and gaze at the next frame.
 
         Args:
-            frame: (H, W) or (H, W, 3) RGB, of the size of the frames before.
-            time: seconds, more than of the frame before.
+            frame: (H, W) or (H, W, 3) RGB, the same size as earlier frames.
+            time: time in seconds, later than the previous frame.
 
         Raises:
-            ImageError: as `attention_saliency`; or the size has changed.
-            ConfigError: the time is not finite, or not later.
+            ImageError: as `attention_saliency`, or the size has changed.
+            ConfigError: the time is not finite or not later.
         """
         pixels = check_image(frame)
         shape = pixels.shape[0], pixels.shape[1]
@@ -235,7 +235,7 @@ class VideoSaliency:
         require(np.isfinite(time), "time", "a finite number of seconds", time)
         contrast = CHANGES.at_size(shape)
         luminance = luminance_at(pixels, min(center for center, _ in contrast.scales))
-        if not self._shape:  # the first frame is compared with itself
+        if not self._shape:  # the first frame is compared to itself
             self._past = deque([_Past(-np.inf, luminance, np.eye(3))])
         last = self._past[-1]
         require(time > last.time, "time", "later than the frame before", time)
@@ -258,7 +258,7 @@ class VideoSaliency:
         return VideoMaps(saliency, shape, static, changes[0], changes[1:], gaze)
 
     def _compared(self, time: float, camera: FloatArray, now: Float32Array) -> Float32Array:
-        """The earlier luminance nearest to a time, moved with the scene; drops those before."""
+        """The earlier luminance nearest to a time, warped with the scene; discards older frames."""
         self._past = deque(past._replace(camera=camera @ past.camera) for past in self._past)
         nearest = min(self._past, key=lambda past: abs(past.time - time))
         while self._past[0] is not nearest:
@@ -266,7 +266,7 @@ class VideoSaliency:
         return moved(nearest.luminance, nearest.camera, now.shape, onto=now)
 
     def _static_map(self, frame: Image, time: float, camera: FloatArray) -> Float32Array:
-        """The static saliency, or the last one moved with the scene."""
+        """The static saliency, updated if due or else warped with the scene."""
         if time < self._static_due:
             return moved(self._static, camera, self._past[-1].luminance.shape)
         self._static_due = time + self.config.static_interval - 1e-6  # times are rounded
@@ -275,7 +275,7 @@ class VideoSaliency:
 
 
 class _Gaze:
-    """The present fixation, those before it, and when it ends."""
+    """The current and past fixations, and the end time of the current fixation."""
 
     def __init__(self, config: VideoConfig) -> None:
         self._model = config.scanpath
@@ -290,7 +290,7 @@ class _Gaze:
         camera: FloatArray,
         shape: tuple[int, int],
     ) -> None:
-        """Move the fixations with what is there, or with the scene where that is not found."""
+        """Moves each fixation with its target, or with the scene if tracking fails."""
         if len(self._path) == 0:
             return
         last, scale = np.array(shape[::-1]) - 1, np.divide(now.shape, shape)[::-1]
@@ -304,7 +304,7 @@ class _Gaze:
     def move(
         self, saliency: Float32Array, shape: tuple[int, int], time: float
     ) -> tuple[float, float]:
-        """The gaze at a time, after a saccade if the fixation has ended."""
+        """Returns the gaze at a time, after a saccade if the fixation has ended."""
         if len(self._path) == 0:
             self._path = np.array([[(shape[1] - 1) / 2, (shape[0] - 1) / 2]])
             self._end = time + self._duration()
@@ -324,13 +324,13 @@ class _Gaze:
         return float(self._path[-1, 0]), float(self._path[-1, 1])
 
     def _duration(self) -> float:
-        """Duration of a fixation in seconds."""
+        """Draws the duration of a fixation in seconds."""
         shape = self._model.duration_shape
         return float(self._rng.gamma(shape, self._model.duration_mean / shape))
 
 
 def luminance_at(pixels: Image, level: int) -> Float32Array:
-    """A level of the pyramid of the luminance of a checked image, in [0, 1] (A.1, A.4)."""
+    """Luminance of a validated image at a pyramid level, in [0, 1] (A.1, A.4)."""
     for _ in range(level):
         pixels = halve(pixels)
     return np.asarray(intensity(repeat_gray(in_unit_range(pixels))), np.float32)
@@ -346,15 +346,15 @@ def change_maps(
     """Flicker, and motion to the right, down, to the left and up: (5, h, w) in [0, 1].
 
     Args:
-        before: luminance at the finest level of the scales.
-        now: the same, later.
-        contrast: the scales, `at_size` of the image, and the normalization.
-        image_shape: (H, W).
-        map_shape: (h, w).
+        before: earlier luminance, at the finest level of the scales.
+        now: later luminance.
+        contrast: scales, adapted `at_size` of the image, and normalization.
+        image_shape: (H, W) of the frame.
+        map_shape: (h, w) of the maps.
     """
     scales = existing_scales(image_shape, contrast, MIRRORED)["intensity"]
     first = min(scale.center for scale in scales)
-    changes = list[list[Float32Array]]()  # of the levels from the first on
+    changes = list[list[Float32Array]]()  # one for each level
     for _ in range(first, max(scale.surround for scale in scales) + 1):
         coarser = halve(before), halve(now)
         bands = (a - resize(b, a.shape) for a, b in zip((before, now), coarser, strict=True))
@@ -373,11 +373,11 @@ def change_maps(
 
 
 def opponent_motion(before: FloatMap, now: FloatMap) -> list[Float32Array]:
-    """Root of the pooled opponent correlation: right, down, left and up, (h, w) each.
+    """Root of the pooled opponent correlation (Reichardt 1961): right, down, left, up, (h, w) each.
 
-    That to the right is `before(x - 1) now(x) - now(x - 1) before(x)`, and the same of the neighbor
-    on the other side, averaged where the mean over the neighborhood is positive; to the left it is
-    the opposite (Reichardt 1961).
+    The correlation to the right is `before(x - 1) now(x) - now(x - 1) before(x)`, averaged with the
+    same term at x + 1, and pooled over a neighborhood; only positive means count. Motion to the
+    left has the opposite sign.
     """
     correlations = (
         before * cv2.Sobel(now, -1, *axis, ksize=1) - now * cv2.Sobel(before, -1, *axis, ksize=1)

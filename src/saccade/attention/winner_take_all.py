@@ -1,8 +1,8 @@
-"""The winner-take-all network of `saccade.attention.scanpath`, many time steps at once.
+"""The winner-take-all network of `saccade.attention.scanpath`, in strides of many time steps.
 
-While the conductance is held constant the recurrence has a closed form, so that one stride covers
-up to `MAX_STRIDE` steps. A stride in which a cell reaches the threshold is repeated in shorter ones
-until it is a single step.
+With constant conductance the recurrence has a closed form, so that one stride covers up to
+`MAX_STRIDE` steps. If a cell reaches the threshold, the stride is repeated in shorter strides, down
+to a single step.
 """
 
 from collections.abc import Callable
@@ -13,13 +13,13 @@ import numpy as np
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MAX_STRIDE = 100
-"""Largest number of steps in a stride; the inhibition decays by 1 % meanwhile."""
+"""Maximum number of steps in a stride, in which the inhibition decays by 1 %."""
 STRONGEST = 256
-"""Number of cells that are simulated at first: weaker ones rarely win."""
+"""Number of cells simulated at first; weaker cells rarely win."""
 BOUND_MARGIN = 1.01
-"""Factor on the bound of the cells that are not simulated: strides are accurate to 0.2 %."""
+"""Safety factor on the bound of the cells left out; strides are accurate to 0.2 %."""
 POLE_DISTANCE = 1e-9
-"""Smallest distance from the poles of the closed form; rates nearer to one are moved here."""
+"""Minimum distance from the poles of the closed form; closer rates are moved to this distance."""
 RESET_DELAY = 2
 """Steps from a spike to the reset of the winner layer."""
 
@@ -34,19 +34,19 @@ class Network(NamedTuple):
     decay_rate: float
     """Time step over the time constant of the inhibition of return."""
     gain: float
-    """Equilibrium of the winner layer per potential of the map layer."""
+    """Equilibrium potential of the winner layer per potential of the map layer."""
     threshold: float
-    """Potential over which a winner cell spikes."""
+    """Firing threshold of a winner cell."""
     reset: float
-    """Potential to which the winner layer is reset."""
+    """Potential of the winner layer after a reset."""
     inhibition: float
     """Increase of the conductance at the winner, per potential of the winner."""
     surround: float
-    """Fraction of it that excites the surround."""
+    """Excitation of the surround, as a fraction of `inhibition`."""
     sigma: float
     """Standard deviation of the inhibited disc, in cells."""
     last_step: int
-    """Number of steps after which the network stops."""
+    """Maximum number of steps."""
 
 
 class Cells(NamedTuple):
@@ -57,7 +57,8 @@ class Cells(NamedTuple):
     column: IntArray
     """Column of each cell in the map."""
     number: IntArray
-    """Position down the columns of the map: of several over the threshold the lowest wins."""
+    """Column-major index in the map; if several cells exceed the threshold, the lowest index
+    wins."""
     current: FloatArray
     """Input to the map layer per time step."""
 
@@ -71,16 +72,16 @@ def run_network(
     """The winning cells, and the steps in which they spike.
 
     Args:
-        net: constants.
+        net: constants of the network.
         current: (h, w) input to the map layer per time step; a cell of 0 never wins.
         fixations: maximum number of winners.
-        region: the (h, w) cells that are inhibited after the cell (row, column) has won; None, or
-            a result of None, for a disc.
+        region: function that returns the (h, w) mask of cells to inhibit after cell (row, column)
+            has won; None, or a result of None, for a disc.
 
     Returns:
         (n,) rows, (n,) columns and (n,) steps.
     """
-    column, row = np.nonzero(current.T)  # down the columns: of several winners the first counts
+    column, row = np.nonzero(current.T)  # column-major: the first of several winners counts
     order = np.argsort(-current[row, column], kind="stable")
     cells = Cells(row[order], column[order], order, current[row, column][order])
     simulated, found = STRONGEST, None
@@ -98,10 +99,10 @@ def run_strongest(
     fixations: int,
     region: Callable[[int, int], BoolArray | None] | None,
 ) -> tuple[list[int], list[int]] | None:
-    """Indices of the winning cells and their steps; None if a cell that is left out might win.
+    """Indices of the winning cells and their steps; None if a cell left out might win.
 
-    The cells that are left out are bounded by one of the highest current and the lowest conductance
-    of them, which stands last.
+    The last cell bounds the cells left out: it has their highest current and their lowest
+    conductance.
     """
     current = np.append(cells.current[:simulated], BOUND_MARGIN * cells.current[simulated:][:1])
     V, W, g = current.copy(), np.full(len(current), net.reset), np.zeros(len(cells.row))
@@ -140,7 +141,7 @@ def inhibition_by(
     winner: int,
     region: Callable[[int, int], BoolArray | None] | None,
 ) -> FloatArray:
-    """(n,) increase of the conductance of each cell as a fraction of that of a winner."""
+    """(n,) increase of each cell's conductance, as a fraction of the winner's increase."""
     row, column = int(cells.row[winner]), int(cells.column[winner])
     inhibited = None if region is None else region(row, column)
     if inhibited is not None:
@@ -155,9 +156,9 @@ def advance(
 ) -> tuple[FloatArray, FloatArray]:
     """V and W of the cells (n,) after a stride.
 
-    With the conductance of the middle step throughout, `a = 1 - map_rate - g` and
-    `b = 1 - winner_rate`, the potential is `V[j] = P + Q j + (V - P) a^j`, and W is its sum
-    weighted by powers of b. P + Q j is the equilibrium of V; Q is its slope while a strong
+    The conductance is held at its value in the middle of the stride. With `a = 1 - map_rate - g`
+    and `b = 1 - winner_rate`, the potential is `V[j] = P + Q j + (V - P) a^j`, and W is its sum
+    weighted by powers of b. P + Q j is the equilibrium of V, and Q its slope while a strong
     inhibition decays.
     """
     midpoint, b = (steps - 1) / 2, 1 - net.winner_rate
