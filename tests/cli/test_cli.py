@@ -119,7 +119,7 @@ def test_one_bad_image_does_not_stop_the_others(run, tmp_path):
         code, out, err = run(*words, "bad.png", HALLWAY[0], "--out", "out", "--json")
         assert code == 1
         assert "bad.png" in err
-        assert "1 of 2 images left out; the others are in out" in err
+        assert "1 of 2 images left out; out has the other results" in err
         assert [Path(row["image"]).name for row in json.loads(out)["images"]] == ["hallway_1.jpg"]
     found = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"hallway_1.keypoints.npz", "hallway_1.look.npz", "report.html"} < found
@@ -254,7 +254,7 @@ def test_a_machine_without_a_face_detector_says_so(run, monkeypatch):
     monkeypatch.setattr("saccade.face_detection.find_face_detector", lambda model=None: None)
     code, _, err = run("look", ROCKET, "--faces", "auto", "--json")
     assert code == 0
-    assert "OpenCV carries no detector here; faces are left out" in err
+    assert "this OpenCV bundles no detector; faces are left out" in err
 
 
 def test_evaluate_fixations_leaves_out_who_looked_away(run, gazes, tmp_path):

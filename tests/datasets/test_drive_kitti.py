@@ -73,7 +73,7 @@ def test_what_does_not_fit_is_named(folder):
         return path, text
 
     for name, old, new, kind, message in (
-        ("camera.toml", "width = 32", "width = 64", ImageError, "64 x 24 px as the calibration"),
+        ("camera.toml", "width = 32", "width = 64", ImageError, "64 x 24 px as in the calibration"),
         ("times.txt", "3.100000000", "soon", DriveError, "times.txt, line 2: expected a finite"),
         ("times.txt", "3.700000000\n", "", DriveError, "000007.png: expected one of 7 frames"),
         ("times.txt", "3.200000000", "9.9", DriveError, "frames in the order of their times"),

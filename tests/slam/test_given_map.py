@@ -104,7 +104,7 @@ def test_a_second_session_elsewhere_searches_its_start(tmp_path):
     ("text", "message"),
     [
         ("x,z\n1,2\n", r"line 1: expected the columns label, x, y, .*, found no y"),
-        ("id,x,y\n3,1,2\n3,2,2\n", r"line 3: expected a label of its own .*, found 3 again"),
+        ("id,x,y\n3,1,2\n3,2,2\n", r"line 3: expected a unique label .*, found 3 again"),
         ("id,x,y\n2.5,1,2\n", r"line 2: expected a label"),
         ("id,x,y\n", "expected landmarks, found none"),
         ("id,x,y,cov_xx,cov_xy,cov_yy\na,1,2,1,2,1\n", r"line 2: expected a positive definite"),

@@ -1,8 +1,8 @@
 """The command line: a module for each command, imported when it is run.
 
 Data goes to stdout, messages to stderr. Exit 0: done; 1: failed; 2: bad input.
-Environment variables and streams of the process are changed only here, by the entry point: neither
-`import saccade` nor a command called as a function changes them.
+Only the entry point in this module changes environment variables and streams of the process;
+neither `import saccade` nor a command called as a function does.
 """
 
 import gc
@@ -27,50 +27,51 @@ from saccade.io.files import LARGEST_IMAGE, one_line
 TRACEBACK = "SACCADE_TRACEBACK"
 """Environment variable: if set, unexpected errors end with a traceback."""
 OPENCV_LIMITS = {
-    "OPENCV_IO_MAX_IMAGE_PIXELS": str(LARGEST_IMAGE),  # refused by its header, before decoding
-    "OPENCV_FFMPEG_LOGLEVEL": "-8",  # quiet: errors are reported once, by us
+    "OPENCV_IO_MAX_IMAGE_PIXELS": str(LARGEST_IMAGE),  # rejected from the header, before decoding
+    "OPENCV_FFMPEG_LOGLEVEL": "-8",  # quiet: saccade reports errors itself
 }
 """Variables that OpenCV reads once, unless the user has set them."""
 OBJECTS_PER_COLLECTION = 10_000
-"""Number of new objects before Python looks for garbage; with its default of 700, this takes a
-tenth of the time of a first command, because imports and the compiler make a million objects."""
+"""Allocation threshold of the garbage collector. With Python's default of 700, collection takes a
+tenth of the time of a first command, since imports and the compiler allocate a million objects."""
 
 COMMANDS = {
     "Images": {
-        "look": "Compute saliency by contrast and symmetry, and a scanpath.",
+        "look": "Compute saliency maps and a scanpath.",
         "detect": "Detect and describe keypoints.",
-        "match": "Match the keypoints of two images, or of many.",
+        "match": "Match the keypoints of two or more images.",
         "fit": "Fit a saliency model to your own photographs and fixations.",
         "extract": "Extract features of many images into a Parquet data set.",
     },
     "Maps": {
         "slam": "Map the landmarks of a recorded log with an extended Kalman filter.",
         "drive": "Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.",
-        "check": "Check a camera drive for errors before it is mapped.",
+        "check": "Check a camera drive or a landmark log for errors before mapping.",
         "simulate": "Simulate a landmark log or a camera drive, with ground truth.",
     },
     "More": {
         "convert": "Convert a landmark log or extracted keypoints to another format.",
         "textbook": "Walk through the equations of the source with a photograph or a log.",
-        "serve": "Serve a page for photographs (saliency, scanpath, keypoints) and for SLAM.",
+        "serve": "Serve an interactive page for photographs and for SLAM.",
         "demo": "Run look, match, slam and drive on built-in data, and write index.html.",
         "config": "Print a configuration as TOML.",
     },
 }
-"""Commands by panel of the help, with the first lines of their docstrings: NAME is the function
-NAME of the module `saccade.cli.NAME`, which is imported when the command is run."""
+"""Commands by help panel, with the first lines of their docstrings. Command NAME is the function
+NAME in the module `saccade.cli.NAME`, which is imported when the command runs."""
 EVALUATIONS = {
     "Images": {
         "fixations": "Score saliency maps by how well they predict human fixations.",
-        "scanpaths": "Score scanpaths by how similar they are to those of people.",
+        "scanpaths": "Score scanpaths by their similarity to human scanpaths.",
         "features": "Score detectors and descriptors on image pairs related by a homography.",
     },
     "Maps": {
-        "trajectory": "Score trajectories against the truth: absolute and relative errors "
+        "trajectory": "Score trajectories against ground truth: absolute and relative errors "
         "(ATE, RPE).",
     },
 }
-"""Commands of `saccade evaluate`, likewise, of the modules `saccade.cli.evaluate_NAME`."""
+"""Commands of `saccade evaluate` by help panel; NAME is in the module
+`saccade.cli.evaluate_NAME`."""
 
 
 def _shown_default(value: object) -> str | None:
@@ -115,7 +116,7 @@ def run_command(words: Sequence[str]) -> int:
     """Run a command, print its result, and return the exit code.
 
     Raises:
-        CycloptsError: the words are no command, or its options are invalid.
+        CycloptsError: unknown command, or invalid options.
         SaccadeError: invalid input, or failed output.
     """
     _, apps, _ = app.parse_commands(words)
@@ -132,7 +133,7 @@ def run_command(words: Sequence[str]) -> int:
 
 
 def prepare_streams() -> None:
-    """Escape what a stream cannot encode; replace streams that the parent process has closed."""
+    """Escape characters that a stream cannot encode; replace streams that the parent closed."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -145,7 +146,7 @@ def prepare_libraries() -> None:
     """Set a Matplotlib backend without a display and limits of OpenCV; collect garbage less."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
     os.environ["MPLBACKEND"] = "agg"  # figures go into files
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports its font cache
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # silence its remarks on the font cache
     for name, value in OPENCV_LIMITS.items():
         os.environ.setdefault(name, value)
 
@@ -174,7 +175,7 @@ def main() -> None:
     except OSError as error:
         _discard_stdout()
         _end(f"{error.filename or 'standard output'}: {error.strerror or error}", 1)
-    except Exception as error:  # of a library, in an unexpected environment
+    except Exception as error:  # from a library, in an unexpected environment
         if os.environ.get(TRACEBACK):
             raise
         _end(f"{type(error).__name__}: {one_line(error)}; set {TRACEBACK}=1 for a traceback", 1)
@@ -182,7 +183,7 @@ def main() -> None:
 
 
 def _usage_error(error: CycloptsError) -> str:
-    """The error in one line; that of cyclopts for an unknown command imports every command."""
+    """The error in one line, without the imports that cyclopts needs for an unknown command."""
     if not isinstance(error, UnknownCommandError):
         return one_line(error)
     word = "".join((error.unused_tokens or [])[:1])
@@ -191,11 +192,11 @@ def _usage_error(error: CycloptsError) -> str:
 
 
 def _end(message: str, code: int) -> NoReturn:
-    with suppress(OSError):  # of a disk that is full behind stderr too
+    with suppress(OSError):  # stderr may be on a full disk too
         print(f"saccade: {message}", file=sys.stderr)
     sys.exit(code)
 
 
 def _discard_stdout() -> None:
-    """Redirect stdout to the null device, or the interpreter would flush it again at exit."""
+    """Redirect stdout to the null device, so that the interpreter does not flush it at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -19,7 +19,7 @@ LOG_KINDS = ("csv", "g2o", "isam", "mrclam")
 LOG_SUFFIXES = (".csv", ".g2o", ".isam", ".graph", ".txt")
 """Suffixes of landmark logs."""
 LOG_FILES = (LOG_FILE, "Barcodes.dat")
-"""Files that make a folder a landmark log."""
+"""Files that identify a folder as a landmark log."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class CheckOptions(JsonOptions, LogOptions, DriveOrLog):
     """Format of a drive: kitti, tum-rgbd, rosbag, tracks, folder or video; of a log: csv, g2o, isam
     or mrclam; detected by default."""
     frames: int = setting(300, 40)
-    """Number of frames to inspect, spread over a longer drive; at least 40."""
+    """Number of frames to inspect, evenly spaced over the drive; at least 40."""
 
     @property
     def is_log(self) -> bool:
@@ -50,16 +50,17 @@ class CheckOptions(JsonOptions, LogOptions, DriveOrLog):
 
 
 def check(options: CheckOptions) -> Result:
-    """Check a camera drive or a landmark log for errors before it is mapped.
+    """Check a camera drive or a landmark log for errors before mapping.
 
-    In a drive, compares odometry with visual motion (sign, scale, time offset,
+    Drives: compares odometry with visual motion (sign, scale, time offset,
     noise, camera extrinsics), and detects repeated, black, blurred and missing
     frames, and stereo pairs that are not rectified.
 
-    In a log, compares observations of the same landmark through odometry under
-    other units, signs, axes, sensor mountings, orders of motion and clocks.
+    Logs: compares repeated observations of each landmark, given the odometry,
+    under alternative units, signs, axes, sensor mountings, orders of motion and
+    clocks.
 
-    Exit code 0: no problem was found; 1: at least one was found.
+    Exit code 0: no problem found; 1: at least one problem found.
 
     Example: saccade check kitti/07
     """

@@ -20,14 +20,14 @@ class ConfigOptions(Options):
     preset: Annotated[str | None, Parameter(("--preset", "-p"), metavar="NAME")] = None
     """Print this preset, not the default."""
     every: Annotated[bool, Parameter("--all")] = False
-    """Print every preset, each as a table of its name."""
+    """Print every preset, one table each."""
 
 
 def config(options: ConfigOptions) -> None:
     """Print a configuration as TOML.
 
     Save the output to a file, edit it, and pass it to a command with --config.
-    The output of --all is for reading: it has a table for each preset.
+    The output of --all is for reading only: it has one table per preset.
 
     Example: saccade config sift --preset opencv > sift.toml
     """

@@ -13,7 +13,7 @@ from saccade.extras import import_optional
 
 @dataclass(frozen=True)
 class FileArguments(Options):
-    """What to convert, and where to."""
+    """Input and output of the conversion."""
 
     log: str
     """Landmark log: a file, folder or ROS bag; or keypoints of saccade extract."""
@@ -26,18 +26,19 @@ class ConvertOptions(LogOptions, JsonOptions, FileArguments):
     """Options of `saccade convert`."""
 
     to: Annotated[str | None, OUTPUT] = None
-    """Format of FILE: csv or g2o; of keypoints colmap or hdf5; given by its suffix by default."""
+    """Format of FILE: csv or g2o for logs, colmap or hdf5 for keypoints; by default from its
+    suffix."""
 
 
 def convert(options: ConvertOptions) -> Result:
     """Convert a landmark log or extracted keypoints to another format.
 
-    Of a log csv keeps everything but the true landmarks; its header names the
-    columns. g2o is a pose graph as text, without time stamps; it needs the
-    identity of every landmark.
+    Landmark logs: csv keeps everything except the true landmarks; its header
+    names the columns. g2o is a pose graph in text form, without time stamps;
+    it requires the identity of every landmark.
 
-    Of keypoints colmap (database, .db) and hdf5 (in the layout of hloc, .h5)
-    are one file for all images.
+    Keypoints: colmap (database, .db) and hdf5 (in the layout of hloc, .h5)
+    write one file for all images.
 
     Example: saccade convert victoria_park.txt park.g2o
     """
@@ -53,7 +54,7 @@ def convert(options: ConvertOptions) -> Result:
 
 
 def _convert_points(folder: str, file: Path, to: str | None) -> dict[str, Any]:
-    """Write the keypoints of a data set in the format of another program."""
+    """Export the keypoints of a data set to COLMAP or hloc."""
     import_optional("pyarrow", "parquet")
     from saccade.batch.dataset import EXPORTS, export_points
 

@@ -20,11 +20,11 @@ from saccade.slam import Recorder
 from saccade.viewing.report import ReportBuilder
 
 LEAD = (
-    "An image goes in, attention says where to look, interest points say what to keep, "
-    "landmarks say where things are, and a map comes out. Photograph of a cat: Stefan van der "
-    "Walt, CC0; of a hallway: RTAB-Map samples, BSD-3. Log of Victoria Park, Sydney: J. Guivant "
-    "and E. Nebot, as distributed with GTSAM, BSD. The last drive is simulated: a robot turns its "
-    "camera to where it expects to learn most about its pose and the map."
+    "Attention selects where to look in an image, interest points select what to keep, the "
+    "filter turns them into landmarks, and the result is a map. Photograph of a cat: Stefan van "
+    "der Walt, CC0; of a hallway: RTAB-Map samples, BSD-3. Log of Victoria Park, Sydney: J. "
+    "Guivant and E. Nebot, as distributed with GTSAM, BSD. The last drive is simulated: a robot "
+    "points its camera where it expects the most information about its pose and the map."
 )
 SEED = 0
 """Seed of the simulated drive."""
@@ -42,8 +42,8 @@ class DemoOptions(JsonOptions):
 def demo(options: DemoOptions = DemoOptions()) -> Result:
     """Run look, match, slam and drive on built-in data, and write index.html.
 
-    Everything needed ships with the package. The first run also compiles, for
-    up to a minute.
+    All data ships with the package. The first run takes up to a minute longer,
+    to compile.
 
     Example: saccade demo --out saccade-demo
     """

@@ -44,13 +44,13 @@ class DetectorOptions(SettingsOptions):
     max_keypoints: Annotated[int | None, Parameter("--max", metavar="N")] = setting(None, 1)
     """Keep only the N strongest keypoints, at least 1."""
     spread: bool = False
-    """With --max: keep keypoints spread over the image."""
+    """Distribute the keypoints of --max evenly over the image."""
 
     def detector_of_settings(self) -> Any:
         """A `Sift`, `Must` or `SymRoid`.
 
         Raises:
-            ConfigError: a setting that the detector does not have.
+            ConfigError: the detector lacks a setting.
         """
         settings = self.settings(self.detector)
         if self.max_keypoints is not None:
@@ -63,7 +63,7 @@ class DetectorOptions(SettingsOptions):
 
 
 def keypoints_of(detections: Keypoints | Regions) -> Keypoints:
-    """The keypoints themselves, or those of regions."""
+    """The detections as keypoints; regions are reduced to their centers' keypoints."""
     return detections.keypoints if isinstance(detections, Regions) else detections
 
 
@@ -85,21 +85,21 @@ class DetectOptions(DetectorOptions, JsonOptions, ImageArguments):
 
     out: OutputFolder = Path("saccade-detect")
     formats: Annotated[list[Format] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))] = None
-    """Output format: of the keypoints, npz by default, and of the figures, png by default; several
-    with commas."""
+    """Output formats for keypoints (npz by default) and figures (png by default), separated by
+    commas."""
     camera: CameraModel = None
 
 
 def detect(options: DetectOptions) -> Result:
     """Detect and describe keypoints.
 
-    For each image --out receives a figure (NAME.keypoints.png), and the
-    keypoints as NAME.keypoints.npz or .csv (without descriptors). Keypoints of
-    all images go to keypoints.h5 (in the layout of hloc) or database.db (for
-    COLMAP); for Parquet see saccade extract.
+    Writes to --out, for each image, a figure (NAME.keypoints.png) and the
+    keypoints as NAME.keypoints.npz or .csv (without descriptors). hdf5 and
+    colmap write one file for all images: keypoints.h5 (in the layout of hloc) or
+    database.db. For Parquet see saccade extract.
 
-    Exit code 1: some images could not be read; the results of the others are
-    in --out. Ctrl-C stops after the image in progress.
+    Exit code 1: some images could not be read; --out has the results of the
+    others. Ctrl-C stops after the image in progress.
 
     Example: saccade detect photos --max 500 --spread --format hdf5
     """
@@ -129,17 +129,17 @@ def detect(options: DetectOptions) -> Result:
 
 
 Detections: TypeAlias = tuple[Keypoints, tuple[int, ...]]
-"""The keypoints of an image, and its shape."""
+"""Keypoints of an image, and its shape."""
 
 SHARED_FILES = {
     "hdf5": "keypoints.h5",
     "colmap": "database.db",
 }
-"""Formats that hold the keypoints of all images, and the names of the files."""
+"""Formats with one file for all images, and the names of these files."""
 
 
 def require_libraries(formats: Sequence[str], cameras: Cameras) -> None:
-    """Import the libraries of the formats, and check the cameras, before any work is done."""
+    """Import the libraries of the formats and check the cameras before the run starts."""
     if "colmap" in formats:
         check_cameras(cameras)
     if "hdf5" in formats:
@@ -149,7 +149,7 @@ def require_libraries(formats: Sequence[str], cameras: Cameras) -> None:
 def detect_in(
     path: Path, out: Path, detector: Any, formats: Sequence[str]
 ) -> tuple[dict[str, Any], Detections]:
-    """Detect in one image: write the figure `out`.png and its files, return the row for --json."""
+    """Detect in one image: write the figure `out`.png and the files, return the row for --json."""
     image = read_image(path)
     detections = detector(image)
     regions, keypoints = isinstance(detections, Regions), keypoints_of(detections)
@@ -174,7 +174,7 @@ def detect_in(
 def write_shared(
     detections: Mapping[Path, Detections], out: Path, formats: Sequence[str], cameras: Cameras
 ) -> dict[str, str]:
-    """Write the keypoints of all images in one file for each format; return the paths."""
+    """Write the keypoints of all images to one file per format; return the paths."""
     names = relative_names(list(detections))
     keypoints = {names[path]: each for path, (each, _) in detections.items()}
     shapes = {names[path]: shape for path, (_, shape) in detections.items()}

@@ -61,28 +61,28 @@ class DriveOptions(SettingsOptions, RunOutput, SequenceOptions):
 
     out: OutputFolder = Path("saccade-drive")
     camera: Annotated[str | None, INPUT, Parameter(metavar="SOURCE")] = None
-    """Map live, by a device (0), an address (rtsp://...) or a video file."""
+    """Map live from a device (0), an address (rtsp://...) or a video file."""
     frames: Annotated[int | None, INPUT, Parameter(metavar="N")] = setting(None, 1)
     """Process only the first N frames, at least 1."""
     selection: Annotated[str | None, MAP, Parameter(metavar="NAME")] = None
-    """Selection of landmarks by strength, random, contrast, symmetry or rematch-rate-range."""
+    """Landmark selection: strength, random, contrast, symmetry or rematch-rate-range."""
     max_landmarks: Annotated[int | None, MAP, Parameter(metavar="N")] = setting(None, 1)
     """Maximum number of landmarks in the map, at least 1."""
     anyway: Annotated[bool, INPUT] = False
-    """Use frames that repeat the frame before as they are."""
+    """Process repeated frames as if they were new."""
 
 
 def drive(options: DriveOptions) -> Result:
     """Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.
 
-    --out receives the trajectory (trajectory.tum, for evo; poses.csv with
-    covariances; filtered.tum before smoothing; visual_odometry.csv, by the
+    Writes to --out the trajectory (trajectory.tum, for evo; poses.csv with
+    covariances; filtered.tum before smoothing; visual_odometry.csv, from the
     camera alone), the map (landmarks.csv), a figure (map.png), an interactive
-    report (report.html), and settings and scores (run.json); with --film a
-    film (drive.mp4) too.
+    report (report.html), and settings and scores (run.json); with --film also a
+    film (drive.mp4).
 
-    With --camera a camera is mapped live, and recorded in the folder SEQUENCE,
-    whose camera.toml is its calibration; Ctrl-C ends the drive.
+    --camera maps a live camera and records it in the folder SEQUENCE, whose
+    camera.toml has the calibration; Ctrl-C ends the drive.
 
     Example: saccade drive KITTI/07 --out mapped
     """
@@ -104,7 +104,7 @@ def drive(options: DriveOptions) -> Result:
 
 
 def drive_tables(row: dict[str, Any], title: str) -> list[Table]:
-    """The errors and the figures of a drive."""
+    """Tables of the errors and figures of a drive."""
     tables = [] if row["poses_compared"] is None else [_error_table(row, title)]
     figures = run_facts({name: each for name, each in row.items() if name not in ERRORS})
     if row["self_calibration"] is not None:
@@ -113,7 +113,7 @@ def drive_tables(row: dict[str, Any], title: str) -> list[Table]:
 
 
 def _calibration_facts(report: dict[str, Any]) -> dict[str, str]:
-    """What was corrected of the calibration, and what no image tells."""
+    """Corrections of the calibration, and the effect of a disparity offset."""
     units = {"distortion": "", "disparity_slope": " px", "disparity_offset": " px"}
     facts = {
         name.replace("_", " "): f"{report[name]:.3f}{unit} (sigma {sigma:.3f})"
@@ -131,7 +131,7 @@ ERRORS = {
     "end_m": "at the end (m)",
     "inside_3sigma": "in 99.7 % ellipse",
 }
-"""Errors of a trajectory in run.json, and how their columns are called."""
+"""Errors of a trajectory in run.json, and their column titles."""
 
 
 def _error_table(row: dict[str, Any], title: str) -> Table:
@@ -161,7 +161,7 @@ Mapped: TypeAlias = tuple[Drive, VisualResult, list[MapSnapshot]]
 
 
 def load_recorded(options: DriveOptions) -> Drive:
-    """The drive that is mapped, as its files have it."""
+    """The recorded drive, read from its files."""
     recorded = options.load_drive()
     if options.frames is not None:
         recorded = recorded.until(options.frames)
@@ -179,7 +179,7 @@ def map_recorded(
 
 
 MAX_CAMERA_FRAMES = 36_000
-"""Frames of a camera by default: twenty minutes at 30 a second."""
+"""Default maximum number of camera frames: 20 minutes at 30 frames per second."""
 
 
 def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress) -> Mapped:
@@ -197,7 +197,7 @@ def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress
         report = partial(progress, stage="map")
         result = visual.run(recording.drive, settings, report, recorder=recorder)
     if video.dropped:
-        print_message(f"{video.name}: {video.dropped} frames came during others: dropped")
+        print_message(f"{video.name}: {video.dropped} frames dropped while others were processed")
     return load_drive("folder", options.sequence), result, recorder.snapshots
 
 
@@ -212,7 +212,7 @@ def write_results(
 ) -> dict[str, Any]:
     """Write the results of a mapped drive, and return the content of run.json.
 
-    The run is added to `report`; None for one of its own.
+    The run is added to `report`; None writes a report for this run alone.
     """
     out = output.out
     tables: dict[str, tuple[Callable[..., Any], Any]] = {
@@ -251,7 +251,7 @@ def write_results(
 
 
 def write_figure(output: RunOutput, drive: Drive, result: VisualResult) -> dict[str, Path]:
-    """Write a figure of the map; returns the file of the first format."""
+    """Write a figure of the map; return the file in the first format."""
     odometry = result.odometry if drive.has_odometry else None
     figure = map_figure(
         result.trajectory,
@@ -305,7 +305,7 @@ def drive_part(
     result: VisualResult,
     summary: Mapping[str, Any],
 ) -> Part:
-    """The map of a drive as a part of a report; `summary` has the figures of run.json."""
+    """The map of a drive as a part of a report; `summary` is the content of run.json."""
     trajectories = {"estimate": result.filtered}
     trajectories |= {"smoothed": result.trajectory} if result.estimate == "smoothed" else {}
     trajectories |= {"odometry": result.odometry} if drive.has_odometry else {}
@@ -329,13 +329,13 @@ def drive_part(
 
 
 def observed_landmarks(result: VisualResult) -> ObservedLandmarks:
-    """The landmarks that were observed in each frame, as they are drawn."""
+    """Landmarks observed in each frame, for drawing."""
     observed = result.observations
     return ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind)
 
 
 def read_frame(drive: Drive, number: int) -> Frame | None:
-    """A frame; None where it cannot be read."""
+    """A frame; None if it cannot be read."""
     try:
         return drive.load(number)
     except ImageError:
@@ -343,6 +343,6 @@ def read_frame(drive: Drive, number: int) -> Frame | None:
 
 
 def image_of(drive: Drive, number: int) -> Image | None:
-    """The image of a frame; None where there is none."""
+    """The image of a frame; None if the frame has no image."""
     frame = read_frame(drive, number)
     return None if frame is None else frame.image

@@ -29,9 +29,9 @@ SCORES = {
     "score": ("score",),
     "AUC@1/3/5/10": ("auc_1", "auc_3", "auc_5", "auc_10"),
 }
-"""Columns of the table, and their scores."""
+"""Columns of the table, and the scores that they show."""
 CLEAN = "clean"
-"""Value of --degrade for images as they are."""
+"""Value of --degrade for unchanged images."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,21 +44,21 @@ class FeatureOptions(SettingsOptions, JsonOptions):
     """Detectors: sift (the default), must, symroid, opencv, opencv-root (RootSIFT), colmap or
     module:callable; several with commas."""
     points: Annotated[list[int] | None, SEVERAL, Parameter(metavar="N")] = setting(None, 1)
-    """Number of keypoints kept of each image, at least 1: the strongest (COLMAP: the largest);
-    several with commas."""
+    """Number of keypoints per image, at least 1: the strongest (COLMAP: the largest); several with
+    commas."""
     degrade: Annotated[list[str] | None, SEVERAL, Parameter(metavar="KIND:AMOUNT")] = None
-    """Degrade the second image of each pair by noise:20 (gray levels), contrast:0.5 or blur:2 (px),
-    or leave it clean; several with commas."""
+    """Degradation of the second image of each pair: noise:20 (gray levels), contrast:0.5, blur:2
+    (px) or clean; several with commas."""
 
 
 def features(options: FeatureOptions) -> Result:
     """Score detectors and descriptors on image pairs related by a homography.
 
-    Means over the pairs with 95 % bootstrap intervals, and with several
-    detectors the paired differences of each from the first.
+    Prints means over the pairs with 95 % bootstrap intervals and, for several
+    detectors, the paired difference of each from the first.
 
-    With --points the detectors of this package have no threshold, so that there
-    are enough keypoints where contrast is low; OpenCV and COLMAP keep theirs. A
+    With --points the detectors of this package use no contrast threshold, which
+    yields enough keypoints at low contrast; OpenCV and COLMAP keep theirs. A
     module:callable takes an (H, W, 3) image in [0, 1] and returns an object
     with xy and descriptors, strongest first.
 

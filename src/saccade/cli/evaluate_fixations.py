@@ -37,24 +37,23 @@ class ScoreOptions(FixationOptions, FaceOptions, JsonOptions):
     """Options of `saccade evaluate fixations`."""
 
     model: Annotated[list[str] | None, SEVERAL, Parameter(metavar="[NAME=]MODEL")] = None
-    """Models: attention, contrast, symmetry or boolean, with :PRESET where wished, a file of
-    saccade fit (.toml), module:function, or a folder of saliency maps: .npy, .mat, or images named
-    as the images. Several with commas; attention by default."""
+    """Models: attention, contrast, symmetry or boolean, optionally with :PRESET; a file of saccade
+    fit (.toml); module:function; or a folder of saliency maps (.npy, .mat or images) with the names
+    of the images. Several with commas; attention by default."""
     sigma: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
     """Standard deviation of the fixation density: one degree of visual angle, .1 to 1000."""
     references: bool = False
-    """Also score the center, other images' fixations, and people: each subject against the others,
-    the ceiling. It takes a few minutes."""
+    """Also score three references: a center Gaussian, fixations on other images, and each subject
+    predicted by the others (the ceiling). Takes a few minutes."""
 
 
 def fixations(options: ScoreOptions) -> Result:
     """Score saliency maps by how well they predict human fixations.
 
-    Means over the images with 95 % bootstrap intervals, and the paired
-    differences of each further model from the first; --json has the scores of
-    each image. By default the attention
-    model is scored without and with the prior of the position, and as one
-    density from which each metric has the map that is optimal for it.
+    Prints means over the images with 95 % bootstrap intervals, and the paired
+    difference of each model from the first; --json has the scores of each image.
+    By default the attention model is scored without and with the position prior,
+    and as a density converted to the optimal map for each metric.
 
     docs/evaluation.md defines the figures.
 
@@ -85,16 +84,19 @@ def fixations(options: ScoreOptions) -> Result:
 
 
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
-WITHOUT_BIAS, WITH_PRIOR = "attention, without center bias", "attention, free viewing"
-BY_METRIC = "the same, best map by metric"
-"""The attention model without and with the prior of the position, and the latter as a density."""
+WITHOUT_BIAS = "attention, without center bias"
+"""Title of the attention model without the position prior."""
+WITH_PRIOR = "attention, free viewing"
+"""Title of the attention model with the position prior."""
+BY_METRIC = "attention, best map by metric"
+"""Title of the free-viewing density, converted to the optimal map for each metric."""
 
 
 def chosen_models(data: FixationData, options: ScoreOptions) -> dict[str, Model]:
-    """The models of the command line by name, in their order; `default_models` where there is none.
+    """Models named on the command line, in order; `default_models` if --model is absent.
 
     Raises:
-        ConfigError: no such model, or a name that is given twice.
+        ConfigError: unknown model, or duplicate name.
     """
     given = options.preset or options.config
     if not (options.model or given):
@@ -114,9 +116,9 @@ def chosen_models(data: FixationData, options: ScoreOptions) -> dict[str, Model]
 
 
 def default_models(data: FixationData, options: ScoreOptions) -> dict[str, Model]:
-    """The attention model without and with the prior of the position, and the latter as a density.
+    """The attention model without and with the position prior, and the latter as a density.
 
-    The last one is scored by the map that is optimal for each metric.
+    The density is converted to the optimal map for each metric.
     """
     attention = options.attention_model(DEFAULT_MODEL, free_viewing=True)
 
@@ -143,7 +145,7 @@ def _model(data: FixationData, source: str, options: ScoreOptions) -> Model:
         def imported(name: str) -> Float32Array:
             try:
                 values = predict(data.read(name))
-            except Exception as error:  # of the user's own function
+            except Exception as error:  # raised by the user's own function
                 raise ConfigError(f"model: {source}: failed on {name}: {error}") from error
             return resize(checked_map(values, source), data.sizes[name])
 
@@ -159,7 +161,7 @@ def _model(data: FixationData, source: str, options: ScoreOptions) -> Model:
 def score(
     data: FixationData, models: dict[str, Model], *, references: bool
 ) -> dict[str, PredictionScores]:
-    """The scores of each model, and of each reference where wished."""
+    """Scores of each model and, with `references`, of each reference."""
     if references:
         models |= {CENTER: data.center, SHUFFLED: data.shuffled}
     scored: dict[str, list[tuple[str, FixationScores]]] = {name: [] for name in models}

@@ -1,4 +1,4 @@
-"""`saccade evaluate scanpaths`: scanpaths of models beside those of people."""
+"""`saccade evaluate scanpaths`: similarity of model scanpaths to human scanpaths."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,19 +39,20 @@ class ScanpathOptions(FixationOptions, ModelOptions, JsonOptions):
     paths_config: Annotated[Path | None, INPUT] = None
     """TOML file of the scanpath model, as saccade config scanpath-model prints it."""
     length: int | None = setting(None, 1, 1000)
-    """Fixations of each path, and the most of a person's; 1 to 1000, people's mean by default."""
+    """Number of fixations per path, and maximum for subjects, 1 to 1000; by default the subjects'
+    mean."""
     samples: int = setting(15, 1, 1000)
     """Number of paths drawn for each image, 1 to 1000."""
     degree: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
-    """Pixels to a degree of visual angle, .1 to 1000; also the blur of people's fixations."""
+    """Pixels per degree of visual angle, .1 to 1000; also the blur of the fixations."""
     seed: int = setting(0, 0)
     """Seed of the random number generator, at least 0."""
 
 
 def scanpaths(options: ScanpathOptions) -> Result:
-    """Score scanpaths by how similar they are to those of people.
+    """Score scanpaths by their similarity to human scanpaths.
 
-    Means over the images with 95 % bootstrap intervals.
+    Prints means over the images with 95 % bootstrap intervals.
 
     docs/evaluation.md defines the figures.
 
@@ -88,7 +89,7 @@ def scanpaths(options: ScanpathOptions) -> Result:
 
 
 def _cells(summary: Summary, columns: dict[str, str], degree: float) -> Sequence[Sequence[str]]:
-    """A row for each source; the first score with its interval."""
+    """One row per source; the first score has its interval."""
     scale = {"amplitude": 1 / degree, "seconds": 1000.0}
     digits = {"seconds": 0, "fixations": 1, "amplitude": 1, "nss": 2}
     rows = []

@@ -33,7 +33,7 @@ ERRORS = {
     "segments_percent": ("segments [%]", "segments.translation"),
     "segments_deg_per_100m": ("segments [deg / 100 m]", "segments.rotation"),
 }
-"""Errors in the JSON output: their names in tables, and where `PoseScores` has them."""
+"""Errors in the JSON output: column titles, and attributes of `PoseScores`."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class TrajectoryOptions(JsonOptions, EstimateArguments):
     """Options of `saccade evaluate trajectory`."""
 
     truth: Path
-    """True trajectory: a TUM file."""
+    """Ground-truth trajectory: a TUM file."""
 
 
 def trajectory(
@@ -57,10 +57,10 @@ def trajectory(
     *,
     config: Annotated[PoseErrorConfig, Parameter("*")] = PoseErrorConfig(),
 ) -> Result:
-    """Score trajectories against the truth: absolute and relative errors (ATE, RPE).
+    """Score trajectories against ground truth: absolute and relative errors (ATE, RPE).
 
-    TUM files have lines of time x y z qx qy qz qw. A pose is compared with the
-    true one nearest in time.
+    TUM files have lines of time x y z qx qy qz qw. Each pose is compared with
+    the true pose nearest in time.
 
     docs/evaluation.md defines the figures.
 
@@ -88,7 +88,7 @@ def trajectory(
 
 
 def _errors(scores: PoseScores) -> dict[str, FloatArray]:
-    """The errors by their names in the JSON output."""
+    """Errors by their names in the JSON output."""
     return {name: attrgetter(path)(scores) for name, (_, path) in ERRORS.items()}
 
 

@@ -23,7 +23,7 @@ from saccade.extras import import_optional
 What: TypeAlias = Literal["sift", "must", "symroid", "saliency", "contrast", "symmetry", "scanpath"]
 """Features that can be extracted."""
 KINDS = {"saliency": "attention", "scanpath": "attention"}
-"""Kinds of the configurations, where they differ from the names of the features."""
+"""Configuration kinds, for features of a different name."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
     """Use every Nth frame of a video."""
     anonymous: Annotated[bool, INPUT] = False
-    """Read a public bucket, without credentials."""
+    """Read a public bucket without credentials."""
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
-    """Number of processes; by default as cores and memory allow."""
+    """Number of processes; by default as many as cores and memory allow."""
     scheduler: Annotated[str | None, EXECUTION, Parameter(metavar="ADDRESS")] = None
     """Address of a Dask scheduler: tcp://host:8786."""
 
@@ -66,12 +66,12 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
 def extract(options: ExtractOptions) -> Result:
     """Extract features of many images into a Parquet data set.
 
-    DuckDB, Polars and pandas read it directly (docs/extract.md). The same
-    command resumes an interrupted extraction, and processes images that are
-    new or have changed. Images that cannot be read are listed with the reason
-    in images.parquet; the exit code is then 1.
+    DuckDB, Polars and pandas read it directly (docs/extract.md). Repeating the
+    command resumes an interrupted extraction and processes new or changed
+    images. images.parquet lists unreadable images with the reason; the exit code
+    is then 1.
 
-    Ctrl-C stops after the images in progress; pressed twice, at once.
+    Ctrl-C stops after the images in progress; a second Ctrl-C stops at once.
 
     Example: saccade extract photos --what sift --out features
     """
@@ -119,7 +119,7 @@ def extract(options: ExtractOptions) -> Result:
 
 @contextmanager
 def batch_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
-    """A progress bar; yields a function of the numbers of items done, failed, and of all."""
+    """A progress bar; yields a function of the numbers of items done, failed and in total."""
     with progress_bar(what) as update:
 
         def show(done: int, failed: int, total: int) -> None:

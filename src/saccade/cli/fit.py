@@ -1,4 +1,4 @@
-"""`saccade fit`: a model of fixations from one's own photographs and people."""
+"""`saccade fit`: fits a fixation model to your own photographs and fixations."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ class FitOptions(FixationOptions, FaceOptions, JsonOptions):
     sigma: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
     """Standard deviation of the fixation density: one degree of visual angle, .1 to 1000."""
     people: Annotated[bool, Parameter(negative="--no-people")] = True
-    """Score people, each subject against the others: the ceiling; some minutes."""
+    """Also score each subject against the others (the ceiling); takes some minutes."""
 
 
 def fit(
@@ -31,11 +31,11 @@ def fit(
 ) -> Result:
     """Fit a saliency model to your own photographs and fixations.
 
-    One convex fit over the cells of the map: contrast, symmetry and Boolean
-    maps at several scales and their surroundings, color, the center, the
-    border, faces with --faces, and functions of the saccade from earlier
-    fixations. It is cross-validated by image and by subject. --out is used by
-    --model of look, evaluate fixations and extract.
+    Convex maximum-likelihood fit over the cells of the map. Features: contrast,
+    symmetry and Boolean maps at several scales and their surroundings, color,
+    center, border, faces with --faces, and functions of the saccades from
+    earlier fixations. The scores are cross-validated by image and by subject.
+    Pass the output to --model of look, evaluate fixations and extract.
 
     Example: saccade fit --images photos --fixations fixations.csv --out mine.toml
     """

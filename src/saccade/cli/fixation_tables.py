@@ -1,4 +1,4 @@
-"""The fixations that commands score, and how they are to be read."""
+"""Options for fixation tables, which several commands score."""
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
@@ -16,7 +16,7 @@ from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import FixationData
 
 LARGEST = 1e6
-"""Bound on pixels of a screen."""
+"""Maximum number of pixels along a side of a screen."""
 SCORES = ("AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)")
 """Columns of tables: the fields of `FixationScores`."""
 
@@ -28,42 +28,42 @@ def score_cells(scores: FixationScores) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class FixationOptions(Options):
-    """Photographs, the fixations of people on them, and how these are to be read."""
+    """Photographs, recorded fixations, and the format of the recordings."""
 
     images: Annotated[Path, INPUT, Parameter(metavar="DIR")]
     """Folder of the images."""
     fixations: Annotated[Path, INPUT]
     """Fixations: a table of image, subject, index or time, x and y (.csv, .tsv, Tobii's export),
-    EyeLink's .asc, OSIE's .mat, or a folder of them."""
+    EyeLink's .asc, OSIE's .mat, or a folder of such files."""
     drop: Annotated[int, INPUT] = setting(1, 0)
     """Leave out the first N fixations of each scanpath."""
     columns: Annotated[str | None, INPUT, Parameter(metavar="KEY=NAME,...")] = None
-    """Columns of other than the usual names: image, subject, index, trial, time, x, y, eye,
-    duration. subject=code,x=gx"""
+    """Names of columns that differ from image, subject, index, trial, time, x, y, eye, duration.
+    Example: subject=code,x=gx"""
     xy: Annotated[str | None, INPUT, Parameter(metavar="UNIT")] = None
-    """Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the screen), or pixels
-    (of the images, unchecked)."""
+    """Units of x and y: normalized; WIDTH,HEIGHT, the size of the images on the screen; or pixels
+    of the images, unchecked."""
     offset: Annotated[str | None, INPUT, Parameter(metavar="X,Y")] = None
-    """Upper left corner of the images on the screen, where x and y are positions on it."""
+    """Upper left corner of the images on the screen, if x and y are screen positions."""
     axes: Annotated[Literal["x,y", "y,x", "x,-y", "-x,y"], INPUT] = "x,y"
-    """Meanings of x and y: y,x if they are exchanged (row, column), x,-y or -x,y if one of them
-    points the other way."""
+    """Order and signs of the axes: y,x if exchanged (row, column), x,-y or -x,y if an axis is
+    reversed."""
     eye: Annotated[Literal["left", "right"] | None, INPUT] = None
-    """Eye to read where both are recorded; by default the mean of both."""
+    """Eye to read if both are recorded; by default the mean of both."""
     trials: Annotated[Literal["separate", "first", "joined"] | None, INPUT] = None
-    """Of several trials of a subject on an image: each a scanpath (separate), only the first, or
-    all one scanpath (joined)."""
+    """Treatment of repeated trials of a subject on an image: one scanpath each (separate), only the
+    first, or one scanpath in all (joined)."""
     only_present: Annotated[bool, INPUT] = False
-    """Leave out the fixations on images that are not there."""
+    """Ignore fixations on images that are missing."""
 
     pixels_per_degree: Annotated[str | None, INPUT, Parameter(metavar="N")] = None
-    """Pixels of the images in one degree of visual angle, by which fixations are blurred: a number,
-    WIDTHxHEIGHT=N for each size of the images, with commas, or a percentage of the width (3%)."""
+    """Image pixels per degree of visual angle, the blur of the fixations: a number, WIDTHxHEIGHT=N
+    for each image size, separated by commas, or a percentage of the width (3%)."""
 
     def data(self, sigma: float = 24.0) -> FixationData:
-        """The fixations inside their images, of a density blurred by `sigma`; prints remarks.
+        """Fixations inside their images, with the density blur `sigma`; prints remarks.
 
-        --pixels-per-degree stands before `sigma`, in pixels.
+        --pixels-per-degree overrides `sigma`, which is in pixels.
         """
         per_degree = self.pixels_per_degree
         blur = sigma if per_degree is None else degree_sizes(per_degree)
@@ -81,7 +81,7 @@ class FixationOptions(Options):
         if sizes > 1 and per_degree is None:
             print_message(
                 f"fixations are blurred by {sigma:g} pixels on images of {sizes} sizes; "
-                "--pixels-per-degree gives one degree of each"
+                "--pixels-per-degree sets one degree for each size"
             )
         if found.outside:
             print_message(f"{found.outside} fixations outside their images are left out")
@@ -89,10 +89,10 @@ class FixationOptions(Options):
 
 
 def degree_sizes(text: str) -> Callable[[tuple[int, int]], float]:
-    """The function from the (H, W) of an image to its pixels per degree that a text says.
+    """Parse --pixels-per-degree into a function from image (H, W) to pixels per degree.
 
     Raises:
-        ConfigError: it is not of its form; or, of the function, a size that is not in it.
+        ConfigError: malformed text; or, when the function is called, an image size that it lacks.
     """
     expected = "--pixels-per-degree: expected N, WIDTHxHEIGHT=N,... or N% of the widths, found"
     pairs = [pair.partition("=") for pair in text.split(",")] if "=" in text else [("", "", text)]
@@ -115,10 +115,10 @@ def degree_sizes(text: str) -> Callable[[tuple[int, int]], float]:
 
 
 def fixation_format(columns: str | None, xy: str | None, offset: str | None) -> FixationFormat:
-    """The format that --columns, --xy and --offset say.
+    """Fixation format from --columns, --xy and --offset.
 
     Raises:
-        ConfigError: one of them is not of its form.
+        ConfigError: an option is malformed.
     """
     pairs = [pair.partition("=") for pair in columns.split(",")] if columns else []
     if not all(key and name for key, _, name in pairs):

@@ -1,4 +1,4 @@
-"""Images of the command line, analyzed one by one."""
+"""Images named on the command line, analyzed one by one."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,23 +20,23 @@ class ImageArguments(Options):
     """Images."""
 
     images: list[str]
-    """Images, folders, or quoted patterns; look takes videos too."""
+    """Images, folders or quoted patterns; look also takes videos."""
 
 
 def analyze_each(
     images: Sequence[str], out: Path, analyze: Callable[[Path, str], Row]
 ) -> tuple[list[Row], int]:
-    """Analyze images; errors of single files do not stop the others.
+    """Analyze images; errors in single files do not stop the run.
 
     Ctrl-C stops after the image in progress.
 
     Args:
         images: files, folders and patterns.
         out: the output folder, for messages.
-        analyze: gets an image and the unique name of its results, and returns its row.
+        analyze: function of an image and the unique name of its results, returning its row.
 
     Returns:
-        The rows, and the exit code with which the command ends.
+        The rows, and the exit code of the command.
 
     Raises:
         SaccadeError: no file could be processed, or the results cannot be written.
@@ -60,7 +60,7 @@ def analyze_each(
     if failed and not rows:
         raise SaccadeError(f"none of {failed} images could be used")
     if failed:
-        print_message(f"{failed} of {len(paths)} images left out; the others are in {out}")
+        print_message(f"{failed} of {len(paths)} images left out; {out} has the other results")
     if stopped():
         print_message(f"stopped after {len(rows) + failed} of {len(paths)} images")
     return rows, INTERRUPTED if stopped() else int(failed > 0)

@@ -62,43 +62,44 @@ class LookOptions(ModelOptions, JsonOptions, ImageArguments):
 
     out: OutputFolder = Path("saccade-look")
     without_center_bias: bool = False
-    """Saliency of the content alone: without the prior of the position, by which people look at the
-    center of a photograph and not at its border."""
+    """Saliency of the content alone, without the position prior (people prefer the center of a
+    photograph and avoid its border)."""
     fixations: int = setting(10, 1, 1000)
     """Length of the scanpath, 1 to 1000."""
     scanpath: Literal["most-probable", "winner-take-all"] | None = None
-    """The most probable path of the scanpath model (the default), or that of the winner-take-all
+    """Most probable path of the scanpath model (the default), or the path of the winner-take-all
     network (the default with --preset kootstra2010, itti1998 and saliencytoolbox2)."""
     formats: Annotated[list[Format] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))] = None
-    """Output format: of the maps and scanpaths, npz by default, or csv for the scanpaths;
-    and of the figures, png by default; several with commas."""
+    """Output formats for maps and scanpaths (npz by default, or csv for scanpaths) and for figures
+    (png by default), separated by commas."""
     maps: Annotated[list[MapFormat] | None, OUTPUT, SEVERAL] = None
-    """Also write every map at the size of the image: npy and tiff of float32, mat, or png of 16
-    bits; several with commas."""
+    """Also write the maps at the size of the image: npy or tiff (float32), mat, or png (16 bit);
+    several with commas."""
     layers: Annotated[list[str] | None, OUTPUT, SEVERAL] = None
-    """Of --maps write these alone, such as saliency, contrast, symmetry; several with commas."""
+    """Restrict --maps to these layers, such as saliency, contrast, symmetry; several with
+    commas."""
     every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
     """Use every Nth frame of a video."""
     keypoints: bool = False
-    """Also show the strongest interest points in the report."""
+    """Show the strongest interest points in the report."""
 
 
 def look(options: LookOptions) -> Result:
-    """Compute saliency by contrast and symmetry, and a scanpath.
+    """Compute saliency maps and a scanpath.
 
-    The map shows where people look at a photograph on a screen; with
-    --without-center-bias it depends on the content of the image alone. Values
-    of different models, presets and images have no common scale.
+    The map predicts where people look at a photograph on a screen; with
+    --without-center-bias it depends on the content of the image alone. Values of
+    different models, presets and images have no common scale.
 
-    For each image --out receives a figure (NAME.look.png) and the arrays
-    (NAME.look.npz), and for all of them an interactive report (report.html).
-    With --format csv the scanpaths of all images go to scanpaths.csv,
-    and a hundred drawn ones of each to samples.csv; with --maps each map goes
-    to maps/MAP/NAME.npy. For a video there are a film of the gaze beside the
-    saliency, which has flicker and motion (NAME.look.mp4), and both as arrays.
+    Writes to --out, for each image, a figure (NAME.look.png) and the arrays
+    (NAME.look.npz), and an interactive report of all images (report.html).
+    --format csv writes the scanpaths of all images to scanpaths.csv, and a
+    hundred samples for each image to samples.csv; --maps writes each map to
+    maps/MAP/NAME.npy. For a video, it writes a film of the gaze beside the
+    saliency, which includes flicker and motion (NAME.look.mp4), and the arrays.
 
-    Exit code 1: some images could not be read; the results of the others are
-    in --out. Ctrl-C stops after the image in progress.
+    Exit code 1: some images could not be read; --out has the results of the
+    others. Ctrl-C stops after the image in progress.
 
     Example: saccade look photo.jpg --fixations 5 --out looked
     """
@@ -126,7 +127,7 @@ def look(options: LookOptions) -> Result:
 
 
 def _table(row: dict[str, Any]) -> Table:
-    """The scanpath on an image, or the film of a video."""
+    """Table of the scanpath on an image, or of the film of a video."""
     if "frames" in row:
         return video_table(row)
     return Table(
@@ -141,12 +142,12 @@ def _table(row: dict[str, Any]) -> Table:
 
 LEAD = "Saliency by contrast and symmetry, and scanpaths."
 TEXT = (
-    "The map is laid over the photograph, and the scanpath plays four times slower than in the "
-    "model. The cloud of thin lines is a hundred scanpaths drawn from the scanpath model; below "
-    "are the amplitudes and the directions of their saccades."
+    "The map overlays the photograph, and the scanpath plays at a quarter of the model's speed. "
+    "The cloud of thin lines is a hundred scanpaths drawn from the scanpath model; the amplitudes "
+    "and directions of their saccades are below."
 )
 SAMPLES = 100
-"""Scanpaths of the cloud."""
+"""Number of scanpaths in the cloud."""
 
 
 def analyze_image(
@@ -157,18 +158,18 @@ def analyze_image(
     builder: ReportBuilder,
     network: ScanpathConfig | None = None,
 ) -> tuple[dict[str, Any], tuple[Scanpath, ScanpathSamples]]:
-    """Write what is asked for of an image into files that begin with `out`, and add it to a report.
+    """Write the requested outputs for an image to files that begin with `out`, and to a report.
 
     Args:
         path: the image.
-        out: name of the files, without suffix.
+        out: path of the files, without suffix.
         attention: the model.
         options: formats, and length of the scanpath.
-        builder: of the report.
-        network: of the scanpath; None for the most probable one.
+        builder: builder of the report.
+        network: winner-take-all network; None for the most probable scanpath.
 
     Returns:
-        The row for --json; and the scanpath, and samples of the scanpath model.
+        The row for --json, and the scanpath with samples of the scanpath model.
     """
     image = read_image(path)
     try:
@@ -218,10 +219,10 @@ def analyze_image(
 def write_maps(
     out: Path, name: str, layers: Mapping[str, Float32Array], options: LookOptions
 ) -> list[str]:
-    """Write maps (H, W), those of --layers or all, into a folder for each; returns the files.
+    """Write the maps (H, W) selected by --layers, or all, to one folder each; return the files.
 
     Raises:
-        ConfigError: the model has no such map.
+        ConfigError: unknown map for this model.
     """
     from saccade.exchange import write_map
 
@@ -237,7 +238,7 @@ def write_maps(
 def write_scanpaths(
     out: Path, paths: Mapping[Path, tuple[Scanpath, ScanpathSamples]]
 ) -> dict[str, str]:
-    """Write the scanpaths of all images, and their samples, as tables; returns the files."""
+    """Write the scanpaths of all images, and their samples, as tables; return the files."""
     if not paths:
         return {}
     from saccade.datasets.fixations import write_fixations

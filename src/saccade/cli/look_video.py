@@ -14,11 +14,10 @@ from saccade.viewing.attention import heat_beside
 
 
 def look_at_video(path: Path, out: Path, attention: AttentionModel, every: int) -> dict[str, Any]:
-    """Writes a film (H, 2 W) of the gaze in the video and in its saliency, and both as arrays.
+    """Write a film (H, 2 W) of the gaze over the video and its saliency, and the arrays.
 
-    The arrays `out`.npz are the saliency (n, h, w), the times (n,) in seconds and the gaze (n, 2)
-    in pixels, of every nth frame. Where the model has a
-    prior of the center, the gaze has none.
+    `out`.npz has the saliency (n, h, w), the times (n,) in seconds and the gaze (n, 2) in pixels,
+    for every nth frame. If the model has a center prior, the gaze model uses none.
 
     Returns:
         The row for --json.

@@ -1,4 +1,4 @@
-"""Output that `saccade slam` and `saccade drive` share: tables, films, reports and run.json."""
+"""Output shared by `saccade slam` and `saccade drive`: tables, films, reports and run.json."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -42,7 +42,7 @@ SNAPSHOTS = 240
 
 @dataclass(frozen=True, kw_only=True)
 class RunOutput(JsonOptions):
-    """Where a mapping run writes, and what besides its tables and figures."""
+    """Output folder and optional outputs of a mapping run."""
 
     out: OutputFolder = Path("saccade-run")
     figures: Annotated[list[FigureFormat] | None, OUTPUT, SEVERAL, Parameter("--figure-format")] = (
@@ -65,7 +65,7 @@ class RunOutput(JsonOptions):
         image_at: Callable[[int], Image | None] | None = None,
         snapshots: int = SNAPSHOTS,
     ) -> Iterator[Recorder]:
-        """Snapshots of a map while it grows, sent to rerun as asked; arguments as of `LiveMap`."""
+        """Snapshots of the growing map, sent to rerun if requested; arguments as for `LiveMap`."""
         with ExitStack() as stack:
             shows = [LiveMap(name, time, odometry, image_at)] if self.live else []
             if self.rrd is not None:
@@ -81,14 +81,14 @@ class RunOutput(JsonOptions):
             yield Recorder(snapshots, show_all)
 
     def save_figure(self, figure: Figure, name: str) -> Path:
-        """Write a figure in each format; returns the file of the first."""
+        """Write a figure in each format; return the file in the first format."""
         return save_figures(figure, self.out / name, figure_formats(self.figures))
 
 
 def write_film(
     path: Path, frames: Iterable[Image], count: int, progress: Progress
 ) -> dict[str, Path]:
-    """Write a film as MP4; returns the file."""
+    """Write a film as MP4; return the file."""
     with video_writer(path, FRAME_RATE) as write:
         for number, frame in enumerate(frames, start=1):
             write(frame)
@@ -99,7 +99,7 @@ def write_film(
 def write_files(
     out: Path, contents: Mapping[str, tuple[Callable[..., Any], Any]]
 ) -> dict[str, Path]:
-    """Write the content of each file by its function; returns the paths by the names' stems."""
+    """Write each file with its function; return the paths by file stem."""
     for name, (write, content) in contents.items():
         write(out / name, content)
     return {Path(name).stem: out / name for name in contents}
@@ -114,9 +114,9 @@ def write_run(
     row: dict[str, Any],
     report: ReportBuilder | None,
 ) -> dict[str, Any]:
-    """Write the report and run.json; returns the content of that.
+    """Write the report and run.json; return the content of run.json.
 
-    `report` is the one to which the run is added; None for one of its own.
+    The run is added to `report`; None writes a report for this run alone.
     """
     builder = report or ReportBuilder(title, lead)
     builder.add(part)
@@ -132,11 +132,11 @@ def write_run(
 
 
 NOT_SHOWN = ("log", "sequence", "seed", "remark", "format", "version")
-"""What of run.json is not among the figures: it is said elsewhere."""
+"""Keys of run.json that are left out of the table of figures."""
 
 
 def run_facts(summary: Mapping[str, Any]) -> dict[str, str]:
-    """The figures of run.json in words."""
+    """Figures of run.json with readable labels."""
     words = dict(summary)
     if summary.get("nis_mean") is not None:
         words["nis_band"] = "{:.2f} to {:.2f} in 95 %".format(*summary["nis_band"])
@@ -169,7 +169,7 @@ def time_charts(
     used = np.isfinite(innovation).all(1)
     v, S = innovation[used], covariance[used]
     nis = normalized_squared(v, S)
-    window = int(np.clip(np.isfinite(nis).sum() // 50, 5, 500))  # of the running mean
+    window = int(np.clip(np.isfinite(nis).sum() // 50, 5, 500))  # window of the running mean
     band = chi_square_band(dof, window)
     charts = innovation_charts(trajectory.time[step[used]], v, S, nis, band, window)
     return [*charts, *uncertainty_charts(trajectory, truth)]

@@ -1,4 +1,4 @@
-"""`saccade match`: keypoint matches of two images, or of many."""
+"""`saccade match`: keypoint matches of two or more images."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -53,10 +53,10 @@ FORMATS = {"two images": get_args(FigureFormat), "many images": ("hdf5", "colmap
 
 @dataclass(frozen=True)
 class PairArguments(Options):
-    """Two images, or many."""
+    """Two images, or a collection."""
 
     first: str
-    """First image; or, alone, many: a folder, quoted pattern or list."""
+    """First image; or, without SECOND, many images: a folder, quoted pattern or list."""
     second: Path | None = None
     """Second image of the same scene."""
 
@@ -66,15 +66,15 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     """Options of `saccade match`."""
 
     pairs: Annotated[Path | None, INPUT] = None
-    """Of many images match these pairs, two names to a line; all pairs by default."""
+    """File of image pairs to match among many images, two names per line; all pairs by default."""
     out: OutputFolder = Path("saccade-match")
     ratio: float = setting(0.8, 0, 1)
     """Ratio test: maximum nearest / second nearest distance, 0 to 1."""
     mutual: Annotated[bool, Parameter(negative="--no-mutual")] = True
     """Keep only mutual nearest neighbors."""
     geometry: Literal["fundamental", "homography", "none"] = "fundamental"
-    """Geometric verification: fundamental matrix for any rigid scene, homography for a plane or a
-    rotating camera, or none."""
+    """Geometric verification: fundamental matrix (any rigid scene), homography (a plane or a
+    rotating camera), or none."""
     tolerance: Annotated[float, Parameter(metavar="PX")] = setting(2.0, 0.01)
     """Inlier threshold, at least .01."""
     formats: Annotated[
@@ -83,30 +83,31 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
         SEVERAL,
         Parameter(("--format", "-f")),
     ] = None
-    """Output format: of the figure of two images, png by default, svg or pdf; of many images hdf5
-    for hloc, by default, or colmap; several with commas."""
+    """Output format for the figure of two images: png (the default), svg or pdf; for many images:
+    hdf5 (for hloc, the default) or colmap; several with commas."""
     camera: CameraModel = None
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
-    """Number of processes; by default as cores and memory allow."""
+    """Number of processes; by default as many as cores and memory allow."""
 
     @property
     def verification(self) -> Geometry | None:
-        """The geometry by which matches are verified; None for none."""
+        """Geometry that verifies the matches; None for no verification."""
         return None if self.geometry == "none" else self.geometry
 
 
 def match(options: MatchOptions) -> Result:
-    """Match the keypoints of two images, or of many.
+    """Match the keypoints of two or more images.
 
-    Mutual nearest neighbors that pass the ratio test are verified by a two-view
-    geometry (OpenCV's USAC with MAGSAC, deterministic). --out receives a figure
-    (matches.png), an interactive report (report.html) and a table (matches.csv:
-    indices and coordinates in both images, and 1 for an inlier).
+    Mutual nearest neighbors that pass the ratio test are verified by two-view
+    geometry (OpenCV's USAC with MAGSAC, deterministic). Two images: --out
+    receives a figure (matches.png), an interactive report (report.html) and a
+    table (matches.csv: indices and coordinates in both images, and 1 for
+    inliers).
 
-    Of many images --out receives features.h5 and matches.h5 (in the layout of
-    hloc) or database.db (for COLMAP, with two-view geometries), the numbers of
-    each pair (pairs.csv) and the pairs (pairs.txt). The same command resumes an
-    interrupted run, and matches what is new or has changed.
+    Many images: --out receives features.h5 and matches.h5 (in the layout of
+    hloc) or database.db (for COLMAP, with two-view geometries), the counts for
+    each pair (pairs.csv) and the pairs (pairs.txt). Repeating the command resumes
+    an interrupted run and matches new or changed images.
 
     Example: saccade match left.jpg right.jpg --geometry homography
     """
@@ -132,8 +133,8 @@ def match(options: MatchOptions) -> Result:
 
 LEAD = "Matching interest points of two photographs."
 TEXT = (
-    "Lines join matched points: the inliers of one geometry, and the others. Click near the end of "
-    "a line to see one match alone."
+    "Lines join matched points, with inliers and outliers of the geometry. Click near the end of "
+    "a line to see a single match."
 )
 
 
@@ -190,7 +191,7 @@ def match_images(
 
 
 def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None:
-    """Standard deviation in pixels of the corner that a homography projects worst, if known."""
+    """Standard deviation in pixels of the least certain corner under a homography, if known."""
     if verified.geometry != "homography" or verified.covariance is None:
         return None
     height, width = shape[:2]
@@ -199,7 +200,7 @@ def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None
 
 
 def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
-    """Match many images, with a progress bar for the images, then one for the pairs."""
+    """Match many images, with progress bars for images and pairs."""
     find = options.detector_of_settings()
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, MatchConfig

@@ -1,7 +1,7 @@
-"""Options that several commands share: dataclasses whose fields cyclopts reads.
+"""Options shared by several commands: dataclasses whose fields cyclopts reads.
 
-The docstring of a field is its help, the name of the field is the option's unless it is annotated
-with another. Fields that are not `kw_only` are positional; their class is the last base.
+The docstring of a field is the option's help; its name is the option's name unless an annotation
+overrides it. Fields that are not `kw_only` are positional; their class is the last base.
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,7 +34,7 @@ Egomotion = Literal["camera", "second-camera", "wheels"]
 
 
 def _split_commas(kind: Any, tokens: Sequence[Token]) -> Any:
-    """The values between commas; an existing path is one value."""
+    """Values separated by commas; an existing path is a single value."""
     parts = [
         token.evolve(value=part.strip())
         for token in tokens
@@ -48,7 +48,7 @@ def _is_path(text: str) -> bool:
 
 
 SEVERAL = Parameter(converter=_split_commas)
-"""Marks options whose values may be separated by commas."""
+"""Marks options with values separated by commas."""
 OUT = Parameter(("--out", "-o"), metavar="DIR", help="Output folder.")
 OutputFolder: TypeAlias = Annotated[Path, OUTPUT, OUT]
 
@@ -62,12 +62,12 @@ def figure_formats(formats: Iterable[str] | None) -> list[str]:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Options(Settings):
-    """Base of the options of commands."""
+    """Base class of command options."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class JsonOptions(Options):
-    """How a result is printed."""
+    """Output format on stdout."""
 
     as_json: Annotated[bool, OUTPUT, Parameter("--json")] = False
     """Print the result as JSON."""
@@ -87,7 +87,7 @@ class SettingsOptions(Options):
         return load_settings(kind, self.preset, self.config)
 
     def fitted_model(self, path: str | Path) -> Any:
-        """The model of saccade fit, which has its own settings."""
+        """A model of saccade fit, which carries its own settings."""
         given = self.preset or self.config
         require(given is None, "model", "no --preset and --config with a fitted model", given)
         return load_model(path)
@@ -95,17 +95,17 @@ class SettingsOptions(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class LogOptions(Options):
-    """How a landmark log is read."""
+    """Options for reading a landmark log."""
 
     kind: Annotated[str | None, INPUT, Parameter("--format", metavar="FORMAT")] = None
     """Format of LOG: csv, g2o, isam, mrclam or rosbag; detected by default."""
     robot: Annotated[int | None, INPUT] = setting(None, 1)
     """Number of the robot, from 1, in a log of several robots."""
     topic: Annotated[list[str] | None, INPUT, SEVERAL, Parameter(metavar="TOPIC")] = None
-    """Topic of landmarks in a ROS bag, of several cameras with commas; chosen by its type by
-    default."""
+    """Landmark topics in a ROS bag, separated by commas for several cameras; by default chosen by
+    message type."""
     sensor: Annotated[str | None, INPUT, Parameter(metavar="X,Y,YAW")] = None
-    """Pose of the sensor in the robot's frame: meters ahead and to the left, radians."""
+    """Pose of the sensor in the robot frame: meters forward and left, and radians."""
 
     def load(self, log: Path) -> "LandmarkLog":
         """The log."""
@@ -117,7 +117,7 @@ class LogOptions(Options):
 
 
 def parse_pose(option: str, text: str, expected: str) -> tuple[float, float, float]:
-    """The three finite numbers of an option; `expected` is its form, for the message."""
+    """Parses three finite numbers; `expected` is the form shown in the error message."""
     try:
         x, y, angle = (float(number) for number in text.split(","))
     except ValueError:
@@ -129,7 +129,7 @@ def parse_pose(option: str, text: str, expected: str) -> tuple[float, float, flo
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceOptions(Options):
-    """A camera drive, with the calibration that its files lack."""
+    """A camera drive, with calibration for files that lack it."""
 
     sequence: Path = field(kw_only=False)
     """Camera drive: a folder, video, bag or track file."""
@@ -141,7 +141,7 @@ class SequenceOptions(Options):
     """Distance between the cameras of a stereo pair without a calibration."""
 
     def calibration(self) -> "Calibration":
-        """Calibration of a drive without one."""
+        """Calibration given on the command line, for a drive that has none."""
         from saccade.datasets.drives.folder import CameraOptions, parse_intrinsics
 
         return CameraOptions(parse_intrinsics(self.intrinsics), self.baseline)
@@ -157,42 +157,42 @@ class SequenceOptions(Options):
 DEFAULT_MODEL = "attention"
 MODELS = "attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)"
 CARRIED = "auto"
-"""Value of --faces for what OpenCV carries."""
+"""Value of --faces for the detector bundled with OpenCV."""
 PUBLISHED = ("kootstra2010", "itti1998", "saliencytoolbox2")
-"""Presets whose scanpath is that of the winner-take-all network."""
+"""Presets whose scanpath comes from the winner-take-all network."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FaceOptions(SettingsOptions):
-    """A configuration of saliency, and a detector of faces."""
+    """Saliency settings and a face detector."""
 
     faces: Annotated[str | None, Parameter(metavar="FILE")] = None
-    """Also weigh faces, by this detector of OpenCV's (YuNet's .onnx, a cascade's .xml), or auto for
-    what OpenCV carries; for the attention model and fitted ones."""
+    """Include faces, found by an OpenCV detector (.onnx for YuNet, .xml for a cascade) or by
+    OpenCV's bundled detector (auto); for attention and fitted models."""
 
     def face_detector(self) -> "FaceDetector | None":
-        """The detector that --faces names; None, with a remark, if OpenCV carries none."""
+        """The detector named by --faces; None, with a remark, if OpenCV bundles no detector."""
         if self.faces is None:
             return None
         from saccade.face_detection import find_face_detector
 
         detector = find_face_detector(None if self.faces == CARRIED else Path(self.faces))
         if detector is None:
-            print_message("faces: OpenCV carries no detector here; faces are left out")
+            print_message("faces: this OpenCV bundles no detector; faces are left out")
         return detector
 
     def attention_model(
         self, model: str, preset: str | None = None, *, free_viewing: bool = False
     ) -> "AttentionModel":
-        """The model of saliency with these settings.
+        """The saliency model with these settings.
 
         Args:
             model: name or file.
-            preset: preset in place of --preset.
-            free_viewing: whether the default of the attention model is its preset of that name.
+            preset: preset that overrides --preset.
+            free_viewing: whether the attention model defaults to the preset free_viewing.
 
         Raises:
-            ConfigError: no such model, preset, setting or detector of faces.
+            ConfigError: unknown model, preset, setting or face detector.
         """
         from saccade.attention.models import MODEL_NAMES, AttentionModel
 
@@ -201,7 +201,7 @@ class FaceOptions(SettingsOptions):
             return AttentionModel(self.fitted_model(model), detector)
         require(model in MODEL_NAMES, "model", MODELS, model)
         usable = self.faces is None or model == DEFAULT_MODEL
-        require(usable, "faces", "--model attention or a fitted one", model)
+        require(usable, "faces", "--model attention or a fitted model", model)
         if free_viewing and model == DEFAULT_MODEL:
             preset = preset or FREE_VIEWING
         return AttentionModel(load_settings(model, preset, self.config), detector)
@@ -209,14 +209,14 @@ class FaceOptions(SettingsOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions(FaceOptions):
-    """A model of saliency."""
+    """A saliency model."""
 
     model: Annotated[str, Parameter(metavar="MODEL")] = DEFAULT_MODEL
     """Saliency model: attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)."""
 
 
 def scanpath_network(preset: str | None) -> "ScanpathConfig":
-    """The winner-take-all network of a model's preset: of the same source where there is one."""
+    """Winner-take-all network for a model's preset, from the same source if it defines one."""
     known = preset in preset_names("scanpath")
     network: ScanpathConfig = load_settings("scanpath", preset if known else None)
     return network

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 LINE_SECONDS = 10.0
-"""Time between lines of progress where stderr is no terminal."""
+"""Seconds between progress lines if stderr is not a terminal."""
 INTERRUPTED = 130
 """Exit code."""
 
@@ -30,7 +30,7 @@ class Progress(Protocol):
     """Callback that reports the progress of a run."""
 
     def __call__(self, done: int, total: int | None = None, stage: str = "") -> None:
-        """Report the steps done, their number, and the stage of the run."""
+        """Report the steps done, the total, and the stage of the run."""
 
 
 def print_message(message: str) -> None:
@@ -39,7 +39,7 @@ def print_message(message: str) -> None:
 
 
 def print_data_warnings() -> None:
-    """Print warnings of images and logs as messages; warnings of libraries are unchanged."""
+    """Print warnings about images and logs as messages; library warnings are unchanged."""
     show = warnings.showwarning
 
     def print_warning(
@@ -57,7 +57,7 @@ def print_data_warnings() -> None:
 def stop_on_interrupt(
     message: str = "stopping after the shards in progress",
 ) -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed, upon which it prints a message; pressed again, it raises."""
+    """Yield a function that returns whether Ctrl-C was pressed; a second Ctrl-C raises."""
     pressed = Event()
 
     def stop(*_: Any) -> None:
@@ -76,7 +76,7 @@ def stop_on_interrupt(
 def progress_bar(description: str, total: int | None = None) -> Iterator[Progress]:
     """A progress bar on stderr; yields the callback that advances it.
 
-    Where stderr is no terminal, it is a line every `LINE_SECONDS`.
+    If stderr is not a terminal, a line is printed every `LINE_SECONDS`.
     """
     from rich import progress
     from rich.console import Console
@@ -111,12 +111,12 @@ class Table(NamedTuple):
 
     title: str
     columns: Sequence[str]
-    """Without a header where all are empty."""
+    """Column titles; the header is omitted if all are empty."""
     rows: Sequence[Sequence[str]]
 
 
 MAX_CELL = 60
-"""Characters of a number with its unit or remark; longer cells are text, which is left-aligned."""
+"""Maximum length of a number with its unit or remark; longer cells are left-aligned text."""
 
 
 def print_table(table: Table) -> None:
@@ -134,7 +134,7 @@ def print_table(table: Table) -> None:
         is_text = not shown.columns or max(map(len, cells), default=0) > MAX_CELL
         shown.add_column(Text(heading), justify="left" if is_text else "right", overflow="fold")
     for row in rows:
-        shown.add_row(*map(Text, row))  # brackets are no markup
+        shown.add_row(*map(Text, row))  # brackets are not markup
     Console().print(shown)
 
 
@@ -143,7 +143,7 @@ class Result:
     """The output and the exit code of a command."""
 
     row: Mapping[str, Any]
-    """Figures, for --json."""
+    """Figures for --json."""
     tables: Sequence[Table] = ()
     code: int = 0
     """Exit code."""
@@ -160,14 +160,14 @@ LABELS = {
     "inside_3sigma": "fraction in the 99.7 % ellipse",
     "missed": "expected, not re-identified",
 }
-"""Labels of figures whose names in words are not clear."""
+"""Labels for figures whose names are unclear when spelled out."""
 
 
 def facts(row: Mapping[str, Any]) -> dict[str, str]:
-    """The numbers and texts of a row for --json, formatted, by `LABELS` or their names in words.
+    """Formatted numbers and texts of a row for --json, by label or spelled-out name.
 
-    The end of a name is its unit: "odometry_rmse_m" is in meters. None, empty texts,
-    truth values and nested values are left out.
+    The suffix of a name is its unit: "odometry_rmse_m" is in meters. None, empty texts, Booleans
+    and nested values are omitted.
     """
     shown = {}
     for name, value in row.items():
@@ -195,7 +195,7 @@ def comparison(
     columns: Iterable[str],
     cells: "Callable[[Scores], Sequence[str]]",
 ) -> list[Table]:
-    """Tables of means and, titled `difference`, of paired differences, each with its interval."""
+    """Tables of means and of paired differences, titled `difference`, with confidence intervals."""
     tables = {title: means} | ({difference: gains} if gains else {})
     return [
         Table(
@@ -221,7 +221,7 @@ def emit(result: Result, *, as_json: bool) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically; bytes of file names that are not text are escaped."""
+    """Write a text file atomically; undecodable bytes of file names are escaped."""
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
@@ -235,7 +235,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 
 
 def names_for(paths: Sequence[Path]) -> dict[Path, str]:
-    """Unique names for the results of each input: its stem, numbered where it is taken."""
+    """Unique result names for the inputs: the stem, with a number if already taken."""
     names: dict[Path, str] = {}
     taken: set[str] = set()
     for path in dict.fromkeys(paths):
@@ -248,7 +248,7 @@ def names_for(paths: Sequence[Path]) -> dict[Path, str]:
 
 
 def relative_names(paths: Sequence[Path]) -> dict[Path, str]:
-    """Each path relative to the common folder, as COLMAP and hloc name images."""
+    """Paths relative to their common folder, as COLMAP and hloc name images."""
     if not paths:
         return {}
     absolute = [path.absolute() for path in paths]

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from socket import socket
 
 SHUTDOWN_TIMEOUT = 2
-"""Seconds that requests in progress have when the server stops."""
+"""Seconds granted to requests in progress when the server stops."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,20 +20,21 @@ class ServeOptions(Options):
     """Options of `saccade serve`."""
 
     port: int = setting(8014, 0, 65535)
-    """Port on this machine, up to 65535; 0 for any free one."""
+    """Port on this machine, up to 65535; 0 selects a free port."""
     max_upload: Annotated[float, Parameter(metavar="MB")] = setting(32.0, 0.1, 1000)
-    """Maximum size of a photograph, .1 to 1000."""
+    """Maximum size of a photograph, .1 to 1000 MB."""
     browser: Annotated[bool, Parameter(negative="--no-browser")] = True
     """Open the page in the browser."""
 
 
 def serve(options: ServeOptions = ServeOptions()) -> None:
-    """Serve a page for photographs (saliency, scanpath, keypoints) and for SLAM.
+    """Serve an interactive page for photographs and for SLAM.
 
-    The page is served to this machine only (127.0.0.1), and nothing is stored.
-    Every setting has a control, and the settings can be copied as a command and
-    its file. A playground shows what the filters of EKF-SLAM estimate while a
-    simulated robot is driven. Ctrl-C stops the server.
+    Photographs: saliency, scanpath and keypoints, with a control for every
+    setting; the settings can be copied as a command with its file. SLAM: a
+    playground that compares EKF-SLAM filters on a simulated robot. The page is
+    served to this machine only (127.0.0.1), and nothing is stored. Ctrl-C stops
+    the server.
 
     Example: saccade serve --port 8014
     """
@@ -72,7 +73,7 @@ def serve(options: ServeOptions = ServeOptions()) -> None:
 
 
 def _leave_warm_up() -> None:
-    """End the process if it still compiles: threads of OpenCV abort one that ends under them."""
+    """End the process if it is still compiling: OpenCV threads abort an exiting process."""
     import os
     import sys
     import threading

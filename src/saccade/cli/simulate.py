@@ -29,8 +29,8 @@ class KindArgument(Options):
     """Kind of the simulation."""
 
     kind: Literal["world", "drive"]
-    """world: the landmark log of a robot or a car. drive: the drive of a robot with a camera around
-    a courtyard with posters."""
+    """world: a landmark log of a robot or a car. drive: a camera drive of a robot around a
+    courtyard with posters."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,11 +45,11 @@ class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
     """Preset of a world (loop, slippery, coarse or car) or of a drive (ring, mono, repeated,
     mirror, dark, flicker or rooms)."""
     frames: int | None = setting(None, 2)
-    """Number of frames of a drive, at least 2; a lap has 300, and there are two laps."""
+    """Number of frames of a drive, at least 2; by default two laps of 300 frames."""
     gaze: Annotated[str | None, Parameter(metavar="POLICY")] = None
-    """Turn the camera of a drive while it maps: fixed, sweep, random, salient or active."""
+    """Gaze policy that turns the camera during mapping: fixed, sweep, random, salient or active."""
     egomotion: Egomotion = "camera"
-    """Sensor of the motion: camera, second-camera (a fixed one), or wheels."""
+    """Source of odometry: camera, second-camera (fixed to the robot) or wheels."""
     color: bool = False
     """Render a drive in color."""
     depth: bool = False
@@ -59,16 +59,16 @@ class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
 def simulate(options: SimulateOptions) -> Result:
     """Simulate a landmark log or a camera drive, with ground truth.
 
-    Of a world --out receives the log (log.csv, for saccade slam), the true
+    World: --out receives the log (log.csv, for saccade slam), the true
     trajectory (truth.tum) and the true landmarks (landmarks.csv). The seed
     determines the noise, but not the landmarks.
 
-    Of a drive --out receives the images of the left (image_0) and right camera
-    (image_1), the calibration (calib.txt, camera.toml), times.txt, odometry
-    with its covariance (odometry.csv) and the true trajectory
-    (groundtruth.tum); with --gaze also how the camera was turned (gaze.csv);
-    in the layout of KITTI's odometry benchmark, for saccade drive. The seed
-    determines the noise, the walls and the posters.
+    Drive: --out receives, in the layout of KITTI's odometry benchmark and for
+    saccade drive, the images of the left (image_0) and right camera (image_1),
+    the calibration (calib.txt, camera.toml), times.txt, odometry with its
+    covariance (odometry.csv) and the true trajectory (groundtruth.tum); with
+    --gaze also the camera's rotation (gaze.csv). The seed determines the noise,
+    the walls and the posters.
 
     Example: saccade simulate drive --preset repeated --seed 7 --out ring
     """

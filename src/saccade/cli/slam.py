@@ -80,17 +80,17 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     """Data association: auto (labels that agree with the map, else mutual), known (trusted labels),
     nearest, mutual, or hypotheses (several association hypotheses)."""
     no_smooth: Annotated[bool, Parameter(negative=())] = False
-    """Keep the trajectory and the map of the filter, without smoothing at the end."""
+    """Keep the filtered trajectory and map, without smoothing at the end."""
     map_file: Annotated[Path | None, MAP, Parameter("--map")] = None
-    """Begin with a map: of an earlier run (.npz), or surveyed or landmarks.csv (.csv)."""
+    """Start from a map: of an earlier run (.npz), or a table of landmarks (.csv)."""
     save_map: Annotated[Path | None, MAP] = None
-    """Save map and filter for --map of a later run."""
+    """Save the map and the filter, for --map of a later run."""
     mode: Annotated[Literal["continue", "localize"], MAP] = "continue"
-    """With --map: continue mapping, or localize, which adds and culls nothing."""
+    """Use of --map: continue mapping, or localize without adding or culling landmarks."""
     start: Annotated[str | None, MAP, Parameter(metavar="WHERE")] = None
-    """With --map: first pose in its frame. last: the robot has not moved since (the default of
-    continue, unless the first scans contradict it); search: by the first scans (the default of
-    localize and of a .csv); log: as in the log; or X,Y,HEADING in meters and radians."""
+    """First pose in the frame of --map. last: the robot has not moved since (default for continue,
+    unless the first scans contradict it); search: from the first scans (default for localize and
+    .csv maps); log: as in the log; or X,Y,HEADING in meters and radians."""
 
     merge: Annotated[list[Path] | None, MAP, SEVERAL, Parameter(metavar="MAP")] = None
     """Instead of a LOG: merge these maps, in the frame of the first, into --save-map; several with
@@ -100,7 +100,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
 
     @property
     def first(self) -> str:
-        """Where the first pose is taken from."""
+        """Source of the first pose."""
         searched = self.mode == "localize" or self.has_survey
         return self.start or ("search" if searched else "last")
 
@@ -110,10 +110,10 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
         return self.map_file is not None and self.map_file.suffix.lower() == ".csv"
 
     def filter_of(self, log: LandmarkLog) -> Slam:
-        """The filter of a log: with the map that is given, and then its settings unless others are.
+        """The filter for a log; --map supplies the map, and the settings unless others are given.
 
         Raises:
-            ConfigError, LogError: as `Slam.load` and `find_start`; or --start is something else.
+            ConfigError, LogError: as `Slam.load` and `find_start`, or --start is malformed.
         """
         settings: EkfConfig = self.settings("slam")
         if self.association is not None:
@@ -143,11 +143,11 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
 def slam(options: SlamOptions = SlamOptions()) -> Result:
     """Map the landmarks of a recorded log: extended Kalman filter, then smoothing.
 
-    --out receives the trajectory (trajectory.tum, for evo; poses.csv with
+    Writes to --out the trajectory (trajectory.tum, for evo; poses.csv with
     covariances; filtered.tum before smoothing), the landmarks with covariances
     (landmarks.csv), the innovations (innovations.csv), a figure (map.png), an
     interactive report (report.html), and settings and scores (run.json); with
-    --film a film too (map.mp4).
+    --film also a film (map.mp4).
 
     With --map, the settings are those of the map unless others are given. With
     --merge the common landmarks of maps are found by their labels or, without
@@ -183,7 +183,7 @@ def map_log(
 ) -> dict[str, Any]:
     """Run the filter over a log, write the results, and return the content of run.json.
 
-    The run is added to `report`; None for one of its own.
+    The run is added to `report`; None writes a report for this run alone.
     """
     causes = check_log(log)
     out, slam = options.out, options.filter_of(log)
@@ -239,13 +239,13 @@ def map_log(
 
 
 def _num_loaded(slam: Slam) -> int:
-    """Smallest id of the landmarks that are new in this session."""
+    """Smallest id of the landmarks added in this session."""
     counts = slam.landmarks.counts
     return int(counts.id[counts.session < slam.landmarks.session].max(initial=-1)) + 1
 
 
 def _map_figures(options: SlamOptions, slam: Slam, result: SlamResult) -> dict[str, Any]:
-    """Landmarks of the loaded map that were observed, and new ones, for run.json."""
+    """Numbers of observed loaded landmarks and of new landmarks, for run.json."""
     observations = result.map.observations
     if options.map_file is None or result.session is None or observations is None:
         return {"map": None}
@@ -259,7 +259,7 @@ def _map_figures(options: SlamOptions, slam: Slam, result: SlamResult) -> dict[s
 
 
 def innovation_table(log: LandmarkLog, result: SlamResult) -> dict[str, np.ndarray[Any, Any]]:
-    """Each observation with its innovation, as columns; NaN where it was not used."""
+    """Observations with innovations, as columns; NaN for unused observations."""
     landmark = np.append(result.map.id, -1)[result.association]
     return {
         "pose": log.observation_pose,
@@ -278,7 +278,7 @@ SLAM_TEXT = (
     "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; click a "
     "landmark to see the poses from which it was observed; click a chart to go to that time."
 )
-LOADED = " Blue landmarks are of the map that was loaded, black ones are new."
+LOADED = " Blue landmarks belong to the loaded map, black landmarks are new."
 
 
 def slam_part(
@@ -288,7 +288,7 @@ def slam_part(
     summary: Mapping[str, Any],
     loaded: int,
 ) -> Part:
-    """The map of a log as a part of a report; landmarks with an id under `loaded` were loaded."""
+    """The map of a log as a part of a report; landmarks with an id below `loaded` were loaded."""
     truth = log.aligned_truth
     trajectories = {"estimate": result.filtered, "odometry": result.dead_reckoning}
     trajectories |= {} if truth is None else {"truth": truth}
@@ -330,7 +330,7 @@ def _surveyed(
     odometry_bias: tuple[float, float, float],
     covariance: FloatArray | None = None,
 ) -> Slam:
-    """A filter in a surveyed map, as `Slam.load` gives it in a saved one."""
+    """A filter that starts from a surveyed map, as `Slam.load` from a saved map."""
     robot = Slam(settings, start=start, odometry_bias=odometry_bias, mode=mode, map=landmarks)
     if covariance is not None:
         robot.filter.reset_pose(start, covariance)
@@ -338,7 +338,7 @@ def _surveyed(
 
 
 def _first_pose(slam: Slam, log: LandmarkLog, start: str) -> tuple[FloatArray, FloatArray | None]:
-    """The first pose in the frame of the map, and its covariance; None for that of `Slam.load`."""
+    """First pose in the map frame, with its covariance; None for the covariance of `Slam.load`."""
     if start == "search":
         return find_start(slam, log)
     if start == "log":

@@ -1,4 +1,4 @@
-"""`saccade textbook`: the equations of the source beside their code, run on one's own data."""
+"""`saccade textbook`: the equations of the source beside their code, run on your own data."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +17,8 @@ from saccade.viewing.textbook.ekf import simulated_log
 from saccade.viewing.textbook.walkthrough import walk_through, walkthrough_page
 
 LEAD = (
-    "Each step with its equations, the lines of code that compute them, and their results for "
-    "{source}. The numbers are those of G. W. Kootstra, Visual attention and active vision: from "
+    "Each step with its equations, the code that computes them, and the results for "
+    "{source}. Equation numbers follow G. W. Kootstra, Visual attention and active vision: from "
     "natural to artificial systems (2010)."
 )
 
@@ -37,16 +37,16 @@ class TextbookOptions(JsonOptions, SourceArgument):
 
     out: OutputFolder = Path("saccade-textbook")
     max_side: Annotated[int, Parameter(metavar="PX")] = setting(480, 32)
-    """Pixels of the longer side, at least 32: a larger image is reduced."""
+    """Maximum longer side, at least 32; larger images are reduced."""
 
 
 def textbook(options: TextbookOptions) -> Result:
     """Walk through the equations of the source with a photograph or a log.
 
-    In --out appears a page (report.html) that shows each step of appendix A,
-    B and C: the equation, the code that computes it, and a figure. With a
-    photograph these are the contrast-saliency model and SIFT, and EKF-SLAM
-    in a small simulated world; with a log EKF-SLAM alone.
+    Writes a page (report.html) that shows each step of appendices A, B and C:
+    the equation, the code that computes it, and a figure. A photograph gives the
+    contrast-saliency model, SIFT, and EKF-SLAM in a small simulated world; a log
+    gives EKF-SLAM alone.
 
     Example: saccade textbook photo.jpg
     """

@@ -1,9 +1,9 @@
 """Reads and writes recorded data, in the data types of `saccade.types` and `saccade.frames`.
 
-A file that is missing, broken, or of another format raises a subclass of `SaccadeError`: `LogError`
-for logs, tables and fixations, `DriveError` for drives, `ImageError` for images. The message is one
-line with the file, the line or row, the expected content and the found content. All writers raise
-`OutputError`, and `ConfigError` for another suffix.
+A missing, broken or unexpected file raises a subclass of `SaccadeError`: `LogError` for logs,
+tables and fixations, `DriveError` for drives, `ImageError` for images. The message is one line with
+the file, the line or row, the expected content and the found content. All writers raise
+`OutputError`, and `ConfigError` for an unknown suffix.
 """
 
 from saccade.datasets.drives.loading import DriveKind, load_drive

@@ -1,4 +1,4 @@
-"""Fixations in EyeLink's text (.asc), as edf2asc writes it.
+"""Fixations in EyeLink's text format (.asc), written by edf2asc.
 
 Source of lines and fields: "The ASC File Format" in SR Research's user manuals; of messages with
 trials and images: "Protocol for EyeLink Data to Viewer Integration".
@@ -26,7 +26,7 @@ from saccade.io.files import IMAGE_SUFFIXES
 
 
 class _Shown(NamedTuple):
-    """An image that came onto the screen."""
+    """An image that was displayed on the screen."""
 
     time: float
     name: str
@@ -35,32 +35,33 @@ class _Shown(NamedTuple):
 
 @dataclass
 class _Trial:
-    """Content of a file from a message TRIALID to the next."""
+    """Content of a file between two TRIALID messages."""
 
     label: str = ""
     shown: list[_Shown] = field(default_factory=list)
     variables: dict[str, str] = field(default_factory=dict)
     fixations: list[Row] = field(default_factory=list)
-    """EFIX, eye, start, end, duration, x, y."""
+    """Rows of EFIX, eye, start, end, duration, x, y."""
 
 
 def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> FixationList:
-    """The fixations of a recording; its subject is the name of the file.
+    """The fixations of a recording; the subject is the file name.
 
-    A fixation belongs to the image on the screen at its end: the first one of a trial often begins
-    before its image. The message `!V IMGLOAD` names the image and its position on the screen; else
-    a trial variable (`!V TRIAL_VAR`) called image or alike, or a file name in TRIALID.
+    A fixation is assigned to the image on the screen at its end, since the first fixation of a
+    trial often begins before its image. The message `!V IMGLOAD` names the image and its position
+    on the screen; otherwise the name is taken from a trial variable (`!V TRIAL_VAR`) called image
+    or similar, or from a file name in TRIALID.
 
     Args:
-        path: the .asc.
-        columns: "image": the name of the trial variable that names the image.
+        path: the .asc file.
+        columns: "image": name of the trial variable that holds the image name.
     """
     found, early = list[tuple[Any, ...]](), 0
     for number, trial in enumerate(_trials(path)):
         shown = _images(trial, (columns or {}).get("image"))
         ends = [row.numbers(slice(3, 4))[0] for row in trial.fixations]
         if len(shown) == 1 and max(ends, default=np.inf) < shown[0].time:
-            shown = [shown[0]._replace(time=-np.inf)]  # named after the recording
+            shown = [shown[0]._replace(time=-np.inf)]  # announced after the recording started
         for row, end in zip(trial.fixations, ends, strict=True):
             order = sum(each.time <= end for each in shown)
             if order == 0:
@@ -81,7 +82,7 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Fixati
 
 
 def _trials(path: Path) -> list[_Trial]:
-    """The trials of a file; the first is what comes before any."""
+    """The trials of a file; the first has the lines before any TRIALID."""
     trials, screen = [_Trial()], NO_BOX
     for row in read_rows(path):
         kind = row.cells[0]
@@ -97,7 +98,7 @@ def _trials(path: Path) -> list[_Trial]:
 
 
 def _read_message(row: Row, trials: list[_Trial], screen: Box) -> Box:
-    """Add the content of a message to the trials; returns the screen, if known."""
+    """Adds the content of a message to the trials; returns the screen, if known."""
     words, offset = row.cells[2:], 0.0
     if len(words) > 1 and words[0].lstrip("+-").isdecimal():
         offset = float(words.pop(0))
@@ -117,7 +118,7 @@ def _read_message(row: Row, trials: list[_Trial], screen: Box) -> Box:
 
 
 def _loaded(command: Row, screen: Box) -> tuple[str, Box]:
-    """Image and box of FILL PATH, CENTER PATH X Y [WIDTH HEIGHT], or TOP_LEFT, alike."""
+    """Image and box from FILL PATH, or CENTER or TOP_LEFT PATH X Y [WIDTH HEIGHT]."""
     kind, *words = command.cells or [""]
     numbers: list[str] = []
     while kind != "FILL" and len(words) > 1 and len(numbers) < 4 and is_number(words[-1]):
@@ -127,7 +128,7 @@ def _loaded(command: Row, screen: Box) -> tuple[str, Box]:
             "IMGLOAD with FILL PATH, or CENTER or TOP_LEFT, PATH, X, Y, WIDTH and HEIGHT",
             " ".join(command.cells),
         )
-    name = PureWindowsPath(" ".join(words)).name  # takes both kinds of slashes
+    name = PureWindowsPath(" ".join(words)).name  # accepts both kinds of slashes
     if kind == "FILL" or not numbers:
         return name, screen if kind == "FILL" else NO_BOX
     x, y, *size = Row(command.path, command.line, numbers).numbers()
@@ -136,7 +137,7 @@ def _loaded(command: Row, screen: Box) -> tuple[str, Box]:
 
 
 def _images(trial: _Trial, wanted: str | None) -> list[_Shown]:
-    """The images of a trial in the order of their times."""
+    """The images of a trial in order of time."""
     if trial.shown and wanted is None:
         return sorted(trial.shown, key=lambda each: each.time)
     names = [

@@ -1,7 +1,7 @@
-"""Fixations in MATLAB files: structs, cells and matrices, found by their shapes and names.
+"""Fixations in MATLAB files: structs, cells and matrices, identified by shape and name.
 
-OSIE's `fixations.mat` is a cell of structs of images (`img`), each with a cell of structs of
-subjects with the vectors `fix_x`, `fix_y` and `fix_duration`.
+OSIE's `fixations.mat` is a cell array of image structs (`img`). Each has a cell array of subject
+structs with the vectors `fix_x`, `fix_y` and `fix_duration`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,13 +25,13 @@ Rows = list[tuple[Any, ...]]
 def read_mat_fixations(path: Path) -> RawFixations:
     """The fixations of a MATLAB file.
 
-    Positions are in vectors x and y by their usual names, or in the first two columns of matrices.
-    Image and subject are fields by their usual names, or the order of cells and structs: of images,
-    then of subjects. Names of images may be in a cell of texts of their number; they are numbered
-    from 1 without one.
+    Positions are in vectors x and y with their usual names, or in the first two columns of
+    matrices. Image and subject are fields with their usual names, or indices of nested cells or
+    structs: images, then subjects. A cell of as many texts as images holds their names; without it,
+    images are numbered from 1.
 
     Raises:
-        LogError: the file is broken or has another layout; names its variables.
+        LogError: the file is broken or has another layout; the message lists its variables.
     """
     variables = read_variables(path)
     fixations: Rows = []
@@ -49,7 +49,7 @@ def read_mat_fixations(path: Path) -> RawFixations:
 
 
 def _collect(value: Any, known: Mapping[str, Any], texts: Sequence[list[str]], out: Rows) -> None:
-    """Add the fixations in a value; `known` are the contents of its roles."""
+    """Adds the fixations in a value; `known` has the values by role found so far."""
     if isinstance(value, dict):
         found = {
             role: field
@@ -75,7 +75,7 @@ def _collect(value: Any, known: Mapping[str, Any], texts: Sequence[list[str]], o
         of_images = "image" not in known
         inner = {len(each) for each in value if isinstance(each, list)}
         if of_images and not names and any(len(each) in inner for each in texts):
-            of_images = False  # of subjects, then of images
+            of_images = False  # first assume subjects, then images
         role = "image" if of_images else "subject"
         for number, each in enumerate(value):
             name = names[0][number] if of_images and names else str(number + of_images)
@@ -89,7 +89,7 @@ def _collect(value: Any, known: Mapping[str, Any], texts: Sequence[list[str]], o
 
 
 def _shapes(value: Any) -> Iterator[tuple[int, int]]:
-    """The shapes of all matrices."""
+    """Shapes of all matrices in a value."""
     if isinstance(value, np.ndarray) and value.ndim == 2 and min(value.shape) > 1:
         yield value.shape[0], value.shape[1]
     elif isinstance(value, list | dict):
@@ -98,7 +98,7 @@ def _shapes(value: Any) -> Iterator[tuple[int, int]]:
 
 
 def _turned(value: Any) -> Any:
-    """A value with all matrices transposed, where fixations are columns."""
+    """The value with all matrices transposed, for files with fixations as columns."""
     if isinstance(value, dict):
         return {name: _turned(each) for name, each in value.items()}
     if isinstance(value, list):
@@ -107,7 +107,7 @@ def _turned(value: Any) -> Any:
 
 
 def _add_vectors(known: Mapping[str, Any], out: Rows) -> None:
-    """Add the fixations of vectors x and y; other roles have one value, or one for each."""
+    """Adds the fixations of vectors x and y; other roles have one value, or one per fixation."""
     count = np.size(known["x"])
 
     def column(role: str, default: Any) -> list[Any]:
@@ -136,7 +136,7 @@ def _add_vectors(known: Mapping[str, Any], out: Rows) -> None:
 
 
 def _as_columns(structs: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
-    """The columns of structs of a fixation each; None where they are something else."""
+    """Columns from structs that hold one fixation each; None for other structs."""
     columns: dict[str, Any] = {}
     for name in structs[0]:
         values = [each.get(name) for each in structs]
@@ -153,7 +153,7 @@ def _is_texts(value: Any) -> bool:
 
 
 def _has_parts(value: Any) -> bool:
-    """Whether a value holds others: a struct, or a cell of anything but texts."""
+    """Whether a value is nested: a struct, or a cell array that is not all text."""
     return isinstance(value, dict) or (isinstance(value, list) and not _is_texts(value))
 
 

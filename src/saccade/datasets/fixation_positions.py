@@ -1,4 +1,4 @@
-"""Images of fixations in a folder, and positions in the pixels of these images."""
+"""Images of fixations, and conversion of positions to image pixels."""
 
 from pathlib import Path, PureWindowsPath
 
@@ -11,30 +11,30 @@ from saccade.io.image import read_image
 from saccade.types import BoolArray, FloatArray
 
 NORMALIZED = (-0.5, 1.5)
-"""Range of normalized coordinates, including fixations beside the image."""
+"""Range of normalized coordinates, including fixations outside the image."""
 AXES: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "x,y": ((1, 0), (0, 1)),
     "y,x": ((0, 1), (1, 0)),
     "x,-y": ((1, 0), (0, -1)),
     "-x,y": ((-1, 0), (0, 1)),
 }
-"""Meanings of the columns x and y, and matrices from them to positions."""
+"""Orders and signs of the columns x and y, with matrices that convert them to positions."""
 OUTSIDE = 0.1
-"""Largest accepted fraction of fixations outside their images; 0 to .01 is usual."""
+"""Maximum fraction of fixations outside their images; 0 to .01 is usual."""
 SHIFTED = 0.03
-"""Largest accepted fraction outside if other axes, a shift or a scale bring three quarters of these
-inside."""
+"""Maximum fraction of fixations outside if other axes, a shift or a scale would bring three
+quarters of these inside."""
 ENLARGED = 1.1
-"""Smallest scale that is suggested: fixations beside their images look like smaller ones."""
+"""Minimum scale suggested; some fixations outside their images resemble a smaller scale."""
 FEWEST = 5
-"""Minimum number of fixations outside for positions to be judged."""
+"""Minimum number of fixations outside for positions to be checked."""
 MIDDLE = 50
 """Minimum number of fixations for a check that they reach the middle of their images."""
 EXTENT = (0.02, 0.98)
-"""Quantiles taken for the borders of all fixations: blinks are beyond."""
+"""Quantiles that bound the fixations, without the outliers of blinks."""
 LARGEST_UNIT = 100
-"""Largest size of an image on the screen in other units than pixels."""
-PIXELS = "--xy pixels takes them as they are"
+"""Maximum size of an image on the screen in units other than pixels."""
+PIXELS = "--xy pixels skips this check"
 
 
 def list_folder(folder: Path) -> list[Path]:
@@ -44,11 +44,11 @@ def list_folder(folder: Path) -> list[Path]:
 
 
 def resolve_images(names: Texts, folder: Path) -> Texts:
-    """The file of each image: of this name, or with another case, without a folder or suffix.
+    """The file of each image name, ignoring case, folder and suffix if necessary.
 
     Args:
-        names: (n,) as in a table.
-        folder: of the images.
+        names: (n,) names in a table.
+        folder: folder of the images.
 
     Returns:
         (n,) names of files; names without a file are unchanged.
@@ -78,36 +78,36 @@ def image_sizes(names: Texts, folder: Path) -> FloatArray:
 
 
 def to_image_pixels(xy: FloatArray, boxes: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Positions in the pixels of images, of positions on the screen.
+    """Converts positions on the screen to pixels of the images.
 
-    The center of a pixel has whole coordinates, on the screen as in the image; fractions, percent
-    and lengths begin at the edge of the image.
+    The center of a pixel has integer coordinates, both on the screen and in the image; fractions,
+    percentages and lengths start at the edge of the image.
 
     Args:
         xy: (n, 2) positions in the units of the boxes.
-        boxes: (n, 5) where the images were, see `Box`.
-        sizes: (n, 2) of the images, width and height in pixels.
+        boxes: (n, 5) positions of the images on the screen, see `Box`.
+        sizes: (n, 2) width and height of the images in pixels.
     """
     shown = np.where(np.isnan(boxes[:, 2:4]), sizes, boxes[:, 2:4])
     corner = boxes[:, :2] - boxes[:, 4:] * shown / 2
     half = np.where(shown.max(axis=1, keepdims=True) > LARGEST_UNIT, 0.5, 0)
     pixels = (xy - corner + half) * (sizes / shown) - 0.5
-    pixels = np.round(pixels, 6)  # those in decimals are as they were before division
+    pixels = np.round(pixels, 6)  # undo rounding errors of the division
     edge = sizes - 0.5
     pixels = np.where(pixels == edge, edge - 1e-6, pixels)  # in the last pixel
     return np.where(np.isnan(boxes[:, :1]), xy, pixels)
 
 
 def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
-    """Refuse positions that cannot be in the pixels of their images.
+    """Rejects positions that cannot be pixels of their images.
 
     Args:
-        source: for the message.
+        source: name of the file, for error messages.
         xy: (n, 2) positions.
-        sizes: (n, 2) of the images.
+        sizes: (n, 2) width and height of the images.
 
     Returns:
-        A remark on positions that may be elsewhere, or nothing.
+        A remark if positions are doubtful, else an empty text.
     """
     low, high = np.quantile(xy, EXTENT, axis=0)
     side = np.median(sizes, axis=0)
@@ -158,6 +158,6 @@ def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
 
 
 def is_outside(xy: FloatArray, sizes: FloatArray) -> BoolArray:
-    """(n,) whether positions are outside their images, whose first pixel is about (0, 0)."""
+    """(n,) True for positions outside their images; the first pixel is centered at (0, 0)."""
     pixels = np.floor(xy + 0.5)
     return np.asarray(((pixels < 0) | (pixels >= sizes)).any(axis=1))

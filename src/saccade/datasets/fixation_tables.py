@@ -1,7 +1,7 @@
-"""Fixations in a table of any lab, or in an export of Tobii Pro Lab.
+"""Fixations in tables of any laboratory, and in exports of Tobii Pro Lab.
 
-Columns are found by their usual names. Tobii's data export, described in Tobii Pro Lab's manual,
-has a row for each sample, with its fixation.
+Columns are identified by their usual names. Tobii's data export, described in Tobii Pro Lab's
+manual, has one row per sample, with its fixation.
 """
 
 import re
@@ -21,33 +21,34 @@ from saccade.types import FloatArray, IntArray, Table
 Texts = npt.NDArray[np.str_]
 Box = tuple[float, float, float, float, bool]
 """Position of an image on the screen, in the units of the fixations: x and y of its upper left
-corner, width and height (NaN for those of the file), and whether x and y are its center instead."""
+corner, width and height (NaN for the size of the file), and True if x and y are the center
+instead."""
 NO_BOX: Box = (np.nan, np.nan, np.nan, np.nan, False)
-"""Positions are in pixels of the image."""
+"""Box for positions in pixels of the image."""
 
 
 @dataclass(frozen=True, eq=False)
 class RawFixations(Table):
-    """n fixations as a file has them."""
+    """n fixations before conversion, in the units of the file."""
 
     image: Texts
     subject: Texts
     order: FloatArray
-    """(n,) index, time in the unit of the file, or number of the row."""
+    """(n,) index, time in the unit of the file, or row number."""
     xy: FloatArray
-    """(n, 2) NaN where the file has none, as during a blink."""
+    """(n, 2) positions; NaN if missing, for example during a blink."""
     milliseconds: FloatArray
     """(n,) duration; NaN where unknown."""
     box: FloatArray
     """(n, 5) `Box`."""
     trial: npt.NDArray[Any]
-    """(n,) name of the trial, empty without one; or its number."""
+    """(n,) name of the trial, empty if it has none; or its number."""
     eye: Texts
     """(n,) L or R; empty if unknown."""
 
     @classmethod
     def of(cls, rows: Iterable[tuple[Any, ...]]) -> Self:
-        """The table of rows of image, subject, order, x, y, milliseconds, box, trial and eye."""
+        """The table for rows of image, subject, order, x, y, milliseconds, box, trial and eye."""
         columns = [*zip(*rows, strict=True)] or [()] * 9
         image, subject, trial, eye = (np.array(columns[i], np.str_) for i in (0, 1, 7, 8))
         order, x, y, milliseconds, box = (np.array(each, np.float64) for each in columns[2:7])
@@ -62,11 +63,11 @@ class FixationList(NamedTuple):
     order: str
     """Meaning of `RawFixations.order`: index, time or row."""
     remarks: Counter[str]
-    """Numbers of the fixations that are left out, by the reason."""
+    """Number of fixations left out, by reason."""
 
 
 def rows_by(*columns: npt.NDArray[Any]) -> list[IntArray]:
-    """The indices of the rows of each group that has equal values in all columns (n,)."""
+    """Row indices of each group with equal values in all columns (n,)."""
     codes = [np.unique(each, return_inverse=True)[1].reshape(-1) for each in columns]
     order = np.lexsort(codes[::-1])
     sorted_codes = np.stack(codes, axis=1)[order]
@@ -98,13 +99,14 @@ COLUMN_NAMES = {
     "eye": "eye(used|tracked|reported|recorded)?|(used|tracked|recorded)eye",
     "duration": "(current)?(fix|fixation)?(duration|dur)|(gazeevent|eyemovementevent)duration",
 }
-"""Patterns of the usual names of columns, in the letters and digits of their names."""
+"""Patterns of usual column names, in letters and digits only."""
 ROLES = tuple(COLUMN_NAMES)
 UNITS = re.compile(r"(px|pix|pixels?|ms|msec|milliseconds|s|sec|seconds)$")
 BLANK = ("", ".", "-", "na", "nan", "n/a", "none", "null")
-"""Cells without a number, in lower case: of tables, R, MATLAB, pandas and EyeLink."""
+"""Blank cells in lower case, as written by spreadsheets, R, MATLAB, pandas and EyeLink."""
 SHORTEST = 10.0
-"""Durations with a smaller median are in seconds: no fixation lasts 10 s, and none 10 ms."""
+"""Minimum median duration in milliseconds; smaller values are in seconds, since fixations last
+between 10 ms and 10 s."""
 THOUSANDS = re.compile(r"-?[1-9]\d{0,2},\d{3}")
 
 TOBII = {
@@ -115,7 +117,7 @@ TOBII = {
     "duration": ("gazeeventduration", "eyemovementeventduration"),
     "trial": ("recordingname",),
 }
-"""Columns of Tobii's export by their roles, the preferred first."""
+"""Columns of Tobii's export by role, preferred names first."""
 TOBII_TYPE = "eyemovementtype"
 TOBII_INDEX = "eyemovementtypeindex"
 TOBII_BOX = tuple(
@@ -129,9 +131,9 @@ def read_fixation_table(
     """The fixations of a table, separated by commas, semicolons or tabs.
 
     Args:
-        path: a file with a header; decimal commas are read where they cannot be anything else.
-        columns: names of columns by `ROLES`, where they are not the usual ones.
-        subject: of all rows, where no column names one.
+        path: a file with a header; decimal commas are read if unambiguous.
+        columns: names of columns by `ROLES`, if they differ from the usual names.
+        subject: subject of all rows, if no column has it.
     """
     table = read_csv(path, delimiter=DETECTED, comment=None)
     keys, named, rows = [_key(name) for name in table.names], dict(columns or {}), table.rows
@@ -193,7 +195,7 @@ def is_named(role: str, name: str) -> bool:
 
 
 def _find_columns(path: Path, names: Sequence[str], role: str, wanted: str | None) -> list[int]:
-    """The numbers of the columns of a role: one, none, or several of trials."""
+    """Column numbers of a role: one, none, or several for trials."""
     if wanted is not None:
         for same in (str, str.casefold):
             if same(wanted) in (given := [same(each) for each in names]):
@@ -214,14 +216,14 @@ def _find_columns(path: Path, names: Sequence[str], role: str, wanted: str | Non
 
 
 def number_in(row: Row, column: int) -> float:
-    """The number in a cell; NaN where it is blank."""
+    """The number in a cell; NaN if it is blank."""
     if row.cells[column].casefold() in BLANK:
         return np.nan
     return row.numbers(slice(column, column + 1))[0]
 
 
 def _replace_decimal_commas(rows: Sequence[Row], column: int) -> None:
-    """Replace the commas of a column by points, unless they may separate thousands."""
+    """Replaces decimal commas in a column by points, unless they may separate thousands."""
     numbers = [row.cells[column] for row in rows if row.cells[column].casefold() not in BLANK]
     commas = [cell for cell in numbers if "," in cell]
     thousands = len(commas) < len(numbers) and all(map(THOUSANDS.fullmatch, commas))
@@ -232,7 +234,7 @@ def _replace_decimal_commas(rows: Sequence[Row], column: int) -> None:
 
 
 def _tobii_columns(names: Sequence[str], keys: Sequence[str]) -> dict[str, str]:
-    """The names of columns of Tobii's export by their roles."""
+    """Column names of Tobii's export by role."""
     found = {role: next((k for k in known if k in keys), None) for role, known in TOBII.items()}
     return {role: names[keys.index(key)] for role, key in found.items() if key is not None}
 
@@ -240,7 +242,7 @@ def _tobii_columns(names: Sequence[str], keys: Sequence[str]) -> dict[str, str]:
 def _tobii_rows(
     path: Path, table: TextTable, keys: Sequence[str], place: Mapping[str, Sequence[int]]
 ) -> list[Row]:
-    """One row for each fixation on an image: of its samples the first with a position."""
+    """One row per fixation on an image: its first sample with a position."""
     if TOBII_INDEX not in keys:
         raise LogError(f"{path}: expected the column Eye movement type index of Tobii's export")
     identity = [*place["subject"], *place["image"], *place["trial"], keys.index(TOBII_INDEX)]

@@ -1,4 +1,4 @@
-"""Trials of a subject on an image, each a scanpath of its own, and the eye that is read in each."""
+"""Trials of a subject on an image, and the choice of the eye in each trial."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,9 +11,9 @@ from saccade.datasets.fixation_tables import RawFixations, rows_by
 from saccade.types import BoolArray, FloatArray, IntArray
 
 RUN = 3
-"""Minimum mean number of fixations in a row for runs in the order of a file to be trials."""
+"""Minimum mean length of uninterrupted runs for these runs to count as trials."""
 BOTH_EYES = 0.5
-"""Minimum number of fixations of one eye over those of the other for both to be read."""
+"""Minimum ratio of the fixation counts of the two eyes for both eyes to be read."""
 AVERAGED = "fixations are the mean of both eyes; --eye left or right reads one"
 OTHER_EYE = "fixations of the other eye are left out"
 
@@ -21,15 +21,15 @@ OTHER_EYE = "fixations of the other eye are left out"
 def merge_eyes(
     raw: RawFixations, order: str, wanted: str | None, remarks: Counter[str]
 ) -> RawFixations:
-    """The fixations of one eye in each trial, or of both.
+    """The fixations of one eye in each trial, or the mean of both eyes.
 
     Args:
-        raw: with positions.
+        raw: fixations with positions.
         order: index, time or row.
-        wanted: L or R: the eye to read where it has fixations. None for the one that has more of
-            them; those during which the other eye has one are the mean of both, if it has at least
-            half as many, or, without times, as many.
-        remarks: counts what is averaged and left out.
+        wanted: L or R, the eye to read if it has fixations. None selects the eye with more
+            fixations and averages its fixations with simultaneous fixations of the second eye, if
+            that eye has at least half as many (without times: equally many).
+        remarks: counters of averaged and omitted fixations.
     """
     kept, used, xy = (np.ones(len(raw), bool), np.zeros(len(raw), bool), raw.xy.copy())
     for rows in rows_by(raw.image, raw.subject, raw.trial):
@@ -40,7 +40,7 @@ def merge_eyes(
         if wanted is not None or {*ranked[:2]} != {"L", "R"}:
             continue
         one, other = (rows[raw.eye[rows] == each] for each in ranked[:2])
-        fewest = BOTH_EYES * len(one) if order == "time" else len(one)  # else numbers may shift
+        fewest = BOTH_EYES * len(one) if order == "time" else len(one)  # indices may be shifted
         if len(other) >= fewest:
             partner = _simultaneous(raw[one], raw[other], order)
             paired = partner >= 0
@@ -53,7 +53,7 @@ def merge_eyes(
 
 
 def _simultaneous(one: RawFixations, other: RawFixations, order: str) -> IntArray:
-    """(n,) the fixation of the other eye that begins nearest to each, during it; -1 for none."""
+    """(n,) fixation of the other eye that starts during each fixation, nearest in time; else -1."""
     spans = []
     for raw in (one, other):
         start = np.arange(float(len(raw))) if order == "row" else raw.order
@@ -68,11 +68,11 @@ def _simultaneous(one: RawFixations, other: RawFixations, order: str) -> IntArra
 def number_trials(raw: RawFixations, order: str) -> IntArray:
     """(n,) number of the trial of each fixation, from 0 for each subject and image.
 
-    Trials are named by the file, or begin where the index or time restarts, or where a subject
-    returns to an image after another. A trial that repeats another is the same.
+    Trials are named in the file, or start where the index or time restarts, or where a subject
+    returns to an image. Repeated trials with equal content are merged.
 
     Args:
-        raw: with positions, in the order of the file.
+        raw: fixations with positions, in the order of the file.
         order: index, time or row.
     """
     block, trial = _blocks(raw), np.zeros(len(raw), np.int64)
@@ -92,7 +92,7 @@ def number_trials(raw: RawFixations, order: str) -> IntArray:
 
 
 def _restarts(content: FloatArray, is_index: bool) -> IntArray:
-    """(n,) the run of each fixation on an image, where index or time restart; else 0 for all."""
+    """(n,) run number of each fixation on an image; a run ends where index or time restarts."""
     order = content[:, 0]
     restarts: BoolArray = (np.diff(order) <= 0) & (np.diff(content, axis=0) != 0).any(axis=1)
     run = np.concatenate([[0], np.cumsum(restarts)])
@@ -106,7 +106,7 @@ def _restarts(content: FloatArray, is_index: bool) -> IntArray:
 
 
 def _blocks(raw: RawFixations) -> IntArray:
-    """(n,) number of each uninterrupted run of a subject on one image; 0 if these are too short."""
+    """(n,) number of the uninterrupted run of a subject on an image; 0 if runs are too short."""
     block = np.zeros(len(raw), np.int64)
     for rows in rows_by(raw.subject):
         own = rows[np.argsort(raw.order[rows], kind="stable")]

@@ -1,4 +1,4 @@
-"""Fixations: tables of any lab, EyeLink's and Tobii's recordings, and `.mat` files as of OSIE."""
+"""Fixations in tables, EyeLink and Tobii recordings, and `.mat` files such as OSIE's."""
 
 import warnings
 from collections import Counter
@@ -45,21 +45,21 @@ class FixationFormat:
     columns: Mapping[str, str] = field(default_factory=dict)
     """Names of columns by their role: image, subject, index, trial, time, x, y, eye, duration."""
     shown: tuple[float, float] | None = None
-    """Size of the images on the screen, in the units of x and y: (1, 1) if these are normalized.
-    None for the size of the files in pixels."""
+    """Size of the images on the screen, in the units of x and y; (1, 1) for normalized positions.
+    None for the size of the image files in pixels."""
     offset: tuple[float, float] | None = None
     """x and y of the images' upper left corner; None for (0, 0)."""
     axes: str = "x,y"
-    """Meanings of the columns x and y: "y,x" if they are exchanged, "x,-y" or "-x,y" if one of them
-    points the other way."""
+    """Order and signs of the columns x and y: "y,x" if they are exchanged, "x,-y" or "-x,y" if an
+    axis is reversed."""
     checked: bool = True
-    """Whether positions that cannot be in the pixels of the images are refused."""
+    """Whether to reject positions that cannot be pixels of the images."""
     eye: Literal["left", "right"] | None = None
-    """Eye to read where both are recorded. None for the mean of both, or the one with more
-    fixations where the other one has less than half as many."""
+    """Eye to read if both are recorded. None averages both eyes, or selects the eye with more
+    fixations if the second eye has less than half as many."""
     trials: Literal["separate", "first", "joined"] | None = None
-    """Of several trials of a subject on an image: each is a scanpath, only the first is read, or
-    all are one scanpath. None refuses them."""
+    """Treatment of repeated trials of a subject on an image: one scanpath each, only the first, or
+    one scanpath in all. None rejects repeated trials."""
 
     def __post_init__(self) -> None:
         """Check the settings."""
@@ -86,33 +86,35 @@ def read_fixations(
 ) -> FixationTable:
     """The fixations in a file, or in all files of a folder.
 
-    A row with an empty cell, as of a blink, is left out, and so is one that repeats another, which
-    is counted in a remark. `FixationTable.subject` is the subject's number, or, where subjects
-    have names, the position of the name among them. `FixationTable.index` counts from 0, the
-    first fixation of a scanpath, which is a trial of a subject on an image; where a file has
-    times, or numbers that go on from image to image, it is the rank among its fixations.
+    Rows with an empty cell, for example blinks, and repeated rows are left out and counted in a
+    remark. `FixationTable.subject` is the subject's number or, for named subjects, the rank of the
+    name. `FixationTable.index` counts from 0 for the first fixation of a scanpath, which is a trial
+    of a subject on an image; for files with times, or with indices that continue from image to
+    image, it is the rank within the scanpath.
 
     Args:
-        path: a table separated by commas, semicolons or tabs, with columns of image, subject, x
-            and y, and where it has them, index or time, and duration, by their usual names; an
-            export of Tobii Pro Lab (.tsv); a recording of EyeLink (.asc); a .mat of structs, cells
-            or matrices, such as OSIE's `fixations.mat` (Xu et al., Journal of Vision 2014); or a
-            folder of tables and recordings, of a subject each where they do not name one.
-        images: folder of the images: names without suffix are completed, and positions are
-            converted to pixels of the images and checked; those outside their images are left out.
-            None to take both as they are.
-        form: columns of other names, and where images were on the screen.
-        only_present: whether fixations on images that are not in the folder are left out.
-        say: called with each remark on omissions and assumptions; a `LogWarning` by default.
+        path: a table separated by commas, semicolons or tabs, with columns for image, subject, x
+            and y, and optionally index or time, and duration, under their usual names; a Tobii Pro
+            Lab export (.tsv); an EyeLink recording (.asc); a .mat file of structs, cells or
+            matrices, such as OSIE's `fixations.mat` (Xu et al., Journal of Vision 2014); or a
+            folder of tables and recordings, with one subject per file unless the files name
+            subjects.
+        images: folder of the images. Names without suffix are completed; positions are converted to
+            pixels of the images and checked, and fixations outside their images are left out. None
+            leaves names and positions unchanged.
+        form: names of columns, and positions of the images on the screen.
+        only_present: whether to ignore fixations on images missing from the folder.
+        say: function that receives remarks on omissions and assumptions; by default it issues a
+            `LogWarning`.
 
     Returns:
         Fixations by image, subject and index.
 
     Raises:
-        LogError: the file is missing or broken, with the line; a subject has several trials on an
-            image, unless `form` says what to do with them; an image is absent, all of them,
-            with `only_present`; or positions are not in the pixels of the images.
-        ConfigError: a column that is not in the file.
+        LogError: the file is missing or broken, with the line; a subject repeats an image without a
+            choice in `form.trials`; an image is missing, or all images with `only_present`; or
+            positions are not pixels of the images.
+        ConfigError: a column is missing from the file.
         ImageError: an image cannot be read.
     """
     path, form = Path(path), form or FixationFormat()
@@ -142,7 +144,7 @@ def read_fixations(
 
 
 def _recording(path: Path, columns: Mapping[str, str], subject: str = "") -> FixationList:
-    """The fixations of a file, or of all of those in a folder."""
+    """The fixations of a file, or of all files in a folder."""
     suffix = path.suffix.lower()
     if suffix == ".mat":
         return FixationList(read_mat_fixations(path), "index", Counter())
@@ -172,7 +174,7 @@ def _recording(path: Path, columns: Mapping[str, str], subject: str = "") -> Fix
 def _choose_trials(
     path: Path, raw: RawFixations, order: str, chosen: str | None, remarks: Counter[str]
 ) -> RawFixations:
-    """The fixations of the chosen trials, which are numbered; counts the others in `remarks`."""
+    """The fixations of the chosen trials, numbered; counts the others in `remarks`."""
     number = number_trials(raw, order)
     later = np.flatnonzero(number)
     if len(later) and chosen is None:
@@ -193,7 +195,7 @@ def _choose_trials(
 
 
 def _distinct(raw: RawFixations, order: str, remarks: Counter[str]) -> RawFixations:
-    """Each fixation once; counts the others in `remarks`."""
+    """The fixations without repetitions, which are counted in `remarks`."""
     scanpath, number = (raw.image, raw.subject, raw.trial), raw.order
     by = raw.milliseconds if order == "row" else number
     first = np.sort([rows[0] for rows in rows_by(*scanpath, *raw.xy.T, by)]).astype(np.int64)
@@ -212,7 +214,7 @@ def _on_images(
     only_present: bool,
     say: Callable[[str], None],
 ) -> tuple[RawFixations, BoolArray]:
-    """The fixations on the images of a folder, in their pixels, and (n,) which lie outside."""
+    """The fixations in pixels of the images of a folder, and (n,) True if outside."""
     raw = replace(raw, image=resolve_images(raw.image, folder))
     names = np.unique(raw.image).tolist()
     absent = [name for name in names if not is_file(folder / name)]
@@ -239,7 +241,7 @@ def _on_images(
 
 
 def _subject_numbers(path: Path, subjects: Sequence[str], say: Callable[[str], None]) -> IntArray:
-    """(n,) numbers of subjects; for names, their positions in the order of the numbers in them."""
+    """(n,) numbers of subjects; for names, their rank in natural sort order."""
     names = sorted(set(subjects), key=natural_order)
     if all(name.isascii() and name.isdecimal() and len(name) < 19 for name in names):
         return np.array([int(subject) for subject in subjects])
@@ -250,7 +252,7 @@ def _subject_numbers(path: Path, subjects: Sequence[str], say: Callable[[str], N
 
 
 def _indices(path: Path, raw: RawFixations, kind: str, say: Callable[[str], None]) -> IntArray:
-    """(n,) numbers of the fixations of a scanpath, from 0; see `read_fixations`."""
+    """(n,) index of each fixation in its scanpath, from 0; see `read_fixations`."""
     paths = rows_by(raw.image, raw.subject, raw.trial)
     first = np.array([raw.order[rows].min() for rows in paths])
     base = first.min()
@@ -265,16 +267,16 @@ def _indices(path: Path, raw: RawFixations, kind: str, say: Callable[[str], None
 
 
 def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArray[Any]) -> None:
-    """Write fixations as `read_fixations` reads them.
+    """Write fixations in a format that `read_fixations` reads.
 
     Args:
-        path: .csv, a row for each fixation: image, subject, index, x, y, duration_ms (empty where
-            unknown) and further columns.
-        table: fixations, of each subject in their order.
-        columns: (n,) further numbers, by name.
+        path: .csv with one row per fixation: image, subject, index, x, y, duration_ms (empty if
+            unknown) and additional columns.
+        table: the fixations; each subject's fixations are in order.
+        columns: (n,) additional numbers, by name.
 
     Raises:
-        ConfigError: another suffix.
+        ConfigError: unknown suffix.
         OutputError: the file cannot be written.
     """
     require(Path(path).suffix == ".csv", "path", "a .csv", str(path))

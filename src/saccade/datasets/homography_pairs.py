@@ -1,7 +1,7 @@
 """Image sequences related by homographies, in the layout of the affine covariant regions data.
 
-A sequence is a folder with `1.png`, `2.png`, ... and for every image but the first a text
-file `H_1_k.txt`: the 3x3 homography from pixels of image 1 to pixels of image k.
+A sequence is a folder with `1.png`, `2.png`, ... and, for every image after the first, a text file
+`H_1_k.txt` with the 3x3 homography from pixels of image 1 to pixels of image k.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ def homography_pairs(folder: Path) -> list[HomographyPair]:
     """All pairs of a folder of sequences, or of one sequence, by name and number.
 
     Raises:
-        ImageError: there are none, an image is missing, or a homography cannot be read.
+        ImageError: the folder has no pairs, an image is missing, or a homography cannot be read.
     """
     files = sorted(folder.rglob("H_1_*.txt"), key=natural_order)
     if not files:

@@ -1,4 +1,4 @@
-"""Maps of landmarks as CSV: surveyed ones, and `landmarks.csv` of a run."""
+"""Landmark maps as CSV: surveyed maps, and `landmarks.csv` of a run."""
 
 import warnings
 from pathlib import Path
@@ -20,13 +20,13 @@ def load_map(path: str | Path) -> LandmarkMap:
     """Reads a map of landmarks, for `slam.Slam(map=...)`.
 
     Args:
-        path: a CSV with the columns x and y in meters; label (or id, name, landmark) if the
-            landmarks have labels, empty where one has none; and cov_xx, cov_xy, cov_yy in square
-            meters, without which a standard deviation of 1 cm is assumed (`LogWarning`). Other
+        path: a CSV with the columns x and y in meters; optionally label (or id, name, landmark),
+            with empty cells for landmarks without a label; and optionally cov_xx, cov_xy, cov_yy in
+            square meters (default: a standard deviation of 1 cm, with a `LogWarning`). Other
             columns are ignored, so that `landmarks.csv` of `saccade slam` can be read.
 
     Returns:
-        The map; `id` is -1 where a landmark has no label.
+        The map; `id` is -1 for landmarks without a label.
 
     Raises:
         LogError: the file is missing or broken, or two landmarks have the same label.
@@ -39,7 +39,7 @@ def load_map(path: str | Path) -> LandmarkMap:
     known = [label for label in labels if label not in ("", -1)]
     for i, label in enumerate(labels):
         if label in known and label in labels[:i]:
-            raise table.rows[i].error("a label of its own for each landmark", f"{label!r} again")
+            raise table.rows[i].error("a unique label for each landmark", f"{label!r} again")
     numbers, texts = number_names(np.array(labels, object), name=f"{path}: label")
     xy = table.numbers("x", "y")
     return LandmarkMap(id=numbers, xy=xy, covariance=_covariances(table), text_names=texts)
@@ -65,7 +65,7 @@ def _label(row: Row, table: TextTable) -> int | str:
 
 
 def _covariances(table: TextTable) -> FloatArray:
-    """Covariances (n, 2, 2), `SURVEY_SIGMA` where none is given."""
+    """Covariances (n, 2, 2), from `SURVEY_SIGMA` for landmarks without a covariance."""
     covariance = np.tile(SURVEY_SIGMA**2 * np.eye(2), (len(table.rows), 1, 1))
     given = np.zeros(len(table.rows), bool)
     if {"cov_xx", "cov_yy"} <= set(table.names):

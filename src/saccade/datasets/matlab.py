@@ -19,9 +19,9 @@ from saccade.types import FloatArray
 
 HEADER = 128
 MAX_SIZE = 1 << 30
-"""Bytes of an uncompressed variable."""
+"""Maximum size of an uncompressed variable, in bytes."""
 MAX_DEPTH = 6
-"""Nesting depth of cells and structs."""
+"""Maximum nesting depth of cells and structs."""
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _CHAR, _NUMERIC = 1, 2, 4, range(6, 16)
 _TYPES = dict(
@@ -38,9 +38,9 @@ def read_variables(path: Path) -> dict[str, Any]:
     """Variables of a .mat file of version 5 or 7.3: real numbers, text, cells and structs.
 
     Returns:
-        By name, an array of float64, a text, the list of the contents of a cell array (of its rows
-        if it has several rows and columns), or the fields of a struct by name; a list of these for
-        a struct array. Variables of other types are left out.
+        Values by name: an array of float64, a text, a list of the cells of a cell array (a list of
+            rows if it has several rows and columns), or the fields of a struct by name; a list of
+            such fields for a struct array. Variables of other types are left out.
 
     Source: MathWorks, "MAT-File Format", the level 5 format.
     """
@@ -50,7 +50,7 @@ def read_variables(path: Path) -> dict[str, Any]:
 
 
 def _read_hdf5(path: Path) -> dict[str, Any]:
-    """Variables of a file of version 7.3: HDF5, with the class of each in an attribute."""
+    """Variables of a file of version 7.3, which is HDF5 with the MATLAB class as an attribute."""
     h5py = import_optional("h5py", "hdf5")
 
     def value(node: Any, depth: int = 0) -> Any:
@@ -122,7 +122,7 @@ def _matrices(data: bytes, order: str) -> Iterator[bytes]:
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """Type and content of each element; a small one has its content in its tag."""
+    """Type and content of each element; small elements have their content in the tag."""
     start = 0
     while start < len(data):
         if start + 8 > len(data):

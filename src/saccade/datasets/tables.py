@@ -1,4 +1,4 @@
-"""Tables of numbers: text and .npz are checked as they are read; CSV and TUM are written."""
+"""Tables of numbers: reads text and .npz with checks; writes CSV and TUM."""
 
 import csv
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -19,9 +19,9 @@ from saccade.io.npz import read_arrays
 from saccade.types import BoolArray, FloatArray, LandmarkMap, Trajectory
 
 LARGEST = 1e100
-"""Bound on every number read: no measurement is larger, and its square is still finite."""
+"""Maximum magnitude of numbers read; the square is still finite."""
 DETECTED = "detected"
-"""Delimiter of a table that is separated by tabs, semicolons or commas, as its first line is."""
+"""Delimiter detected from the first line: tab, semicolon or comma."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Row:
     line: int
     """Line number in the file, from 1."""
     cells: list[str]
-    """Contents of the cells, without surrounding blanks."""
+    """Contents of the cells, stripped of white space."""
 
     @property
     def name(self) -> str:
@@ -44,7 +44,7 @@ class Row:
         return LogError(f"{self.name}: expected {expected}, found {found}")
 
     def numbers(self, columns: slice = slice(None), blank: float | None = None) -> list[float]:
-        """Cells as numbers under `LARGEST`; `blank`, if given, stands for empty cells."""
+        """Cells as numbers below `LARGEST`; `blank`, if given, replaces empty cells."""
         values = []
         for cell in self.cells[columns]:
             if not cell and blank is not None:
@@ -61,7 +61,7 @@ class Row:
         return values
 
     def integer(self, column: int, name: str, below: int = 10**18) -> int:
-        """A cell as a non-negative integer less than `below`, called `name` in messages."""
+        """A cell as a nonnegative integer less than `below`, called `name` in messages."""
         cell = self.cells[column]
         digits = cell.isascii() and cell.isdecimal() and len(cell) < 20
         if not digits or int(cell) >= below:
@@ -69,7 +69,7 @@ class Row:
         return int(cell)
 
     def require_cells(self, count: int, names: str = "cells") -> "Row":
-        """The row itself, if it has `count` cells."""
+        """Returns the row if it has `count` cells, or else raises."""
         if len(self.cells) != count:
             raise self.error(
                 f"{count} {names}", f"{len(self.cells)}: {' '.join(self.cells)[:80]!r}"
@@ -78,7 +78,7 @@ class Row:
 
 
 def one_of(*headers: tuple[str, ...]) -> Callable[[Row], None]:
-    """A check for `read_csv` that raises `LogError` unless the header is one of some."""
+    """Header check for `read_csv` that raises `LogError` for other headers."""
 
     def check(header: Row) -> None:
         if tuple(header.cells) not in headers:
@@ -89,7 +89,7 @@ def one_of(*headers: tuple[str, ...]) -> Callable[[Row], None]:
 
 
 def is_number(text: str) -> bool:
-    """Whether a text is a finite number."""
+    """Whether a text represents a finite number."""
     try:
         return bool(np.isfinite(float(text)))
     except ValueError:
@@ -101,8 +101,8 @@ def read_rows(path: Path, delimiter: str | None = None, comment: str | None = "#
 
     Args:
         path: the file.
-        delimiter: between cells, with CSV's quotes; `DETECTED`; or None for any white space.
-        comment: how a line that is skipped begins; None where every line counts.
+        delimiter: delimiter of cells, with CSV quoting; `DETECTED`; or None for white space.
+        comment: prefix of comment lines; None if there are no comments.
     """
     with reading(path, LogError):
         text = read_text(path)
@@ -139,16 +139,16 @@ class TextTable(NamedTuple):
         return self.header.cells
 
     def is_filled(self, names: Iterable[str]) -> BoolArray:
-        """(n,) whether a row has a cell that is not empty among some columns."""
+        """(n,) True for rows with a nonempty cell in the given columns."""
         columns = [self.names.index(name) for name in names]
         return np.array([any(row.cells[c] for c in columns) for row in self.rows], bool)
 
     def select(self, rows: Iterable[int]) -> "TextTable":
-        """The table of some rows, by their indices."""
+        """The table restricted to the given row indices."""
         return self._replace(rows=[self.rows[i] for i in rows])
 
     def numbers(self, *names: str, blank: float | None = None) -> FloatArray:
-        """Columns as numbers (n, len(names)); `blank`, if given, stands for empty cells."""
+        """Columns as numbers (n, len(names)); `blank`, if given, replaces empty cells."""
         columns = [self.names.index(name) for name in names]
         cells = [row.numbers(slice(c, c + 1), blank)[0] for row in self.rows for c in columns]
         return np.array(cells, np.float64).reshape(len(self.rows), len(names))
@@ -190,9 +190,9 @@ def read_table(path: Path, columns: tuple[str, ...], stale_limit: float = 0.0) -
 def require_ascending(
     table: FloatArray, name_of: Callable[[int], str], stale_limit: float = 0.0
 ) -> FloatArray:
-    """A table (n, c) whose first column, the time in seconds, is ascending.
+    """Checks that the first column of a table (n, c), the time in seconds, is ascending.
 
-    A first row less than `stale_limit` seconds later than the second is stale, and dropped.
+    A first row that is later than the second by less than `stale_limit` seconds is dropped.
     """
     time = table[:, 0]
     skip = int(len(time) > 1 and 0 < time[0] - time[1] < stale_limit)
@@ -220,11 +220,11 @@ class Archive:
     def array(
         self, name: str, shape: tuple[int | None, ...] | None = None, kinds: str = "iuf"
     ) -> npt.NDArray[Any]:
-        """The array of a name.
+        """Reads and checks an array.
 
         Args:
-            name: of the array.
-            shape: expected lengths, None for any; None for any shape.
+            name: name of the array.
+            shape: expected lengths, each None for any; None for any shape.
             kinds: codes of the accepted types: i, u, f.
         """
         lengths = ", ".join("n" if n is None else str(n) for n in shape or ())
@@ -249,7 +249,7 @@ class Archive:
         return values
 
     def table(self, name: str, columns: tuple[str, ...], stale_limit: float = 0.0) -> FloatArray:
-        """The array of a name as a table (n, len(columns)); see `read_table`."""
+        """The array as a table (n, len(columns)); see `read_table`."""
         table = np.asarray(self.array(name, (None, len(columns))), np.float64)
         if columns[0] == "time":
             table = require_ascending(table, lambda i: f"{self.path}, {name}, row {i}", stale_limit)
@@ -263,11 +263,11 @@ def write_table(
 
     Args:
         path: .csv, with every digit and NaN as an empty cell; or .parquet, with NaN as null.
-        columns: by name, each (n,) of numbers.
-        comment: of a .csv, as a line "# ..." before the header.
+        columns: numeric columns (n,) by name.
+        comment: text for a comment line "# ..." before the header of a .csv.
 
     Raises:
-        ConfigError: another suffix, or Parquet without pyarrow.
+        ConfigError: unknown suffix, or Parquet without pyarrow.
         OutputError: the file cannot be written.
     """
     path = Path(path)
@@ -277,7 +277,7 @@ def write_table(
         arrow = import_optional("pyarrow", "parquet")
         parquet = import_optional("pyarrow.parquet", "parquet")
         table = arrow.table({name: arrow.array(c, from_pandas=True) for name, c in columns.items()})
-        with atomic_write(path) as temporary, temporary.open("wb") as file:  # not by text paths
+        with atomic_write(path) as temporary, temporary.open("wb") as file:  # for non-text paths
             parquet.write_table(table, file)
         return
     cells = [
@@ -316,7 +316,7 @@ def from_upper_triangle(entries: FloatArray) -> FloatArray:
 
 
 def write_tum(path: str | Path, trajectory: Trajectory) -> None:
-    """Write `time x y z qx qy qz qw` per pose; the ground is z = 0, headings turn about z.
+    """Write lines of `time x y z qx qy qz qw`; poses lie in the plane z = 0.
 
     Args:
         path: the file; replaced if it exists.
@@ -337,8 +337,8 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
 def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
     """Write one row per landmark: id, x, y, cov_xx, cov_xy, cov_yy, sightings.
 
-    Meters and square meters; "sightings" counts the observations. Cells are empty where the
-    covariance or the count is not known.
+    Meters and square meters; "sightings" counts the observations. Cells are empty if the covariance
+    or the count is unknown.
 
     Args:
         path: the file; replaced if it exists.

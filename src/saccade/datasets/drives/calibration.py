@@ -37,25 +37,25 @@ _OTHERS = ("distortion", "rate", "depth_unit", "odometry_bias", "start")
 
 @dataclass(frozen=True, eq=False)
 class Calibration(Settings):
-    """A camera, and the other constants of its drive."""
+    """Camera calibration and other constants of a drive."""
 
     camera: Camera
-    """Without the distortion."""
+    """Pinhole camera of the undistorted images."""
     distortion: tuple[float, ...] = ()
     """None, four or five coefficients: k1, k2, p1, p2, k3 of OpenCV."""
     rate: float = setting(30.0, above=0, below=1e6)
-    """Frames per second, where no file has their times."""
+    """Frames per second, if no file has the frame times."""
     depth_unit: float = setting(0.001, above=0, below=1e6)
     """Meters per step of an integer depth image."""
     odometry_bias: tuple[float, float, float] = setting((0.0, 0.0, 0.0), 0, below=1e6)
     """Standard deviations of systematic odometry errors, as in `Drive`."""
     start: tuple[float, float, float] | None = setting(None, -1e9, 1e9)
-    """Pose at the first frame; None where it is not known."""
+    """Pose at the first frame; None if unknown."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         known = len(self.distortion) in (0, 4, 5) and np.isfinite(self.distortion).all()
-        require(bool(known), "distortion", "k1, k2, p1, p2 and perhaps k3", self.distortion)
+        require(bool(known), "distortion", "k1, k2, p1, p2 and optionally k3", self.distortion)
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -75,7 +75,7 @@ def read_calibration(path: Path) -> Calibration:
     try:
         camera = Camera(**{_CAMERA[name]: fields.pop(name) for name in values if name in _CAMERA})
         return Calibration(camera, **fields)
-    except (ConfigError, TypeError) as error:  # TypeError: a number in place of several
+    except (ConfigError, TypeError) as error:  # TypeError: a number instead of a list
         raise DriveError(f"{path}: {error}") from error
 
 
@@ -103,10 +103,10 @@ KITTI_HEIGHT = 1.65
 
 
 def kitti_extrinsics(file: Path) -> dict[str, Any]:
-    """Position (3,) and rotation (3, 3) of KITTI's camera on the robot, by a `calib.npz` if any.
+    """Position (3,) and rotation (3, 3) of KITTI's camera on the robot, using `calib.npz` if any.
 
-    Its `cam_T_imu` has the rotation from the frame of the inertial unit to that of the camera, but
-    its translation is the position of the camera in the frame of the unit. The height is KITTI's.
+    The rotation of `cam_T_imu` maps the inertial unit's frame to the camera frame, but its
+    translation is the camera's position in the inertial unit's frame. The height is KITTI's.
     """
     if not file.exists():
         return {"position": np.array([0.0, 0.0, KITTI_HEIGHT])}
@@ -116,7 +116,7 @@ def kitti_extrinsics(file: Path) -> dict[str, Any]:
 
 
 def pinhole(matrix: FloatArray, size: tuple[int, int], **extrinsics: Any) -> Camera:
-    """The camera with a matrix (3, 3) or a projection (3, 4), and a width and height in pixels.
+    """Camera from a matrix (3, 3) or a projection (3, 4), and its width and height in pixels.
 
     `extrinsics`: baseline, position and rotation of `Camera`.
     """

@@ -1,4 +1,4 @@
-"""Calibrations of cameras in YAML and XML: of ROS (camera_info.yaml), OpenCV, Kalibr and EuRoC."""
+"""Camera calibrations in YAML and XML from ROS (camera_info.yaml), OpenCV, Kalibr and EuRoC."""
 
 import re
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ from saccade.io.files import natural_order, one_line, read_text
 from saccade.types import FloatArray
 
 CALIBRATIONS = "cam|calib|intrinsic|^ost$"
-"""Pattern of the names of files that must be calibrations; others may hold anything."""
+"""Pattern of file names that must be calibrations; other files may have any content."""
 PINHOLE = (
     "|none|pinhole|plumbbob|rationalpolynomial|radialtangential|radtan|brown(conrad(y|ie))?|opencv"
 )
-"""Pattern of the letters of names of the lens model with the coefficients k1, k2, p1, p2, k3."""
+"""Pattern for names of the lens model with coefficients k1, k2, p1, p2, k3, in letters only."""
 OTHER_LENSES = "fish|equi|kannala|fov|atan|omni|mei|unified|sphere|scaramuzza|inverse"
-"""Pattern of the letters of names of other lens models."""
+"""Pattern for names of other lens models, in letters only."""
 UNREADABLE = (cv2.error, SystemError, OSError, LookupError, AttributeError, TypeError, ValueError)
-"""Exceptions for a file that is no calibration; a SystemError is OpenCV's."""
+"""Exceptions raised for a file that is not a calibration; OpenCV raises SystemError."""
 
 
 def distortion_of(model: str, coefficients: Sequence[float], name: str) -> tuple[float, ...]:
@@ -29,8 +29,8 @@ def distortion_of(model: str, coefficients: Sequence[float], name: str) -> tuple
 
     Args:
         model: name of the lens model in the file; empty if it has none.
-        coefficients: in its order.
-        name: of the file, for the message.
+        coefficients: coefficients in the model's order.
+        name: name of the file, for error messages.
 
     Raises:
         DriveError: another lens model, or higher coefficients that are not zero.
@@ -61,10 +61,10 @@ class CameraFile(NamedTuple):
 
 
 def find_cameras(folder: Path) -> list[CameraFile]:
-    """The cameras in the calibration files of a folder, in the order of their names.
+    """The cameras in the calibration files of a folder, sorted by name.
 
     Raises:
-        DriveError: a file that is named as a calibration is none.
+        DriveError: a file with the name of a calibration has other content.
     """
     cameras = list[CameraFile | None]()
     for file in sorted(folder.iterdir(), key=natural_order):
@@ -77,16 +77,16 @@ def find_cameras(folder: Path) -> list[CameraFile]:
             cameras += [_camera(str(file), content, each) for each in ("", "1", "2") if not nested]
         except UNREADABLE as error:
             if re.search(CALIBRATIONS, file.stem.lower()):
-                reason = "expected a calibration as of ROS or OpenCV, found another text"
+                reason = "expected a calibration from ROS or OpenCV, found other text"
                 reason = one_line(error) if isinstance(error, OSError) else reason
                 raise DriveError(f"{file}: {reason}") from error
     return [each for each in cameras if each is not None]
 
 
 def _parse(path: Path) -> Any:
-    """The content of a file as OpenCV reads it; YAML is adapted to its parser.
+    """The content of a file, read by OpenCV; YAML is adapted to its parser.
 
-    Types are removed: OpenCV may never end on a broken one.
+    Type tags are removed, since OpenCV may loop forever on a broken tag.
     """
     text = re.sub(r"![\w!-]+|type_id=\S+?(?=[\s>])", "", read_text(path))
     if path.suffix.lower() != ".xml":
@@ -101,11 +101,11 @@ def _parse(path: Path) -> Any:
         return node.string() if node.isString() else node.real()
 
     storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    return value(storage.root())  # nodes need their storage
+    return value(storage.root())  # nodes are valid only while their storage exists
 
 
 def _camera(name: str, content: dict[str, Any], number: str) -> CameraFile | None:
-    """The camera of the entries of a file; those of a stereo pair end in a number."""
+    """Camera from the entries of a file; in stereo files the keys end in a number."""
     entries = {re.sub("[^a-z0-9]", "", key.lower()): value for key, value in content.items()}
 
     def numbers(*keys: str) -> list[float]:

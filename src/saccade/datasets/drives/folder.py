@@ -1,23 +1,23 @@
-"""Drives from a folder of images, as KITTI's, or from a video, with a calibration beside it.
+"""Drives from a folder of images, such as KITTI, or from a video, with a calibration.
 
-    camera.toml              see `calibration`; without it calib.txt, or the YAML or XML of another
-                             program (see `camera_files`), else the camera is guessed
+    camera.toml              see `calibration`; otherwise calib.txt, or a YAML or XML calibration
+                             (see `camera_files`); otherwise the camera is guessed
     calib.txt                one or more (3, 4) projections, a (3, 3) matrix, or fx, fy, cx, cy and
-                             perhaps a baseline, in any number of rows that may begin with a name;
-                             of KITTI's P0 to P3 those of the cameras
-    the images               in the folder or its subfolder images/: sorted by the numbers in
-                             their names, or by name; or the video, in the folder of the rest
-    right/, depth/           optional, with the names of the images; not with a video
-    times.txt                optional: seconds, one line a frame; else `rate` of camera.toml, or
+                             optionally a baseline; rows may begin with a name; from KITTI's P0 to
+                             P3, the projections of the cameras in use are read
+    the images               in the folder or its subfolder images/, sorted by the numbers in their
+                             names or by name; or a video, in the folder of the other files
+    right/, depth/           optional, with the same names as the images; not with a video
+    times.txt                optional: seconds, one line per frame; else `rate` of camera.toml, or
                              the frame rate of the video
 
-and odometry and ground truth as in `sidecar_files`. The images of a pair of cameras are in two
-subfolders, see `PAIR_NAMES`. Without a calibration the focal length is that of EXIF, where the
-images have it, else 1.2 times the width; the principal point is the center.
+Odometry and ground truth are described in `sidecar_files`. A stereo pair has its images in two
+subfolders, see `PAIR_NAMES`. Without a calibration the focal length is read from EXIF or else set
+to 1.2 times the width; the principal point is the center.
 
-In KITTI's layout the numbers in the names of images are those of the lines of times.txt, which is
-required; some may be missing. The camera is mounted as on KITTI's car, and by the optional
-calib.npz, see `kitti_extrinsics`.
+KITTI's layout requires times.txt, and the number in an image's name is its line there; images may
+be missing. The camera is mounted as on KITTI's car, or by the optional calib.npz, see
+`kitti_extrinsics`.
 """
 
 import re
@@ -71,9 +71,9 @@ PAIR_NAMES = (
 PROJECTIONS = {"image_0": ("P0", "P1"), "image_2": ("P2", "P3")}
 """Names of KITTI's projections by the folder of the left images."""
 FOCAL_FACTOR = 1.2
-"""Guessed focal length over the width of the image: a field of view of 45 degrees."""
+"""Guessed focal length as a multiple of the image width, for a field of view of 45 degrees."""
 GUESSED_RATE = 10.0
-"""Frames per second, without times."""
+"""Guessed frames per second, if the times are unknown."""
 FILM_WIDTH = 36.0
 """Width in millimeters to which EXIF's FocalLengthIn35mmFilm refers."""
 EXIF_FOLDER = 0x8769
@@ -83,7 +83,7 @@ FOCAL_LENGTH_35MM = 0xA405
 
 
 class CameraOptions(NamedTuple):
-    """Camera of images without a calibration, as given by the user."""
+    """Camera parameters given by the user for images without a calibration."""
 
     intrinsics: Intrinsics | None = None
     baseline: float | None = None
@@ -109,11 +109,11 @@ class BareCamera(NamedTuple):
     calibration: Calibration
     assumptions: tuple[str, ...] = ()
     is_guess: bool = False
-    """Whether nothing is known of the focal length."""
+    """Whether the focal length is guessed."""
 
 
 def image_folders(path: Path) -> tuple[Path, Path | None]:
-    """The folders of the left and the right images, None without the latter."""
+    """Folders of the left and right images; None without right images."""
     for left, right in PAIR_NAMES:
         folder = _with_images(path / left)
         if folder is not None:
@@ -123,12 +123,12 @@ def image_folders(path: Path) -> tuple[Path, Path | None]:
 
 
 def has_images(path: Path) -> bool:
-    """Whether a folder has images, in itself or by one of the known names."""
+    """Whether a folder has images, directly or in a subfolder of a known name."""
     return _with_images(image_folders(path)[0]) is not None
 
 
 def _with_images(folder: Path) -> Path | None:
-    """The folder or its subfolder data/, whichever has images."""
+    """The folder or its subfolder data/, depending on which has images."""
     for each in (folder, folder / "data"):
         with suppress(OSError):
             if any(file.suffix.lower() in IMAGE_SUFFIXES for file in each.iterdir()):
@@ -145,12 +145,11 @@ def calibration_beside(
     *,
     is_pair: bool = False,
 ) -> BareCamera:
-    """The calibration of camera.toml, or for images of a width and height one without it.
+    """Calibration from camera.toml, or from other sources for images of a given width and height.
 
-    Sources are the options, a calib.txt, a YAML or XML file, the EXIF tags of an `image`, or a
-    guess, in this order.
-    Assumptions name the `source`; by default the folder. Only a pair of cameras has the baseline
-    of a calib.txt.
+    Other sources are, in this order, the options, calib.txt, a YAML or XML file, the EXIF tags of
+    `image`, and a guess. Assumptions name the `source`, by default the folder. The baseline of
+    calib.txt applies to stereo pairs only.
     """
     file, options = folder / CAMERA_FILE, options or CameraOptions()
     if file.exists():
@@ -197,9 +196,9 @@ def choose_camera(
 ) -> tuple[tuple[int, int], Intrinsics, tuple[float, ...], float]:
     """Size, intrinsics, distortion and baseline (0 if unknown) of the camera of an image.
 
-    It is the one whose name has most words of the folder of the image, such as left, else the
-    first. Images in a folder such as image_rect are rectified. Images of a pair that need no
-    undistortion have the baseline of the projections.
+    The camera's name shares the most words with the image's folder, such as left; otherwise the
+    first camera is chosen. Images in a folder such as image_rect are rectified. The baseline of a
+    rectified pair is read from the projections.
     """
 
     def words(name: str) -> set[str]:
@@ -218,7 +217,7 @@ def choose_camera(
 
 
 def exif_focal_length(image: Path, width: int) -> float | None:
-    """Focal length in pixels by the EXIF tags of an image; None if unknown."""
+    """Focal length in pixels from the EXIF tags of an image; None if unknown."""
     try:
         with Pillow.open(image) as opened:
             tags = opened.getexif().get_ifd(EXIF_FOLDER)
@@ -231,7 +230,7 @@ def exif_focal_length(image: Path, width: int) -> float | None:
 def read_intrinsics(path: Path, names: tuple[str, ...] = ()) -> tuple[Intrinsics, float]:
     """Intrinsics and baseline (0 if unknown) of a calib.txt.
 
-    Of rows with the `names` these alone are read; see the module for the forms of the numbers.
+    If some rows have one of the `names`, only these are read. The module describes the formats.
     """
     rows = list(read_rows(path))
     for row in rows:
@@ -259,9 +258,9 @@ def read_intrinsics(path: Path, names: tuple[str, ...] = ()) -> tuple[Intrinsics
 
 
 ASSUMED_SPEED = 1.0
-"""Units per second of a single camera without odometry."""
+"""Assumed speed of a single camera without odometry, in units per second."""
 ASSUMED_TURN = 0.2
-"""Standard deviation of its turn from frame to frame, in radians."""
+"""Assumed standard deviation of the turn between frames without odometry, in radians."""
 _NO_SCALE = "the scale is unknown, since a single camera without odometry measures no lengths: "
 HELD_SCALE = _NO_SCALE + "meters are units, of which it moves one a second in the first step"
 ASSUMED_SCALE = _NO_SCALE + "meters are units, and a constant speed of one a second is assumed"
@@ -301,7 +300,7 @@ def read_folder_drive(
 
 
 def _same_names(folder: Path | None, images: Mapping[int, Path]) -> Callable[[int], Path | None]:
-    """A function from the number of an image to the file of the same name in a folder, or None."""
+    """Function from the number of an image to the file with the same name in a folder, or None."""
     others = {path.stem: path for path in list_images(folder)} if folder and folder.is_dir() else {}
     return lambda number: others.get(images[number].stem)
 

@@ -1,4 +1,4 @@
-"""Frames of a drive: their times, and their images, which are read and undistorted on demand."""
+"""Frames of a drive: times, and images that are read and undistorted on demand."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from saccade.types import FloatArray, Image, IntArray
 
 @dataclass(frozen=True, eq=False)
 class FrameTimes:
-    """The n frames of a drive among the m frames that were recorded."""
+    """The n frames of a drive, selected from m recorded frames."""
 
     recorded: FloatArray
-    """(m,) seconds of all frames, in the order of the files."""
+    """(m,) times of all frames in seconds, in the order of the files."""
     index: IntArray
-    """(n,) indices of the frames of the drive among them, in the order of their times."""
+    """(n,) indices of the drive's frames in `recorded`, in order of time."""
     remarks: tuple[str, ...] = ()
     """Repairs of the times, one line each."""
 
@@ -36,11 +36,11 @@ class FrameTimes:
     def sort(
         cls, recorded: FloatArray, name: str, available: IntArray | None = None
     ) -> "FrameTimes":
-        """Frames sorted by time; of several at the same time the first is kept.
+        """Sorts frames by time; of frames with equal times the first is kept.
 
         Args:
-            recorded: (m,) seconds of all frames.
-            name: of the file with the times, for the remarks.
+            recorded: (m,) times of all frames in seconds.
+            name: name of the file with the times, for remarks.
             available: ascending indices of the frames that have images; None for all.
         """
         if available is None:
@@ -64,10 +64,10 @@ class FrameTimes:
 
 
 def associate(time: FloatArray, others: FloatArray, tolerance: float) -> IntArray:
-    """Mutual nearest neighbors of times (n,) among others (m,), in seconds.
+    """Mutual nearest neighbors of times (n,) among other times (m,), in seconds.
 
     Returns:
-        (n,) indices in `others`; -1 without a neighbor within the tolerance, in seconds.
+        (n,) indices into `others`; -1 without a neighbor within the tolerance in seconds.
     """
     from scipy.spatial import KDTree  # slow to import
 
@@ -80,7 +80,7 @@ def associate(time: FloatArray, others: FloatArray, tolerance: float) -> IntArra
 
 
 class SourceImage(NamedTuple):
-    """An image as it was recorded."""
+    """A recorded image, before undistortion."""
 
     pixels: Image
     name: str
@@ -88,11 +88,12 @@ class SourceImage(NamedTuple):
 
 
 ImageSource: TypeAlias = Callable[[int], SourceImage | None]
-"""Reads the image of a recorded frame; None where it has none. Raises `ImageError`."""
+"""Function that reads the image of a recorded frame; None if it has no image. Raises
+`ImageError`."""
 
 
 def image_files(path_of: Callable[[int], Path | None]) -> ImageSource:
-    """Source of the images in files, by the number of the recorded frame."""
+    """Image source for files, indexed by the number of the recorded frame."""
 
     def read(number: int) -> SourceImage | None:
         path = path_of(number)
@@ -111,8 +112,8 @@ def frame_reader(
     """A function that reads and undistorts the images of a recorded frame.
 
     Args:
-        calibration: the camera of the undistorted images, and the distortion.
-        recorded: (m,) seconds of all frames.
+        calibration: camera of the undistorted images, and distortion.
+        recorded: (m,) times of all frames in seconds.
         left: images of the (left) camera.
         right: images of the right camera.
         depth: depth of the left camera, 0 where unknown: integers in steps of
@@ -128,8 +129,8 @@ def frame_reader(
         height, width = image.pixels.shape[:2]
         if (width, height) != (camera.width, camera.height):
             raise ImageError(
-                f"{image.name}: expected {camera.width} x {camera.height} px as the "
-                f"calibration, found {width} x {height}"
+                f"{image.name}: expected {camera.width} x {camera.height} px as in "
+                f"the calibration, found {width} x {height}"
             )
         return image.pixels if maps is None else cv2.remap(image.pixels, *maps, interpolation)
 

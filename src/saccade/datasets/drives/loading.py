@@ -40,14 +40,14 @@ def load_drive(kind: DriveKind, path: str | Path, camera: CameraOptions | None =
 
     Args:
         kind: "kitti", "tum-rgbd", "rosbag" (ROS 1 and 2), "tracks" (point tracks), "folder" or
-            "video" (whose camera is guessed without a camera.toml), or "auto". The module of each
-            in `saccade.datasets.drives` lists its files.
+            "video" (whose camera is guessed without a camera.toml), or "auto". The modules in
+            `saccade.datasets.drives` list the files of each layout.
         path: the folder or file.
-        camera: intrinsics and baseline of images without a calibration.
+        camera: intrinsics and baseline for images without a calibration.
 
     Raises:
-        DriveError: a file is missing, broken, or not of this layout; one line that names it.
-        ConfigError: no such kind, or it needs an extra that is not installed.
+        DriveError: a file is missing, broken, or not of this layout; the message names it.
+        ConfigError: unknown kind, or a missing extra.
     """
     require(kind in get_args(DriveKind), "kind", f"one of {', '.join(get_args(DriveKind))}", kind)
     path = Path(path)
@@ -91,11 +91,11 @@ def detect_layout(path: Path) -> DriveKind:
     if bag_files(path):
         return "rosbag"
     expected = ", ".join(f"{names[0]} ({kind})" for kind, names in marks if names)
-    raise DriveError(f"{path}: expected one of {expected}; found nothing of this kind")
+    raise DriveError(f"{path}: expected one of {expected}; found none of these")
 
 
 def _is_kitti(path: Path) -> bool:
-    """Whether a folder has KITTI's times or a calib.txt with names; or no images at all."""
+    """Whether a folder has KITTI's times, a calib.txt with names, or no images at all."""
     if (path / "times.txt").exists() or (path / CAMERA_FILE).exists() or not has_images(path):
         return True
     calib = path / "calib.txt"

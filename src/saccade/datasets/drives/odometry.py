@@ -4,7 +4,7 @@
                 cov_ahead_turn, cov_left_left, cov_left_turn, cov_turn_turn; row i is the motion
                 from frame i to frame i + 1, in the robot's frame at i
     speeds      time_s, ahead_mps, turn_radps; sampled independently of the frames, on their clock
-    OXTS        frame, t, vf, vl, vu, wf, wl, wu; of KITTI's inertial unit
+    OXTS        frame, t, vf, vl, vu, wf, wl, wu; from KITTI's inertial unit
 
 Lines that begin with `#` are comments.
 """
@@ -38,13 +38,13 @@ OXTS_COLUMNS = ("frame", "t", "vf", "vl", "vu", "wf", "wl", "wu")
 UNKNOWN_SPEED = 2.0
 """Standard deviation of the speed of a robot without odometry, in meters per second."""
 UNKNOWN_TURN = 1.0
-"""Standard deviation of its turn rate, in radians per second."""
+"""Standard deviation of the turn rate of a robot without odometry, in radians per second."""
 BIAS_HORIZON = 10.0
 """Seconds without landmark updates after which white noise must cover a gyroscope bias."""
 
 
 class OdometryIncrements(NamedTuple):
-    """Motion of a robot in m increments, each in the robot's frame at its beginning."""
+    """Motion of a robot in m increments, each in the robot frame at its start."""
 
     control: FloatArray
     """(m, 3) meters ahead, meters to the left, radians turned."""
@@ -57,20 +57,21 @@ class SpeedNoise:
     """Errors of measured speeds: white noise, and a gyroscope bias."""
 
     ahead: float
-    """Meters per root second: standard deviation of the distance after one second."""
+    """Noise of the forward speed in meters per root second: the standard deviation after one
+    second."""
     left: float
-    """Standard deviation to the side after one second."""
+    """Noise of the lateral speed in meters per root second."""
     turn: float
-    """Radians per root second."""
+    """Noise of the turn rate in radians per root second."""
     turn_bias: float = 0.0
-    """Constant bias in radians per second, approximated by the white noise that has the same
-    standard deviation after `BIAS_HORIZON`, since a drive stores no such bias."""
+    """Constant bias in radians per second. A drive does not store it; it is approximated by white
+    noise with the same standard deviation after `BIAS_HORIZON`."""
 
 
 WHEELS = SpeedNoise(ahead=0.05, left=0.02, turn=0.02, turn_bias=0.002)
 """Default for wheel encoders and a gyroscope on a small robot."""
 OXTS = SpeedNoise(ahead=0.17, left=0.05, turn=0.018, turn_bias=0.005)
-"""Noise on KITTI 07 by its truth: 0.52 m/s and 0.05 rad/s, independent in samples at 10 Hz."""
+"""Noise measured on KITTI 07 against ground truth: 0.52 m/s and 0.05 rad/s, white at 10 Hz."""
 
 
 def increments_from_speeds(
@@ -80,14 +81,14 @@ def increments_from_speeds(
     frame_time: FloatArray,
     noise: SpeedNoise,
 ) -> OdometryIncrements:
-    """Increments between frames as arcs, from linearly interpolated speeds.
+    """Increments between frames, as arcs, from linearly interpolated speeds.
 
     Args:
-        time: (n,) seconds of the samples, ascending; the first and the last extend beyond.
+        time: (n,) times of the samples in seconds, ascending; the end samples are extrapolated.
         speed: (n,) meters per second ahead.
         turn_rate: (n,) radians per second to the left.
         frame_time: (m + 1,) times of the frames, ascending.
-        noise: of the speeds.
+        noise: noise of the speeds.
     """
     duration = np.diff(frame_time)
     d, phi = (np.diff(_integral(time, rate, frame_time)) for rate in (speed, turn_rate))
@@ -99,7 +100,7 @@ def increments_from_speeds(
 def increments_from_poses(
     poses: Trajectory, frame_time: FloatArray, name: str
 ) -> OdometryIncrements:
-    """Increments between frames at times (m + 1,), from poses by wheel odometry."""
+    """Increments between frames at times (m + 1,), from wheel-odometry poses."""
     _require_coverage(poses.time, frame_time, float(np.diff(frame_time).max(initial=0.0)), name)
     control = steps_between(poses.interpolate(frame_time))
     return OdometryIncrements(control, _covariance(control[:, 0], np.diff(frame_time), WHEELS))
@@ -108,7 +109,7 @@ def increments_from_poses(
 def unknown_increments(frame_time: FloatArray) -> OdometryIncrements:
     """Increments between frames at times (m + 1,) of a robot without odometry.
 
-    They are zero, with the covariance of unknown motion.
+    The increments are zero, with the covariance of unknown motion.
     """
     duration = np.diff(frame_time)
     sigma = np.outer(duration, (UNKNOWN_SPEED, UNKNOWN_SPEED, UNKNOWN_TURN))
@@ -118,12 +119,12 @@ def unknown_increments(frame_time: FloatArray) -> OdometryIncrements:
 def compose_increments(
     increments: OdometryIncrements, frames: IntArray, name: str
 ) -> OdometryIncrements:
-    """Increments between some of the frames, with covariances to first order.
+    """Increments between selected frames, with covariances to first order.
 
     Args:
-        increments: from each of m + 1 frames to the next.
-        frames: (k + 1,) ascending numbers of frames, from 0 to m.
-        name: of the file, for the message.
+        increments: increments from each of m + 1 frames to the next.
+        frames: (k + 1,) ascending frame numbers, from 0 to m.
+        name: name of the file, for error messages.
     """
     if (np.diff(frames) < 0).any():
         raise DriveError(
@@ -151,7 +152,7 @@ def compose_increments(
 
 
 def _covariance(distance: FloatArray, duration: FloatArray, noise: SpeedNoise) -> FloatArray:
-    """(m, 3, 3) of increments with distances (m,) and durations (m,) and a steady turn."""
+    """(m, 3, 3) covariances of increments with distances (m,), durations (m,) and a steady turn."""
     turn = noise.turn**2 + noise.turn_bias**2 * min(BIAS_HORIZON, float(duration.sum()))
     covariance = np.zeros((len(duration), 3, 3))
     for i, density in enumerate((noise.ahead**2, noise.left**2, turn)):
@@ -179,7 +180,7 @@ def _integral(time: FloatArray, rate: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def read_odometry(folder: Path, frames: FrameTimes) -> OdometryIncrements | None:
-    """Odometry between the frames of a drive, from odometry.csv or odometry_oxts.csv, if any."""
+    """Odometry between the frames, from odometry.csv or odometry_oxts.csv; None without both."""
     files = [folder / name for name in ("odometry.csv", "odometry_oxts.csv")]
     path = next((file for file in files if file.exists()), None)
     if path is None:

@@ -1,8 +1,8 @@
-"""Odometry and ground truth in files beside the images of a drive, whatever its layout.
+"""Odometry and ground truth beside the images of a drive, in any layout.
 
 odometry.csv             see `odometry`; or odometry_oxts.csv
-gaze.csv                 optional, of a camera that turns: pan_rad, tilt_rad, sigma_rad, see
-                         `CameraTurn`, and optionally the reason; one row for each recorded frame
+gaze.csv                 optional, for a pan-tilt camera: pan_rad, tilt_rad, sigma_rad (see
+                         `CameraTurn`) and optionally the reason; one row per recorded frame
 groundtruth.tum          ground truth of the robot, on the ground; or of the left camera, in its
                          frame: groundtruth_tum.txt, groundtruth_kitti.txt, poses.txt or, as in
                          KITTI's benchmark, ../../poses/NAME.txt
@@ -36,7 +36,7 @@ class Poses(NamedTuple):
 
 
 def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
-    """Matrices (n, 3, 3) of quaternions (n, 4) x, y, z, w, which are normalized."""
+    """Rotation matrices (n, 3, 3) from quaternions (n, 4) x, y, z, w, normalized first."""
     from scipy.spatial.transform import Rotation  # slow to import
 
     length = np.linalg.norm(quaternion, axis=1)
@@ -47,14 +47,14 @@ def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
 
 
 def project_to_plane(poses: Poses) -> Trajectory:
-    """Projection of the robot's poses to the plane z = 0: x, y, and the heading of its x axis."""
+    """Robot poses projected to the plane z = 0: x, y, and the heading of the x axis."""
     x_axis = poses.rotation[:, :, 0]
     heading = np.arctan2(x_axis[:, 1], x_axis[:, 0])
     return Trajectory(poses.time, np.column_stack([poses.position[:, :2], heading]))
 
 
 def interpolate_poses(poses: Poses, time: FloatArray) -> Poses:
-    """Poses at times (n,), the rotation along the shortest arc; the ends extend beyond."""
+    """Poses interpolated at times (n,), with spherical interpolation; the end poses are held."""
     from scipy.spatial.transform import Rotation
 
     after = np.searchsorted(poses.time, time).clip(1, len(poses.time) - 1)
@@ -72,18 +72,18 @@ def interpolate_poses(poses: Poses, time: FloatArray) -> Poses:
 TUM_COLUMNS = ("time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 GAZE_FILE = "gaze.csv"
 GAZE_COLUMNS = ("pan_rad", "tilt_rad", "sigma_rad", "reason")
-"""The last one is optional."""
+"""Columns of gaze.csv; `reason` is optional."""
 
 
 START_UNKNOWN = (
-    "the ground truth does not cover the first pose: the start is taken as the origin, and only "
+    "the ground truth does not cover the first pose: the start is set to the origin, and only "
     "aligned errors are computed"
 )
-"""Assumption on the start of a recording."""
+"""Remark on the start of a recording without ground truth."""
 
 
 def read_tum_poses(path: Path) -> Poses:
-    """Lines of `time x y z qx qy qz qw`; `#` begins a comment."""
+    """Reads poses from lines of `time x y z qx qy qz qw`; `#` begins a comment."""
     table = read_table(path, TUM_COLUMNS)
     if len(table) == 0:
         raise LogError(f"{path}: expected poses, found none")
@@ -91,7 +91,7 @@ def read_tum_poses(path: Path) -> Poses:
 
 
 def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
-    """Lines of the twelve numbers of a (3, 4) pose, row by row; one for each time (n,)."""
+    """Reads poses from lines of twelve numbers, (3, 4) row by row; one line per time (n,)."""
     rows = [row.require_cells(12, "numbers").numbers() for row in read_rows(path)]
     if len(rows) != len(time):
         raise LogError(f"{path}: expected {len(time)} poses as in times.txt, found {len(rows)}")
@@ -100,9 +100,9 @@ def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
 
 
 def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Trajectory:
-    """Ground truth from poses of the camera, in any world frame.
+    """Ground truth from camera poses in any world frame.
 
-    The world frame becomes the robot's frame at the pose nearest to `start_time`, in seconds.
+    The new world frame is the robot's frame at the pose nearest to `start_time`, in seconds.
     """
     rotation = poses.rotation @ camera.rotation.T
     position = poses.position - rotation @ camera.position
@@ -113,7 +113,7 @@ def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Trajectory:
 
 
 def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Trajectory | None:
-    """Ground truth of a folder, if it has any; KITTI's has a pose for each recorded frame."""
+    """Ground truth in a folder, or None; KITTI's has a pose for each recorded frame."""
     if (of_robot := folder / "groundtruth.tum").exists():
         return project_to_plane(read_tum_poses(of_robot))
     start_time = float(frames.time[0])
@@ -137,11 +137,11 @@ def assemble_drive(
     turns: Sequence[CameraTurn] | None = None,
     assumptions: tuple[str, ...] = (),
 ) -> Drive:
-    """A drive from its parts.
+    """Assembles a drive from its parts.
 
-    `read` gives a recorded frame by its number. Odometry and turns of the camera are read from the
-    folder if they are None; without odometry the motion is unknown. The drive starts at the pose of
-    the calibration, else at the true pose, else at the origin.
+    `read` returns a recorded frame by number. Odometry and camera turns are read from the folder
+    if they are None; without odometry the motion is unknown. The drive starts at the pose of the
+    calibration, else at the true pose, else at the origin.
     """
     if increments is None:
         increments = read_odometry(folder, frames) or unknown_increments(frames.time)
@@ -184,7 +184,7 @@ def assemble_drive(
 
 
 def read_turns(path: Path) -> list[CameraTurn]:
-    """The turns of a file."""
+    """Reads the camera turns of a file."""
     table, turns = read_csv(path, one_of(GAZE_COLUMNS, GAZE_COLUMNS[:3])), []
     for row in table.rows:
         pan, tilt, sigma = row.numbers(slice(3))
@@ -196,7 +196,7 @@ def read_turns(path: Path) -> list[CameraTurn]:
 
 
 def write_turns(path: Path, turns: Sequence[CameraTurn | None]) -> None:
-    """Write turns as CSV, with every digit; None is as mounted."""
+    """Writes camera turns as CSV, with every digit; None means as mounted."""
     rows = [turn or CameraTurn(0.0) for turn in turns]
     columns = (np.array(column) for column in zip(*rows, strict=True))
     write_table(path, dict(zip(GAZE_COLUMNS, columns, strict=True)))

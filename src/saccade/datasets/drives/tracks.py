@@ -9,11 +9,11 @@
                              or camera.toml, see `calibration`
     times.txt                seconds, one line a frame; later frames are dropped
 
-and odometry and ground truth as in `sidecar_files`.
+Odometry and ground truth are described in `sidecar_files`.
 
-Such files may have keyframes in which the tracker was restarted and every earlier track repeats
-its observation of the frame before: the point continues as another track, and the motion between
-the two frames is lost. The clean file has such observations removed and the tracks split.
+In keyframes, some trackers restart and repeat every observation of the previous frame: each point
+continues as a new track, and the motion between the two frames is lost. In the clean file these
+observations are removed and the tracks split.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ TRACK_FILES = ("stereo_tracks_clean.npz", "stereo_tracks.npz")
 
 
 def read_tracks_drive(path: Path) -> Drive:
-    """A drive from a file of tracks, or from its folder."""
+    """Reads a drive from a file of tracks, or from its folder."""
     file = next((path / name for name in TRACK_FILES if (path / name).exists()), path)
     if file.is_dir():
         raise DriveError(f"{path}: expected {' or '.join(TRACK_FILES)}, found neither")
@@ -65,7 +65,7 @@ def read_tracks_drive(path: Path) -> Drive:
 
 
 def _read_tracks(file: Path) -> tuple[IntArray, Tracks]:
-    """Frame of each observation (k,), ascending, and the observations."""
+    """Frame numbers (k,) of the observations, ascending, and the observations."""
     archive = Archive(file)
     frame = archive.array("frame", (None,), "iu")
     count, descriptors = len(frame), None
@@ -97,7 +97,7 @@ def write_tracks(file: Path, tracks: Sequence[Tracks]) -> None:
 
 
 def _camera(folder: Path, xy: FloatArray) -> Camera:
-    """The camera of `calib.npz`, with the size of the images beside it, or the extent of `xy`."""
+    """The camera of `calib.npz`, with the size of adjacent images, or else the extent of `xy`."""
     archive = Archive(folder / "calib.npz")
     K, baseline = archive.array("K", (3, 3)), archive.array("b")
     if baseline.size != 1:

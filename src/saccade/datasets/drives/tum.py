@@ -1,4 +1,4 @@
-"""Drives in the layout of TUM RGB-D, of a hand-held camera.
+"""Drives in the layout of TUM RGB-D, from a hand-held camera.
 
 rgb.txt                  lines of `time file`, the color images
 depth.txt                the same for the depth images, 16 bit, 5000 steps per meter
@@ -34,8 +34,8 @@ CAMERAS = {
     2: ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
     3: ((535.4, 539.2, 320.1, 247.6), ()),
 }
-"""fx, fy, cx, cy and the distortion of the benchmark's three cameras, from its page on file
-formats; images of the third are undistorted."""
+"""fx, fy, cx, cy and distortion of the benchmark's three cameras, from its page on file formats;
+images of the third camera are undistorted."""
 
 
 def read_tum_drive(path: Path) -> Drive:

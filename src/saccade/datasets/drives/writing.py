@@ -36,32 +36,32 @@ DRIVE_FILES = (
     *("calib.txt", CAMERA_FILE, "times.txt", "odometry.csv", "groundtruth.tum"),
     *("image_0", "image_1", "depth", TRACK_FILES[-1], GAZE_FILE),
 )
-"""Files of an earlier drive, which may be replaced."""
+"""Files of a drive, which a new drive may replace."""
 
 
 def save_drive(
     path: str | Path, drive: Drive, progress: Callable[[int, int], None] | None = None
 ) -> None:
-    """Write a drive in KITTI's layout, or as tracks, with odometry and truth.
+    """Write a drive in KITTI's layout, or as tracks, with odometry and ground truth.
 
-    The folder is written atomically; one of an earlier drive is replaced.
+    The folder is written atomically and replaces an earlier drive.
 
     Args:
         path: the folder.
-        drive: with images, or with tracks and no images.
-        progress: called with the number of frames written, and of all.
+        drive: the drive, with images or with tracks alone.
+        progress: function of the number of frames written and the total.
 
     Raises:
-        ConfigError: another run writes it.
-        DriveError: a frame has neither, or the scale of the drive is unknown.
+        ConfigError: another run is writing to the folder.
+        DriveError: a frame has no images and no tracks, or the scale of the drive is unknown.
         ImageError: a frame cannot be read.
-        OutputError: the folder cannot be written, or holds other files than those of a drive.
+        OutputError: the folder cannot be written, or has files that do not belong to a drive.
     """
     path = Path(path)
     require_writable(path, drive)
     with results_in(path) as new, writing(path):
         _write(new, drive, progress)
-        for name in DRIVE_FILES:  # of an earlier drive
+        for name in DRIVE_FILES:  # links to files of an earlier drive
             old = path / name
             shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
 
@@ -132,7 +132,7 @@ def _projections(camera: Camera) -> str:
 
 
 def _depth_steps(frame: Frame, unit: float) -> Image | None:
-    """Depth as a 16-bit image; 0 where it is unknown or out of range."""
+    """Depth as a 16-bit image; 0 for unknown or out of range."""
     if frame.depth is None:
         return None
     steps = np.rint(np.nan_to_num(frame.depth, nan=0.0, posinf=0.0) / unit)
@@ -154,18 +154,17 @@ def write_png(path: Path, image: Image) -> None:
 
 
 class LiveDrive:
-    """A drive from a camera, and the folder in which it is recorded.
+    """A drive from a live camera, recorded to a folder.
 
-    `drive.load` takes frames in their order, each once: it waits for the next one and writes it to
-    the folder. Until a frame is loaded, its time in `drive.time` and its control are those of a
-    camera that keeps its rate. A single camera without odometry measures no lengths: see
-    `assume_speed`.
+    `drive.load` must be called once per frame, in order; it waits for the frame and writes it to
+    the folder. Until then `drive.time` and the control assume the nominal frame rate. A single
+    camera without odometry does not measure lengths, see `assume_speed`.
 
     Args:
         video: the camera.
-        folder: of the recording; its camera.toml, if there, is the calibration.
-        options: intrinsics, without a camera.toml.
-        frames: maximum number.
+        folder: folder of the recording; its camera.toml, if present, has the calibration.
+        options: intrinsics, if there is no camera.toml.
+        frames: maximum number of frames.
     """
 
     def __init__(self, video: LiveVideo, folder: Path, options: CameraOptions, frames: int) -> None:
@@ -183,10 +182,10 @@ class LiveDrive:
         )
         self.drive = assume_speed(drive, is_guess)
         self.times = list[float]()
-        """Seconds of each recorded frame."""
+        """Times of the recorded frames in seconds."""
 
     def close(self) -> None:
-        """Write the times and the calibration, with which the recording is a drive of its own."""
+        """Write the times and the calibration, which complete the recorded drive."""
         with writing(self._folder):
             np.savetxt(self._folder / "times.txt", self.times, fmt="%.17g")
             if not self._is_guess:

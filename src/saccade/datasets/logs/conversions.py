@@ -13,9 +13,9 @@ from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 @dataclass(frozen=True)
 class OdometryNoise(Settings):
-    """Random odometry errors: variances grow with the path length, not with the samples.
+    """Random odometry errors, whose variances grow with the path length.
 
-    A robot at rest accumulates no error, and splitting a path into pieces changes nothing.
+    A robot at rest accumulates no error, and the result is independent of the sampling rate.
     """
 
     distance: float = setting(MISSING, 0, 1000)
@@ -32,10 +32,10 @@ class OdometryNoise(Settings):
 
 
 ASSUMED_ODOMETRY = OdometryNoise(distance=0.05, turn=0.05, drift=0.05)
-"""Errors of odometry without covariance."""
+"""Assumed errors of odometry without covariance."""
 ASSUMED_SENSOR = (0.05, 0.02)
-"""Standard deviations of observations without covariance: of the range, as a fraction of it, and
-of the bearing in radians."""
+"""Assumed standard deviations of observations without covariance: range, as a fraction, and bearing
+in radians."""
 
 
 def sensor_variances(distance: FloatArray, sigma: tuple[float, float]) -> FloatArray:
@@ -52,8 +52,8 @@ def integrate(
 ) -> tuple[FloatArray, FloatArray]:
     """Relative poses between given times, from piecewise constant speeds.
 
-    Each piece of constant speed and turn rate is an arc. The robot is at rest before the first
-    sample; the last sample holds to the end.
+    Each segment of constant speed and turn rate is an arc. The robot is at rest before the first
+    sample; the last sample is held to the end.
 
     Args:
         time: (n,) seconds, ascending.
@@ -63,14 +63,14 @@ def integrate(
         noise: of distance and heading.
 
     Returns:
-        (t, 3) each pose in the frame of the previous one: forward, left, turn; and its
+        (t, 3) relative pose in the frame of the previous pose: forward, left, turn; and its
         covariance (t, 3, 3).
     """
     if len(pose_time) < 2:
         return np.empty((0, 3)), np.empty((0, 3, 3))
     inside = time[(time > pose_time[0]) & (time < pose_time[-1])]
     knots = np.concatenate([pose_time, inside])
-    knots = knots[np.argsort(knots, kind="stable")]  # (p + 1,) ends of the pieces
+    knots = knots[np.argsort(knots, kind="stable")]  # (p + 1,) ends of the segments
     sample = np.searchsorted(time, knots[:-1], side="right") - 1
     duration = np.where(sample >= 0, np.diff(knots), 0.0)
     d, phi = speed[sample] * duration, turn_rate[sample] * duration  # (p,)
@@ -81,7 +81,7 @@ def integrate(
     chord = (d * np.sinc(phi / (2 * np.pi)))[:, None] * direction
     xy = np.concatenate([np.zeros((1, 2)), np.cumsum(chord, 0)])  # (p + 1, 2)
 
-    edge = np.searchsorted(knots, pose_time)  # (t + 1,) index at which each interval begins
+    edge = np.searchsorted(knots, pose_time)  # (t + 1,) start index of each interval
     interval = np.searchsorted(edge[:-1], np.arange(len(d)), side="right") - 1  # (p,)
     start, end = edge[:-1], edge[1:]
     control = np.empty((len(start), 3))
@@ -102,7 +102,7 @@ def integrate(
 
 
 def start_of(truth: Trajectory | None, time: float, name: str) -> FloatArray:
-    """The true pose (3,) at a time in seconds; the origin, with a `LogWarning`, without one."""
+    """The true pose (3,) at a time in seconds, or the origin with a `LogWarning`."""
     pose = np.zeros(3) if truth is None else truth.at(np.array([time]))[0]
     if not np.isfinite(pose).all():
         warnings.warn(f"{name}: {START_UNKNOWN}", LogWarning, stacklevel=4)
@@ -110,7 +110,7 @@ def start_of(truth: Trajectory | None, time: float, name: str) -> FloatArray:
 
 
 def require_numbered(log: LandmarkLog, form: str) -> None:
-    """Raise `LogError` if an observation has no name that is an integer, which `form` needs."""
+    """Raises `LogError` unless every observation has an integer label, as `form` requires."""
     unknown = int((log.landmark < 0).sum())
     if unknown or log.text_names:
         found = f"none for {unknown} observations" if unknown else repr(log.text_names[0])

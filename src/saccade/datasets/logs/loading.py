@@ -54,25 +54,26 @@ def load(
     topic: Sequence[str] | None = None,
     sensor: tuple[float, float, float] | None = None,
 ) -> LandmarkLog:
-    """Read a landmark log. An option that is None has the default of its format.
+    """Read a landmark log. Each format has its own defaults for options left at None.
 
     Args:
-        kind: "csv" (a file, or a folder with log.csv), "g2o" or "isam" (either reads g2o, iSAM,
-            TORO and GTSAM text), "mrclam" (folder or .npz), "rosbag" (ROS 1 and 2), or "auto".
+        kind: "csv" (a file, or a folder with log.csv), "g2o" or "isam" (both read g2o, iSAM, TORO
+            and GTSAM text), "mrclam" (folder or .npz), "rosbag" (ROS 1 and 2), or "auto".
         path: the file or folder.
         robot: mrclam: number of the robot, 1 to 5; default 1.
         matrix_form: g2o and isam: form of the matrices; detected by default.
-        odometry_noise: mrclam: random odometry errors; rosbag: of odometry without covariance.
-        sensor_sigma: of the same: standard deviations of range (m) and bearing (rad); in a bag
-            that of the range is a fraction of it.
-        topic: rosbag: topics of landmarks; by default one is chosen by its type.
-        sensor: pose of the sensor in the robot's frame, see `LandmarkLog.sensor`; by default that
-            of the CSV. Observations of a bag are converted by its tf already.
+        odometry_noise: mrclam: random odometry errors; rosbag: errors of odometry without
+            covariance.
+        sensor_sigma: mrclam: standard deviations of range (m) and bearing (rad); rosbag: for
+            observations without covariance, with the range sigma as a fraction of the range.
+        topic: rosbag: landmark topics; by default the first topic of a known type.
+        sensor: pose of the sensor in the robot frame, see `LandmarkLog.sensor`; by default from
+            the CSV. Observations of a bag are already transformed by tf.
 
     Raises:
-        LogError: the file is missing, broken, or of another format; one line that names it.
-        ConfigError: no such kind, an option that this kind does not have, or a standard deviation
-            that is not positive.
+        LogError: the file is missing, broken, or of a different format; the message names it.
+        ConfigError: unknown kind, an option that does not apply to this kind, or a standard
+            deviation that is not positive.
     """
     require(kind in get_args(Kind), "kind", f"one of {', '.join(get_args(Kind))}", kind)
     path = Path(path)
@@ -90,7 +91,7 @@ def load(
     }
     options = {name: value for name, value in given.items() if value is not None}
     for name in options.keys() - signature(reader).parameters.keys():
-        raise ConfigError(f"{name}: {path} read as {kind} does not have it; leave it out")
+        raise ConfigError(f"{name}: {path} read as {kind} has no such option; leave it out")
     if sensor_sigma is not None:
         require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
     log = reader(path, **options)
@@ -107,13 +108,13 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
     Args:
         path: the file.
         log: the log.
-        kind: "csv", which keeps everything but the true landmarks; "g2o", text without a clock; or
-            "auto", by the suffix of the file.
+        kind: "csv", which keeps everything except the true landmarks; "g2o", text without time
+            stamps; or "auto", by the suffix of the file.
 
     Raises:
         LogError: the format cannot represent the log.
         OutputError: it cannot be written.
-        ConfigError: no such format.
+        ConfigError: unknown format.
     """
     require(kind in get_args(Format), "kind", f"one of {', '.join(get_args(Format))}", kind)
     path = Path(path)
@@ -124,7 +125,7 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
         for k in np.flatnonzero(np.isnan(log.observation).any(1))[:1].tolist():
             raise LogError(
                 f"{log.name}, observation {k}: expected range and bearing, which {name} needs, "
-                "found one of them; write it as CSV"
+                "found only one; write it as CSV"
             )
     _WRITERS[name](path, log)
 

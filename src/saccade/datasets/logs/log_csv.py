@@ -1,8 +1,8 @@
-"""Landmark logs as one CSV table, which any program can write and read.
+"""Landmark logs as a single CSV table.
 
-A row is a pose or an observation, and the header names its cells; docs/slam.md lists them. The
-first row is the first pose and has no control; every other row has either a control or an
-observation. Meters and radians. A comment "# sensor: x, y, yaw" gives the pose of the sensor.
+A row is a pose or an observation, with the columns listed in docs/slam.md. The first row is the
+first pose and has no control; every other row has either a control or an observation. Units are
+meters and radians. A comment "# sensor: x, y, yaw" gives the pose of the sensor.
 """
 
 import re
@@ -36,9 +36,9 @@ from saccade.landmark_names import parse_name
 from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory, invalid_range_bearing
 
 ROUNDING = 1e-9
-"""Eigenvalue of a covariance, as a fraction of the largest, that rounding may make negative."""
+"""Tolerance for negative eigenvalues of a covariance due to rounding, relative to the largest."""
 UNUSED_VARIANCE = 1.0
-"""Variance of a component that was not measured; nothing uses it."""
+"""Placeholder variance of a component that was not measured; it is never used."""
 LOG_FILE = "log.csv"
 """Name of the log in a folder."""
 ASSUMED = (
@@ -46,7 +46,7 @@ ASSUMED = (
     f"{ASSUMED_ODOMETRY.turn:g} rad after a turn by 1 rad",
     f"{ASSUMED_SENSOR[0]:.0%} of the range, {ASSUMED_SENSOR[1]:g} rad of the bearing",
 )
-"""Standard deviations of controls and of observations, in words."""
+"""Assumed standard deviations of controls and of observations, as text."""
 _START = ("x", "y", "heading")
 _OBSERVATION = ("range", "bearing")
 _TRUTH = ("true_x", "true_y", "true_heading")
@@ -55,7 +55,7 @@ _CONTROLS = {"compose": ("forward", "left", "turn"), "turn_then_translate": ("di
 
 
 def columns_of(motion: str) -> list[str]:
-    """The header of a log whose controls are "compose" or "turn_then_translate"."""
+    """The header of a log with controls of the model "compose" or "turn_then_translate"."""
     control = _CONTROLS[motion]
     return [
         *("time", *_START, *control, *covariance_names(control)),
@@ -100,10 +100,10 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
     """Read a log.
 
     Args:
-        path: a table with the columns of the module's docstring, in any order, or a folder that
-            holds it as log.csv; off-diagonal covariances may be left out. Without any of the
-            controls, or of the observations, they are assumed as in a ROS bag (`LogWarning`).
-            The range or the bearing of an observation may be empty, or "nan".
+        path: a table with the columns of docs/slam.md, in any order, or a folder with log.csv.
+            Off-diagonal covariances are optional. If controls or observations have no covariance,
+            defaults are assumed as for a ROS bag (`LogWarning`). The range or the bearing of an
+            observation may be empty or "nan".
     """
     path = Path(path)
     file = path / LOG_FILE if path.is_dir() else path
@@ -161,7 +161,7 @@ def _empty_nan(table: TextTable) -> None:
 
 
 def _sensor(path: Path) -> tuple[float, float, float]:
-    """The pose of the sensor by the comment of a file; the robot's origin without one."""
+    """The pose of the sensor from the file's comment; by default the robot's origin."""
     text = read_text(path)
     match = _SENSOR.search(text)
     if match is None:
@@ -175,7 +175,7 @@ def _sensor(path: Path) -> tuple[float, float, float]:
 
 
 def _start(first: TextTable, truth: Trajectory | None) -> FloatArray:
-    """The first pose (3,): by the columns of the start, else the true one, else the origin."""
+    """The first pose (3,): from the start columns, else the true pose, else the origin."""
     given = [name for name in _START if name in first.names]
     start = np.zeros(3)
     if truth is not None and not first.is_filled(given)[0]:
@@ -188,7 +188,7 @@ def _start(first: TextTable, truth: Trajectory | None) -> FloatArray:
 
 
 def _truth(poses: TextTable, time: FloatArray) -> Trajectory | None:
-    """The true poses, of the rows that have them; without a heading it is NaN. None without any."""
+    """The true poses of the rows that have them, with NaN for missing headings; or None."""
     if not {"true_x", "true_y"} <= set(poses.names):
         return None
     has_heading = "true_heading" in poses.names
@@ -238,7 +238,7 @@ def _rows_of_each(table: TextTable, control: tuple[str, ...]) -> tuple[IntArray,
 
 
 def _cells(table: TextTable, names: tuple[str, ...]) -> FloatArray:
-    """Numbers (n, len(names)), none of which may be missing."""
+    """Numbers (n, len(names)); raises if one is missing."""
     values = table.numbers(*names, blank=np.nan)
     for i, k in np.argwhere(np.isnan(values))[:1].tolist():
         raise table.rows[i].error(f"a finite number for {names[k]}", "nothing")

@@ -11,23 +11,22 @@ from saccade.errors import LogError, require
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 ROBOTS = 5
-"""Subjects 1 to 5 are the robots themselves; the others are landmarks."""
+"""Number of robots: subjects 1 to 5 are robots, all others are landmarks."""
 MAX_STEP = 0.5
-"""Largest time in seconds between poses of the log."""
+"""Maximum time between poses of the log, in seconds."""
 MAX_DURATION = 1e6
-"""Seconds; a longer log contains a corrupt time stamp."""
+"""Maximum duration in seconds; longer logs have a corrupt time stamp."""
 STALE_LIMIT = 0.2
-"""Seconds by which the first odometry sample may be stamped after the second: it is in the logs of
-most robots of set 9, and is dropped."""
+"""Maximum delay in seconds of the first odometry sample's time stamp relative to the second. Most
+logs of set 9 have such a first sample, which is dropped."""
 MRCLAM_ODOMETRY = OdometryNoise(distance=0.05, turn=0.1, drift=0.03)
-"""Odometry errors of set 6 over 1 to 16 s against the motion capture, without the systematic
-ones."""
+"""Random odometry errors of set 6 over 1 to 16 s, measured against motion capture."""
 MRCLAM_SENSOR = (0.08, 0.012)
 """Standard deviations of range (m) and bearing (rad)."""
 MAX_BEARING = 1.0
-"""Radians from the optical axis; half the field of view of these robots is less."""
+"""Maximum bearing in radians; half the field of view of these robots is less."""
 UTIAS_BARCODES = (5, 14, 41, 32, 23)
-"""Barcodes on the robots of the published sets, by which these sets are recognized."""
+"""Barcodes on the robots of the published sets, used to identify these sets."""
 
 _TABLES = {
     "barcodes": ("Barcodes", ("subject", "barcode")),
@@ -42,14 +41,14 @@ _OPTIONAL = ("robot{}_groundtruth", "landmarks")
 
 @dataclass(frozen=True)
 class Platform:
-    """Calibration of a robot: how its logged numbers relate to physical quantities."""
+    """Calibration of a robot: conversion of logged numbers to physical quantities."""
 
     latency: float = 0.0
-    """Seconds from a logged velocity, which is a command, to its execution."""
+    """Delay in seconds between a logged velocity command and its execution."""
     turn: float = 1.0
     """Radians turned per logged radian."""
     depth: float | None = None
-    """Logged range per meter of depth along the optical axis; None where the logged range is the
+    """Logged range per meter of depth along the optical axis; None if the logged range is the
     distance."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """See `LandmarkLog.odometry_bias`."""
@@ -76,10 +75,10 @@ def read_mrclam(
 ) -> LandmarkLog:
     """Read one robot of an MRCLAM set.
 
-    There is a pose at every time of a measurement, and others between them so that no step is
-    longer than half a second; the odometry is integrated between them by `integrate`. Observations
-    of other robots and of unlisted barcodes are dropped. Where the ground truth is known, the log
-    starts at the true pose, in the frame of the surveyed landmarks.
+    The log has a pose at the time of every measurement, and additional poses so that no step
+    exceeds half a second; `integrate` integrates the odometry between poses. Observations of robots
+    and of unlisted barcodes are dropped. If ground truth is available, the log starts at the true
+    pose, in the frame of the surveyed landmarks.
 
     Args:
         path: the published folder (Barcodes.dat, RobotN_Odometry.dat, ...), or an .npz with the
@@ -149,7 +148,7 @@ def read_mrclam(
 
 
 def _read_tables(path: Path, robot: int) -> dict[str, FloatArray]:
-    """The tables of a robot; optional ones may be missing."""
+    """The tables of a robot; optional tables may be missing."""
     archive = Archive(path) if path.is_file() else None
     tables = {}
     for name, (file, columns) in _TABLES.items():

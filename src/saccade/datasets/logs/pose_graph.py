@@ -11,9 +11,8 @@
     FIX         pose ...
     PARAMS_...  not used
 
-The last numbers of an edge are a symmetric or a triangular matrix in one of several forms, see
-`MatrixForm`. Vertices are initial estimates: only the vertex of the first pose is read, the start
-of the log.
+The last numbers of an edge are a symmetric or triangular matrix, see `MatrixForm`. Vertices are
+initial estimates; only the vertex of the first pose is read, as the start of the log.
 """
 
 from collections.abc import Iterator
@@ -47,14 +46,14 @@ MatrixForm: TypeAlias = Literal["covariance", "information", "root", "toro"]
 - "toro": information in TORO's order: xx, xy, yy, tt, xt, yt.
 """
 TORO_ORDER = (0, 1, 4, 2, 5, 3)
-"""Index in TORO's order of each of xx, xy, xt, yy, yt, tt."""
+"""Indices of xx, xy, xt, yy, yt, tt in TORO's order."""
 MIN_SIGMA = 1e-4
-"""Standard deviation (m, rad) added in every direction to a singular covariance to invert it."""
+"""Standard deviation (m, rad) added to a singular covariance to make it invertible."""
 
 LARGEST_ID = 1 << 63
-"""Exclusive bound of the numbers of vertices."""
+"""Exclusive upper bound of vertex numbers."""
 INDEX = 1 << 56
-"""Exclusive bound of the index in a symbol key of GTSAM, whose highest byte is a letter."""
+"""Exclusive upper bound of the index in a GTSAM symbol, whose highest byte is a letter."""
 
 _EDGES = {"EDGE_SE2": 12, "EDGE2": 12, "ODOMETRY": 12}
 _OBSERVATIONS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
@@ -78,13 +77,13 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
 
     Args:
         path: the file.
-        matrix_form: form of the matrices in the file; None to detect it: "information" in a file
-            with `EDGE_SE2` lines, "toro" in one with `VERTEX2` lines, "covariance" where the
-            first edge is `ODOMETRY`, else "root".
+        matrix_form: form of the matrices in the file. None detects it: "information" for files with
+            `EDGE_SE2` lines, "toro" for files with `VERTEX2` lines, "covariance" if the first edge
+            is `ODOMETRY`, else "root".
 
     Returns:
-        A log of relative poses; its times are the numbers of the poses, and it starts at the
-        vertex of the first pose, or at the origin.
+        A log of relative poses that starts at the vertex of the first pose, or at the origin. Pose
+        numbers serve as times.
     """
     forms = get_args(MatrixForm)
     require(matrix_form in (None, *forms), "matrix_form", f"one of {forms}", matrix_form)
@@ -121,7 +120,7 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
 
 
 def _parse(path: Path) -> tuple[list[_Edge], list[_Edge], dict[int, list[float]], set[str]]:
-    """Edges, observations, poses by their numbers, and all tags."""
+    """Edges, observations, poses by number, and all tags."""
     edges: list[_Edge] = []
     observations: list[_Edge] = []
     vertices, tags = {}, set()
@@ -207,13 +206,13 @@ def _covariances(edges: list[_Edge], entries: FloatArray, form: MatrixForm) -> F
 def write_g2o(path: str | Path, log: LandmarkLog) -> None:
     """Write a log as g2o, with every digit.
 
-    The format has no clock: poses are numbered from 0, and landmarks follow the t + 1 poses. The
-    vertices are initial estimates: poses by dead reckoning, landmarks by their first observation.
-    Observations become Cartesian, to first order.
+    The format has no times: poses are numbered from 0, and landmarks follow the t + 1 poses. The
+    vertices are initial estimates: poses from dead reckoning, landmarks from their first
+    observation. Observations become Cartesian, to first order.
 
     Args:
         path: the file; replaced if it exists.
-        log: with the number of every landmark.
+        log: log with an integer label for every landmark.
     """
     require_numbered(log, "g2o")
     for k in np.flatnonzero(log.observation[:, 0] < 1e-9)[:1].tolist():
@@ -238,7 +237,7 @@ def write_g2o(path: str | Path, log: LandmarkLog) -> None:
         *_lines("VERTEX_XY", len(pose) + landmarks[:, None], xy),
         *_lines("EDGE_SE2", np.stack([number[:-1], number[1:]], 1), edges),
         *_lines("EDGE_SE2_XY", observed, sights),
-        "FIX 0",  # at the end: GTSAM reads no farther
+        "FIX 0",  # last line, since GTSAM stops reading here
     ]
     with atomic_write(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -253,6 +252,6 @@ def _information(covariance: FloatArray) -> FloatArray:
 
 
 def _lines(tag: str, vertices: IntArray, values: FloatArray) -> Iterator[str]:
-    """Lines of a tag, the numbers of vertices (n, 1) or (n, 2), and values (n, k)."""
+    """Lines with a tag, vertex numbers (n, 1) or (n, 2), and values (n, k)."""
     for numbers, row in zip(vertices.tolist(), values.tolist(), strict=True):
         yield " ".join([tag, *map(str, numbers), *map(repr, row)])

@@ -46,7 +46,7 @@ DEFINITIONS = {
         "std_msgs/Header header\napriltag_msgs/AprilTagDetection[] detections"
     ),
 }
-"""Messages as ROS 2 has had them since Humble, for its bags without definitions: Humble's own."""
+"""Message definitions of ROS 2 Humble and later, for bags without definitions (Humble's)."""
 
 
 def stamp_of(header: Any) -> float:
@@ -71,7 +71,7 @@ def pose_of(message: Any) -> tuple[float, ...]:
 
 
 def finite(values: Any, name: str) -> FloatArray:
-    """Numbers of a message as float64."""
+    """Numbers of a message as float64, checked to be finite."""
     numbers = np.asarray(values, np.float64)
     if not (np.abs(numbers) < LARGEST).all():
         raise LogError(f"{name}: expected finite numbers under {LARGEST:g}, found others")
@@ -83,10 +83,10 @@ MAGIC = b"#ROSBAG V2.0\n"
 
 
 def bag_files(path: Path) -> list[Path]:
-    """The bag that a path names: itself, or the files of a folder without metadata.yaml.
+    """The files of a bag: the path itself, or the files of a folder without metadata.yaml.
 
     Raises:
-        LogError: the files of the folder are not the parts of one bag, NAME_0, NAME_1, ...
+        LogError: the files are not the parts NAME_0, NAME_1, ... of a single bag.
     """
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return [path]
@@ -98,14 +98,14 @@ def bag_files(path: Path) -> list[Path]:
 
 
 def has_word(topic: str, pattern: str) -> bool:
-    """Whether a word of a topic, such as of /stereo/rightCamera/image_raw, fits a pattern."""
+    """Whether a word of a topic, such as /stereo/rightCamera/image_raw, matches a pattern."""
     words = re.findall("[A-Z]?[a-z]+|[A-Z]+(?![a-z])", topic)
     return any(re.fullmatch(pattern, word.lower()) for word in words)
 
 
 @contextmanager
 def _reading(name: object, expected: str) -> Iterator[None]:
-    """`reading` of a bag: rosbags raises anything for broken bytes, and reads any size in them."""
+    """`reading` for bags: on broken bytes rosbags raises any exception and trusts any size."""
     try:
         with reading(name, LogError, expected, Exception):
             yield
@@ -114,7 +114,7 @@ def _reading(name: object, expected: str) -> Iterator[None]:
 
 
 class Bag:
-    """An open bag, read by any thread."""
+    """An open bag that any thread can read."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._thread = path, local()
@@ -124,7 +124,7 @@ class Bag:
 
     @property
     def _reader(self) -> Any:
-        """The reader of this thread: a ROS 2 bag is an SQLite database, bound to one thread."""
+        """The reader of this thread, since the SQLite database of a ROS 2 bag is bound to one."""
         return self._thread.reader if hasattr(self._thread, "reader") else self._open()
 
     def _open(self) -> Any:
@@ -144,7 +144,7 @@ class Bag:
         return reader
 
     def topics(self, types: Sequence[str]) -> list[str]:
-        """Sorted names of the topics of some types, with messages."""
+        """Sorted names of the nonempty topics of the given types."""
         kinds = {c.topic: c.msgtype for c in self._reader.connections}
         topics = self._reader.topics
         return sorted(
@@ -194,15 +194,15 @@ class Bag:
             raise ImageError(str(error)) from error
 
     def odometry_topic(self) -> str | None:
-        """The topic of odometry that is no ground truth, if there is one."""
+        """The odometry topic that is not ground truth, or None."""
         return next((each for each in self.topics((ODOMETRY,)) if not _is_truth(each)), None)
 
     def truth_topic(self) -> str | None:
-        """The topic of ground truth, if there is one."""
+        """The ground-truth topic, or None."""
         return next((each for each in self.topics(POSES) if _is_truth(each)), None)
 
     def poses(self, topic: str, zero: float) -> Poses:
-        """Poses of a topic, sorted by time in seconds from `zero` on."""
+        """Poses of a topic, sorted by time in seconds since `zero`."""
         rows = sorted((stamp_of(m.header) - zero, *pose_of(m)) for _, m in self.messages(topic))
         return poses_from(rows, f"{self.path}, {topic}")
 
@@ -212,13 +212,13 @@ def _is_truth(topic: str) -> bool:
 
 
 def poses_from(rows: Any, name: str) -> Poses:
-    """Poses from rows of time, position and quaternion, in their order."""
+    """Poses from rows of time, position and quaternion, in the given order."""
     table = finite(rows, name).reshape(-1, 8)
     return Poses(table[:, 0], rotation_matrices(table[:, 4:], name), table[:, 1:4])
 
 
 def _check(path: Path) -> None:
-    """Refuse devices, pipes and oversized metadata before rosbags opens them."""
+    """Rejects devices, pipes and oversized metadata before rosbags opens them."""
     if path.is_dir():
         for file in path.iterdir():
             check_file(file, LARGEST_TEXT if file.suffix == ".yaml" else None)
@@ -232,12 +232,12 @@ FIELDS = (
     *("messages as ROS defines them", AttributeError, LookupError, TypeError, ValueError),
     OverflowError,
 )
-"""Arguments of `reading` for messages: the definitions in a bag may differ from those of ROS."""
+"""Arguments of `reading` for messages, since definitions in a bag may differ from ROS."""
 
 
 def _close(readers: list[Any]) -> None:
     for reader in readers:
-        with suppress(Exception):  # SQLite closes a database of another thread on collection
+        with suppress(Exception):  # the collector closes databases of other threads
             reader.close()
 
 
@@ -245,16 +245,16 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
 def bare(frame: str) -> str:
-    """The name of a frame without the leading slash that tf once had."""
+    """The name of a frame without the leading slash of tf1."""
     return frame.lstrip("/")
 
 
 class Transforms:
-    """Poses of frames in one another: constant, or interpolated between those published."""
+    """Transforms between frames: constant, or interpolated between published transforms."""
 
     def __init__(self, edges: dict[tuple[str, str], Poses]) -> None:
         self.edges = edges
-        """Poses of a frame in its parent, by the names of parent and frame; one if constant."""
+        """Poses of a frame in its parent, by parent and frame; a single pose if constant."""
         self._neighbors: dict[str, list[str]] = {}
         for parent, child in edges:
             self._neighbors.setdefault(parent, []).append(child)
@@ -272,7 +272,7 @@ class Transforms:
                     time = 0.0 if topic.endswith("static") else stamp_of(each.header)
                     rows.setdefault(pair, array("d")).extend((time, *pose_of(each)))
             for (parent, child), numbers in rows.items():
-                table = np.reshape(numbers, (-1, 8))[::-1]  # of several at one time the last
+                table = np.reshape(numbers, (-1, 8))[::-1]  # the last of several with equal times
                 table = table[np.unique(table[:, 0], return_index=True)[1]]
                 name = f"{bag.path}, {topic}, from {parent} to {child}"
                 edges[parent, child] = poses_from(table, name)
@@ -290,8 +290,8 @@ class Transforms:
     def poses(self, base: str, part: str, time: FloatArray) -> Poses | None:
         """Poses of the frame `part` in the frame `base` at times (n,) in seconds.
 
-        Before the first and after the last transform between two frames, these hold. None where
-        no chain of transforms connects the frames.
+        The first and last transforms are held outside their time span. None if no chain of
+        transforms connects the frames.
         """
         paths, queue = {base: [base]}, [base]
         for frame in queue:  # the shortest path to each frame

@@ -1,22 +1,22 @@
 """Drives from ROS 1 bags (.bag) and ROS 2 bags (.mcap, .db3, or their folder).
 
-Topics are selected by their types, and among several by their names:
+Topics are selected by type and, among several, by name:
 
     sensor_msgs Image or CompressedImage    left: preferably with "left" in the name, without
                                             "depth" or "right"; right: with "right"; depth: with
                                             "depth" (16UC1 in mm, 32FC1 in m)
-    sensor_msgs CameraInfo                  the one with the longest common namespace with the
-                                            image's; of images that are rectified by their
-                                            topic (image_rect) its projection P, else K and D
-    nav_msgs Odometry                       the one that is no ground truth
+    sensor_msgs CameraInfo                  longest common namespace with the image topic;
+                                            projection P for rectified topics (image_rect),
+                                            else K and D
+    nav_msgs Odometry                       the topic that is not ground truth
     Odometry, PoseStamped, TransformStamped with "truth", "vicon", "mocap" or the word "gt" in it:
                                             ground truth of the robot
-    tf2_msgs TFMessage                      pose of the camera on the robot, if they connect the
-                                            frames of image and odometry; of one that pans and
-                                            tilts, its turn at each image
+    tf2_msgs TFMessage                      pose of the camera on the robot, if the frames of
+                                            image and odometry are connected; the turn at each
+                                            image, if the camera pans and tilts
 
-A camera.toml in the folder of the bag takes precedence over CameraInfo and transforms. Times are
-those of the messages' headers, from the first image on. Without odometry the motion is unknown (see
+A camera.toml in the folder of the bag takes precedence over CameraInfo and transforms. Times come
+from the message headers and start at the first image. Without odometry the motion is unknown (see
 `unknown_increments`). Needs the extra `ros`.
 """
 
@@ -66,7 +66,7 @@ from saccade.io.image import decode_stored
 from saccade.types import FloatArray, Image, IntArray
 
 MAX_TIME_DIFFERENCE = 0.01
-"""Seconds between the images of one frame."""
+"""Maximum time difference between the images of a frame, in seconds."""
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
     "mono8": (np.uint8, 1, None),
@@ -86,13 +86,13 @@ _ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
 }
 """Number type, channels, and OpenCV's conversion to RGB."""
 RECTIFIED = "rect(ified)?|undist(ort(ed)?)?"
-"""Pattern of words in the names of topics with images that need no undistortion."""
+"""Pattern of words in the names of topics with rectified images."""
 STILL = 1e-4
-"""Largest rotation of a camera that does not turn, in radians."""
+"""Maximum rotation of a fixed camera, in radians."""
 MAX_ROLL = 0.02
-"""Radians by which a camera that pans and tilts may roll about its optical axis."""
+"""Maximum roll about the optical axis of a pan-tilt camera, in radians."""
 MAX_SHIFT = 0.01
-"""Meters by which its optical center may move on the robot without a remark."""
+"""Maximum motion of the optical center on the robot without a remark, in meters."""
 
 
 def read_rosbag_drive(path: Path) -> Drive:
@@ -131,11 +131,11 @@ def read_rosbag_drive(path: Path) -> Drive:
 
 
 def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:
-    """Topics of the left and right images and of the depth, or None."""
+    """Topics of the left, right and depth images; None if absent."""
     topics = bag.topics(IMAGES)
     depth = next((topic for topic in topics if has_word(topic, "depth.*")), None)
     images = [topic for topic in topics if not has_word(topic, "depth.*")]
-    if any(has_word(topic, "right.*") for topic in images):  # of a pair preferably rectified ones
+    if any(has_word(topic, "right.*") for topic in images):  # prefer rectified images for stereo
         images.sort(key=lambda topic: not has_word(topic, RECTIFIED))
     right = next((topic for topic in images if has_word(topic, "right.*")), None)
     left = [topic for topic in images if not has_word(topic, "right.*")]
@@ -200,24 +200,23 @@ def _closest(topics: list[str], image: str) -> str:
 def mounted(
     camera: Camera, poses: Poses, name: str
 ) -> tuple[Camera, list[CameraTurn], tuple[str, ...]]:
-    """A camera as it is mounted on the robot, its turns, and assumptions.
+    """Mounting of a camera on the robot, its turns, and assumptions.
 
-    Pan and tilt are the azimuth and elevation of the optical axis, so that without them the
-    camera faces ahead.
+    Pan and tilt are the azimuth and elevation of the optical axis; at zero the camera faces ahead.
 
     Args:
-        camera: with any extrinsics.
-        poses: of the camera in the frame of the robot, at each frame of the drive.
-        name: of the recording, for messages.
+        camera: camera with any extrinsics.
+        poses: poses of the camera in the robot frame, at each frame of the drive.
+        name: name of the recording, for messages.
 
     Returns:
-        The camera, a turn for each frame or none where it does not turn, and a line where its
-        optical center moves.
+        The camera; a turn for each frame, or none for a fixed camera; and a remark if the optical
+        center moves.
     """
     R = poses.rotation
     if _angle(R, R[0]) < STILL:
         return replace(camera, position=poses.position[0].copy(), rotation=R[0].copy()), [], ()
-    x, y, z = R[:, :, 2].T  # of the optical axis
+    x, y, z = R[:, :, 2].T  # optical axis
     directions = zip(np.arctan2(y, x).tolist(), np.arcsin(z.clip(-1, 1)).tolist(), strict=True)
     turns = [CameraTurn(pan, tilt) for pan, tilt in directions]
     rotation = np.stack([turn.rotation for turn in turns]).transpose(0, 2, 1) @ R
@@ -238,13 +237,13 @@ def mounted(
 
 
 def _angle(rotations: FloatArray, other: FloatArray) -> float:
-    """Largest angle in radians between rotations (n, 3, 3) and another (3, 3)."""
+    """Maximum angle in radians between rotations (n, 3, 3) and a rotation (3, 3)."""
     chord = np.linalg.norm(rotations - other, axis=(1, 2)).max() / np.sqrt(8)
     return float(2 * np.arcsin(min(chord, 1.0)))
 
 
 def pixels_of(message: Any, name: str) -> Image:
-    """The image of an Image or a CompressedImage: gray or RGB, or depth as it is."""
+    """The image of an Image or CompressedImage: gray, RGB, or unscaled depth."""
     if hasattr(message, "format"):
         return decode_stored(bytes(message.data), name)
     if message.encoding not in _ENCODINGS:
@@ -269,9 +268,9 @@ def calibration_of(
     """Calibration from the CameraInfo of one camera, or of a rectified stereo pair.
 
     Args:
-        left: the message; its K and D are of raw images, its P is of rectified ones.
-        right: that of the right camera, whose P has the baseline.
-        name: for the error message.
+        left: CameraInfo with K and D for raw images, and P for rectified images.
+        right: CameraInfo of the right camera, whose P has the baseline.
+        name: name of the recording, for error messages.
         is_rectified: whether the images are rectified.
     """
     K, D, P = (finite(_field(left, each), name) for each in "kdp")
@@ -297,5 +296,5 @@ def calibration_of(
 
 
 def _field(message: Any, name: str) -> Any:
-    """A field whose name is a capital in ROS 1."""
+    """A field whose name is capitalized in ROS 1."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())

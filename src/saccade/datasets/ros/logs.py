@@ -1,12 +1,13 @@
 """Landmark logs from ROS 1 bags (.bag) and ROS 2 bags (.mcap, .db3, or their folder).
 
-Landmarks are read from the first topic of a known type (`messages.MESSAGE_TYPES`), or from the
-wanted topics. Tf transforms their positions to the frame of the robot at the time of each, and they
-are projected to the ground. Odometry is nav_msgs Odometry, or the transform from odom to the robot.
-Ground truth of the robot is a topic with "truth", "vicon", "mocap" or the word "gt" in its name.
+Landmarks are read from the given topics, or from the first topic of a known type
+(`messages.MESSAGE_TYPES`). Positions are transformed by tf to the robot frame at the time of
+observation, and projected to the ground. Odometry is nav_msgs Odometry, or the transform from odom
+to the robot. Ground truth of the robot is a topic with "truth", "vicon", "mocap" or the word "gt"
+in its name.
 
-Times are read from the headers and count from the first odometry. There is a pose at every time of
-an observation, and others between them. Needs the extra `ros`.
+Times come from the message headers and start at the first odometry. The log has a pose at the time
+of every observation, and additional poses in between. Needs the extra `ros`.
 """
 
 import warnings
@@ -34,34 +35,34 @@ from saccade.plane import path_of, steps_between, to_range_bearing
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 MAX_STEP = 0.5
-"""Largest time in seconds between poses of the log."""
+"""Maximum time between poses of the log, in seconds."""
 MIN_RANGE = 1e-3
 """Minimum range of a landmark with a bearing, in meters."""
 BASE = "base_link"
-"""Name of the robot's frame, where the odometry has none."""
+"""Name of the robot frame, if the odometry has no frame name."""
 PLANE = [0, 7, 35]
-"""Indices of the variances of x, y and heading among the 36 numbers of a covariance of ROS."""
+"""Indices of the variances of x, y and heading in a ROS covariance of 36 numbers."""
 MAX_SPEED = 50.0
-"""Largest speed of odometry that was not reset, in meters and radians per second."""
+"""Maximum speed in meters or radians per second; beyond it the odometry was reset."""
 UNKNOWN_SPEED = 0.5
-"""Standard deviation of the speed while it was reset, in meters and radians per second."""
+"""Standard deviation of the speed during a reset, in meters or radians per second."""
 MAX_RATE_VARIANCE = 100.0
-"""Variance of a speed in square meters and radians per second that stands for unknown."""
+"""Minimum variance of a speed that means unknown, in SI units."""
 MAX_DURATION = 1e5
-"""Seconds; a longer log has a corrupt time stamp."""
+"""Maximum duration in seconds; longer logs have a corrupt time stamp."""
 
 
 class BagOdometry(NamedTuple):
-    """n poses of a robot by its odometry."""
+    """n odometry poses of a robot."""
 
     source: str
-    """The topic, or the frames of tf."""
+    """Topic, or frames of tf."""
     base: str
     """The frame of the robot."""
     poses: Trajectory
-    """Poses relative to the first; the robot stands still where odometry was reset."""
+    """Poses relative to the first; without motion during resets."""
     covariance: FloatArray
-    """(n - 1, 3, 3) of the motion to each pose in the frame of the previous."""
+    """(n - 1, 3, 3) covariance of the motion to each pose, in the frame of the previous pose."""
 
     def between(self, time: FloatArray) -> OdometryIncrements:
         """Motions between times (m + 1,) in seconds, strictly ascending, within the poses."""
@@ -76,10 +77,9 @@ class BagOdometry(NamedTuple):
 
 
 def _read_odometry(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> BagOdometry:
-    """Odometry of a bag, by its topic or by tf.
+    """Odometry of a bag, from its topic or from tf.
 
-    Motions have the variances of the twist, independent in each message, where it has such; else
-    those of `noise`.
+    Variances come from the twist, independent in each message, or else from `noise`.
     """
     topic = bag.odometry_topic()
     if topic is not None:
@@ -103,7 +103,7 @@ def _read_odometry(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> Ba
 def _odometry(
     bag: Bag, source: str, base: str, poses: Poses, twist: FloatArray, noise: OdometryNoise
 ) -> BagOdometry:
-    """Odometry by poses (n,), and the variances (n, 3) of speeds and turn rate at each."""
+    """Odometry from poses (n,) and the variances (n, 3) of speeds and turn rate at each pose."""
     path, span = project_to_plane(poses), float(np.ptp(poses.time))
     if not 0 < span < MAX_DURATION:
         raise LogError(
@@ -135,15 +135,17 @@ def read_rosbag_log(
     odometry_noise: OdometryNoise = ASSUMED_ODOMETRY,
     sensor_sigma: tuple[float, float] = ASSUMED_SENSOR,
 ) -> LandmarkLog:
-    """A landmark log from a bag; its name has the topics that were used.
+    """A landmark log from a bag; its name lists the topics in use.
 
-    Warns (`LogWarning`) of observations that are left out and of odometry that was reset.
+    Issues a `LogWarning` for omitted observations and for resets of the odometry.
 
     Args:
         path: the bag.
-        topic: topics of landmarks, as of several cameras; by default one is chosen by its type.
-        odometry_noise: of odometry whose twist has no covariance.
-        sensor_sigma: of observations without covariance: fraction of the range, and radians.
+        topic: landmark topics, for example of several cameras; by default the first topic of a
+            known type.
+        odometry_noise: noise of odometry without covariance in the twist.
+        sensor_sigma: standard deviations of observations without covariance: range, as a
+            fraction, and bearing in radians.
     """
     path = Path(path)
     with reading(str(path), LogError, *FIELDS):
@@ -166,7 +168,7 @@ def _log(
     detections = sorted(detections, key=lambda each: each.time)
     xy, covariance = _on_robot(detections, transforms, odometry.base, name)
     time = np.array([each.time for each in detections])
-    usable = (time >= first) & (time <= last) & (np.hypot(*xy.T) > MIN_RANGE)  # not if NaN
+    usable = (time >= first) & (time <= last) & (np.hypot(*xy.T) > MIN_RANGE)  # False for NaN
     if not usable.any():
         raise LogError(
             f"{name}: expected landmarks while there is odometry, from {first:.3f} to "
@@ -206,9 +208,9 @@ def _log(
 def _on_robot(
     detections: list[Detection], transforms: Transforms, base: str, name: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions (k, 2) on the ground in the frame of the robot, and their covariances (k, 2, 2).
+    """Positions (k, 2) on the ground in the robot frame, with covariances (k, 2, 2).
 
-    Positions that are not measured are NaN, covariances that are unknown are zero.
+    Unmeasured positions are NaN, unknown covariances are zero.
     """
     position = np.array([each.position for each in detections]).reshape(-1, 3)
     position[~(np.abs(position) < LARGEST).all(1)] = np.nan

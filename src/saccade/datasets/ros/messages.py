@@ -1,4 +1,4 @@
-"""Landmarks in messages of ROS: one line of a table for each type of message."""
+"""Landmarks in ROS messages: a table with one line per message type."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -20,13 +20,13 @@ class Detection(NamedTuple):
     """A landmark in a message."""
 
     label: str
-    """Empty if unknown."""
+    """Label; empty if unknown."""
     time: float
     """Seconds."""
     frame: str
     """Frame of the position."""
     position: tuple[float, float, float]
-    """Meters; NaN where the message has none: the tag is a frame of tf."""
+    """Position in meters; NaN if the message has none and the tag is a tf frame."""
     covariance: FloatArray
     """(3, 3) in square meters; zero if unknown."""
 
@@ -39,7 +39,7 @@ class MessageType(NamedTuple):
     label: Callable[[Any], object]
     """Label of a landmark."""
     pose: Callable[[Any], Any] | None
-    """Pose of a landmark; None where it is a transform from the camera to the label."""
+    """Pose of a landmark; None if tf has the transform from the camera to the label."""
 
 
 def _detected_pose(detection: Any) -> Any:
@@ -49,7 +49,7 @@ def _detected_pose(detection: Any) -> Any:
 
 
 def _detection_label(detection: Any) -> str:
-    """`id`, which once was `tracking_id`; never the class."""
+    """`id`, or `tracking_id` in older versions; never the class."""
     return str(getattr(detection, "id", getattr(detection, "tracking_id", "")))
 
 
@@ -75,11 +75,11 @@ MESSAGE_TYPES = {
     "vision_msgs/msg/Detection3DArray": MessageType("detections", _detection_label, _detected_pose),
     "geometry_msgs/msg/PoseArray": MessageType("poses", lambda pose: "", lambda pose: pose),
 }
-"""Types of message with landmarks, in the order in which a topic is chosen by default."""
+"""Message types with landmarks, in the order of the default choice."""
 
 
 def landmark_topics(bag: Bag, wanted: Sequence[str] = ()) -> list[str]:
-    """The wanted topics of landmarks; by default the first by its type, then by its name."""
+    """The given landmark topics; by default the first topic by type, then by name."""
     topics = [topic for kind in MESSAGE_TYPES for topic in bag.topics((kind,))]
     missing = [topic for topic in wanted if topic not in topics]
     if not topics or missing:
@@ -114,8 +114,7 @@ def read_detections(bag: Bag, topic: str, transforms: Transforms) -> list[Detect
 def _detections(kind: MessageType, message: Any, recorded: float) -> Iterator[Detection]:
     """The landmarks of a message that was recorded at a time in seconds.
 
-    The first header with a time, and the first with a frame, count: of the pose, of the landmark,
-    then of the message.
+    Time and frame come from the first header that has them: pose, landmark, then message.
     """
     for each in getattr(message, kind.items):
         pose: Any = kind.pose and kind.pose(each)
@@ -139,7 +138,7 @@ def _detections(kind: MessageType, message: Any, recorded: float) -> Iterator[De
 
 
 def _in_tag_frame(tag: Detection, transforms: Transforms) -> Detection:
-    """A tag by the transform of its time; without one it keeps the position NaN."""
+    """The tag positioned by its transform at the same time; NaN without such a transform."""
     poses = transforms.edges.get((tag.frame, tag.label))
     if poses is None:
         return tag
@@ -151,7 +150,7 @@ def _in_tag_frame(tag: Detection, transforms: Transforms) -> Detection:
 
 
 def parse_labels(names: Sequence[str]) -> npt.NDArray[Any]:
-    """Labels (k,) as the numbers in which names end, -1 for none; if ambiguous, the names."""
+    """Labels (k,): the trailing numbers of the names, -1 for none; the names if ambiguous."""
     distinct = set(names) - {""}
     endings = {name: _number(name) for name in distinct}
     if len(set(endings.values()) - {None}) < len(distinct):
@@ -160,6 +159,6 @@ def parse_labels(names: Sequence[str]) -> npt.NDArray[Any]:
 
 
 def _number(name: str) -> int | None:
-    """The number in which a name ends."""
+    """The trailing number of a name."""
     ending = re.search(r"(?<![0-9])[0-9]{1,15}$", name)
     return None if ending is None else int(ending[0])
