@@ -1,21 +1,16 @@
 """Evidence of a scan of landmarks that the robot is not where the filter believes."""
 
 from dataclasses import dataclass
-from math import cos, exp, inf, log, pi, sin, sqrt
+from math import cos, log, pi, sin
+from typing import NamedTuple
 
 import numpy as np
 
-from saccade.slam.association._kernels import mahalanobis_distances
+from saccade.slam._evidence_kernels import BEARING_CELLS, RANGE_CELLS, compare_scan
 from saccade.slam.filter._state_kernels import FilterState
-from saccade.slam.filter.models import expected
-from saccade.slam.filter.state import state_size
 from saccade.slam.scans import Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 
-RANGES = 0.1 * 2 ** (np.arange(1, 64) / 4)
-"""(63,) ranges between the cells of the sensor's view, in meters: quarter octaves."""
-BEARINGS = np.linspace(-pi, pi, 17)[1:-1]
-"""(15,) bearings between the cells of the sensor's view."""
 UNTRIED = 10.0
 """Misses that every cell begins with: without experience, no evidence."""
 MEMORY = 500.0
@@ -38,60 +33,52 @@ MAX_EVIDENCE = 3.0
 """Largest evidence of one scan, for or against: its misses have common causes."""
 
 
-@dataclass
-class ComparedObservation:
+class ComparedObservation(NamedTuple):
     """An observation, compared with the landmarks in view."""
 
     z: list[float]
     """(2,) range and bearing."""
     R: list[list[float]]
     """(2, 2)."""
-    row: int
-    """Row of the landmark of its label, negative for none."""
-    nis: float = inf
-    """Least normalized innovation squared."""
-    density: float = 0.0
-    """Sum of the densities for all landmarks of which it may be, zero outside their gates."""
-    expected_density: float = 0.0
+    is_labeled: bool
+    """Whether it has the label of a landmark."""
+    nis: float
+    """Least normalized innovation squared, infinite outside all gates."""
+    density: float
+    """Sum of the densities for all landmarks that it may be of, zero outside their gates."""
+    expected_density: float
     """Sum of the densities times detection rates."""
-    landmark: int = -1
-    """Index of the likeliest landmark."""
-    likelihood: float = 0.0
-    """Density for that landmark."""
 
 
-@dataclass
-class ScanComparison:
+class ScanComparison(NamedTuple):
     """Comparison of a scan with the c landmarks that are labeled, or expected in view."""
 
     observations: list[ComparedObservation]
+    """All observations."""
+    explained: list[ComparedObservation]
+    """Observations that a landmark explains: the likeliest one of their likeliest landmark."""
+    unexplained: list[ComparedObservation]
+    """All others."""
     cell: IntArray
     """(c,) cell of the view in which each landmark is expected."""
+    observed: BoolArray
+    """(c,) whether each landmark explains an observation."""
     rate: FloatArray
-    """(c,) detection rate in that cell."""
+    """(c,) detection rate in the cell."""
+    num_expected: float
+    """Expected number of landmarks that are observed."""
     view: float
     """Area of the view, in meters times radians."""
 
-    def __post_init__(self) -> None:
-        self.num_expected = float(self.rate.sum())
-        """Expected number of landmarks that are observed."""
-        self.observers: dict[int, ComparedObservation] = {}
-        """Observations of landmarks, by the landmarks' indices."""
-        for each in self.observations:
-            rival = self.observers.get(each.landmark)
-            if each.landmark >= 0 and (rival is None or each.likelihood > rival.likelihood):
-                self.observers[each.landmark] = each
-        self.unexplained = [
-            each for each in self.observations if self.observers.get(each.landmark) is not each
-        ]
-        """Observations that no landmark explains."""
-        self.labeled = [each for each in self.observations if each.row >= 0]
-        """Observations with the label of a landmark."""
+    @property
+    def has_labels(self) -> bool:
+        """Whether any observation has the label of a landmark."""
+        return any(each.is_labeled for each in self.observations)
 
     @property
     def num_contradicted_labels(self) -> int:
-        """Labels whose landmarks are not where the filter expects them."""
-        return sum(each.density == 0 for each in self.labeled)
+        """Number of labels whose landmarks are not where the filter expects them."""
+        return sum(each.is_labeled and each.density == 0 for each in self.observations)
 
 
 @dataclass
@@ -118,9 +105,10 @@ class LandmarkEvidence:
         self.max_range = 0.0
         """Meters to the most distant landmark observed."""
         self._gate = gate
-        num_cells = (len(RANGES) + 1) * (len(BEARINGS) + 1)
-        self._expected = np.zeros(num_cells)  # landmarks that were expected in each cell
-        self._observed = np.zeros(num_cells)  # of these, how many were observed
+        self._expected = np.zeros(
+            RANGE_CELLS * BEARING_CELLS
+        )  # landmarks that were expected in each cell
+        self._observed = np.zeros(RANGE_CELLS * BEARING_CELLS)  # of these, how many were observed
         self._clutter = 1.0  # mean number of unexplained observations in a scan
         self._scale = 4.0  # mean of half the normalized innovation squared
         self._squares = 10.0  # mean of the square of excess misses in a scan
@@ -133,42 +121,24 @@ class LandmarkEvidence:
 
         The landmarks of labels are at `rows` (k,); others are negative.
         """
-        observations = [
-            ComparedObservation(*each)
-            for each in zip(scan.z.tolist(), scan.R.tolist(), rows.tolist(), strict=True)
-        ]
-        max_range = max(self.max_range, *(each.z[0] for each in observations))
-        points = f.state[f.robot_size : state_size(f)].view(np.complex128)  # x + iy
-        in_view = confirmed & (np.abs(points - complex(*f.state[:2])) <= max_range)
-        in_view[rows[rows >= 0]] = True
-        landmarks = in_view.nonzero()[0]
-        predicted, S = expected(f, landmarks)
-        q, bearing = predicted.T
-        cell = RANGES.searchsorted(q, "right") * (len(BEARINGS) + 1) + BEARINGS.searchsorted(
-            bearing
+        k, N = len(scan.z), f.now.landmarks
+        rates = self._observed / (self._expected + UNTRIED)
+        max_range = max(self.max_range, *scan.z[:, 0].tolist())
+        cell, observer, sums = np.empty(N, np.int64), np.empty(N, np.int64), np.empty((k, 3))
+        count = compare_scan(
+            *(f, scan.z, scan.R, rows, confirmed, max_range, self._gate, self._scale, rates),
+            *(cell, observer, sums),
         )
-        rate = self._observed[cell] / (self._expected[cell] + UNTRIED)
-        view = 2 * pi * max_range
-        square = np.empty((len(observations), len(landmarks)))
-        mahalanobis_distances(predicted, S, scan.z, scan.R, self._gate, square)
-        k, j = (square <= self._gate).nonzero()
-        values = zip(
-            *(k.tolist(), j.tolist(), landmarks[j].tolist(), rate[j].tolist()),
-            *(square[k, j].tolist(), (S[j] + scan.R[k]).tolist()),
-            strict=True,
+        cell, observed = cell[:count], observer[:count] >= 0
+        rate, owners = rates[cell], set(observer[:count].tolist())
+        values = zip(scan.z.tolist(), scan.R.tolist(), rows.tolist(), sums.tolist(), strict=True)
+        observations = [ComparedObservation(z, R, row >= 0, *each) for z, R, row, each in values]
+        explained = [each for i, each in enumerate(observations) if i in owners]
+        unexplained = [each for i, each in enumerate(observations) if i not in owners]
+        num_expected, view = float(rate.sum()), 2 * pi * max_range
+        return ScanComparison(
+            observations, explained, unexplained, cell, observed, rate, num_expected, view
         )
-        for k, j, landmark, p, nis, ((a, b), (_, d)) in values:
-            observation = observations[k]
-            observation.nis = min(observation.nis, nis)
-            if observation.row not in (-1, landmark):
-                continue
-            area = min(2 * pi * self._scale * sqrt(a * d - b * b), view)
-            density = exp(-nis / 2 / self._scale) / area
-            observation.density += density
-            observation.expected_density += p * density
-            if density > observation.likelihood:
-                observation.landmark, observation.likelihood = j, density
-        return ScanComparison(observations, cell, rate, view)
 
     def evaluate(self, f: FilterState, compared: ScanComparison) -> float:
         """Log-likelihood ratio of a lost robot to one that is not, limited by unexplained points.
@@ -180,15 +150,14 @@ class LandmarkEvidence:
         """
         clutter, num_expected, value = self._clutter, compared.num_expected, 0.0
         for each in compared.observations:
-            if each.row >= 0:
+            if each.is_labeled:
                 ratio = WRONG_LABEL + (1 - WRONG_LABEL) * compared.view * each.density
             else:
                 ratio = clutter + compared.view * each.expected_density
                 ratio /= clutter + num_expected
             value += min(-log(ratio), MAX_UNEXPLAINED)
-        information = -np.log1p(-compared.rate)  # of each miss
-        misses = float(information @ compared.rate)
-        misses -= sum(float(information[j]) for j in compared.observers)
+        information = np.log1p(-compared.rate)  # of each miss, negative
+        misses = float(information @ (compared.observed - compared.rate))
         value += misses * min(1.0, self._variance / self._squares)
         rarity = min(log((clutter + num_expected) / clutter), MAX_UNEXPLAINED)
         return max(self._limit(value, f, compared.unexplained, rarity), -MAX_EVIDENCE)
@@ -207,7 +176,7 @@ class LandmarkEvidence:
         x, y, heading = f.state[:3].tolist()
         limits: list[tuple[UnexplainedPoint, float]] = []
         for each in unexplained:
-            limit = MAX_UNEXPLAINED if each.row >= 0 else rarity
+            limit = MAX_UNEXPLAINED if each.is_labeled else rarity
             q, direction = each.z[0], heading + each.z[1]
             variance = each.R[0][0] + q * q * each.R[1][1]
             seen = UnexplainedPoint(x + q * cos(direction), y + q * sin(direction))
@@ -237,14 +206,13 @@ class LandmarkEvidence:
 
     def learn(self, compared: ScanComparison) -> None:
         """Counts the landmarks of a scan that does not contradict the pose, and its innovations."""
-        p, cell, observers = compared.rate, compared.cell, compared.observers
-        misses = compared.num_expected - len(observers)
+        p, cell = compared.rate, compared.cell
+        misses = compared.num_expected - len(compared.explained)
         self._squares = max(_averaged(self._squares, misses**2, SCAN_MEMORY), RAREST)
         self._variance = _averaged(self._variance, float(p @ (1 - p)), SCAN_MEMORY)
-        for each in compared.observations:
-            if observers.get(each.landmark) is each:
-                self._scale = _averaged(self._scale, each.nis / 2, SCALE_MEMORY)
-                self.max_range = max(self.max_range, each.z[0])
+        for each in compared.explained:
+            self._scale = _averaged(self._scale, each.nis / 2, SCALE_MEMORY)
+            self.max_range = max(self.max_range, each.z[0])
         self._scale = max(self._scale, 1.0)
         unexplained = len(compared.unexplained)
         self._clutter = max(_averaged(self._clutter, unexplained, SCAN_MEMORY), RAREST)
@@ -253,8 +221,7 @@ class LandmarkEvidence:
             self._expected[full] /= 2
             self._observed[full] /= 2
         np.add.at(self._expected, cell, 1)
-        for j in observers:
-            self._observed[cell[j]] += 1
+        np.add.at(self._observed, cell[compared.observed], 1)
 
 
 def _averaged(mean: float, value: float, memory: float) -> float:

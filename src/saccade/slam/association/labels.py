@@ -129,7 +129,7 @@ class LabelAssociation:
         for i, label in enumerate(labels):
             if label is None or label in new:
                 continue
-            record = table.labels.setdefault(label, LabelRecord())
+            record = table.labels.get(label) or table.labels.setdefault(label, LabelRecord())
             if record.landmark < 0:
                 record.landmark = next_id + len(new)
                 new.add(label)

@@ -79,12 +79,13 @@ def select_pairs(
     paired = np.full(len(distance), NEW)
     if distance.size == 0:
         return paired
-    distance = np.where(taken & (distance <= gates.new_gate), gates.new_gate, distance)
+    if taken.any():
+        distance = np.where(taken & (distance <= gates.new_gate), gates.new_gate, distance)
     pairs = mutual_pairs(distance) if gates.mutual else nearest_first(distance)
     paired = np.where(distance[np.arange(len(pairs)), pairs] <= gates.gate, pairs, DROPPED)
     paired[pairs < 0] = DROPPED
     drop_ambiguous(distance, confirmed, paired)
-    paired[np.isin(paired, np.flatnonzero(taken))] = DROPPED
+    paired[(paired >= 0) & taken[np.maximum(paired, 0)]] = DROPPED
     paired[(distance > gates.new_gate).all(1)] = NEW
     return paired
 

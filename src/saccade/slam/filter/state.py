@@ -5,6 +5,8 @@ one pass over the matrix (a blocked symmetric rank-k update), which is limited b
 for every row would be limited by memory bandwidth.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
 from enum import IntEnum
 from functools import cache
@@ -261,7 +263,7 @@ def flush(f: FilterState) -> None:
     r, n, now = f.robot_size, state_size(f), f.now
     n = len(f.state) if f.auxiliary > 0 else n
     parts = ((-1.0, f.downdates, now.downdates), (1.0, f.updates, now.updates))
-    with _blas().limit(limits=1):  # threads wait for each other longer than one works
+    with _one_blas_thread():
         for sign, rows, used in parts:
             if used > 0:
                 size = byref(c_int(len(f.state)))
@@ -296,7 +298,7 @@ def flush_rows(f: FilterState) -> None:
     now, end = f.now, len(f.state) if f.auxiliary > 0 else state_size(f)
     start = max(now.flushed, f.robot_size)
     now.flushed = start + FLUSHED_ROWS
-    with _blas().limit(limits=1):  # threads wait for each other longer than one works
+    with _one_blas_thread():
         for sign, rows, used in (-1, f.downdates, now.downdates), (1, f.updates, now.updates):
             if used > 0:
                 block = (sign * rows[:used, start : now.flushed]).T @ rows[:used, start:end]
@@ -305,6 +307,20 @@ def flush_rows(f: FilterState) -> None:
         f.cached_pair[:] = -1
         now.downdates = now.updates = now.cached = now.flushed = 0
         now.mergeable_variance = 0.0
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """Limits the BLAS to one thread, as threads wait for each other longer than one works."""
+    libraries = _blas().lib_controllers
+    threads = [each.num_threads for each in libraries]
+    try:
+        for each in libraries:
+            each.set_num_threads(1)
+        yield
+    finally:
+        for each, number in zip(libraries, threads, strict=True):
+            each.set_num_threads(number)
 
 
 @cache

@@ -1,0 +1,98 @@
+"""Comparison of a scan with the landmarks that are expected in view."""
+
+from math import exp, hypot, inf, log2, pi, sqrt
+
+import numpy as np
+
+from saccade._jit import kernel
+from saccade.slam.association._kernels import mahalanobis_distances
+from saccade.slam.filter._kernels import expected_observations
+from saccade.slam.filter._state_kernels import FilterState
+from saccade.types import BoolArray, FloatArray, IntArray
+
+MIN_RANGE = 0.1
+"""Least range of the second row of cells, in meters."""
+RANGE_CELLS = 64
+"""Cells of the sensor's view by range: quarter octaves."""
+BEARING_CELLS = 16
+"""Cells of the sensor's view by bearing."""
+
+
+@kernel()
+def compare_scan(
+    f: FilterState,
+    z: FloatArray,
+    R: FloatArray,
+    rows: IntArray,
+    confirmed: BoolArray,
+    max_range: float,
+    gate: float,
+    scale: float,
+    rate: FloatArray,
+    cell: IntArray,
+    observer: IntArray,
+    sums: FloatArray,
+) -> int:
+    """Compares observations with landmarks in view that are confirmed (N,) or labeled.
+
+    Args:
+        f: the state, with N landmarks.
+        z: (k, 2) observations.
+        R: (k, 2, 2) their covariances.
+        rows: (k,) row of the landmark of each label, negative for none.
+        confirmed: (N,) whether a landmark is expected without a label.
+        max_range: meters to the most distant landmark in view.
+        gate: squared Mahalanobis distance within which an observation may be of a landmark.
+        scale: factor on innovation covariances.
+        rate: (cells,) detection rates.
+        cell: (N,) is filled with the cell of each landmark in view.
+        observer: (N,) is filled with the observation of which it is the likeliest landmark, or -1.
+        sums: (k, 3) is filled with the least normalized innovation squared, the sum of densities,
+            and the sum of densities times detection rates.
+
+    Returns:
+        c, the number of landmarks in view.
+    """
+    landmark, count = np.empty(len(cell), np.int64), 0
+    for i in range(f.now.landmarks):
+        m = f.robot_size + 2 * i
+        is_near = hypot(f.state[m] - f.state[0], f.state[m + 1] - f.state[1]) <= max_range
+        in_view = confirmed[i] and is_near
+        for row in rows:
+            in_view = in_view or row == i
+        if in_view:
+            landmark[count] = i
+            count += 1
+    landmark = landmark[:count]
+    predicted, S, square = np.empty((count, 2)), np.empty((count, 2, 2)), np.empty((len(z), count))
+    expected_observations(f, landmark, predicted, S)
+    mahalanobis_distances(predicted, S, z, R, gate, square)
+    for j in range(count):
+        octaves = log2(max(predicted[j, 0], MIN_RANGE) / MIN_RANGE)
+        sector = int((predicted[j, 1] / (2 * pi) + 0.5) * BEARING_CELLS) % BEARING_CELLS
+        cell[j] = min(int(4 * octaves), RANGE_CELLS - 1) * BEARING_CELLS + sector
+        observer[j] = -1
+    likelihood = np.zeros(count)
+    for k in range(len(z)):
+        sums[k, 0], sums[k, 1], sums[k, 2] = inf, 0.0, 0.0
+        likeliest, most = -1, 0.0
+        for j in range(count):
+            if not square[k, j] <= gate:
+                continue
+            sums[k, 0] = min(sums[k, 0], square[k, j])
+            if rows[k] >= 0 and rows[k] != landmark[j]:
+                continue
+            a, b, d = (
+                S[j, 0, 0] + R[k, 0, 0],
+                S[j, 0, 1] + R[k, 0, 1],
+                S[j, 1, 1] + R[k, 1, 1],
+            )
+            area = 2 * pi * min(scale * sqrt(a * d - b * b), max_range)
+            density = exp(-square[k, j] / 2 / scale) / area
+            sums[k, 1] += density
+            sums[k, 2] += rate[cell[j]] * density
+            if density > most:
+                likeliest, most = j, density
+        if likeliest >= 0 and most > likelihood[likeliest]:
+            observer[likeliest], likelihood[likeliest] = k, most
+    return count
