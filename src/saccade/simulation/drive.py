@@ -74,6 +74,17 @@ def render(
     return np.asarray(cv2.resize(samples, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
+def motion_blur(image: npt.NDArray[np.uint8], width: float) -> npt.NDArray[np.uint8]:
+    """An image averaged over a motion along its rows, `width` in pixels."""
+    half = int(np.ceil(width / 2 - 0.5))
+    if half < 1:
+        return image
+    kernel = np.full((1, 2 * half + 1), 1.0)
+    kernel[0, [0, -1]] = width / 2 + 0.5 - half
+    blurred = cv2.filter2D(image, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.uint8)
+
+
 def render_depth(scene: Scene, camera: Camera, pose: FloatArray) -> FloatArray:
     """(H, W) meters along the optical axis at pixel centers; NaN for the sky."""
     x, y = np.arange(camera.width), np.arange(camera.height)[:, None]
@@ -282,7 +293,7 @@ SIDEWAYS = 0.2
 def simulate_drive(
     config: DriveConfig | None = None, seed: int = 0, pan: PanCamera | None = None
 ) -> Drive:
-    """Simulate a camera drive through a rectangular corridor.
+    """Simulate a camera drive.
 
     Args:
         config: scene, camera, illumination and odometry; None for the defaults.
@@ -311,7 +322,11 @@ def simulate_drive(
             return build_once()
 
     def image(i: int, view: FloatArray, right: bool) -> Image:
-        return illumination.apply(render(scene(), camera, view, right), i, int(right))
+        rendered = render(scene(), camera, view, right)
+        if pan is not None:
+            turned = pan.angle(time[i]) - pan.angle(time[i] - config.exposure)
+            rendered = motion_blur(rendered, abs(turned) * camera.fx)
+        return illumination.apply(rendered, i, int(right))
 
     def load(i: int) -> Frame:
         i = range(len(time))[i]

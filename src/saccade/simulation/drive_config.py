@@ -8,8 +8,10 @@ import numpy as np
 from saccade.errors import Settings, require, setting
 from saccade.frames import Camera
 
-WorldName: TypeAlias = Literal["ring", "rooms"]
+WorldName: TypeAlias = Literal["ring", "rooms", "hall"]
 """Floor plans."""
+MIN_HALL = 5.0
+"""Least side of the course of a hall in meters: its blocks stand inside."""
 
 
 @dataclass(frozen=True)
@@ -49,19 +51,26 @@ class OdometryConfig(Settings):
 
 @dataclass(frozen=True)
 class DriveConfig(Settings):
-    """Corridors or rooms with posters on their walls, and a robot with a camera that laps them."""
+    """Walls with posters, and a robot with a camera that laps among them."""
 
     world: WorldName = "ring"
-    """A corridor around a central block, or two rooms joined by a door. Size, corridor, turning
-    radius and sway are those of the ring."""
-    size: tuple[float, float] = setting((11.0, 8.5), 3, 20)
+    """A corridor around a central block, two rooms joined by a door, or a hall with smooth walls,
+    groups of posters and free-standing blocks. Size, corridor, turning radius and sway are those
+    of the ring and the hall."""
+    size: tuple[float, float] = setting((11.0, 8.5), 3, 24)
     """Meters between the outer walls, along the first side of the lap and across it."""
     corridor: float = 2.2
-    """Meters between the outer walls and the central block."""
+    """Meters between the outer walls and the central block; twice the distance of the course from
+    the outer walls."""
     wall_height: float = setting(2.4, 1, 4)
     """Height of all walls in meters."""
     poster_spacing: float = setting(1.6, 0.5, 100)
     """Smallest distance of posters along a wall, in meters."""
+    poster_groups: int = setting(3, 1, 12)
+    """Number of groups of three posters on the outer walls of a hall; one is in view at the
+    start."""
+    blocks: int = setting(1, 0, 2)
+    """Number of blocks inside the course of a hall, with a poster on each side."""
     posters: int | None = setting(None, 1, 1000)
     """Number of distinct images on the posters; None for all available ones."""
     mirrored_posters: bool = False
@@ -79,6 +88,8 @@ class DriveConfig(Settings):
     """Frames per second."""
     image_size: tuple[int, int] = setting((320, 240), 16, 4096)
     """Width and height in pixels."""
+    exposure: float = setting(0.01, 0, 1)
+    """Exposure time in seconds, in which a camera that pans blurs the image."""
     field_of_view_deg: float = setting(70.0, 20, 120)
     """Horizontal field of view in degrees."""
     baseline: float | None = 0.15
@@ -96,10 +107,17 @@ class DriveConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(sum(self.size) <= 24, "size", "two of 3 to 20 m, 24 m together", self.size)
+        longest = 40 if self.world == "hall" else 24
+        size = f"two of 3 to 24 m, {longest} m together"
+        require(sum(self.size) <= longest, "size", size, self.size)
         corridor, max_radius = self.corridor, round(min(self.size) / 2 - 0.2, 3)
+        inside = min(self.size) - corridor
+        is_wide = self.world != "hall" or inside >= MIN_HALL
+        require(is_wide, "corridor", f"{MIN_HALL} m less than the size of a hall", corridor)
         clearance = 0.2 * corridor + self.sway  # between the course and the corners of the block
         turning = min((np.sqrt(0.5) * corridor - clearance) / (np.sqrt(2) - 1), max_radius)
+        if self.world == "hall":
+            turning = inside / 2
         limits = {
             "corridor": (1, max_radius),
             "sway": (0, round(0.2 * corridor, 3)),
@@ -151,6 +169,21 @@ class DriveConfig(Settings):
     def rooms(cls) -> "DriveConfig":
         """Once around two rooms joined by a door, with a narrow view."""
         return cls(world="rooms", frames=300, field_of_view_deg=50.0)
+
+    @classmethod
+    def hall(cls) -> "DriveConfig":
+        """Two laps of a hall with few posters, with a narrow view."""
+        return cls(
+            world="hall",
+            size=(16.0, 12.0),
+            corridor=5.0,
+            poster_spacing=1.2,
+            frames=200,
+            frames_per_lap=100,
+            frame_rate=5.0,
+            image_size=(240, 180),
+            field_of_view_deg=50.0,
+        )
 
     @classmethod
     def dark(cls) -> "DriveConfig":

@@ -11,16 +11,28 @@ ROOM, GAP, DOOR = (3.9, 4.0), 0.1, 0.5
 half the width of its door."""
 TURNING_RADIUS = 0.45
 """Radius of the turns through the rooms, in meters."""
+BLOCK = 1.6
+"""Side of a block in a hall, in meters."""
+BLOCK_JITTER = 0.12
+"""Largest displacement of a block, as a fraction of the space that it has."""
 
 
-def wall_outlines(config: DriveConfig) -> list[FloatArray]:
+def wall_outlines(config: DriveConfig, rng: np.random.Generator) -> list[FloatArray]:
     """Closed polylines (k, 2) of connected walls in meters, visible from their right.
 
-    A ring has outer walls and the walls of the central block.
+    A ring has outer walls and the walls of the central block; a hall has outer walls and blocks
+    inside the course, whose positions are drawn.
     """
-    if config.world == "ring":
+    if config.world != "rooms":
         (width, depth), corridor = config.size, config.corridor
         around = _rectangle(-width / 2, -corridor / 2, width, depth)[::-1]
+        if config.world == "hall":
+            space = np.array([(width - corridor) / max(config.blocks, 1), depth - corridor])
+            drawn = rng.uniform(-BLOCK_JITTER, BLOCK_JITTER, (config.blocks, 2))
+            column = np.arange(config.blocks) - (config.blocks - 1) / 2
+            centers = (drawn + np.stack([column, np.full(config.blocks, 0.5)], 1)) * space
+            corners = (centers - BLOCK / 2).tolist()
+            return [around, *(_rectangle(x, y, BLOCK, BLOCK) for x, y in corners)]
         inner = width - 2 * corridor, depth - 2 * corridor
         return [around, _rectangle(corridor - width / 2, corridor / 2, *inner)]
     (along, across), x, d = ROOM, GAP, DOOR
@@ -33,11 +45,11 @@ def wall_outlines(config: DriveConfig) -> list[FloatArray]:
 def drive_course(config: DriveConfig, seed: np.random.SeedSequence) -> FloatArray:
     """Poses (frames, 3) of the robot on a closed polyline with rounded corners, at constant speed.
 
-    Around a ring it starts at the origin, in the middle of the first side, heading along it, and
+    Around a ring or a hall it starts at the origin, in the middle of the first side, heading along it, and
     turns left, with a lateral oscillation whose wavelength the seed determines. Through the rooms
     it drives around one, through the door, around the other, and back.
     """
-    is_ring = config.world == "ring"
+    is_ring = config.world != "rooms"
     if is_ring:
         along, across = (side - config.corridor for side in config.size)
         corners = _rectangle(-along / 2, 0.0, along, across)

@@ -166,6 +166,8 @@ TEXELS, GROUND_TEXELS = 180.0, 160.0
 """Per meter of wall and of ground: on the default course at least one per pixel of a wall."""
 CORNER = 0.35
 """Meters next to a corner without posters."""
+GROUP = 3
+"""Number of posters of a group in a hall."""
 FRAMES = ((38, 34, 32), (232, 228, 220), (110, 74, 46), (64, 76, 92))
 """RGB of the posters' frames."""
 
@@ -317,11 +319,12 @@ def _put(
 
 def floor_scene(config: DriveConfig, seed: np.random.SeedSequence) -> Scene:
     """The scene of a configuration; a ring's drive starts at the origin along the x axis."""
-    outer, inner, floor, posters = (np.random.default_rng(s) for s in seed.spawn(4))
-    indoors, outlines, bands = config.world == "rooms", wall_outlines(config), []
-    smooth = partial(painted_surface, color=PAINT)
-    walls = ((outer, smooth if indoors else brick_wall), (inner, plaster_wall))
-    for corners, (rng, wall) in zip(outlines, walls, strict=False):
+    outer, inner, floor, posters, plan = (np.random.default_rng(s) for s in seed.spawn(5))
+    outlines, bands = wall_outlines(config, plan), []
+    indoors, smooth = config.world != "ring", partial(painted_surface, color=PAINT)
+    walls = (smooth, smooth) if indoors else (brick_wall, plaster_wall)
+    for k, corners in enumerate(outlines):
+        wall, rng = walls[min(k, 1)], (outer, inner)[min(k, 1)]
         length = float(np.hypot(*np.diff(corners, axis=0).T).sum())
         shape = (round(config.wall_height * TEXELS), round(length * TEXELS))
         bands.append(Walls(corners, wall(shape, TEXELS, rng)))
@@ -348,16 +351,42 @@ def poster_images(config: DriveConfig, rng: np.random.Generator) -> list[Texture
 def _paint_posters(config: DriveConfig, bands: list[Walls], rng: np.random.Generator) -> None:
     """Paint posters onto the walls, cycling through the images."""
     images = cycle(poster_images(config, rng))
-    for walls in bands:
-        start = 0.0
-        for length in np.hypot(*np.diff(walls.corners, axis=0).T):
-            space = length - 2 * CORNER
-            count = max(1, int(space / config.poster_spacing)) if space > 0.5 else 0
-            for k in range(count):
-                center = start + CORNER + space * (k + 0.5) / count
-                center += rng.uniform(-0.12, 0.12) * space / count
-                _paint(config, walls.texture, next(images), center, space / count, rng)
-            start += length
+    for k, walls in enumerate(bands):
+        groups = k == 0 and config.world == "hall"
+        places = _grouped_posters(config, rng) if groups else _spaced_posters(config, walls, rng)
+        for center, width in places:
+            _paint(config, walls.texture, next(images), center, width, rng)
+
+
+def _spaced_posters(
+    config: DriveConfig, walls: Walls, rng: np.random.Generator
+) -> Iterator[tuple[float, float]]:
+    """Positions and largest widths in meters of posters all along walls."""
+    start = 0.0
+    for length in np.hypot(*np.diff(walls.corners, axis=0).T):
+        space = length - 2 * CORNER
+        count = max(1, int(space / config.poster_spacing)) if space > 0.5 else 0
+        for k in range(count):
+            center = start + CORNER + space * (k + 0.5) / count
+            yield center + rng.uniform(-0.12, 0.12) * space / count, space / count
+        start += length
+
+
+def _grouped_posters(
+    config: DriveConfig, rng: np.random.Generator
+) -> Iterator[tuple[float, float]]:
+    """The same of groups of posters on the outer walls of a hall, the first ahead of the start."""
+    (width, depth), spacing = config.size, config.poster_spacing
+    ends = np.cumsum([0.0, depth, width, depth, width])
+    margin = CORNER + GROUP / 2 * spacing
+    ahead = ends[3] - config.corridor / 2
+    for k in range(config.poster_groups):
+        drawn = rng.uniform(-0.3, 0.3) if k else 0.0
+        position = (ahead + (k + drawn) / config.poster_groups * ends[-1]) % ends[-1]
+        wall = np.searchsorted(ends, position, side="right") - 1
+        position = np.clip(position, ends[wall] + margin, ends[wall + 1] - margin)
+        for i in range(GROUP):
+            yield position + (i - (GROUP - 1) / 2) * spacing, spacing
 
 
 def _paint(
