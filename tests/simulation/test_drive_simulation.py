@@ -7,8 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from saccade.keypoints.sift import Sift
+from saccade.keypoints.sift_config import SiftConfig
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
-from saccade.simulation.drive import render
+from saccade.simulation.drive import motion_blur, render
 from saccade.simulation.scene import Ground, Walls, build_scene
 from support.biased_odometry import unbiased
 from support.odometry_alone import followed
@@ -165,3 +167,24 @@ def test_frames_are_the_same_in_any_order_and_thread():
     assert (one.load(0).image != other.load(0).image).mean() > 0.5
     with pytest.raises(IndexError):
         one.load(4)
+
+
+@pytest.mark.parametrize("blocks", [0, 1, 2])
+def test_a_hall_is_blank_but_for_its_posters_and_one_group_is_in_view_at_the_start(blocks):
+    hall = replace(DriveConfig.hall(), blocks=blocks, poster_groups=1, light=STILL)
+    drive = simulate_drive(hall, blocks)
+    points = Sift(SiftConfig(max_keypoints=30, ranking="response"))(drive.load(0).image)
+    half = 1.5 * hall.poster_spacing / (hall.size[0] / 2) * drive.camera.fx
+    assert np.abs(points.xy[:, 0] - drive.camera.cx).max() < half + 8
+    position = np.abs(drive.truth.pose[:, :2] - [0, (hall.size[1] - hall.corridor) / 2])
+    assert (position.max(0) < (np.array(hall.size) - hall.corridor) / 2 + hall.sway).all()
+
+
+@pytest.mark.parametrize("width", [0.0, 3.0, 4.6])
+def test_a_blurred_edge_is_a_ramp_of_the_width_of_the_motion(width):
+    edge = np.where(np.arange(40) < 20, 0, 240).astype(np.uint8) * np.ones((5, 1), np.uint8)
+    blurred = motion_blur(edge, width)[2].astype(float)
+    x = np.arange(40) + 0.5
+    expected = 240 * np.clip((x - 20) / max(width, 1e-9) + 0.5, 0, 1)
+    assert np.abs(blurred - expected).max() < (24 if width else 1)
+    assert blurred.sum() == pytest.approx(edge[0].sum(), abs=5)

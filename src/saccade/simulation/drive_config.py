@@ -55,8 +55,8 @@ class DriveConfig(Settings):
 
     world: WorldName = "ring"
     """A corridor around a central block, two rooms joined by a door, or a hall with smooth walls,
-    groups of posters and free-standing blocks. Size, corridor, turning radius and sway are those
-    of the ring and the hall."""
+    groups of posters and free-standing blocks. Size, corridor, turning radius and sway do not
+    concern the rooms."""
     size: tuple[float, float] = setting((11.0, 8.5), 3, 24)
     """Meters between the outer walls, along the first side of the lap and across it."""
     corridor: float = 2.2

@@ -45,9 +45,9 @@ def wall_outlines(config: DriveConfig, rng: np.random.Generator) -> list[FloatAr
 def drive_course(config: DriveConfig, seed: np.random.SeedSequence) -> FloatArray:
     """Poses (frames, 3) of the robot on a closed polyline with rounded corners, at constant speed.
 
-    Around a ring or a hall it starts at the origin, in the middle of the first side, heading along it, and
-    turns left, with a lateral oscillation whose wavelength the seed determines. Through the rooms
-    it drives around one, through the door, around the other, and back.
+    Around a ring or a hall it starts at the origin, in the middle of the first side, heading along
+    it, and turns left, with a lateral oscillation whose wavelength the seed determines. Through the
+    rooms it drives around one, through the door, around the other, and back.
     """
     is_ring = config.world != "rooms"
     if is_ring:

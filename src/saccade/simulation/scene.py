@@ -375,11 +375,11 @@ def _spaced_posters(
 def _grouped_posters(
     config: DriveConfig, rng: np.random.Generator
 ) -> Iterator[tuple[float, float]]:
-    """The same of groups of posters on the outer walls of a hall, the first ahead of the start."""
+    """Positions and largest widths of grouped posters on the outer walls of a hall."""
     (width, depth), spacing = config.size, config.poster_spacing
     ends = np.cumsum([0.0, depth, width, depth, width])
     margin = CORNER + GROUP / 2 * spacing
-    ahead = ends[3] - config.corridor / 2
+    ahead = ends[3] - config.corridor / 2  # of the start
     for k in range(config.poster_groups):
         drawn = rng.uniform(-0.3, 0.3) if k else 0.0
         position = (ahead + (k + drawn) / config.poster_groups * ends[-1]) % ends[-1]

@@ -54,8 +54,8 @@ def measure_depth(
 ) -> tuple[FloatArray, FloatArray]:
     """Depths at pixels (k, 2), in meters along the optical axis, and their standard deviations.
 
-    Both are (k,), NaN where they are not measured. Disparities begin at those of the `previous`
-    depths (k,) of the frame before, or by block matching within the range limits.
+    Both are (k,), NaN where they are not measured. Tracking of disparities begins at the
+    `previous` depths (k,), or by block matching within the range limits.
     """
     if prepared.frame.depth is not None:
         values = _sample(prepared.frame.depth, xy)
@@ -95,7 +95,10 @@ def _block_disparities(
     width = min(max_disparity, MAX_RELATIVE_DISPARITY * left.shape[1])
     count = max(DISPARITY_STEP, int(np.ceil(width / DISPARITY_STEP)) * DISPARITY_STEP)
     matcher = cv2.StereoBM.create(numDisparities=count, blockSize=BLOCK_SIZE)
-    disparity = _sample(matcher.compute(left, right), xy) / 16
+    padded = (  # the matcher leaves out as many columns at the left
+        cv2.copyMakeBorder(image, 0, 0, count, 0, cv2.BORDER_REPLICATE) for image in (left, right)
+    )
+    disparity = _sample(matcher.compute(*padded), xy + np.array([count, 0], np.float32)) / 16
     return np.where(disparity > 0, disparity, np.nan)
 
 

@@ -138,7 +138,7 @@ class Pipeline:
                 known = np.isfinite(described.depth).any()
                 found = self.relocalization.search(described if known else self.tracked)
             elif len(described):
-                reidentified = self._associate(described)
+                reidentified = self._associate(described, frame)
                 self._update(number, ObservationKind.REIDENTIFIED, reidentified)
             self.tracked = extend(self.tracked, detected, reidentified, self.config)
         if scheduled and not self.relocalization.lost:
@@ -207,13 +207,13 @@ class Pipeline:
         innovation = self.map.update(points, observations, expected, number)
         self.log.add_observations(number, kind, points, observations, innovation)
 
-    def _associate(self, detected: TrackedPoints) -> TrackedPoints:
+    def _associate(self, detected: TrackedPoints, frame: PreparedFrame) -> TrackedPoints:
         """Re-identify lost landmarks; returns the points that are."""
         config, landmarks = self.config, self.map.landmarks
         if config.selection == "rematch-rate-range":
             self.tracked = count_rematches(self.tracked, detected, config.ratio)
         detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
-        found = reidentify(detected, self.map, self.tracked, config)
+        found = reidentify(detected, self.map, self.tracked, frame, config)
         count, landmark = len(found.rows), landmarks.id[found.rows]
         if self.relocalization.add_landmarks(len(found.missed) + count, count, found.elsewhere):
             self.tracked = self.tracked.without_landmarks()
@@ -221,7 +221,7 @@ class Pipeline:
         landmarks.missed[found.missed] += 1
         self.log.missed += len(found.missed)
         reidentified = np.ones(count, np.bool_)
-        return replace(detected[found.points], landmark=landmark, reidentified=reidentified)
+        return replace(found.points, landmark=landmark, reidentified=reidentified)
 
     def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
         """(m,) indices of the tracked points that become landmarks."""

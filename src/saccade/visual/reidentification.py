@@ -1,4 +1,4 @@
-"""Re-identification of lost landmarks: by descriptor, validation gate, and layout."""
+"""Re-identification of lost landmarks: by descriptor, joint covariance, and layout."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -7,12 +7,12 @@ import numpy as np
 
 from saccade.keypoints.matching import match
 from saccade.slam.consistency import chi_square_gate, normalized_squared
-from saccade.slam.filter.models import PredictedObservations
-from saccade.slam.models import wrap
+from saccade.slam.models import difference
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints
-from saccade.visual.camera import is_inside, to_pixels
+from saccade.visual.camera import MIN_DEPTH, is_inside, to_pixels
 from saccade.visual.config import VisualConfig
-from saccade.visual.optical_flow import ByteArray
+from saccade.visual.depth import measure_depth
+from saccade.visual.optical_flow import ByteArray, PreparedFrame
 from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
@@ -21,10 +21,10 @@ HEIGHT_TOLERANCE = 0.15
 plus the same fraction of the range."""
 POSITION_TOLERANCE = 0.05
 """Largest difference of the position, in meters plus the same fraction of the range."""
-BEARING_TOLERANCE = 0.02
-"""Largest difference of a position by its bearing alone, in the same unit."""
 REMATCH_RADIUS = 4.0
 """Pixels within which a tracked point is re-matched."""
+BEARING_WEIGHT = 0.5
+"""Weight of a landmark whose range is not measured, where that of others is."""
 MIN_CONSISTENT = 4
 """Landmarks that must agree on one pose; all where there are fewer."""
 
@@ -32,8 +32,8 @@ MIN_CONSISTENT = 4
 class Reidentification(NamedTuple):
     """Lost landmarks among the detected points of a frame."""
 
-    points: IntArray
-    """(m,) indices of the points."""
+    points: TrackedPoints
+    """(m,) those that are lost landmarks, with depths where they can be measured."""
     rows: IntArray
     """(m,) rows of their landmarks."""
     missed: IntArray
@@ -43,35 +43,69 @@ class Reidentification(NamedTuple):
 
 
 def reidentify(
-    points: TrackedPoints, visual_map: VisualMap, tracked: TrackedPoints, config: VisualConfig
+    points: TrackedPoints,
+    visual_map: VisualMap,
+    tracked: TrackedPoints,
+    frame: PreparedFrame,
+    config: VisualConfig,
 ) -> Reidentification:
-    """Find lost landmarks among k detected points."""
-    landmarks, lost = visual_map.landmarks, _expected_in_view(visual_map, tracked, config)
+    """Find lost landmarks among k points detected in a frame."""
+    landmarks, in_view = visual_map.landmarks, _expected_in_view(visual_map, config)
+    lost = np.setdiff1d(in_view, landmarks.rows(tracked.landmark))
     if len(lost) == 0 or len(points) == 0:
         none = np.zeros(0, np.int64)
-        return Reidentification(none, none, none, 0)
-    pairs = descriptor_matches(points.keypoints, landmarks.descriptor[lost], config.ratio)
-    index, rows = pairs[:, 0], lost[pairs[:, 1]]
-    expected = visual_map.predict_observations(rows)
-    observations, usable = visual_map.observe(points[index], expected)
-    same_height = usable & has_same_height(observations, landmarks.height[rows])
-    keep = same_height & within_gate(observations, expected, config.gate)
-    tolerance, elsewhere = BEARING_TOLERANCE, 0
-    if visual_map.motion.measures_range:  # without, the ranges are those of the believed pose
-        tolerance = POSITION_TOLERANCE
-        layout = visual_map.ekf.landmarks[rows[same_height]]
-        agree = consistent_layout(observations.z[same_height], layout, tolerance)
-        elsewhere = int((agree & ~keep[same_height]).sum())
-    index, rows = index[keep], rows[keep]
-    keep = consistent_layout(observations.z[keep], visual_map.ekf.landmarks[rows], tolerance)
-    index, rows = index[keep], rows[keep]
-    return Reidentification(index, rows, lost[~np.isin(lost, rows)], elsewhere)
+        return Reidentification(points[none], none, none, 0)
+    pairs = descriptor_matches(points.keypoints, landmarks.descriptor[in_view], config.ratio)
+    pairs = pairs[np.isin(in_view[pairs[:, 1]], lost)]  # others only make matches ambiguous
+    found, rows = points[pairs[:, 0]], in_view[pairs[:, 1]]
+    expected = visual_map.predict_jointly(rows)
+    found = _with_depth(found, visual_map, expected.z, landmarks.height[rows], frame, config)
+    observations = visual_map.observe(found, expected)[0]
+    keep = np.flatnonzero(has_same_height(observations, landmarks.height[rows]))
+    found, rows, observations = found[keep], rows[keep], observations[keep]
+    weight = np.ones(len(rows))
+    if visual_map.motion.measures_range:
+        weight[np.isnan(found.depth)] = BEARING_WEIGHT
+    joint = expected.z[keep], expected.covariance[keep][:, :, keep]
+    agree = consistent_set(observations, *joint, weight, config.gate)
+    elsewhere = 0
+    if visual_map.motion.measures_range:  # otherwise ranges follow from the predicted pose
+        known = np.isfinite(found.depth)
+        layout = consistent_layout(observations.z[known], visual_map.ekf.landmarks[rows[known]])
+        elsewhere = int((layout & ~agree[known]).sum())
+    found, rows = found[agree], rows[agree]
+    return Reidentification(found, rows, lost[~np.isin(lost, rows)], elsewhere)
 
 
-def _expected_in_view(
-    visual_map: VisualMap, tracked: TrackedPoints, config: VisualConfig
-) -> IntArray:
-    """(m,) rows of landmarks that are not tracked and within 3 sigma of the field of view."""
+def _with_depth(
+    points: TrackedPoints,
+    visual_map: VisualMap,
+    expected: FloatArray,
+    height: FloatArray,
+    frame: PreparedFrame,
+    config: VisualConfig,
+) -> TrackedPoints:
+    """Points (k,) with the depths that disparities tell, tracked from the expected ones.
+
+    Their landmarks are expected at ranges and bearings (k, 2), and have heights (k,).
+    """
+    unknown = np.flatnonzero(np.isnan(points.depth))
+    if len(unknown) == 0 or frame.right is None:
+        return points
+    r, bearing = expected[unknown].T
+    xyz = np.stack([r * np.cos(bearing), r * np.sin(bearing), height[unknown]], 1)
+    camera = visual_map.camera
+    _, depth = to_pixels(camera, xyz)
+    measured = measure_depth(
+        camera, frame, points.xy[unknown], config, np.maximum(depth, MIN_DEPTH)
+    )
+    points = replace(points, depth=points.depth.copy(), depth_sigma=points.depth_sigma.copy())
+    points.depth[unknown], points.depth_sigma[unknown] = measured
+    return points
+
+
+def _expected_in_view(visual_map: VisualMap, config: VisualConfig) -> IntArray:
+    """(m,) rows of landmarks within 3 sigma of the field of view, ascending."""
     landmarks, camera = visual_map.landmarks, visual_map.camera
     if len(landmarks) == 0:
         return np.zeros(0, np.int64)
@@ -83,8 +117,6 @@ def _expected_in_view(
     border = -camera.fx * np.tan(slack.clip(0, 1.5))
     inside = is_inside(camera, xy, np.maximum(border, -camera.width))
     inside &= r < config.range_limits[1] + 3 * np.sqrt(S[:, 0, 0])
-    rows = landmarks.rows(tracked.landmark)
-    inside[rows[rows >= 0]] = False
     return np.flatnonzero(inside)
 
 
@@ -100,14 +132,52 @@ def has_same_height(observations: RangeBearings, height: FloatArray) -> BoolArra
     return np.asarray(np.abs(observations.height - height) < tolerance)
 
 
-def within_gate(
-    observations: RangeBearings, expected: PredictedObservations, gate: float
+def consistent_set(
+    observations: RangeBearings,
+    expected: FloatArray,
+    covariance: FloatArray,
+    weight: FloatArray,
+    gate: float,
 ) -> BoolArray:
-    """(m,) whether observations pass the gate: correct ones do with that probability."""
-    v = observations.z - expected.z
-    v[:, 1] = wrap(v[:, 1])
-    d = normalized_squared(v, expected.covariance + observations.covariance)
-    return np.asarray(d < chi_square_gate(2, gate))
+    """(m,) which observations agree with the map and with each other: one-point consensus.
+
+    The errors that landmarks share, mainly those of the pose, are in the joint covariance
+    (m, 2, m, 2) of the expected observations (m, 2). The innovations of all are conditioned on each
+    one that is in its gate: those that remain in theirs agree with it, and the set of the largest
+    weight (m,) is taken. Of it those are left out that are not in their gates given all others.
+    Fewer than three cannot be verified, so none passes.
+
+    Source: one-point RANSAC (Civera, Grasa, Davison & Montiel 2010), of every point.
+    """
+    m, threshold = len(observations), chi_square_gate(2, gate)
+    v, S = difference(observations.z, expected), covariance.copy()
+    S[np.arange(m), :, np.arange(m)] += observations.covariance
+    own = S[np.arange(m), :, np.arange(m)]  # (m, 2, 2)
+    seeds = np.flatnonzero(normalized_squared(v, own) < threshold)
+    if m < 3 or len(seeds) == 0:
+        return np.zeros(m, np.bool_)
+    cross = S[:, :, seeds].transpose(2, 0, 1, 3)  # (s, m, 2, 2)
+    gain = cross @ np.linalg.inv(own[seeds])[:, None]
+    rest = v - (gain @ v[seeds][:, None, :, None])[..., 0]  # (s, m, 2)
+    remaining = own - gain @ cross.swapaxes(2, 3)  # (s, m, 2, 2)
+    remaining[np.arange(len(seeds)), seeds] = own[seeds]
+    agree = normalized_squared(rest, remaining) < threshold
+    best = agree[np.argmax(agree @ weight)]
+    best[best] = _given_others(v[best], S[best][:, :, best]) < threshold
+    enough = best.sum() >= 3 and best @ weight >= min(MIN_CONSISTENT, weight.sum())
+    return best if enough else np.zeros(m, np.bool_)
+
+
+def _given_others(v: FloatArray, S: FloatArray) -> FloatArray:
+    """(m,) normalized squares of innovations (m, 2) of covariance (m, 2, m, 2), given all others.
+
+    With the information matrix A = S^-1 the innovation given the others is A_ii^-1 (A v)_i, and
+    its covariance A_ii^-1.
+    """
+    m = len(v)
+    A = np.asarray(np.linalg.inv(S.reshape(2 * m, 2 * m)), np.float64)
+    own = A.reshape(m, 2, m, 2)[np.arange(m), :, np.arange(m)]
+    return normalized_squared(np.asarray(A @ v.ravel()).reshape(m, 2), own)
 
 
 def consistent_layout(
@@ -115,8 +185,8 @@ def consistent_layout(
 ) -> BoolArray:
     """(m,) geometric verification: which landmarks agree on one pose of the robot.
 
-    Two observations z (m, 2) and their landmarks' positions (m, 2) determine a pose; that of most
-    inliers is taken (exhaustive RANSAC). Fewer than three cannot be verified, so none passes. The
+    Two observations z (m, 2) and their landmarks' positions (m, 2) determine a pose; the pose with
+    most inliers is taken (exhaustive RANSAC). Fewer than three cannot be verified, so none passes. The
     tolerance is in meters plus the same fraction of the range.
     """
     m = len(z)

@@ -83,20 +83,38 @@ class VisualMap:
     def observe(
         self, points: TrackedPoints, expected: PredictedObservations | None = None
     ) -> tuple[RangeBearings, BoolArray]:
-        """Observations of k points, and (k,) whether each is usable: its range is certain.
+        """Observations of k points, and (k,) whether each is usable.
 
-        `expected` are the predicted ones of the landmarks that they are, if they are in the map.
+        `expected` are the predicted ones of the landmarks that they are, if they are in the map:
+        points without a certain range then observe their bearing alone.
         """
         tilt = self.motion.planarity.tilt
-        if expected is None or self.motion.measures_range:
+        if expected is None:
             return observe(self.camera, points, self._config, tilt)
         bearings = observe_bearings(self.camera, points, expected.z[:, 0], self._config, tilt)
+        if self.motion.measures_range:
+            measured, usable = observe(self.camera, points, self._config, tilt)
+            for name, values in vars(measured).items():
+                getattr(bearings, name)[usable] = values[usable]
         return bearings, np.ones(len(points), np.bool_)
 
     def predict_observations(self, rows: IntArray) -> PredictedObservations:
         """Predicted observations of landmarks (k,)."""
         z, covariance = self.ekf.predict_observations()
         return PredictedObservations(z[rows], covariance[rows])
+
+    def predict_jointly(self, rows: IntArray) -> PredictedObservations:
+        """Predicted observations of landmarks (k,) in one frame.
+
+        Their joint covariance (k, 2, k, 2) includes the error that all observations of a frame
+        share.
+        """
+        z, S = self.ekf.predict_jointly(self.landmarks.id[rows])
+        r = z[:, 0]
+        S = S.reshape(len(z), 2, len(z), 2)
+        S[:, 0, :, 0] += np.square(self._config.shared_range_sigma) * np.outer(r, r)
+        S[:, 1, :, 1] += self._shared_bearing_sigma**2
+        return PredictedObservations(z, S)
 
     def update(
         self,
@@ -168,9 +186,14 @@ class VisualMap:
 
         Each gets `count` times its variance, so that together they carry the information of one.
         """
-        config = self._config
-        bearing = np.hypot(np.radians(config.shared_bearing_sigma_deg), self.motion.turn_sigma)
+        sigma = self._config.shared_range_sigma
         shared = np.zeros_like(observations.covariance)
-        shared[:, 0, 0] = count * np.square(config.shared_range_sigma * observations.z[:, 0])
-        shared[:, 1, 1] = count * bearing**2
+        shared[:, 0, 0] = count * np.square(sigma * observations.z[:, 0])
+        shared[:, 1, 1] = count * self._shared_bearing_sigma**2
         return observations.covariance + shared
+
+    @property
+    def _shared_bearing_sigma(self) -> float:
+        """Standard deviation of the bearing error that the observations of a frame share."""
+        calibration = np.radians(self._config.shared_bearing_sigma_deg)
+        return float(np.hypot(calibration, self.motion.turn_sigma))
