@@ -43,7 +43,7 @@ class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
     """Seed of the random number generator, at least 0."""
     preset: Annotated[str | None, INPUT, Parameter(("--preset", "-p"), metavar="NAME")] = None
     """Preset of a world (loop, slippery, coarse or car) or of a drive (ring, mono, repeated,
-    mirror, dark, flicker or rooms)."""
+    mirror, dark, flicker, rooms or hall)."""
     frames: int | None = setting(None, 2)
     """Number of frames of a drive, at least 2; by default two laps of 300 frames."""
     gaze: Annotated[str | None, Parameter(metavar="POLICY")] = None

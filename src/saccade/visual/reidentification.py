@@ -186,8 +186,8 @@ def consistent_layout(
     """(m,) geometric verification: which landmarks agree on one pose of the robot.
 
     Two observations z (m, 2) and their landmarks' positions (m, 2) determine a pose; the pose with
-    most inliers is taken (exhaustive RANSAC). Fewer than three cannot be verified, so none passes. The
-    tolerance is in meters plus the same fraction of the range.
+    most inliers is taken (exhaustive RANSAC). Fewer than three cannot be verified, so none passes.
+    The tolerance is in meters plus the same fraction of the range.
     """
     m = len(z)
     if m < 3:
