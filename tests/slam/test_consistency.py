@@ -72,7 +72,7 @@ def test_a_model_that_is_too_sure_is_warned_of_and_a_cautious_one_is_remarked_on
     assert "are 3.0 times as large" in summarize(right * 9).warning
     cautious = summarize(right / 4)
     assert cautious.warning == ""
-    assert "cautious, the innovations are 0.50 of" in cautious.remark
+    assert "conservative: the innovations are 0.50 times" in cautious.remark
     outliers = np.where(rng.random(1000) < 0.2, 100.0, right)
     assert "% of the observations are impossible" in summarize(outliers).warning
     few = np.where(np.arange(1000) % 300 == 0, 1000.0, right)
@@ -86,8 +86,8 @@ def test_a_model_that_is_too_sure_is_warned_of_and_a_cautious_one_is_remarked_on
 def test_rejected_labels_are_warned_of(rng):
     right = chi2.ppf((np.arange(1000) + 0.5) / 1000, 2)
     many, few = summarize(right, rejected=0.31), summarize(right, rejected=0.002)
-    assert "31.0% of the landmark names contradict the map" in many.warning
-    assert (few.warning, "0.20% of the landmark names" in few.remark) == ("", True)
+    assert "31.0% of the labels contradict the map" in many.warning
+    assert (few.warning, "0.20% of the labels" in few.remark) == ("", True)
     assert "contradict the map" in summarize(right[:5], rejected=0.5).warning
 
 

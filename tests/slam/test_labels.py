@@ -44,7 +44,7 @@ def test_wrong_names_are_refused_and_cost_little(fraction):
     assert _rmse(log, result) < 1.5 * _rmse(log, right)
     assert result.rejected[wrong].mean() > 0.8
     assert result.rejected[~wrong].mean() < 0.01
-    assert "of the landmark names contradict the map" in (
+    assert "of the labels contradict the map" in (
         result.consistency.warning + result.consistency.remark
     )
     assert _rmse(log, slam.run(named, KNOWN)) > 3 * _rmse(log, right)

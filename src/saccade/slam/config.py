@@ -21,7 +21,7 @@ class EkfConfig(Settings):
     """Parameters of the filter, of data association and of map management."""
 
     filter: Literal["invariant", "standard"] = "invariant"
-    """Error parametrization: right-invariant, which stays consistent, or the source's."""
+    """Error parametrization: right-invariant, which stays consistent, or as published."""
     association: Literal["auto", "known", "nearest", "mutual", "hypotheses"] = "auto"
     """Data association. "auto": by label where an observation has one that agrees with the map
     (`label_gate`), else "mutual"; "hypotheses" while no observation has had a label. "known": by
@@ -38,13 +38,13 @@ class EkfConfig(Settings):
     candidate_scans: int = setting(20, 1)
     """Unknown association: scans without a re-observation after which a candidate is dropped."""
     culling_ratio: float | None = setting(0.4, above=0, below=1)
-    """Unknown association: a landmark that is observed less often than this fraction of what is
-    usual at the same ranges and bearings is removed; None keeps all."""
+    """Unknown association: least detections of a landmark, as a fraction of the usual number at the
+    same ranges and bearings; landmarks below are removed. None keeps all."""
     label_gate: float = setting(0.99999, above=0, below=1)
     """"auto": probability with which an observation of the landmark of its label is inside its
     gate; outside, the label is rejected."""
     max_hypotheses: int = setting(8, 1)
-    """"auto" and "hypotheses": association hypotheses that are kept at most; 1 for one filter."""
+    """"auto" and "hypotheses": largest number of association hypotheses."""
     recover: bool = True
     """Whether a kidnapped robot stops the filter, keeps its map, and searches for its pose."""
     motion_noise_scale: float = setting(1.0, above=0, below=1e6)
@@ -52,30 +52,29 @@ class EkfConfig(Settings):
     sensor_noise_scale: float = setting(1.0, above=0, below=1e6)
     """Factor on the standard deviations of the observations."""
     huber: float = setting(1.345, above=0, maximum=inf)
-    """Root of the normalized innovation squared beyond which an observation has less weight, its
-    covariance multiplied by their ratio. The usual value costs 5 % of efficiency where all noise is
-    Gaussian; infinite for full weight always."""
+    """Huber's threshold: an observation with a larger root of the normalized innovation squared has
+    less weight, as its covariance is multiplied by their ratio. The usual value costs 5 % of
+    efficiency where all noise is Gaussian; infinite gives every observation its full weight."""
     start_sigma: tuple[float, float, float] = setting((0.0, 0.0, 0.0), 0, below=1e6)
     """Standard deviation of the first pose: meters, meters, radians."""
     estimate_odometry_bias: bool = True
     """Whether systematic odometry errors (`LandmarkLog.odometry_bias`) are estimated."""
     odometry_bias: tuple[float, float, float] = setting((0.05, 0.05, 0.05), 0, below=1e6)
-    """Their standard deviations where the log declares none: relative error of the distance, turn
-    in radians per meter of distance, and distance in meters per radian of turn."""
+    """Standard deviations of these errors for a log that declares none: relative error of the
+    distance, turn in radians per meter of distance, and distance in meters per radian of turn."""
     smooth: bool = True
     """Whether the trajectory and the map of a recorded log are smoothed at its end
     (`saccade.slam.smooth`). `Slam.step` is causal anyway."""
     submaps: Literal["auto", "always", "never"] = "auto"
-    """Whether steps change the landmarks around the robot only, and the others later (the
-    compressed filter): with "auto" in maps of 1000 landmarks and more. The estimate is the same up
-    to rounding."""
+    """Compressed filter: whether steps change only the landmarks around the robot, and all others
+    later; with "auto" in maps of 1000 landmarks and more. The estimate is equal up to rounding."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.gate <= self.new_gate, "new_gate", "at least `gate`", self.new_gate)
 
     def bias_sigmas(self, declared: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Standard deviations of the odometry biases of a log that declares these; or zeros."""
+        """Standard deviations of the odometry biases; zero if they are not estimated."""
         if not self.estimate_odometry_bias:
             return 0.0, 0.0, 0.0
         return declared if any(declared) else self.odometry_bias
@@ -84,10 +83,10 @@ class EkfConfig(Settings):
     def kootstra2010(cls) -> Self:
         """Kootstra (2010): the filter of C.1-C.18 with known data association.
 
-        Errors along the axes of the map, every observation with its full weight, no odometry
-        bias, no landmark removed, no search for a lost robot, no smoothing. Two things are not
-        specified there: singular covariances R are made regular (`MIN_SIGMA`), and a second
-        observation of a new landmark in the same scan is dropped.
+        Errors along the axes of the map, full weight for every observation, no odometry bias, no
+        culling, no relocalization, no smoothing. Two details are not specified there: singular
+        covariances R are made regular (`MIN_SIGMA`), and a second observation of a new landmark in
+        the same scan is dropped.
         """
         return cls(
             filter="standard",

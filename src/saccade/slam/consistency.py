@@ -20,12 +20,11 @@ REGULAR = 1e-6
 """Smallest eigenvalue of the correlation matrix of a regular covariance."""
 
 MIN_OBSERVATIONS = 20
-"""Innovations below which nothing is said of the model."""
+"""Minimum number of innovations for a warning or a remark."""
 TOLERATED_FRACTION = 1.5
-"""Factor by which standard deviations may be wrong without a message."""
+"""Largest factor between innovations and noise without a warning or a remark."""
 WRONG_FRACTION = 0.1
-"""Fraction of observations that may be outliers, or of other landmarks than their names say,
-without a warning."""
+"""Largest fraction of outliers, and of rejected labels, without a warning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,25 +42,23 @@ class Consistency:
     inside: float
     """Fraction of the innovations within the 95 % band of a single one; NaN without any."""
     rejected: float = 0.0
-    """Fraction of the observations whose landmark name contradicted the map and was rejected."""
+    """Fraction of the observations whose label contradicted the map and was rejected."""
 
     @property
     def warning(self) -> str:
-        """What is wrong with the innovations, in sentences; empty if nothing.
+        """Errors of the model that the innovations indicate; empty if there are none.
 
-        The median is a robust measure of the noise; the fraction far outside is one of outliers.
+        The median innovation measures the noise robustly; innovations far outside are outliers.
         """
         found = []
         if self.rejected > WRONG_FRACTION:
-            found.append(
-                f"{self.rejected:.1%} of the landmark names contradict the map and were not used"
-            )
+            found.append(f"{self.rejected:.1%} of the labels contradict the map and were rejected")
         if self._count < MIN_OBSERVATIONS:
             return "; ".join(found)
         if self._factor > TOLERATED_FRACTION:
             found.append(
                 f"the innovations are {self._factor:.1f} times as large as the noise of the log "
-                "lets expect"
+                "predicts"
             )
         elif self._impossible.mean() > WRONG_FRACTION:
             found.append(
@@ -75,13 +72,13 @@ class Consistency:
         """Signs of a conservative filter and of few outliers; empty if there are none."""
         found = []
         if 0 < self.rejected <= WRONG_FRACTION:
-            found.append(f"{self.rejected:.2%} of the landmark names contradict the map: not used")
+            found.append(f"{self.rejected:.2%} of the labels contradict the map: rejected")
         if self._count < MIN_OBSERVATIONS:
             return "; ".join(found)
         if self._factor < 1 / TOLERATED_FRACTION:
             found.append(
-                f"the noise of the log is cautious, the innovations are {self._factor:.2f} of what "
-                "it lets expect"
+                "the noise of the log is conservative: the innovations are "
+                f"{self._factor:.2f} times as large as it predicts"
             )
         wrong = self._impossible
         if 0 < wrong.mean() <= WRONG_FRACTION and self.mean > self.band[1]:
@@ -128,7 +125,7 @@ def normalized_squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def difference_covariances(C: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
-    """(..., 2, 2) of the differences of points i (...) and j (...), by that of all, (2 n, 2 n)."""
+    """(..., 2, 2) of the differences of points i (...) and j (...), from all, C (2 n, 2 n)."""
     n = len(C) // 2
     blocks = C.reshape(n, 2, n, 2).transpose(0, 2, 1, 3)
     cross = blocks[i, j]
@@ -172,7 +169,7 @@ def regular_nees(error: FloatArray, C: FloatArray) -> FloatArray:
 
 
 def invariant_translation(pose: FloatArray, xy: FloatArray, turn: FloatArray) -> FloatArray:
-    """The xi (t, 2) whose exponential, with a turn (t,), moves the pose to xy."""
+    """The translation xi (t, 2) whose exponential, with a turn (t,), moves the pose to xy."""
     c, s = np.cos(turn), np.sin(turn)
     x = xy[:, 0] - c * pose[:, 0] + s * pose[:, 1]
     y = xy[:, 1] - s * pose[:, 0] - c * pose[:, 1]
@@ -183,7 +180,7 @@ def invariant_translation(pose: FloatArray, xy: FloatArray, turn: FloatArray) ->
 
 @cache
 def chi_square_gate(dof: int, confidence: float) -> float:
-    """The value under which a chi-square variable of `dof` degrees stays with `confidence`."""
+    """The `confidence` quantile of the chi-square distribution with `dof` degrees of freedom."""
     require(0 < confidence < 1, "confidence", "a probability between 0 and 1", confidence)
     return float(chdtri(dof, 1 - confidence))
 
@@ -193,7 +190,7 @@ def chi_square_band(dof: int, count: int = 1, confidence: float = 0.95) -> tuple
 
     Args:
         dof: degrees of freedom of each.
-        count: how many are averaged.
+        count: number of averaged variables.
         confidence: probability of the band, with equal tails.
 
     Returns:
@@ -211,7 +208,7 @@ def summarize(nis: FloatArray, dof: int = 2, rejected: float = 0.0) -> Consisten
     Args:
         nis: (k,) of each observation.
         dof: degrees of freedom of one innovation.
-        rejected: fraction of the observations whose landmark name was rejected.
+        rejected: fraction of the observations whose label was rejected.
     """
     used = nis[np.isfinite(nis)]
     low, high = chi_square_band(dof)

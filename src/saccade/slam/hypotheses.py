@@ -23,58 +23,57 @@ from saccade.slam.scans import Scan
 from saccade.types import FloatArray, IntArray
 
 PRUNED = 8.0
-"""Log-likelihood ratio to the most probable hypothesis at which another one is dropped."""
+"""Largest log-likelihood ratio of the most probable hypothesis to a hypothesis that is kept."""
 TEMPER = 0.5
 """Power of the likelihood of a scan, and of its missed landmarks, in the weight of a hypothesis:
-successive scans from almost the same pose are not independent."""
+successive scans from nearly the same pose are not independent."""
 SYSTEMATIC = 0.5
 """Systematic errors of the sensor, as a fraction of its noise, by which two estimates of one
 landmark may differ: averaging does not make them smaller."""
 MAX_CO_OBSERVED = 0.1
 """Largest fraction of the observations of two landmarks in common scans for them to be one."""
 MIN_GAIN = 3.0
-"""Log-likelihood ratio from which two landmarks may be one."""
+"""Minimum log-likelihood ratio for two landmarks to be one."""
 MORE_GAIN = 1.5
 """Increase of the log-likelihood ratio before a rejected merge is proposed again."""
 MAX_EXPECTED = 10.0
-"""Largest log-likelihood ratio of two landmarks to be one because more observations of each were
-expected."""
+"""Largest contribution of expected detections to the log-likelihood ratio of a merge."""
 MAX_JOINED = 4
-"""Hypotheses into which one is split after a scan."""
+"""Largest number of hypotheses that one hypothesis becomes after a scan."""
 MAX_DISTANCE = 4.0
 """Largest distance of two landmarks that may be one, in standard deviations."""
 EQUAL = 0.5
-"""Difference of poses and landmarks, in standard deviations, below which two hypotheses with as
-many landmarks are one: they differ in the observations of few scans, not in the map."""
+"""Largest difference of poses and landmarks of equal hypotheses, in standard deviations: they
+differ in the observations of few scans, not in the map."""
 EQUAL_MAP = 1.5
-"""Difference of landmarks that never counts, in standard deviations of an observation."""
+"""Difference of landmarks that is always tolerated, in standard deviations of an observation."""
 EQUAL_HEADING = 0.005
-"""Difference of headings that never counts, in radians."""
+"""Difference of headings that is always tolerated, in radians."""
 NO_MATCHES = np.empty(0, np.int64), new_innovations(0)
 """Matches and innovations of a step without observations."""
 MAX_LANDMARKS = 24
-"""Map size above which only the best hypothesis is kept: several cost more than a step then, and
-a few landmarks seldom leave a robot that has come so far in doubt."""
+"""Largest map with several hypotheses: in larger maps they cost more than a step, and associations
+are seldom ambiguous."""
 
 
 @dataclass
 class Hypothesis:
-    """One association of all observations: the filter, and the landmarks that follow from it.
+    """One association of all observations, with its filter and its landmarks.
 
-    A robot that follows no alternatives has one hypothesis, of which only the filter, the landmarks
-    and the last scan are kept.
+    Without alternatives there is one hypothesis; it keeps only the filter, the landmarks and the
+    last scan.
     """
 
     ekf: EkfSlam
     table: LandmarkTable
     weight: float = 0.0
-    """Log probability, relative to that of the most probable hypothesis."""
+    """Log probability, relative to the most probable hypothesis."""
     history: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) id of the landmark of each observation so far, -1 if it was not used."""
     co_observations: IntArray = field(default_factory=lambda: np.zeros((0, 0), np.int64))
-    """(N, N) number of scans in which both landmarks were observed; of one, on the diagonal."""
+    """(N, N) number of scans in which both landmarks were observed."""
     merge_threshold: dict[tuple[int, int], float] = field(default_factory=dict)
-    """Log-likelihood ratio, over `MIN_GAIN`, from which two landmarks may be one, by ids."""
+    """Minimum log-likelihood ratio for a merge of two landmarks, by ids, besides `MIN_GAIN`."""
     matches: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) id of the landmark of each observation of the last scan, negative if it was not used."""
     innovations: Innovations = field(default_factory=lambda: new_innovations(0))
@@ -107,9 +106,9 @@ class Hypothesis:
 
         Args:
             scan: the scan.
-            matches: (k,) id of the landmark of each observation, `NEW` or `DROPPED`. Landmarks from
-                `next_id` on are added in their turn, so that they are corrected by the rest of the
-                scan.
+            matches: (k,) id of the landmark of each observation, `NEW` or `DROPPED`. Landmarks with
+                ids from `next_id` on are added in the order of the scan, so that its later
+                observations correct them.
         """
         ekf, table, first = self.ekf, self.table, self.ekf.next_id
         self.matches, self.updated = matches, True
@@ -126,7 +125,7 @@ class Hypothesis:
             self.table.add(self.matches[new], confirmed=False)
 
     def count(self) -> None:
-        """Counts observed and missed landmarks, of which some are to be removed."""
+        """Counts observed and missed landmarks, and chooses those to be culled."""
         before = self.table.log_likelihood
         self._to_cull = self.table.count(self.matches, self._visible)
         self.weight += TEMPER * (self.table.log_likelihood - before)
@@ -149,12 +148,12 @@ class Hypothesis:
         """Joins landmarks that are probably one; the hypothesis is split where they may be two.
 
         Args:
-            count: observations of the last scan; one of two joined landmarks is among them.
+            count: number of observations of the last scan; they include one of the two landmarks.
             size: standard deviation of the position of an observed point, in meters.
             new_cost: cost of an observation of a new landmark, see `Alternatives`.
 
         Returns:
-            This hypothesis, in which they are one, and others.
+            This hypothesis, with the landmarks joined, and others.
         """
         added = len(self.ekf) - len(self.co_observations)
         if added > 0:
@@ -162,7 +161,7 @@ class Hypothesis:
         used = self.table.rows(self.matches[self.matches >= 0])
         self.co_observations[np.ix_(used, used)] += 1
         ids, found = self.ekf.ids, [self]
-        for each in found:  # those that are found on the way are examined, too
+        for each in found:  # the list grows inside the loop
             while (pair := each._duplicate(count, size, new_cost)) is not None:
                 gain, i, j = pair
                 if len(found) < MAX_JOINED:
@@ -178,7 +177,7 @@ class Hypothesis:
     def _duplicate(self, count: int, size: float, new_cost: float) -> tuple[float, int, int] | None:
         """Log-likelihood ratio and ids of the two landmarks that are most probably one.
 
-        One of them is among the last `count` observations.
+        The last `count` observations include one of the two.
         """
         ids, points, co_observations = self.ekf.ids, self.ekf.landmarks, self.co_observations
         seen, table, best = co_observations.diagonal(), self.table.counts, None
@@ -210,7 +209,7 @@ class Hypothesis:
         return best
 
     def _join(self, gain: float, kept: int, removed: int) -> None:
-        """Takes two landmarks, by their ids, for one."""
+        """Joins two landmarks, by their ids."""
         self.weight += gain
         i, j = self.table.rows(np.array([kept, removed])).tolist()
         self.table.join(kept, removed)
@@ -222,7 +221,7 @@ class Hypothesis:
         self._to_cull = self._to_cull[:0]
 
     def equals(self, other: "Hypothesis", size: float) -> bool:
-        """Whether the poses and the maps are almost the same."""
+        """Whether the poses and the maps are nearly equal."""
         variance = np.maximum(self.ekf.pose_covariance.diagonal(), 0.0)
         tolerance = np.maximum(EQUAL * np.sqrt(variance), [size, size, EQUAL_HEADING])
         difference = self.ekf.pose - other.ekf.pose
@@ -240,14 +239,14 @@ class Hypothesis:
 
 
 class Hypotheses:
-    """The hypotheses that are followed, the most probable one first; never none.
+    """The association hypotheses of a robot, at least one.
 
     Args:
-        first: the one that is followed at first.
+        first: the initial hypothesis.
         gate: probability with which an observation of a landmark is inside its gate.
-        new_gate: probability with which one that is not of a new landmark is inside this one.
+        new_gate: probability with which an observation of any landmark is inside the larger gate.
         huber: see `EkfConfig`.
-        max_hypotheses: number of hypotheses that are kept.
+        max_hypotheses: largest number of hypotheses.
     """
 
     def __init__(
@@ -256,13 +255,13 @@ class Hypotheses:
         self.alternatives = Alternatives(gate, new_gate, huber)
         self.max_hypotheses = max_hypotheses
         self.hypotheses = [first]
-        """The most probable one first."""
+        """All hypotheses, the most probable first."""
         self.branching = False
-        """Whether alternatives are followed."""
+        """Whether scans with several alternatives split a hypothesis."""
 
     @property
     def best(self) -> Hypothesis:
-        """The most probable one."""
+        """The most probable hypothesis."""
         return self.hypotheses[0]
 
     @property
@@ -288,7 +287,7 @@ class Hypotheses:
         return pose, C
 
     def settle(self) -> None:
-        """Follows the best hypothesis alone from now on; its pose is as uncertain as all were."""
+        """Keeps only the best hypothesis, and gives its pose the uncertainty of all of them."""
         if self.branching:
             best, pose, weight = self.best, self.best.ekf.pose, self._weights
             difference = np.array([each.ekf.pose for each in self.hypotheses]) - pose  # (h, 3)
@@ -302,12 +301,12 @@ class Hypotheses:
 
     @property
     def is_large(self) -> bool:
-        """Whether the best hypothesis has so large a map that it is to be the only one."""
+        """Whether the map of the best hypothesis has more than `MAX_LANDMARKS` landmarks."""
         counts = self.best.table.counts
         return len(counts) > MAX_LANDMARKS and int(counts.confirmed.sum()) > MAX_LANDMARKS
 
     def predict(self, scan: Scan) -> None:
-        """Moves the robots (C.5-C.9); for the first there is room already."""
+        """Moves the robot in each hypothesis (C.5-C.9); the best has reserved its memory before."""
         self.best.predict(scan)
         for each in self.hypotheses[1:]:
             each.ekf.inflate_heading_covariance()
@@ -318,8 +317,8 @@ class Hypotheses:
         """Splits the hypotheses by the alternatives of a scan.
 
         Returns:
-            Hypotheses and the (k,) landmarks of the observations, twice as many as are kept: some
-            become equal, and they would displace different ones.
+            Hypotheses, with the (k,) landmarks of the observations: twice as many as are kept, as
+            some of them become equal.
         """
         new_cost = self.alternatives.new_cost(_point_sigma(scan))
         options = [

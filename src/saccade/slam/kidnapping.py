@@ -1,8 +1,8 @@
 """Detects a kidnapped robot, and finds it again in its map.
 
-A scan is compared with the landmarks that are expected in view: how often each is observed there
-was counted before. When the scans of a few steps fit a robot anywhere better than one where the
-filter believes it, the filter stops, and hypotheses of the pose are followed until one is left.
+A scan is compared with the landmarks that are expected in view, with detection rates of earlier
+scans. When the scans of a few steps contradict the estimated pose, the filter stops, and hypotheses
+of the pose are tracked until one is left.
 """
 
 import numpy as np
@@ -17,41 +17,42 @@ from saccade.slam.scans import Scan
 from saccade.types import IntArray
 
 LIMIT = 14.0
-"""Evidence (a log-likelihood ratio) from which a robot is kidnapped: five scans of the most."""
+"""Minimum evidence (a log-likelihood ratio) for a robot to be kidnapped: that of five scans with
+`MAX_EVIDENCE`."""
 REGAINED = 7.0
-"""Evidence at which scans agree again with where the robot was believed to be."""
+"""Largest evidence of scans that agree with the estimated pose again."""
 MAX_AGREEING_SCANS = 20
-"""Successive scans without evidence against the believed pose after which a search ends."""
+"""Largest number of successive scans that agree with the estimated pose during a search."""
 
 MIN_LANDMARKS = 8
-"""Size of the smallest map that is tested; in a smaller one a robot cannot be found again."""
+"""Size of the smallest map in which a robot can be relocalized; smaller maps are not tested."""
 MIN_CONTRADICTION = 1.5
-"""Evidence of a scan from which it contradicts the believed pose."""
+"""Minimum evidence of a scan that contradicts the estimated pose."""
 MIN_CUMULATIVE = 4.0
-"""Cumulative evidence from which a scan without labels contradicts the believed pose: gates protect
-the filter from most of a single wrong scan."""
+"""Minimum cumulative evidence for a scan without labels to contradict the estimated pose: gates
+protect the filter from most of a single wrong scan."""
 MIN_CONTRADICTED_LABELS = 3
-"""Labels of a scan whose landmarks are not where the filter expects them for the scan to
-contradict the believed pose; fewer are rejected one by one."""
+"""Minimum number of contradicted labels for a scan to contradict the estimated pose; fewer are
+rejected one by one."""
 
 
 class KidnappingDetector:
-    """Cumulative evidence that the robot is not where the filter believes it (CUSUM, Page 1954).
+    """CUSUM test (Page 1954) of the hypothesis that the estimated pose is wrong.
 
-    Evidence is a log-likelihood ratio of a robot anywhere to one at the believed pose. `update`
-    adds that of a scan of landmarks. A camera adds its own: `add` for a frame that contradicts the
-    believed pose, with the ratio of this frame; `discount` for one that continues the last frame;
-    `reset` when landmarks agree on the believed pose. From `limit` on the robot is kidnapped:
-    `begin` starts the search for its pose, and until it has ended the robot is `lost`. The sum is
-    never negative, whatever the evidence is from, and `end` forgets it.
+    Evidence is the log-likelihood ratio of a robot anywhere to a robot at the estimated pose; its
+    cumulative sum is never negative. `update` adds the evidence of a scan of landmarks. A camera
+    calls `add` for a frame that contradicts the estimated pose, with the ratio of this frame;
+    `discount` for a frame that continues the last one; `reset` when landmarks agree with the
+    estimated pose. Once the sum reaches `limit` the robot is kidnapped: `begin` starts the search
+    for its pose, and the robot is `lost` until `end`.
 
     A step calls `update`, for a lost robot `relocalize`, and updates the filter by the scan unless
     `blocks_update`.
 
     Args:
-        enabled: whether scans of landmarks are tested at all.
+        enabled: whether scans of landmarks are tested.
         gate: probability with which an observation of a landmark is inside its gate.
-        limit: evidence from which the robot is kidnapped.
+        limit: minimum evidence for the robot to be kidnapped.
     """
 
     def __init__(self, enabled: bool, gate: float, limit: float = LIMIT) -> None:
@@ -59,14 +60,14 @@ class KidnappingDetector:
         self.search: PoseSearch | None = None
         """The search for the pose of a lost robot."""
         self.contradicted = False
-        """Whether the last scan contradicts the believed pose."""
+        """Whether the last scan contradicts the estimated pose."""
         self.blocks_update = False
         """Whether the last scan must not update the filter."""
         self.evidence = 0.0
         """Cumulative evidence."""
         self.landmark_evidence = LandmarkEvidence(chi_square_gate(2, gate))
         """Evidence of landmarks."""
-        self._agreeing = 0  # successive scans without evidence against the believed pose
+        self._agreeing = 0  # successive scans that agree with the estimated pose
 
     @property
     def kidnapped(self) -> bool:
@@ -84,11 +85,11 @@ class KidnappingDetector:
         return None if self.search is None else self.search.hypotheses
 
     def add(self, evidence: float) -> None:
-        """Adds evidence, of any source; negative for the believed pose."""
+        """Adds evidence from any source; negative evidence supports the estimated pose."""
         self.evidence = max(self.evidence + evidence, 0.0)
 
     def discount(self, factor: float) -> None:
-        """Multiplies the evidence, when a frame continues the last one."""
+        """Multiplies the cumulative evidence by a factor."""
         self.evidence *= factor
 
     def reset(self) -> None:
@@ -99,7 +100,7 @@ class KidnappingDetector:
     def update(self, ekf: EkfSlam, table: LandmarkTable, scan: Scan) -> None:
         """Adds the evidence of a scan of landmarks, before the filter is updated by it.
 
-        A scan that does not contradict the believed pose tells which landmarks are detected.
+        A scan that does not contradict the estimated pose updates the detection rates.
         """
         self.contradicted, self.blocks_update = False, self.lost
         if not self.enabled or len(scan.z) == 0 or len(ekf) < MIN_LANDMARKS:
@@ -130,13 +131,14 @@ class KidnappingDetector:
         self.reset()
 
     def relocalize(self, ekf: EkfSlam, table: LandmarkTable, scan: Scan) -> IntArray:
-        """Follows the hypotheses of a lost robot through a step, which may find it.
+        """Updates the hypotheses of a lost robot's pose by a step, which may end the search.
 
-        The search begins with the scan from which the robot is kidnapped. It ends if one hypothesis
-        is left, which becomes the pose of the filter, or if scans agree again with that pose.
+        The search begins with the scan at which the evidence reaches its limit. It ends if one
+        hypothesis is left, which becomes the pose of the filter, or if scans agree with the
+        estimated pose again.
 
         Returns:
-            (k,) id of the landmark of each observation by which the robot was found, else -1.
+            (k,) id of the landmark of each observation if the robot was found, else -1.
         """
         none = np.full(len(scan.z), -1)
         begins = not self.lost

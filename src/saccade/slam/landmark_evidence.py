@@ -1,4 +1,4 @@
-"""Evidence of a scan of landmarks that the robot is not where the filter believes."""
+"""Evidence of a scan of landmarks against the estimated pose."""
 
 from dataclasses import dataclass
 from math import cos, log, pi, sin
@@ -12,25 +12,26 @@ from saccade.slam.scans import Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 
 UNTRIED = 10.0
-"""Misses that every cell begins with: without experience, no evidence."""
+"""Initial number of misses in each cell, so that new cells give no evidence."""
 MEMORY = 500.0
-"""Expected landmarks in a cell after which its counts are halved, so that they follow changes."""
+"""Largest number of expected landmarks in a cell; then its counts are halved, so that they follow
+changes."""
 WRONG_LABEL = 0.05
 """Probability that a labeled observation is not of its landmark."""
 SCALE_MEMORY = 200.0
-"""Observations over which the normalized innovation squared is averaged."""
+"""Length of the average of the normalized innovation squared, in observations."""
 MAX_UNEXPLAINED = 1.5
 """Largest evidence of an observation that no landmark explains."""
 SCAN_MEMORY = 50.0
-"""Scans over which the numbers of unexplained observations and of misses are averaged."""
+"""Length of the averages of unexplained observations and of misses, in scans."""
 RAREST = 0.01
-"""Least number of unexplained observations, and of squared misses, that is expected in a scan."""
+"""Least expected number of unexplained observations, and of squared misses, in a scan."""
 MAX_OBSERVATIONS = 2.0
-"""Observations of an unexplained point that count, however often it is observed."""
+"""Largest number of observations of an unexplained point that count."""
 MAX_POINTS = 32
-"""Number of unexplained points that are remembered."""
+"""Largest number of unexplained points."""
 MAX_EVIDENCE = 3.0
-"""Largest evidence of one scan, for or against: its misses have common causes."""
+"""Largest evidence of one scan, of either sign: its misses have common causes."""
 
 
 class ComparedObservation(NamedTuple):
@@ -88,12 +89,12 @@ class UnexplainedPoint:
     x: float
     y: float
     evidence: float = 1e-9
-    """Evidence so far; positive at first, so that a second observation of a point by itself has
-    less than that of a contradiction."""
+    """Evidence so far; positive at first, so that two observations of the same point alone never
+    contradict a pose."""
 
 
 class LandmarkEvidence:
-    """Detection rates, innovations and unexplained points, and the evidence of a scan by them.
+    """Detection rates, innovations and unexplained points, and the evidence of a scan.
 
     Args:
         gate: squared Mahalanobis distance within which an observation may be of a landmark.
@@ -101,7 +102,7 @@ class LandmarkEvidence:
 
     def __init__(self, gate: float) -> None:
         self.points: list[UnexplainedPoint] = []
-        """Points that no landmark explained since there was no evidence."""
+        """Points that no landmark explains, since the cumulative evidence was last zero."""
         self.max_range = 0.0
         """Meters to the most distant landmark observed."""
         self._gate = gate
@@ -141,12 +142,12 @@ class LandmarkEvidence:
         )
 
     def evaluate(self, f: FilterState, compared: ScanComparison) -> float:
-        """Log-likelihood ratio of a lost robot to one that is not, limited by unexplained points.
+        """Log-likelihood ratio of a lost robot to a localized one, limited by unexplained points.
 
-        Each observation of a robot that is not lost is of an expected landmark, with the density of
-        the filter, or of something else, anywhere in the view; in proportion to how many of both
-        there are in a scan. Those of a lost one are anywhere in the view. Missed landmarks count as
-        far as misses were independent so far: one occluder may hide many.
+        An observation of a localized robot is of an expected landmark, with the density of the
+        filter, or of clutter, uniform in the view; their prior is their numbers in a scan.
+        Observations of a lost robot are uniform in the view. Missed landmarks have the weight with
+        which earlier misses were independent: one occluder may hide many.
         """
         clutter, num_expected, value = self._clutter, compared.num_expected, 0.0
         for each in compared.observations:
@@ -169,9 +170,9 @@ class LandmarkEvidence:
         unexplained: list[ComparedObservation],
         rarity: float,
     ) -> float:
-        """Limits the evidence of a scan by the most that its unexplained points may add.
+        """Limits the evidence of a scan by its unexplained points.
 
-        A point that is observed again is no new evidence, and a view without any is blocked.
+        A point that is observed again is no new evidence; a view without such points is occluded.
         """
         x, y, heading = f.state[:3].tolist()
         limits: list[tuple[UnexplainedPoint, float]] = []
@@ -190,7 +191,7 @@ class LandmarkEvidence:
         return limited
 
     def _point_near(self, seen: UnexplainedPoint, max_square: float) -> UnexplainedPoint:
-        """The unexplained point next to an observed one, moved there; else a new one."""
+        """The unexplained point next to an observed point, moved there; else a new point."""
 
         def squared_distance(point: UnexplainedPoint) -> float:
             return (point.x - seen.x) ** 2 + (point.y - seen.y) ** 2
@@ -205,7 +206,7 @@ class LandmarkEvidence:
         return seen
 
     def learn(self, compared: ScanComparison) -> None:
-        """Counts the landmarks of a scan that does not contradict the pose, and its innovations."""
+        """Updates detection rates and averages by a scan that does not contradict the pose."""
         p, cell = compared.rate, compared.cell
         misses = compared.num_expected - len(compared.explained)
         self._squares = max(_averaged(self._squares, misses**2, SCAN_MEMORY), RAREST)
@@ -225,5 +226,5 @@ class LandmarkEvidence:
 
 
 def _averaged(mean: float, value: float, memory: float) -> float:
-    """Exponential average over `memory` values, with one more."""
+    """Exponential average over `memory` values, updated by `value`."""
     return mean + (value - mean) / memory

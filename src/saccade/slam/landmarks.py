@@ -1,4 +1,4 @@
-"""The landmark table: everything that is known of landmarks beside their positions."""
+"""The landmark table: ids, labels, counts and descriptors of landmarks."""
 
 import copy
 from collections.abc import Iterable, Sequence
@@ -15,19 +15,19 @@ from saccade.slam.models import observe
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Table, column
 
 MAX_AMBIGUOUS = 0.5
-"""Fraction of ambiguous observations above which a run warns."""
+"""Largest fraction of ambiguous observations without a warning."""
 RANGE_BINS = 96
 """Bins of the detection rate by range: quarters of an octave from 0.24 mm to 4 km."""
 BEARING_BINS = 24
 """Bins of the detection rate by bearing."""
 CHECKS = 4
-"""Checks from one removal of landmarks to the next: a removal costs more than a step."""
+"""Number of checks between removals of landmarks: a removal costs more than a step."""
 PRIOR_CHECKS = 4.0
-"""Checks without a detection that each bin begins with, so that new bins expect none."""
+"""Initial number of checks without a detection in each bin, so that new bins expect none."""
 UNDECIDED = -3
-"""Match of an observation that geometry is still to decide."""
+"""Match of an observation that is still to be associated by geometry."""
 ESTABLISHED = 3
-"""Accepted observations from which a label can contradict the filter, along with others."""
+"""Minimum number of accepted observations for a label to contradict the filter, with others."""
 DescriptorArray: TypeAlias = npt.NDArray[np.generic]
 
 
@@ -38,22 +38,22 @@ class LandmarkRows(Table):
     id: IntArray = column(dtype=np.int64)
     """(n,) ascending; as in the filter."""
     confirmed: BoolArray = column(dtype=np.bool_)
-    """(n,) whether it is a landmark of the map; else a candidate."""
+    """(n,) whether each is a landmark of the map; else a candidate."""
     observations: IntArray = column(dtype=np.int64)
     """(n,) number of observations."""
     last_observed: IntArray = column(dtype=np.int64)
-    """(n,) number of the scan of the last one."""
+    """(n,) number of the scan of the last observation."""
     detected: FloatArray = column()
-    """(n,) checks in which it was observed, without the scan in which it was added."""
+    """(n,) checks in which each was observed, without the scan in which it was added."""
     expected: FloatArray = column()
     """(n,) detections that were expected in all checks."""
     session: IntArray = column(dtype=np.int64)
-    """(n,) session in which it was added, see `Slam.load`."""
+    """(n,) session in which each was added, see `Slam.load`."""
 
 
 @dataclass
 class LabelRecord:
-    """Evidence on one label. Times count the labeled observations before."""
+    """Evidence on one label. Times are numbers of earlier labeled observations."""
 
     landmark: int = -1
     """Id of its landmark, -1 for none."""
@@ -64,11 +64,11 @@ class LabelRecord:
     votes: int = 0
     """Successive rejected observations at one position."""
     target: int = UNDECIDED
-    """Id of the landmark that they are near to, `NEW` or `UNDECIDED`."""
+    """Id of the landmark near that position, `NEW` or `UNDECIDED`."""
     closings: int = 0
     """Recent observations that would close a loop by themselves."""
     closing_at: int = -1
-    """Time of the last of them."""
+    """Time of the last such observation."""
     xy: FloatArray = field(default_factory=lambda: np.zeros(2))
     """(2,) position in the map of the last rejected observation."""
     covariance: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
@@ -76,24 +76,24 @@ class LabelRecord:
 
     @property
     def is_established(self) -> bool:
-        """Whether it can contradict the filter."""
+        """Whether the label can contradict the filter."""
         return self.accepted >= ESTABLISHED
 
 
 @dataclass(frozen=True)
 class CullingPolicy:
-    """When candidates become landmarks, and when landmarks are removed."""
+    """Confirmation of candidates and culling of landmarks."""
 
     enabled: bool
-    """Whether landmarks are doubted at all."""
+    """Whether candidates are confirmed and landmarks are culled."""
     confirm_after: int
-    """Observations after which a candidate becomes a landmark; 1 for the first."""
+    """Number of the observation that confirms a candidate; 1 for the first."""
     candidate_scans: int
-    """Scans without an observation after which a candidate is removed."""
+    """Largest number of scans without an observation of a candidate."""
     culling_ratio: float = 0.0
-    """Fraction of the expected detections that a landmark must have."""
+    """Least detections of a landmark, as a fraction of the expected number."""
     max_missed: float = 5.0
-    """Missed detections that are tolerated before that fraction counts."""
+    """Number of missed detections that are always tolerated."""
     interval: int = 4
     """Scans from one check of the detections to the next."""
 
@@ -102,9 +102,9 @@ class LandmarkTable:
     """Ids, labels, counts, sessions and descriptors of the landmarks of a filter.
 
     A new landmark is a candidate: it is in the filter, so that no observation of it is lost, but
-    not in the map until it was observed often enough, and it is removed if it is not. A landmark is
-    culled if it is observed much less often than landmarks at the same ranges and bearings usually
-    are; how often that is, is learned from the scans so far.
+    not in the map until it is confirmed by further observations; without them it is removed. A
+    landmark is culled if its detection rate is much lower than the mean rate of landmarks at the
+    same ranges and bearings in earlier scans.
     """
 
     def __init__(self, policy: CullingPolicy) -> None:
@@ -112,14 +112,13 @@ class LandmarkTable:
         self.counts = LandmarkRows()
         """One row for each landmark, in the order of their ids."""
         self.labels: dict[Label, LabelRecord] = {}
-        """Evidence on each label, with the landmark that it is of."""
+        """Evidence on each label, with its landmark."""
         self.descriptors: dict[int, DescriptorArray] = {}
-        """(d,) descriptor of landmarks by their ids, if the user gives any; removed with them."""
+        """(d,) descriptors of landmarks by their ids, if the user sets any; removed with them."""
         self.has_unlabeled = False
-        """Whether there may be a landmark without a label. The others are not culled: it is a label
-        that tells a landmark that is gone from one that is not detected."""
+        """Whether there may be a landmark without a label; landmarks with labels are not culled."""
         self.stale: list[int] = []
-        """Ids of landmarks that have lost their label, and are to be removed."""
+        """Ids of landmarks without their former label, which are to be removed."""
         self.session = 0
         """Number of the present session."""
         self.detections = np.zeros((2, RANGE_BINS, BEARING_BINS))
@@ -129,11 +128,11 @@ class LandmarkTable:
         self.max_range = -np.inf
         """Largest range that was observed so far."""
         self.ambiguous = 0
-        """Observations that were dropped because they may be of several landmarks."""
+        """Number of observations that were dropped as ambiguous."""
         self.forgotten = 0
-        """Candidates that were removed."""
+        """Number of candidates that were removed."""
         self.culled = 0
-        """Landmarks of the map that were removed."""
+        """Number of landmarks of the map that were removed."""
         self.log_likelihood = 0.0
         """Log-likelihood of the detections and misses of confirmed landmarks in all checks."""
 
@@ -147,7 +146,7 @@ class LandmarkTable:
     def add(self, landmarks: IntArray, *, confirmed: bool, observations: int = 0) -> None:
         """Adds new landmarks (k,), by their ids, as candidates or as confirmed landmarks.
 
-        Where landmarks are not doubted, their labels alone put them into the map.
+        Without culling, landmarks are in the map by their labels alone.
         """
         k = len(landmarks)
         new = LandmarkRows.zeros(
@@ -176,9 +175,9 @@ class LandmarkTable:
         self.descriptors = {i: each for i, each in self.descriptors.items() if i not in gone}
 
     def join(self, kept: int, removed: int) -> None:
-        """Counts the observations of two landmarks as those of the first; the second stays.
+        """Adds the counts of the second landmark to the first; the second stays in the table.
 
-        A check in which one of them was observed expected one detection, not two.
+        Expected detections are not added: each check expects one detection of both together.
         """
         table, (i, j) = self.counts, self.rows(np.array([kept, removed])).tolist()
         table.observations[i] += table.observations[j]
@@ -189,7 +188,7 @@ class LandmarkTable:
     def predict_visible(self, ekf: EkfSlam, z: FloatArray) -> tuple[IntArray, FloatArray] | None:
         """Ids (n,) and predicted observations (n, 2) of landmarks that a scan (k, 2) may miss.
 
-        They are those in which the filter works before the update; None if misses do not count.
+        They are all landmarks of the active submap. None if misses do not count in this scan.
         """
         self.max_range = max([self.max_range, *z[:, 0].tolist()])
         due = self.policy.enabled and (self.scans + 1) % self.policy.interval == 0
@@ -200,7 +199,7 @@ class LandmarkTable:
         return ekf.active_ids.copy(), observe(f.state[: f.robot_size], points)[0]
 
     def count(self, matches: IntArray, visible: tuple[IntArray, FloatArray] | None) -> IntArray:
-        """Counts the landmarks that a scan observes and misses; (g,) ids of those to be culled.
+        """Counts observed and missed landmarks; returns (g,) ids of landmarks to be culled.
 
         The landmarks of its observations are `matches` (k,), negative for none; `visible` is the
         result of `predict_visible`.
@@ -216,7 +215,7 @@ class LandmarkTable:
         return stale if visible is None else np.union1d(stale, self._missed(*visible))
 
     def _missed(self, visible: IntArray, predicted: FloatArray) -> IntArray:
-        """Counts detections; (g,) ids of missed landmarks without a label."""
+        """Counts detections; returns (g,) ids of unlabeled landmarks that are to be culled."""
         inside = predicted[:, 0] <= self.max_range
         self._count_detections(self.rows(visible[inside]), predicted[inside])
         if self.scans % (CHECKS * self.policy.interval) > 0:
@@ -228,10 +227,10 @@ class LandmarkTable:
         return table.id[np.where(table.confirmed, missed, late) & ~self.labeled]
 
     def _count_detections(self, rows: IntArray, predicted: FloatArray) -> None:
-        """Counts whether landmarks in view, predicted at (n, 2), were detected and expected.
+        """Counts detections and expected detections of landmarks, predicted at (n, 2).
 
-        A detection is expected with the probability with which the confirmed landmarks of the map
-        were detected, so far, at the same range and bearing.
+        The expected detection is the mean detection rate of confirmed landmarks at the same range
+        and bearing in earlier scans.
         """
         table = self.counts
         octaves = 4 * np.log2(np.maximum(predicted[:, 0], 1e-6))
@@ -255,12 +254,12 @@ class LandmarkTable:
         return np.array(found, np.int64)
 
     def labels_of(self, landmarks: Iterable[int]) -> list[Label | None]:
-        """Label of each landmark, by ids; None where it has none."""
+        """Label of each landmark, by ids; None for a landmark without a label."""
         found = {record.landmark: label for label, record in self.labels.items()}
         return [found.get(landmark) for landmark in landmarks]
 
     def is_labeled(self, landmark: int) -> bool:
-        """Whether any label is of a landmark."""
+        """Whether a landmark has a label."""
         return any(record.landmark == landmark for record in self.labels.values())
 
     @property
@@ -270,9 +269,9 @@ class LandmarkTable:
 
     @property
     def in_map(self) -> BoolArray:
-        """(n,) landmarks of the map; the others are candidates, or were observed only once.
+        """(n,) landmarks of the map: confirmed or labeled, and observed more than once.
 
-        A wrong label may be read once. Observations are not counted where labels are never doubted.
+        A wrong label may be read once.
         """
         kept = self.counts.confirmed | self.labeled
         if self.policy.confirm_after > 1:
@@ -280,7 +279,7 @@ class LandmarkTable:
         return kept
 
     def warning(self, association: IntArray) -> str:
-        """Why nothing was mapped, or most observations were not used; empty if neither is so.
+        """Reason why nothing was mapped, or why most observations were not used; else empty.
 
         The landmarks of the observations are `association` (k,), negative for none.
         """
@@ -288,7 +287,7 @@ class LandmarkTable:
         if observations == 0:
             return "nothing is mapped: there are no observations"
         if not policy.enabled:
-            return "" if (association >= 0).any() else "no observation names a landmark"
+            return "" if (association >= 0).any() else "no observation has a label"
         if self.ambiguous > MAX_AMBIGUOUS * observations:
             empty = "" if (association >= 0).any() else "nothing is mapped: "
             return (
@@ -323,7 +322,7 @@ class LandmarkTable:
 
 
 def known_landmarks(landmarks: LandmarkMap) -> LandmarkTable:
-    """The table of landmarks that are known beforehand, with ids from 0 on in their order."""
+    """The table of a given map, with ids from 0 in the order of its landmarks."""
     table, n = LandmarkTable(CullingPolicy(False, 1, 1)), len(landmarks)
     table.counts = LandmarkRows.zeros(n, id=np.arange(n), confirmed=np.ones(n, np.bool_))
     for i, label in enumerate(labels_of(landmarks.id, landmarks.text_names)):

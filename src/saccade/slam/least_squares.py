@@ -1,8 +1,8 @@
-"""Least squares over a chain of poses and what is observed from them.
+"""Sparse least squares over a chain of poses and landmarks.
 
 Every pose and every landmark is a variable (Dellaert & Kaess 2006, "Square root SAM"). The normal
-equations are sparse. The poses are a chain, so that their part is block tridiagonal, from which the
-covariances follow.
+equations are sparse. The block of the poses is block tridiagonal, as they are a chain; its
+factorization gives the covariances.
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from saccade.types import FloatArray, IntArray
 MAX_ITERATIONS = 50
 """Largest number of iterations of Levenberg-Marquardt."""
 MIN_DECREASE = 1e-6
-"""Relative decrease of the cost in an iteration below which the estimate has converged."""
+"""Minimum relative decrease of the cost in an iteration; the estimate has converged otherwise."""
 FIRST_DAMPING = 1e-9
 """Damping of the first iteration, relative to the diagonal of the normal equations."""
 DAMPING_FACTOR = 100.0
-"""Factor of the damping after a step that does not decrease the cost; its inverse after others."""
+"""Factor on the damping after a step that does not decrease the cost; its inverse after others."""
 MAX_DAMPING = 1e6
-"""Damping at which no step decreases the cost any more."""
+"""Largest damping of a step."""
 
 
 class Estimate(NamedTuple):
@@ -65,30 +65,30 @@ class Factors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """What is measured: the first pose, the steps between poses, and landmarks from poses."""
+    """Measurements of the first pose, of steps between poses, and of landmarks from poses."""
 
     start: FloatArray
     """(3,) first pose."""
     start_root: FloatArray
     """(3, 3) square root of its information: W^T W is the inverse of the covariance."""
     step: FloatArray
-    """(v - 1, 3) each pose in the frame of the one before."""
+    """(v - 1, 3) each pose in the frame of its predecessor."""
     step_root: FloatArray
     """(v - 1, 3, 3) square roots of their information, in the frame of the later pose."""
     step_by_bias: FloatArray
     """(v - 1, 3, b) Jacobian of the steps by the biases."""
     bias_sigma: FloatArray
-    """(b,) standard deviations of the biases before anything is observed."""
+    """(b,) prior standard deviations of the biases."""
     observer: IntArray
-    """(k,) pose from which each observation was made."""
+    """(k,) pose of each observation."""
     landmark: IntArray
-    """(k,) landmark of each."""
+    """(k,) landmark of each observation."""
     observation: FloatArray
     """(k, 2) range in meters, bearing in radians."""
     observation_root: FloatArray
     """(k, 2, 2) square roots of their information."""
     huber: float
-    """Norm of a whitened residual beyond which an observation has less weight."""
+    """Huber's threshold: norm of the largest whitened residual with full weight."""
 
     def steps(self, at: Estimate) -> Factors:
         """The steps between successive poses."""
@@ -96,7 +96,7 @@ class Measurements:
         expected = self.step + self.step_by_bias @ at.bias
         between = relative_poses(first, second)
         turned = rotations(expected[:, 2]).transpose(0, 2, 1)
-        error = np.empty_like(expected)  # in the frame where the later pose is expected
+        error = np.empty_like(expected)  # in the frame of the expected later pose
         error[:, :2] = (turned @ (between - expected)[:, :2, None])[:, :, 0]
         error[:, 2] = wrap(second[:, 2] - first[:, 2] - expected[:, 2])
         by_second = np.zeros((len(first), 3, 3))
@@ -166,10 +166,9 @@ class NormalEquations:
         self._sparse = J.shape[1] - len(at.bias)
 
     def step(self, damping: float) -> FloatArray:
-        """The step of all variables, with the diagonal of H increased by a fraction of it.
+        """The step of all variables, with the diagonal of H increased by the fraction `damping`.
 
-        The biases, which all steps depend on, would fill the factors: they are solved for by the
-        Schur complement of the others.
+        Biases enter every step and would fill the factors; their Schur complement gives them first.
         """
         damped = csc_array(self._H + damping * diags_array(self._H.diagonal()))
         n, g = self._sparse, -self._gradient
@@ -183,8 +182,8 @@ class NormalEquations:
     def covariances(self) -> tuple[FloatArray, FloatArray]:
         """Marginal covariances of poses (v, 3, 3), and of landmarks and biases (m, m) together.
 
-        That of a pose is its covariance given the others, and X S^-1 X^T, with X = H_pp^-1 H_pl
-        and S the Schur complement of the poses.
+        The covariance of a pose is its covariance given landmarks and biases, plus X S^-1 X^T, with
+        X = H_pp^-1 H_pl and S the Schur complement of the poses.
         """
         p = self._poses
         H_pl, H_ll = self._H[:p, p:], self._H[p:, p:].toarray()
@@ -243,7 +242,7 @@ def _minus(pose: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def _solve_chain(H: csc_array, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solve a block tridiagonal system, block by block.
+    """Solves a block tridiagonal system, block by block.
 
     Args:
         H: (3 v, 3 v) symmetric, with blocks of 3 x 3.
@@ -254,7 +253,7 @@ def _solve_chain(H: csc_array, right: FloatArray) -> tuple[FloatArray, FloatArra
         Striebel (1965), and (3 v, m) the solution.
     """
     v = H.shape[0] // 3
-    cells = np.zeros((v, 3, 9))  # row by row, from the block before the diagonal one on
+    cells = np.zeros((v, 3, 9))  # blocks before, on and after the diagonal
     row, column = H.nonzero()
     cells[row // 3, row % 3, column - 3 * (row // 3) + 3] = H[row, column]
     below, diagonal = cells[1:, :, :3], cells[:, :, 3:6]

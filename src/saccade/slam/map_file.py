@@ -1,4 +1,4 @@
-"""Map files: a map with all that is known of its landmarks, for another day or another robot.
+"""Map files: a filter's map and its landmark table, for another day or another robot.
 
 One .npz of plain arrays. Nothing in the file is executed when it is read.
 """
@@ -22,7 +22,7 @@ from saccade.types import FloatArray
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 KIND = "landmark map of saccade slam"
-"""What the file says it is."""
+"""Name of the kind of file, in the file and in messages."""
 ARRAYS = ("mean", "covariance", "heading_lever")
 """Arrays of a `SavedMap` that are saved as they are."""
 TABLE_NUMBERS = (
@@ -39,11 +39,11 @@ class SavedMap:
     config: EkfConfig
     """Settings of the filter that made the map."""
     odometry_bias: tuple[float, float, float]
-    """Standard deviations, as for `Slam`."""
+    """Standard deviations, as in `Slam`."""
     warning: str
-    """Why the map may be wrong."""
+    """Reason why the map may be wrong; empty without one."""
     num_steps: int
-    """Steps that were taken."""
+    """Number of steps so far."""
     time: float
     """Time of the last step, in the unit of its clock; minus infinity before the first."""
     mean: FloatArray
@@ -96,10 +96,10 @@ def read_map(path: str | Path) -> SavedMap:
     """Reads what `write_map` wrote.
 
     Raises:
-        LogError: it cannot be read, is damaged, not a map, or of another version.
+        LogError: the file is unreadable, damaged, not a map, or has a different format version.
     """
     path = Path(path)
-    with reading(path, LogError, f"a {KIND}, found no .npz, or a damaged one", ValueError):
+    with reading(path, LogError, f"a {KIND}, found no .npz or a damaged file", ValueError):
         arrays = read_arrays(path)
     if str(arrays.get("kind")) != KIND:
         raise LogError(f"{path}: expected a {KIND}, found another .npz")
@@ -107,10 +107,10 @@ def read_map(path: str | Path) -> SavedMap:
     if int(arrays["format"]) < FORMATS["slam_map"]:
         raise LogError(
             f"{path}: expected a {KIND} of format {FORMATS['slam_map']}, found "
-            f"{int(arrays['format'])}, that of an earlier version; run the log again"
+            f"{int(arrays['format'])}, an earlier format; run the log again"
         )
     if str(arrays.pop("checksum", "")) != _checksum(arrays):  # kernels trust the shapes of arrays
-        raise LogError(f"{path}: expected a {KIND}, found a damaged one")
+        raise LogError(f"{path}: expected a {KIND}, found a damaged file")
     settings = json.loads(str(arrays["settings"]))
     settings["config"]["start_sigma"] = tuple(settings["config"]["start_sigma"])
     return SavedMap(

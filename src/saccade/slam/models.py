@@ -12,7 +12,7 @@ from saccade.types import FloatArray
 
 
 def wrap(angle: npt.ArrayLike) -> FloatArray:
-    """The same angle in (-pi, pi], element by element."""
+    """Wraps angles to (-pi, pi], element by element."""
     a = np.asarray(angle, np.float64)
     inside = np.pi - np.mod(np.pi - a, 2 * np.pi)
     return np.asarray(np.where((a > -np.pi) & (a <= np.pi), a, inside))
@@ -31,7 +31,7 @@ def turn_then_translate(
         The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 2).
 
     Raises:
-        LogError: an argument of another shape, or that is not finite.
+        LogError: an argument has a wrong shape, or is not finite.
     """
     x, y, theta = check_vector("pose", pose, 3).tolist()
     d, phi = check_vector("control", control, 2).tolist()
@@ -53,7 +53,7 @@ def compose(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArr
         The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 3).
 
     Raises:
-        LogError: an argument of another shape, or that is not finite.
+        LogError: an argument has a wrong shape, or is not finite.
     """
     x, y, theta = check_vector("pose", pose, 3).tolist()
     forward, left, turn = check_vector("control", control, 3).tolist()
@@ -145,4 +145,4 @@ MOTIONS: dict[int, Callable[..., tuple[FloatArray, FloatArray, FloatArray]]] = {
     2: turn_then_translate,
     3: compose,
 }
-"""The motion model of controls of so many numbers."""
+"""Motion models by the length of the control."""

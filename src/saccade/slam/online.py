@@ -1,4 +1,4 @@
-"""EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
+"""EKF-SLAM step by step, for a live robot and for a whole log."""
 
 from pathlib import Path
 from typing import Literal, Self, TypeAlias
@@ -27,33 +27,30 @@ from saccade.slam.submaps import SubmapChoice
 from saccade.types import FloatArray, IntArray, LandmarkMap
 
 Start: TypeAlias = Literal["given", "last", "unknown"]
-"""Pose at the first step of a session: the one that is given, the last one of a saved filter, or
-unknown."""
+"""Pose at the first step of a session: given, the last pose of a saved filter, or unknown."""
 MODES = ("continue", "localize")
-"""What a robot does with a map that was saved."""
+"""Modes of a session in a saved map."""
 START_SIGMA = (0.5, 0.5, 0.1)
-"""Standard deviation of a start in a map by default, in meters and radians."""
+"""Default standard deviations of a start in a map, in meters and radians."""
 
 
 class Slam:
-    """EKF-SLAM step by step, without knowledge of what comes later.
-
-    `run` takes a log through the same steps.
+    """Causal EKF-SLAM, step by step; `run` takes a log through the same steps.
 
     Args:
         config: filter, association and noise.
         start: (3,) first pose, in the frame of the map; by default the origin or, with a map,
-            unknown: then the robot is lost until its scans have found it.
+            unknown: then the robot is lost until its scans determine the pose.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`;
-            by default those of the settings.
-        mode: "localize" adds and culls no landmarks; the estimates of those in the map still
-            change, as their covariance lets them.
-        map: landmarks that are known, as of `datasets.load_map`; -1 in `id` for those without a
-            label. With a start, its covariance is that of `EkfConfig.start_sigma` or, where this
-            is zero, of `START_SIGMA`: half a meter and a tenth of a radian.
+            by default `EkfConfig.odometry_bias`.
+        mode: "localize" adds and culls no landmarks; the estimates of mapped landmarks still
+            change, according to their covariance.
+        map: known landmarks, as from `datasets.load_map`, with -1 in `id` for landmarks without a
+            label. The start then has the standard deviations `EkfConfig.start_sigma` or, if these
+            are zero, half a meter and a tenth of a radian.
 
     Raises:
-        LogError: here and in `step`, an argument is not a number, not finite or of another shape.
+        LogError: here and in `step`, an argument is not a number, not finite or of a wrong shape.
         ConfigError: unknown mode, or a map without landmarks.
 
     Examples:
@@ -100,15 +97,15 @@ class Slam:
             *(Hypothesis(ekf, LandmarkTable(policy)), config.gate, config.new_gate, config.huber),
             max_hypotheses=config.max_hypotheses,
         )
-        """The association hypotheses; `filter` and `landmarks` are the most probable one's."""
+        """Association hypotheses; `filter` and `landmarks` belong to the most probable one."""
         self.association = LabelAssociation(config)
-        """The association rule of a single hypothesis."""
+        """Association rule of a single hypothesis."""
         self.kidnapping = KidnappingDetector(config.recover, config.new_gate)
-        """The test whether the robot is where the filter believes it."""
+        """Test of the estimated pose, and search for the pose of a lost robot."""
         self.num_steps = 0
-        """Steps that were taken."""
+        """Number of steps so far."""
         self.warning = ""
-        """Why the map may be wrong, by the run that made it; empty if it seems right."""
+        """Reason why the map may be wrong, set by `run`; empty without one."""
         gate = float("inf") if all_accepted else chi_square_gate(2, config.new_gate)
         self._submaps = SubmapChoice(config.submaps, gate)
         several = config.association in ("auto", "hypotheses")
@@ -116,7 +113,7 @@ class Slam:
         self._uses_labels = config.association in ("auto", "known")
         self._time = -np.inf
         self.start: Start = "given" if map is None or start is not None else "unknown"
-        """How the pose at the first step of the session is known."""
+        """Kind of the pose at the first step of the session."""
         if map is not None:
             require(len(map) > 0, "map", "landmarks", "none")
             self.landmarks.adopt(known_landmarks(map))
@@ -124,10 +121,10 @@ class Slam:
             self._set_map(map.xy, block_diag(*C))
 
     def _set_map(self, xy: FloatArray, P: FloatArray, covariance: FloatArray | None = None) -> None:
-        """Replaces the landmarks by those of the table, at xy (N, 2) with covariance P (2N, 2N).
+        """Gives the landmarks of the table positions xy (N, 2) with covariance P (2N, 2N).
 
-        The pose is independent of them, with a covariance (3, 3) or, without, that of the settings
-        or of `START_SIGMA`.
+        The pose is independent of the landmarks; its default covariance is `EkfConfig.start_sigma`
+        or, if this is zero, `START_SIGMA`.
         """
         robot = self.filter.covariance
         if covariance is None and not any(self.config.start_sigma):
@@ -140,7 +137,7 @@ class Slam:
 
     @property
     def filter(self) -> EkfSlam:
-        """The filter."""
+        """Filter of the most probable hypothesis."""
         return self.hypotheses.best.ekf
 
     @property
@@ -160,7 +157,7 @@ class Slam:
 
     @property
     def map(self) -> SlamMap:
-        """The landmarks of the map, without candidates."""
+        """Landmarks of the map, without candidates."""
         ekf, kept = self.filter, self.landmarks.in_map
         ids = ekf.ids[kept]
         labels = label_array(self.landmarks.labels_of(ids.tolist()))
@@ -184,14 +181,14 @@ class Slam:
         """Moves to the next pose and processes the scan that is observed there.
 
         Args:
-            time: of the pose, in any unit; not before that of the last step.
+            time: time of the pose, in any unit; not earlier than in the last step.
             control: (c,) from the last pose to this one: distance and turn (`turn_then_translate`)
                 or forward, left and turn (`compose`); None where the robot has not moved, as at the
                 first pose.
             U: (c, c) its covariance.
             z: (k, 2) range in meters, bearing in radians within 2 pi; None without observations.
-                NaN for a range or a bearing that was not observed: the observation updates a
-                landmark of the map, and adds none.
+                NaN for a missing range or bearing: such an observation updates a landmark of the
+                map, and adds none.
             R: (k, 2, 2) their covariances, or (2, 2) one for all.
             labels: (k,) labels of the landmarks, integers from 0 on or text, -1 or "" where
                 unknown; compared with the map, and rejected if they contradict it, unless
@@ -201,7 +198,7 @@ class Slam:
             Pose, association and innovations.
 
         Raises:
-            LogError: the estimate diverged, or an argument is invalid; then nothing has changed.
+            LogError: the estimate diverged; or an argument is invalid, and nothing has changed.
         """
         scan = checked_scan(self.config, time, control, U, z, R, labels)
         if scan.time < self._time:
@@ -209,7 +206,7 @@ class Slam:
         return self.process(scan)
 
     def process(self, scan: Scan) -> StepResult:
-        """`step` by a valid scan.
+        """`step` with a valid scan.
 
         Raises:
             LogError: the estimate diverged; names the step.
@@ -239,7 +236,7 @@ class Slam:
         return self._result(scan)
 
     def _prepare(self, scan: Scan) -> None:
-        """Chooses the hypotheses and the submap of a step, and reserves memory."""
+        """Chooses hypotheses and submap of a step, and reserves memory."""
         self._choose_hypotheses(scan)
         ekf, table, max_range = self.filter, self.landmarks, 0.0
         ekf.inflate_heading_covariance()
@@ -249,9 +246,9 @@ class Slam:
         ekf.reserve(len(scan.z))
 
     def _choose_hypotheses(self, scan: Scan) -> None:
-        """Follows alternatives from the first scan on, while the map is small.
+        """Enables several hypotheses from the first scan on, while the map is small.
 
-        With "auto", while no observation has a label.
+        With "auto", also while no observation has a label.
         """
         if len(scan.z) == 0 or not self._may_branch:
             return
@@ -276,9 +273,9 @@ class Slam:
             best.matches = _spread(found, scan)
 
     def _associate(self, scan: Scan) -> list[tuple[Hypothesis, IntArray]]:
-        """The hypotheses to follow, and (k,) the id of the landmark of each observation in each.
+        """Hypotheses to update, with (k,) the id of the landmark of each observation in each.
 
-        Some are `NEW` or `DROPPED`. None is followed while the scan must not update the filter.
+        Ids may be `NEW` or `DROPPED`. There are no hypotheses if the scan must not update the map.
         """
         best, branching = self.hypotheses.best, self.hypotheses.branching
         if len(scan.z) == 0 or self.kidnapping.blocks_update:
@@ -295,7 +292,7 @@ class Slam:
         return followed
 
     def _with_partial(self, scan: Scan, matches: IntArray) -> IntArray:
-        """(k,) matches of a scan, given matches of its complete observations."""
+        """(k,) matches of all observations of a scan, given matches of the complete ones."""
         if scan.missing is None:
             return matches
         partial, rule, best = scan.partial, self.association, self.hypotheses.best
@@ -310,7 +307,7 @@ class Slam:
         return every
 
     def _known(self, matches: IntArray) -> IntArray:
-        """Matches (k,) without new landmarks, and takes their labels back."""
+        """Matches (k,) without new landmarks, whose labels are withdrawn."""
         next_id = self.filter.next_id
         for record in self.landmarks.labels.values():
             if record.landmark >= next_id:
@@ -341,7 +338,7 @@ class Slam:
             self.hypotheses.best.remove(landmarks)
 
     def remove_candidates(self) -> None:
-        """Removes the landmarks that are not in the map yet."""
+        """Removes the landmarks that are not in the map."""
         self.remove(self.landmarks.counts.id[~self.landmarks.in_map])
 
     def relocalize(
@@ -349,14 +346,14 @@ class Slam:
     ) -> PoseHypotheses:
         """Searches the pose of a robot that is anywhere in the map, by the scan at its pose.
 
-        The robot counts as lost from then on: the steps that follow keep the map as it is, and
-        narrow the hypotheses down until one is left, which sets the pose. Called again, it adds a
-        scan of the same pose.
+        The robot counts as lost from then on: later steps leave the map unchanged and reduce the
+        hypotheses until one is left, which sets the pose. Another call adds a scan of the same
+        pose.
 
         Args:
             z: (k, 2) range in meters, bearing in radians.
             R: (k, 2, 2) their covariances, or (2, 2) one for all.
-            labels: (k,) labels of the landmarks, as of `step`.
+            labels: (k,) labels of the landmarks, as in `step`.
 
         Returns:
             Hypotheses of the pose with probabilities; `association` has ids of landmarks.
@@ -376,11 +373,11 @@ class Slam:
         return self.kidnapping.search.add(seen.z, seen.R, table.landmarks_of(seen.labels))
 
     def save(self, path: str | Path) -> None:
-        """Saves the map as one file, for `load`; of several hypotheses, the most probable one.
+        """Saves the map of the most probable hypothesis as one file, for `load`.
 
         Raises:
             ConfigError: the mode is "localize".
-            OutputError: the file cannot be written; an old one stays.
+            OutputError: the file cannot be written; an existing file stays.
         """
         if self.mode == "localize":
             raise ConfigError("mode: expected continue for a map to be saved, found localize")
@@ -418,17 +415,17 @@ class Slam:
         Args:
             path: the map file.
             mode: "continue" mapping, or "localize", which adds and culls no landmarks.
-            config: other settings than those saved, with the same `filter`.
+            config: settings in place of the saved ones, with the same `filter`.
             start: (3,) pose in the frame of the map, independent of the map; times of steps begin
                 anew. By default the robot has not moved since, and no step may be earlier than the
-                last one that was saved.
-            covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma` or, where
-                this is zero, of `START_SIGMA`: half a meter and a tenth of a radian.
-            odometry_bias: with a start, as for `Slam`; by default as saved.
+                last saved step.
+            covariance: (3, 3) of the start; by default from `EkfConfig.start_sigma` or, if this is
+                zero, half a meter and a tenth of a radian.
+            odometry_bias: with a start, as in `Slam`; by default as saved.
 
         Raises:
-            LogError: the file cannot be read, is damaged, not a map, or of another version.
-            ConfigError: the settings do not suit the map.
+            LogError: the file is unreadable, damaged, not a map, or has a different format version.
+            ConfigError: the settings do not match the map.
         """
         saved = read_map(path)
         settings = config or saved.config
@@ -460,7 +457,7 @@ class Slam:
 
 
 def _spread(matches: IntArray, scan: Scan) -> IntArray:
-    """(k,) matches of a scan, given matches of its complete observations; others are `UNUSED`."""
+    """(k,) matches of a scan: given ones for complete observations, `UNUSED` for partial ones."""
     if scan.missing is None:
         return matches
     every = np.full(len(scan.z), UNUSED)

@@ -12,20 +12,20 @@ from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray, IntArray
 
 PRIOR_WEIGHT = 9.0
-"""Covariance of the prior of a pose that is found, relative to that of the hypothesis: the
-observations that follow dominate it, but it is narrow enough that they are linear."""
+"""Covariance of the prior of a new pose, as a multiple of the covariance of the hypothesis: wide
+enough for later observations to dominate, narrow enough for linear updates."""
 MIN_HEADING_SIGMA = 0.03
-"""Least standard deviation of the heading of that prior, in radians."""
+"""Least standard deviation of the heading of this prior, in radians."""
 SAME_POSE = chi_square_gate(3, 0.999)
-"""Squared Mahalanobis distance within which the robot is found where it was believed to be."""
+"""Largest squared Mahalanobis distance of equal poses."""
 
 
 class PoseSearch:
     """The search for the pose in a map, until one hypothesis is left.
 
-    The pose is searched among the landmarks with these ids (n,), ascending; the map stays as it is.
-    Unless it may be `anywhere`, the pose of the filter is one hypothesis. The robot is found when
-    one hypothesis has `min_probability` and matches `min_matched` points in `scans` scans in a row.
+    The search uses the landmarks with ids `landmarks` (n,), ascending, and does not change the map.
+    Unless the robot may be `anywhere`, the pose of the filter is one hypothesis. The robot is found
+    when a hypothesis has `min_probability` and `min_matched` points in `scans` successive scans.
     """
 
     def __init__(
@@ -54,14 +54,11 @@ class PoseSearch:
         self._search.predict(u, U)
 
     def add(self, z: FloatArray, R: FloatArray, labeled: IntArray) -> PoseHypotheses:
-        """Weights the hypotheses by a scan, and looks for others.
-
-        The ids of the landmarks of its labels are `labeled` (k,), -1 for none.
-        """
+        """Updates the hypotheses by a scan, with ids `labeled` (k,) of labels, -1 for none."""
         row = np.searchsorted(self.landmarks, labeled).clip(0, len(self.landmarks) - 1)
         rows = np.where(self.landmarks[row] == labeled, row, -1)
         found = self._search.add(z, R, rows)
-        ids = np.append(self.landmarks, -1)  # the last is for none
+        ids = np.append(self.landmarks, -1)  # the last element stands for no landmark
         self.hypotheses = found = replace(found, association=ids[found.association])
         sure = len(found) > 0 and found.probability[0] >= self._min
         sure = sure and np.count_nonzero(found.association[0] >= 0) >= self._min_matched
@@ -70,7 +67,7 @@ class PoseSearch:
 
     @property
     def is_found(self) -> bool:
-        """Whether one hypothesis is left."""
+        """Whether the robot is found."""
         return self._agreeing >= self._scans
 
     @property
@@ -80,7 +77,7 @@ class PoseSearch:
         return np.asarray(self.hypotheses.association[0][self._search.latest], np.int64)
 
     def is_elsewhere(self) -> bool:
-        """Whether the most probable pose is not that of the filter."""
+        """Whether the most probable pose differs from the pose of the filter."""
         assert self.hypotheses is not None
         error = pose_difference(self.hypotheses.pose[0], self._ekf.pose)
         S = self._ekf.pose_covariance + self.hypotheses.covariance[0]
@@ -89,8 +86,8 @@ class PoseSearch:
     def reset_pose(self) -> None:
         """Gives the filter the most probable pose.
 
-        The points of the last scans update it, so that it has its covariance with the landmarks:
-        its own before that is wide beside theirs and that of the hypothesis.
+        The prior is wide compared with the covariances of landmarks and hypothesis. The points of
+        the last scans then update it, which correlates the pose with the landmarks.
         """
         assert self.hypotheses is not None
         pose, association = self.hypotheses.pose[0], self.hypotheses.association[0]

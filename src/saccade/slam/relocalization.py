@@ -2,9 +2,9 @@
 
 Pairs of observed points are matched to pairs of landmarks at the same distance, as in the
 constraint search of Neira, Tardos & Castellanos (2003). Every match of two pairs proposes a pose;
-the proposals with the most support are refined, and get probabilities by their evidence, relative
-to each other and to a robot outside of the map. They move with the controls, and are weighted by
-the scans that follow.
+the proposals with the most support are refined. Their probabilities follow from their evidence,
+relative to each other and to a robot outside the map. Controls move these hypotheses, and later
+scans weight them.
 """
 
 from math import log, pi
@@ -24,31 +24,31 @@ from saccade.slam.results import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
 
 NEIGHBORS = 4
-"""Number of neighbors relative to which the error of a landmark is taken."""
+"""Number of neighbors that define the local error of a landmark."""
 GATE = chi_square_gate(2, 0.99)
 """Squared Mahalanobis distance within which a point is associated with its nearest landmark."""
 MIN_PAIRS = 4
-"""Pairs of observed points that propose poses however many these are."""
+"""Number of pairs of observed points that always propose poses."""
 MAX_PAIRS = 12
-"""Pairs of observed points that propose poses: distant ones, of distances rare in the map."""
+"""Largest number of pairs of observed points that propose poses; distant pairs come first."""
 MEMORY = 10
-"""Scans for which an observed point counts."""
+"""Number of scans for which an observed point counts."""
 UNMAPPED = 0.2
-"""Prior probability that an observed point is no landmark of the map."""
+"""Prior probability that an observed point is not a landmark of the map."""
 ELSEWHERE = 0.05
 """Prior probability that the robot is outside of the map."""
 SETTLED = 0.999
-"""Probability of all hypotheses from which they are followed without another search."""
+"""Minimum total probability of the hypotheses for a scan without a new search."""
 NEGLIGIBLE = 1e-6
-"""Probability below which a hypothesis is no longer followed."""
+"""Least probability of a hypothesis."""
 ITERATIONS = 4
-"""Gauss-Newton steps of a refinement."""
+"""Number of Gauss-Newton steps of a refinement."""
 SAME_POSITION = 0.5
-"""Distance in meters within which proposals are the same; a tenth of it for refined poses."""
+"""Largest distance of equal proposals in meters; a tenth of it for refined poses."""
 SAME_HEADING = 0.1
-"""Difference of headings in radians within which they are."""
+"""Largest difference of headings of equal proposals in radians; a tenth of it for refined poses."""
 SAME_POSE = 9.0
-"""Squared Mahalanobis distance within which refined poses are the same."""
+"""Largest squared Mahalanobis distance of equal refined poses."""
 
 
 class Relocalizer:
@@ -56,10 +56,10 @@ class Relocalizer:
 
     Args:
         landmarks: (N, 2) meters.
-        covariance: (N, 2, 2) of each landmark or, better, (2N, 2N) of all: with correlations the
-            errors that neighboring landmarks share are left out.
-        max_proposals: proposed poses whose support is computed, after those of the first few pairs.
-        max_hypotheses: proposed poses that are refined, those with the most support.
+        covariance: (N, 2, 2) of each landmark or, better, (2N, 2N) of all: correlations remove the
+            common errors of neighboring landmarks.
+        max_proposals: largest number of proposed poses, except from the first `MIN_PAIRS` pairs.
+        max_hypotheses: largest number of refined poses.
 
     Raises:
         ConfigError: the shapes do not agree.
@@ -93,14 +93,14 @@ class Relocalizer:
         self._tree = cKDTree(landmarks)
         self._errors = _local_errors(self._tree, landmarks, covariance)
         self._points, self._covariances = np.empty((0, 2)), np.empty((0, 2, 2))
-        self._named, self._age = np.empty(0, np.int64), np.empty(0, np.int64)
+        self._labeled, self._age = np.empty(0, np.int64), np.empty(0, np.int64)
         self._tracked, self._total = np.empty((0, 3)), 0.0
         self._pairs = _LandmarkPairs(0.0, np.empty((0, 2), np.int64), np.empty(0))
         self.latest = np.empty(0, np.int64)
         """(m,) column in `PoseHypotheses.association` of each observation of the last scan."""
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
-        """Moves the robot by a control (c,), as of `EkfSlam.predict`, with covariance (c, c)."""
+        """Moves the robot by a control (c,), as in `EkfSlam.predict`, with covariance (c, c)."""
         motion = MOTIONS[len(u)]
         moved, _, Fu = motion(np.zeros(3), u)
         Q = Fu @ U @ Fu.T  # (3, 3)
@@ -113,16 +113,16 @@ class Relocalizer:
         self._tracked = np.array(poses).reshape(-1, 3)
 
     def propose(self, pose: FloatArray) -> None:
-        """Adds a pose (3,) to those that the search proposes."""
+        """Adds a pose (3,) to the proposals."""
         self._tracked = np.concatenate([self._tracked, pose[None]])
 
     def add(self, z: FloatArray, R: FloatArray, landmark: IntArray | None = None) -> PoseHypotheses:
-        """Adds a scan, and searches for the pose at which it was made.
+        """Adds a scan, and searches for its pose.
 
         Args:
             z: (k, 2) range in meters, bearing in radians.
             R: (k, 2, 2) their covariances.
-            landmark: (k,) row of the landmark that each observation names, -1 for none.
+            landmark: (k,) row of the landmark of each label, -1 for none.
 
         Returns:
             Hypotheses that explain all scans so far.
@@ -156,25 +156,25 @@ class Relocalizer:
         J = H[..., 3:]
         return z, J @ self._covariances @ J.swapaxes(-1, -2)
 
-    def _remember(self, z: FloatArray, R: FloatArray, named: IntArray) -> None:
-        """Merge the points of a scan with those of earlier ones; drop points not seen for long."""
+    def _remember(self, z: FloatArray, R: FloatArray, labeled: IntArray) -> None:
+        """Merges the points of a scan with points of earlier scans, and drops old points."""
         kept = self._age < MEMORY
         points, covariances = self._points[kept], self._covariances[kept]
-        old, age = self._named[kept], self._age[kept] + 1
+        old, age = self._labeled[kept], self._age[kept] + 1
         xy, _, Gz = inverse_observe(np.zeros(3), z)
         C = Gz @ R @ Gz.transpose(0, 2, 1)
-        differ = (named[:, None] != old) & (named[:, None] >= 0) & (old >= 0)
+        differ = (labeled[:, None] != old) & (labeled[:, None] >= 0) & (old >= 0)
         same = _same_points(points, covariances, xy, C, differ)
         new = same < 0
         m, k = np.flatnonzero(~new), same[~new]
         K = covariances[k] @ np.linalg.inv(covariances[k] + C[m])
         points[k] += (K @ (xy[m] - points[k])[..., None])[..., 0]
         covariances[k] -= K @ covariances[k]
-        age[k], old[k] = 0, np.maximum(named[m], old[k])
+        age[k], old[k] = 0, np.maximum(labeled[m], old[k])
         self.latest = np.where(new, len(points) + np.cumsum(new) - 1, same)
         self._points = np.concatenate([points, xy[new]])
         self._covariances = np.concatenate([covariances, C[new]])
-        self._named = np.concatenate([old, named[new]])
+        self._labeled = np.concatenate([old, labeled[new]])
         self._age = np.concatenate([age, np.zeros(new.sum(), np.int64)])
 
     def _proposals(self) -> FloatArray:
@@ -194,8 +194,8 @@ class Relocalizer:
         for number, m in enumerate(np.argsort(last - first, kind="stable")):
             i, j = pairs[m]
             ends = known.ends[first[m] : last[m]]
-            if self._named[i] >= 0 and self._named[j] >= 0:
-                ends = np.array([[self._named[i], self._named[j]]])
+            if self._labeled[i] >= 0 and self._labeled[j] >= 0:
+                ends = np.array([[self._labeled[i], self._labeled[j]]])
             total += len(ends)
             if number >= MIN_PAIRS and total > self._max_proposals:
                 break
@@ -213,7 +213,7 @@ class Relocalizer:
         return np.asarray(proposals[best[selected[:count]]])
 
     def _point_pairs(self) -> IntArray:
-        """(m, 2) observed points, the most distant pairs first, no point in many of them."""
+        """(m, 2) pairs of observed points, the most distant first, with few uses of each point."""
         ends = np.column_stack(np.triu_indices(len(self._points), 1))
         separation = np.linalg.norm(self._points[ends[:, 0]] - self._points[ends[:, 1]], axis=1)
         order = np.argsort(-separation, kind="stable")[: np.count_nonzero(separation)]
@@ -228,9 +228,9 @@ class Relocalizer:
         return ends[list(chosen)]
 
     def _landmark_pairs(self, reach: float) -> "_LandmarkPairs":
-        """The ordered pairs of landmarks up to a distance, or a larger one."""
+        """Ordered pairs of landmarks, at least all pairs up to a distance."""
         if self._pairs.reach < reach:
-            reach *= 1.2  # so that scans that reach little farther find them ready
+            reach *= 1.2  # spares a search for scans that reach a little farther
             ends = self._tree.query_pairs(reach, output_type="ndarray")
             ends = np.concatenate([ends, ends[:, ::-1]])
             vector = self._landmarks[ends[:, 1]] - self._landmarks[ends[:, 0]]
@@ -277,7 +277,7 @@ class Relocalizer:
         rotation = rotations(poses[:, 2])[:, None]  # (h, 1, 2, 2)
         at = (rotation @ self._points[..., None])[..., 0]  # (h, k, 2)
         near = np.asarray(self._tree.query(poses[:, None, :2] + at)[1], np.int64)
-        near = np.where(self._named >= 0, self._named, near)
+        near = np.where(self._labeled >= 0, self._labeled, near)
         v = self._landmarks[near] - poses[:, None, :2] - at
         S = rotation @ self._covariances @ rotation.swapaxes(-1, -2) + self._errors[near]
         return v, S, pose_jacobians(at), near
@@ -287,7 +287,7 @@ class Relocalizer:
         v, S, _, _ = self._residuals(pose)
         reach, xy = self._reach, pose[:, :2]
         around = np.maximum(self._tree.query_ball_point(xy, reach, return_length=True), 1)
-        visible = np.where(self._named >= 0, 1, around[:, None])
+        visible = np.where(self._labeled >= 0, 1, around[:, None])
         density = np.exp(-normalized_squared(v, S) / 2) / (2 * pi * np.sqrt(np.linalg.det(S)))
         mixture = UNMAPPED / (pi * reach**2) + (1 - UNMAPPED) / visible * density
         volume = (2 * pi) ** 1.5 * np.sqrt(np.linalg.det(covariance))
@@ -341,9 +341,9 @@ def _local_errors(tree: cKDTree, xy: FloatArray, covariance: FloatArray) -> Floa
 def _same_points(
     xy: FloatArray, C: FloatArray, new: FloatArray, D: FloatArray, differ: BoolArray
 ) -> IntArray:
-    """(m,) point of (k, 2) that each of a new scan (m, 2) is, mutual neighbors; -1 for none.
+    """(m,) mutually nearest of the points (k, 2) for each point of a scan (m, 2), -1 for none.
 
-    Points with different names differ (m, k).
+    Points with different labels are excluded by `differ` (m, k).
     """
     if len(xy) == 0 or len(new) == 0:
         return np.full(len(new), -1)

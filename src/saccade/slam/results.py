@@ -20,7 +20,7 @@ class PoseHypotheses:
     covariance: FloatArray
     """(h, 3, 3)."""
     probability: FloatArray
-    """(h,) posterior probabilities; the rest to 1 is that of being outside of the map."""
+    """(h,) posterior probabilities; the rest to 1 is the probability of a pose outside the map."""
     association: IntArray
     """(h, k) landmark of each of the k observed points, -1 for none."""
 
@@ -38,7 +38,7 @@ class PoseHypotheses:
 
 
 MAX_COORDINATE = 1e9
-"""Meters from the origin at which the estimate has diverged."""
+"""Largest coordinate of a pose in meters; beyond it the estimate has diverged."""
 
 
 class Innovation(NamedTuple):
@@ -81,12 +81,11 @@ class StepResult:
     covariance: FloatArray
     """(3, 3) of the pose, with the differences between the hypotheses."""
     association: IntArray
-    """(k,) id of the landmark of each observation, -1 if it was not used; the landmark may be a
-    candidate, or culled after this step. While several hypotheses are followed, the ids are those
-    of the most probable one."""
+    """(k,) id of the landmark of each observation, -1 if it was not used, in the most probable
+    hypothesis; the landmark may be a candidate, or culled after this step."""
     innovations: FloatArray
-    """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing, and here
-    for a range or bearing that was not observed."""
+    """(k, 2) see `Innovation`; NaN for a missing range or bearing. Here and below, NaN where an
+    observation updated nothing."""
     innovation_covariances: FloatArray
     """(k, 2, 2) before the update."""
     nis: FloatArray
@@ -96,12 +95,12 @@ class StepResult:
     culled: IntArray
     """(g,) ids of landmarks and candidates that were removed."""
     lost: bool = False
-    """Whether the robot was kidnapped and not found yet: the map is kept as it is, and the pose is
-    by odometry until the robot is found in it."""
+    """Whether the robot is kidnapped: until it is relocalized, the map does not change, and the
+    pose is dead reckoning."""
     hypotheses: PoseHypotheses | None = None
     """Hypotheses of the pose of a lost robot, after its first scan."""
     num_hypotheses: int = 1
-    """Number of association hypotheses that are followed after it."""
+    """Number of association hypotheses after the step."""
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
@@ -113,7 +112,7 @@ class StepResult:
 
 
 MAX_NONLINEARITY = 0.12
-"""`SlamResult.nonlinearity` above which the filter is overconfident in simulated worlds."""
+"""Largest `SlamResult.nonlinearity` of consistent filters in simulated worlds."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,7 +122,7 @@ class SlamResult(Pictured):
     trajectory: Trajectory
     """(t + 1) poses with covariance, see `estimate`."""
     filtered: Trajectory
-    """(t + 1) poses with covariance of the filter: each is the estimate at its own time."""
+    """(t + 1) poses with covariance of the filter, each the estimate at its own time."""
     map: LandmarkMap
     """Landmarks with covariance: smoothed, or as in the filter at the end of the log."""
     ids: IntArray
@@ -145,9 +144,10 @@ class SlamResult(Pictured):
     removed: int = 0
     """Landmarks that were culled."""
     warning: str = ""
-    """Why nothing is in the map, or most observations were not used; empty if neither is so."""
+    """Reason why the map is empty or may be wrong, or why most observations were not used; else
+    empty."""
     remark: str = ""
-    """Why the log is not smoothed; empty if it is, or if smoothing is switched off."""
+    """Reason why the log is not smoothed; empty if it is, or if smoothing is switched off."""
     odometry_bias: FloatArray | None = None
     """(3,) estimated odometry biases: relative error of the distance, turn in radians per meter of
     distance, distance in meters per radian of turn, true minus measured. None if not estimated."""
@@ -157,12 +157,10 @@ class SlamResult(Pictured):
     """(k,) robust weight of each observation in the smoothing, from 0 to 1; NaN where it was not
     used. None without smoothing."""
     nonlinearity: float = 0.0
-    """Root of the mean fraction of second-order terms in the variance of the innovations; the
-    covariances of the filter are unreliable over `MAX_NONLINEARITY`. Zero for the standard
-    filter."""
+    """Root of the mean fraction of second-order terms in the variance of the innovations; above
+    `MAX_NONLINEARITY` the filter is overconfident. Zero for the standard filter."""
     lost: BoolArray | None = None
-    """(t + 1,) whether the robot was kidnapped and not found yet at each pose: the filtered pose
-    is by odometry alone there."""
+    """(t + 1,) whether the robot is kidnapped at each pose; the filter is dead reckoning there."""
     session: IntArray | None = None
     """(n,) session in which each landmark of the map was added, from 0, see `Slam.load`."""
 
@@ -173,7 +171,7 @@ class SlamResult(Pictured):
 
 
 def check_diverged(pose: FloatArray, number: int) -> None:
-    """Check that a pose (3,) did not diverge.
+    """Checks that a pose (3,) did not diverge.
 
     Raises:
         LogError: names the pose by its number.

@@ -1,4 +1,4 @@
-"""Scans: the arguments of a step of the filter, and those of the steps of a log."""
+"""Scans: validated arguments of a step of the filter, live or from a log."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -25,8 +25,8 @@ from saccade.types import BoolArray, FloatArray, LandmarkLog
 NO_SCAN = np.empty((0, 2)), np.empty((0, 2, 2)), ()
 """Observations, covariances and labels of a step without observations."""
 MISSING_VARIANCE = 1e16
-"""Variance of a range or bearing that was not observed, in square meters or radians: it corrects
-the state by less than the sixteenth digit."""
+"""Variance of a missing range or bearing, in square meters or radians: its gain is below rounding
+errors."""
 
 
 class Scan(NamedTuple):
@@ -43,8 +43,8 @@ class Scan(NamedTuple):
     labels: Sequence[Label | None]
     """(k,) labels of the landmarks, None where unknown."""
     missing: BoolArray | None = None
-    """(k, 2) ranges and bearings that were not observed, zero in `z` with a variance of
-    `MISSING_VARIANCE`; None if all were."""
+    """(k, 2) missing ranges and bearings, zero in `z` with a variance of `MISSING_VARIANCE`; None
+    without any."""
 
     @property
     def partial(self) -> BoolArray:
@@ -73,7 +73,7 @@ def checked_scan(
     R: npt.ArrayLike | None,
     labels: npt.ArrayLike | None,
 ) -> Scan:
-    """The arguments of `Slam.step`, copied, with the noise scales of the settings.
+    """Validated copies of the arguments of `Slam.step`, with the noise scales of the settings.
 
     Raises:
         LogError: an argument is invalid.
@@ -102,7 +102,7 @@ def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
     """The steps of a log, the first without a motion, with the noise scales of the settings.
 
     Raises:
-        LogError: before the first of them, a control or an observation is invalid.
+        LogError: a control or an observation is invalid; raised before the first step.
     """
     log = in_robot_frame(log)
     u, U = (np.array(each, np.float64, order="C") for each in (log.control, log.control_covariance))
@@ -129,7 +129,7 @@ def _check_observations(z: FloatArray, R: FloatArray, config: EkfConfig) -> Bool
     """Checks observations (k, 2), and scales their covariances (k, 2, 2) in place.
 
     Returns:
-        `Scan.missing`, whose elements are NaN in z before and zero after.
+        `Scan.missing`; its elements are NaN in z before, and zero afterwards.
 
     Raises:
         LogError: an observation is invalid, or has neither a range nor a bearing.

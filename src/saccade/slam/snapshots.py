@@ -15,7 +15,7 @@ class Recorder:
 
     Args:
         frames: largest number of snapshots.
-        on_snapshot: called after each of them, with all there are.
+        on_snapshot: called after each snapshot, with all snapshots so far.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class Recorder:
         self._observed: set[int] = set()
 
     def is_due(self, step: int, steps: int) -> bool:
-        """Whether a snapshot is taken at this pose of so many; at the last one always."""
+        """Whether a snapshot is due at pose `step` of `steps`; it always is at the last pose."""
         return (steps - 1 - step) % -(-steps // self._frames) == 0
 
     def add(
@@ -45,9 +45,13 @@ class Recorder:
     ) -> None:
         """Records the pose `step` of `steps` after its observations.
 
-        The ids of the landmarks that were observed are `observed`, negative for unused
-        observations; `hypotheses` are of the pose of a lost robot. The covariance (3, 3) of the
-        pose is that of the filter by default.
+        Args:
+            step: number of the pose.
+            steps: number of poses.
+            slam: SLAM at this pose.
+            observed: (k,) ids of observed landmarks, negative for unused observations.
+            hypotheses: hypotheses of the pose of a lost robot.
+            covariance: (3, 3) of the pose; by default from the filter.
         """
         self._path.append(slam.filter.pose)
         self._observed.update(observed[observed >= 0].tolist())

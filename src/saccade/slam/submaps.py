@@ -12,10 +12,10 @@ are never observed; Phi is T at first. The filter on A and on as many of these a
 has coordinates is therefore equivalent to the full filter, and the update of B is deferred. T keeps
 the numbers small: with C_BA itself, five digits would be lost.
 
-A submap contains every landmark that may be observed until the robot has moved some way: those
-within a radius of its position, or outside of it by less than twice their gate. It is left when the
-range that a scan needs, and the distance since the entry with the gate of its odometry, exceed the
-radius, or when a landmark outside is observed by its label.
+A submap contains every landmark that may be observed while the robot moves a certain distance:
+all landmarks within a radius of its position, widened by twice their gate. The filter leaves it
+when the range of a scan plus the distance since the entry, with the gate of its odometry, exceeds
+the radius, or when the label of a landmark outside is observed.
 """
 
 from dataclasses import dataclass, field
@@ -44,15 +44,15 @@ if TYPE_CHECKING:
     from saccade.slam.landmarks import LandmarkTable
 
 LARGE_MAP = 1000
-"""Number of landmarks from which "auto" uses submaps."""
+"""Minimum number of landmarks for "auto" to use submaps."""
 MAX_FRACTION = 0.25
 """Largest submap that "auto" enters, as a fraction of the map."""
 MARGIN = 1.5
-"""Distance that a robot can move in a submap, as a fraction of the range that its scans need."""
+"""Distance that a robot can move in a submap, as a fraction of the range of its scans."""
 MIN_SPARE = 8
 """Minimum number of landmarks that can be added to a submap before its arrays grow."""
 ROUNDING = 1e-15
-"""Fraction of a variance below which another one is zero."""
+"""Relative rounding error of variances: smaller ones count as zero."""
 NEGLIGIBLE = 1e-7
 """Smallest variance reduction that is applied outside of a submap, as a fraction of the smallest
 variance there."""
@@ -60,12 +60,12 @@ ROBOT_SCALARS = (
     *("heading_variance", "lowest_heading_variance", "nonlinearity", "nonlinear_updates"),
     "next_id",
 )
-"""Scalars of a state that go with the robot."""
+"""Scalars of a state that belong to the robot."""
 
 
 @dataclass
 class Submap:
-    """Some landmarks of a map, and what is deferred for the others."""
+    """Some landmarks of a map, and the deferred updates of all others."""
 
     inside: IntArray
     """(k,) rows of its landmarks in the map at its entry, ascending."""
@@ -74,18 +74,18 @@ class Submap:
     root: FloatArray
     """(L, q) T of C_AA = T T^T at its entry, of the robot and the landmarks inside."""
     observed: BoolArray
-    """(k,) whether a landmark was observed since."""
+    """(k,) whether a landmark was observed in the submap."""
     state: FilterState
-    """Of the robot, the landmarks inside, q auxiliary points, and landmarks that were added."""
+    """State of the robot, the landmarks inside, q auxiliary points, and added landmarks."""
 
     @property
     def added(self) -> int:
-        """Number of landmarks that were added to it."""
+        """Number of landmarks that were added to the submap."""
         return int(self.state.now.landmarks) - len(self.inside)
 
     @property
     def rows(self) -> IntArray:
-        """(k + added,) rows in the map of its landmarks, with those added."""
+        """(k + added,) rows in the map of all its landmarks."""
         count = len(self.inside) + len(self.rest)
         return np.concatenate([self.inside, count + np.arange(self.added)])
 
@@ -113,11 +113,11 @@ def enter(f: FilterState, inside: IntArray) -> Submap:
 
 
 def leave(f: FilterState, submap: Submap) -> FilterState:
-    """The state of the whole map, with what a stay in a submap changed."""
+    """The state of the whole map, with the deferred updates of a submap."""
     finish_flush(f)
     local, r = submap.state, submap.state.robot_size
-    places, n = submap.rows, state_size(local)
-    rows = state_rows(places, r)
+    landmarks, n = submap.rows, state_size(local)
+    rows = state_rows(landmarks, r)
     deferred = _Deferred.of(f, submap) if len(submap.rest) > 0 else None
     f = with_capacity(f, submap.added, 0)
     f.downdates[:, state_size(f) :] = f.updates[:, state_size(f) :] = 0.0
@@ -127,7 +127,8 @@ def leave(f: FilterState, submap: Submap) -> FilterState:
     if deferred is not None:
         deferred.apply(f, submap, rows)
     f.state[rows], f.heading_lever[rows] = local.state[:n], local.heading_lever[:n]
-    f.blocks[places], f.ids[places] = local.blocks[: len(places)], local.ids[: len(places)]
+    k = len(landmarks)
+    f.blocks[landmarks], f.ids[landmarks] = local.blocks[:k], local.ids[:k]
     block = _block(local, np.arange(n), np.arange(n))
     write_block(f.P, rows, rows, block - _pending(f, rows, rows), 0.0)
     f.P[:r, :r] = local.P[:r, :r]
@@ -202,7 +203,7 @@ class _Deferred(NamedTuple):
         return cls(E, Phi, state, lever, tuple(products))
 
     def apply(self, f: FilterState, submap: Submap, rows: IntArray) -> None:
-        """Apply them to the state of the whole map; rows (n,) are those of the submap."""
+        """Applies the updates to the whole map, in which the submap has rows (n,)."""
         r, old = f.robot_size, len(submap.root)
         rest = state_rows(submap.rest, r)[r:]
         E, Phi = self.basis, self.Phi
@@ -246,7 +247,7 @@ def _pending(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
 
 
 def _row_space(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal columns (q, p) that span the rows T (o, q), and F (o, p): they are T^T F."""
+    """Orthonormal basis (q, p) of the rows T (o, q), and F (o, p) with basis = T^T F."""
     size = np.linalg.norm(rows, axis=1)
     scale = np.where(size > 0, size, 1.0)
     left, values, right = np.linalg.svd(rows / scale[:, None], full_matrices=False)
@@ -296,14 +297,16 @@ class _Excursion:
     bias_sigma: FloatArray
     """(r - 3,) their standard deviations."""
     length: float = 0.0
+    """Distance in meters."""
     position: float = 0.0
+    """Variance of the position by the noise, in square meters."""
     heading: float = 0.0
-    """Variances of position and heading by the noise."""
+    """Variance of the heading by the noise, in square radians."""
     biased: FloatArray = field(default_factory=lambda: np.zeros(2))
     """(2,) bounds of the errors of position and heading by the biases."""
 
     def add(self, control: tuple[FloatArray, FloatArray] | None) -> None:
-        """Add a motion."""
+        """Adds a motion."""
         if control is None:
             return
         u, U = control
@@ -319,7 +322,7 @@ class _Excursion:
         self.heading += heading
 
     def reach(self, gate: float) -> float:
-        """Meters that the robot may have moved, within `gate` standard deviations."""
+        """Largest distance that the robot may have moved, with `gate` standard deviations."""
         position, heading = map(float, self.biased)
         sigma = sqrt(self.position) + position + self.length * (sqrt(self.heading) + heading)
         return float(self.length + gate * sigma)
@@ -342,13 +345,13 @@ class SubmapChoice:
         self._excursion = _Excursion(np.zeros(0), np.zeros(0))
 
     def update(self, ekf: "EkfSlam", table: "LandmarkTable", scan: Scan, max_range: float) -> None:
-        """Enter or leave a submap for a step; most often that of the last step serves.
+        """Enters or leaves a submap for a step, if the present one does not suffice.
 
         Args:
             ekf: the filter, before the motion.
             table: its landmarks.
             scan: the step.
-            max_range: meters within which landmarks are expected, whatever is observed.
+            max_range: meters within which landmarks are expected.
         """
         if not self._enabled:
             return
@@ -373,7 +376,7 @@ class SubmapChoice:
         self._needed = max(self._needed, max_range)
 
     def _enter(self, ekf: "EkfSlam", scan: Scan, labeled: IntArray, needed: float) -> None:
-        """Enter the submap around the robot for this step and some that may follow."""
+        """Enters the submap around the robot for this step and later ones."""
         ekf.leave()
         f, r = ekf.active, ekf.active.robot_size
         sigma = np.sqrt(np.abs(f.P[range(3, r), range(3, r)]))

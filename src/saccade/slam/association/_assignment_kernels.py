@@ -22,10 +22,10 @@ def best_assignments(
 ) -> None:
     """Depth-first branch and bound over the rows of a scan; fills the best assignments, in order.
 
-    An assignment costs the joint squared Mahalanobis distance of its pairs, plus the logarithm of
-    the determinant of their covariance over that of the noise, plus `new_cost` for each row without
-    a pair: minus twice the logarithm of its likelihood, up to a constant. The distance of a pair
-    given those before it has Huber's loss, as in the filter.
+    The cost of an assignment is minus twice its log-likelihood, up to a constant: the joint squared
+    Mahalanobis distance of its pairs, plus the log ratio of the determinants of their covariance
+    and of the noise, plus `new_cost` for each row without a pair. The distance of each pair, given
+    the pairs before it, has Huber's loss, as in the filter.
 
     Args:
         first: (m + 1,) row i may have the pairs first[i] to first[i + 1].
@@ -86,7 +86,7 @@ def best_assignments(
 
 @kernel()
 def _insert(cost: FloatArray, pair: IntArray, total: float, chosen: IntArray) -> None:
-    """Insert an assignment where its cost belongs, if there is room."""
+    """Inserts an assignment in the order of costs, if there is room."""
     if total >= cost[-1]:
         return
     k = len(cost) - 1
@@ -113,7 +113,7 @@ def _pair_cost(
     noise: FloatArray,
     huber: float,
 ) -> float:
-    """Append pair p of row i to the Cholesky root L of the chosen pairs, at k; returns its cost."""
+    """Appends pair p of row i to the Cholesky root L of the chosen pairs; returns its cost."""
     log_determinant = -noise[p]
     for half in range(2):
         row, n = k + half, 0

@@ -22,9 +22,10 @@ def mahalanobis_distances(
     gate: float,
     distance: FloatArray,
 ) -> None:
-    """Fill squared Mahalanobis distances (m, c), infinite over `gate`.
+    """Fills squared Mahalanobis distances (m, c), infinite over `gate`.
 
-    Of observations z (m, 2) with R (m, 2, 2) from predicted ones, see `expected_observations`.
+    Observations z (m, 2) with R (m, 2, 2) are compared with c predicted observations; see
+    `expected_observations`.
     """
     for i in range(len(z)):
         for j in range(len(expected)):
@@ -57,10 +58,10 @@ def compare_with_landmarks(
     nis: FloatArray,
     looseness: FloatArray,
 ) -> None:
-    """Compare each observation (m,) with a landmark, negative for none.
+    """Compares each of m observations with a landmark (m,), negative for none.
 
-    Fills the normalized innovation squared, and the ratio of predicted variance to noise: the
-    larger one of range and bearing.
+    Fills the normalized innovation squared, and the ratio of predicted variance to noise, the
+    larger of its values for range and bearing.
     """
     which, expected, S = np.zeros(1, np.int64), np.empty((1, 2)), np.empty((1, 2, 2))
     for i in range(len(z)):
@@ -78,7 +79,7 @@ def compare_with_landmarks(
 def prefilter_landmarks(
     f: FilterState, z: FloatArray, R: FloatArray, gate: float, landmark: IntArray
 ) -> int:
-    """Fill in the landmarks that may be inside the gate of an observation; returns their number.
+    """Fills in the landmarks that may be inside the gate of an observation; returns their number.
 
     The standard deviation of a sum is at most the sum of the standard deviations: this bound
     excludes no pair inside the gate, and most others without their covariance.

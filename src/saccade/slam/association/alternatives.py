@@ -59,10 +59,10 @@ class Alternatives:
         """The alternatives, the best one first.
 
         An association has ids of landmarks, `NEW`, and `DROPPED` for an observation that is
-        between the two gates of the nearest landmark. Which of several landmarks at known
-        places an observation is of, and whether it is of a new one beside them, moves the estimate
-        by less than their distance: of those associations there is the best one only. Others move
-        it by as much as it is uncertain.
+        between the two gates of the nearest landmark. Associations that differ only between
+        landmarks at known positions, or new landmarks beside them, move the estimate by less than
+        the distance of these landmarks: only the best of them is returned. Other associations move
+        the estimate by as much as it is uncertain.
 
         Args:
             ekf: the filter, predicted to the pose of the scan.

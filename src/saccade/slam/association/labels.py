@@ -1,7 +1,7 @@
 """Data association by labels that may be wrong, and by geometry without one.
 
-A label is accepted where the observation is inside the gate of its landmark: nearly always. What
-follows from one that is not is rare, and plain NumPy.
+A label is accepted if the observation is inside the gate of its landmark, which is nearly always.
+Rejected labels are rare; they are processed in plain NumPy.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ MIN_AGREEING = 3
 """Minimum number of rejected labels or observations that override the filter if they agree: the
 prior of a wrong pose, in labels."""
 WINDOW = 10
-"""Labeled observations for which a rejected one counts."""
+"""Number of labeled observations for which a rejected label counts."""
 FAR = 100.0
 """Largest normalized innovation squared for a wrong filter to be likelier than swapped labels. The
 gate before a long loop is closed is the same: the heading is too uncertain for a linear one."""
@@ -52,14 +52,14 @@ one degree of freedom."""
 class LabelAssociation:
     """Association by label where there is one, if it agrees with the map; else by geometry.
 
-    A label is rejected if the observation is outside the gate of its landmark. It overrides the
-    filter where several labels agree with one another against it. Where the pose is so uncertain
-    that it closes a loop, two labels of a scan must agree, or one be repeated. Several rejected
-    ones at one position move the label there: the landmark has moved, or its first observation had
-    the wrong label.
+    A label is rejected if the observation is outside the gate of its landmark. Several rejected
+    labels that agree with each other override the filter. Where the pose is so uncertain that a
+    label closes a loop, two labels of a scan must agree, or one must be observed again. Several
+    rejected observations at one position move the label there: the landmark has moved, or its first
+    observation had the wrong label.
 
-    With "known" association every label is accepted. Observations without one are dropped then, and
-    so is a second observation, in one scan, of a landmark that is not in the map yet.
+    With "known" association every label is accepted. Observations without a label are dropped then,
+    and so is a second observation, in one scan, of a landmark that is not in the map yet.
     """
 
     def __init__(self, config: EkfConfig) -> None:
@@ -68,7 +68,7 @@ class LabelAssociation:
             chi_square_gate(2, config.new_gate),
             config.association != "nearest",
         )
-        """Gates of observations without a label, and of those whose label is rejected."""
+        """Gates of observations without a label, and of observations whose label is rejected."""
         self.rejected: BoolArray = np.zeros(0, np.bool_)
         """(m,) whether the label of each observation of the last scan was rejected."""
         self.clock = 0
@@ -76,7 +76,7 @@ class LabelAssociation:
         self.streak = 0
         """Rejected observations since the last accepted one."""
         self.overriding_until = -1
-        """Last time at which one label is enough to override the filter."""
+        """Value of `clock` until a single label may override the filter."""
         self._all_accepted = config.association == "known"
         self._gate = chi_square_gate(2, config.label_gate)
 
@@ -146,7 +146,7 @@ class LabelAssociation:
     ) -> list[int]:
         """(m,) landmarks of the labels that are accepted, `DROPPED`, `UNDECIDED` for all others.
 
-        Labels that contradict the filter and agree with one another are accepted, too.
+        Labels that contradict the filter and agree with each other are accepted, too.
         """
         landmarks, matches = table.landmarks_of(labels), [UNDECIDED] * len(labels)
         known = {i: table.labels[labels[i]] for i in np.flatnonzero(landmarks >= 0).tolist()}  # type: ignore[index]
@@ -208,8 +208,8 @@ class LabelAssociation:
     ) -> None:
         """Associates the other observations, given the landmark that each is near to.
 
-        A first observation of a label is of a new landmark, or of one without a label. A rejected
-        one is not used; after several at one position the label moves there.
+        The first observation of a label is of a new landmark, or of a landmark without a label. A
+        rejected observation is not used; after several at one position the label moves there.
         """
         for i, j in near.items():
             label, matches[i] = labels[i], j if labels[i] is None else DROPPED
@@ -235,7 +235,7 @@ class LabelAssociation:
             matches[i] = j
 
     def _is_repeated(self, record: LabelRecord) -> bool:
-        """Counts an observation that closes a loop by itself; whether there are enough."""
+        """Counts an observation that closes a loop by itself; returns whether they suffice."""
         if self.clock - record.closing_at > WINDOW:
             record.closings = 0
         record.closings += 1
@@ -243,7 +243,7 @@ class LabelAssociation:
         return record.closings >= MIN_AGREEING
 
     def _remember(self, seen: "_Sighting", record: LabelRecord) -> None:
-        """Notes a rejected observation of a label."""
+        """Records a rejected observation of a label."""
         C = seen.covariance + record.covariance
         if record.votes > 0 and normalized_squared(seen.xy - record.xy, C) <= PAIR_GATE:
             record.votes += 1
@@ -263,8 +263,8 @@ class LabelAssociation:
         """Whether a rejected label and others that agree with it override the filter.
 
         Two cases suffice: agreeing labels outnumber both accepted and contradicting ones; or no
-        label was accepted since, and none contradicts. Once labels override the filter, one label
-        is enough until a label is accepted: the filter is corrected step by step.
+        label was accepted since, and none contradicts. Once labels override the filter, a single
+        label suffices until a label is accepted: the filter is corrected step by step.
         """
         if not record.is_established:
             return False
@@ -319,7 +319,7 @@ def _inconsistent(ekf: EkfSlam, seen: dict[int, _Sighting]) -> set[int]:
 
 
 def _move(table: LandmarkTable, record: LabelRecord, j: int) -> None:
-    """Gives a label to landmark j; its former landmark is removed if few observations made it."""
+    """Gives a label to landmark j; its former landmark is removed if it has few observations."""
     old, record.landmark = record.landmark, j
     if old >= 0:
         table.has_unlabeled = True
@@ -329,7 +329,7 @@ def _move(table: LandmarkTable, record: LabelRecord, j: int) -> None:
 
 
 def _is_duplicate(ekf: EkfSlam, table: LandmarkTable, seen: _Sighting) -> bool:
-    """Whether a landmark with a better known label is at the position of a sighting's landmark.
+    """Whether a landmark with an established label is at the position of a sighting's landmark.
 
     The first observation of the sighting's label was wrong then.
     """
