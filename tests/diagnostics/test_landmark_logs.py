@@ -84,13 +84,13 @@ def lose_steps(log):
 DEGREES = 180 / np.pi
 WRONG = {
     "degrees": (lambda log: scaled(log, (1, 1, DEGREES), (1, DEGREES)), "refused"),
-    "millimetres": (lambda log: scaled(log, observation=(1000, 1)), "millimetres"),
+    "millimeters": (lambda log: scaled(log, observation=(1000, 1)), "millimeters"),
     "sign": (lambda log: scaled(log, observation=(1, -1)), "mirrored bearings"),
     "order": (drive_before_turn, "motion order"),
     "sigmas x 30": (lambda log: scaled(log, sigma=30), "noise"),
     "sigmas / 30": (lambda log: scaled(log, sigma=1 / 30), "noise"),
-    "renamed": (rename, "names change"),
-    "shared": (share, "shared name"),
+    "renamed": (rename, "labels change"),
+    "shared": (share, "shared label"),
     "clock": (delay, "clock offset"),
     "frame": (turn_sensor, "turned sensor"),
     "lost steps": (lose_steps, "lost steps"),

@@ -1,4 +1,4 @@
-"""Diagnostics: finds errors of a camera drive or of a landmark log, and of a run over it."""
+"""Diagnostics of camera drives, landmark logs and SLAM runs."""
 
 from saccade.diagnostics.checks import check_drive
 from saccade.diagnostics.findings import CheckReport, Finding

@@ -35,21 +35,21 @@ from saccade.frames import Camera, Drive
 from saccade.visual.odometry_model import SLIP_PER_ACCELERATION
 
 MIN_DISPARITIES = 200
-"""Minimum number of disparities for a judgment of the rectification."""
+"""Minimum number of disparities for a check of the rectification."""
 MAX_NEGATIVE = 0.05
-"""Largest fraction of negative disparities that wrong matches explain."""
+"""Maximum fraction of negative disparities that wrong matches can explain."""
 MAX_ROW_OFFSET = 1.0
-"""Tolerated distance in pixels between the rows of a point in both images."""
+"""Maximum difference in pixels between the rows of a point in both images."""
 MAX_ANGLE = np.deg2rad(3.0)
-"""Largest error of yaw and pitch that is tolerated, in radians."""
+"""Maximum error of yaw and pitch, in radians."""
 GROSS_ANGLE = np.deg2rad(30.0)
-"""Angle in radians above which axes must have been exchanged."""
+"""Minimum angle in radians for exchanged axes."""
 MAX_OFFSET = 0.15
-"""Tolerated error of the position ahead in meters: a robot's center of rotation varies."""
+"""Maximum error of the forward position in meters; a robot's center of rotation varies."""
 MAX_RELATIVE_OFFSET = 0.6
-"""Tolerated error of the position ahead, as a fraction of it."""
+"""Maximum relative error of the forward position."""
 SLIP_SIGMAS = 3.0
-"""Tolerated side-slip in turns in standard deviations: it moves the camera like another
+"""Maximum side-slip in turns, in standard deviations; it has the same effect as a camera at another
 position."""
 
 
@@ -62,11 +62,11 @@ def check_intrinsics(camera: Camera) -> Iterator[Finding]:
     field_of_view = float(2 * np.rad2deg(np.arctan(camera.width / 2 / camera.fx)))
     if offset > 15:
         what = f"the principal point is {offset:.0f} % of the image away from its center"
-        advice = "Check whether the calibration is for images of another size or crop"
+        advice = "Check whether the calibration is for images of a different size or crop"
         yield Finding("warning", "principal point", what, advice, offset, "%")
     if not 20 < field_of_view < 140:
         what = f"the focal length gives a field of view of {field_of_view:.0f} deg"
-        advice = "Check whether the calibration is for images of another size"
+        advice = "Check whether the calibration is for images of a different size"
         yield Finding("warning", "field of view", what, advice, field_of_view, "deg")
     if abs(camera.fx / camera.fy - 1) > 0.1:
         what = f"the focal lengths in x and y differ: {camera.fx:.0f} and {camera.fy:.0f} px"
@@ -75,7 +75,7 @@ def check_intrinsics(camera: Camera) -> Iterator[Finding]:
 
 
 def check_rectification(survey: Survey) -> Iterator[Finding]:
-    """Whether the left and right images are swapped, and their rows aligned."""
+    """Checks for swapped left and right images, and for misaligned rows."""
     if len(survey.disparity) < MIN_DISPARITIES:
         return
     negative = float(np.mean(survey.disparity < -1.0))
@@ -89,7 +89,7 @@ def check_rectification(survey: Survey) -> Iterator[Finding]:
         advice = (
             "Swap the left and the right images"
             if swapped
-            else "Check the rectification, and whether both images are of the same time"
+            else "Check the rectification, and whether both images are synchronous"
         )
         yield Finding(severity, "disparity sign", what, advice, 100 * negative, "%")
     rows = survey.row_offset[np.isfinite(survey.row_offset)]
@@ -101,7 +101,7 @@ def check_rectification(survey: Survey) -> Iterator[Finding]:
 
 
 def check_rotation(moving: MotionSeries) -> Iterator[Finding]:
-    """Gross errors of the camera's rotation: axes exchanged or reversed."""
+    """Checks for exchanged or reversed axes of the camera."""
     moving = moving[np.linalg.norm(moving.translation, axis=1) > 0]
     if len(moving) < MIN_STEPS:
         return
@@ -110,7 +110,7 @@ def check_rotation(moving: MotionSeries) -> Iterator[Finding]:
     direction = np.median(sign * moving.translation / length, 0)
     direction /= max(float(np.linalg.norm(direction)), 1e-12)
     angle = float(np.arccos(np.clip(direction[0], -1, 1)))
-    if GROSS_ANGLE < angle < np.pi - GROSS_ANGLE:  # backward is `check_direction`'s
+    if GROSS_ANGLE < angle < np.pi - GROSS_ANGLE:  # `check_direction` reports backward motion
         vector = ", ".join(f"{each:.2f}" for each in direction)
         what = (
             f"when the robot moves ahead, the camera moves {np.rad2deg(angle):.0f} deg away from "
@@ -124,7 +124,7 @@ def check_rotation(moving: MotionSeries) -> Iterator[Finding]:
 
 
 def check_extrinsics(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
-    """Small errors of yaw and pitch, and of the position ahead of the center of rotation."""
+    """Checks yaw and pitch, and the position ahead of the center of rotation, for small errors."""
     ahead, left, up = moving.translation.T
     left, turn = left - moving.odometry[:, 1], moving.rotation[:, 2]
     for check, A, offset, sides in (
@@ -139,7 +139,7 @@ def check_extrinsics(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
             advice = f"Turn camera.rotation {side} by this angle"
             yield Finding("warning", check, what, advice, angle, "deg")
     speed = moving.odometry[:, 0] / moving.duration
-    turning = np.abs(turn) > TURNING * moving.duration  # elsewhere their errors are correlated
+    turning = np.abs(turn) > TURNING * moving.duration  # outside turns the errors are correlated
     if turning.sum() < MIN_STEPS:
         return
     fitted, position = fit(np.stack([turn, ahead], 1), left), float(camera.position[0])
@@ -163,19 +163,19 @@ ORDER = ("error", "warning", "note")
 def check_drive(
     drive: Drive, frames: int = 300, progress: Callable[[int, int], None] | None = None
 ) -> CheckReport:
-    """Check a drive for errors before it is mapped.
+    """Checks a drive for errors before mapping.
 
     Args:
         drive: the drive.
-        frames: number of images to inspect, at least 40; of a longer drive, spread over it.
-        progress: called with the number of frames inspected, and of all.
+        frames: number of images to inspect, at least 40, evenly spaced over the drive.
+        progress: function of the number of frames inspected and the total.
 
     Returns:
         The findings, the most severe first.
 
     Raises:
         ConfigError: too few frames to inspect.
-        DriveError: the drive has fewer than two frames, so that nothing moves in it.
+        DriveError: the drive has fewer than two frames.
     """
     require(frames >= 40, "frames", "at least 40", frames)
     if len(drive.control) == 0:
@@ -184,8 +184,8 @@ def check_drive(
 
 
 def report_on(drive: Drive, survey: Survey) -> CheckReport:
-    """Check a drive that was surveyed."""
-    if drive.scale != "metric":  # its controls are an assumption, no odometry
+    """Checks a drive, given its survey."""
+    if drive.scale != "metric":  # the controls are an assumption, not odometry
         drive = replace(drive, control=0 * drive.control)
     control = drive.control
     series, lag = series_of(drive, survey, control), lag_of(drive, survey, control)
@@ -202,7 +202,7 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
     if not extrinsics and all(finding.severity != "error" for finding in odometry):
         findings += check_truth(drive, survey, agree)
     if not drive.control[:, :2].any():
-        what = "there are no translations by odometry to compare the images with"
+        what = "odometry has no translations to compare with the images"
         advice = "Provide odometry.csv if odometry was recorded"
         findings.append(Finding("note", "no odometry", what, advice, 0.0, "steps"))
     findings.sort(key=lambda finding: ORDER.index(finding.severity))
@@ -213,7 +213,7 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
 def _motion_findings(
     drive: Drive, series: MotionSeries, lag: Lag | None
 ) -> tuple[list[Finding], list[Finding]]:
-    """Findings on odometry and on extrinsics, without those that follow from others."""
+    """Findings on odometry and on extrinsics, without consequences of other findings."""
     if not drive.control.any():
         return [], []
     odometry, moving = [*check_jumps(drive), *check_turns(series, lag)], series.moving

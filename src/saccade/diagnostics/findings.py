@@ -6,9 +6,9 @@ from typing import Any, Literal, TypeAlias
 from saccade.types import IntArray
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
-"""An "error" makes a map unusable; a "warning" makes it worse; a "note" does no harm."""
+"""An "error" makes the map unusable, a "warning" degrades it, a "note" is harmless."""
 MAX_LISTED = 6
-"""Frame numbers that are listed in a message; the others are counted."""
+"""Maximum number of frame numbers listed in a message."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Finding:
     unit: str
     """Unit of the value."""
     frames: tuple[int, ...] = ()
-    """Frames that have it; empty where it concerns the whole drive."""
+    """Affected frames; empty if the defect concerns the whole drive."""
 
     @classmethod
     def in_frames(
         cls, severity: Severity, check: str, what: str, advice: str, frames: IntArray
     ) -> "Finding":
-        """A defect of single frames; its value is their number."""
+        """A defect of single frames; its value is the number of frames."""
         numbers = tuple(frames.tolist())
         return cls(severity, check, what, advice, float(len(numbers)), "frames", numbers)
 
@@ -55,9 +55,9 @@ class CheckReport:
     inspected: int
     """Number of frames inspected."""
     findings: tuple[Finding, ...]
-    """The most severe first."""
+    """Findings, most severe first."""
     figures: dict[str, Any]
-    """Measurements by name, which ends with the unit."""
+    """Measurements by name; the suffix of a name is the unit."""
 
     @property
     def clean(self) -> bool:

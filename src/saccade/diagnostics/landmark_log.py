@@ -1,8 +1,8 @@
-"""Checks of a landmark log: which other reading of its numbers explains it better.
+"""Checks of the conventions of a landmark log: units, signs, axes, order and clock.
 
-Sightings of a landmark a short while apart are compared through odometry. Where another unit, sign,
-axis, order or clock predicts the later ones much better than the numbers as they are, it is named.
-No filter is run: gates and wrong associations have no part in it.
+Repeated observations of a landmark within a short time are compared through odometry. If another
+unit, sign, axis, order or clock predicts the later observations much better, it is reported. No
+filter is run, so that gates and wrong associations have no influence.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,31 +35,31 @@ from saccade.slam.consistency import normalized_squared
 from saccade.types import BoolArray, FloatArray, LandmarkLog
 
 MAX_BEARING = 2 * np.pi
-"""Largest bearing in radians; a difference of two angles in (-pi, pi] is not larger."""
+"""Maximum bearing in radians, reached by the difference of two angles in (-pi, pi]."""
 FAR = 1000.0
-"""Median range in meters that is hardly one of a robot's sensor."""
+"""Maximum plausible median range of a robot's sensor, in meters."""
 MIN_GAIN = 0.5
-"""Nats per pair by which another reading must be better, unless it has a minimum of its own."""
+"""Minimum gain of an alternative in nats per pair, unless it has its own minimum."""
 MIN_WINS = 0.7
-"""Fraction of tenths of the log in which another reading must be better."""
+"""Minimum fraction of tenths of the log in which an alternative must be better."""
 SIMILAR_GAIN = 0.8
 """Minimum ratio of two gains for an ambiguous cause: motion order or mounting of the sensor."""
 NOISE_FACTORS = (1 / 12, 1.5)
-"""Smallest and largest factor on the standard deviations that is accepted."""
+"""Minimum and maximum factor of the standard deviations without a finding."""
 MIN_NOISE_GAIN = 0.15
-"""Nats per pair by which a factor outside `NOISE_FACTORS` must be better."""
+"""Minimum gain of a factor outside `NOISE_FACTORS`, in nats per pair."""
 MIN_REPEATED = 10
-"""Minimum number of poses with a label twice for the label to be called shared."""
+"""Minimum number of poses that observe a label twice for the label to count as shared."""
 MIN_SEPARATION = 3.0
 """Minimum distance of two observations with the same label, in standard deviations."""
 MAX_GAP = 20.0
-"""Largest duration of a step, over the duration that 99 % of the steps are within."""
+"""Maximum duration of a step, relative to the 99th percentile of durations."""
 DEGREE, MILLIMETER = np.pi / 180, 1e-3
 AHEAD = "Bearings are 0 straight ahead and positive to the left: "
 
 
 class Rival(NamedTuple):
-    """Another reading of a log."""
+    """An alternative convention for the numbers of a log."""
 
     check: str
     what: str
@@ -71,28 +71,28 @@ class Rival(NamedTuple):
 def shared_name_finding(
     log: LandmarkLog, numbers: Sequence[int], distance: float, when: str
 ) -> Finding:
-    """Finding of names that several landmarks share; `numbers` in descending order of evidence."""
+    """Finding on labels shared by several landmarks; `numbers` in descending order of evidence."""
     names = [str(name) for name in name_texts(np.array(numbers), log.text_names)]
-    what = f"several landmarks share the name {names[0]}: it is observed {when} at places "
+    what = f"several landmarks share the label {names[0]}: it is observed {when} at positions "
     what += f"{distance:.1f} m apart"
     if len(names) > 1:
         others = ", ".join(names[1:7])
         what += f" (so {counted(len(names) - 1, 'is', 'are')}: {others})"
-    advice = "Give each landmark a name of its own, or leave the name empty where it is unsure"
-    return Finding("error", "shared name", what, advice, distance, "m")
+    advice = "Give each landmark a unique label, or leave uncertain labels empty"
+    return Finding("error", "shared label", what, advice, distance, "m")
 
 
 def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
-    """Check the units, signs, axes, order, clock and noise of a log, before it is mapped.
+    """Checks the units, signs, axes, order, clock and noise of a log before mapping.
 
     Args:
         log: the log.
 
     Returns:
-        Findings, the likeliest cause first; none for a log without observations to compare.
+        Findings, the most likely cause first; empty if the log has no observations to compare.
 
     Raises:
-        LogError: bearings that are no angles in radians.
+        LogError: the bearings are not in radians.
     """
     bearing = np.abs(log.observation[:, 1])
     if (bearing > MAX_BEARING).any():
@@ -111,22 +111,22 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
     findings = [*_check_readings(log, readings, sensor), *_check_gap(log)]
     findings += _check_repeated_names(log, control)
     median = float(np.median(log.observation[:, 0])) if whole.any() else 0.0
-    if median > FAR and not any("millimetres" in finding.check for finding in findings):
-        what = f"half of the ranges are over {median:.0f} m, which is far for a sensor"
-        advice = "If ranges and odometry are in millimetres, divide both by 1000"
-        findings.append(Finding("warning", "millimetres", what, advice, median, "m"))
+    if median > FAR and not any("millimeters" in finding.check for finding in findings):
+        what = f"half of the ranges exceed {median:.0f} m, which is far for a sensor"
+        advice = "If ranges and odometry are in millimeters, divide both by 1000"
+        findings.append(Finding("warning", "millimeters", what, advice, median, "m"))
     return tuple(findings)
 
 
 def _observations_of(log: LandmarkLog, kept: BoolArray) -> LandmarkLog:
-    """The log with the observations that are `kept` (k,)."""
+    """The log restricted to the observations `kept` (k,)."""
     names = ("observation_pose", "observation", "observation_covariance", "landmark")
     columns: dict[str, Any] = {name: getattr(log, name)[kept] for name in names}
     return log if kept.all() else replace(log, **columns)
 
 
 def _check_gap(log: LandmarkLog) -> Iterator[Finding]:
-    """A long step, in which odometry was lost."""
+    """Checks for a long step, in which odometry was lost."""
     duration = np.diff(log.time)
     if len(duration) < MIN_PAIRS:
         return
@@ -135,14 +135,14 @@ def _check_gap(log: LandmarkLog) -> Iterator[Finding]:
         start, end = log.time[longest : longest + 2] - log.time[0]
         what = (
             f"steps are lost: there is no pose from {start:.1f} to {end:.1f} s after the first, "
-            "and odometry of one step at its end"
+            "and only one step of odometry covers this time"
         )
-        advice = "Record odometry without gaps, or map the parts one by one"
+        advice = "Record odometry without gaps, or map the parts separately"
         yield Finding("warning", "lost steps", what, advice, float(duration[longest]), "s")
 
 
 def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Finding]:
-    """Names that a pose has twice, at places farther apart than noise and its step explain."""
+    """Labels that a pose observes twice, farther apart than noise and motion explain."""
     order = np.lexsort((log.observation_pose, log.landmark))
     a, b = order[:-1], order[1:]
     twice = (log.landmark[a] >= 0) & (log.landmark[a] == log.landmark[b])
@@ -167,7 +167,7 @@ def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Fin
 def _check_readings(
     log: LandmarkLog, readings: Readings, sensor: tuple[float, float, float]
 ) -> Iterator[Finding]:
-    """The rival reading that explains the log best, if any, and the factor of its noise."""
+    """Yields the best alternative convention, if any, and a wrong scale of the noise."""
     a, b = pairs(log)
     if len(a) < MIN_PAIRS:
         return
@@ -196,15 +196,15 @@ def _check_readings(
 
 
 def _likeliest(found: dict[str, tuple[float, Rival]], mounted: float, where: str) -> Finding:
-    """The finding of the rival reading with the greatest gain.
+    """The finding for the alternative with the greatest gain.
 
-    The wrong order of turn and translation is like a sensor ahead of or behind the origin by the
-    length of a step, and is an error only if no mounting of the sensor explains the log as well.
+    A wrong order of turn and translation resembles a sensor displaced along the heading by the
+    length of a step. It is an error only if no mounting of the sensor explains the log as well.
 
     Args:
-        found: gain in nats and reading by the name of the check.
-        mounted: gain of the likeliest mounting of the sensor.
-        where: that mounting, in words.
+        found: gain in nats and alternative, by name of the check.
+        mounted: gain of the most likely sensor mounting.
+        where: description of that mounting.
     """
     size, best = max(found.values(), key=lambda each: each[0])
     if best.check == "sensor mounting" and "motion order" in found:
@@ -219,7 +219,7 @@ def _likeliest(found: dict[str, tuple[float, Rival]], mounted: float, where: str
 def _mounting_rival(
     log: Readings, mounting: Mounting, sensor: tuple[float, float, float]
 ) -> Iterator[Rival]:
-    """The sensor elsewhere on the robot, or turned, if that is significant."""
+    """Yields a different mounting of the sensor, if significant."""
     if mounting.is_significant:
         x, y, yaw = mounting.after(sensor)
         advice = f"Give its pose, --sensor {x:.2f},{y:.2f},{yaw:.3f} or `LandmarkLog.sensor`"
@@ -228,7 +228,7 @@ def _mounting_rival(
 
 
 def _mounted_at(mounting: Mounting, sensor: tuple[float, float, float]) -> str:
-    """A pose of the sensor, in words."""
+    """Describes a mounting of the sensor."""
     x, y, yaw = mounting.after(sensor)
     sigma = mounting.sigma
     return (
@@ -239,17 +239,17 @@ def _mounted_at(mounting: Mounting, sensor: tuple[float, float, float]) -> str:
 
 
 def _rivals(log: Readings) -> Iterator[Rival]:
-    """Other readings, each with its meaning."""
+    """Yields alternative conventions with their descriptions."""
     mm, (distance, bearing) = MILLIMETER, log.observation.T
     what, advice = "turns of odometry are in degrees", "Multiply them by pi / 180"
     yield Rival("degrees", what, advice, log.scaled((1, 1, DEGREE), (1, 1)))
     for readings in (log.scaled((1, 1, 1), (mm, 1)), log.observing(mm * distance, bearing)):
-        yield Rival("millimetres", "ranges are in millimetres", "Divide them by 1000", readings)
+        yield Rival("millimeters", "ranges are in millimeters", "Divide them by 1000", readings)
     what, readings = (
-        "odometry is in millimetres and ranges are not",
+        "odometry is in millimeters and ranges are not",
         log.scaled((mm, mm, 1), (1, 1)),
     )
-    yield Rival("odometry in millimetres", what, "Divide its distances by 1000", readings)
+    yield Rival("odometry in millimeters", what, "Divide its distances by 1000", readings)
     what, readings = "bearings and turns have opposite signs", log.scaled((1, 1, 1), (1, -1))
     advice = "Both are positive to the left (counter-clockwise): change the sign of the bearings"
     yield Rival("mirrored bearings", what, advice, readings)
@@ -264,7 +264,7 @@ def _rivals(log: Readings) -> Iterator[Rival]:
     what = "turn and translation of a step are in the wrong order"
     advice = (
         "The columns distance, turn turn first and then drive; forward, left are in the frame "
-        "of the last pose, before the turn"
+        "of the previous pose, before the turn"
     )
     for turns in (-1.0, 1.0):
         xy = rotated(log.control[:, :2], turns * log.control[:, 2])
@@ -276,10 +276,10 @@ def _rivals(log: Readings) -> Iterator[Rival]:
     advice = "Subtract the heading of the robot"
     yield Rival("absolute bearings", what, advice, readings, min_gain=1.0)
     what = (
-        "steps are lost with their odometry: where the time has gaps the robot moves farther than "
-        "odometry does"
+        "steps are lost with their odometry: across gaps in time the robot moves farther than "
+        "odometry indicates"
     )
-    advice = "Keep every step of odometry, or sum those between two poses"
+    advice = "Keep every step of odometry, or sum the steps between two poses"
     yield Rival("lost steps", what, advice, _filled(log), min_gain=0.08)
     spacing = max(0.5, float(np.median(np.diff(log.time))))
     for delay in np.outer(spacing * np.arange(1, 11), (1, -1)).ravel():
@@ -291,7 +291,7 @@ def _rivals(log: Readings) -> Iterator[Rival]:
 
 
 def _filled(log: Readings) -> Readings:
-    """Controls that are short of the speed around them, made as long as the step takes."""
+    """Log with short controls extended to the neighboring speed times the step's duration."""
     duration = np.diff(log.time)
     rate = log.control / np.maximum(duration, 1e-9)[:, None]
     around = np.pad(rate, ((3, 3), (0, 0)), mode="edge")

@@ -1,4 +1,4 @@
-"""Pairs of observations of a landmark a short while apart, and how well odometry connects them."""
+"""Pairs of observations of a landmark within a short time, compared through odometry."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -13,18 +13,18 @@ MIN_PAIRS = 30
 MAX_PAIRS = 2000
 """Approximate maximum number of pairs at one lag."""
 MIN_MOTION = 0.08
-"""Smallest relative movement of a landmark between the observations of a pair."""
+"""Minimum relative movement of a landmark between the observations of a pair."""
 MAX_MOTION = 0.45
-"""Largest median relative movement of the landmarks at a lag."""
+"""Maximum median relative movement of the landmarks at a lag."""
 FACTORS: FloatArray = np.exp2(np.arange(-7.0, 8.0))
-"""Factors on the standard deviations among which the best is taken."""
+"""Candidate factors of the standard deviations."""
 SINGULAR = 1e-8
-"""Variance added to an observation, over its squared range: exact ones have none."""
+"""Variance added to observations, relative to the squared range, since exact ones have none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """The numbers of a log, as they are or as another convention reads them."""
+    """The numbers of a log under a given convention."""
 
     control: FloatArray
     """(t, 3) forward, left, turn."""
@@ -35,12 +35,12 @@ class Readings:
     observation_covariance: FloatArray
     """(k, 2, 2)."""
     time: FloatArray
-    """(t + 1,) of the poses."""
+    """(t + 1,) times of the poses."""
     observed: FloatArray
     """(k,) time of each observation."""
 
     def scaled(self, control: tuple[float, ...], observation: tuple[float, ...]) -> "Readings":
-        """Other units, of the standard deviations too."""
+        """The log in other units, including the standard deviations."""
         u, z = np.array(control), np.array(observation)
         return replace(
             self,
@@ -51,14 +51,14 @@ class Readings:
         )
 
     def observing(self, distance: FloatArray, bearing: FloatArray) -> "Readings":
-        """Other ranges (k,) and bearings (k,), of the same covariances."""
+        """The log with other ranges (k,) and bearings (k,), and the same covariances."""
         return replace(self, observation=np.stack([distance, bearing], 1))
 
 
 def pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
-    """Earlier (m,) and later (m,) observations of a landmark, a short while apart.
+    """Earlier (m,) and later (m,) observations of a landmark within a short time.
 
-    Lags double, from the shortest in which landmarks move noticeably; at most three are used.
+    Lags double, starting with the shortest lag of noticeable movement; at most three are used.
     """
     none = np.empty(0, np.int64)
     time, xy = log.time[log.observation_pose], to_points(log.observation)
@@ -85,8 +85,8 @@ def pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
         if np.median(movement) > MAX_MOTION and found:
             break
         if np.median(movement) < MIN_MOTION:
-            found.clear()  # a longer lag says more
-        moved = movement > MIN_MOTION  # the others fit every reading
+            found.clear()  # a longer lag is more informative
+        moved = movement > MIN_MOTION  # pairs without movement fit every convention
         found.append((a[moved], b[moved]))
     if not found:
         return none, none
@@ -94,9 +94,10 @@ def pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
 
 
 def _tracks(log: LandmarkLog, xy: FloatArray) -> IntArray:
-    """(k,) the same number for observations of the same landmark: its name.
+    """(k,) landmark number of each observation: the label.
 
-    Without names, mutual nearest neighbors in consecutive scans, where no other is near.
+    Without labels, observations are linked to isolated mutual nearest neighbors in consecutive
+    scans.
     """
     number = np.arange(len(xy))
     if (log.landmark >= 0).any():
@@ -116,7 +117,7 @@ def _tracks(log: LandmarkLog, xy: FloatArray) -> IntArray:
 
 
 def residuals(log: Readings, a: IntArray, b: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Later observations (m, 2) minus those predicted; covariances of sensor and odometry."""
+    """Residuals (m, 2) of the later observations, with covariances due to sensor and odometry."""
     U, path = log.control_covariance, path_of(log.control)
     along = rotations(path[:-1, 2])
     grown = np.zeros((len(log.time), 5))
@@ -134,7 +135,7 @@ def residuals(log: Readings, a: IntArray, b: IntArray) -> tuple[FloatArray, Floa
     sensor = C[b] + T @ C[a] @ T.transpose(0, 2, 1) + floor[:, :, None] * np.eye(2)
     change = y[:, 3:] - x[:, 3:]
     odometry = W @ change[:, :4].reshape(-1, 2, 2) @ W.transpose(0, 2, 1)
-    middle = (carried + xy[b]) / 2  # where a turn in the middle of the way sees the landmark
+    middle = (carried + xy[b]) / 2  # landmark position seen from the middle of the motion
     lever = np.stack([-middle[:, 1], middle[:, 0]], 1)
     odometry += change[:, 4, None, None] * lever[:, :, None] * lever[:, None, :]
     return residual, sensor, odometry
@@ -143,14 +144,14 @@ def residuals(log: Readings, a: IntArray, b: IntArray) -> tuple[FloatArray, Floa
 def gains(
     log: Readings, a: IntArray, b: IntArray, noise: FloatArray = FACTORS
 ) -> tuple[FloatArray, tuple[float, float]]:
-    """Log-likelihood ratio (m,) of each pair and a guess, at the likeliest factor of the noise.
+    """Log-likelihood ratio (m,) of each pair to a guess, at the most likely noise factor.
 
-    Sensor and odometry are diagonalized together, so that each factor costs a sum. A gain is at
-    least 0, since any pair may be an outlier.
+    Sensor and odometry are diagonalized together, so that each factor costs only a sum. A gain is
+    at least 0, since any pair may be an outlier.
 
     Returns:
-        The gains, and the factors on the standard deviations of sensor and odometry: one for both,
-        or 1 for odometry.
+        The gains, and the factors of the standard deviations of sensor and odometry: a common
+            factor, or 1 for odometry.
     """
     residual, sensor, odometry = residuals(log, a, b)
     whitening = np.linalg.inv(np.linalg.cholesky(sensor))

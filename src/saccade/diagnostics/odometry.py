@@ -1,4 +1,4 @@
-"""Checks of odometry and of ground truth against the motion of the camera."""
+"""Checks of odometry and ground truth against the camera's motion."""
 
 from collections.abc import Iterator
 
@@ -19,26 +19,27 @@ from saccade.frames import Drive
 from saccade.plane import steps_between
 
 MIN_TURN_RATE = 0.01
-"""Standard deviation of the turn rate in rad/s from which turns are compared."""
+"""Minimum standard deviation of the turn rate, in rad/s, for a comparison of turns."""
 MIN_CORRELATION = 0.3
-"""Correlation of turns from which images and odometry are taken to be of the same drive."""
+"""Minimum correlation of turns for images and odometry of the same drive."""
 MAX_SCALE_ERROR = 0.1
-"""Relative error allowed in the scale of odometry."""
+"""Maximum relative error of the scale of odometry."""
 MAX_TURN_BIAS = 2.0
-"""Turn rate bias in degrees per second that is usual of a gyroscope."""
-STANDSTILL, MAX_SLIP = 0.1, 0.25
-"""Translation of the camera over that of odometry below which the camera stands still, and the
-fraction of the steps in which it may."""
+"""Maximum usual bias of a gyroscope, in degrees per second."""
+STANDSTILL = 0.1
+"""Maximum translation of a stationary camera, relative to odometry."""
+MAX_SLIP = 0.25
+"""Maximum fraction of steps with a stationary camera while odometry moves."""
 MAX_NOISE_RATIO = 2.0
-"""Standard deviation of the errors of odometry over that of its covariance."""
+"""Maximum ratio of the observed to the stated standard deviation of odometry errors."""
 TURNING = 0.1
-"""Turn rate in rad/s above which a step belongs to a turn."""
+"""Minimum turn rate of a step in a turn, in rad/s."""
 JUMP_RATIO = 10.0
-"""Change of speed, over its standard deviation, that is a jump."""
+"""Minimum change of speed of a jump, in standard deviations."""
 
 
 def check_turns(series: MotionSeries, lag: Lag | None) -> Iterator[Finding]:
-    """Sign, clock, scale, bias and noise of the turns; none that follows from an earlier one."""
+    """Checks sign, clock, scale, bias and noise of the turns; stops at the first root cause."""
     if lag is None or not _turns(series):
         return
     if wrong := [*_check_correlation(series, lag, "odometry", ("turn", "turn sign", "clock lag"))]:
@@ -62,7 +63,7 @@ def check_turns(series: MotionSeries, lag: Lag | None) -> Iterator[Finding]:
 
 
 def _turns(series: MotionSeries) -> bool:
-    """Whether there are steps enough, and turns in them."""
+    """Whether there are enough steps with turns."""
     return len(series) >= MIN_STEPS and bool(
         np.std(series.rotation[:, 2] / series.duration) >= MIN_TURN_RATE
     )
@@ -71,13 +72,13 @@ def _turns(series: MotionSeries) -> bool:
 def _check_correlation(
     series: MotionSeries, lag: Lag, source: str, names: tuple[str, str, str]
 ) -> Iterator[Finding]:
-    """Whether turns of odometry, or of the truth, are those of the images, at the same times.
+    """Checks that turns of odometry, or of ground truth, match the images in sign and time.
 
-    `names` are those of the findings: unrelated turns, opposite ones, another clock.
+    `names` are the names of the findings for unrelated turns, opposite turns and a clock offset.
     """
     if lag.correlation < MIN_CORRELATION:
         name, relation = names[0], "unrelated"
-        advice = "Check camera.rotation, the axes, and whether both are of the same drive"
+        advice = "Check camera.rotation, the axes, and whether both belong to the same drive"
         if lag.correlation < -MIN_CORRELATION:
             name, relation = names[1], "opposite"
             advice = (
@@ -108,7 +109,7 @@ def _scale_finding(name: str, moves: str, fitted: Fit, other: str, advice: str) 
 def _check_noise(
     series: MotionSeries, fitted: Fit | None, column: int, name: str, unit: str
 ) -> Iterator[Finding]:
-    """Whether the errors of a column of odometry are as large as its covariance says."""
+    """Checks the errors of a column of odometry against its covariance."""
     sigma = np.sqrt(np.median(series.covariance[:, column, column]))
     if fitted is not None and fitted.sigma > MAX_NOISE_RATIO * sigma:
         what = (
@@ -122,15 +123,13 @@ def _check_noise(
 
 
 def check_direction(moving: MotionSeries) -> Iterator[Finding]:
-    """Whether the camera moves when odometry does, and in the same direction."""
+    """Checks that the camera moves with odometry, and in the same direction."""
     camera, odometry = moving.translation, moving.odometry[:, 0]
     still = 100 * float(np.mean(np.linalg.norm(camera, axis=1) < STANDSTILL * np.abs(odometry)))
     same_sign = float(np.mean(np.sign(camera[:, 0]) == np.sign(odometry)))
     if still > 100 * MAX_SLIP:
         what = f"the images stand still in {still:.0f} % of the steps in which odometry moves"
-        advice = (
-            "Check whether the camera is frozen, the wheels slip, or the frames are of another time"
-        )
+        advice = "Check for frozen images, slipping wheels, or frames from a different time"
         yield Finding("warning", "standstill", what, advice, still, "%")
     elif same_sign < 0.25:
         what = f"the images move opposite to odometry in {100 * (1 - same_sign):.0f} % of the steps"
@@ -142,7 +141,7 @@ def check_direction(moving: MotionSeries) -> Iterator[Finding]:
 
 
 def check_translations(series: MotionSeries) -> Iterator[Finding]:
-    """Noise and scale of the forward translation, where the images measure it."""
+    """Checks noise and scale of the forward translation, if the images measure it."""
     if not series.metric.any():
         return
     with_bias = np.stack([series.translation[:, 0], series.duration], 1)
@@ -159,7 +158,7 @@ def check_translations(series: MotionSeries) -> Iterator[Finding]:
 
 
 def check_jumps(drive: Drive) -> Iterator[Finding]:
-    """Steps in which odometry is much faster than right before and after."""
+    """Checks for steps in which odometry is much faster than just before and after."""
     duration = np.diff(drive.time)
     if len(duration) < MIN_STEPS:
         return
@@ -183,13 +182,13 @@ def check_jumps(drive: Drive) -> Iterator[Finding]:
 
 
 MAX_LENGTH_ERROR = 0.05
-"""Relative difference allowed between the lengths of the images and of the truth."""
+"""Maximum relative difference between the lengths from the images and from ground truth."""
 
 
 def check_truth(drive: Drive, survey: Survey, agree: bool) -> Iterator[Finding]:
-    """Turns, clock and lengths of the truth against the images.
+    """Checks turns, clock and lengths of the ground truth against the images.
 
-    Where images and odometry do not `agree`, only the lengths: turns would repeat the fault.
+    If images and odometry disagree, only lengths are checked; turns would repeat the finding.
     """
     if drive.truth is None:
         return
@@ -205,7 +204,7 @@ def check_truth(drive: Drive, survey: Survey, agree: bool) -> Iterator[Finding]:
     moving = series.moving
     if not series.metric.any() or len(moving) < MIN_STEPS:
         return
-    fitted = fit(moving.odometry[:, :1], moving.translation[:, 0])  # sideways, turns move it
+    fitted = fit(moving.odometry[:, :1], moving.translation[:, 0])  # turns move it sideways
     if fitted is not None and fitted.differs(0, 1.0, MAX_LENGTH_ERROR):
         advice = (
             "Check the baseline or the unit of depth, the focal length, camera.rotation, and the "

@@ -16,11 +16,11 @@ from saccade.visual.optical_flow import MIN_CONTRAST
 
 
 def drop_repeated(drive: Drive) -> Drive:
-    """The drive without images and tracks that repeat the frame before while odometry moves.
+    """The drive without repeated images and tracks, while odometry moves.
 
-    Odometry bridges the frames. Of tracks the repeated observations are removed, and every track
-    begins anew, since it may continue at another point; this reads all frames. A repeated image
-    raises `ImageError` when it is read, as an unreadable one does; without odometry it is kept.
+    Odometry bridges the frames. Repeated observations of tracks are removed, and every track
+    restarts, since it may continue at another point; this reads all frames. A repeated image
+    raises `ImageError` when read, like an unreadable image; without odometry it is kept.
     """
     first = Frame(float(drive.time[0]))
     with suppress(ImageError):
@@ -50,19 +50,19 @@ def drop_repeated(drive: Drive) -> Drive:
         return replace(frame, tracks=replace(tracks, id=tracks.id + epoch * stride))
 
     remark = (
-        f"{counted(len(numbers), 'frame repeats', 'frames repeat')} the points of the frame "
-        f"before, first number {numbers[0]}: the copies are dropped, tracks begin anew, and "
-        "odometry bridges the step"
+        f"{counted(len(numbers), 'frame repeats', 'frames repeat')} the points of the previous "
+        f"frame, first number {numbers[0]}: the copies are dropped, tracks restart, and odometry "
+        "bridges the step"
     )
     return replace(drive, load=load, remarks=(*drive.remarks, remark))
 
 
 def _without_repeated_images(drive: Drive, moves: BoolArray) -> Callable[[int], Frame]:
-    """Frames as `drive` loads them; raises `ImageError` for a repeated image.
+    """Loader of frames that raises `ImageError` for a repeated image.
 
-    `moves` (n,) tells whether odometry moves since the frame before.
+    `moves` (n,) is True for frames with odometry motion since the previous frame.
     """
-    read = lru_cache(maxsize=2)(drive.load)  # with each image the one before is compared
+    read = lru_cache(maxsize=2)(drive.load)  # each image is compared with the previous image
 
     def load(i: int) -> Frame:
         before = None
@@ -74,8 +74,8 @@ def _without_repeated_images(drive: Drive, moves: BoolArray) -> Callable[[int], 
             return frame
         if np.array_equal(before, image):
             raise ImageError(
-                f"frame {i}: its image repeats that of the frame before to the bit while odometry "
-                "moves; odometry bridges it"
+                f"frame {i}: an exact copy of the previous image while odometry moves; "
+                "odometry bridges it"
             )
         return frame
 
@@ -83,21 +83,23 @@ def _without_repeated_images(drive: Drive, moves: BoolArray) -> Callable[[int], 
 
 
 MIN_BRIGHTNESS = 8.0
-"""Mean gray level (0 to 255) below which an image is black."""
+"""Maximum mean gray level (0 to 255) of a black image."""
 MIN_SHARPNESS = 0.4
-"""Fraction of the median sharpness below which a frame is blurred."""
+"""Minimum sharpness of a frame, as a fraction of the median."""
 MAX_BAD_FRACTION = 0.02
-"""Fraction of the frames that may be blurred or have too few points."""
-MIN_KNOWN_FRACTION, MIN_KNOWN_STEPS = 0.5, 20
-"""Fraction of the steps whose motion must be found, and the steps from which it is judged."""
+"""Maximum fraction of frames that are blurred or have too few points."""
+MIN_KNOWN_FRACTION = 0.5
+"""Minimum fraction of steps with a motion estimate."""
+MIN_KNOWN_STEPS = 20
+"""Minimum number of steps for a check of that fraction."""
 GAP_RATIO = 2.5
-"""Frame period over the median one from which frames are missing."""
+"""Minimum ratio of a frame period to the median period for missing frames."""
 MAX_JITTER = 0.3
-"""Standard deviation of the frame period, as a fraction of its median."""
+"""Maximum standard deviation of the frame period, as a fraction of its median."""
 
 
 def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
-    """Frames that are unreadable, black, blurred, without texture, or copies of others."""
+    """Checks for frames that are unreadable, black, blurred, without texture, or copies."""
     black = (survey.brightness < MIN_BRIGHTNESS) | (survey.contrast < MIN_CONTRAST)
     sharpness = survey.sharpness[np.isfinite(survey.sharpness) & ~black]
     median = float(np.median(sharpness)) if len(sharpness) else 0.0
@@ -111,24 +113,24 @@ def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
         yield Finding.in_frames("error", "unreadable frames", what, advice, numbers)
     if black.any():
         what = f"{counted(int(black.sum()), 'frame is', 'frames are')} black or uniformly gray"
-        advice = "Look for a covered lens or a camera that dropped out; odometry alone bridges them"
+        advice = "Check for a covered lens or a camera dropout; odometry alone bridges these frames"
         yield Finding.in_frames("warning", "black frames", what, advice, survey.frame[black])
     if blurred.sum() > MAX_BAD_FRACTION * len(survey):
         count = counted(int(blurred.sum()), "frame has", "frames have")
         what = f"{count} less than {MIN_SHARPNESS:g} of the median sharpness"
-        advice = "Expose for a shorter time, or drive more slowly"
+        advice = "Use a shorter exposure, or drive more slowly"
         yield Finding.in_frames("warning", "blurred frames", what, advice, survey.frame[blurred])
     if empty.sum() > MAX_BAD_FRACTION * len(survey):
         count = counted(int(empty.sum()), "frame has", "frames have")
         what = f"{count} fewer than {MIN_POINTS} points to track"
-        advice = "Nothing is observed there; odometry alone bridges them"
+        advice = "They yield no observations; odometry alone bridges them"
         yield Finding.in_frames("warning", "empty frames", what, advice, survey.frame[empty])
     step = np.abs(drive.control[np.maximum(survey.frame - 1, 0)]).max(1)
     copied = survey.copied & ((step > 0) | (not drive.control.any()))
     if copied.any():
         count = counted(int(copied.sum()), "frame repeats", "frames repeat")
         content = "points" if np.isnan(survey.brightness).all() else "image"
-        what = f"{count} the {content} of the frame before to the bit"
+        what = f"{count} the {content} of the previous frame exactly"
         advice = (
             "A step is lost in each, and tracks may continue at other points: remove the copies, "
             "start new tracks after them, and let odometry bridge the step"
@@ -137,30 +139,30 @@ def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
 
 
 def check_egomotion(survey: Survey) -> Iterator[Finding]:
-    """Whether the camera's motion can be estimated from the images."""
+    """Checks that the camera's motion can be estimated from the images."""
     successive = np.diff(survey.frame) == 1
     if successive.sum() < MIN_KNOWN_STEPS:
         return
     known = float(np.isfinite(survey.rotation[1:, 0])[successive].mean())
     if known <= MIN_KNOWN_FRACTION:
         what = (
-            f"the images show the camera's motion in only {100 * known:.0f} % of the steps: "
+            f"the images determine the camera's motion in only {100 * known:.0f} % of the steps: "
             "there are too few points, or they do not move like a rigid scene"
         )
         advice = (
-            "Check that the frames are of one drive and in order; check their rate, exposure and "
-            "blur, and the focal length"
+            "Check that the frames belong to one drive and are in order; check frame rate, "
+            "exposure, blur and focal length"
         )
         yield Finding("warning", "motion", what, advice, 100 * known, "%")
 
 
 def check_timestamps(drive: Drive) -> Iterator[Finding]:
-    """Gaps, jitter, and repairs made when the files were read."""
+    """Checks for gaps, jitter, and repairs made when the files were read."""
     for remark in drive.remarks:
         advice = "It was repaired on reading; check the recording for other errors"
         yield Finding("warning", "files", remark, advice, 1.0, "remark")
     for assumption in drive.assumptions:
-        advice = "Give what is assumed, if it is known"
+        advice = "Provide the assumed values, if they are known"
         yield Finding("note", "assumptions", assumption, advice, 1.0, "remark")
     period = np.diff(drive.time)
     if len(period) < 5:
@@ -173,10 +175,10 @@ def check_timestamps(drive: Drive) -> Iterator[Finding]:
             f"frames are missing: {counted(len(gaps), 'gap', 'gaps')}, the longest of "
             f"{longest:.2f} s, the median period is {median:.3f} s"
         )
-        advice = "Odometry alone bridges them; look for a camera that dropped out"
+        advice = "Odometry alone bridges them; check for a camera dropout"
         yield Finding("warning", "gaps", what, advice, longest, "s", tuple((gaps + 1).tolist()))
     jitter = 100 * float(period[period <= GAP_RATIO * median].std() / max(median, 1e-9))
     if jitter > 100 * MAX_JITTER:
         what = f"the time between frames varies by {jitter:.0f} % (one standard deviation)"
-        advice = "Use the times of exposure rather than of arrival"
+        advice = "Use the times of exposure instead of arrival"
         yield Finding("warning", "uneven clock", what, advice, jitter, "%")

@@ -1,14 +1,14 @@
-"""The pose of the sensor on the robot, by pairs of observations of the same landmark.
+"""Estimation of the sensor's pose on the robot from pairs of observations of a landmark.
 
 With u the origin of the sensor in its own frame, a its yaw, q its observations as points, R the
-rotation and m the translation of the robot between the two observations, exact numbers have
+rotation and m the translation of the robot between the two observations, error-free data satisfy
 
     q_b - R q_a + (I - R) u - rot(-a) m = 0.
 
-The right side is the residual of a fit by weighted least squares with Cauchy weights. Odometry may
-be wrong by a factor on its distances and turns, and by a turn or distance in proportion to the
-other: these errors have priors and are estimated with the mounting, so that they are not mistaken
-for it.
+The left side is the residual of a weighted least-squares fit with Cauchy weights. Odometry may have
+scale errors of distances and turns, turns proportional to the distance and distances proportional
+to the turn. These errors have priors and are estimated with the mounting, so that they are not
+mistaken for it.
 """
 
 from dataclasses import dataclass, replace
@@ -25,24 +25,24 @@ ITERATIONS = 10
 CAUCHY = 2.5
 """Scale of the Cauchy weights, in standard deviations."""
 BIAS_SIGMA = 0.05
-"""Prior standard deviation of the errors of odometry for which a log declares none: of a factor,
-of radians per meter, and of meters per radian."""
+"""Prior standard deviation of undeclared odometry errors: scale factor, radians per meter and
+meters per radian."""
 TURN_SIGMA = 0.1
-"""Prior standard deviation of the factor on turns."""
+"""Prior standard deviation of the scale of turns."""
 MIN_SIGMAS = 5.0
-"""Smallest ratio of an offset to its standard deviation that is reported."""
+"""Minimum ratio of a reported offset to its standard deviation."""
 MIN_OFFSET = 0.22
-"""Smallest distance of the sensor from the origin of the robot that is reported, in meters; errors
-of odometry resemble smaller ones."""
+"""Minimum reported distance of the sensor from the robot's origin, in meters; odometry errors
+resemble smaller distances."""
 MIN_YAW = np.deg2rad(2.5)
-"""Smallest yaw that is reported, in radians."""
+"""Minimum reported yaw, in radians."""
 MAX_YAW = np.deg2rad(60)
-"""Largest yaw that the fit finds from a start at zero, in radians."""
+"""Maximum yaw to which the fit converges from zero, in radians."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mounting:
-    """An estimated pose of the sensor in the frame that a log has for it."""
+    """Estimated pose of the sensor, relative to its pose in the log."""
 
     pose: tuple[float, float, float]
     """Meters ahead and to the left, radians."""
@@ -51,10 +51,10 @@ class Mounting:
 
     @classmethod
     def fit(cls, log: Readings, a: IntArray, b: IntArray, bias: tuple[float, float, float]) -> Self:
-        """The mounting that explains pairs of observations best.
+        """Fits the mounting to pairs of observations.
 
         Args:
-            log: the numbers of the log.
+            log: numbers of the log.
             a: (m,) earlier observations.
             b: (m,) later observations.
             bias: see `LandmarkLog.odometry_bias`.
@@ -68,7 +68,7 @@ class Mounting:
         W = np.linalg.inv(np.linalg.cholesky(factor**2 * sensor + of_odometry**2 * odometry))
         sigma = np.array([*np.maximum(bias, BIAS_SIGMA), TURN_SIGMA])
         prior = np.diag([0.0, 0.0, 0.0, *sigma**-2.0])
-        x = np.zeros(7)  # u, yaw, factor on distances, turn by way, way by turn, factor on turns
+        x = np.zeros(7)  # u, yaw, distance scale, turn per distance, distance per turn, turn scale
         for _ in range(ITERATIONS):
             ahead = rotated(moved, np.full(len(a), -x[2]))
             J = np.empty((len(a), 2, 7))
@@ -78,7 +78,7 @@ class Mounting:
             J[:, :, 4] = driven[:, None] * arm
             J[:, :, 5] = turned[:, None] * ahead / (np.hypot(*ahead.T)[:, None] + 1e-12)
             J[:, :, 6] = -turn[:, None] * arm
-            known = np.array([*x[:2], 0, *x[3:]])  # J is linear in all but the yaw
+            known = np.array([*x[:2], 0, *x[3:]])  # J is linear except in the yaw
             error = (W @ (change - ahead + J @ known)[:, :, None])[:, :, 0]
             weight = 1 / (1 + np.square(error).sum(1) / CAUCHY**2)
             A = W @ J
@@ -94,29 +94,29 @@ class Mounting:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the sensor is away from the origin of the robot, or turned, beyond doubt."""
+        """Whether the sensor's offset or yaw is significant."""
         size = np.abs(self.pose)
         sure = size > MIN_SIGMAS * self.sigma
         away = sure[:2].any() and np.hypot(*size[:2]) > MIN_OFFSET
         return bool((away or (sure[2] and size[2] > MIN_YAW)) and size[2] < MAX_YAW)
 
     def apply(self, log: Readings) -> Readings:
-        """The numbers of a log with observations by a sensor of this mounting."""
+        """The numbers of a log, with observations from a sensor of this mounting."""
         z, R = to_robot_frame(log.observation, log.observation_covariance, self.pose)
         return replace(log, observation=z, observation_covariance=R)
 
     def after(self, sensor: tuple[float, float, float]) -> tuple[float, float, float]:
-        """The pose of a sensor in the robot's frame, whose log had it at `sensor`."""
+        """Corrected pose in the robot frame of a sensor that the log placed at `sensor`."""
         ahead, left = rotated(np.array([sensor[:2]]), np.array(self.pose[2:]))[0].tolist()
         return self.pose[0] + ahead, self.pose[1] + left, self.pose[2] + sensor[2]
 
 
 def _motions(log: Readings, a: IntArray, b: IntArray) -> tuple[FloatArray, ...]:
-    """Motion of the robot between two observations, by odometry.
+    """Odometry motion between pairs of observations.
 
     Returns:
-        Turn (m,) and translation (m, 2) that take points from the earlier frame to the later one;
-        change (m, 2) of a point by a small turn of the robot; distance (m,) and sum of turns (m,).
+        Turn (m,) and translation (m, 2) that map points from the earlier to the later frame;
+        derivative (m, 2) of a point with respect to a turn; distance (m,) and total turn (m,).
     """
     forward = np.where(log.control[:, 0] < 0, -1.0, 1.0)
     travel = np.hypot(*log.control[:, :2].T), np.abs(log.control[:, 2])

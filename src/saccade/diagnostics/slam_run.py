@@ -1,4 +1,4 @@
-"""Checks of a SLAM run: names, unused observations, innovations, scale, and duplicates."""
+"""Checks of a SLAM run: labels, unused observations, innovations, scale and duplicates."""
 
 from collections.abc import Iterator, Sequence
 
@@ -13,42 +13,42 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
 MAX_UNUSED = 0.3
-"""Largest fraction of unused observations without a warning."""
+"""Maximum fraction of unused observations without a warning."""
 MAX_DUPLICATES = 0.1
-"""Largest fraction of landmarks with the name or the position of another one without a warning."""
+"""Maximum fraction of duplicate landmarks (same label or position) without a warning."""
 MIN_OBSERVATIONS = 50
-"""Minimum number of observations for a test whether names have changed."""
+"""Minimum number of observations for a test for changed labels."""
 MIN_REFUSED = 0.04
-"""Minimum fraction of rejected or unused named observations for that test."""
+"""Minimum fraction of rejected or unused labeled observations for that test."""
 MIN_JUMP = 3.0
-"""Minimum ratio of that fraction after the change to that before it."""
+"""Minimum ratio of that fraction after and before the change."""
 MIN_SIGHTINGS = 16
-"""Minimum number of observations of a name for a comparison of their positions."""
+"""Minimum number of observations of a label for a comparison of their positions."""
 MIN_SHARE = 0.1
-"""Minimum fraction of the observations of a name at its second position."""
+"""Minimum fraction of a label's observations at its second position."""
 MIN_SECOND = 0.005
-"""Minimum number of observations at the second position, over the number of all observations."""
+"""Minimum number of observations at the second position, as a fraction of all observations."""
 MIN_NAME_REFUSED = 0.1
-"""Minimum fraction of rejected observations of a shared name."""
+"""Minimum fraction of rejected observations of a shared label."""
 POSSIBLE = 0.9999
-"""Probability of the gate of the NIS outside of which an observation is an outlier."""
+"""Probability of the NIS gate for outliers."""
 MIN_INNOVATIONS = 200
 """Minimum number of innovations for a test of their mean NIS."""
 ALL_SIDES_NIS = 1.15
-"""Largest mean NIS over its degrees of freedom without a warning; correct logs have up to 1.03."""
+"""Maximum mean NIS over its degrees of freedom without a warning; correct logs reach 1.03."""
 ONE_SIDED_NIS = 1.05
-"""Largest mean NIS over its degrees of freedom without a warning, for one-sided innovations."""
+"""Maximum mean NIS over its degrees of freedom without a warning, for one-sided innovations."""
 MIN_SIDE = 0.1
 """Minimum mean of one-sided innovations, in standard deviations."""
 MAX_SCALE_ERROR = 0.03
-"""Largest relative error of the distances of odometry without a warning."""
+"""Maximum relative error of odometry distances without a warning."""
 SCALE_SIGMAS = 5.0
 """Minimum ratio of that error to its standard deviation."""
 MIN_SEPARATION = 4.0
-"""Minimum distance of two positions of a name, over their spread and over their uncertainty."""
+"""Minimum distance of two positions of a label, relative to their spread and uncertainty."""
 MAX_ORDER = 0.6
-"""Largest difference of the mean ranks in time of two positions of a shared name; a name that has
-changed its position once has 1."""
+"""Maximum difference of the mean ranks in time between two positions of a shared label; for a label
+that changed position once it is 1."""
 
 
 def check_run(
@@ -62,7 +62,7 @@ def check_run(
         causes: the findings of `check_log`.
 
     Returns:
-        The causes or, without any, defects of the names; then defects of the run.
+        The causes or, if empty, defects of the labels; then defects of the run.
     """
     log, found = in_robot_frame(log), [*causes]
     if not found and (log.landmark >= 0).any():
@@ -71,7 +71,7 @@ def check_run(
 
 
 def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
-    """Defects of a run, without their cause."""
+    """Symptoms of a defective run."""
     advice = "See the page 'My map is wrong' of the documentation"
     observations, used = len(result.association), int((result.association >= 0).sum())
     if result.warning:
@@ -83,7 +83,7 @@ def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     if result.lost is not None and len(result.lost) and result.lost[-1]:
         last = np.flatnonzero(~result.lost).max(initial=0)
         seconds = float(log.time[-1] - log.time[last])
-        what = f"the run ends lost: the last {seconds:.1f} s are by odometry alone"
+        what = f"the run ends lost: the last {seconds:.1f} s rely on odometry alone"
         yield Finding("warning", "lost", what, advice, seconds, "s")
     yield from _check_innovations(log, result, advice)
     yield from _check_scale(log, result)
@@ -91,9 +91,9 @@ def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
 
 
 def _check_innovations(log: LandmarkLog, result: SlamResult, advice: str) -> Iterator[Finding]:
-    """Innovations that are larger than their covariances or one-sided, without outliers."""
+    """Checks for innovations that are too large or one-sided, without outliers."""
     what, dof, nis = result.consistency.warning, result.consistency.dof, result.consistency.nis
-    used = nis < chi_square_gate(dof, POSSIBLE)  # not if NaN
+    used = nis < chi_square_gate(dof, POSSIBLE)  # False for NaN
     mean, innovation = float(nis[used].mean()) if used.any() else 0.0, result.innovation[used]
     sigma = np.sqrt(result.innovation_covariance[used].diagonal(axis1=1, axis2=2))
     sides = (innovation / sigma).mean(0) if used.any() else np.zeros(2)  # range, bearing
@@ -117,7 +117,7 @@ def _check_innovations(log: LandmarkLog, result: SlamResult, advice: str) -> Ite
 
 
 def _check_scale(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
-    """Ranges and distances of odometry that differ in scale, where the log declares no error."""
+    """Checks the scale of ranges against odometry, if the log declares no odometry bias."""
     bias, covariance = result.odometry_bias, result.bias_covariance
     if bias is None or covariance is None or log.odometry_bias[0] > 0:
         return
@@ -125,15 +125,15 @@ def _check_scale(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     if abs(scale) > max(MAX_SCALE_ERROR, SCALE_SIGMAS * sigma):
         side = "longer" if scale > 0 else "shorter"
         what = (
-            f"ranges are {100 * abs(scale):.1f} +- {100 * sigma:.1f} % {side} than the distances "
-            "of odometry let expect; the map has the scale of the ranges"
+            f"ranges are {100 * abs(scale):.1f} +- {100 * sigma:.1f} % {side} than expected "
+            "from odometry; the map has the scale of the ranges"
         )
-        advice = "Compare either with a known length"
+        advice = "Compare both with a known length"
         yield Finding("warning", "scale", what, advice, 100 * scale, "%")
 
 
 def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iterator[Finding]:
-    """Landmarks that stand for the same name, or at the same place."""
+    """Checks for landmarks with the same label or at the same position."""
     landmarks, count = result.map, len(result.map)
     if count < 2:
         return
@@ -146,8 +146,8 @@ def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iter
         winners = votes.argmax(1)[votes.any(1)]
         twice = len(winners) - len(np.unique(winners))
         if twice > max(2.0, MAX_DUPLICATES * count):
-            what = f"{twice} of {count} landmarks have the name of another landmark"
-            yield Finding("warning", "duplicate names", what, advice, float(twice), "landmarks")
+            what = f"{twice} of {count} landmarks have the label of another landmark"
+            yield Finding("warning", "duplicate labels", what, advice, float(twice), "landmarks")
         return
     if not used.any():
         return
@@ -155,12 +155,14 @@ def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iter
     nearest = np.asarray(cKDTree(landmarks.xy).query(landmarks.xy, k=2)[0])[:, 1]
     near = nearest < np.nanmedian(noise) / 2
     if near.sum() > max(2.0, 2 * MAX_DUPLICATES * count):
-        what = f"{near.sum()} of {count} landmarks are at the place of another landmark"
-        yield Finding("warning", "duplicate places", what, advice, float(near.sum()), "landmarks")
+        what = f"{near.sum()} of {count} landmarks are at the position of another landmark"
+        yield Finding(
+            "warning", "duplicate positions", what, advice, float(near.sum()), "landmarks"
+        )
 
 
 def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
-    """Names that change their meaning, or that several landmarks share."""
+    """Checks for labels that change or that several landmarks share."""
     unused = (log.landmark >= 0) & (result.association < 0)
     for rejected in (result.rejected, result.rejected | unused):
         change = _change(rejected, log.landmark)
@@ -169,11 +171,11 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
             before = 100 * rejected[:change].mean()
             after = 100 * float(rejected[change:].mean())
             what = (
-                f"names change their meaning about {time:.0f} s after the first pose: "
-                f"{after:.0f} % are not used after it, {before:.1f} % before"
+                f"labels change about {time:.0f} s after the first pose: {after:.0f} % are "
+                f"unused after it, {before:.1f} % before"
             )
-            advice = "Give a landmark the same name in all of the log, or map its parts one by one"
-            yield Finding("error", "names change", what, advice, time, "s")
+            advice = "Give a landmark the same label in all of the log, or map its parts separately"
+            yield Finding("error", "labels change", what, advice, time, "s")
             return
     shared = sorted(_shared_names(log, result), key=lambda each: -each[1])
     if shared:
@@ -182,9 +184,9 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
 
 
 def _change(refused: BoolArray, names: IntArray) -> int | None:
-    """First observation after the names of many landmarks have changed, or None.
+    """First observation after the labels of many landmarks have changed, or None.
 
-    There the fraction of rejected names in the next fifth of the log exceeds that before it most.
+    It maximizes the increase of the fraction of rejected labels in the next fifth of the log.
     """
     count = len(refused)
     if refused.mean() <= MIN_REFUSED:
@@ -205,7 +207,7 @@ def _change(refused: BoolArray, names: IntArray) -> int | None:
 
 
 def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, float]]:
-    """Names that stand for two places in turn: name, observations at the second, metres between."""
+    """Labels at two alternating positions: label, observations at the second, meters between."""
     pose = result.trajectory.pose[log.observation_pose]
     place = pose[:, :2] + rotated(to_points(log.observation), pose[:, 2])
     variance = np.square(_spread(log.observation, log.observation_covariance))
@@ -238,7 +240,7 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
 
 
 def _split(xy: FloatArray) -> BoolArray:
-    """Which of points (n, 2) are beyond the widest gap along their principal axis (n,)."""
+    """(n,) True for points (n, 2) beyond the widest gap along their principal axis."""
     centered = xy - xy.mean(0)
     along = centered @ np.linalg.eigh(centered.T @ centered)[1][:, -1]
     ordered = np.sort(along)
@@ -248,5 +250,5 @@ def _split(xy: FloatArray) -> BoolArray:
 
 
 def _spread(observation: FloatArray, R: FloatArray) -> FloatArray:
-    """(k,) standard deviations in metres of observations (k, 2)."""
+    """(k,) standard deviations in meters of observations (k, 2)."""
     return np.asarray(np.sqrt(R[:, 0, 0] + R[:, 1, 1] * np.square(observation[:, 0])))

@@ -1,4 +1,4 @@
-"""Survey of a drive: statistics of its images, and the motion of its camera over time."""
+"""Survey of a drive: image statistics and camera motion over time."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -27,18 +27,18 @@ from saccade.visual.optical_flow import (
 from saccade.visual.robot_motion import CameraPose
 
 STRETCHES = 4
-"""Number of sequences of successive frames, evenly spread, that are surveyed of a longer drive."""
+"""Number of evenly spaced sequences of successive frames in the survey of a long drive."""
 MAX_WIDTH = 800
-"""Width in pixels above which images are shrunk first."""
+"""Maximum width in pixels; larger images are reduced first."""
 MAX_EQUAL = 0.5
-"""Fraction of common tracks with equal positions above which a frame is a copy."""
+"""Maximum fraction of common tracks with equal positions; a frame with more is a copy."""
 MIN_COMMON_TRACKS = 5
-"""Minimum number of common tracks for a frame to be judged a copy."""
+"""Minimum number of common tracks of a copy."""
 UNKNOWN = np.full(3, np.nan)
 
 
 class FrameSurvey(NamedTuple):
-    """Statistics of one frame; the columns of `Survey` have the meanings."""
+    """Statistics of a frame; `Survey` documents the fields."""
 
     frame: int
     brightness: float = np.nan
@@ -56,7 +56,7 @@ class Survey:
     """Statistics of m frames."""
 
     frame: IntArray
-    """(m,) their numbers, ascending."""
+    """(m,) frame numbers, ascending."""
     brightness: FloatArray
     """(m,) mean gray level of 255; NaN without an image."""
     contrast: FloatArray
@@ -66,20 +66,21 @@ class Survey:
     points: IntArray
     """(m,) number of points."""
     copied: BoolArray
-    """(m,) whether the frame is an exact copy of the one before."""
+    """(m,) True for an exact copy of the previous frame."""
     rotation: FloatArray
-    """(m, 3) rotation vector of the camera since the frame before, in radians about the robot's
-    axes ahead, left and up: roll, pitch (nose down) and yaw; NaN where unknown."""
+    """(m, 3) rotation vector of the camera since the previous frame, in radians about the robot's
+    axes ahead, left and up: roll, pitch (nose down) and yaw; NaN if unknown."""
     translation: FloatArray
-    """(m, 3) ahead, left and up; NaN where unknown."""
+    """(m, 3) translation ahead, left and up; NaN if unknown."""
     metric: BoolArray
-    """(m,) whether the translation is in meters; else it has length 1, or 0 at a standstill."""
+    """(m,) True if the translation is in meters; otherwise it has length 1, or 0 at a
+    standstill."""
     unreadable: dict[int, str]
-    """Error messages by number of the frame."""
+    """Error messages by frame number."""
     disparity: FloatArray
-    """(d,) disparities of all points that have one, in pixels of the full image."""
+    """(d,) disparities of all stereo points, in pixels of the full image."""
     row_offset: FloatArray
-    """(d,) row in the right image minus row in the left one in pixels; NaN where unknown."""
+    """(d,) row in the right image minus row in the left image, in pixels; NaN if unknown."""
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -92,8 +93,8 @@ def survey_drive(
 
     Args:
         drive: the drive.
-        max_images: largest number of images; tracks are surveyed whatever their number.
-        progress: called with the number of frames done, and of all.
+        max_images: maximum number of images; all frames with tracks are surveyed.
+        progress: function of the number of frames done and the total.
     """
     numbers = chosen_frames(len(drive), max_images)
     factor = -(-drive.camera.width // MAX_WIDTH)
@@ -145,7 +146,7 @@ def _image_statistics(number: int, gray: ByteArray | None) -> FrameSurvey:
 
 
 def chosen_frames(n: int, max_images: int) -> list[int]:
-    """All of n frames, or evenly spread sequences of `max_images` frames together."""
+    """All n frames, or evenly spaced sequences with `max_images` frames in total."""
     if n <= max_images:
         return list(range(n))
     size = max_images // STRETCHES
@@ -175,7 +176,7 @@ def _shrink_image(image: Image | None, factor: int) -> ByteArray | None:
 
 
 def _is_copy(previous: PreparedFrame, current: PreparedFrame) -> bool:
-    """Whether most tracks, or the images, are equal to the bit."""
+    """Whether most tracks, or the images, are exactly equal."""
     before, now = previous.frame.tracks, current.frame.tracks
     if before is not None and now is not None:
         return repeated_observations(before, now) is not None
@@ -185,9 +186,9 @@ def _is_copy(previous: PreparedFrame, current: PreparedFrame) -> bool:
 
 
 def repeated_observations(before: Tracks, now: Tracks) -> IntArray | None:
-    """Indices in `now` of observations equal to those of the frame before to the bit.
+    """Indices in `now` of observations exactly equal to the previous frame.
 
-    None unless most common tracks are equal: the frame is no copy.
+    None unless most common tracks are equal, which means the frame is not a copy.
     """
     _, i, j = np.intersect1d(before.id, now.id, return_indices=True)
     equal = (before.xy[i] == now.xy[j]).all(1)
@@ -197,17 +198,17 @@ def repeated_observations(before: Tracks, now: Tracks) -> IntArray | None:
 
 
 MAX_CORNERS = 300
-"""Largest number of corners in an image."""
+"""Maximum number of corners per image."""
 CORNER_QUALITY = 0.003
-"""Smallest response of a corner, as a fraction of the strongest."""
+"""Minimum response of a corner, as a fraction of the strongest."""
 MIN_SPACING = 9
-"""Smallest distance between corners in pixels."""
+"""Minimum distance between corners in pixels."""
 MIN_DISPARITY = 2.0
-"""Smallest disparity in pixels that gives a depth."""
+"""Minimum disparity in pixels for a depth."""
 MIN_POINTS = 12
 """Minimum number of points for a motion estimate."""
 STANDSTILL = 0.2
-"""Largest median displacement in pixels of the points of a camera that stands still."""
+"""Maximum median displacement of the points of a stationary camera, in pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +222,7 @@ class FramePoints(Table):
     disparity: FloatArray = column()
     """(k,) pixels, NaN where unknown."""
     row_offset: FloatArray = column()
-    """(k,) row in the right image less that in the left one in pixels, NaN where unknown."""
+    """(k,) row in the right image minus row in the left image, in pixels; NaN if unknown."""
     track: IntArray = column(dtype=np.int64)
     """(k,) track ids of the drive, 0 for corners."""
 
@@ -259,7 +260,7 @@ def _depth_of(disparity: FloatArray, camera: Camera) -> FloatArray:
 def match_points(
     first: FramePoints, frames: tuple[PreparedFrame, PreparedFrame], second: FramePoints
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Correspondences of two frames, by their tracks or by optical flow.
+    """Correspondences of two frames, from tracks or from optical flow.
 
     Returns:
         (k, 2) pixels in the first and (k, 2) in the second frame, and (k,) depths in the first.
@@ -289,16 +290,16 @@ class CameraMotion(NamedTuple):
 def motion_between(
     first: FloatArray, second: FloatArray, depth: FloatArray, camera: Camera
 ) -> CameraMotion | None:
-    """Estimate the motion of a camera from k correspondences.
+    """Estimates the motion of a camera from k correspondences.
 
     Args:
-        first: (k, 2) pixels in the one frame.
-        second: (k, 2) pixels in the next.
+        first: (k, 2) pixels in the first frame.
+        second: (k, 2) pixels in the next frame.
         depth: (k,) meters along the optical axis in the first frame, NaN where unknown.
         camera: the calibration.
 
     Returns:
-        The motion; None where too few points, or less than a third, agree.
+        The motion; None if too few points, or less than a third, agree.
     """
     known = np.isfinite(depth)
     metric = bool(known.sum() >= MIN_POINTS)
@@ -342,43 +343,44 @@ def _most_agree(inliers: int, count: int) -> bool:
 MIN_STEPS = 20
 """Minimum number of steps for a comparison of odometry with images."""
 MAX_LAG = 1.0
-"""Largest offset between the two clocks that is tried, in seconds."""
+"""Maximum offset between the two clocks, in seconds."""
 MAX_ITERATIONS = 10
-"""Number of iterations of the robust regression."""
+"""Maximum number of iterations of the robust regression."""
 INLIER_SIGMAS = 3.0
-"""Standard deviations of the residual within which a sample is an inlier."""
+"""Maximum residual of an inlier, in standard deviations."""
 TRUNCATED_SIGMA = 0.987
 """Standard deviation of a standard normal variable truncated at `INLIER_SIGMAS`."""
 SIGNIFICANT_SIGMAS = 4.0
-"""Standard errors of a coefficient that make a difference significant."""
+"""Minimum number of standard errors of a significant difference."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionSeries(Table):
-    """k steps between successive frames in which both motions are known, in order."""
+    """k steps between successive frames with known camera motion and odometry, in order."""
 
     duration: FloatArray = column()
     """(k,) seconds."""
     rotation: FloatArray = column(3)
-    """(k, 3) by the images, as `Survey.rotation`."""
+    """(k, 3) rotation from the images, as `Survey.rotation`."""
     translation: FloatArray = column(3)
-    """(k, 3) by the images, in meters; scaled by odometry where they do not measure the length."""
+    """(k, 3) translation from the images, in meters; scaled by odometry if the images do not
+    measure the length."""
     metric: BoolArray = column(dtype=np.bool_)
-    """(k,) whether the images measure the length; the same in all steps."""
+    """(k,) True if the images measure the length; equal in all steps."""
     odometry: FloatArray = column(3)
-    """(k, 3) meters ahead and left, radians turned."""
+    """(k, 3) odometry: meters ahead and left, and radians."""
     covariance: FloatArray = column(3, 3)
     """(k, 3, 3) covariances of odometry."""
 
     @property
     def moving(self) -> "MotionSeries":
-        """The steps in which the robot drives, rather than stands or turns on the spot."""
+        """The steps in which the robot translates."""
         length = np.hypot(self.odometry[:, 0], self.odometry[:, 1])
         return self[length > 0.3 * (np.quantile(length, 0.9) if len(length) else 0.0)]
 
 
 def series_of(drive: Drive, survey: Survey, control: FloatArray) -> MotionSeries:
-    """The surveyed steps of a drive whose controls (n - 1, 3) are not NaN; none if all are zero."""
+    """The surveyed steps with finite controls (n - 1, 3); empty if all controls are zero."""
     known = (survey.frame > 0) & np.isfinite(control[survey.frame - 1, 0])
     known &= np.isfinite(survey.rotation).all(1) & np.isfinite(survey.translation).all(1)
     metric = bool(survey.metric[known].mean() > 0.5) if known.any() else False
@@ -397,17 +399,17 @@ class Lag(NamedTuple):
     """Offset between two clocks."""
 
     frames: int
-    """Frames by which odometry is later than the images."""
+    """Delay of odometry relative to the images, in frames."""
     correlation: float
-    """Correlation of both turns at this lag, -1 to 1."""
+    """Correlation of the turns at this lag, -1 to 1."""
     correlation_without: float
     """Correlation at lag 0."""
 
 
 def lag_of(drive: Drive, survey: Survey, control: FloatArray) -> Lag | None:
-    """The lag of the highest correlation between the turns of controls (n - 1, 3) and images.
+    """The lag with the highest correlation between turns of controls (n - 1, 3) and images.
 
-    None where the robot does not turn.
+    None if the robot does not turn.
     """
     turn = np.full(len(drive) - 1, np.nan)
     turn[survey.frame[survey.frame > 0] - 1] = survey.rotation[survey.frame > 0, 2]
@@ -427,7 +429,7 @@ def lag_of(drive: Drive, survey: Survey, control: FloatArray) -> Lag | None:
 
 
 def _correlation(turn: FloatArray, odometry: FloatArray, lag: int) -> float:
-    """Correlation of turn rates with those of odometry `lag` steps later, without outliers."""
+    """Robust correlation of turn rates with the turn rates of odometry `lag` steps later."""
     n = len(turn)
     first, second = turn[max(0, -lag) : n - max(0, lag)], odometry[max(0, lag) : n + min(0, lag)]
     known = np.isfinite(first) & np.isfinite(second)
@@ -446,7 +448,7 @@ class Fit:
     value: FloatArray
     """(c,) coefficients."""
     error: FloatArray
-    """(c,) their standard errors."""
+    """(c,) standard errors."""
     sigma: float
     """Standard deviation of the residuals of the inliers."""
 
@@ -457,9 +459,9 @@ class Fit:
 
 
 def fit(A: FloatArray, y: FloatArray) -> Fit | None:
-    """Least squares with iterated rejection of outliers: y (n,) = A (n, c) @ value (c,).
+    """Least squares with iterated outlier rejection: y (n,) = A (n, c) @ value (c,).
 
-    None where there are too few samples or inliers, or A is singular.
+    None if there are too few samples or inliers, or A is singular.
     """
     c = A.shape[1]
     if len(y) < 5 * c:
