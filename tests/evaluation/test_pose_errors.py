@@ -124,7 +124,7 @@ def test_on_a_line_the_rotation_of_the_alignment_is_not_scored():
 def test_what_cannot_be_compared_is_refused(rng):
     truth = _random_walk(rng)
     later = truth._replace(time=truth.time + 1e4)
-    with pytest.raises(LogError, match=r"at least 2 poses within 0\.01 s of a true one, found 0"):
+    with pytest.raises(LogError, match=r"at least 2 poses within 0\.01 s of a true pose, found 0"):
         score_poses(later, truth)
     with pytest.raises(ConfigError):
         PoseErrorConfig(max_difference=-1)

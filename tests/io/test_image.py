@@ -34,7 +34,7 @@ def test_pictures_that_are_not_read_are_told(tmp_path):
         read_image(heic)
     cv2.imwrite(str(tmp_path / "a.png"), COLORS)
     for find in (find_images, lambda folder: open_source(str(folder))):
-        with pytest.warns(ImageWarning, match=r"left out: 1 \.heic, which are not read"):
+        with pytest.warns(ImageWarning, match=r"left out: 1 \.heic, not supported"):
             assert len(find(tmp_path)) == 1
     with pytest.warns(ImageWarning, match=r"left out: 1 \.heic"):
         assert len(open_source(f"{tmp_path}/*")) == 1

@@ -1,7 +1,7 @@
-"""Prediction of each next fixation, given those before it: NSS, AUC and information gain.
+"""Conditional fixation prediction given the earlier fixations: NSS, AUC and information gain.
 
-Definitions are those of pysaliency (Kummerer, Wallis & Bethge; conditional scores as in Kummerer &
-Bethge 2021, *State-of-the-art in human scanpath prediction*), on the cells of the saliency map.
+Definitions follow pysaliency (Kummerer, Wallis & Bethge; conditional scores as in Kummerer & Bethge
+2021, *State-of-the-art in human scanpath prediction*), on the cells of the saliency map.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -29,12 +29,12 @@ from saccade.types import Float32Array, FloatArray, IntArray
 
 STATIC, DENSITY = "saliency map", "static density"
 MODELS = (PEOPLE, OTHERS, WALK, STATIC, DENSITY, SAMPLED, SIMILAR)
-"""Predictors of the next fixation. The static density is the scanpath model without its kernel and
-its inhibition."""
+"""Predictors of the next fixation. The static density is the scanpath model without kernel and
+inhibition."""
 UNIFORM = 0.01
-"""Weight of a uniform distribution in the densities of fixations, which keeps them positive."""
+"""Weight of a uniform distribution in fixation densities, which keeps them positive."""
 SEED = 20102
-"""Seed of the bootstrap: equal scores always have equal intervals."""
+"""Seed of the bootstrap, fixed so that equal scores have equal intervals."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class FixationPrediction:
     """Scores of the prediction of one fixation."""
 
     nss: float
-    """The prediction at the fixation, in standard deviations above its mean."""
+    """Standardized prediction at the fixation."""
     auc: float
     """Fraction of the cells with a lower prediction, ties counting half."""
     information_gain: float
-    """Information gain over the fixations on other images, in bits; NaN for a map that is no
-    density."""
+    """Information gain over the fixations on other images, in bits; NaN for maps that are not
+    densities."""
 
 
 class FixationRow(NamedTuple):
@@ -98,7 +98,7 @@ def score_fixations(
     for kind, densities in predictions.items():
         for cell, density in zip(cells.tolist(), densities, strict=False):
             values = density.ravel()
-            with np.errstate(divide="ignore"):  # a map that is no density may be 0 there
+            with np.errstate(divide="ignore"):  # maps that are not densities may be 0 there
                 gain = float(np.log2(values[cell] / baseline.ravel()[cell]))
             scores = FixationPrediction(
                 nss=float((values[cell] - values.mean()) / (values.std() or 1.0)),
@@ -111,7 +111,7 @@ def score_fixations(
 def _cell_density(
     xy: FloatArray, shape: tuple[int, int], cells: tuple[int, ...], sigma: float
 ) -> FloatArray:
-    """(h, w) distribution of fixations (n, 2), of sum 1."""
+    """(h, w) distribution of fixations (n, 2), with a sum of 1."""
     h, w = cells
     scale = np.array([w / shape[1], h / shape[0]])
     blurred = fixation_density(
@@ -135,11 +135,11 @@ class MeanScore(NamedTuple):
 
 
 Summary = Mapping[str, Mapping[str, MeanScore]]
-"""By source or model, and by the name of the score; without scores that no image has."""
+"""Mean scores by source or model and by name; scores that no image has are absent."""
 
 
 def summary(rows: Iterable[PathRow | FixationRow]) -> Summary:
-    """Means over images of the means of their paths or fixations, by source or model."""
+    """Means over images of per-image means, by source or model."""
     values: dict[str, dict[str, dict[str, list[float]]]] = {}
     for row in rows:
         scores = values.setdefault(row[1], {})

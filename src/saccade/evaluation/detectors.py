@@ -1,4 +1,4 @@
-"""Detectors by name: those of this package, peers, and any callable of the user."""
+"""Detectors by name: built-in detectors, peers, and user callables."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,34 +17,34 @@ from saccade.keypoints import Must, MustConfig, Sift, SiftConfig, SymRoid, SymRo
 from saccade.types import Float32Array, Keypoints
 
 Detector: TypeAlias = Callable[[Float32Array], Any]
-"""From an (H, W, 3) image in [0, 1] to an object with xy (n, 2) and descriptors (n, d)."""
+"""Function from an (H, W, 3) image in [0, 1] to an object with xy (n, 2) and descriptors (n, d)."""
 
 OURS: dict[str, tuple[Any, Any, dict[str, float | None]]] = {
     "sift": (Sift, SiftConfig, {"contrast_threshold": None}),
     "must": (Must, MustConfig, {"contrast_threshold": None}),
     "symroid": (SymRoid, SymRoidConfig, {"seed_threshold": 1e-3}),
 }
-"""Class, configuration, and the threshold that passes all but rounding errors."""
+"""Class, configuration, and the settings that disable the contrast threshold."""
 NAMES = (*OURS, "opencv", "opencv-root", "colmap")
 """All names besides module:callable."""
 UNLIMITED = 1_000_000
-"""Keypoints of an image; COLMAP's default of 8192 truncates the richest images."""
+"""Maximum keypoints per image for COLMAP, whose default of 8192 truncates textured images."""
 
 
 def find_detector(name: str, settings: Any = None, max_keypoints: int | None = None) -> Detector:
-    """The detector of a name.
+    """Returns the detector with a given name.
 
-    Keypoints are ordered by descending strength: SIFT's as `SiftConfig.ranking` has it, OpenCV's,
-    MUST's and SymRoID's by response, COLMAP's by scale, those of a callable as it returns them.
+    Keypoints are in descending order of strength: `SiftConfig.ranking` for SIFT, response for
+    OpenCV, MUST and SymRoID, scale for COLMAP, and the returned order for a callable.
 
     Args:
         name: one of `NAMES`, or module:callable.
-        settings: configuration of one in `OURS`; None for the default.
-        max_keypoints: number of keypoints to keep, the first in this order; one in `OURS` has as
-            many, however weak. None for all above a threshold.
+        settings: configuration of a built-in detector; None for the default.
+        max_keypoints: number of keypoints to keep, strongest first; built-in detectors return this
+            many, however weak. None for all above the threshold.
 
     Raises:
-        ConfigError: there is no detector of this name, or a library is not installed.
+        ConfigError: unknown detector, or a library is not installed.
     """
     if name in OURS:
         detector, default, threshold = OURS[name]
@@ -75,7 +75,7 @@ def _unlimited_detector(name: str) -> Detector:
 
 
 def _opencv(root: bool) -> Detector:
-    """OpenCV's SIFT with its defaults; it returns keypoints by location, hence the sorting.
+    """OpenCV's SIFT with its defaults, sorted by response, since OpenCV sorts by location.
 
     Args:
         root: whether to take the square roots of the L1-normalized descriptors: RootSIFT.
@@ -96,7 +96,7 @@ def _opencv(root: bool) -> Detector:
 
 
 def _colmap() -> Detector:
-    """COLMAP's SIFT by descending scale: it has no responses, and prefers large keypoints."""
+    """COLMAP's SIFT in descending order of scale, since it has no responses."""
     pycolmap = import_pycolmap()
     options = pycolmap.FeatureExtractionOptions()
     options.sift.max_num_features = UNLIMITED
@@ -105,7 +105,7 @@ def _colmap() -> Detector:
     def detect(image: Float32Array) -> Any:
         gray = np.ascontiguousarray(as_gray(image), np.float32)
         keypoints, descriptors = sift.extract_from_float32_array(gray)
-        # The center of its first pixel is (0.5, 0.5).
+        # COLMAP's first pixel has its center at (0.5, 0.5).
         xy = np.array([(each.x, each.y) for each in keypoints]).reshape(-1, 2) - 0.5
         points = Keypoints.at(xy, [2 * each.compute_scale() for each in keypoints])
         order = np.argsort(-points.size, kind="stable")
@@ -115,7 +115,7 @@ def _colmap() -> Detector:
 
 
 def _of_user(name: str) -> Detector:
-    """The callable at module:callable, its results checked."""
+    """The user's detector module:callable, with checked results."""
     detector = import_function("detector", name)
 
     def detect(image: Float32Array) -> Any:

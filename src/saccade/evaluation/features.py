@@ -1,4 +1,4 @@
-"""Repeatability, matching and homographies of a detector, of one image pair and over many."""
+"""Repeatability, matching and homography accuracy of detectors on image pairs."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from saccade.keypoints.verification import position_sigma, verify_positions
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
 
 KINDS = {"noise": (0.0, 255.0), "contrast": (0.0, 1.0), "blur": (0.0, 100.0)}
-"""Degradations with the open lower and closed upper limit of their amounts."""
+"""Kinds of degradation, with the exclusive lower and inclusive upper limit of the amount."""
 MIDDLE_GRAY = 0.5
-"""Fixed point of the scaling of contrast, at which nothing saturates."""
+"""Gray level that contrast scaling leaves unchanged."""
 MAX_LEVEL = 255
 
 
@@ -32,8 +32,8 @@ class Degradation:
     """One kind of image degradation and its amount."""
 
     kind: str
-    """"noise": additive, normal, the same in every channel; "contrast": scaled about middle
-    gray; "blur": Gaussian."""
+    """"noise": additive Gaussian, equal in all channels; "contrast": scaling about middle gray;
+    "blur": Gaussian."""
     amount: float
     """Standard deviation of the noise in gray levels of 255; factor of the contrast; standard
     deviation of the blur in pixels."""
@@ -87,7 +87,7 @@ INLIER_PX = 2.0
 
 
 def inside(xy: FloatArray, shape: tuple[int, int]) -> BoolArray:
-    """(n,) whether points lie within the centers of the outermost pixels of an (H, W) image."""
+    """(n,) True for points between the centers of the outermost pixels of an (H, W) image."""
     height, width = shape
     x, y = xy.T
     within: BoolArray = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
@@ -97,7 +97,7 @@ def inside(xy: FloatArray, shape: tuple[int, int]) -> BoolArray:
 def corner_error(
     estimate: FloatArray | None, homography: FloatArray, shape: tuple[int, int]
 ) -> float:
-    """Mean distance in pixels of the four corners of an (H, W) image projected by both."""
+    """Mean distance in pixels between the corners of an (H, W) image under two homographies."""
     if estimate is None:
         return float("inf")
     height, width = shape
@@ -108,7 +108,7 @@ def corner_error(
 
 
 RADIUS = 3.0
-"""Distance in pixels of the second image within which a keypoint is repeated, by default."""
+"""Default maximum distance of a repeated keypoint, in pixels of the second image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ class Features:
 
     @classmethod
     def of(cls, found: Any, shape: tuple[int, int]) -> "Features":
-        """Those of what a detector returned; positions of unknown scale are equally exact."""
+        """Features from a detector's result; keypoints of unknown scale get equal uncertainty."""
         xy = np.asarray(found.xy, np.float64).reshape(-1, 2)
         sigma = position_sigma(found) if isinstance(found, Keypoints) else np.ones(len(xy))
         return cls(xy, np.asarray(found.descriptors), shape, sigma)
@@ -134,29 +134,29 @@ class Features:
 
 @dataclass(frozen=True)
 class PairScores:
-    """Scores of one image pair, or their means over several; fractions are in [0, 1]."""
+    """Scores of an image pair, or means over several pairs; fractions are in [0, 1]."""
 
     keypoints: float
     """Number of keypoints in the first image."""
     repeatability: float
-    """Fraction of the locations in the common area of both images that are repeated: that have
-    a location of the other image within the radius."""
+    """Fraction of locations in the common area with a location of the second image within the
+    radius."""
     localization: float
-    """Mean distance in pixels of the repeated locations to the nearest of the other image; the
-    radius where there are none."""
+    """Mean distance in pixels from repeated locations to the nearest location in the second image;
+    the radius if no location is repeated."""
     mma_1: float
-    """Mean matching accuracy: fraction of mutual nearest neighbors correct to 1 px."""
+    """Mean matching accuracy: fraction of mutual nearest neighbors correct within 1 px."""
     mma_3: float
     mma_5: float
     ratio_1: float
-    """The same among those that also pass the ratio test."""
+    """Mean matching accuracy within 1 px of the matches that pass the ratio test."""
     ratio_3: float
     ratio_5: float
     score: float
-    """Matching score: mutual matches correct to the radius, over the locations in the common
-    area of the image that has fewer."""
+    """Matching score: mutual matches correct within the radius, over the smaller number of
+    locations in the common area."""
     auc_1: float
-    """Area under the cumulative curve of the homography's corner error, up to 1 px."""
+    """Area under the cumulative curve of the homography corner error, up to 1 px."""
     auc_3: float
     auc_5: float
     auc_10: float
@@ -172,19 +172,19 @@ def score_pair(
     """Score the keypoints of two images related by a known homography.
 
     Repeatability counts distinct locations, since a location may have several orientations. It is
-    symmetric: the repeated locations of both images over all locations of both in the common
-    area. Matches are mutual nearest neighbors among all keypoints, also those outside the common
-    area. The matching score may slightly exceed 1, as a location may have more than one correct
-    match. The homography is estimated from the matches that pass the ratio test, by `verify`.
+    symmetric: repeated locations of both images over all locations in the common area. Matches are
+    mutual nearest neighbors among all keypoints, including keypoints outside the common area. The
+    matching score may slightly exceed 1, since a location may have several correct matches. The
+    homography is estimated from the matches that pass the ratio test, by `verify`.
 
     Args:
         first: keypoints of the first image.
         second: keypoints of the second image.
         homography: (3, 3) from the first image to the second.
         ratio: threshold of the ratio test.
-        radius: distance in pixels of the second image within which a keypoint is repeated.
+        radius: maximum distance of a repeated keypoint, in pixels of the second image.
 
-    Source: Mikolajczyk & Schmid (2005) and DeTone et al. (2018), section 4 and appendix.
+        Source: Mikolajczyk & Schmid (2005) and DeTone et al. (2018), section 4 and appendix.
     """
     common1, common2 = common_locations(first, second, homography)
     distance = np.concatenate(
@@ -221,7 +221,7 @@ def common_locations(
 
 
 def nearest_distance(xy: FloatArray, others: FloatArray) -> FloatArray:
-    """(n,) distance of each point to the nearest of the others; infinite where there are none."""
+    """(n,) distance of each point to the nearest other point; infinite without other points."""
     if not len(xy) or not len(others):
         return np.full(len(xy), np.inf)
     return np.asarray(cKDTree(others).query(xy)[0], np.float64)
@@ -233,7 +233,7 @@ def mutual_matches(
     """Mutual nearest neighbors among all keypoints.
 
     Returns:
-        (m,) reprojection error in pixels of the second image; (m,) whether each passes the
+        (m,) reprojection error in pixels of the second image; (m,) True for matches that pass the
         ratio test; (m, 2) indices of the keypoints.
     """
     if not len(first.xy) or not len(second.xy):
@@ -251,7 +251,7 @@ def mean_precision(errors: FloatArray, limit: float) -> float:
 
 
 def fraction(mask: BoolArray) -> float:
-    """Fraction of true elements; 0 where there are none."""
+    """Fraction of true elements; 0 for an empty mask."""
     return float(mask.mean()) if len(mask) else 0.0
 
 
@@ -278,11 +278,11 @@ def score_detector(
 
     Args:
         detect: the detector.
-        pairs: the image pairs; an image shared by successive pairs is detected in once.
+        pairs: the image pairs; an image shared by successive pairs is processed once.
         degradation: applied to the second image of each pair, seeded by its number.
         ratio: threshold of the ratio test.
         radius: distance in pixels within which a keypoint is repeated.
-        progress: called with the pairs done and their number.
+        progress: function of the number of pairs done and the total.
     """
 
     def features(image: Float32Array) -> Features:

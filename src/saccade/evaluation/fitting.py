@@ -1,13 +1,14 @@
-"""Fits a model of fixations to photographs and the people who looked at them.
+"""Fits a fixation model to photographs with recorded fixations.
 
-The next fixation is one of the cells of the map. The logarithm of its probability is a weighted sum
-of features of the image and of functions of the way from earlier fixations, but for a constant:
-the likelihood is convex (a conditional logit, McFadden 1974). A quadratic penalty holds the
-standardized weights small. Without the functions of the way it is the static density.
+The next fixation falls in a cell of the map. Up to a constant, the log-probability is a weighted
+sum of image features and of functions of the displacement from earlier fixations, so that the
+negative log-likelihood is convex (a conditional logit, McFadden 1974). A quadratic penalty shrinks
+the standardized weights. Without the functions of the displacement, the model is the static
+density.
 
-The fit is cross-validated: each fixation belongs to a fold, by its image or by its subject, and is
-scored by weights that were fitted to the other folds. Weights are one array: of the k features, of
-the e features that count more for the first fixations, and of the functions of `saccade_tables`.
+The fit is cross-validated: each fixation belongs to a fold, by image or by subject, and is scored
+with weights fitted to the other folds. The weights form one array: the k features, the e features
+with extra weight for early fixations, and the functions of `saccade_tables`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -47,24 +48,25 @@ class FittingConfig(Settings):
     """Settings of the fit of a model and of its cross-validation."""
 
     folds: int = setting(5, 2, 100)
-    """Parts of the images, or subjects, each left out once."""
+    """Number of folds of the images, or subjects."""
     penalty: float = setting(0.001, 0, 1e3)
-    """Weight of half of the squared standardized weights beside the mean log-likelihood."""
+    """Weight of the penalty, half of the squared standardized weights, relative to the mean
+    log-likelihood."""
     iterations: int = setting(60, 1, 10_000)
-    """Most iterations of the optimization."""
+    """Maximum number of iterations of the optimization."""
     seed: int = setting(2020, 0, 2**31)
     """Seed of the folds."""
 
 
 class Steps(NamedTuple):
-    """The fixations of an image, each with what it depends on."""
+    """The fixations of an image, with the earlier fixations that they depend on."""
 
     cells: IntArray
-    """(m, 2) row and column."""
+    """(m, 2) row and column of the fixations."""
     anchors: IntArray
     """(m, T, 2) cells of the earlier fixations; see `path_terms`."""
     factors: FloatArray
-    """(m, T) of the tables."""
+    """(m, T) factors of the tables."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,7 @@ class FittingData:
 
     @cached_property
     def steps(self) -> list[Steps]:
-        """The fixations of each image, those of a subject after a first one in the center."""
+        """The fixations of each image; each scanpath starts from the center."""
         found = []
         for (name, size), values in zip(self.people.sizes.items(), self.values, strict=True):
             seen, shape = self.people.on(name), values.shape[1:]
@@ -97,7 +99,7 @@ class FittingData:
 
     @cached_property
     def early(self) -> IntArray:
-        """(e,) numbers of the features that count more for the first fixations."""
+        """(e,) indices of the features with extra weight for early fixations."""
         return np.array([i for i, name in enumerate(self.names) if name in EARLY], np.int64)
 
     @cached_property
@@ -119,7 +121,7 @@ class FittingData:
         mean = np.mean([each.mean(1) for each in flat], axis=0)
         square = np.mean([((each - mean[:, None]) ** 2).mean(1) for each in flat], axis=0)
         deviation = np.sqrt(square)
-        return mean, np.where(deviation > 1e-9, deviation, np.inf)  # constant in these images
+        return mean, np.where(deviation > 1e-9, deviation, np.inf)  # infinite for constant features
 
 
 def fit(
@@ -129,18 +131,18 @@ def fit(
     *,
     ordered: bool = True,
 ) -> FloatArray:
-    """The weights of highest penalized likelihood.
+    """Weights that maximize the penalized likelihood.
 
     Args:
         data: features and fixations.
-        config: the penalty.
-        kept: of each image, (m,) which of its fixations count; None for all.
-        ordered: whether a fixation depends on those before; otherwise on the image alone.
+        config: settings with the penalty.
+        kept: for each image, an (m,) mask of the fixations to use; None for all.
+        ordered: whether a fixation depends on earlier fixations; otherwise only on the image.
     """
     k, e = len(data.names), len(data.early)
     mean, deviation = data.moments
     basis = next(iter(data.tables.values()))
-    spread = basis.reshape(len(basis), -1, basis.shape[-1]).std(1).max(0)  # of its own table
+    spread = basis.reshape(len(basis), -1, basis.shape[-1]).std(1).max(0)  # within each table
     scale = np.concatenate([deviation, deviation[data.early], spread])
     parts = []
     for i, steps in enumerate(data.steps):
@@ -183,20 +185,20 @@ def fit(
 
 
 def split(count: int, folds: int, seed: int) -> IntArray:
-    """(count,) random folds from 0 of about equal size; no more than there are numbers."""
+    """(count,) random folds of about equal size, numbered from 0; at most `count` folds."""
     fold = np.empty(count, np.int64)
     fold[np.random.default_rng(seed).permutation(count)] = np.arange(count) % min(folds, count)
     return fold
 
 
 def folds_by_image(data: FittingData, config: FittingConfig) -> list[IntArray]:
-    """Of each image, (m,) the fold of its fixations: that of the image."""
+    """Folds (m,) of the fixations of each image, assigned by image."""
     folds = split(len(data.values), config.folds, config.seed)
     return [np.full(len(each.cells), fold) for each, fold in zip(data.steps, folds, strict=True)]
 
 
 def folds_by_subject(data: FittingData, config: FittingConfig) -> list[IntArray]:
-    """Of each image, (m,) the fold of its fixations: that of the subject."""
+    """Folds (m,) of the fixations of each image, assigned by subject."""
     subjects = np.unique(data.people.table.subject)
     folds = split(len(subjects), config.folds, config.seed)
     seen = (data.people.on(name).subject for name in data.people.sizes)
@@ -206,7 +208,7 @@ def folds_by_subject(data: FittingData, config: FittingConfig) -> list[IntArray]
 def cross_validate(
     data: FittingData, folds: Sequence[IntArray], config: FittingConfig
 ) -> Iterator[FloatArray]:
-    """The weights of the static density for each fold, fitted to the others."""
+    """Weights of the static density for each fold, fitted to the other folds."""
     for fold in range(1 + max(each.max() for each in folds)):
         yield fit(data, config, [each != fold for each in folds], ordered=False)
 
@@ -214,10 +216,10 @@ def cross_validate(
 def score_held_out(
     data: FittingData, folds: Sequence[IntArray], weights: Sequence[FloatArray]
 ) -> Iterator[tuple[str, FixationScores]]:
-    """The scores of the static densities of cross-validation, each on the fixations of its fold.
+    """Scores of the cross-validated static densities on the held-out fixations.
 
     Yields:
-        The name of an image, and the mean over the folds of its fixations.
+        The name of an image, and the mean score over its folds.
     """
     for i, (name, of_image) in enumerate(zip(data.people.sizes, folds, strict=True)):
         xy, rows = data.people.on(name).xy, []
@@ -228,7 +230,7 @@ def score_held_out(
 
 
 def saliency_of(data: FittingData, image: int, weights: FloatArray) -> Float32Array:
-    """(H, W) saliency of an image, as `FittedModel.maps` and `resize` have it."""
+    """(H, W) saliency of an image, equal to the resized result of `FittedModel.maps`."""
     logits = np.tensordot(weights[: len(data.names)], data.values[image], 1)
     return resize(np.exp(logits - logits.max()).astype(np.float32), data.shapes[image][2:])
 
@@ -236,7 +238,7 @@ def saliency_of(data: FittingData, image: int, weights: FloatArray) -> Float32Ar
 def as_model(
     data: FittingData, static: FloatArray, ordered: Sequence[float] = (), fitted_to: str = ""
 ) -> FittedModel:
-    """The model of the weights of the static density, and of those of the next fixation."""
+    """The fitted model, from static weights and from weights for the next fixation."""
     rounded = (
         tuple(float(f"{weight:.6g}") for weight in weights)
         for weights in (static[: len(data.names)], ordered)
@@ -254,10 +256,9 @@ class FitStudy:
     """A fitted model and its cross-validated scores."""
 
     model: FittedModel
-    """Fitted to all images."""
+    """Model fitted to all images."""
     results: dict[str, PredictionScores]
-    """By name: the model on images that it was not fitted to, then on subjects that it was not
-    fitted to, and what it is compared with."""
+    """Scores by name: the model on held-out images, on held-out subjects, and references."""
 
 
 def study(
@@ -272,15 +273,15 @@ def study(
     """Fit a model to all images, and score it by cross-validation.
 
     Args:
-        people: their fixations.
+        people: recorded fixations.
         attention: settings of the maps, and of the unfitted model.
-        config: of the cross-validation.
-        faces: finds faces, so that they are a feature; None for a model without.
-        ceiling: whether people are scored, each against the others.
-        progress: passes items on, with a description and their number.
+        config: settings of the fit and the cross-validation.
+        faces: face detector, for a model with faces; None for a model without faces.
+        ceiling: whether to score each subject against the others.
+        progress: function that passes items through; it receives a description and their number.
 
     Raises:
-        LogError: there are too few images.
+        LogError: fewer than four images.
         ImageError: an image cannot be read or used.
     """
     count, subjects = len(people.sizes), len(np.unique(people.table.subject))

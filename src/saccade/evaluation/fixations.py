@@ -1,8 +1,7 @@
 """Metrics of fixation prediction by saliency maps.
 
-Every metric takes a map of any scale and offset, of the size of its image, and fixations in
-pixels. Names and definitions follow Bylinskii, Judd, Oliva, Torralba & Durand, *What do different
-evaluation metrics tell us about saliency models?* (TPAMI 2019).
+Every metric takes a map at the size of the image, with any scale and offset, and fixations in
+pixels. Names and definitions follow Bylinskii et al., TPAMI 2019 (doi:10.1109/TPAMI.2018.2815601).
 """
 
 from dataclasses import dataclass
@@ -18,22 +17,22 @@ from saccade.types import BoolArray, FloatArray, IntArray
 Map = npt.NDArray[np.floating]
 
 TINY = 2.2204e-16
-"""Keeps quotients and logarithms finite, as in the MIT saliency benchmark."""
+"""Constant that keeps quotients and logarithms finite, as in the MIT saliency benchmark."""
 
 
 BASELINE_FLOOR = 0.1
-"""Fraction of a uniform distribution beside the density of the other images' fixations, over which
-a predicted density is optimal for shuffled AUC."""
+"""Weight of the uniform distribution in the baseline by which a density is divided for shuffled
+AUC; the rest is the density of fixations on other images."""
 
 
 @dataclass(frozen=True)
 class FixationScores:
-    """The scores of one map, or their means over images."""
+    """Scores of a map, or means over images."""
 
     auc: float
     """Area under the ROC curve, fixations against all pixels (AUC-Judd); chance 0.5."""
     shuffled_auc: float
-    """AUC against fixations of other images: a center bias gains nothing; chance 0.5."""
+    """AUC against fixations on other images, which removes the center bias; chance 0.5."""
     nss: float
     """Normalized scanpath saliency: mean of the standardized map at the fixations; chance 0."""
     cc: float
@@ -57,23 +56,23 @@ def score(
 ) -> FixationScores:
     """Score one saliency map by every metric.
 
-    A density has for each metric the map that is optimal for it: the density itself for AUC, NSS
-    and information gain; over the density of the other images' fixations for shuffled AUC; and
-    blurred as the fixation density is for CC, SIM and KL (for SIM about optimal).
+    A density is converted to the optimal map for each metric: unchanged for AUC, NSS and
+    information gain; divided by the density of fixations on other images for shuffled AUC; blurred
+    like the fixation density for CC, SIM and KL (nearly optimal for SIM).
 
     Args:
-        saliency: (H, W) of the size of the image.
-        fixations: (n, 2) x and y in pixels, in this image.
-        others: (m, 2) fixations of the other images, scaled to this one; the negatives of the
+        saliency: (H, W) map at the size of the image.
+        fixations: (n, 2) x and y in pixels of this image.
+        others: (m, 2) fixations on other images, scaled to this image: the negatives of the
             shuffled AUC and, blurred, the baseline of the information gain.
         sigma: standard deviation of the blur in pixels; about one degree of visual angle.
-        baseline: (H, W) fixation density of `others`, to compute it once for many maps.
-        density: whether the map is a density, not negative, of any scale.
+        baseline: (H, W) precomputed fixation density of `others`, for scoring many maps.
+        density: whether the map is a nonnegative density, of any scale.
 
     Raises:
         ImageError: the map is not finite, or a fixation lies outside it.
 
-    Source: of densities Kummerer, Wallis & Bethge, *Saliency benchmarking made easy: separating
+    Source: for densities, Kummerer, Wallis & Bethge, *Saliency benchmarking made easy: separating
     models, maps and metrics* (ECCV 2018).
     """
     if saliency.ndim != 2:
@@ -107,7 +106,7 @@ def auc(saliency: Map, fixations: FloatArray) -> float:
 
 
 def shuffled_auc(saliency: Map, fixations: FloatArray, others: FloatArray) -> float:
-    """Shuffled AUC: probability that a fixation is more salient than one of another image."""
+    """Shuffled AUC: probability that a fixation is more salient than a fixation from elsewhere."""
     return roc_area(values_at(saliency, fixations), values_at(saliency, others))
 
 
@@ -120,7 +119,7 @@ def nss(saliency: Map, fixations: FloatArray) -> float:
 
 
 def correlation(first: Map, second: Map) -> float:
-    """Pearson correlation of two maps; 0 where one is constant."""
+    """Pearson correlation of two maps; 0 if either is constant."""
     first, second = first - first.mean(), second - second.mean()
     norm = float(np.sqrt((first * first).sum() * (second * second).sum()))
     return float((first * second).sum()) / norm if norm > 0 else 0.0
@@ -166,12 +165,12 @@ def fixation_density(fixations: FloatArray, shape: tuple[int, int], sigma: float
 
 @lru_cache(maxsize=8)
 def _gaussian_at_all(side: int, sigma: float) -> FloatArray:
-    """(side, side) a Gaussian truncated at 4 sigma about each sample, in each row."""
+    """(side, side) matrix whose rows are Gaussians around each sample, truncated at 4 sigma."""
     return np.asarray(gaussian_filter1d(np.eye(side), sigma, mode="constant", truncate=4.0))
 
 
 def distribution(saliency: Map) -> FloatArray:
-    """A map as a distribution: shifted to be non-negative, scaled to sum 1; uniform if constant."""
+    """A map as a distribution, with a minimum of 0 and a sum of 1; uniform if constant."""
     positive = np.asarray(saliency, np.float64) - min(0.0, float(saliency.min()))
     total = float(positive.sum())
     if total == 0:
@@ -199,7 +198,7 @@ def ranks(positives: Map, negatives: Map) -> FloatArray:
 
 
 def inside(fixations: FloatArray, shape: tuple[int, ...] | IntArray) -> BoolArray:
-    """(n,) which fixations (n, 2) lie inside an image of (H, W) pixels; or (n, 2), one for each."""
+    """(n,) True for fixations (n, 2) inside an image of (H, W) pixels, or images (n, 2)."""
     pixels = np.floor(fixations + 0.5)
     size = np.asarray(shape)[..., 1::-1]
     return np.asarray(((pixels >= 0) & (pixels < size)).all(axis=1))

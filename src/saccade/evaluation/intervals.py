@@ -21,14 +21,14 @@ RESAMPLES = 2000
 
 
 class Estimate(NamedTuple, Generic[Scores]):
-    """Means of scores, and the ends of their bootstrap intervals."""
+    """Means of scores, with the limits of their bootstrap intervals."""
 
     mean: Scores
     low: Scores
     high: Scores
 
     def as_dict(self) -> dict[str, dict[str, float]]:
-        """The scores by name, of each of the three."""
+        """The scores by name, for the mean and both limits."""
         return {name: asdict(scores) for name, scores in self._asdict().items()}
 
 
@@ -41,7 +41,7 @@ class ScoreSet(Generic[Name, Scores]):
     scores: Sequence[Scores]
     """One dataclass of floats for each item."""
     seed: ClassVar[int]
-    """Seed of the bootstrap: equal scores always have equal intervals."""
+    """Seed of the bootstrap, fixed so that equal scores have equal intervals."""
 
     def mean(self) -> Scores:
         """The mean of every score over the items."""
@@ -52,10 +52,10 @@ class ScoreSet(Generic[Name, Scores]):
         return self._estimate(self._table(), confidence)
 
     def minus(self, other: Self, confidence: float = 0.95) -> Estimate[Scores]:
-        """Mean of the paired differences from another set, over the items that both have.
+        """Means of the paired differences from another set, over common items.
 
         Raises:
-            ImageError: they have none in common.
+            ImageError: the sets have no items in common.
         """
         theirs = dict(zip(other.name, other._table(), strict=True))
         ours = zip(self.name, self._table(), strict=True)
@@ -80,12 +80,12 @@ def mean_interval(table: FloatArray, confidence: float, seed: int) -> tuple[Floa
     """Percentile bootstrap interval of the mean of each column, resampling rows.
 
     Args:
-        table: (n, m) scores; with a single row its own values are both ends.
-        confidence: probability of the interval.
+        table: (n, m) scores; for a single row both limits equal its values.
+        confidence: coverage probability of the interval.
         seed: seed of the resampling.
 
     Returns:
-        Lower and upper ends, (m,) each.
+        Lower and upper limits, (m,) each.
     """
     if len(table) < 2:
         return table.mean(axis=0), table.mean(axis=0)

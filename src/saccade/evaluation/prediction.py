@@ -42,52 +42,52 @@ ARRAYS: dict[str, Callable[[Path], npt.NDArray[Any]]] = {
 }
 """Readers of maps of numbers, by suffix."""
 MAX_SALIENCY = 1e15
-"""Largest magnitude in a map: squares of float32 can be summed up to it."""
+"""Maximum magnitude in a map, for which sums of squares stay finite in float32."""
 
 
 Blur = float | Callable[[tuple[int, int]], float]
-"""Standard deviation in pixels, or a function from the (H, W) of an image to it."""
+"""Standard deviation in pixels, or a function that returns it for the (H, W) of an image."""
 Model = Callable[[str], Float32Array]
 """Function from the name of an image to its (H, W) saliency."""
 CENTER_WIDTH = 0.25
-"""Standard deviation of the Gaussian in the center, as a fraction of each side."""
+"""Standard deviation of the center Gaussian, as a fraction of each side."""
 
 
 class PredictionScores(ScoreSet[str, FixationScores]):
-    """Fixation scores by the names of the images."""
+    """Fixation scores by image name."""
 
     seed = 20101
 
 
 @dataclass(frozen=True, eq=False)
 class FixationData:
-    """Fixations of people on images, and how maps are scored by them."""
+    """Recorded fixations on images, with the settings for scoring maps."""
 
     folder: Path
     """Folder of the images."""
     table: FixationTable
     """Fixations inside their images, sorted by image, subject, trial and index."""
     sizes: Mapping[str, tuple[int, int]]
-    """(H, W) of each image with fixations; fixations of one are scaled to another by them."""
+    """(H, W) of each image with fixations, by which fixations are scaled between images."""
     sigma: float | Mapping[str, float] = 24.0
-    """Standard deviation of the fixation blur, in pixels; of all images, or by name."""
+    """Standard deviation of the fixation blur in pixels, for all images or by name."""
     outside: int = 0
-    """Number of the fixations outside their images, which were left out."""
+    """Number of fixations left out because they are outside their images."""
 
     @classmethod
     def of(cls, table: FixationTable, folder: Path, skip: int, sigma: Blur = 24.0) -> Self:
-        """Those of a table, on images of a folder.
+        """Builds the data from a table of fixations and a folder of images.
 
         Args:
             table: fixations of several subjects and images.
-            folder: of the images.
-            skip: number of first fixations of each subject that are left out.
+            folder: folder of the images.
+            skip: number of initial fixations of each scanpath to leave out.
             sigma: standard deviation of the fixation blur, in pixels, or as a function of the
                 (H, W) of an image.
 
         Raises:
             ImageError: an image cannot be read.
-            LogError: there is only one image, so that nothing can be shuffled.
+            LogError: there is only one image, so that the shuffled AUC is undefined.
         """
         order = np.lexsort((table.index, table.scanpath))
         table = table[order[table.index[order] >= skip]]
@@ -106,7 +106,7 @@ class FixationData:
         return self.sigma[name] if isinstance(self.sigma, Mapping) else self.sigma
 
     def read(self, name: str) -> Float32Array:
-        """The image of a name."""
+        """Reads an image by name."""
         return read_image(self.folder / name)
 
     def on(self, name: str) -> FixationTable:
@@ -115,7 +115,7 @@ class FixationData:
         return self.table[first:last]
 
     def elsewhere(self, name: str) -> FloatArray:
-        """The fixations (m, 2) on all other images, scaled to the size of one."""
+        """The fixations (m, 2) on all other images, scaled to the size of this image."""
         here = self.table.image == name
         sizes = np.array([self.sizes[each] for each in self.table.image[~here].tolist()])
         height, width = self.sizes[name]
@@ -123,24 +123,24 @@ class FixationData:
         return np.asarray(scaled.clip(0, (width - 1, height - 1)))
 
     def density(self, name: str, xy: FloatArray) -> FloatArray:
-        """The fixation density (H, W) on an image of fixations (n, 2)."""
+        """The fixation density (H, W) of fixations (n, 2) on an image."""
         return fixation_density(xy, self.sizes[name], self.sigma_of(name))
 
     @lru_cache(maxsize=2)  # noqa: B019 - the data live as long as the run
     def negatives(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """The fixations elsewhere, and their density: the baseline of the information gain."""
+        """Fixations on other images, and their density: the baseline of the information gain."""
         others = self.elsewhere(name)
         return others, self.density(name, others)
 
     def score(
         self, name: str, saliency: Map, xy: FloatArray, *, density: bool = False
     ) -> FixationScores:
-        """The scores of a map (H, W), or density, of an image by fixations (n, 2) on it."""
+        """Scores of a map (H, W), or density, for fixations (n, 2) on the image."""
         others, baseline = self.negatives(name)
         return score(saliency, xy, others, self.sigma_of(name), baseline, density=density)
 
     def center(self, name: str) -> Float32Array:
-        """A Gaussian in the center of an image, of which it sees nothing."""
+        """A Gaussian at the center of an image, independent of its content."""
         y, x = (
             np.exp(-((((np.arange(side) + 0.5) / side - 0.5) / CENTER_WIDTH) ** 2) / 2)
             for side in self.sizes[name]
@@ -158,7 +158,7 @@ def score_models(
     """Score saliency models image by image.
 
     Args:
-        models: by name, each maps the name of an image to its (H, W) saliency.
+        models: functions from the name of an image to its (H, W) saliency, by name.
         data: the fixations.
         densities: names of the models whose maps are densities, see `fixations.score`.
 
@@ -166,7 +166,7 @@ def score_models(
         The name of each image, and the scores of each model on it.
 
     Raises:
-        ImageError: a map or a fixation does not fit its image; names the image.
+        ImageError: a map or a fixation does not fit its image; the message names the image.
     """
     for name in data.sizes:
         xy = data.on(name).xy
@@ -181,10 +181,10 @@ def score_models(
 
 
 def score_people(data: FixationData) -> Iterator[tuple[str, FixationScores]]:
-    """Each subject of an image against the fixation density of the others: the ceiling of models.
+    """Scores each subject against the fixation density of the others: the ceiling of models.
 
     Yields:
-        The name of each image with two subjects or more, and the mean over its subjects.
+        The name of each image with two or more subjects, and the mean over its subjects.
     """
     for name in data.sizes:
         seen = data.on(name)
@@ -199,7 +199,7 @@ def score_people(data: FixationData) -> Iterator[tuple[str, FixationScores]]:
 
 
 class FixationRow(NamedTuple):
-    """The scores of one fixation; their means over an image are those of its map."""
+    """Scores of a fixation; their means over an image equal the scores of its map."""
 
     image: str
     model: str
@@ -215,11 +215,11 @@ class FixationRow(NamedTuple):
     nss: float
     """Saliency in standard deviations above the mean of the map."""
     information_gain: float
-    """Bits over the density of the other images' fixations."""
+    """Information gain in bits over the density of fixations on other images."""
 
 
 def fixation_rows(name: str, maps: Mapping[str, Map], data: FixationData) -> Iterator[FixationRow]:
-    """The scores of each fixation on an image by maps (H, W) of each model."""
+    """Scores of each fixation on an image for each model's map (H, W)."""
     seen = data.on(name)
     others, density = data.negatives(name)
     baseline = distribution(density)
@@ -238,10 +238,10 @@ def fixation_rows(name: str, maps: Mapping[str, Map], data: FixationData) -> Ite
 
 
 def checked_map(values: Any, name: str) -> Float32Array:
-    """A map of a file or of a model of the user's, checked.
+    """Validates a map from a file or from a user's model.
 
     Raises:
-        ImageError: not finite numbers of shape (h, w); names the map.
+        ImageError: not finite numbers of shape (h, w); the message names the map.
     """
     expected = f"{name}: expected finite numbers of shape (h, w)"
     try:
@@ -261,11 +261,11 @@ def saliency_from_files(images: Path, maps: Path) -> Model:
     Args:
         images: folder of the images.
         maps: folder with a map for each image: NAME.npy, NAME.mat, NAME.png, NAME.tiff or a file
-            of the same name.
+            with the image's own name.
 
     Returns:
-        A function from the name of an image to its (H, W) map; it raises ImageError where
-        there is no valid map.
+        A function from the name of an image to its (H, W) map; it raises ImageError if there is no
+        valid map.
     """
 
     def read(name: str) -> Float32Array:
@@ -285,10 +285,10 @@ def saliency_from_files(images: Path, maps: Path) -> Model:
 
 
 def read_saliency_array(path: Path) -> Float32Array:
-    """The (h, w) saliency map in an .npy or .tiff file of any type, or the only one in a .mat file.
+    """Reads an (h, w) saliency map from .npy or .tiff of any type, or the only map in a .mat file.
 
     Raises:
-        ImageError: the file is no array, or not one of finite numbers of shape (h, w).
+        ImageError: the file does not hold finite numbers of shape (h, w).
     """
     try:
         array = ARRAYS[path.suffix](path)

@@ -1,4 +1,4 @@
-"""Scores of a mapped camera drive whose truth is known."""
+"""Summaries of SLAM runs and camera drives, with errors against ground truth."""
 
 from dataclasses import asdict, fields
 from typing import Any
@@ -25,14 +25,14 @@ from saccade.visual import ObservationKind, VisualResult
 GROSS_WEIGHT = 0.25
 """Largest weight of a gross error in the smoothing: over 5 sigma."""
 GPS_INLIERS = 0.9
-"""Fraction of the GPS positions that count; the others may be multipath reflections."""
+"""Fraction of GPS positions used; the rest may be multipath reflections."""
 
 
 def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
-    """The figures of a run, as in run.json; errors where the log has the truth.
+    """Figures of a run, as in run.json, with errors if the log has ground truth.
 
-    The name of an error names its estimate: smoothed, filtered, or odometry alone. Errors are those
-    after alignment, and the unaligned ones where the truth is in the frame of the log, see
+    The name of an error includes its estimate: smoothed, filtered, or odometry alone. Errors are
+    given after alignment and, if the ground truth is in the frame of the log, also without; see
     `LandmarkLog.aligned_truth`.
     """
     row: dict[str, Any] = {
@@ -44,7 +44,7 @@ def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
         "observations_downweighted": None
         if result.weight is None
         else int((result.weight < GROSS_WEIGHT).sum()),
-        "names_refused": int(result.rejected.sum()),
+        "labels_rejected": int(result.rejected.sum()),
         "landmarks": len(result.map),
         "landmarks_culled": result.removed,
         **_odometry_end(log, result),
@@ -80,7 +80,7 @@ def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
 
 
 def _odometry_biases(result: SlamResult) -> dict[str, Any]:
-    """The estimated odometry biases with their standard deviations, as numbers and in words."""
+    """Estimated odometry biases with standard deviations, as numbers and as text."""
     bias, covariance = result.odometry_bias, result.bias_covariance
     if bias is None or covariance is None:
         return {"odometry_bias": None, "odometry_bias_sigma": None, "odometry_correction": ""}
@@ -114,11 +114,11 @@ def _doubt(result: SlamResult) -> str:
 
 
 def lost_times(trajectory: Trajectory, lost: BoolArray | None) -> list[list[float | None]]:
-    """Seconds since the first pose at which a robot was lost and found again; None if it was not.
+    """Times of kidnapping and relocalization, in seconds since the first pose.
 
     Args:
-        trajectory: (t) poses.
-        lost: (t,) whether it was lost there; None where that was not tested.
+        trajectory: t poses.
+        lost: (t,) True while lost; None if not tested.
     """
     if lost is None or len(trajectory) == 0:
         return []
@@ -129,14 +129,14 @@ def lost_times(trajectory: Trajectory, lost: BoolArray | None) -> list[list[floa
 
 
 def has_headings(truth: Trajectory) -> bool:
-    """Whether a truth has headings; one without, such as GPS, is not in the frame of the log."""
+    """Whether ground truth has headings; if not, as for GPS, its frame differs from the log's."""
     return bool(np.isfinite(truth.pose[:, 2]).all())
 
 
 def _odometry_end(log: LandmarkLog, result: SlamResult) -> dict[str, float | None]:
-    """Error of dead reckoning at the end, against the truth or else the estimate.
+    """Error of dead reckoning at the end, against ground truth or else the estimate.
 
-    The end is the last pose with a true one.
+    The end is the last pose with ground truth.
     """
     odometry, reference = result.dead_reckoning, result.trajectory
     name = "odometry_end_from_estimate_m"
@@ -148,17 +148,17 @@ def _odometry_end(log: LandmarkLog, result: SlamResult) -> dict[str, float | Non
 
 
 POSITION_TOLERANCE = 0.1
-"""Metres, plus a tenth of it for each meter of range, by which two observations of one landmark
-may differ besides their standard deviations."""
+"""Tolerance between two observations of a landmark in meters, plus a tenth of it per meter of
+range, in addition to the standard deviations."""
 
 
 def correct_associations(
     frame: IntArray, landmark: IntArray, z: FloatArray, sigma: FloatArray, poses: FloatArray
 ) -> BoolArray:
-    """Whether each observation agrees with the first one of its landmark.
+    """Tests whether each observation agrees with the first observation of its landmark.
 
-    Observations are projected from the true poses. Two agree where they lie within three sigma
-    (99.7 %) of their covariances, long along the line of sight where the range is uncertain.
+    Observations are projected from the true poses. Two observations agree if they lie within three
+    sigma (99.7 %) of their covariances, which are elongated along the line of sight.
 
     Args:
         frame: (k,) ascending frame numbers.

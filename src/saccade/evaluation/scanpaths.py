@@ -1,4 +1,4 @@
-"""Scanpath prediction: scanpaths of models and people beside those of people, image by image."""
+"""Scanpath prediction: similarity of model scanpaths and human scanpaths, image by image."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,14 +23,14 @@ class GazePath:
     """A scanpath with the durations of its fixations."""
 
     xy: FloatArray
-    """(n, 2) positions in image pixels, in their order."""
+    """(n, 2) positions in image pixels, in temporal order."""
     duration: FloatArray
-    """(n,) of each fixation in seconds; NaN where unknown."""
+    """(n,) durations of the fixations in seconds; NaN if unknown."""
 
 
 @dataclass(frozen=True)
 class ScanMatchConfig(Settings):
-    """Settings of ScanMatch; the defaults are those it was published with.
+    """Settings of ScanMatch, with the published defaults.
 
     Source: Cristino, Mathot, Theeuwes & Gilchrist, *ScanMatch: A novel method for comparing
     fixation sequences* (Behavior Research Methods 2010).
@@ -41,12 +41,12 @@ class ScanMatchConfig(Settings):
     rows: int = setting(8, 1, 1000)
     """Rows of the grid over the image."""
     threshold: float = setting(3.5, above=0)
-    """Distance in cells at which a substitution scores 0; it scores the threshold less the
-    distance, so that nearer cells are aligned and farther ones are not."""
+    """Maximum distance in cells of aligned fixations: a substitution scores the threshold minus the
+    distance."""
     gap: float = setting(0.0, maximum=0)
     """Score of a gap in the alignment; not above 0."""
     time_bin: float | None = setting(None, above=0)
-    """Seconds for which a fixation counts once; None counts each once, whatever its duration."""
+    """Time bin in seconds, by which long fixations are repeated; None ignores durations."""
 
 
 def scanmatch(
@@ -57,20 +57,20 @@ def scanmatch(
 ) -> FloatArray:
     """ScanMatch similarity of pairs of scanpaths.
 
-    The score of the best global alignment (Needleman & Wunsch 1970) of the cells in which the
-    fixations lie, over the score of the longer path with itself.
+    The score of the best global alignment (Needleman & Wunsch 1970) of the fixated cells, divided
+    by the score of the longer path with itself.
 
     Args:
-        first: p paths of at least one fixation each.
-        second: p paths to compare them with, in the same order.
+        first: p paths with at least one fixation each.
+        second: p paths to compare, in the same order.
         image_shape: (H, W).
         config: grid, substitution and gap.
 
     Returns:
-        (p,) at most 1, which is that of equal paths; not below 0 without a gap penalty.
+        (p,) similarity, 1 for equal paths, and at least 0 without a gap penalty.
 
     Raises:
-        ImageError: a path without fixations; or without durations where they are needed.
+        ImageError: a path without fixations, or without durations if time bins are used.
     """
     config = config or ScanMatchConfig()
     cells_a, n = _padded([_cells(path, image_shape, config) for path in first])
@@ -90,7 +90,7 @@ def scanmatch(
 
 
 def _cells(path: GazePath, image_shape: tuple[int, int], config: ScanMatchConfig) -> FloatArray:
-    """(k, 2) column and row of the grid for each fixation, repeated for each bin of time."""
+    """(k, 2) grid column and row of each fixation, repeated for each time bin."""
     if len(path.xy) == 0:
         raise ImageError("scanpath: expected at least one fixation, found none")
     grid = np.array([config.columns, config.rows])
@@ -98,13 +98,13 @@ def _cells(path: GazePath, image_shape: tuple[int, int], config: ScanMatchConfig
     if config.time_bin is None:
         return np.asarray(cells)
     if not np.isfinite(path.duration).all():
-        raise ImageError("scanpath: expected the duration of each fixation for bins of time")
+        raise ImageError("scanpath: expected the duration of each fixation for time bins")
     repeats = np.maximum(1, np.round(path.duration / config.time_bin)).astype(np.int64)
     return np.asarray(np.repeat(cells, repeats, axis=0))
 
 
 def _padded(paths: Sequence[FloatArray]) -> tuple[FloatArray, IntArray]:
-    """Paths (k, d) of several lengths as one array (p, n, d), zero at the end; and the lengths."""
+    """Paths (k, d) as a zero-padded array (p, n, d), and their lengths."""
     lengths = np.array([len(path) for path in paths], np.int64)
     padded = np.zeros((len(paths), int(lengths.max()), paths[0].shape[1]))
     for k, path in enumerate(paths):
@@ -116,23 +116,23 @@ PEOPLE, OTHERS, WALK = "people", "other images", "centered walk"
 SAMPLED, SIMILAR = "sampled", "sampled, similar"
 MOST_PROBABLE, DETERMINISTIC = "most probable", "winner-take-all"
 SOURCES = (PEOPLE, OTHERS, WALK, SAMPLED, SIMILAR, MOST_PROBABLE, DETERMINISTIC)
-"""Where the scanpaths come from that are compared with those of people."""
+"""Sources of the scanpaths that are compared with human scanpaths."""
 WALK_SIGMA = 0.25
-"""Center bias of the centered walk where the model has none."""
+"""Center bias of the centered walk if the model has none."""
 
 
 @dataclass(frozen=True)
 class PathScores:
-    """A scanpath beside those of the people who saw the image; means over them."""
+    """Scores of a scanpath against human scanpaths on the image, averaged over subjects."""
 
     scanmatch: float
     """ScanMatch similarity, at most 1."""
     amplitude: float
     """Mean amplitude of the path's own saccades, in pixels; NaN without any."""
     horizontal: float
-    """Fraction of them within 45 degrees of the horizontal; NaN without any."""
+    """Fraction of saccades within 45 degrees of the horizontal; NaN without any."""
     seconds: float
-    """Mean duration of the path's own fixations; NaN where unknown."""
+    """Mean duration of the path's own fixations in seconds; NaN if unknown."""
     fixations: float
     """Number of the path's own fixations."""
 
@@ -147,16 +147,16 @@ class PathRow(NamedTuple):
 
 
 class Viewing(NamedTuple):
-    """Fixations of people on an image."""
+    """Human scanpaths on an image."""
 
     shape: tuple[int, int]
     """(H, W) of the image."""
     paths: Mapping[tuple[int, int], GazePath]
-    """By subject and number of the scanpath; at least one fixation each, inside the image."""
+    """Scanpaths by subject and number, each with at least one fixation inside the image."""
 
 
 def viewings(data: FixationData) -> dict[str, Viewing]:
-    """The scanpaths of the subjects of each image, of two subjects or more.
+    """Human scanpaths of each image with two or more subjects.
 
     Raises:
         LogError: fewer than two images with two subjects.
@@ -181,9 +181,9 @@ class PathSettings:
     """Settings of the comparison of paths."""
 
     fixations: int
-    """Fixations of each path of a model, and the most of a person's that are compared."""
+    """Number of fixations per model path, and maximum for human paths."""
     samples: int = 15
-    """Paths that are drawn from the model for each image."""
+    """Number of paths drawn from the model for each image."""
     model: ScanpathModelConfig = field(default_factory=ScanpathModelConfig)
     network: ScanpathConfig = field(default_factory=ScanpathConfig)
     similarity: ScanMatchConfig = field(default_factory=ScanMatchConfig)
@@ -197,17 +197,17 @@ def score_paths(
     saliency: Float32Array,
     settings: PathSettings,
 ) -> Iterator[PathRow]:
-    """Compare the scanpaths of every source with those of the people who saw an image.
+    """Compares the scanpaths of every source with human scanpaths on an image.
 
     Args:
-        name: of the image.
-        people: scanpaths of the subjects by image, see `viewings`. Those of the next image stand
-            for other images, scaled to this one.
-        saliency: (h, w) of the image.
-        settings: the models, and how paths are compared.
+        name: name of the image.
+        people: human scanpaths by image, see `viewings`. Scanpaths on the next image, scaled to
+            this image, represent other images.
+        saliency: (h, w) saliency of the image.
+        settings: models, and settings of the comparison.
 
     Yields:
-        Each path; a person is compared with the others only.
+        Each path; subjects are compared with the other subjects only.
     """
     shape = people[name].shape
     seen = _cut(people[name].paths, settings.fixations)
@@ -243,12 +243,12 @@ def score_paths(
 
 
 def walk_model(model: ScanpathModelConfig) -> ScanpathModelConfig:
-    """The model of a walk about the center: with a center bias, for a map without contrast."""
+    """Model of a random walk around the center, for a uniform map."""
     return model if model.center_sigma else replace(model, center_sigma=WALK_SIGMA)
 
 
 def durations_of(path: Scanpath) -> FloatArray:
-    """(n,) seconds from each fixation to the next, NaN for the last."""
+    """(n,) seconds from each fixation to the next; NaN for the last."""
     return np.append(np.diff(path.time), np.nan)
 
 
@@ -266,7 +266,7 @@ def _cut(paths: Mapping[tuple[int, int], GazePath], count: int) -> dict[tuple[in
 def path_scores(
     path: GazePath, people: Sequence[GazePath], shape: tuple[int, int], config: ScanMatchConfig
 ) -> PathScores:
-    """The scores of a path; means of what is known, NaN where nothing is."""
+    """Scores of a path; means ignore unknown values and are NaN if all are unknown."""
     step = np.diff(path.xy, axis=0)
     known = path.duration[np.isfinite(path.duration)]
     return PathScores(

@@ -1,7 +1,7 @@
-"""Errors of an estimated trajectory and map against the truth.
+"""Errors of an estimated trajectory and map against ground truth.
 
-Those of timed poses in space are as evo and KITTI's benchmark define them, after Sturm, Engelhard,
-Endres, Burgard & Cremers (2012) and Geiger, Lenz & Urtasun (2012).
+Errors of poses in SE(3) follow evo and KITTI's benchmark, after Sturm, Engelhard, Endres, Burgard &
+Cremers (2012) and Geiger, Lenz & Urtasun (2012).
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, LandmarkMap, Tra
 TRIMMED_ITERATIONS = 30
 """Iterations of the trimmed alignment."""
 MIN_SPREAD = 1e-12
-"""Least singular value of points that span a dimension, as a fraction of the largest."""
+"""Minimum singular value of points that span a dimension, as a fraction of the largest."""
 
 
 class Similarity(NamedTuple):
@@ -32,7 +32,7 @@ class Similarity(NamedTuple):
     """(d,)."""
     scale: float
     rank: int
-    """Dimensions of space that the points span; under d - 1 they do not determine the rotation."""
+    """Dimension of the points' span; below d - 1 the rotation is undetermined."""
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """The transformed points (n, d)."""
@@ -40,12 +40,12 @@ class Similarity(NamedTuple):
 
 
 def umeyama(points: FloatArray, onto: FloatArray, with_scale: bool = False) -> Similarity:
-    """Least-squares alignment of points (n, d) with their correspondences (n, d).
+    """Least-squares alignment of points (n, d) to corresponding points (n, d).
 
     Args:
         points: points to be moved.
         onto: their correspondences.
-        with_scale: whether the scale is estimated too; else it is 1.
+        with_scale: whether to estimate the scale; otherwise it is 1.
 
     Source: Umeyama (1991).
     """
@@ -68,11 +68,10 @@ def position_rmse(
 
     Args:
         trajectory: estimated poses.
-        truth: true positions, at times of their own.
-        keep: fraction of the smallest errors that count and determine the alignment; under 1 for
-            a truth with outliers, such as GPS among trees.
-        aligned: whether the trajectory is aligned with the truth first; False for one in the frame
-            of the truth.
+        truth: true positions, at any times.
+        keep: fraction of the smallest errors that count and determine the alignment; below 1 for
+            ground truth with outliers, such as GPS among trees.
+        aligned: whether to align the trajectory first; False if it is in the frame of the truth.
 
     Returns:
         The error at `common_times`; NaN for fewer than two.
@@ -83,27 +82,27 @@ def position_rmse(
 
 
 def common_times(trajectory: Trajectory, truth: Trajectory) -> FloatArray:
-    """(n,) times of the one that has fewer poses, at which both have a pose (`Trajectory.covers`).
+    """(n,) times for the comparison of two trajectories, from the sparser trajectory.
 
-    An estimate may have poses at any distance, if they are regular.
+    Both cover these times (`Trajectory.covers`). An estimate may have any regular pose interval.
     """
     time = min(trajectory, truth, key=len).time
     return time[truth.covers(time) & trajectory.covers(time, longest=np.inf)]
 
 
 MIN_COMPARED = 10
-"""Number of poses with a true one under which errors tell little."""
+"""Minimum number of poses with ground truth for meaningful errors."""
 MIN_FRACTION = 0.1
-"""Fraction of the poses under which errors tell little."""
+"""Minimum fraction of poses with ground truth for meaningful errors."""
 
 
 def coverage_remarks(compared: int | None, poses: int) -> tuple[str, ...]:
-    """A remark on a truth that covers a part of the poses; None for no truth."""
+    """Remarks on incomplete ground truth; empty without ground truth."""
     if compared is None or compared >= poses:
         return ()
-    remark = f"truth for {compared} of {poses} poses: the errors are those of this part"
+    remark = f"truth for {compared} of {poses} poses: the errors refer to this part"
     if compared < max(MIN_COMPARED, MIN_FRACTION * poses):
-        remark = f"warning: truth for only {compared} of {poses} poses: the errors tell little"
+        remark = f"warning: truth for only {compared} of {poses} poses: not representative"
     return (remark,)
 
 
@@ -113,7 +112,7 @@ def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap, *, aligned: bool =
     Args:
         landmarks: the estimates.
         truth: true positions of landmarks with the same labels.
-        aligned: whether the estimates are aligned with the truth first.
+        aligned: whether to align the estimates with the truth first.
     """
     ids, _ = number_labels(labels_of(truth.id, truth.text_names), landmarks.text_names)
     _, ours, theirs = np.intersect1d(landmarks.id, ids, return_indices=True)
@@ -123,7 +122,7 @@ def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap, *, aligned: bool =
 def point_rmse(
     points: FloatArray, truth: FloatArray, *, keep: float = 1.0, aligned: bool = True
 ) -> float:
-    """Root mean square distance of points (n, d) and their true positions; see `position_rmse`."""
+    """Root mean square distance of points (n, d) to their true positions; see `position_rmse`."""
     if len(points) < 2:
         return float("nan")
     inliers = np.ones(len(points), bool)
@@ -146,30 +145,30 @@ def none_if_nan(value: float) -> float | None:
 
 @dataclass(frozen=True)
 class DriveScore:
-    """Errors of an estimated trajectory on the plane, in meters, where the truth covers it."""
+    """Errors of an estimated trajectory on the plane, in meters, at poses with ground truth."""
 
     poses_compared: int
-    """Number of poses of which the absolute errors are computed."""
+    """Number of poses in the absolute errors."""
     ate_m: float
     """Absolute trajectory error: RMSE of the position after alignment without scale (evo's APE)."""
     ate_unaligned_m: float
-    """ATE without alignment, with the start given."""
+    """ATE without alignment, if the start is known."""
     rpe_m: float
     """Relative pose error: RMSE of the translation between frames (evo's RPE)."""
     end_m: float
-    """Position error at the last pose with a true one, with the start given."""
+    """Position error at the last pose with ground truth, if the start is known."""
     inside_3sigma: float
-    """Fraction of the frames whose true position lies in the 99.7 % ellipse; NaN for an estimate
-    without covariance."""
+    """Fraction of frames with the true position inside the 99.7 % ellipse; NaN without
+    covariances."""
 
 
 def score_drive(estimate: Trajectory, truth: Trajectory, *, start_known: bool = True) -> DriveScore:
-    """Compare poses with the truth at their times, where there is one (`Trajectory.covers`).
+    """Compares poses with interpolated ground truth, where available (`Trajectory.covers`).
 
     Args:
         estimate: n poses.
-        truth: poses in the same frame; interpolated between its times.
-        start_known: whether the estimate begins at the true pose; else the errors without
+        truth: true poses in the same frame.
+        start_known: whether the estimate starts at the true pose; otherwise errors without
             alignment are NaN.
     """
     true_pose = truth.at(estimate.time)
@@ -204,7 +203,7 @@ def _in_space(time: FloatArray, pose: FloatArray) -> Poses:
 
 
 SEGMENTS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
-"""Lengths in meters of KITTI's segments; one of each begins at every tenth pose."""
+"""Lengths of KITTI's segments in meters; a segment of each length starts at every tenth pose."""
 
 
 @dataclass(frozen=True)
@@ -212,40 +211,40 @@ class PoseErrorConfig(Settings):
     """Association of estimated with true poses, and their alignment."""
 
     max_difference: float = setting(0.01, 0)
-    """Seconds between a pose and the true one with which it is compared."""
+    """Maximum time difference in seconds between a pose and the true pose."""
     scale: bool = False
-    """Whether the alignment estimates the scale too, as for a single camera."""
+    """Whether the alignment estimates the scale, as for a monocular camera."""
 
 
 class Errors(NamedTuple):
     """Errors of n poses, pairs or segments."""
 
     translation: FloatArray
-    """(n,) meters; of segments per cent of the length."""
+    """(n,) meters; for segments, percent of the length."""
     rotation: FloatArray
-    """(n,) degrees, of segments per 100 m; NaN where the alignment does not determine it (see
-    `score_poses`)."""
+    """(n,) degrees; for segments, degrees per 100 m; NaN if the alignment leaves it undetermined
+    (see `score_poses`)."""
 
 
 class PoseScores(NamedTuple):
-    """Errors of an estimate of n poses that have a true one."""
+    """Errors of n estimated poses with ground truth."""
 
     poses: int
-    """Number of poses of the estimate, with and without a true one."""
+    """Number of poses of the estimate, with and without ground truth."""
     estimate: Poses
     """Aligned."""
     truth: Poses
-    """At the same times, up to `PoseErrorConfig.max_difference`."""
+    """True poses at the same times, within `PoseErrorConfig.max_difference`."""
     aligned: Errors
-    """After rigid alignment of all positions, with scale where that is asked for."""
+    """Errors after rigid alignment, or after alignment with scale if configured."""
     unaligned: Errors
     """Errors without alignment, for an estimate in the frame of the truth."""
     scale: float
-    """Scale of the alignment; 1 where it is not estimated."""
+    """Scale of the alignment; 1 if not estimated."""
     relative: Errors
-    """(n - 1,) of the motion from each pose to the next (RPE)."""
+    """(n - 1,) errors of the motion from each pose to the next (RPE)."""
     segments: Errors
-    """Of the motion over 100 to 800 m of the true path (KITTI's); empty for paths under 100 m."""
+    """KITTI's errors over segments of 100 to 800 m; empty for paths shorter than 100 m."""
 
 
 class Statistics(NamedTuple):
@@ -270,18 +269,18 @@ def statistics(errors: FloatArray) -> Statistics:
 def score_poses(
     estimate: Poses, truth: Poses, config: PoseErrorConfig = PoseErrorConfig()
 ) -> PoseScores:
-    """Compare estimated poses with the truth.
+    """Compares estimated poses with ground truth.
 
-    Where all positions lie on a line, their alignment does not determine the rotation about it, and
-    the rotation errors after alignment are NaN.
+    If all positions lie on a line, the alignment leaves the rotation about it undetermined, and the
+    rotation errors after alignment are NaN.
 
     Args:
-        estimate: in the frame of the truth, or another where only aligned errors matter.
-        truth: of the same body.
+        estimate: estimated poses; unaligned errors require the frame of the truth.
+        truth: true poses of the same body.
         config: association and alignment.
 
     Raises:
-        LogError: fewer than two poses have a true one.
+        LogError: fewer than two poses have ground truth.
     """
     poses = len(estimate.time)
     estimate, truth = associate(estimate, truth, config)
@@ -307,7 +306,7 @@ def score_poses(
 def associate(
     estimate: Poses, truth: Poses, config: PoseErrorConfig = PoseErrorConfig()
 ) -> tuple[Poses, Poses]:
-    """The poses of both that belong together, one for each pose of the one that has fewer.
+    """Corresponding poses, one for each pose of the shorter trajectory.
 
     Raises:
         LogError: there are fewer than two.
@@ -321,7 +320,7 @@ def associate(
     found = distance.min(0) <= config.max_difference
     if found.sum() < 2:
         raise LogError(
-            f"expected at least 2 poses within {config.max_difference:g} s of a true one, found "
+            f"expected at least 2 poses within {config.max_difference:g} s of a true pose, found "
             f"{int(found.sum())}, the nearest {distance.min():.3g} s away"
         )
     few, many = _select(few, found), _select(many, nearest[found])
@@ -329,7 +328,7 @@ def associate(
 
 
 def path_length(position: FloatArray) -> FloatArray:
-    """Metres (n,) along a path (n, d) from its first point."""
+    """Arc length (n,) in meters along a path (n, d)."""
     steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -349,7 +348,7 @@ def relative_errors(estimate: Poses, truth: Poses, first: IntArray, second: IntA
 
 
 def _motion(poses: Poses, first: IntArray, second: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Rotations (m, 3, 3) and translations (m, 3) from poses to others, in the frames of these."""
+    """Rotations (m, 3, 3) and translations (m, 3) between poses, in the frames of the first."""
     back = poses.rotation[first].transpose(0, 2, 1)
     shift = (back @ (poses.position[second] - poses.position[first])[:, :, None])[:, :, 0]
     return back @ poses.rotation[second], shift
@@ -366,7 +365,7 @@ def _segment_errors(estimate: Poses, truth: Poses) -> Errors:
 
 
 def rotation_angle(rotation: FloatArray) -> FloatArray:
-    """Angles (n,) of rotations (n, 3, 3), in radians from 0 to pi; accurate for small ones."""
+    """Angles (n,) of rotations (n, 3, 3) in radians, 0 to pi, accurate for small angles."""
     skew = rotation - rotation.transpose(0, 2, 1)
     sine = np.linalg.norm(skew[:, [2, 0, 1], [1, 2, 0]], axis=1) / 2
     return np.asarray(np.arctan2(sine, (np.trace(rotation, axis1=1, axis2=2) - 1) / 2))

@@ -1,6 +1,6 @@
-"""Tables of features as Arrow has them, in Parquet files with a list of the images.
+"""Feature tables in Parquet files, with a list of the images.
 
-The list is JSON text in the metadata of a file: an image may have no points.
+The list is JSON text in the file's metadata, since an image may have no points.
 """
 
 import json
@@ -20,13 +20,14 @@ from saccade.io.npz import check_unpacked
 from saccade.types import Keypoints
 
 DESCRIPTOR_SIZE = 128
-"""Entries of a descriptor."""
+"""Length of a descriptor."""
 METADATA = b"saccade"
 """Key of the metadata."""
 ROW_GROUP = 1 << 16
-"""Rows that are written together; points take 10 MB."""
+"""Number of rows per row group; points take 10 MB."""
 ZSTD_LEVEL = 1
-"""Level 3 takes three times as long and saves nothing on data that is nearly random."""
+"""Compression level of Zstandard; level 3 takes three times as long and gains nothing on nearly
+random data."""
 
 POINT_SCHEMA = pa.schema(
     [
@@ -37,18 +38,18 @@ POINT_SCHEMA = pa.schema(
         ("descriptor", pa.binary(DESCRIPTOR_SIZE)),
     ]
 )
-"""A row for every point, in the units of `Keypoints`; the entries of a descriptor are its bytes."""
+"""Schema with one row per point, in the units of `Keypoints`; a descriptor is stored as bytes."""
 
 
 def rows_of_image(
     name: str, columns: Sequence[npt.NDArray[Any] | None], schema: pa.Schema
 ) -> pa.RecordBatch:
-    """Rows of numbers or bytes, each with the name of the image in the first column.
+    """Rows of an image, with its name in the first column.
 
     Args:
-        name: of the image.
-        columns: (n,) or (n, bytes) each, for the other columns; None for nulls.
-        schema: of all columns.
+        name: name of the image.
+        columns: (n,) or (n, bytes) values of the remaining columns; None for nulls.
+        schema: schema of all columns.
     """
     n = len(columns[0]) if columns[0] is not None else 0
     arrays = [pa.repeat(column([name], pa.string())[0], n)]
@@ -64,9 +65,9 @@ def rows_of_image(
 
 
 def column(cells: Sequence[Any], kind: pa.DataType) -> pa.Array:
-    """Texts, bytes or numbers; None is a null.
+    """Column of texts, bytes or numbers; None becomes null.
 
-    Built from buffers: `pa.array` would import pandas, which takes a second.
+    The column is built from buffers, since `pa.array` imports pandas, which takes a second.
     """
     valid = np.array([cell is not None for cell in cells], bool)
     buffers: list[Any] = [np.packbits(valid, bitorder="little")]
@@ -79,18 +80,18 @@ def column(cells: Sequence[Any], kind: pa.DataType) -> pa.Array:
 
 
 def rows_of(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.RecordBatch:
-    """Rows of texts, bytes and numbers; an absent cell is a null."""
+    """Rows of texts, bytes and numbers; missing cells become null."""
     columns = [column([row.get(field.name) for row in rows], field.type) for field in schema]
     return pa.RecordBatch.from_arrays(columns, schema=schema)
 
 
 def read_metadata(file: pq.ParquetFile, path: object) -> dict[str, Any]:
-    """The metadata of a file; the list of images is empty in a file of another program.
+    """Metadata of a file; the list of images is empty for files from other programs.
 
     Raises:
-        KeypointsError: a file of a later version.
-        TypeError: it is something else.
-        ValueError: it is broken.
+        KeypointsError: the file has a later version.
+        TypeError: the metadata is not a list of images.
+        ValueError: the metadata is malformed.
     """
     found = json.loads((file.metadata.metadata or {}).get(METADATA, b"{}"))
     if not isinstance(found, dict) or not isinstance(found.setdefault("images", []), list):
@@ -109,9 +110,9 @@ def write_rows(
 
     Args:
         path: the file.
-        batches: of rows; they are written group by group.
-        schema: of the rows.
-        images: each with a name, "image"; used after the last batch.
+        batches: batches of rows, written in row groups.
+        schema: schema of the rows.
+        images: list of images, each with a name "image"; read after the last batch.
 
     Raises:
         OSError: it cannot be written.
@@ -124,15 +125,15 @@ def write_rows(
 
 
 def read_rows(file: pq.ParquetFile, size: int, schema: pa.Schema) -> pa.Table:
-    """The rows of a Parquet file, checked; other columns are left alone.
+    """Reads and checks the rows of a Parquet file; other columns are ignored.
 
     Args:
         file: the file.
-        size: its bytes, to refuse one that would fill the memory.
+        size: its size in bytes, for the limit on memory.
         schema: types that the columns must fit.
 
     Raises:
-        ValueError: a column is missing, does not fit, or has a null; descriptors may have some.
+        ValueError: a column is missing, has the wrong type, or has nulls (allowed for descriptors).
         pyarrow.ArrowException: the file is broken.
     """
     for name in schema.names:
@@ -152,13 +153,12 @@ def points_of(source: object, table: pa.Table, counts: Sequence[int]) -> list[Ke
     """The points of successive images.
 
     Args:
-        source: of the table, for error messages.
-        table: as `POINT_SCHEMA`.
-        counts: rows of each image.
+        source: name of the table, for error messages.
+        table: table with `POINT_SCHEMA`.
+        counts: number of rows of each image.
 
     Raises:
-        KeypointsError: another number of rows, numbers that are no points, or descriptors of some
-            points only.
+        KeypointsError: wrong number of rows, invalid points, or descriptors for some points only.
     """
     if sum(counts) != len(table):
         raise KeypointsError(f"{source}: expected {sum(counts)} rows, found {len(table)}")
@@ -182,7 +182,7 @@ def points_of(source: object, table: pa.Table, counts: Sequence[int]) -> list[Ke
 
 
 def _grouped(batches: Iterable[pa.RecordBatch]) -> Iterator[list[pa.RecordBatch]]:
-    """Batches that have `ROW_GROUP` rows or more together."""
+    """Groups of batches with at least `ROW_GROUP` rows."""
     group: list[pa.RecordBatch] = []
     for batch in batches:
         group.append(batch)
@@ -211,5 +211,5 @@ def _options(schema: pa.Schema) -> dict[str, Any]:
 
 
 def _width(kind: pa.DataType) -> int:
-    """Bytes of a cell; texts and bytes of any length are taken for none."""
+    """Size of a cell in bytes; 0 for types of variable length."""
     return 0 if pa.types.is_string(kind) or pa.types.is_binary(kind) else kind.bit_width // 8

@@ -1,7 +1,7 @@
 """COLMAP's database: keypoints, descriptors and matches of many images.
 
-COLMAP's center of the first pixel is (0.5, 0.5), that of `Keypoints` is (0, 0); its scale is half
-of their size; angle and order of descriptors are the same.
+COLMAP centers the first pixel at (0.5, 0.5), `Keypoints` at (0, 0). COLMAP's scale is half of
+`size`; angles and the order of descriptor entries are equal.
 """
 
 import sqlite3
@@ -28,14 +28,14 @@ from saccade.io.files import atomic_write, check_file, read_text, reading
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 PIXEL_CENTER = np.float32(0.5)
-"""Position of the center of the first pixel."""
+"""Center of the first pixel in COLMAP."""
 CENTERED = np.array([[1, 0, PIXEL_CENTER], [0, 1, PIXEL_CENTER], [0, 0, 1]])
-"""Homogeneous map of our pixels to COLMAP's."""
+"""Homogeneous transform from our pixel coordinates to COLMAP's."""
 TABLES = ("images", "cameras", "keypoints", "descriptors", "matches")
 MAX_IMAGES = 2147483647
-"""Factor by which COLMAP combines the ids of two images into the id of a pair."""
+"""Factor with which COLMAP combines two image ids into a pair id."""
 FOCAL_LENGTH = 1.2
-"""COLMAP's default, in longer sides of the image."""
+"""COLMAP's default focal length, as a multiple of the longer side of the image."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,9 +43,9 @@ class ColmapFeatures:
     """Interest points and matches of a COLMAP database."""
 
     keypoints: Mapping[str, Keypoints]
-    """Points by the name of their image. COLMAP has no response and no octave: both are 0."""
+    """Points by image name. COLMAP stores no response and no octave; both are 0."""
     matches: Mapping[tuple[str, str], IntArray]
-    """Matches by the names of two images: (m, 2) indices into their points."""
+    """Matches by pair of image names: (m, 2) indices into their points."""
     shapes: Mapping[str, tuple[int, int]]
     """(H, W) of every image."""
 
@@ -54,31 +54,33 @@ class ColmapFeatures:
 
 
 class ColmapCamera(NamedTuple):
-    """A camera of COLMAP, in its pixels: the center of the first is (0.5, 0.5)."""
+    """A COLMAP camera, in pixels with the first centered at (0.5, 0.5)."""
 
     model: str
-    """Such as PINHOLE."""
+    """Camera model, such as PINHOLE."""
     params: tuple[float, ...] = ()
-    """Such as fx, fy, cx, cy; guessed where there are none."""
+    """Parameters, such as fx, fy, cx, cy; guessed if empty."""
     size: tuple[int, int] | None = None
-    """Width and height of its images; None for any."""
+    """Width and height of the images; None for any size."""
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """MODEL or MODEL,PARAMETER,...; raises `ConfigError`."""
+        """Parses MODEL or MODEL,PARAMETER,...; raises `ConfigError`."""
         model, *words = text.split(",")
         return cls(model.strip().upper(), _numbers("camera", "MODEL,fx,fy,cx,cy or alike", words))
 
 
 Cameras: TypeAlias = ColmapCamera | Mapping[str, ColmapCamera] | None
-"""One camera of all images, one of each, or None for guessed ones of each."""
+"""A camera for all images, a camera per image, or None for a guessed camera per image."""
 
 
 def read_cameras(path: Path) -> dict[str, ColmapCamera]:
-    """The cameras of images in a list of hloc: NAME MODEL WIDTH HEIGHT PARAMETER ... to a line.
+    """Reads the cameras of images from a list in hloc's form.
+
+    Each line has NAME MODEL WIDTH HEIGHT PARAMETER ...
 
     Raises:
-        ConfigError: the list cannot be read, or a line is something else.
+        ConfigError: the list cannot be read, or a line is malformed.
     """
     with reading(path, ConfigError):
         lines = read_text(path).splitlines()
@@ -104,10 +106,10 @@ def _numbers(name: str, expected: str, words: Sequence[str]) -> tuple[float, ...
 
 
 def parse_cameras(text: str | None) -> Cameras:
-    """Cameras as users name them: the camera of all images, or a file that `read_cameras` reads.
+    """Parses --camera: a camera for all images, or a file for `read_cameras`.
 
     Raises:
-        ConfigError: it is neither.
+        ConfigError: the text is neither.
     """
     if text is None:
         return None
@@ -115,18 +117,18 @@ def parse_cameras(text: str | None) -> Cameras:
 
 
 def check_cameras(cameras: Cameras) -> None:
-    """Raises `ConfigError` if a camera is not one of COLMAP's models, or pycolmap is missing."""
+    """Raises `ConfigError` if a camera model is unknown to COLMAP, or pycolmap is missing."""
     pycolmap = import_pycolmap()
     for each in [cameras] if isinstance(cameras, ColmapCamera) else (cameras or {}).values():
         make_camera(pycolmap, each, 1, 1)
 
 
 class TwoViews(Protocol):
-    """`saccade.Verification`: the geometry of two views, and the matches that agree with it."""
+    """Interface of `saccade.Verification`: a two-view geometry and its inliers."""
 
     @property
     def geometry(self) -> str:
-        """Fundamental or homography."""
+        """Kind of geometry: fundamental or homography."""
 
     @property
     def matrix(self) -> FloatArray | None:
@@ -134,7 +136,7 @@ class TwoViews(Protocol):
 
     @property
     def inliers(self) -> BoolArray:
-        """(m,) whether each match agrees."""
+        """(m,) True for inliers."""
 
 
 def write_colmap(
@@ -146,26 +148,26 @@ def write_colmap(
     orientations: Mapping[str, int] | None = None,
     cameras: Cameras = None,
 ) -> None:
-    """Write a new database, in the version of the installed pycolmap.
+    """Writes a new database with the installed version of pycolmap.
 
     Without `cameras` every image gets its own SIMPLE_RADIAL camera with a guessed focal length. A
-    shared or known camera is a better start for COLMAP's mapper. Verify matches without
-    `geometries` (`pycolmap.geometric_verification`) before mapping.
+    shared or known camera is a better start for COLMAP's mapper. Without `geometries`, verify the
+    matches (`pycolmap.geometric_verification`) before mapping.
 
     Args:
-        path: written whole or not at all; an old file is replaced.
-        keypoints: by the name of their image, a path from COLMAP's folder of images.
+        path: the file, written atomically; an existing file is replaced.
+        keypoints: keypoints by image name, which is a path relative to COLMAP's image folder.
         shapes: (H, W, ...) of each image.
-        matches: (m, 2) indices into the points of two images, by their names.
-        geometries: what `saccade.verify` returned for matches, by the names of the images.
+        matches: (m, 2) indices into the points of two images, by image names.
+        geometries: results of `saccade.verify` for the matches, by image names.
         orientations: EXIF orientations of the files (`saccade.exchange.read_orientation`), which
             COLMAP ignores: keypoints, sizes and geometries are written in stored pixels.
-        cameras: one that all images share, or one of each image.
+        cameras: a camera for all images, or a camera per image.
 
     Raises:
-        KeypointsError: an image without a shape, matches of unknown images or points, geometries
-            of other matches, or fields that do not fit together.
-        ConfigError: pycolmap is not installed, or a camera is not one of its models.
+        KeypointsError: an image without a shape, matches of unknown images or points,
+            geometries without their matches, or inconsistent fields.
+        ConfigError: pycolmap is not installed, or it does not support a camera model.
         OutputError: the file cannot be written.
     """
     pycolmap = import_pycolmap()
@@ -208,13 +210,12 @@ def write_colmap(
 
 
 def read_colmap(path: str | Path) -> ColmapFeatures:
-    """Read a database of any version, without pycolmap; it is opened read-only.
+    """Reads a database of any version, without pycolmap; it is opened read-only.
 
-    Positions and shapes are those of the stored pixels, whatever the EXIF orientations.
+    Positions and shapes refer to the stored pixels, independent of EXIF orientations.
 
     Raises:
-        KeypointsError: the file is missing or something else, or its descriptors are not
-            bytes.
+        KeypointsError: the file is missing, has another format, or its descriptors are not bytes.
     """
     path = Path(path)
     uri = f"{path.resolve().as_uri()}?mode=ro"
@@ -252,7 +253,7 @@ def import_pycolmap() -> Any:
     Raises:
         ConfigError: it is not installed.
     """
-    import_module("zlib")  # Python's own before that of pycolmap's wheel, which crashes Python
+    import_module("zlib")  # Python's zlib must precede the copy in pycolmap's wheel
     pycolmap = import_optional("pycolmap", "colmap")
     pycolmap.logging.minloglevel = pycolmap.logging.WARNING.value
     return pycolmap
@@ -260,7 +261,7 @@ def import_pycolmap() -> Any:
 
 @contextmanager
 def _open_new(pycolmap: Any, temporary: Path, path: str | Path) -> Iterator[Any]:
-    """A new database; errors name the `path` that it is for."""
+    """A new database; errors name its final `path`."""
     database = None
     try:
         database = pycolmap.Database.open(temporary)
@@ -301,7 +302,7 @@ def _camera(pycolmap: Any, name: str, cameras: Cameras, shape: tuple[int, int]) 
 
 
 def make_camera(pycolmap: Any, chosen: ColmapCamera, width: int, height: int) -> Any:
-    """COLMAP's camera; raises `ConfigError` if it has no such model, or one of other parameters."""
+    """COLMAP's camera; raises `ConfigError` for an unknown model or wrong parameters."""
     models = pycolmap.CameraModelId.__members__
     known = [name for name in models if name != "INVALID"]
     require(chosen.model in known, "camera", f"one of {', '.join(known)}", chosen.model)
@@ -316,7 +317,7 @@ def make_camera(pycolmap: Any, chosen: ColmapCamera, width: int, height: int) ->
 
 
 def _add_camera(pycolmap: Any, database: Any, camera: Any) -> tuple[Any, int]:
-    """Add a camera with its rig; gives it and the id of the rig."""
+    """Add a camera with its rig; return the camera and the id of the rig."""
     camera.camera_id = database.write_camera(camera)
     rig = pycolmap.Rig()
     rig.add_ref_sensor(camera.sensor_id)
@@ -324,7 +325,7 @@ def _add_camera(pycolmap: Any, database: Any, camera: Any) -> tuple[Any, int]:
 
 
 def _add_image(pycolmap: Any, database: Any, name: str, camera: Any, rig: int) -> int:
-    """Add an image with its frame; gives its id."""
+    """Add an image with its frame; return its id."""
     image = pycolmap.Image(name=name, camera_id=camera.camera_id)
     image.image_id = database.write_image(image)
     frame = pycolmap.Frame()
@@ -337,7 +338,7 @@ def _add_image(pycolmap: Any, database: Any, name: str, camera: Any, rig: int) -
 def _two_views(
     pycolmap: Any, geometry: TwoViews, indices: IntArray, maps: tuple[FloatArray, FloatArray]
 ) -> Any:
-    """A verified pair in COLMAP's pixels, to which (3, 3) maps lead from those of the images."""
+    """A verified pair in COLMAP's pixels; `maps` are (3, 3) transforms from the images' pixels."""
     kinds = pycolmap.TwoViewGeometryConfiguration
     views = pycolmap.TwoViewGeometry()
     views.inlier_matches = indices[geometry.inliers].astype(np.uint32)
@@ -362,7 +363,7 @@ def _add_points(pycolmap: Any, database: Any, image_id: int, points: Keypoints) 
 
 
 def _check_tables(database: sqlite3.Connection) -> None:
-    """Refuse views of these names: a query of one may never end."""
+    """Reject views instead of tables, since a query of a view may never end."""
     for name, kind in database.execute("SELECT name, type FROM sqlite_master"):
         if str(name).lower() in TABLES and kind != "table":
             raise sqlite3.DataError(f"expected the table {name}, found a {kind}")
@@ -371,7 +372,7 @@ def _check_tables(database: sqlite3.Connection) -> None:
 def _blobs(
     database: sqlite3.Connection, table: str, key: str, dtype: type[np.generic]
 ) -> dict[int, npt.NDArray[Any]]:
-    """The (rows, cols) arrays of a table by their key."""
+    """The (rows, cols) arrays of a table by key."""
     cursor = database.execute(f"SELECT {key}, rows, cols, data FROM {table} ORDER BY {key}")
     little = np.dtype(dtype).newbyteorder("<")
     arrays = {}

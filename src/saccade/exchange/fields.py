@@ -1,4 +1,4 @@
-"""The fields of keypoints, checked wherever they come in or go out."""
+"""Validation of the fields of keypoints, for input and output."""
 
 import re
 from typing import Any, NamedTuple
@@ -11,15 +11,15 @@ from saccade.types import Keypoints
 
 
 class Field(NamedTuple):
-    """A field with a number for every point."""
+    """A numeric field with one value per point."""
 
     dtype: type[np.float32] | type[np.int32]
     default: float
-    """Value of points that come without it."""
+    """Default value if the field is missing."""
 
 
 FIELDS = {
-    "size": Field(np.float32, 2.0),  # a scale of 1, as COLMAP has it
+    "size": Field(np.float32, 2.0),  # COLMAP's scale of 1
     "angle": Field(np.float32, 0),
     "response": Field(np.float32, 0),
     "octave": Field(np.int32, 0),
@@ -33,17 +33,17 @@ def keypoints_from(
     descriptors: npt.ArrayLike | None = None,
     **fields: npt.ArrayLike | None,
 ) -> Keypoints:
-    """Keypoints from arrays, checked and converted.
+    """Validates and converts arrays to keypoints.
 
     Args:
-        source: for error messages: a file, and an image in it.
+        source: file and image, for error messages.
         xy: (n, 2) image pixels.
-        descriptors: (n, d) whole numbers from 0 to 255, or None.
-        fields: (n,) each; size, angle, response and octave as in `Keypoints`. A field that is
-            missing or None has the default of `FIELDS`.
+        descriptors: (n, d) integers from 0 to 255, or None.
+        fields: (n,) size, angle, response and octave as in `Keypoints`. Missing fields, or None,
+            take the defaults of `FIELDS`.
 
     Raises:
-        KeypointsError: shapes that do not fit together, NaN, or numbers out of range.
+        KeypointsError: inconsistent shapes, NaN, or numbers out of range.
     """
     positions = np.asarray(xy)
     if positions.ndim != 2 or positions.shape[1] != 2:
@@ -62,7 +62,7 @@ def keypoints_from(
 
 
 def checked(source: str, points: Keypoints) -> Keypoints:
-    """The points in their proper dtypes; raises as `keypoints_from` does."""
+    """Converts points to the proper dtypes; raises as `keypoints_from`."""
     return keypoints_from(source, **vars(points))
 
 
@@ -73,10 +73,10 @@ def columns_of(points: Keypoints) -> dict[str, npt.NDArray[Any]]:
 
 
 def check_name(name: str) -> str:
-    """The name of an image, checked to be one that every format can hold.
+    """Validates the name of an image for all formats.
 
     Raises:
-        KeypointsError: it is empty, no text, or a path that starts or ends with a slash.
+        KeypointsError: the name is empty, not text, or starts or ends with a slash.
     """
     if not name or name != name.strip("/") or re.search(r"[\0\ud800-\udfff]", name):
         raise KeypointsError(f"image: expected a name such as folder/photo.jpg, found {name!r}")
@@ -86,14 +86,14 @@ def check_name(name: str) -> str:
 def _convert(
     source: str, name: str, values: npt.NDArray[Any], shape: tuple[int, ...], dtype: type[Any]
 ) -> npt.NDArray[Any]:
-    """The values in a dtype that must hold them."""
+    """Converts values to a dtype that must be able to represent them."""
     if values.shape != shape:
         raise KeypointsError(f"{source}: {name}: expected shape {shape}, found {values.shape}")
     if values.dtype.kind not in "fiu":
         raise KeypointsError(f"{source}: {name}: expected numbers, found {values.dtype}")
     with np.errstate(over="ignore", invalid="ignore"):
         converted = np.array(values, dtype)
-    # A real number that overflows float32 becomes infinite, a whole one another number.
+    # A float that overflows float32 becomes infinite; an integer wraps around.
     lost = ~np.isfinite(converted) if dtype is np.float32 else converted != values
     if lost.any():
         expected = "whole numbers from 0 to 255" if dtype is np.uint8 else np.dtype(dtype)

@@ -1,13 +1,13 @@
-"""HDF5 in the layout of hloc, the toolbox for visual localization: a group for every image.
+"""HDF5 in the layout of hloc, the visual localization toolbox: one group per image.
 
 A group holds `keypoints` (n, 2), `scores` (n,), `scales` (n,) and `oris` (n,) in degrees,
-`descriptors` (d, n) of unit length, and `image_size` (width, height), which matchers ask for.
-The center of the first pixel is (0, 0), as in `Keypoints`; hloc adds COLMAP's half pixel when it
-imports. `octaves` and `norms`, which hloc ignores, are for `read_hdf5`.
+`descriptors` (d, n) of unit length, and `image_size` (width, height), which matchers require. The
+center of the first pixel is (0, 0), as in `Keypoints`; hloc adds COLMAP's half pixel on import.
+`octaves` and `norms` are for `read_hdf5`; hloc ignores them.
 
 Matches are in a second file, a group for every pair of images. The group of the images "a/1.jpg"
-and "b/2.jpg" is "a-1.jpg/b-2.jpg". It holds `matches0` (n,), for each keypoint of the first image
-the index of its match in the second or -1, and `matching_scores0` (n,), a number from 0 to 1.
+and "b/2.jpg" is "a-1.jpg/b-2.jpg". It holds `matches0` (n,), the index of each first-image
+keypoint's match in the second image or -1, and `matching_scores0` (n,) from 0 to 1.
 """
 
 from collections.abc import Iterator, Mapping
@@ -34,7 +34,7 @@ from saccade.types import Float32Array, IntArray, Keypoints, check_pairs
 
 VERSION_ATTRIBUTE = "saccade_format"
 UNIT = 512
-"""Norm of a descriptor in 8 bits, in files without `norms`."""
+"""Norm of an 8-bit descriptor, for files without `norms`."""
 
 
 def write_hdf5(
@@ -43,18 +43,18 @@ def write_hdf5(
     shapes: Mapping[str, tuple[int, ...]] | None = None,
     orientations: Mapping[str, int] | None = None,
 ) -> None:
-    """Write the features of many images to one file.
+    """Writes the features of many images to one file.
 
     Args:
-        path: written whole or not at all; an old file is replaced.
-        keypoints: by the name of their image, a path from the folder of images as in hloc's lists.
-        shapes: (H, W, ...) of each image; hloc's learned matchers need them, and images
-            that are not stored upright.
+        path: the file, written atomically; an existing file is replaced.
+        keypoints: keypoints by image name, a path relative to the image folder as in hloc's lists.
+        shapes: (H, W, ...) of each image; required by hloc's learned matchers, and for images that
+            are not stored upright.
         orientations: EXIF orientations of the files (`saccade.exchange.read_orientation`), which
             hloc ignores: keypoints and sizes are written in stored pixels.
 
     Raises:
-        KeypointsError: shapes that do not fit together, or NaN.
+        KeypointsError: inconsistent shapes, or NaN.
         ConfigError: h5py is not installed.
         OutputError: the file cannot be written.
     """
@@ -95,12 +95,12 @@ def create_hdf5(h5py: Any, path: Path) -> Iterator[Any]:
 
 
 class _DeferringFile(FileIO):
-    """A file that keeps its first error: raised inside h5py, it would kill the process."""
+    """A file that stores its first error, since an exception inside h5py would kill the process."""
 
     error: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """Write all of the data; reports success in any case."""
+        """Writes all data; always reports success."""
         rest = memoryview(data).cast("B")
         size = len(rest)
         try:
@@ -111,7 +111,7 @@ class _DeferringFile(FileIO):
         return size
 
     def truncate(self, size: int | None = None) -> int:
-        """Resize the file; reports success in any case."""
+        """Resizes the file; always reports success."""
         try:
             return super().truncate(size)
         except OSError as error:
@@ -120,14 +120,14 @@ class _DeferringFile(FileIO):
 
 
 def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
-    """Read features as `write_hdf5` or hloc with SIFT writes them.
+    """Reads features written by `write_hdf5` or by hloc with SIFT.
 
     Returns:
-        Points by the name of their image, in the order of the names.
+        Points by image name, sorted by name.
 
     Raises:
-        KeypointsError: the file is missing or something else, an image lacks keypoints, or its
-            descriptors have negative entries, which SIFT's have not.
+        KeypointsError: the file is missing or has another format, an image has no keypoints, or
+            descriptors have negative entries and are not SIFT's.
         ConfigError: h5py is not installed.
     """
     path = Path(path)
@@ -142,7 +142,7 @@ def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
 
 @contextmanager
 def _opened(path: Path, content: str) -> Iterator[tuple[Any, list[str]]]:
-    """An HDF5 file for reading, and the names of its data sets."""
+    """An HDF5 file opened for reading, and the names of its data sets."""
     h5py = import_optional("h5py", "hdf5")
     sizes: dict[str, int] = {}
 
@@ -150,7 +150,7 @@ def _opened(path: Path, content: str) -> Iterator[tuple[Any, list[str]]]:
         if isinstance(item, h5py.Dataset):
             sizes[name] = item.nbytes
 
-    # h5py raises anything for a broken file.
+    # h5py raises arbitrary exceptions for a broken file.
     with reading(path, KeypointsError, f"an HDF5 file of {content}", Exception):
         check_file(path)
         with h5py.File(path, "r") as file:
@@ -202,7 +202,7 @@ def _read_group(source: str, group: Any) -> Keypoints:
 
 
 NONE = -1
-"""Index of no match."""
+"""Index that means no match."""
 
 
 def write_hloc_matches(
@@ -214,15 +214,15 @@ def write_hloc_matches(
     """Write the matches of many pairs of images.
 
     Args:
-        path: written whole or not at all; an old file is replaced.
-        matches: by the names of two images, (m, 2) indices into their keypoints, as
-            `saccade.match` returns them.
+        path: the file, written atomically; an existing file is replaced.
+        matches: (m, 2) indices into the keypoints of two images, by image names, as returned by
+            `saccade.match`.
         counts: number of keypoints of each image.
-        similarities: (m,) in [0, 1] for each pair, which hloc may set a threshold on; None for 1.
+        similarities: (m,) scores in [0, 1] for each pair, for thresholds in hloc; None for 1.
 
     Raises:
-        KeypointsError: an image without a count, indices out of range, or two pairs that have
-            one group, since hloc replaces slashes in names.
+        KeypointsError: an image without a count, indices out of range, or two pairs with the same
+            group name, since hloc replaces slashes.
         ConfigError: h5py is not installed.
         OutputError: the file cannot be written.
     """
@@ -250,13 +250,13 @@ def write_hloc_matches(
 
 
 def read_hloc_matches(path: str | Path) -> dict[str, tuple[IntArray, Float32Array]]:
-    """Read matches as hloc or `write_hloc_matches` writes them.
+    """Reads matches written by hloc or by `write_hloc_matches`.
 
     Returns:
-        By `group_of` two images, (m, 2) indices into their keypoints, and (m,) scores.
+        (m, 2) indices into the keypoints of two images and (m,) scores, by `group_of`.
 
     Raises:
-        KeypointsError: the file is missing or something else.
+        KeypointsError: the file is missing or has another format.
         ConfigError: h5py is not installed.
     """
     found: dict[str, tuple[IntArray, Float32Array]] = {}

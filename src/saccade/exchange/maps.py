@@ -1,4 +1,4 @@
-"""Saliency maps: NumPy's .npy, MATLAB's .mat, and images of 16 bits or floats."""
+"""Saliency maps as NumPy .npy, MATLAB .mat, and 16-bit or float images."""
 
 from pathlib import Path
 from typing import Any
@@ -13,19 +13,19 @@ from saccade.types import Float32Array
 
 MAP_FORMATS = ("npy", "mat", "png", "tiff")
 WHITE = 65535
-"""Pixel of a PNG that stands for 1."""
+"""Value of a PNG pixel that represents 1."""
 
 
 def write_map(path: str | Path, values: Float32Array) -> None:
-    """Write a map in the format of the suffix, as `saccade evaluate fixations --maps` reads it.
+    """Writes a map in the format of the suffix, for `saccade evaluate fixations`.
 
     Args:
-        path: .npy and .tiff keep the numbers as float32; .mat holds a matrix `map`; .png has 16
-            bits, from 0 to 1. Written whole or not at all; an old file is replaced.
+        path: .npy or .tiff for float32; .mat with a matrix `map`; .png with 16 bits for 0 to 1.
+            Written atomically; an existing file is replaced.
         values: (h, w) in [0, 1].
 
     Raises:
-        ConfigError: another suffix.
+        ConfigError: unknown suffix.
         OutputError: the file cannot be written.
     """
     path = Path(path)
@@ -44,7 +44,7 @@ def write_map(path: str | Path, values: Float32Array) -> None:
 
 
 def encode_png(values: Float32Array) -> bytes:
-    """A PNG of 16 bits of a map in [0, 1]."""
+    """A map in [0, 1] as 16-bit PNG."""
     return _encode(np.rint(values.clip(0, 1) * WHITE).astype(np.uint16), ".png")
 
 

@@ -9,28 +9,31 @@ import numpy.typing as npt
 from saccade.exchange.fields import checked, keypoints_from
 from saccade.types import Float32Array, Keypoints
 
-INTERVALS, BASE_SIGMA = 3, 1.6
-"""Settings of `cv2.SIFT_create()` that relate the size of a point to the layer of its octave."""
-FIRST_OCTAVE, LAST_OCTAVE = -1, 20
-"""Octaves of `cv2.SIFT`: the first has twice the resolution of the image."""
+INTERVALS = 3
+"""Layers per octave of `cv2.SIFT_create()`."""
+BASE_SIGMA = 1.6
+"""Blur of the first layer of `cv2.SIFT_create()`, in pixels of its octave."""
+FIRST_OCTAVE = -1
+"""First octave of `cv2.SIFT`, with twice the resolution of the image."""
+LAST_OCTAVE = 20
+"""Largest octave that is packed."""
 
 
 def to_opencv(keypoints: Keypoints) -> tuple[list[cv2.KeyPoint], Float32Array | None]:
-    """Convert to OpenCV's keypoints.
+    """Converts keypoints to OpenCV's.
 
-    The octave and layer follow from the size, as `cv2.SIFT` packs them, which can describe the
-    points; `from_opencv` restores the octave of `Keypoints`, which may be another.
-    OpenCV keeps an angle as float32 degrees: it comes back within 1e-6 rad.
+    Octave and layer follow from the size and are packed as by `cv2.SIFT`, which can then describe
+    the points; `from_opencv` restores the octave of `Keypoints`, which may differ. Angles are
+    float32 degrees in OpenCV and are restored within 1e-6 rad.
 
     Args:
         keypoints: n points.
 
     Returns:
-        n `cv2.KeyPoint`s; and (n, d) descriptors, float32 as matchers and SIFT want them,
-        or None.
+        n `cv2.KeyPoint`s; and (n, d) descriptors in float32, as used by matchers and SIFT, or None.
 
     Raises:
-        KeypointsError: shapes that do not fit together, or NaN.
+        KeypointsError: inconsistent shapes, or NaN.
     """
     points = checked("keypoints", keypoints)
     degrees = np.degrees(points.angle.astype(np.float64)) % 360
@@ -44,17 +47,17 @@ def to_opencv(keypoints: Keypoints) -> tuple[list[cv2.KeyPoint], Float32Array | 
 def from_opencv(
     points: Sequence[cv2.KeyPoint], descriptors: npt.ArrayLike | None = None
 ) -> Keypoints:
-    """Convert the keypoints of any OpenCV detector; their order stays.
+    """Converts the keypoints of any OpenCV detector, in the same order.
 
-    An angle of -1, which is OpenCV's for none, becomes 0.
+    OpenCV's angle of -1, which means none, becomes 0.
 
     Args:
         points: n `cv2.KeyPoint`s.
-        descriptors: (n, d) whole numbers from 0 to 255 in any dtype, as `cv2.SIFT` gives them;
-            None for none, which OpenCV also gives for no points.
+        descriptors: (n, d) integers from 0 to 255 in any dtype, as from `cv2.SIFT`; None without
+            descriptors or points.
 
     Raises:
-        KeypointsError: the numbers do not fit, or are NaN.
+        KeypointsError: invalid numbers, or NaN.
     """
     n = len(points)
     degrees = np.array([point.angle for point in points], np.float64).reshape(n)
@@ -73,10 +76,10 @@ def from_opencv(
 
 
 def _pack_octaves(points: Keypoints) -> npt.NDArray[np.int64]:
-    """Octave, layer 1 to 3 and the rest of the scale in a byte each, as `cv2.SIFT` packs them.
+    """Packs octave, layer 1 to 3 and fractional scale into one byte each, as `cv2.SIFT` does.
 
-    The octave is the one in which OpenCV has a layer of the size of a point. The highest byte,
-    which OpenCV leaves 0, is by how much it is above the octave of `Keypoints`.
+    The octave has an OpenCV layer for the size of the point. The highest byte, which is 0 in
+    OpenCV, stores the difference from the octave of `Keypoints`.
     """
     sigma = np.maximum(points.size.astype(np.float64), 1e-6) / 2
     scale = INTERVALS * np.log2(sigma / BASE_SIGMA)  # 1 to 3 in octave 0

@@ -1,6 +1,6 @@
 """Keypoints in the stored pixels of a file, for programs that ignore its EXIF orientation.
 
-`read_image` turns an image upright; COLMAP and hloc read the pixels as they are stored.
+`read_image` rotates images upright, while COLMAP and hloc use the stored pixels.
 """
 
 from collections.abc import Mapping
@@ -12,17 +12,17 @@ from saccade.io.image import TURNS
 from saccade.types import FloatArray, Keypoints
 
 UPRIGHT = 1
-"""EXIF orientation of an image that is stored upright."""
+"""EXIF orientation of an upright image."""
 
 
 def stored_shape(shape: tuple[int, ...], orientation: int) -> tuple[int, int]:
-    """(H, W) of the stored pixels of an image of an upright shape (H, W, ...)."""
+    """(H, W) of the stored pixels, from the upright shape (H, W, ...)."""
     height, width = (int(side) for side in shape[:2])
     return (width, height) if TURNS[orientation - 1][1] % 2 else (height, width)
 
 
 def to_stored(shape: tuple[int, ...], orientation: int) -> FloatArray:
-    """(3, 3) map of homogeneous upright pixels to stored pixels.
+    """(3, 3) homogeneous transform from upright pixels to stored pixels.
 
     Args:
         shape: (H, W, ...) of the upright image.
@@ -39,7 +39,7 @@ def to_stored(shape: tuple[int, ...], orientation: int) -> FloatArray:
 
 
 def stored_keypoints(points: Keypoints, shape: tuple[int, ...], orientation: int) -> Keypoints:
-    """Keypoints in stored pixels; descriptors do not change."""
+    """Keypoints transformed to stored pixels; descriptors do not change."""
     if orientation == UPRIGHT:
         return points
     moved = to_stored(shape, orientation)
@@ -52,5 +52,5 @@ def stored_keypoints(points: Keypoints, shape: tuple[int, ...], orientation: int
 
 
 def orientation_of(name: str, orientations: Mapping[str, int] | None) -> int:
-    """The EXIF orientation of an image; upright where it is not given."""
+    """The EXIF orientation of an image; upright if not given."""
     return (orientations or {}).get(name, UPRIGHT)

@@ -1,6 +1,6 @@
 """Tables of the keypoints of an image: CSV and NumPy's .npz.
 
-CSV has all fields but the descriptors; .npz has the fields of `Keypoints` by their names.
+CSV has all fields except descriptors; .npz has the fields of `Keypoints` by name.
 """
 
 import csv
@@ -21,11 +21,11 @@ from saccade.types import Keypoints
 def write_csv(path: str | Path, keypoints: Keypoints) -> None:
     """Write the points of an image: x, y, size, angle, response, octave.
 
-    Numbers are as short as they can be and still be read back as the same float32.
+    Numbers are the shortest that restore the same float32.
 
     Args:
-        path: written whole or not at all; an old file is replaced.
-        keypoints: their descriptors are left out.
+        path: the file, written atomically; an existing file is replaced.
+        keypoints: the points; descriptors are not written.
 
     Raises:
         KeypointsError: shapes that do not fit together, or NaN.
@@ -45,8 +45,8 @@ def write_npz(path: str | Path, keypoints: Keypoints) -> None:
     """Write the points of an image, compressed and without pickle.
 
     Args:
-        path: written whole or not at all; an old file is replaced.
-        keypoints: without descriptors there is no array of that name.
+        path: the file, written atomically; an existing file is replaced.
+        keypoints: the points; the array of descriptors is omitted if they have none.
 
     Raises:
         KeypointsError: shapes that do not fit together, or NaN.
@@ -59,10 +59,10 @@ def write_npz(path: str | Path, keypoints: Keypoints) -> None:
 
 
 def read_npz(path: str | Path) -> Keypoints:
-    """Read what `write_npz` writes; other arrays in the file are left alone.
+    """Reads a file of `write_npz`; additional arrays are ignored.
 
     Raises:
-        KeypointsError: the file is missing, is something else, or holds no points.
+        KeypointsError: the file is missing, has another format, or has no points.
     """
     path = Path(path)
     with reading(path, KeypointsError, "a NumPy .npz file", ValueError):

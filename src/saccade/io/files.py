@@ -19,9 +19,9 @@ from saccade.errors import ConfigError, OutputError, SaccadeError
 LARGEST_IMAGE = 1 << 28
 """Maximum number of pixels: 3 GB as float32 RGB, and several times that while computing."""
 LARGEST_FILE = 1 << 31
-"""Bytes of a file that is read into memory."""
+"""Maximum size of a file that is read into memory, in bytes."""
 LARGEST_TEXT = 1 << 28
-"""Bytes of a text file; parsed into lines and numbers it takes twenty times as much."""
+"""Maximum size of a text file, in bytes; parsed lines and numbers take twenty times as much."""
 IMAGE_SUFFIXES = (
     *(".bmp", ".dib", ".jfif", ".jp2", ".jpe", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm"),
     *(".ppm", ".ras", ".sr", ".tif", ".tiff", ".webp"),
@@ -30,26 +30,26 @@ UNREAD_SUFFIXES = (
     *(".arw", ".avif", ".cr2", ".cr3", ".dng", ".exr", ".gif", ".hdr", ".heic", ".heif", ".jxl"),
     *(".nef", ".orf", ".pfm", ".psd", ".raf", ".raw", ".rw2", ".svg", ".tga"),
 )
-"""Suffixes of pictures that cannot be read; a warning names them."""
+"""Suffixes of unsupported image formats, which cause a warning."""
 PARTIAL = ".partial"
-"""Folder in an output folder where results wait for the end of a run."""
+"""Subfolder of an output folder for results of an unfinished run."""
 LOCK = ".saccade-lock"
-"""File in an output folder by which a run excludes others."""
+"""Lock file in an output folder."""
 KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 
 def check_file(path: Path, max_bytes: int | None = None) -> None:
-    """Refuse devices, pipes and sockets, reading of which may block or never end.
+    """Rejects devices, pipes and sockets, which may block reading forever.
 
-    Folders pass: opening one raises an error of the operating system.
+    Folders are accepted; opening them raises an error of the operating system.
 
     Args:
-        path: that a library is about to open.
+        path: path that a library is about to open.
         max_bytes: size limit; None for no limit.
 
     Raises:
-        OSError: it does not exist, is no file, or is too large.
+        OSError: the path does not exist, is not a file, or is too large.
     """
     status = path.stat()
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
@@ -71,7 +71,7 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def natural_order(path: str | Path) -> list[list[str]]:
-    """Key that sorts names by the numbers in them: frame2 before frame10, and 1.25 before 1.5."""
+    """Key for natural sorting of names: frame2 before frame10, and 1.25 before 1.5."""
     parts = []
     for part in Path(path).parts:
         pieces = re.split("([0-9]+)", part)
@@ -84,10 +84,10 @@ def natural_order(path: str | Path) -> list[list[str]]:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a file; false where no file can have the name."""
+    """Whether a file exists; False for invalid names."""
     try:
         return path.is_file()
-    except (OSError, ValueError):  # too long a name, or a null in it
+    except (OSError, ValueError):  # too long, or with a null character
         return False
 
 
@@ -102,7 +102,7 @@ def read_bytes(path: Path, max_bytes: int = LARGEST_FILE) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file, with its own line ends; see `decode_text`.
+    """The text of a file with its original line ends; see `decode_text`.
 
     Raises:
         OSError: see `check_file` and `decode_text`.
@@ -111,10 +111,10 @@ def read_text(path: Path) -> str:
 
 
 def decode_text(data: bytes) -> str:
-    """Text in UTF-8, or UTF-16 with a byte order mark, which is left out, or cp1252.
+    """Decodes UTF-8, UTF-16 with a byte order mark (removed), or cp1252.
 
     Raises:
-        OSError: it is in none of these encodings.
+        OSError: the data has a different encoding.
     """
     is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for encoding in ("utf-16",) if is_wide else ("utf-8-sig", "cp1252"):
@@ -126,21 +126,21 @@ def decode_text(data: bytes) -> str:
 
 
 UNPRINTABLE = re.compile("[\0-\x08\x0e-\x19]")
-"""Control characters that no text has; UTF-16 without its mark has zeros."""
+"""Control characters that do not occur in text; UTF-16 without a mark has zeros."""
 
 
 @contextmanager
 def reading(
     path: object, error: type[SaccadeError], expected: str = "text", *foreign: type[Exception]
 ) -> Iterator[None]:
-    """Turn errors of the block into one line that names the file.
+    """Converts errors in the block to a one-line error that names the file.
 
     Args:
-        path: the file or folder that is read.
-        error: to raise.
+        path: the file or folder being read.
+        error: exception type to raise.
         expected: format of the file.
-        foreign: exceptions of a library for a file of another format; an OSError among them counts
-            only if it carries no error of the system.
+        foreign: exceptions that a library raises for other formats; an OSError counts only if it
+            has no system error code.
     """
     expectable: tuple[type[Exception], ...] = (OSError, UnicodeDecodeError, *foreign)
     try:
@@ -156,16 +156,16 @@ def reading(
 
 
 def is_invalid_name(error: OutputError) -> bool:
-    """Whether a file cannot be written because of its name, while others can."""
+    """Whether a file cannot be written because of its name alone."""
     return getattr(error.__cause__, "errno", None) in (ENAMETOOLONG, EILSEQ, EINVAL)
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn errors of the operating system in the block into an `OutputError` that names a path."""
+    """Converts system errors in the block to an `OutputError` that names the path."""
     try:
         yield
-    except SaccadeError:  # it names another file
+    except SaccadeError:  # already names a file
         raise
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {one_line(error)}") from error
@@ -179,20 +179,20 @@ def read_toml(path: Path, error: type[SaccadeError]) -> dict[str, Any]:
 
 @contextmanager
 def results_in(folder: Path) -> Iterator[Path]:
-    """Makes the results of a run appear together when the block ends without an error.
+    """Publishes the results of a run together when the block ends without an error.
 
-    Files that `atomic_write` writes below the folder wait in a folder in it. Inside a block for the
-    same folder or one above it, the block has no effect. Other processes write at once.
+    Until then, files written by `atomic_write` below the folder are kept in a subfolder. A nested
+    block for the same folder or a subfolder has no effect. Other processes write immediately.
 
     Args:
         folder: output folder; it is created.
 
     Yields:
-        The folder of the waiting files, for files written without `atomic_write`.
+        The subfolder of unpublished files, for files written without `atomic_write`.
 
     Raises:
-        ConfigError: another run writes to it.
-        OutputError: it cannot be written.
+        ConfigError: another run is writing to the folder.
+        OutputError: the folder cannot be written.
     """
     outer = _waiting_path(folder)
     if outer is not None:
@@ -202,7 +202,7 @@ def results_in(folder: Path) -> Iterator[Path]:
     existed, waiting = folder.exists(), folder / PARTIAL
     try:
         with locked(folder):
-            shutil.rmtree(waiting, ignore_errors=True)  # the rest of a run that was killed
+            shutil.rmtree(waiting, ignore_errors=True)  # left by a killed run
             with writing(folder):
                 waiting.mkdir()
             token = _RESULTS.set(folder.absolute())
@@ -222,14 +222,14 @@ def results_in(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Excludes other runs from an output folder, which is created.
+    """Creates an output folder and locks it against other runs.
 
-    The operating system releases the lock however the process ends. File systems without locks,
-    and Windows, have none.
+    The operating system releases the lock when the process ends. There is no lock on Windows and
+    on file systems without locks.
 
     Raises:
-        ConfigError: another run has locked it.
-        OutputError: it cannot be written.
+        ConfigError: another run has locked the folder.
+        OutputError: the folder cannot be written.
     """
     lock = folder / LOCK
     with ExitStack() as stack:
@@ -241,18 +241,18 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """A temporary path that is renamed to `path` when the block ends without an error.
+    """Yields a temporary path that is renamed to `path` when the block ends without an error.
 
-    In a block of `results_in` it is renamed at the end of that.
+    Inside a `results_in` block the renaming is deferred to its end.
 
     Args:
-        path: the file to write; missing folders are created, an old file is replaced.
+        path: the file to write; missing folders are created, an existing file is replaced.
 
     Yields:
-        The path to write to, of an empty file; it has the same suffix as `path`.
+        The path of an empty file to write to, with the same suffix as `path`.
 
     Raises:
-        ConfigError: another run writes it.
+        ConfigError: another run is writing the file.
         OutputError: the folder or the file cannot be written.
     """
     path = Path(path)
@@ -260,11 +260,11 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         if path.is_dir():
             raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
         if path.exists():
-            check_file(path)  # a device would be replaced
+            check_file(path)  # a device must not be replaced
         waiting = _waiting_path(path)
         temporary = waiting or _hidden_beside(path)
         with _locked(temporary, path):
-            os.truncate(temporary, 0)  # the rest of a run that was killed
+            os.truncate(temporary, 0)  # left by a killed run
             try:
                 yield temporary
                 if waiting is None:
@@ -275,7 +275,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
 
 def one_line(error: Exception) -> str:
-    """Message of an error in one line; errors of the system get the text of their number."""
+    """Message of an error in one line; system errors are described by their code."""
     number = getattr(error, "errno", None)
     if number:
         return os.strerror(number)
@@ -284,11 +284,11 @@ def one_line(error: Exception) -> str:
 
 
 _RESULTS: ContextVar[Path | None] = ContextVar("_RESULTS", default=None)
-"""Absolute path of the folder of `results_in`, in its block."""
+"""Absolute path of the folder of the current `results_in` block."""
 
 
 def _waiting_path(path: Path) -> Path | None:
-    """The place of a result until the end of the block of `results_in`; None outside of one."""
+    """Temporary path of a result inside a `results_in` block; None outside."""
     folder, path = _RESULTS.get(), path.absolute()
     if folder is None or not path.is_relative_to(folder):
         return None
@@ -297,7 +297,7 @@ def _waiting_path(path: Path) -> Path | None:
 
 
 def _hidden_beside(path: Path) -> Path:
-    """A hidden name for each name in a folder; any name may be as long as names can be."""
+    """A hidden file name next to a file, of limited length for any name."""
     return path.parent / f".saccade-{crc32(os.fsencode(path.name)):08x}{path.suffix}"
 
 
@@ -309,7 +309,7 @@ def _replace(temporary: Path, path: Path) -> None:
 
 @contextmanager
 def _locked(file: Path, path: Path) -> Iterator[None]:
-    """Locks a file, which is created; the error names `path`."""
+    """Creates and locks a file; the error names `path`."""
     with ExitStack() as stack:
         is_removed = True
         while is_removed:
@@ -324,11 +324,11 @@ def _locked(file: Path, path: Path) -> Iterator[None]:
                 raise ConfigError(f"{path}: another run writes to it; {expected}") from error
             except (ImportError, OSError):  # Windows; a file system without locks
                 pass
-            is_removed = os.fstat(lock.fileno()).st_nlink == 0  # by the run that just ended
+            is_removed = os.fstat(lock.fileno()).st_nlink == 0  # removed by the run that just ended
         yield
 
 
-# A change to a format adds 1 here. Text files with named columns have no version.
+# Increment the version when a format changes. Text files with named columns have no version.
 FORMATS = {
     "run": 1,  # run.json of `saccade slam` and `saccade drive`
     "look": 1,  # NAME.look.npz of `saccade look`
@@ -340,13 +340,13 @@ FORMATS = {
 
 
 def check_format(name: str, version: object, path: object, error: type[Exception]) -> None:
-    """Refuse files of a later version of this package.
+    """Rejects files of a later version of this package.
 
     Args:
         name: one of `FORMATS`.
-        version: in the file; None if it has none, as files of other programs.
-        path: of the file.
-        error: exception to raise.
+        version: version in the file; None for files of other programs.
+        path: path of the file.
+        error: exception type to raise.
     """
     known = FORMATS[name]
     if version is None:

@@ -1,6 +1,6 @@
-"""Gray TIFF images of 16 bits with an opacity, of which OpenCV and Pillow read gray alone, or none.
+"""16-bit gray TIFF images with alpha, which OpenCV and Pillow do not read completely.
 
-They are decoded as an image that is twice as wide, whose samples are in turn gray and opacity.
+They are decoded as an image of twice the width, with alternating gray and alpha samples.
 Source of tags: Adobe, "TIFF Revision 6.0".
 """
 
@@ -15,32 +15,34 @@ from saccade.errors import ImageError
 WIDTH, HEIGHT, BITS, PHOTOMETRIC = 256, 257, 258, 262
 ORIENTATION, SAMPLES, PLANAR, PREDICTOR = 274, 277, 284, 317
 TILE_WIDTH, EXTRA_SAMPLES, SAMPLE_FORMAT = 322, 338, 339
-SHORT, LONG = 3, 4
-"""Types of the values of tags."""
+SHORT = 3
+"""Tag type of 16-bit values."""
+LONG = 4
+"""Tag type of 32-bit values."""
 ASSOCIATED = 1
-"""Value of ExtraSamples for colors that are multiplied by their opacity."""
+"""Value of ExtraSamples for premultiplied alpha."""
 
 
 class GrayAlpha(NamedTuple):
-    """A gray image with an opacity."""
+    """A gray image with alpha."""
 
     width: int
     height: int
     orientation: int
     """EXIF orientation, 1 to 8."""
     multiplied: bool
-    """Whether gray is multiplied by the opacity."""
+    """Whether gray is premultiplied by alpha."""
     differs: bool
-    """Whether rows are stored as differences from the sample before."""
+    """Whether rows are stored as horizontal differences."""
     data: bytes
-    """The file of the image that is twice as wide."""
+    """The file of the image of twice the width."""
 
 
 def find_gray_alpha(data: bytes, name: str) -> GrayAlpha | None:
-    """The image in the bytes of a file; None for all other kinds of files.
+    """Finds a gray TIFF with alpha in the bytes of a file; None for all other files.
 
     Raises:
-        ImageError: it is stored in tiles of differences, in planes or inverted; names the file.
+        ImageError: unsupported storage (tiles of differences, planes, inverted gray).
     """
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
     try:
@@ -59,7 +61,7 @@ def find_gray_alpha(data: bytes, name: str) -> GrayAlpha | None:
         return None
     differs = number(PREDICTOR, 1) == 2
     if number(PLANAR, 1) != 1 or number(PHOTOMETRIC, 1) != 1 or (differs and TILE_WIDTH in entries):
-        raise ImageError(f"{name}: expected another kind of gray TIFF with opacity; save it as PNG")
+        raise ImageError(f"{name}: unsupported kind of gray TIFF with alpha; save it as PNG")
     changed = {WIDTH: 2 * number(WIDTH, 0), BITS: 16, SAMPLES: 1}
     changed |= {TILE_WIDTH: 2 * number(TILE_WIDTH, 0)} if TILE_WIDTH in entries else {}
     for tag, value in changed.items():
@@ -81,9 +83,9 @@ def find_gray_alpha(data: bytes, name: str) -> GrayAlpha | None:
 
 
 def split_opacity(pixels: npt.NDArray[np.uint16], differs: bool) -> npt.NDArray[np.uint16]:
-    """(H, W, 4) RGBA of the pixels (H, 2W) of the image that is twice as wide."""
+    """(H, W, 4) RGBA from the pixels (H, 2W) of the image of twice the width."""
     pairs = pixels.reshape(len(pixels), -1, 2)
-    if differs:  # undone between neighbors, which are gray and opacity
+    if differs:  # differences between gray and alpha samples, to be undone
         steps = np.diff(pixels, axis=1, prepend=np.uint16(0)).reshape(pairs.shape)
         pairs = np.cumsum(steps, axis=1, dtype=np.uint16)
     gray, opacity = pairs[:, :, 0], pairs[:, :, 1]

@@ -1,4 +1,4 @@
-"""Reading, checking and converting images, transparent ones too."""
+"""Reading, validating and converting images, including transparent images."""
 
 import re
 import struct
@@ -31,7 +31,7 @@ Color: TypeAlias = tuple[float, float, float]
 """Red, green and blue in [0, 1]."""
 
 WHITE: Color = (1.0, 1.0, 1.0)
-"""The background of transparent images, unless another is given."""
+"""Default background of transparent images."""
 
 ORIENTATION = 0x0112
 """EXIF tag of the orientation."""
@@ -40,8 +40,8 @@ TURNS = (
     *((False, 0), (True, 0), (False, 2), (True, 2)),
     *((True, 1), (False, 3), (True, 3), (False, 1)),
 )
-"""For EXIF orientations 1 to 8: whether to mirror left and right, and how often to turn by 90
-degrees counterclockwise afterwards."""
+"""Transforms of EXIF orientations 1 to 8: whether to mirror left and right, and the number of
+counterclockwise quarter turns afterwards."""
 
 
 class Header(NamedTuple):
@@ -52,27 +52,26 @@ class Header(NamedTuple):
     orientation: int = 1
     """EXIF orientation, 1 to 8."""
     transparent: bool = False
-    """Whether the image has an opacity."""
+    """Whether the image has an alpha channel."""
     tiff: bool = False
-    """Whether it is a TIFF, which OpenCV turns upright, and whose 8-bit colors it multiplies by
-    their opacity."""
+    """Whether the file is a TIFF; OpenCV rotates TIFFs upright and premultiplies 8-bit colors."""
     multiplied: bool = False
-    """Whether the stored colors are multiplied by their opacity."""
+    """Whether the stored colors are premultiplied by alpha."""
 
 
 def composite(
     pixels: npt.NDArray[Any], background: Color, white: float | None, *, multiplied: bool = False
 ) -> npt.NDArray[Any]:
-    """RGBA over a background.
+    """Composites RGBA over a background.
 
     Args:
         pixels: (H, W, 4).
         background: RGB in [0, 1].
-        white: the value of full intensity and opacity; None for the highest of the data type.
-        multiplied: whether the colors are already multiplied by their opacity.
+        white: the value of full intensity and alpha; None for the maximum of the data type.
+        multiplied: whether the colors are premultiplied by alpha.
 
     Returns:
-        (H, W, 3) in the same dtype; RGB itself where everything is opaque.
+        (H, W, 3) in the same dtype; a view of RGB if the image is opaque.
     """
     integer = pixels.dtype.kind != "f"
     full = (white or np.iinfo(pixels.dtype).max) if integer else 1.0
@@ -89,19 +88,19 @@ SILENT = 0
 """OpenCV's lowest log level."""
 
 OVERSHOOT = 1e-3
-"""Overshoot of float values beyond [0, 1] that interpolation and rounding may cause."""
+"""Accepted overshoot of float values beyond [0, 1], due to interpolation and rounding."""
 
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 """Weights of R, G and B in gray, after ITU-R BT.601."""
 
 SENSOR_BITS = (10, 12, 14)
-"""Bit depths of cameras whose values are stored in uint16."""
+"""Bit depths of sensors that store values in uint16."""
 
 HEIF_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis")
 """Brands in the headers of HEIC and AVIF files."""
 
 PNG_DEPTH = 24
-"""Position of the bits of a sample in a PNG."""
+"""Offset of the bit depth in a PNG."""
 JPEG_MARKER = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
 """A marker that is not part of compressed data."""
 END_OF_IMAGE = b"\xff\xd9"
@@ -109,28 +108,27 @@ END_OF_IMAGE = b"\xff\xd9"
 UNSIZED = (b"\xff\x01", b"\xff\xd8")
 """Markers without a segment."""
 
-NOT_AN_IMAGE = "expected an image (PNG, JPEG, TIFF, ...), found something else"
+NOT_AN_IMAGE = "expected an image (PNG, JPEG, TIFF, ...), found another format"
 
 
 def read_image(
     path: str | Path, *, background: Color = WHITE, white: float | None = None
 ) -> Float32Array:
-    """The image in a file, turned upright by its EXIF orientation.
+    """Reads an image, rotated upright by its EXIF orientation.
 
     Args:
         path: any format that OpenCV reads; gray, color, 8 or 16 bit, or floats in [0, 1].
         background: RGB in [0, 1] behind a transparent image.
-        white: the stored value that becomes 1, as 4095 for 12-bit data; None for the highest of
-            the data type, with a warning if uint16 data look like 10, 12 or 14 bits.
+        white: the stored value that becomes 1, such as 4095 for 12-bit data; None for the maximum
+            of the data type, with a warning if uint16 data appear to have 10, 12 or 14 bits.
 
     Returns:
         (H, W, 3) RGB in [0, 1].
 
     Raises:
         ImageError: the file is missing, is not an image, is truncated, has values above `white`,
-            or is larger than `LARGEST_IMAGE` (which the command line refuses before decoding; in
-            a program OpenCV decodes up to its own limit, the environment's
-            OPENCV_IO_MAX_IMAGE_PIXELS).
+            or is larger than `LARGEST_IMAGE` (the command line rejects it before decoding; in a
+            program OpenCV's own limit applies, OPENCV_IO_MAX_IMAGE_PIXELS in the environment).
     """
     data = _read(Path(path))
     return decode_image(data, str(path), background=background, white=white)
@@ -158,7 +156,7 @@ def decode_image(
 
 
 def read_stored(path: str | Path) -> Image:
-    """The image in a file as the camera stored it, to which its calibration applies.
+    """Reads an image as stored by the camera, to which the calibration applies.
 
     Args:
         path: any format that OpenCV reads; gray, color, 8 or 16 bit.
@@ -196,7 +194,7 @@ def orientation_of_bytes(data: bytes) -> int:
 
 
 def read_header(data: bytes, name: str) -> Header:
-    """The header of an image, which is not decoded.
+    """Reads the header of an image without decoding it.
 
     Args:
         data: content of a file in any format that Pillow reads.
@@ -210,21 +208,21 @@ def read_header(data: bytes, name: str) -> Header:
         return Header(gray.width, gray.height, gray.orientation, True, multiplied=multiplied)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of its size and its metadata
+            warnings.simplefilter("ignore")  # about its size and metadata
             with Pillow.open(BytesIO(data)) as image:
                 transparent = "A" in image.getbands() or "transparency" in image.info
-                exif = Pillow.Image.getexif(image)  # that of a PNG file decodes all of it
+                exif = Pillow.Image.getexif(image)  # for PNG, exif would decode the image
                 orientation = exif.get(ORIENTATION, 1)
                 valid = orientation if orientation in range(1, 9) else 1
                 return Header(*image.size, valid, transparent, image.format == "TIFF")
     except Pillow.DecompressionBombError as error:
         raise ImageError(f"{name}: the image is far too large") from error
-    except Exception as error:  # Pillow raises anything for broken bytes
+    except Exception as error:  # Pillow raises arbitrary exceptions
         raise ImageError(f"{name}: {NOT_AN_IMAGE}") from error
 
 
 def _read(path: Path) -> bytes:
-    with reading(path, ImageError, "the name of a file", ValueError):  # which has no null
+    with reading(path, ImageError, "the name of a file", ValueError):  # nulls in the name
         return read_bytes(path)
 
 
@@ -255,11 +253,11 @@ def _decode(data: bytes, name: str) -> npt.NDArray[Any]:
 
 
 def _with_opacity(pixels: npt.NDArray[Any], data: bytes) -> npt.NDArray[Any]:
-    """(H, W, 4) of a gray image (H, W), whose opacity OpenCV does not read."""
+    """(H, W, 4) from a gray image (H, W) whose alpha OpenCV does not read."""
     with Pillow.open(BytesIO(data)) as image:
         if image.format == "TIFF":
             return np.asarray(image.convert("LA").convert("RGBA"))
-        clear = int(image.info["transparency"])  # of a PNG: the gray that is transparent
+        clear = int(image.info["transparency"])  # transparent gray of a PNG
         if image.mode == "L":
             clear *= 255 // (2 ** min(data[PNG_DEPTH], 8) - 1)
     opacity = np.where(pixels == clear, 0, np.iinfo(pixels.dtype).max).astype(pixels.dtype)
@@ -267,32 +265,31 @@ def _with_opacity(pixels: npt.NDArray[Any], data: bytes) -> npt.NDArray[Any]:
 
 
 def _hint(data: bytes) -> str:
-    """Advice for a picture in a format that is not read."""
+    """Advice for an unsupported image format."""
     if data[4:8] == b"ftyp" and data[8:12] in HEIF_BRANDS:
         return " (HEIC or AVIF); convert it to JPEG or PNG"
     return ""
 
 
 def warn_of_unread(names: Iterable[str], source: str) -> None:
-    """Warn of the pictures among the files of a folder that are not read."""
+    """Warns about files in unsupported image formats in a folder."""
     unread = Counter(
         suffix for name in names if (suffix := Path(name).suffix.lower()) in UNREAD_SUFFIXES
     )
     if unread:
         counts = ", ".join(f"{count} {suffix}" for suffix, count in sorted(unread.items()))
-        message = f"{source}: left out: {counts}, which are not read; convert them to JPEG or PNG"
+        message = f"{source}: left out: {counts}, not supported; convert them to JPEG or PNG"
         warnings.warn(message, ImageWarning, stacklevel=3)
 
 
 def _too_large(name: str, found: str) -> str:
     return (
-        f"{name}: expected at most {LARGEST_IMAGE:,} pixels, found {found}; "
-        "make it smaller, or cut it up"
+        f"{name}: expected at most {LARGEST_IMAGE:,} pixels, found {found}; reduce it, or split it"
     )
 
 
 def find_images(source: str | Path) -> list[Path]:
-    """The images of a file, a folder or a glob pattern, sorted by the numbers in their names.
+    """Images given by a file, a folder or a glob pattern, in natural order of names.
 
     Args:
         source: a file; a folder, without its subfolders; or a pattern such as `photos/**/*.jpg`.
@@ -329,7 +326,7 @@ def as_rgb(
     white: float | None = None,
     bgr: bool = False,
 ) -> npt.NDArray[Any]:
-    """An image as (H, W, 3) RGB in [0, 1]; gray is repeated.
+    """Converts an image to (H, W, 3) RGB in [0, 1]; gray is repeated.
 
     Args:
         image: see `saccade.types.Image`.
@@ -337,7 +334,7 @@ def as_rgb(
         dtype: float32 or float64 of the result.
         background: see `read_image`.
         white: see `read_image`; for uint8 and uint16.
-        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
+        bgr: True for an image in OpenCV's channel order, as `cv2.imread` returns it.
 
     Raises:
         ImageError: as `check_image`.
@@ -352,7 +349,7 @@ def repeat_gray(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def as_gray(image: Image, name: str = "image") -> Float32Array:
-    """An image as (H, W) gray in [0, 1] (ITU-R BT.601 weights).
+    """Converts an image to (H, W) gray in [0, 1] (ITU-R BT.601 weights).
 
     Args:
         image: see `saccade.types.Image`.
@@ -376,7 +373,7 @@ def check_image(
     white: float | None = None,
     bgr: bool = False,
 ) -> npt.NDArray[Any]:
-    """Validates an image; float values are clipped to [0, 1], transparency is composited.
+    """Validates an image; clips floats to [0, 1] and composites alpha.
 
     Args:
         image: see `saccade.types.Image`.
@@ -386,8 +383,8 @@ def check_image(
         bgr: see `as_rgb`.
 
     Returns:
-        (H, W) or (H, W, 3) RGB; uint8, uint16, float32 or float64, in C order; the image itself
-        where nothing has to change.
+        (H, W) or (H, W, 3) RGB; uint8, uint16, float32 or float64, in C order; the image itself if
+        it needs no change.
 
     Raises:
         ImageError: not an image, empty, not finite, or outside [0, 1] or [0, white].
@@ -410,7 +407,7 @@ def check_image(
 
 
 def _check_values(image: npt.NDArray[Any], name: str, white: float | None) -> npt.NDArray[Any]:
-    """The image in C order, of a supported dtype and in its range."""
+    """Returns the image in C order, with a supported dtype and values in range."""
     if image.dtype in (np.uint8, np.uint16):
         pixels = np.ascontiguousarray(image)
         if white is not None:
@@ -443,12 +440,12 @@ def _check_values(image: npt.NDArray[Any], name: str, white: float | None) -> np
 
 
 def _remark_on_depth(highest: int, name: str) -> None:
-    """Warns if the highest value of a uint16 image suggests a sensor with fewer bits."""
+    """Warns if the maximum of a uint16 image suggests a sensor with fewer bits."""
     for bits in SENSOR_BITS:
         if 2 ** (bits - 1) <= highest < 2**bits:
             warnings.warn(
-                f"{name}: uint16 without values above {2**bits - 1}, as of {bits}-bit data, is "
-                f"read as dark; if it is, scale it: read_image or as_rgb with white={2**bits - 1}",
+                f"{name}: the uint16 values do not exceed {2**bits - 1} and appear dark; for "
+                f"{bits}-bit data pass white={2**bits - 1} to read_image or as_rgb",
                 ImageWarning,
                 stacklevel=4,
             )
@@ -466,15 +463,15 @@ def in_unit_range(
 
 
 def _is_truncated(data: bytes) -> bool:
-    """Whether a JPEG or PNG lacks its end: OpenCV silently fills the rest with gray.
+    """Whether a JPEG or PNG is truncated, which OpenCV silently fills with gray.
 
-    It also allocates as much memory as a chunk of a PNG claims to need.
+    This also protects from PNG chunks whose declared size would exhaust the memory.
     """
     if data.startswith(b"\xff\xd8"):
         start = 2
         while marker := JPEG_MARKER.search(data, start):
             if marker[0] == END_OF_IMAGE:
-                return False  # whatever follows, such as the video of a telephone
+                return False  # ignore trailing data, such as a motion photo's video
             size = (
                 0 if marker[0] in UNSIZED else int.from_bytes(data[marker.end() : marker.end() + 2])
             )
@@ -493,7 +490,7 @@ def _is_truncated(data: bytes) -> bool:
 
 @contextmanager
 def quiet_opencv() -> Iterator[None]:
-    """Silences OpenCV's log within the block: errors are reported once, by us."""
+    """Silences OpenCV's log within the block, since errors are raised as exceptions."""
     logging: Any = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, 5
     level = logging.getLogLevel()
     logging.setLogLevel(SILENT)

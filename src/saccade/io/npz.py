@@ -12,18 +12,18 @@ import numpy.typing as npt
 from saccade.io.files import check_file, one_line, open_file
 
 MAX_UNPACKED = 1 << 30
-"""Bytes that any file may unpack to."""
+"""Unpacked size in bytes that is accepted for any file."""
 MAX_RATIO = 100
-"""Maximum compression ratio of larger files; measurements compress less."""
+"""Maximum compression ratio of larger files; real measurements compress less."""
 
 
 def save_arrays(
     file: IO[bytes] | Path, arrays: Mapping[str, npt.ArrayLike], *, compressed: bool = True
 ) -> None:
-    """Write arrays by their names as .npz.
+    """Writes named arrays as .npz.
 
     Raises:
-        TypeError: one holds objects, which NumPy would pickle.
+        TypeError: an array has objects, which NumPy would pickle.
     """
     values = {name: np.asarray(array) for name, array in arrays.items()}
     for name, array in values.items():
@@ -34,11 +34,11 @@ def save_arrays(
 
 
 def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
-    """The arrays of an .npz by their names.
+    """Reads the arrays of an .npz by name.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is something else, broken, holds objects, or unpacks to too much.
+        ValueError: the file has another format, is broken, has objects, or unpacks to too much.
     """
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -48,7 +48,7 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
             file.seek(0)
             with np.load(file, allow_pickle=False) as arrays:
                 return {name: np.asarray(arrays[name]) for name in arrays.files}
-        except Exception as error:  # the libraries raise anything for broken bytes
+        except Exception as error:  # arbitrary exceptions for broken bytes
             raise ValueError(one_line(error)) from error
 
 
@@ -57,7 +57,7 @@ def map_array(path: Path) -> npt.NDArray[Any]:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is something else, broken, or holds objects.
+        ValueError: the file has another format, is broken, or has objects.
     """
     check_file(path)
     try:
@@ -70,10 +70,10 @@ def map_array(path: Path) -> npt.NDArray[Any]:
 
 
 def check_unpacked(packed: int, unpacked: int) -> None:
-    """Refuse decompression bombs.
+    """Rejects decompression bombs.
 
     Raises:
-        ValueError: the size exceeds `MAX_UNPACKED`, and the ratio `MAX_RATIO`.
+        ValueError: the size exceeds `MAX_UNPACKED` and the ratio exceeds `MAX_RATIO`.
     """
     if unpacked > max(MAX_UNPACKED, MAX_RATIO * packed):
         raise ValueError(f"{packed:,} bytes that unpack to {unpacked:,}")

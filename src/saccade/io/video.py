@@ -1,4 +1,4 @@
-"""Reads and writes videos, and takes the frames of a camera as they come."""
+"""Reads and writes videos, and reads live cameras."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,11 +23,11 @@ def is_video(path: str | Path) -> bool:
 
 
 def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.NDArray[np.uint8]]]:
-    """The frames of a video one by one.
+    """Iterates over the frames of a video.
 
     Args:
         path: any video that OpenCV reads.
-        every: interval of the frames that are taken.
+        every: interval of the frames.
 
     Yields:
         Seconds since the start, and the (H, W, 3) RGB frame.
@@ -52,7 +52,7 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
 
 
 def video_rate(path: str | Path) -> float:
-    """Frames per second of a video; 25 where unknown.
+    """Frames per second of a video; 25 if unknown.
 
     Raises:
         ImageError: there is no such file.
@@ -66,9 +66,9 @@ def video_rate(path: str | Path) -> float:
 
 @contextmanager
 def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], None]]:
-    """A function that adds an (H, W, 3) uint8 RGB frame to an MP4 file.
+    """Yields a function that appends an (H, W, 3) uint8 RGB frame to an MP4 file.
 
-    The file appears when the block ends without an error. All frames have the shape of the first.
+    The file appears when the block ends without an error. All frames must have equal shapes.
 
     Args:
         path: the file to write.
@@ -110,7 +110,7 @@ class VideoFrames:
         """Frames per second."""
         self._capture, self._next = open_video(path), 0
         self.declared = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-        """Number of frames in the header; too large in a truncated file."""
+        """Number of frames in the header, which is too large in a truncated file."""
         while self._capture.grab():
             self._next += 1
         self._count = self._next
@@ -129,7 +129,7 @@ class VideoFrames:
         """
         if not 0 <= number < self._count:
             raise ImageError(f"{self.path}: expected a frame below {self._count}, found {number}")
-        if number < self._next - 1:  # seeking backwards is not exact in every format
+        if number < self._next - 1:  # backward seeking is inexact in some formats
             self._capture.release()
             self._capture, self._next = open_video(self.path), 0
         while self._next <= number and self._capture.grab():
@@ -145,7 +145,7 @@ def _as_rgb(frame: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
 
 
 def _check_written(path: Path) -> None:
-    """Detect a full disk, which OpenCV does not report: it cannot open an unfinished video."""
+    """Detects a full disk, which OpenCV does not report, by opening the finished video."""
     capture = open_video(path)
     if not capture.isOpened():
         raise OSError(None, "the video is cut short; is the disk full?", str(path))
@@ -153,7 +153,7 @@ def _check_written(path: Path) -> None:
 
 
 def open_video(path: str | Path) -> cv2.VideoCapture:
-    """Open a file; OpenCV alone would open devices, and take a name for a pattern.
+    """Opens a file safely; OpenCV alone would open devices and expand name patterns.
 
     Raises:
         ImageError: there is no such file.
@@ -167,30 +167,29 @@ def open_video(path: str | Path) -> cv2.VideoCapture:
 USUAL_RATE = 30.0
 """Frames per second of a camera without a known rate."""
 TIMEOUT = 10.0
-"""Seconds without a frame after which a camera has ended."""
+"""Maximum time without a frame before a camera counts as ended, in seconds."""
 POLL = 0.1
-"""Seconds between two looks at whether to stop."""
+"""Interval between checks of the stop condition, in seconds."""
 
 
 class LiveVideo:
-    """A camera, or a video file in its place, whose frames are taken one by one.
+    """A live camera, or a video file in its place.
 
-    A camera yields its latest frame and drops earlier ones; a video file yields every frame.
-
-    A context manager: the camera is released at its end.
+    A camera yields its latest frame and drops earlier frames; a video file yields every frame. As a
+    context manager, it releases the camera at the end.
 
     Args:
         source: number of a device, an address such as rtsp://..., or a video file.
-        stopped: asked while waiting for a frame; once it is true, there are no more.
+        stopped: function polled while waiting; reading ends when it returns True.
 
     Raises:
-        ImageError: the source cannot be opened, or gives no frame.
+        ImageError: the source cannot be opened, or yields no frame.
     """
 
     def __init__(self, source: str, stopped: Callable[[], bool] = lambda: False) -> None:
         self.name = f"camera {source}"
         self.dropped = 0
-        """Number of frames that came while others were processed."""
+        """Number of frames dropped while others were processed."""
         self._is_file, self._stopped = is_video(source) and "://" not in source, stopped
         self._capture = open_video(source) if self._is_file else _open_device(source)
         decoded, frame = self._capture.read()

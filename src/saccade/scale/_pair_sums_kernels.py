@@ -1,4 +1,4 @@
-"""Sums over the pairs of gradients about each pixel, compiled: see `saccade.scale.pair_sums`."""
+"""Compiled sums over symmetric pairs of gradients; see `saccade.scale.pair_sums`."""
 
 from typing import NamedTuple
 
@@ -8,23 +8,23 @@ from saccade._jit import kernel
 from saccade.types import Float32Array, IntArray
 
 MARGIN = 1
-"""Outermost pixels, which take part in no pair: half of their gradient lies beyond the border."""
+"""Width of the border without pairs, where half of the gradient lies outside the image."""
 UNSIGNED = np.uintp
-"""The kernels' indices: Numba need not check whether these count from the end."""
+"""Index type of the kernels, which spares Numba the check for negative indices."""
 
 
 class PairKernel(NamedTuple):
-    """The pairs about a pixel and their weights; each pair stands once."""
+    """Pairs around a pixel with their weights; each pair is listed once."""
 
     offsets: IntArray
-    """(n, 2) dx and dy from the pixel to the first of the pair; the second lies opposite."""
+    """(n, 2) dx and dy from the pixel to the first point of the pair; the second lies opposite."""
     directions: Float32Array
     """(n, 2) unit vectors along the line through the pair."""
     weights: Float32Array
-    """(n,) by their distance."""
+    """(n,) weights by distance."""
 
     def scaled(self) -> "PairKernel":
-        """With directions scaled by the square root of the weight."""
+        """The kernel with directions scaled by the square root of the weight."""
         return self._replace(directions=self.directions * np.sqrt(self.weights)[:, None])
 
 
@@ -32,16 +32,16 @@ class Gradients(NamedTuple):
     """The gradients of a channel."""
 
     strength: Float32Array
-    """(h, w) float32, as the others: log(1 + gain m), m the magnitude by 3x3 Sobel filters."""
+    """(h, w) float32 log(1 + gain m), with the magnitude m of 3x3 Sobel filters."""
     cosine: Float32Array
-    """(h, w) of the direction; 0, as the sine is, where there is none."""
+    """(h, w) cosine of the direction; cosine and sine are 0 without a direction."""
     sine: Float32Array
-    """(h, w) of the direction, from x towards y."""
+    """(h, w) sine of the direction, from x towards y."""
 
 
 @kernel(fastmath=("contract",))
 def add_isotropic(gradients: Gradients, pairs: PairKernel, out: Float32Array) -> None:
-    """Add to each pixel the terms of its `PairKernel.scaled` pairs."""
+    """Adds to each pixel the terms of its `PairKernel.scaled` pairs."""
     strength, cosine, sine = gradients
     offsets, directions = pairs.offsets, pairs.directions
     height, width = strength.shape
@@ -62,11 +62,11 @@ def add_isotropic(gradients: Gradients, pairs: PairKernel, out: Float32Array) ->
 
 @kernel(fastmath=("contract",))
 def add_radial(gradients: Gradients, pairs: PairKernel, out: Float32Array) -> None:
-    """Add to each pixel the terms of its scaled pairs, weighted by the angle from the strongest.
+    """Adds to each pixel the terms of its scaled pairs, weighted by the angle to the strongest.
 
     Since sin^2(phi - phi_max) = (1 - cos(2 phi) cos(2 phi_max) - sin(2 phi) sin(2 phi_max)) / 2,
-    one pass over the pairs is enough: it sums terms, and terms times cos and sin of 2 phi, and
-    keeps the strongest.
+    a single pass over the pairs suffices: it sums the terms and the terms times cos and sin of 2
+    phi, and records the strongest pair.
     """
     strength, cosine, sine = gradients
     offsets, directions = pairs.offsets, pairs.directions

@@ -1,11 +1,11 @@
-"""Symmetry of gradients: sums over the pairs that face each other across a pixel, at one scale.
+"""Gradient symmetry at one scale: sums over pairs on opposite sides of a pixel.
 
 The phase weight of Reisfeld, Wolfson & Yeshurun (1995) is a square: with gamma the angle of a
 gradient from the line through the pair, and p = cos(gamma),
 
     (1 - cos(gamma_i + gamma_j)) (1 - cos(gamma_i - gamma_j)) = (p_i - p_j)^2
 
-so that neither an angle nor a cosine need be computed.
+so that no trigonometric functions are needed.
 """
 
 from collections.abc import Callable
@@ -24,16 +24,16 @@ from saccade.scale.pyramid import FloatMap
 from saccade.types import Float32Array
 
 TINY = 1e-30
-"""Magnitude below which a gradient has no direction."""
+"""Minimum magnitude of a gradient with a direction."""
 
 
 def pair_kernel(inner: int, outer: int, sigma: float) -> PairKernel:
-    """The pairs on a square ring, weighted by the normal density at their distance.
+    """Pairs on a square ring, with Gaussian weights of their distance.
 
     Args:
-        inner: smallest distance from the pixel, along x or y, in pixels.
-        outer: largest distance, likewise.
-        sigma: standard deviation of the normal density of the distance between the two.
+        inner: minimum distance from the pixel, along x or y, in pixels.
+        outer: maximum distance from the pixel, along x or y, in pixels.
+        sigma: standard deviation of the Gaussian weight of the pair's distance, in pixels.
     """
     offsets = np.array(
         [
@@ -54,7 +54,7 @@ def gradients_of(channel: FloatMap, gain: float, border: int = cv2.BORDER_REFLEC
 
     Args:
         channel: (h, w), with a range of about 1.
-        gain: of the magnitude in the strength; larger values saturate sooner.
+        gain: gain of the magnitude; strengths saturate sooner with larger values.
         border: OpenCV's border type.
     """
     plane = np.ascontiguousarray(channel, np.float32)
@@ -73,16 +73,16 @@ def isotropic_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array
 
     Args:
         channels: gradients of equal shape.
-        pairs: which count.
+        pairs: the pairs and weights.
     """
     return sums_of(add_isotropic, channels, pairs)
 
 
 def radial_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
-    """`isotropic_sums` with each pair weighted by its axis's angle from the strongest one's.
+    """`isotropic_sums` with pairs weighted by the angle between their axis and the strongest axis.
 
-    The axis of a pair is phi = (theta_i + theta_j) / 2, its weight sin^2(phi - phi_max): a pixel
-    with a single axis of symmetry has none.
+    The axis of a pair is phi = (theta_i + theta_j) / 2 and its weight sin^2(phi - phi_max), so that
+    the sum is 0 for a single axis of symmetry.
     """
     return sums_of(add_radial, channels, pairs)
 
@@ -98,7 +98,7 @@ def sums_of(add: Callable[..., None], channels: list[Gradients], pairs: PairKern
 def fraction_inside(shape: tuple[int, ...], pairs: PairKernel) -> Float32Array:
     """(h, w) fraction of the weight of all pairs that lies inside the image."""
     reach = int(np.abs(pairs.offsets).max())
-    distance = np.arange(-MARGIN, reach + 1)  # from a pixel to the outermost that takes part
+    distance = np.arange(-MARGIN, reach + 1)  # distance to the outermost pixel with pairs
     fits = (distance[:, None, None] >= pairs.offsets[:, 1]) & (
         distance[None, :, None] >= np.abs(pairs.offsets[:, 0])
     )

@@ -1,8 +1,8 @@
 """Gaussian pyramids and the geometry of their levels, shared by attention and keypoints.
 
 Every level of a pyramid covers the whole image with equal cells, so that cell k of n is centered at
-pixel `(k + 0.5) * N / n - 0.5` of N. Borders reflect about the edge of the outermost pixel, which
-this arrangement preserves from level to level.
+pixel `(k + 0.5) * N / n - 0.5` of N. Borders reflect about the edge of the outermost pixel, a
+symmetry that all levels preserve.
 """
 
 from collections.abc import Sequence
@@ -16,14 +16,14 @@ import numpy.typing as npt
 from saccade.types import FloatArray
 
 FloatMap: TypeAlias = npt.NDArray[Any]
-"""(h, w) float32 or float64; what is computed from it has the same dtype."""
+"""(h, w) float32 or float64; results have the same dtype."""
 
 MAX_LEVEL = 30
-"""A pyramid level coarser than that of any image."""
+"""Maximum pyramid level, coarser than any level of an image."""
 BINOMIAL = np.array([1, 4, 6, 4, 1], np.float32) / 16
-"""Kernel of variance 1 along an axis."""
+"""Binomial kernel along an axis, with variance 1."""
 BINOMIAL_SIZE = (5, 5)
-"""Size for which OpenCV's Gaussian is `BINOMIAL` along both axes."""
+"""Kernel size for which OpenCV's Gaussian equals `BINOMIAL`."""
 
 
 def half_shape(shape: tuple[int, int]) -> tuple[int, int]:
@@ -46,13 +46,13 @@ def deepest_level(shape: tuple[int, int]) -> int:
 def coarser_levels(
     shape: tuple[int, int], viewing_size: int, finest_level: int, map_level: int
 ) -> int:
-    """Number of levels by which the levels of a configuration are shifted for an image.
+    """Number of levels by which a configuration's levels are shifted for an image.
 
     Args:
         shape: (H, W) of the image.
-        viewing_size: longer side in pixels for which the levels are meant.
-        finest_level: of these levels; it becomes no finer than the image itself.
-        map_level: level of the map, which becomes no finer than 1.
+        viewing_size: reference length of the longer side in pixels.
+        finest_level: finest of the levels; it stays at or above level 0.
+        map_level: level of the map; it stays at or above level 1.
     """
     coarser = round(log2(max(shape) / viewing_size))
     return max(coarser, -finest_level, 1 - map_level)
@@ -61,15 +61,15 @@ def coarser_levels(
 def halve(image: FloatMap) -> FloatMap:
     """The next level of a pyramid (A.4-A.5): smoothed, then subsampled by two.
 
-    The mean of two neighbors of the smoothed image is a sample between them: altogether the
-    kernel is [1 5 10 10 5 1] / 32, and a mirrored image gives the mirrored level.
+    Each sample is the mean of two smoothed neighbors. The combined kernel is [1 5 10 10 5 1] / 32,
+    and a mirrored image yields the mirrored level.
 
     Args:
         image: (h, w) or (h, w, c); uint8, uint16, float32 or float64.
 
     Returns:
         (ceil(h / 2), ceil(w / 2)) or (..., c), of the same dtype; float32 in [0, 1] for integers,
-        whose steps would be too coarse.
+        to avoid rounding.
     """
     if image.dtype.kind == "u":
         lines = BINOMIAL, BINOMIAL / np.iinfo(image.dtype).max
@@ -80,7 +80,7 @@ def halve(image: FloatMap) -> FloatMap:
 
 
 def resize(image: FloatMap, shape: tuple[int, int], interpolation: int | None = None) -> FloatMap:
-    """The image at another size: cell means where it shrinks, bilinear where it grows."""
+    """Resizes an image: cell means for reduction, bilinear interpolation for enlargement."""
     if image.shape[:2] == shape:
         return image
     if interpolation is None:
@@ -95,7 +95,7 @@ def cell_centers(
     map_shape: Sequence[int],
     image_shape: Sequence[int],
 ) -> FloatArray:
-    """Centers of cells of a map in the pixels of its image.
+    """Centers of map cells in image pixels.
 
     Args:
         rows: (n,) row of each cell.

@@ -1,4 +1,4 @@
-"""Gaussian scale spaces: an image under growing blur, octave by octave."""
+"""Gaussian scale spaces: an image at increasing blur, in octaves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,24 +14,24 @@ from saccade.scale.workspace import SERIAL, Workspace
 from saccade.types import Float32Array, FloatArray, IntArray
 
 MIN_SIDE = 8
-"""Samples: an octave narrower than this shows its reflected borders, not the image."""
+"""Minimum samples per side of an octave; smaller octaves are dominated by reflected borders."""
 
 NARROW_SIGMA = 0.8
-"""Samples: a Gaussian of a smaller sigma is not well described by its samples."""
+"""Minimum sigma, in samples, of a Gaussian that its samples represent well."""
 
 ROW_BLOCK = 192
-"""Rows that a thread subtracts at a time: they stay in the cache from one plane to the next."""
+"""Number of rows per block for a thread, chosen to stay in the cache between planes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScaleSpace:
-    """An image under growing blur, sampled half as densely from octave to octave (B.2-B.3)."""
+    """An image at increasing blur; each octave halves the sampling density (B.2-B.3)."""
 
     octaves: tuple[Float32Array, ...]
-    """Each (s + 3, h, w), or fewer planes: plane i is blurred 2**(i / s) times as much as the
-    first. The first octave may have more scales than the others."""
+    """Octaves of (s + 3, h, w) or fewer planes; plane i has 2**(i / s) times the blur of the first.
+    The first octave may have additional scales."""
     origin: FloatArray
-    """(octaves, 2) image pixel (x, y) on which the first sample of each octave lies."""
+    """(octaves, 2) image pixel (x, y) of the first sample of each octave."""
     spacing: FloatArray
     """(octaves,) image pixels from one sample to the next."""
 
@@ -53,19 +53,19 @@ def gaussian_scale_space(
     Args:
         gray: (H, W).
         config: octaves, intervals and sampling.
-        min_side: samples to a side of the smallest octave.
-        further_planes: of an octave, besides one for each interval: at least 1.
-        workspace: holds the octaves; None for memory of their own.
+        min_side: minimum samples per side of an octave.
+        further_planes: number of planes per octave in addition to its intervals, at least 1.
+        workspace: reusable memory for the octaves; None allocates memory.
 
     Returns:
-        Octaves of float32 planes; none where the image is smaller than `min_side`.
+        Octaves of float32 planes; empty if the image is smaller than `min_side`.
 
     Source: Lowe (2004), section 3; equations B.2-B.3.
     """
     workspace = workspace or Workspace()
     centered, kernel_radius = config.grid == "centered", config.kernel_radius
     spacing = 2.0**config.first_octave / config.density
-    intervals = config.intervals + config.extra_intervals  # of the first octave
+    intervals = config.intervals + config.extra_intervals  # in the first octave
     sigmas = [config.sigma(float(i)) for i in range(intervals + further_planes)]
     blur = sqrt(max(sigmas[0] ** 2 - (config.camera_sigma / spacing) ** 2, 0.01))
     plane, origin = first_plane(gray, spacing, blur, config, workspace)
@@ -105,7 +105,7 @@ def gaussian_scale_space(
 def first_plane(
     gray: Float32Array, spacing: float, blur: float, config: ScaleSpaceConfig, workspace: Workspace
 ) -> tuple[Float32Array, FloatArray]:
-    """An image sampled every 0.5, 1 or 2 pixels, under a blur of `blur` such samples.
+    """The image sampled every 0.5, 1 or 2 pixels, with a blur of `blur` samples.
 
     Returns:
         The plane and the (2,) pixel (x, y) of its first sample.
@@ -128,7 +128,7 @@ def difference_of_gaussians(
 ) -> Float32Array:
     """(s + 2, h, w) differences of the consecutive planes of an octave (B.1).
 
-    In a workspace they take the memory of those of the last octave.
+    In a workspace they overwrite the differences of the previous octave.
     """
     workspace = workspace or Workspace()
     planes, height, width = octave.shape
@@ -158,16 +158,16 @@ def downsampled(
     kernel_radius: float,
     workspace: Workspace,
 ) -> tuple[Float32Array, FloatArray]:
-    """Every second sample of a plane, symmetrically about its middle.
+    """Subsamples a plane by two, symmetrically about its center.
 
-    A side of odd length keeps samples, an odd number of them so that the next octave can do the
-    same. On a side of even length they would lie off the middle: means of two are taken there,
-    of a plane that is less blurred by as much as the mean blurs.
+    Along an odd side, an odd number of samples is kept, so that the next octave is odd too. Along
+    an even side, samples would be off center; means of two samples are taken instead, from a plane
+    that is less blurred by the blur of the mean.
 
     Args:
-        before: (h, w) plane that `plane` was blurred from.
+        before: (h, w) plane before the blur that gave `plane`.
         plane: (h, w).
-        blur: sigma between the two, in samples.
+        blur: sigma of that blur, in samples.
         kernel_radius: truncation of the Gaussian kernel, in sigmas.
         workspace: its threads share the rows.
 
@@ -195,9 +195,9 @@ def downsampled(
 
 
 def interpolated(plane: Float32Array, origin: FloatArray, shape: tuple[int, ...]) -> Float32Array:
-    """A plane of the next octave at the samples of this one.
+    """Interpolates a plane of the next octave at the samples of this octave.
 
-    By the polynomials through 6 samples each way; the plane is mirrored at its borders.
+    Uses polynomials through 6 samples along each axis, with mirrored borders.
 
     Args:
         plane: (h', w'), every second sample.
@@ -218,7 +218,7 @@ def interpolated(plane: Float32Array, origin: FloatArray, shape: tuple[int, ...]
 
 
 def _taps(offset: float) -> Float32Array:
-    """(7,) weights of samples -3 to 3 in the polynomial through the 6 around an offset, there."""
+    """(7,) weights of samples -3 to 3 for interpolation by 6 samples at an offset."""
     first = floor(offset) - 2
     nodes = range(first, first + 6)
     weights = np.zeros(7, np.float32)
@@ -242,12 +242,12 @@ def blurred(
 
     Args:
         plane: (h, w).
-        sigma: of the Gaussian, in samples.
+        sigma: sigma of the Gaussian, in samples.
         kernel_radius: truncation of the kernel, in sigmas.
-        sigma_y: sigma along the columns where it differs.
-        corrected: give the kernel the variance of the Gaussian, which sampling and truncation
-            change; otherwise the kernel samples the Gaussian itself.
-        out: (h, w) takes the result.
+        sigma_y: sigma along the columns, if different.
+        corrected: corrects the kernel's variance for sampling and truncation; otherwise the kernel
+            samples the Gaussian.
+        out: (h, w) array for the result.
         workspace: its threads share the rows; the result does not depend on their number.
     """
     kernel_x = kernel_y = gaussian_kernel(sigma, kernel_radius, corrected)
@@ -276,9 +276,9 @@ def blurred(
 def gaussian_kernel(sigma: float, kernel_radius: float, corrected: bool) -> Float32Array:
     """(n,) samples of a Gaussian, truncated at `kernel_radius` sigmas.
 
-    Sampling and truncation change its variance. `corrected`, a narrow kernel has the Gaussian's
-    moments up to the sixth, and a wide one samples a Gaussian that has the right variance
-    when it is sampled.
+    Sampling and truncation change the variance. With `corrected`, narrow kernels match the
+    Gaussian's moments up to the sixth, and wide kernels sample a Gaussian whose sampled variance is
+    correct.
     """
     if corrected and sigma < NARROW_SIGMA:
         return kernel_of_moments(sigma)
@@ -288,21 +288,21 @@ def gaussian_kernel(sigma: float, kernel_radius: float, corrected: bool) -> Floa
     def excess(candidate: float) -> float:
         return float(samples_of_gaussian(squares, candidate) @ squares) - sigma**2
 
-    # Truncated so early that none has the variance, it is left as it is.
+    # With severe truncation no sigma has the variance; keep the plain samples.
     if corrected and excess(2 * sigma) > 0:
         sigma = bisect(excess, sigma / 2, 2 * sigma)
     return samples_of_gaussian(squares, sigma).astype(np.float32)
 
 
 def bisect(rising: Callable[[float], float], low: float, high: float) -> float:
-    """The root of a function by bisection: SciPy's would take a second to import."""
+    """Root of a function by bisection, without SciPy's import time of a second."""
     while low < (middle := (low + high) / 2) < high:
         low, high = (low, middle) if rising(middle) > 0 else (middle, high)
     return middle
 
 
 def kernel_of_moments(sigma: float) -> Float32Array:
-    """(7,) weights that have a Gaussian's moments up to the sixth."""
+    """(7,) weights that match a Gaussian's moments up to the sixth."""
     taps = np.arange(4)
     even = np.vander(taps**2, 4, increasing=True).T.astype(np.float64)  # k^0, k^2, k^4, k^6
     half = np.linalg.solve(even, [1, sigma**2, 3 * sigma**4, 15 * sigma**6])
@@ -310,6 +310,6 @@ def kernel_of_moments(sigma: float) -> Float32Array:
 
 
 def samples_of_gaussian(squares: IntArray, sigma: float) -> FloatArray:
-    """Gaussian weights at positions with these squares; their sum is 1."""
+    """Gaussian weights at positions with the given squares, normalized to a sum of 1."""
     weights = np.exp(-squares / (2 * sigma**2))
     return np.asarray(weights / weights.sum(), np.float64)

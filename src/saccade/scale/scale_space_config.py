@@ -14,36 +14,36 @@ Level = TypeVar("Level", float, FloatArray)
 
 @dataclass(frozen=True)
 class ScaleSpaceConfig(Settings):
-    """Octaves, intervals and sampling of a Gaussian scale space; the default is `Sift`'s."""
+    """Octaves, intervals and sampling of a Gaussian scale space, with the defaults of `Sift`."""
 
     first_octave: int = setting(-1, -1, 0)
-    """First octave: -1 has the scales of a doubled image; 0 those of the image, which are a quarter
-    of the keypoints."""
+    """First octave: -1 starts at the scales of a doubled image, 0 at the scales of the image, with
+    a quarter of the keypoints."""
     octaves: int | None = setting(None, 1)
-    """Maximum number of octaves; None for as many as the image has room for."""
+    """Maximum number of octaves; None for no limit."""
     intervals: int = setting(3, 1, 16)
     """Intervals per octave, s."""
     extra_intervals: int = setting(2, 0, 16)
-    """Additional intervals in the first octave. The later octaves begin at a wider blur and so
-    have denser samples: an octave that is halved as early as `density` 0.5 halves it is aliased,
-    and its keypoints are off by a fifth of a pixel under rotation or scaling."""
+    """Additional intervals in the first octave. Later octaves then start at a larger blur, relative
+    to their sampling. Without them, `density` 0.5 causes aliasing, with keypoint errors of a fifth
+    of a pixel under rotation or scaling."""
     base_sigma: float = setting(1.8, 0.5, 8)
     """Blur of the first plane of the first octave, in samples of density 1."""
     density: float = setting(0.5, 0.5, 1)
-    """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
-    the octave of the doubled image has the image's own pixels: under its blur there is next to
-    nothing between them. It costs a quarter."""
+    """Sampling density relative to Lowe's, 1 or 0.5. With 0.5 and `first_octave` -1 the first
+    octave is sampled at the image's own pixels, at a quarter of the cost; its blur leaves almost no
+    detail between pixels."""
     camera_sigma: float = setting(0.0, 0, 4)
-    """Assumed blur of the image, in pixels. 0 blurs it by all of `base_sigma`: the finest
-    keypoints, which the noise makes, are fewer, and more of the others are repeated."""
+    """Assumed blur of the image, in pixels. 0 applies the full `base_sigma`, which suppresses the
+    finest, noise-induced keypoints and raises the repeatability."""
     kernel_radius: float = setting(3.0, 1, 8)
     """Truncation of the Gaussian kernels, in sigmas."""
     grid: Grid = "centered"
-    """"centered" lays the samples of every octave symmetrically about the middle of the image:
-    positions are unbiased, and a mirrored image has the mirrored keypoints. "shifted" samples as
-    OpenCV does: doubling shifts the image by a quarter pixel to the right and down, and every
-    octave starts at the upper left sample of the one before. "published" does too, and keeps the
-    last sample of an odd side, which OpenCV drops."""
+    """"centered" places the samples of every octave symmetrically about the image center: positions
+    are unbiased, and a mirrored image has mirrored keypoints. "shifted" samples like OpenCV:
+    doubling shifts the image by a quarter pixel to the right and down, and every octave starts at
+    the upper left sample of the previous octave. "published" also keeps the last sample of an odd
+    side, which OpenCV drops."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -52,7 +52,7 @@ class ScaleSpaceConfig(Settings):
         require(centered, "grid", "'centered' where density is 0.5", self.grid)
 
     def sigma(self, level: Level) -> Level:
-        """Blur of a plane so many intervals above the first, in samples of its octave."""
+        """Blur, in samples, of a plane `level` intervals above the first of its octave."""
         return self.density * self.base_sigma * 2 ** (level / self.intervals)
 
     def first_level(self, octave: IntArray) -> IntArray:

@@ -1,4 +1,4 @@
-"""The threads and the reusable memory of a computation."""
+"""Threads and reusable memory of a computation."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -16,14 +16,14 @@ Memory: TypeAlias = dict[tuple[str, int], Float32Array]
 
 
 class Workspace:
-    """The threads of one computation, and memory that the next one reuses.
+    """Threads of a computation, and memory that the next computation reuses.
 
-    Allocating anew took a third of the time of a scale space. An array is valid until the next
+    Allocation would take a third of the time of a scale space. An array is valid until the next
     computation in the same memory.
 
     Args:
-        executor: its threads; None for the thread of the caller alone.
-        threads: their number.
+        executor: thread pool; None for the caller's thread alone.
+        threads: number of threads.
         memory: arrays of an earlier computation.
     """
 
@@ -38,7 +38,7 @@ class Workspace:
         self._memory: Memory = {} if memory is None else memory
 
     def array(self, name: str, number: int, shape: tuple[int, ...]) -> Float32Array:
-        """An uninitialized array in the memory of a name and number."""
+        """An uninitialized array in the memory with this name and number."""
         size = prod(shape)
         memory = self._memory.get((name, number))
         if memory is None or memory.size < size:
@@ -46,13 +46,13 @@ class Workspace:
         return memory[:size].reshape(shape)
 
     def run_in_blocks(self, work: Callable[[slice], None], items: int, block_size: int) -> None:
-        """Call `work` on consecutive slices of `block_size` items, several at a time.
+        """Calls `work` on consecutive slices of `block_size` items, in parallel.
 
-        The slices do not depend on the number of threads; nor does the result, as long as no
-        call reads what another one writes.
+        The slices do not depend on the number of threads; neither does the result, if calls do not
+        read each other's output.
 
         Args:
-            work: takes a slice of the items; spends its time in code that releases the GIL.
+            work: function of a slice of the items; it should release the GIL.
             items: number of items.
             block_size: items in a slice.
         """
@@ -65,14 +65,14 @@ class Workspace:
 
 
 SERIAL = Workspace()
-"""Only the thread of the caller; its memory is not for use."""
+"""Workspace of the caller's thread, without reusable memory."""
 
 
 class WorkspacePool:
-    """The workspaces of a detector: one for each call that runs at the same time.
+    """Workspaces of a detector, one for each concurrent call.
 
     Args:
-        threads: of a call; None for one per core.
+        threads: number of threads per call; None for one per core.
 
     Raises:
         ConfigError: the number of threads is not positive.
@@ -85,10 +85,10 @@ class WorkspacePool:
 
     @contextmanager
     def workspace(self) -> Iterator[Workspace]:
-        """A workspace that no other call uses; its threads end with the block."""
+        """Yields an unused workspace; its threads end with the block."""
         try:
             memory = self._spare.pop()
-        except IndexError:  # not asked before: another thread may take the last meanwhile
+        except IndexError:  # another thread may take the last workspace between check and pop
             memory = {}
         try:
             with ThreadPoolExecutor(self.threads, "saccade") as executor:  # starts none unless used

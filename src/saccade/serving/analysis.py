@@ -24,15 +24,15 @@ from saccade.viewing.page import photograph
 from saccade.viewing.report import maps_data, points_data, scanpath_data
 
 MAX_PHOTOS = 4
-"""Photographs kept in memory: the most recently used."""
+"""Maximum number of photographs in memory, least recently used dropped first."""
 MAX_PIXELS = 40_000_000
-"""Pixels of a photograph."""
+"""Maximum number of pixels of a photograph."""
 MAX_NAME = 200
-"""Characters of a photograph's name that are kept."""
+"""Maximum length of a photograph's name."""
 MAX_FIXATIONS = 100
-"""Length of a scanpath."""
+"""Maximum length of a scanpath."""
 MAX_POINTS = 2000
-"""Interest points that are drawn."""
+"""Maximum number of interest points drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +52,14 @@ class PhotoAnalyzer:
         self._cached_for: tuple[Photo, AttentionModel] | None = None
 
     def open(self, data: bytes, name: str) -> dict[str, Any]:
-        """Keep a photograph.
+        """Stores a photograph.
 
         Args:
-            data: content of its file.
-            name: name of its file.
+            data: content of the file.
+            name: name of the file.
 
         Raises:
-            ImageError: it is no image, or too large or too small.
+            ImageError: the data is not an image, or is too large or too small.
         """
         name = name[-MAX_NAME:]
         width, height = read_header(data, name)[:2]
@@ -134,7 +134,7 @@ class PhotoAnalyzer:
         }
 
     def warm_up(self) -> None:
-        """Compile everything, so that the first photograph does not have to wait."""
+        """Compiles all kernels, so that the first photograph does not have to wait."""
         noise = np.random.default_rng(1).random((160, 160, 3), np.float32)
         analyzer = PhotoAnalyzer()
         token = analyzer.photos.add(Photo("", noise))

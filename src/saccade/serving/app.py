@@ -1,8 +1,7 @@
 """The local server: receives photographs, processes requests one by one, stores nothing on disk.
 
-A server on the loopback interface can be reached by every page that its user has open: by a
-cross-origin request, which has another Origin, or by DNS rebinding, with another Host. Both are
-rejected.
+A server on the loopback interface is reachable from every page in the user's browser, by
+cross-origin requests (other Origin header) or DNS rebinding (other Host header). Both are rejected.
 """
 
 import json
@@ -29,13 +28,13 @@ from saccade.serving.playground import Playground
 from saccade.viewing.page import as_json, html_page, json_element
 
 WARM_UP = "saccade-warm-up"
-"""Name of the thread that compiles everything."""
+"""Name of the thread that compiles the kernels."""
 MAX_REQUEST_BYTES = 100_000
-"""Size of a request other than a photograph."""
+"""Maximum size of a request without a photograph, in bytes."""
 CLIENT_CLOSED_REQUEST = 499
-"""Status of a response whose client has disconnected."""
+"""Status code for a client that has disconnected."""
 HOST_NAMES = ("127.0.0.1", "localhost")
-"""Names of this machine, as a browser on it writes them."""
+"""Host names of this machine in a local browser."""
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
@@ -44,10 +43,10 @@ SECURITY_HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Headers of every response: no other page frames, reads or keeps it."""
+"""Headers of every response, which prevent framing, reading and caching by other pages."""
 LEAD = (
     "Saliency, scanpath and interest points of a photograph, and EKF-SLAM to try out. "
-    "All stays on this machine, and nothing is stored."
+    "Everything stays on this machine, and nothing is stored."
 )
 STYLES = ("page.css", "report.css", "serving/serve.css")
 SCRIPTS = (
@@ -56,7 +55,7 @@ SCRIPTS = (
 )
 
 Work = Callable[[Mapping[str, Any]], Mapping[str, Any]]
-"""Computes the result of a request; both become JSON."""
+"""Function that computes the result of a request; both are JSON objects."""
 
 
 def application(
@@ -71,11 +70,11 @@ def application(
 
     Args:
         analyzer: analyzes the photographs.
-        playground: takes the steps of SLAM.
-        samples: example photographs: JPEG files by name.
-        port: of this server; requests to another host name are rejected.
-        max_bytes: of a photograph.
-        controls: the settings of the page and their controls.
+        playground: runs SLAM steps.
+        samples: example photographs, JPEG files by name.
+        port: port of this server; requests to other hosts are rejected.
+        max_bytes: maximum size of a photograph.
+        controls: settings of the page and their controls.
     """
     limiter, warmed_up = anyio.CapacityLimiter(1), Event()
     work: dict[str, Work] = {
@@ -136,7 +135,7 @@ def application(
 
 
 def serve_page(data: Mapping[str, Any]) -> str:
-    """The page as the text of one HTML file.
+    """The page as a single HTML document.
 
     Args:
         data: the input of its script.
@@ -150,7 +149,7 @@ def serve_page(data: Mapping[str, Any]) -> str:
 async def _process(
     request: Request, limiter: anyio.CapacityLimiter, work: Callable[[], Mapping[str, Any]]
 ) -> Response:
-    """The result of `work`, which is skipped if the client has disconnected by its turn."""
+    """The result of `work`, skipped if the client has disconnected meanwhile."""
     try:
         async with limiter:
             if await request.is_disconnected():
@@ -170,11 +169,11 @@ def _timed(compute: Work, request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _Guard:
-    """Rejects requests that do not come from the page itself, with 403 and one line.
+    """Rejects requests that do not come from the page itself, with status 403.
 
     Args:
-        app: answers the others.
-        port: of this server.
+        app: application for accepted requests.
+        port: port of this server.
     """
 
     def __init__(self, app: ASGIApp, port: int) -> None:
@@ -198,7 +197,7 @@ class _Guard:
         await app(scope, receive, send_with_headers)
 
     def _rejection(self, headers: Mapping[str, str], method: str) -> str | None:
-        """Why a request is rejected; None where it is not."""
+        """Reason for the rejection of a request; None if accepted."""
         host, origin = headers.get("host", "").lower(), headers.get("origin")
         if host not in self._hosts:
             return "the Host header does not name this server"
@@ -210,7 +209,7 @@ class _Guard:
 
 
 async def _body(request: Request, max_bytes: int) -> bytes:
-    """The body of a request, whatever length it declares."""
+    """The body of a request, limited independent of its declared length."""
     body = bytearray()
     try:
         async for chunk in request.stream():

@@ -1,4 +1,4 @@
-"""Controls of the page of `saccade serve`, and its settings as files for commands."""
+"""Controls of the page of `saccade serve`, and its settings as configuration files."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -27,11 +27,11 @@ MODELS = {
     "symmetry": ("symmetry",),
     "boolean": ("boolean",),
 }
-"""Configurations of each attention model: its own, then the nested ones."""
+"""Configurations of each attention model: its own, then nested configurations."""
 
 
 GROUPS: dict[str, dict[str, Any]] = tomllib.loads(web_file("serving/controls.toml"))
-"""Titles, order and sliders of the settings by kind, as `web/controls.toml` explains them."""
+"""Titles, order and sliders of the settings by kind; `web/controls.toml` documents them."""
 
 
 def controls() -> dict[str, Any]:
@@ -83,7 +83,7 @@ def _group(kind: str) -> dict[str, Any]:
     presets: dict[str, dict[str, dict[str, Any]]] = {}
     for name in preset_names(kind):
         values = _values(kind, load_settings(kind, name))
-        if values not in presets.values():  # some differ in settings that have no control
+        if values not in presets.values():  # presets may differ in settings without a control
             presets[name] = values
     return {
         "kind": kind,
@@ -96,7 +96,7 @@ def _group(kind: str) -> dict[str, Any]:
 
 
 def _values(kind: str, settings: Any) -> dict[str, dict[str, Any]]:
-    """Values of a configuration and of its nested ones that have a group, by kind."""
+    """Values of a configuration and of nested configurations with a group, by kind."""
     hints, values = get_type_hints(type(settings)), dict[str, Any]()
     by_kind = {kind: values}
     for name, hint in hints.items():
@@ -114,7 +114,7 @@ def _is_group(hint: Any) -> bool:
 
 
 def _control(hint: Any, slider: Sequence[float] | None) -> dict[str, Any]:
-    """The control of a type; an optional one can be switched off, which means None."""
+    """The control for a type; optional settings can be switched off, which gives None."""
     if NoneType in get_args(hint):
         (inner,) = (each for each in get_args(hint) if each is not NoneType)
         return {**_control(inner, slider), "optional": True}
@@ -126,12 +126,12 @@ def _control(hint: Any, slider: Sequence[float] | None) -> dict[str, Any]:
 
 
 def attention_file(model: str, settings: Any, fixations: int) -> str:
-    """The settings of a model as a file for `saccade look`."""
+    """The settings of a model as a configuration file for `saccade look`."""
     options = f"--model {model} --scanpath winner-take-all --fixations {fixations}"
     return f"# saccade look PHOTO {options} --config {model}.toml\n{as_toml(settings)}"
 
 
 def detection_file(detector: str, settings: Any) -> str:
-    """The settings of a detector as a file for `saccade detect`."""
+    """The settings of a detector as a configuration file for `saccade detect`."""
     command = f"saccade detect PHOTO --detector {detector} --config {detector}.toml"
     return f"# {command}\n{as_toml(settings)}"

@@ -1,4 +1,4 @@
-"""EKF-SLAM to try out: a simulated robot, and one filter of each kind on the same measurements."""
+"""EKF-SLAM playground: a simulated robot and one filter of each kind on the same measurements."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,27 +16,27 @@ from saccade.slam.models import turn_then_translate, wrap
 from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, Trajectory
 
 MAX_LANDMARKS = 60
-"""Landmarks of a world."""
+"""Maximum number of landmarks in a world."""
 START = (0.0, -10.0, 0.0)
 """True first pose."""
 MIN_RANGE = 0.1
-"""Meters, of an observation."""
+"""Minimum range of an observation, in meters."""
 RINGS = ((8.0, 7), (12.0, 9))
-"""Radius in meters and number of the landmarks that are there at first."""
+"""Radius in meters and number of landmarks of each initial ring."""
 MAX_SESSIONS = 4
-"""Sessions kept in memory: the most recently used."""
+"""Maximum number of sessions in memory, least recently used dropped first."""
 MAX_COORDINATE = 100.0
-"""Meters of a landmark from the origin, along each axis."""
+"""Maximum coordinate of a landmark along each axis, in meters."""
 MAX_STEPS = 5000
-"""Steps of a session."""
+"""Maximum number of steps in a session."""
 MAX_STEPS_AT_ONCE = 50
-"""Steps of one request."""
+"""Maximum number of steps in a request."""
 MAX_DISTANCE = 2.0
 """Maximum distance of one step in meters."""
 MAX_TURN = np.pi
 """Maximum turn of one step in radians."""
 SURE_AND_WRONG = 0.999
-"""Quantile of the NEES above which a filter is called sure and wrong."""
+"""Quantile of the NEES for the verdict "sure and wrong"."""
 
 
 @dataclass(frozen=True)
@@ -52,28 +52,28 @@ class PlaygroundNoise(Settings):
     bearing_sigma_deg: float = setting(3.0, 0.2, 10)
     """Standard deviation of a bearing, in degrees."""
     max_range: float = setting(4.0, 1, 20)
-    """Largest range of an observation, in meters."""
+    """Maximum range of an observation, in meters."""
     assumed_factor: float = setting(1.0, 0.2, 5)
-    """Standard deviations that the filters assume, relative to the true ones above."""
+    """Ratio of the standard deviations assumed by the filters to the true values."""
 
 
 class Scan(NamedTuple):
     """Odometry of a step and the observations after it."""
 
     control: FloatArray | None
-    """(2,) distance and turn; None where the robot stood still."""
+    """(2,) distance and turn; None if the robot stood still."""
     U: FloatArray | None
-    """(2, 2) its covariance."""
+    """(2, 2) covariance of the control."""
     z: FloatArray
     """(k, 2) range and bearing."""
     R: FloatArray
-    """(k, 2, 2) their covariances."""
+    """(k, 2, 2) covariances of the observations."""
     labels: IntArray
-    """(k,) of the landmarks."""
+    """(k,) labels of the landmarks."""
 
 
 class World:
-    """The true pose of a robot and the landmarks around it; makes its noisy measurements."""
+    """True pose of a robot and landmarks; generates noisy measurements."""
 
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
@@ -91,7 +91,7 @@ class World:
         self._num_added += len(xy)
 
     def move(self, command: FloatArray | None, noise: PlaygroundNoise) -> Scan:
-        """Carry out a command (2,), distance and turn, and measure; None stands still."""
+        """Executes a command (2,), distance and turn, and measures; None stands still."""
         control, U = None, None
         if command is not None:
             self.pose, _, _ = turn_then_translate(self.pose, command)
@@ -115,17 +115,17 @@ class World:
 
 
 def rings() -> list[list[float]]:
-    """Landmarks inside and outside of the circle through the first pose."""
+    """Initial landmarks, inside and outside the circle through the first pose."""
     angles = [(radius, 2 * np.pi * (i + 0.25) / n) for radius, n in RINGS for i in range(n)]
     return [[radius * float(np.cos(a)), radius * float(np.sin(a))] for radius, a in angles]
 
 
 class Session:
-    """A world and the filters that run in it, one of each kind of `EkfConfig.filter`.
+    """A world with one filter of each kind of `EkfConfig.filter`.
 
     Args:
-        seed: of the noise.
-        landmarks: (n, 2) of the world.
+        seed: seed of the noise.
+        landmarks: (n, 2) positions of the landmarks.
     """
 
     def __init__(self, seed: int, landmarks: FloatArray) -> None:
@@ -134,11 +134,11 @@ class Session:
         self.num_steps = 0
         self.filters = {name: Slam(_config(name), start=START) for name in RETRACTIONS}
         self.scores: dict[str, list[tuple[float, bool]]] = {name: [] for name in RETRACTIONS}
-        """NEES of each pose by filter, NaN where it is certain, and whether the true position was
-        in its 99.7 % ellipse."""
+        """NEES of each pose by filter, NaN for a certain pose, and whether the true position was in
+        the 99.7 % ellipse."""
 
     def step(self, command: FloatArray | None, noise: PlaygroundNoise) -> dict[str, Any]:
-        """Take a step with every filter; returns the observations and all estimates."""
+        """Runs a step with every filter; returns the observations and all estimates."""
         scan = self.world.move(command, noise)
         truth, time = self.world.pose, float(self.num_steps)
         estimates = {}
@@ -176,7 +176,7 @@ class Session:
         }
 
     def summary(self, name: str) -> dict[str, Any]:
-        """Errors of one filter, and their covariance as it states it."""
+        """Errors of a filter, with its estimated covariance."""
         slam, landmarks = self.filters[name], self.world.landmarks
         found, labels = slam.map, slam.map.label.tolist()
         known = [i for i, label in enumerate(labels) if label in landmarks]
@@ -197,17 +197,17 @@ class Session:
 
 
 class Playground:
-    """Keeps the most recent sessions in memory and takes their steps."""
+    """Keeps the most recent sessions in memory and runs their steps."""
 
     def __init__(self) -> None:
         self.sessions: Recent[Session] = Recent(MAX_SESSIONS, "session")
 
     def start(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Begin a session.
+        """Starts a session.
 
         Args:
             request: "seed" of the noise, "landmarks" as pairs of meters (by default two rings), and
-                as in `step`.
+                the keys of `step`.
 
         Raises:
             SaccadeError: a value outside its range.
@@ -221,7 +221,7 @@ class Playground:
         return {"session": self.sessions.add(session), **_state(session, steps, name)}
 
     def step(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Take steps in a session.
+        """Runs steps in a session.
 
         Args:
             request: "session", "commands" (each a distance in meters and a turn in radians, or
@@ -251,12 +251,12 @@ class Playground:
         try:
             steps = [session.step(each, noise) for each in commands]
         except LogError:
-            self.sessions.remove(str(token))  # its filters have not all taken the same steps
+            self.sessions.remove(str(token))  # its filters are at different steps
             raise
         return _state(session, steps, name)
 
     def warm_up(self) -> None:
-        """Compile everything, so that the first session does not have to wait."""
+        """Compiles all kernels, so that the first session does not have to wait."""
         playground = Playground()
         token = playground.start({})["session"]
         playground.step({"session": token, "commands": [[0.5, 0.05], None]})
@@ -282,7 +282,7 @@ def positions(value: Any, name: str) -> FloatArray:
 def _pairs(
     name: str, value: Any, count: int, largest: tuple[float, float], expected: str
 ) -> FloatArray:
-    """(n, 2) at most `count` pairs of numbers, each within its limit on either side of 0."""
+    """(n, 2) at most `count` pairs of numbers with limited magnitudes."""
     try:
         pairs = np.array(value or np.empty((0, 2)), np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -293,12 +293,12 @@ def _pairs(
 
 
 def _finite(value: float) -> float | None:
-    """A number as JSON has it: None in place of NaN."""
+    """A number for JSON, with None for NaN."""
     return float(value) if np.isfinite(value) else None
 
 
 def _config(name: str) -> EkfConfig:
-    """A filter that differs from the others in its kind only: identities are known."""
+    """Settings of a filter with known labels; filters differ in their kind only."""
     values = {"filter": name, "association": "known", "recover": False, "huber": np.inf}
     config: EkfConfig = settings_from("slam", values, "playground")
     return config

@@ -11,7 +11,7 @@ class Recent(Generic[T]):
     """The most recently used values, by token.
 
     Args:
-        size: number of values that are kept.
+        size: maximum number of values.
         name: kind of the values, for error messages.
     """
 
@@ -20,7 +20,7 @@ class Recent(Generic[T]):
         self._values: OrderedDict[str, T] = OrderedDict()
 
     def add(self, value: T) -> str:
-        """Keep a value in place of the least recently used; returns its token."""
+        """Stores a value, evicting the least recently used; returns its token."""
         token = secrets.token_urlsafe(12)
         self._values[token] = value
         if len(self._values) > self._size:
@@ -28,16 +28,16 @@ class Recent(Generic[T]):
         return token
 
     def __getitem__(self, token: Any) -> T:
-        """The value of a token; raises `KeyError` where it is not kept."""
+        """The value of a token; raises `KeyError` if it was evicted."""
         if not isinstance(token, str) or token not in self._values:
             raise KeyError(f"the {self._name} is no longer in memory; start again")
         self._values.move_to_end(token)
         return self._values[token]
 
     def remove(self, token: str) -> None:
-        """Forget a value."""
+        """Removes a value."""
         del self._values[token]
 
     def clear(self) -> None:
-        """Forget all values."""
+        """Removes all values."""
         self._values.clear()
