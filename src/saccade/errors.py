@@ -1,6 +1,6 @@
-"""Exceptions, and checks of settings that raise them.
+"""Exceptions, and validated settings.
 
-Every message names the file, line or argument, what was expected and what was found.
+Every message names the file, line or argument, the expected value and the value found.
 """
 
 from dataclasses import MISSING, dataclass, field, fields
@@ -19,35 +19,35 @@ class SaccadeError(Exception):
 
 
 class ImageError(SaccadeError, ValueError):
-    """Not an image, or one that the algorithm cannot use."""
+    """Invalid image, or an image that the algorithm cannot use."""
 
 
 class ImageWarning(UserWarning):
-    """An image that is probably not meant as it is read."""
+    """Image whose values are probably misinterpreted."""
 
 
 class LogWarning(UserWarning):
-    """A part of a landmark log that is left out or assumed."""
+    """Part of a landmark log that is left out or assumed."""
 
 
 class KeypointsError(SaccadeError, ValueError):
-    """Interest points that cannot be used, or a file that does not hold them."""
+    """Invalid interest points, or a file without them."""
 
 
 class LogError(SaccadeError, ValueError):
-    """A landmark log that is invalid or of another format."""
+    """Invalid landmark log, or unknown format."""
 
 
 class DriveError(SaccadeError, ValueError):
-    """A camera drive that is invalid or of another layout."""
+    """Invalid camera drive, or unknown layout."""
 
 
 class ConfigError(SaccadeError, ValueError):
-    """A setting outside its range, or an unknown one."""
+    """Setting that is out of range or unknown."""
 
 
 class OutputError(SaccadeError, OSError):
-    """A result that could not be written."""
+    """Result that cannot be written."""
 
 
 def require(holds: bool, name: str, expected: str, found: object) -> None:
@@ -105,16 +105,17 @@ def setting(
 
 
 class Settings:
-    """Base of frozen dataclasses whose fields have the types and ranges that they declare.
+    """Base class of frozen dataclasses with validated fields.
 
-    Numbers become the declared type, lists tuples. Numbers without a range are finite.
+    Numbers are converted to the declared type and checked against the range, or for finiteness;
+    lists become tuples.
 
     Raises:
-        ConfigError: a value of another type or outside its range.
+        ConfigError: a value has the wrong type or is out of range.
     """
 
     def __post_init__(self) -> None:
-        """Check every field; a subclass adds what concerns several of them together."""
+        """Validates every field; subclasses add constraints between fields."""
         kinds = _declared_types(cast("Any", type(self)))
         for each in fields(cast("Any", self)):
             value, allowed = getattr(self, each.name), each.metadata.get(RANGE, Range())

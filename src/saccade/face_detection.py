@@ -1,7 +1,7 @@
 """OpenCV's face detectors, from a model file or from the installed version of OpenCV.
 
-OpenCV 5 carries no model: give it YuNet's (`.onnx`). OpenCV 4 carries cascades (`.xml`), which are
-less sure.
+OpenCV 4 bundles cascades (`.xml`), which are less reliable than YuNet (`.onnx`). OpenCV 5 bundles
+no model.
 """
 
 from pathlib import Path
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 CASCADE = "haarcascade_frontalface_alt.xml"
 """The frontal cascade of OpenCV 4 with the fewest false faces."""
 LONGER_SIDE = 800
-"""Pixels to which the longer side of a larger image is reduced."""
+"""Maximum longer side in pixels; larger images are reduced to it."""
 MIN_SCORE = 0.7
-"""Smallest score, of at most 1, of a face that YuNet finds."""
+"""Minimum score of a YuNet detection, up to 1."""
 MIN_NEIGHBORS = 4
-"""Overlapping detections that make a face of a cascade."""
+"""Minimum number of overlapping detections of a cascade for a face."""
 MIN_FACE = 24
-"""Shorter side in pixels of the smallest face that a cascade looks for."""
+"""Minimum side of a face for a cascade, in pixels."""
 
 
 def find_face_detector(model: Path | None = None) -> "Callable[[Image], FloatArray] | None":
     """A detector of faces.
 
     Args:
-        model: YuNet's `.onnx` or a cascade's `.xml`; None for what OpenCV carries.
+        model: YuNet's `.onnx` or a cascade's `.xml`; None for the cascade bundled with OpenCV.
 
     Returns:
-        A function from an image to (n, 4) boxes: left, top, width and height in pixels; None if
-        no file is given and OpenCV carries none.
+        A function from an image to (n, 4) boxes: left, top, width and height in pixels; None if no
+        file is given and OpenCV bundles no detector.
 
     Raises:
         ConfigError: the file is missing, or OpenCV cannot read it.
@@ -64,7 +64,7 @@ def find_face_detector(model: Path | None = None) -> "Callable[[Image], FloatArr
 
 
 def _carried() -> Path | None:
-    """The cascade that comes with OpenCV, where it does."""
+    """The cascade bundled with OpenCV, or None."""
     folder = getattr(getattr(cv2, "data", None), "haarcascades", "")
     path = Path(folder) / CASCADE
     return path if path.is_file() and hasattr(cv2, "CascadeClassifier") else None

@@ -41,14 +41,14 @@ class Camera(Settings):
     baseline: float = setting(0.0, 0, 1000)
     """Distance to the right camera in meters; 0 for a single camera."""
     position: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) of the camera in the robot's frame, in meters; the height is 0 if unknown."""
+    """(3,) position of the camera in the robot frame, in meters; the height is 0 if unknown."""
     rotation: FloatArray = field(default_factory=lambda: AHEAD.copy())
     """(3, 3) rotation from the camera's frame into the robot's."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         valid = self.position.shape == (3,) and bool(np.isfinite(self.position).all())
-        require(valid, "position", "three numbers in metres", self.position.tolist())
+        require(valid, "position", "three numbers in meters", self.position.tolist())
         valid = self.rotation.shape == (3, 3) and bool(
             np.abs(self.rotation).max() < 2  # so that no product is infinite
             and np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() < 1e-3
@@ -62,7 +62,7 @@ class Camera(Settings):
 
 
 class CameraTurn(NamedTuple):
-    """How far a camera that pans and tilts is turned from how it is mounted.
+    """Rotation of a pan-tilt camera relative to its mounting.
 
     The axis passes through the optical center, of the left camera in a stereo rig.
     """
@@ -74,7 +74,7 @@ class CameraTurn(NamedTuple):
     sigma: float = 0.0
     """Standard deviation of both as measured, in radians."""
     reason: str = ""
-    """Why it was turned so: the `Gaze.reason` of the last decision that it follows."""
+    """Reason for the turn: the `Gaze.reason` of the last decision."""
 
     @property
     def rotation(self) -> FloatArray:
@@ -86,7 +86,7 @@ class CameraTurn(NamedTuple):
 
 @dataclass(frozen=True)
 class Gaze:
-    """A direction of view, and why it was chosen."""
+    """A viewing direction, with the reason for its choice."""
 
     pan: float
     """Radians to the left of ahead."""
@@ -113,7 +113,7 @@ class GazeLimits(Settings):
     latency: float = setting(0.1, 0, 60)
     """Seconds from a decision to the start of the motion."""
     max_range: float = setting(8.0, 0.1, 1e4)
-    """Meters within which landmarks and salient places count."""
+    """Maximum distance in meters of the landmarks and salient regions that count."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -193,8 +193,8 @@ class Drive:
     control_covariance: FloatArray
     """(n - 1, 3, 3) covariances of `control`."""
     load: Callable[[int], Frame]
-    """Loads the frame of a number; raises `ImageError` where its file cannot be read, `EndOfDrive`
-    where a live camera has ended."""
+    """Loads a frame by number; raises `ImageError` for an unreadable file and `EndOfDrive` at the
+    end of a live camera."""
     start: FloatArray = field(default_factory=lambda: np.zeros(3))
     """(3,) pose at the first frame."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -226,7 +226,7 @@ class Drive:
 
     @property
     def has_odometry(self) -> bool:
-        """Whether its controls were measured: they are neither zero nor assumed."""
+        """Whether the controls were measured, rather than zero or assumed."""
         return self.scale == "metric" and bool(self.control.any())
 
     def until(self, frames: int) -> "Drive":

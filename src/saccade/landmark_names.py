@@ -14,7 +14,7 @@ import numpy.typing as npt
 from saccade.errors import LogError
 
 Label: TypeAlias = int | str
-"""What a sensor reads from a landmark: an integer from 0 on, or text."""
+"""Label that a sensor reads from a landmark: a nonnegative integer, or text."""
 FIRST_TEXT = 10**18
 """Number of the first name that is text; integers are below."""
 UNKNOWN = ("", "-1")

@@ -23,15 +23,14 @@ EXPECTED = "the result of a run, or an image and its maps, Scanpath, Keypoints o
 
 
 def show(*items: Any) -> None:
-    """Show results: below the cell of a notebook, else in the system's viewer of images.
+    """Shows results below the notebook cell, or in the system's image viewer.
 
     Args:
-        items: a `SlamResult` or `VisualResult`; or an image (H, W) or (H, W, 3) with what was
-            found in it: the maps of an attention model, a `Scanpath`, or both; or `Keypoints`,
-            or `Regions`.
+        items: a `SlamResult` or `VisualResult`; or an image (H, W) or (H, W, 3) with its results:
+            the maps of an attention model, a `Scanpath`, or both; or `Keypoints`, or `Regions`.
 
     Raises:
-        ConfigError: anything else.
+        ConfigError: unsupported items.
 
     Examples:
         >>> import saccade

@@ -1,4 +1,4 @@
-"""Poses and points on the plane: composed, relative to one another, with their covariances."""
+"""Geometry on the plane: composition and differences of poses, with covariances."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,7 +9,7 @@ from saccade.errors import LogError
 from saccade.types import FloatArray, LandmarkLog
 
 NEAREST = 1e-9
-"""Meters from the robot within which a bearing is undefined."""
+"""Minimum distance in meters for a defined bearing."""
 
 
 def rotations(angle: FloatArray) -> FloatArray:
@@ -25,7 +25,7 @@ def rotated(xy: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def relative_poses(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Poses (n, 3) in the frames of others (n, 3): meters ahead and left, radians."""
+    """Second poses (n, 3) in the frames of the first (n, 3): meters ahead and left, radians."""
     east, north, turn = (second - first).T
     c, s = np.cos(first[:, 2]), np.sin(first[:, 2])
     turn = turn - 2 * np.pi * np.rint(turn / (2 * np.pi))
@@ -88,7 +88,7 @@ def to_range_bearing(
 def to_robot_frame(
     z: FloatArray, R: FloatArray, sensor: tuple[float, float, float], name: str = "observation"
 ) -> tuple[FloatArray, FloatArray]:
-    """Observations of a sensor as the robot would make them from its own origin.
+    """Observations transformed from the sensor frame to the robot frame.
 
     Args:
         z: (k, 2) range in meters and bearing in radians in the sensor's frame. One of the two may
@@ -111,7 +111,7 @@ def to_robot_frame(
     for k in np.flatnonzero(np.isnan(z).any(1))[:1].tolist():
         raise LogError(
             f"{name} {k}: expected range and bearing of a sensor away from the robot's origin, "
-            "found one of them"
+            "found only one"
         )
     xy = to_points(turned) + np.array([ahead, left])
     return to_range_bearing(xy, point_covariance(turned, R), lambda k: f"{name} {k}")

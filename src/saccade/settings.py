@@ -29,9 +29,9 @@ KINDS = {
 DEFAULT = "default"
 """Name of the preset of the default settings."""
 FREE_VIEWING = "free_viewing"
-"""Name of the preset of attention that shows where people look at a photograph."""
+"""Name of the attention preset for photographs viewed by people."""
 NONE = "none"
-"""None in TOML, which has no null."""
+"""Representation of None in TOML, which has no null."""
 
 
 def load_settings(kind: str, preset: str | None = None, path: Path | None = None) -> Any:
@@ -39,11 +39,11 @@ def load_settings(kind: str, preset: str | None = None, path: Path | None = None
 
     Args:
         kind: one of `KINDS`.
-        preset: its name; None for the default.
-        path: a TOML file as `saccade config` prints it.
+        preset: name of the preset; None for the default.
+        path: a TOML file, as printed by `saccade config`.
 
     Raises:
-        ConfigError: no such kind, preset or setting, or a value outside its range.
+        ConfigError: unknown kind, preset or setting, or a value out of range.
     """
     configuration = _configuration(kind)
     preset = DEFAULT if preset is None else preset
@@ -116,7 +116,7 @@ def _configuration(kind: str) -> Any:
 
 
 def update_settings(settings: Any, values: Any, source: str) -> Any:
-    """A configuration with the values of a table, in which "none" stands for None.
+    """Updates a configuration with the values of a table, in which "none" means None.
 
     Args:
         settings: a `Settings`, or a dataclass of them.
@@ -124,7 +124,7 @@ def update_settings(settings: Any, values: Any, source: str) -> Any:
         source: its name, for error messages.
 
     Raises:
-        ConfigError: no table, no such setting, or a value outside its range.
+        ConfigError: not a table, an unknown setting, or a value out of range.
     """
     require(isinstance(values, dict), source, "a table of settings", values)
     kinds = get_type_hints(type(settings))

@@ -1,7 +1,7 @@
-"""Contrast saliency of batches of images as PyTorch tensors, differentiable, and losses.
+"""Differentiable contrast saliency of image batches in PyTorch, and losses.
 
-The loop is that of `saccade.attention.contrast`, on tensors (B, h, w). A step that is linear along
-each axis is a matrix: what the NumPy step makes of the unit vectors.
+The loop of `saccade.attention.contrast` runs on tensors (B, h, w). Steps that are linear along each
+axis are applied as matrices, which are the NumPy step's results for unit vectors.
 """
 
 from collections.abc import Callable
@@ -38,7 +38,7 @@ TIE = 2e-7
 def contrast_saliency(
     images: Tensor, config: ContrastConfig | None = None, *, keep_features: bool = False
 ) -> ContrastMaps:
-    """Contrast saliency of images of equal size, with gradients.
+    """Contrast saliency of a batch of images, with gradients.
 
     Args:
         images: (B, 3, H, W) RGB in [0, 1], float32 or float64, on any device. Values are not
@@ -47,8 +47,8 @@ def contrast_saliency(
         keep_features: whether the result holds the feature maps and the pyramids.
 
     Returns:
-        Maps (B, h, w) of the dtype and on the device of the images, equal to those of
-        `saccade.contrast_saliency` but for rounding.
+        Maps (B, h, w) with the dtype and device of the images, equal to `saccade.contrast_saliency`
+        up to rounding.
 
     Raises:
         ImageError: another shape or dtype, values outside [0, 1], or images that are too small.
@@ -195,7 +195,7 @@ def rescale(values: Tensor) -> Tensor:
 
 
 def promotion(scaled: Tensor, threshold: float, radius: int, without_highest: bool) -> Tensor:
-    """The weight `(1 - m)^2` of each map; of equal neighbors the first one is the maximum.
+    """The weight `(1 - m)^2` of each map; the first of equal neighbors is the maximum.
 
     Compilers round a value in different ways, so that no equality decides: the cells of neighbors
     are compared, and all others with a tolerance.

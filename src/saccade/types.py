@@ -24,7 +24,7 @@ def check_arrays(
     error: type[LogError | DriveError],
     partial: Sequence[str] = (),
 ) -> None:
-    """Raise `error` unless the arrays of a named record have these shapes and are finite.
+    """Raises `error` unless the arrays of a named record have the given shapes and are finite.
 
     Args:
         record: has a `name`, for the message.
@@ -68,7 +68,7 @@ def invalid_range_bearing(z: npt.NDArray[np.float64]) -> tuple[int, str, str] | 
 
 
 class Pictured:
-    """Base of results that a notebook shows as a picture."""
+    """Base class of results with a picture in notebooks."""
 
     def _repr_html_(self) -> str:
         html: str = import_module("saccade.pictures").result_html(self)  # draws, loaded when asked
@@ -76,7 +76,7 @@ class Pictured:
 
 
 class Table:
-    """Base of dataclasses of columns: arrays (n, ...), or None for a column that is not known."""
+    """Base class of column tables: arrays (n, ...), or None for unknown columns."""
 
     def __len__(self) -> int:
         return len(self._columns()[0])
@@ -93,7 +93,7 @@ class Table:
 
     @classmethod
     def zeros(cls, n: int, **columns: npt.NDArray[Any]) -> Self:
-        """A table of n rows, zero in the columns that are not given."""
+        """A table of n rows, with zeros in columns that are not given."""
         empty = {each.name: getattr(cls(), each.name) for each in fields(cast("Any", cls))}
         blank = {k: np.zeros((n, *each.shape[1:]), each.dtype) for k, each in empty.items()}
         return cls(**blank | columns)
@@ -110,8 +110,8 @@ def column(*shape: int, dtype: npt.DTypeLike = np.float64) -> Any:
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1].
 
-Pyramids of uint8 are rounded to whole steps at each level: saliency maps of an image as uint8 and
-as float32 differ by up to .01, those of the other types by less than .0005.
+Pyramids of uint8 are rounded to integers at each level: saliency maps of a uint8 image and of the
+same image as float32 differ by up to .01, with other types by less than .0005.
 """
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -120,7 +120,7 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 THREE_SIGMA_2D = 11.829
-"""Squared Mahalanobis distance on the plane within which 99.73 % of a Gaussian lie: 3 sigma."""
+"""Squared Mahalanobis distance that encloses 99.73 % of a Gaussian on the plane (3 sigma)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -218,7 +218,7 @@ def check_pairs(pairs: IntArray, counts: tuple[int, int], name: str) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scanpath(Table):
-    """Fixations in their order."""
+    """Fixations in temporal order."""
 
     xy: FloatArray
     """(n, 2) position in image pixels."""
@@ -277,11 +277,11 @@ class SymmetricPairs(Table):
 
 
 GAP_INTERVALS = 3.0
-"""Median intervals between poses that make a gap in a trajectory."""
+"""Minimum duration of a gap in a trajectory, in median intervals between poses."""
 GAP_SECONDS = (0.55, 1.1)
-"""Least and greatest limit in seconds of an interval that is no gap."""
+"""Minimum and maximum of the gap threshold, in seconds."""
 SAME_TIME = 0.01
-"""Greatest difference in seconds between a time and that of a pose which holds there."""
+"""Maximum time difference in seconds between a query and a pose that answers it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -299,7 +299,7 @@ class Trajectory:
         return len(self.time)
 
     def covers(self, time: FloatArray, longest: float = GAP_SECONDS[1]) -> BoolArray:
-        """(n,) whether there is a pose at times (n,), or one shortly before and one shortly after.
+        """(n,) True for times with a pose, or with poses shortly before and after.
 
         Intervals above `longest` seconds are gaps, others if they are long among the intervals.
         """
@@ -318,7 +318,7 @@ class Trajectory:
         return np.where(self.covers(time)[:, None], poses, np.nan)
 
     def interpolate(self, time: FloatArray) -> FloatArray:
-        """(n, 3) poses at times (n,), across gaps too; the first and last extend beyond.
+        """(n, 3) poses interpolated at times (n,), also across gaps; the end poses are held.
 
         Raises:
             ValueError: the trajectory has no poses.
@@ -416,8 +416,8 @@ class LandmarkLog:
     observation_pose: IntArray
     """(k,) number of the pose of each observation, ascending."""
     observation: FloatArray
-    """(k, 2) range in meters, bearing in radians, in the frame of the sensor; NaN for the one that
-    was not measured, if only one was."""
+    """(k, 2) range in meters and bearing in radians, in the sensor frame; NaN for an unmeasured
+    component."""
     observation_covariance: FloatArray
     """(k, 2, 2); entries of a component that is NaN are ignored."""
     landmark: IntArray
@@ -491,7 +491,7 @@ class FixationTable(Table):
     image: npt.NDArray[np.str_]
     """(n,) file name of the image."""
     subject: IntArray
-    """(n,) number of the person."""
+    """(n,) number of the subject."""
     index: IntArray
     """(n,) number of the fixation of a subject on an image, from 0."""
     xy: FloatArray

@@ -88,8 +88,11 @@ def _map(rng):
     ("make", "notes"),
     [
         (_image, ""),
-        (_match, " Of 10,001 matches one in 3 is on this page."),
-        (_map, r" Of 300 states of the map one in \d+ is on this page. Of [\d,]+ intervals .*"),
+        (_match, " This page shows one in 3 of 10,001 matches."),
+        (
+            _map,
+            r" This page shows one in \d+ of 300 states of the map. This page shows one in \d+ of [\d,]+ intervals .*",
+        ),
     ],
 )
 def test_a_part_never_outgrows_the_page(make, notes, rng, tmp_path):

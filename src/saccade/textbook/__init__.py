@@ -1,13 +1,12 @@
 """The three systems equation by equation, to be read beside their source.
 
-Each file stands for one appendix of G. W. Kootstra, *Visual attention and active vision: from
+Each file implements one appendix of G. W. Kootstra, *Visual attention and active vision: from
 natural to artificial systems* (PhD thesis, University of Groningen, 2010): plain NumPy and SciPy,
-the steps, symbols and equation numbers of the source, every intermediate result returned. Where
-the source leaves a choice open, it is a constant at the top of the file, or is noted in its place.
-Copy a file, change an equation, and run it.
+the steps, symbols and equation numbers of the source, every intermediate result returned. Choices
+that the source leaves open are constants at the top of the file, or are noted in place. Copy a
+file, change an equation, and run it.
 
-The rest of `saccade` is faster and more general; where it computes the same, it is tested against
-these files.
+The rest of `saccade` is faster and more general, and is tested against these files.
 """
 
 from saccade.textbook.contrast_saliency import contrast_saliency

@@ -1,6 +1,6 @@
 """Appendix A: the contrast-saliency model, equations A.1-A.14.
 
-As in the source, c is the level of a center, s that of its surround. "Open" marks a choice that the
+As in the source, c is the center level and s the surround level. "Open" marks a choice that the
 source leaves open.
 """
 
@@ -18,20 +18,27 @@ R, G, B = 0, 1, 2  # along the last axis of an image
 SCALES = [(c, c + delta) for c in (2, 3, 4) for delta in (3, 4)]  # c, s
 THETAS = (0, 45, 90, 135)  # in degrees: the direction of a bar, from x towards y (down)
 BLACK = np.finfo(np.float64).tiny
-"""Open: A.2 and A.3 are 0 / 0 where the image is black; 0 / BLACK = 0 means no color."""
+"""Open: A.2 and A.3 are 0 / 0 for black; 0 / BLACK = 0 means no color."""
 KERNEL = np.outer([1, 4, 6, 4, 1], [1, 4, 6, 4, 1]) / 256
 """Open: G; the binomial of variance 1 is the smallest kernel that is nearly a Gaussian."""
 BORDER: Final = "nearest"
 """Open: the last row or column is replicated outside, which adds no contrast."""
-WAVELENGTH, SIGMA, PHASE, RADIUS = 4.0, 2.25, 0.0, 7
-"""Open: the Gabor kernel, in samples. It responds to bars two samples wide, the finest in a
-level, passes one octave, the distance between levels, and is cut off at three sigma."""
+WAVELENGTH = 4.0
+"""Open: wavelength of the Gabor kernel, in samples, for bars two samples wide, the finest."""
+SIGMA = 2.25
+"""Open: standard deviation of the kernel, in samples, for a bandwidth of one octave."""
+PHASE = 0.0
+"""Open: phase of the kernel, which makes it even."""
+RADIUS = 7
+"""Open: truncation of the kernel, in samples, at three sigma."""
 ORDER: Final = 1
-"""Open: bilinear interpolation, the lowest order without steps, which N would count as maxima."""
+"""Open: bilinear interpolation; steps of order 0 would count as maxima in N."""
 MAP_LEVEL = 4
 """Open: (+) adds at the scale of the coarsest center, so that no map is upsampled."""
-FLAT, DIGITS = 1e-12, 9
-"""Open: rounding errors vary no map (FLAT) and make no maximum (DIGITS of a map in [0, 1])."""
+FLAT = 1e-12
+"""Open: maximum range of a flat map, which is rounding."""
+DIGITS = 9
+"""Open: decimals to which a map in [0, 1] is rounded before its maxima are compared."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,7 +62,7 @@ class FeatureMap:
     contrast: FloatArray
     """(h, w), as large as the center level."""
     normalized: Normalized
-    """N of it."""
+    """Contrast after N."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -193,7 +200,7 @@ def across_scale_sum(maps: list[FloatArray], shape: tuple[int, ...]) -> FloatArr
 
 
 def resize(image: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """One level at the size of another; open: coarser by A.4 and A.5, finer by interpolation."""
+    """A level resized to another level; open: coarser by A.4 and A.5, finer by interpolation."""
     while np.any(np.greater(image.shape, shape)):
         image = every_second_sample(low_pass(image))
     step = 2 ** np.ceil(np.log2(np.divide(shape, image.shape)))  # from sample to sample

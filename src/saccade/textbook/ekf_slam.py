@@ -3,7 +3,7 @@
 In the symbols of the source, x = (x, y, theta) is the pose of the robot, m the map, s = (x, m) the
 state, P its covariance. The control u = (d, phi), of covariance U: turn by phi, translate by d.
 The observation z = (r, bearing), of covariance R, is relative to the pose. Meters and radians,
-counter-clockwise. The source gives f, h and g by their Jacobians.
+counter-clockwise. The source defines f, h and g through their Jacobians.
 """
 
 from dataclasses import dataclass
@@ -83,10 +83,10 @@ def h(x: FloatArray, m: FloatArray) -> FloatArray:
 
 
 class EkfSlam:
-    """The robot and N landmarks as one Gaussian, of mean s and covariance P.
+    """Joint Gaussian of the robot and N landmarks, with mean s and covariance P.
 
-    It starts at x0, (3,), with covariance P0, (3, 3). Values of another shape, or not finite, raise
-    `ConfigError`.
+    The initial pose is x0, (3,), with covariance P0, (3, 3). Values with a wrong shape, or not
+    finite, raise `ConfigError`.
 
     Examples:
         >>> slam = EkfSlam()

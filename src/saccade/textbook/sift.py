@@ -1,7 +1,7 @@
 """The Scale-Invariant Feature Transform, equation by equation (appendix B).
 
-Arrays are [row, column], points (x, y); angles run from x towards y. Pixels are those of the
-octave: 2 ** octave of the image. Copy this file, change an equation, run it:
+Arrays are [row, column], points (x, y); angles run from x towards y. A pixel of an octave spans 2
+** octave pixels of the image. Copy this file, change an equation, and run it:
 
     >>> y, x = np.mgrid[:64, :64]
     >>> result = sift(np.exp(-((x - 30) ** 2 + (y - 24) ** 2) / (2 * 3.0**2)))
@@ -36,9 +36,9 @@ class Candidate:
     column: int
     """Column of the sample in it."""
     offset: FloatArray
-    """(3,) xhat of B.5 in samples, in the order x, y, sigma; NaN where there is none."""
+    """(3,) xhat of B.5 in samples, in the order x, y, sigma; NaN if undefined."""
     value: float
-    """D(xhat) of B.6; NaN where there is no xhat."""
+    """D(xhat) of B.6; NaN without xhat."""
     curvature_ratio: float
     """Tr(H)^2 / Det(H) of B.10; infinite where Det(H) is not positive."""
     status: Status
@@ -123,21 +123,22 @@ BORDER: Literal["mirror"] = "mirror"
 FIRST_SAMPLE = 0
 """Down-sampling keeps samples 0, 2, 4, ..., as appendix A does: coordinates halve exactly."""
 SMALLEST_SIDE = 3
-"""Pixels; no sample of a smaller octave has 26 neighbors, so it is left out."""
+"""Minimum side of an octave in pixels, for samples with 26 neighbors."""
 OUTSIDE = 0.0
-"""Magnitude of a gradient that needs samples outside the image: nothing was measured there."""
+"""Magnitude of gradients that need samples outside the image."""
 ORIENTATION_REACH = 3.0
-"""Standard deviations each way: the source truncates its Gaussians to 6 sigma x 6 sigma."""
+"""Radius of the orientation window in sigma: the source truncates to 6 sigma x 6 sigma."""
 ORIENTATION_BIN_CENTER = 0.0
-"""In bins: bin b of 36 is centered on 10 b degrees, as those of the descriptor are."""
+"""Center of bin 0, in bins: bin b of 36 is centered on 10 b degrees, as in the descriptor."""
 PARABOLA_REACH = 0.5
-"""In bins: a bin over 80 % need not be a peak; the top of its parabola is sought within it."""
+"""Maximum offset of a parabola's peak, in bins, since a bin over 80 % may not be a peak."""
 SAMPLE_SPACING = 0.75
-"""In sigma: the 4 samples of a subregion span 3 sigma, as Lowe's."""
+"""Sample spacing in sigma: the 4 samples of a subregion span 3 sigma, as in Lowe's SIFT."""
 DESCRIPTOR_BIN_CENTER = 0.0
-"""In bins: the dominant orientation, turned to 0, is the center of a bin, not the edge of two."""
+"""Center of bin 0, in bins: the dominant orientation falls on the center of a bin."""
 INTERPOLATION_REACH = 1.0
-"""In spacings of centers: 1 / distance is unbounded, so weights fall linearly from 1 to 0 here."""
+"""Support of the interpolation in bin spacings; weights fall linearly, since 1 / distance
+diverges."""
 
 
 def sift(image: Image) -> SiftResult:
@@ -152,7 +153,7 @@ def sift(image: Image) -> SiftResult:
     for index, c in enumerate(candidates):
         if c.status == "kept":
             x, y, i_hat = np.add(c.offset, (c.column, c.row, c.i))
-            sigma = BASE_SIGMA * K**i_hat  # that of the lower L in B.1
+            sigma = BASE_SIGMA * K**i_hat  # sigma of the lower L in B.1
             closest = round(float(np.clip(i_hat, 0, S + 2)))  # L of its octave, by ratio of scales
             histogram = orientation_histogram(*gradient_images[c.octave][closest], x, y, sigma)
             for angle in dominant_orientations(histogram):
@@ -163,7 +164,7 @@ def sift(image: Image) -> SiftResult:
 
 
 def build_scale_space(gray: FloatArray) -> tuple[tuple[FloatArray, ...], ...]:
-    """L(x, y, sigma): s + 3 images per octave, each filtered from the one before it."""
+    """L(x, y, sigma): s + 3 images per octave, each filtered from the previous image."""
     if min(gray.shape) < SMALLEST_SIDE:
         height, width = gray.shape
         raise ImageError(f"image: expected at least 3 x 3 pixels, found {width} x {height}")

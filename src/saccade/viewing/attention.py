@@ -24,15 +24,17 @@ from saccade.viewing.style import (
 )
 
 STROKE = 0.12
-"""Half the length of the stroke along an edge, as a fraction of the distance of its pair."""
+"""Half length of the stroke along an edge, as a fraction of the pair's distance."""
 MIN_STRENGTH = 0.25
-"""Strength of the weakest pair that is drawn, as a fraction of the strongest of its point."""
+"""Minimum strength of a drawn pair, as a fraction of the strongest pair at its point."""
 MIN_CONCENTRATION = 0.3
-"""Resultant length of directions that have a mean: 0 if they are uniform, 1 if all are equal."""
+"""Minimum resultant length for a mean direction: 0 is uniform, 1 means equal directions."""
 AXIS_REACH = 0.8
-"""Half the length of an axis, as a fraction of the longest of its pairs."""
-MIN_WIDTH, MAX_WIDTH = 0.5, 1.6
-"""Line widths in points: of a pair of strength 0, and of the strongest of its point."""
+"""Half length of an axis, as a fraction of its longest pair."""
+MIN_WIDTH = 0.5
+"""Line width of a pair of strength 0, in points."""
+MAX_WIDTH = 1.6
+"""Line width of the strongest pair at a point, in points."""
 
 
 def attention_figure(
@@ -49,7 +51,7 @@ def attention_figure(
             is drawn from 0 to its own maximum.
         path: fixations in image pixels, numbered in their order, the first in white; None for the
             image alone.
-        pairs: symmetric pairs of each fixation, drawn in a panel of their own.
+        pairs: symmetric pairs of each fixation, drawn in a separate panel.
     """
     layers: Mapping[str, Float32Array] = getattr(maps, "layers", maps)
     height, width = image.shape[:2]
@@ -124,10 +126,10 @@ def draw_pair_lines(axes: Axes, pairs: SymmetricPairs) -> None:
 
 
 def axis_of(pairs: SymmetricPairs) -> float | None:
-    """Direction of the axis of symmetry in radians, modulo pi; None where the pairs have no one.
+    """Direction of the axis of symmetry in radians, modulo pi; None if the pairs share no axis.
 
-    The axis of a pair is its perpendicular bisector. Their mean is that of the doubled
-    angles, weighted by strength.
+    The axis of a pair is its perpendicular bisector. The mean is taken over doubled angles,
+    weighted by strength.
     """
     dx, dy = (pairs.second - pairs.first).T
     doubled = np.sum(pairs.strength * np.exp(2j * np.arctan2(dy, dx)))
@@ -137,9 +139,9 @@ def axis_of(pairs: SymmetricPairs) -> float | None:
 
 
 def draw_scanpath(axes: Axes, path: Scanpath) -> None:
-    """Fixations numbered in their order, the first in white, joined by lines.
+    """Fixations numbered in order, the first in white, joined by lines.
 
-    Those at one place share a label with all their numbers.
+    Fixations at the same position share a label with all their numbers.
     """
     outline = [patheffects.withStroke(linewidth=3, foreground="black")]
     axes.plot(*path.xy.T, color=ORANGE, linewidth=1.5, path_effects=outline)
@@ -158,7 +160,7 @@ def draw_scanpath(axes: Axes, path: Scanpath) -> None:
             ha="center",
             va="center",
             bbox={"boxstyle": f"{style},pad=0.25", "facecolor": color, "edgecolor": "black"},
-            in_layout=False,  # a number at the border is not clipped, and moves no panel
+            in_layout=False,  # numbers at the border are neither clipped nor part of the layout
         )
 
 

@@ -1,4 +1,4 @@
-"""Charts over time of the consistency of a filter, for the report."""
+"""Charts of filter consistency over time, for the report."""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ class Chart:
     band_name: str
     name: str
     mean: FloatArray | None = None
-    """(k,) running mean of the values, drawn over them."""
+    """(k,) running mean of the values, drawn on top."""
     mean_name: str = ""
     dots: bool = False
     """Whether each value is a dot."""
@@ -34,7 +34,7 @@ class Chart:
 
 
 def uncertainty_charts(estimate: Trajectory, truth: Trajectory | None) -> list[Chart]:
-    """The uncertainty of the estimate over time, with its errors where the truth is known.
+    """Uncertainty of the estimate over time, with errors if ground truth is known.
 
     Args:
         estimate: without covariance there are no charts.

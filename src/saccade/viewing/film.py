@@ -37,32 +37,32 @@ WIDTH = 1280
 HEIGHT = 720
 """Height of a frame in pixels."""
 CAMERA_WIDTH = 640
-"""Pixels of the camera image on its left."""
+"""Width of the camera image beside the map, in pixels."""
 ROBOT = [(14, 0), (-9, 8), (-5, 0), (-9, -8), (14, 0)]
 """Outline of an arrowhead that points along x."""
 LAST_FRAMES = 36
 """Number of times the last frame of a map is repeated."""
 RADIUS = 4
-"""Pixels, of the circle around a landmark in the camera image."""
+"""Radius of the circle around a landmark in the camera image, in pixels."""
 KINDS = (("new", ORANGE), ("tracked", GREEN), ("re-identified", RED))
 """Label and color of each `ObservedLandmarks.kind`."""
 HEAT_OPACITY = 0.55
 """Opacity of the saliency map over the camera image."""
 VIEW_LENGTH = 150.0
-"""Pixels of the wedge that shows where the camera looks."""
+"""Length of the wedge that shows the viewing direction, in pixels."""
 Frame = npt.NDArray[np.uint8]
 """(h, w, 3) RGB."""
 
 
 class Eye(NamedTuple):
-    """Where a camera looks."""
+    """Viewing direction of a camera."""
 
     pan: float
     """Radians to the left of ahead."""
     field_of_view: float
     """Width of the view in radians."""
     reason: str = ""
-    """Why, as it is written on the frame."""
+    """Reason, shown on the frame."""
 
 
 def map_frames(
@@ -71,7 +71,7 @@ def map_frames(
     dead_reckoning: Trajectory | None = None,
     eye_at: Callable[[int], Eye | None] | None = None,
 ) -> Iterator[Frame]:
-    """One frame for each snapshot, the last one repeated.
+    """Frames of the map, one per snapshot, with the last frame repeated.
 
     Each shows the trajectory so far, the robot and the landmarks with their ellipses, lines to the
     observed landmarks, and dead reckoning. All of the trajectory and of the last ellipses fits in.

@@ -59,7 +59,7 @@ class LiveMap:
         self.num_shown = len(snapshots)
 
     def close(self) -> None:
-        """Writes what is pending, and closes the file."""
+        """Writes pending data and closes the file."""
         self.stream.flush()
         self.stream.disconnect()
 

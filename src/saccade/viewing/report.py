@@ -19,7 +19,7 @@ SCRIPTS: dict[str, tuple[str, ...]] = {
 }
 """Additional scripts for each kind of part."""
 MAX_LENGTH = 4_700_000
-"""Characters of all parts together: the page stays under 5 MB."""
+"""Maximum characters of all parts, for a page under 5 MB."""
 MAX_POINTS = 400
 """Maximum number of interest points, shown with their descriptors."""
 MAX_MATCHES = 5000
@@ -45,7 +45,7 @@ class Part:
 
 
 class ReportBuilder:
-    """Collects the parts of a report while there is room; the first is always kept.
+    """Collects the parts of a report up to a size limit; the first part is always kept.
 
     Args:
         title: title of the page.
@@ -59,7 +59,7 @@ class ReportBuilder:
         self._omitted = 0
 
     def add(self, make: Callable[[], Part]) -> None:
-        """Add a part if there is room; after the first without room none is made."""
+        """Adds a part if it fits; after the first that does not fit, further parts are skipped."""
         if not self._omitted:
             part = make()
             length = sum(len(each.html) for each in (*self._parts, part))
@@ -156,17 +156,17 @@ def match_part(
 
 
 def maps_data(maps: Mapping[str, Float32Array]) -> list[dict[str, str]]:
-    """Saliency maps as the script of an image part reads them."""
+    """Saliency maps for the script of an image part."""
     return [{"name": name, "address": heat(values)} for name, values in maps.items()]
 
 
 def scanpath_data(path: Scanpath) -> dict[str, Any]:
-    """Fixations as that script reads them."""
+    """Fixations for the script of an image part."""
     return {"xy": path.xy.ravel(), "time": path.time, "saliency": path.saliency}
 
 
 def points_data(points: Keypoints) -> dict[str, Any]:
-    """Interest points as that script reads them."""
+    """Interest points for the script of an image part."""
     names = ("size", "angle", "response", "octave")
     data = {"xy": points.xy.ravel(), **{name: getattr(points, name) for name in names}}
     if points.descriptors is not None:
@@ -187,7 +187,7 @@ def with_notes(section: Section, thinned: Mapping[str, tuple[int, int]]) -> Sect
         thinned: number of items and stride of the selection, by name.
     """
     notes = [
-        f"Of {count:,} {name} one in {step} is on this page."
+        f"This page shows one in {step} of {count:,} {name}."
         for name, (count, step) in thinned.items()
         if step > 1
     ]

@@ -17,11 +17,11 @@ MAX_POSES = 6000
 MAX_DOTS = 3000
 """Maximum number of values of a chart."""
 MAX_ROWS = 24_000
-"""Landmarks in all snapshots together; where there are more, snapshots are left out."""
+"""Maximum number of landmarks in all snapshots; with more, snapshots are left out."""
 MAX_INTERVALS = 30_000
-"""Intervals in which a landmark was observed without a gap."""
+"""Maximum number of intervals of uninterrupted observation."""
 MAX_GAP = 2
-"""Largest difference of pose numbers between two observations of one interval."""
+"""Maximum difference of pose numbers between two observations of an interval."""
 MAX_IMAGES = 160
 """Maximum number of camera images."""
 MAX_IMAGE_LENGTH = 1_100_000
@@ -29,7 +29,7 @@ MAX_IMAGE_LENGTH = 1_100_000
 IMAGE_SIDE = 280
 """Longer side of a camera image in pixels."""
 IMAGE_QUALITY = 65
-"""Quality of its JPEG."""
+"""JPEG quality of a camera image."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class ObservedLandmarks:
     step: IntArray
     """(k,) index of the pose, ascending."""
     id: IntArray
-    """(k,) of the landmark, as in `MapSnapshot.ids`."""
+    """(k,) id of the landmark, as in `MapSnapshot.ids`."""
     xy: FloatArray | None = None
     """(k, 2) pixels."""
     kind: IntArray | None = None
@@ -68,8 +68,8 @@ def map_part(
         charts: drawn over time below the map.
         landmark_truth: true positions of the landmarks, in the same frame.
         image_at: gives the camera image at a pose, or None.
-        loaded: landmarks with a smaller id are of a map that was loaded.
-        lost: seconds since the first pose at which the robot was lost and found again, None for
+        loaded: landmarks with smaller ids belong to the loaded map.
+        lost: times of kidnapping and relocalization in seconds since the first pose; None for
             never.
         names: of landmarks, by id, if they are text.
     """
@@ -101,7 +101,7 @@ def map_part(
     notes = {
         "states of the map": (len(snapshots), step),
         "intervals in which a landmark was observed": (len(intervals["id"]), every),
-        "innovations (none where a landmark begins)": (dots, stride(dots, MAX_DOTS)),
+        "innovations (none for new landmarks)": (dots, stride(dots, MAX_DOTS)),
     }
     return Part(with_notes(section, notes), "map", data)
 

@@ -12,7 +12,7 @@ from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, LandmarkMap, Tr
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, grid_axes
 
 ELLIPSE_SCALE = sqrt(THREE_SIGMA_2D)
-"""Semi-axes of an ellipse that holds 99.73 %, in standard deviations."""
+"""Semi-axes of a 99.73 % ellipse, in standard deviations."""
 ELLIPSE_LABEL = "3 sigma (99.7 %)"
 """Name of such an ellipse in legends."""
 CORNERS = 48
@@ -20,7 +20,7 @@ CORNERS = 48
 LONG_SIDE = 8.8
 """Longer side of the map in inches."""
 MIN_SHORT_SIDE = 4.2
-"""Minimum of its shorter side in inches."""
+"""Minimum length of the shorter side of the map, in inches."""
 ELLIPSE: dict[str, Any] = {
     "facecolor": (ORANGE, 0.18),
     "edgecolor": (ORANGE, 0.9),
@@ -41,7 +41,7 @@ def map_figure(
 ) -> Figure:
     """The map from above; x to the right, y up, in meters.
 
-    The axes enclose everything but dead reckoning, which may leave them.
+    The axes enclose everything except dead reckoning.
 
     Args:
         trajectory: the estimate.
@@ -50,7 +50,7 @@ def map_figure(
         truth: of the trajectory, in the same frame.
         landmark_truth: of the landmarks, in the same frame.
         filtered: the trajectory of the filter, where the estimate is smoothed.
-        lost: (t,) at which poses the robot was lost: where that began and ended is marked.
+        lost: (t,) True for poses of a lost robot; the start and the end are marked.
     """
     outlines = ellipse_outlines(landmarks.xy, landmarks.covariance)
     enclosed = [trajectory.pose[:, :2], landmarks.xy, outlines.reshape(-1, 2)]
@@ -90,7 +90,7 @@ def map_figure(
 
 
 def _mark_lost(axes: Axes, trajectory: Trajectory, lost: BoolArray) -> None:
-    """Mark the first pose of each time that the robot was lost, and the first one after it."""
+    """Marks the first pose of each lost period, and the first pose after it."""
     before = np.concatenate([[False], lost[:-1]])
     for changed, label, marker in ((lost & ~before, "lost", "x"), (before & ~lost, "found", "+")):
         style: dict[str, Any] = {"color": RED, "markersize": 9, "mew": 2, "zorder": 6}

@@ -24,14 +24,21 @@ VECTOR_TEXT: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "saccade",
 }
-"""Text that other programs can edit, and names in an SVG that do not change."""
+"""Settings for editable text in vector graphics, and reproducible names in SVG."""
 
-BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
-"""After Okabe & Ito (2008), distinguishable under every common color-vision deficiency."""
+BLUE = "#0072b2"
+"""Blue of Okabe & Ito (2008), whose colors suit every common color-vision deficiency."""
+ORANGE = "#e69f00"
+"""Orange of Okabe & Ito."""
+GREEN = "#009e73"
+"""Bluish green of Okabe & Ito."""
+RED = "#d55e00"
+"""Vermilion of Okabe & Ito."""
 GRAY = "#7f7f7f"
-HEAT, DIVERGING = "cividis", "PuOr_r"
-"""Colormaps of values from 0, and of values of either sign; perceptually uniform, and suited to
-red-green deficiency."""
+HEAT = "cividis"
+"""Colormap of nonnegative values, perceptually uniform and suited to red-green deficiency."""
+DIVERGING = "PuOr_r"
+"""Colormap of signed values, suited to red-green deficiency."""
 SIGMAS = 3.0
 """Half-width of the band of one variable, in standard deviations: 99.73 %."""
 
@@ -78,13 +85,13 @@ def faded(image: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
 def figure_for(
     width: int, height: int, columns: int = 1, rows: int = 1, panel: float = 4.0
 ) -> Figure:
-    """A figure of `columns` x `rows` panels with the aspect ratio of a width x height image.
+    """Figure of `columns` x `rows` panels with the aspect ratio of an image.
 
     Args:
-        width: of the image, in pixels.
-        height: of the image, in pixels.
+        width: width of the image, in pixels.
+        height: height of the image, in pixels.
         columns: panels side by side.
-        rows: panels one above the other.
+        rows: panels stacked vertically.
         panel: the longer side of one panel, in inches.
     """
     scale = panel / max(width, height)
@@ -93,7 +100,7 @@ def figure_for(
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write a figure, whole or not at all, in the format of the suffix.
+    """Writes a figure atomically, in the format of the suffix.
 
     The text of an SVG or a PDF stays text, and the same figure gives the same bytes.
 
@@ -108,7 +115,7 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
 
 
 def save_figures(figure: Figure, path: str | Path, formats: Sequence[str]) -> Path:
-    """Write a figure once for each format, of `FIGURE_FORMATS`, which is added to `path`.
+    """Writes a figure in each of several `FIGURE_FORMATS`, whose suffix is added to `path`.
 
     Returns:
         The file of the first format.

@@ -2,7 +2,7 @@
 /* The SLAM playground: a simulated robot is driven, and the server's filters estimate its map. */
 
 const TICK_MS = 110; // between the steps of a key or button that is held
-const FORWARD = 0.4, TURN = 0.2, LAP = [0.5, 0.05]; // metres and radians of a step; on a circle of 10 m
+const FORWARD = 0.4, TURN = 0.2, LAP = [0.5, 0.05]; // meters and radians of a step; on a circle of 10 m
 const LAP_STEPS = 3; // per tick of the autopilot
 const DIRECTIONS = { ArrowUp: [FORWARD, 0], ArrowDown: [-FORWARD, 0], ArrowLeft: [0, TURN], ArrowRight: [0, -TURN] };
 const WORLD_BOX = [-14, -14, 14, 14];

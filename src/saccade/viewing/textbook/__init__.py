@@ -1,1 +1,1 @@
-"""Walkthrough of the textbook: each equation beside its code, with figures of one's own data."""
+"""Walkthrough of the textbook: each equation beside its code, with figures of your own data."""

@@ -22,11 +22,11 @@ from saccade.viewing.slam import (
 from saccade.viewing.style import BLUE, DIVERGING, GRAY, ORANGE, RED, hide_ticks
 
 MAX_SCANS = 8
-"""Scans of a log that are traced."""
+"""Maximum number of scans traced in a log."""
 MIN_ELLIPSE_FRACTION = 0.08
-"""Fraction of the width of the map to which the largest ellipse is magnified at least."""
+"""Minimum size of the largest ellipse after magnification, as a fraction of the map's width."""
 MAX_LABELS = 6
-"""Landmarks whose rows are labeled beside a matrix."""
+"""Maximum number of labeled landmark rows beside a matrix."""
 
 
 class State(NamedTuple):
@@ -61,7 +61,7 @@ class FilterTrace(NamedTuple):
     """The states of a filter in the first scans of a log."""
 
     transitions: dict[str, Transition]
-    """The last "predict" and "augment", and the "update" that reduced the covariance most."""
+    """Last "predict" and "augment", and the "update" with the largest covariance reduction."""
     scans: list[tuple[str, State]]
     """Title and state after each scan."""
 
@@ -77,9 +77,7 @@ def trace_filter(log: LandmarkLog, ekf_slam: Any) -> FilterTrace:
         LogError: the log has no landmark identities.
     """
     if (log.landmark < 0).any() or len(log.landmark) == 0:
-        raise LogError(
-            f"{log.name}: expected observations that name their landmarks, as appendix C has them"
-        )
+        raise LogError(f"{log.name}: expected labels for all observations, as in appendix C")
 
     def current() -> State:
         return State(np.array(ekf.s), np.array(ekf.P))
@@ -254,7 +252,7 @@ def _draw_state(
 
 
 def _magnification(transition: Transition) -> int:
-    """Magnification of the ellipses that makes the largest legible."""
+    """Magnification that makes the largest ellipse visible."""
     before, after, observed = transition
     points = [
         before.positions,

@@ -7,7 +7,7 @@ from textwrap import dedent
 from typing import NamedTuple
 
 MAX_LINES = 24
-"""Lines shown of a function."""
+"""Maximum number of lines shown of a function."""
 _EQUATION_NUMBER = re.compile(r"\b([ABC])\.(\d+)(?:\s*-\s*(?:\1\.)?(\d+))?")
 _CITATION = re.compile(r"\s*#[ ]([ABC]\.\d[ABC.\d, -]*).*$")
 
@@ -22,10 +22,11 @@ class Code(NamedTuple):
 
 
 def equation_code(source: str, file: str) -> dict[str, Code]:
-    """The code of each equation by its number, and of each function, without its head, by its name.
+    """The code of each equation by number, and the body of each function by name.
 
-    An equation is cited by the comment at the end of a line. Its code consists of the statements
-    that cite it and the fewest others, each with the assignments of its variables that cite none.
+    Equations are cited in comments at the ends of lines. The code of an equation consists of the
+    statements that cite it with the fewest other equations, and of the uncited assignments of their
+    variables.
 
     Args:
         source: Python.

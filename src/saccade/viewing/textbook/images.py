@@ -29,7 +29,7 @@ CHANNELS = {
 }
 """Title and range of each channel."""
 PERCENTILE = 99.0
-"""Percentile of the magnitudes of oriented responses that is drawn as black and white."""
+"""Percentile of oriented responses that sets the black and white levels."""
 
 
 def contrast_figures(image: Image, result: Any) -> dict[str, Figure]:
