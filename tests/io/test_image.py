@@ -59,7 +59,7 @@ def test_a_folder_has_every_picture_that_can_be_read(tmp_path):
     for other in ("a.cr2", "a.dng", "notes.txt"):
         (tmp_path / other).write_bytes(b"raw")
     for find in (find_images, lambda folder: open_source(str(folder))):
-        with pytest.warns(ImageWarning, match=r"left out: 1 \.cr2, 1 \.dng, which"):
+        with pytest.warns(ImageWarning, match=r"left out: 1 \.cr2, 1 \.dng, not"):
             assert len(find(tmp_path)) == 14
     for path in tmp_path.glob("a.*"):
         if path.suffix not in (".cr2", ".dng"):
@@ -156,7 +156,7 @@ def test_a_rotated_photograph_is_turned_upright(tmp_path):
     assert image[35].mean() < 0.1
 
 
-@pytest.mark.filterwarnings("ignore:.*read as dark")
+@pytest.mark.filterwarnings("ignore:.*appear dark")
 @given(arrays(np.uint8, (4, 6, 3)))
 def test_every_dtype_means_the_same_picture(pixels):
     expected = as_rgb(pixels)
@@ -250,7 +250,7 @@ def test_a_truncated_file_is_refused(tmp_path, capfd, suffix, share):
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(None, "No such file"), (b"", "empty file"), (b"a letter", "something else")],
+    [(None, "No such file"), (b"", "empty file"), (b"a letter", "another format")],
 )
 def test_a_file_that_is_no_image_is_named(tmp_path, capfd, content, words):
     path = tmp_path / "letter.png"

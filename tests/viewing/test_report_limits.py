@@ -91,7 +91,7 @@ def _map(rng):
         (_match, " This page shows one in 3 of 10,001 matches."),
         (
             _map,
-            r" This page shows one in \d+ of 300 states of the map. This page shows one in \d+ of [\d,]+ intervals .*",
+            r" This page shows one in \d+ of 300 states of the map\. .* [\d,]+ intervals .*",
         ),
     ],
 )
