@@ -60,7 +60,7 @@ def test_log_without_names_is_associated_by_distance(rng):
     by_distance = slam.run(log, EkfConfig(association="nearest"))
     np.testing.assert_array_equal(result.association, by_distance.association)
     np.testing.assert_array_equal(result.map.id, np.arange(len(result.map)))
-    with pytest.raises(LogError, match=r"association: .* the log does not name"):
+    with pytest.raises(LogError, match=r"association: .* without labels, found known"):
         slam.run(nameless, EkfConfig(association="known"))
 
 

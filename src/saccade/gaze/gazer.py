@@ -1,4 +1,4 @@
-"""Gaze in the map: where a robot's camera looks next, and why.
+"""Active gaze: the next direction of view of a robot's camera, chosen in the map.
 
 The winner-take-all network of the saliency map attends to the most salient position of an image,
 and inhibition of return moves attention on. Here both meet SLAM: directions of view compete in the
@@ -22,22 +22,27 @@ from saccade.types import BoolArray, FloatArray, IntArray
 
 POLICIES = ("fixed", "sweep", "random", "salient", "active")
 """Names of the policies."""
-HORIZON, SAMPLES = 2.0, 4
-"""Seconds of the rollout, and poses in it, an even number."""
+HORIZON = 2.0
+"""Duration of the rollout in seconds."""
+SAMPLES = 4
+"""Number of poses in the rollout, even."""
 MAX_LANDMARKS = 24
-"""Greatest number of landmarks in a decision: the nearest."""
-RANGE_SIGMA, BEARING_SIGMA = 0.03, 0.01
-"""Expected standard deviations of a landmark that is in view throughout the rollout: of the range
-as a fraction of it, and of the bearing in radians."""
+"""Largest number of landmarks in a decision; the nearest count."""
+RANGE_SIGMA = 0.03
+"""Expected standard deviation of the range of a landmark that is in view throughout the rollout, as
+a fraction of the range."""
+BEARING_SIGMA = 0.01
+"""Expected standard deviation of the bearing of such a landmark, in radians."""
 MARGIN = 0.05
-"""Fraction of the field of view at each side in which nothing counts as seen."""
-AREA, MEMORY = 1.0, 0.2
-"""Weights in nats: of a view whose whole area is new, and of a landmark of salience 1 that was
-never looked at."""
+"""Width of the margin at each side of the field of view, as a fraction; nothing in it is seen."""
+AREA = 1.0
+"""Weight in nats of a view whose whole area is new."""
+MEMORY = 0.2
+"""Weight in nats of a landmark of salience 1 that was never looked at."""
 INHIBITION = 10.0
 """Time constant of the inhibition of return, in seconds."""
 PAN_TOLERANCE = 0.05
-"""Radians by which a measured pan may be outside of the limits."""
+"""Largest distance of a measured pan from the limits, in radians."""
 SWEEP_RATE = 0.5
 """Rate of a sweep in radians per second, slow enough to track points."""
 
@@ -53,11 +58,11 @@ class Look:
     target: tuple[float, float]
     """x, y in the map of the point on the optical axis at half the largest range, in meters."""
     reason: str
-    """Why the camera looks there."""
+    """Reason of the choice."""
 
 
 class Gazer:
-    """Decides where the camera of a robot looks next.
+    """Chooses the next direction of view of a robot's camera.
 
     Args:
         slam: SLAM of the robot, live or with a loaded map; only read.
@@ -115,11 +120,11 @@ class Gazer:
         self.time = 0.0
         """Seconds since the first decision."""
         self.plan = np.zeros((0, 2))
-        """(h, c) controls to come."""
+        """(h, c) controls of the next periods."""
         self.salience: dict[object, float] = {}
         """Salience of landmarks by label; 1 for others."""
         self.last_seen: dict[object, float] = {}
-        """Time at which each landmark was last looked at, by label."""
+        """Time of the last observation of each landmark, by label."""
         self.candidates = np.linspace(*pan, max(1, ceil(3 * (pan[1] - pan[0]) / fov)) + 1)
         """(c,) candidate pans, at most a third of the field of view apart."""
         self._policy: Policy = policy if callable(policy) else getattr(self, f"_{policy}")
@@ -133,12 +138,12 @@ class Gazer:
     def next(
         self, plan: FloatArray | None = None, salience: Mapping[object, float] | None = None
     ) -> Look:
-        """The next look: towards the goal of the policy, as far as the camera turns in a period.
+        """Turns the camera towards the goal of the policy, as far as its rate allows.
 
         Args:
             plan: (h, c) controls of the next periods, in the convention of the motion model; the
                 last one is repeated. By default the robot goes straight on as in the last plan.
-            salience: salience of landmarks by label, in [0, 1]; it is remembered.
+            salience: salience of landmarks by label, in [0, 1]; kept for later decisions.
         """
         if plan is not None:
             self.plan = np.asarray(plan, np.float64)
@@ -155,15 +160,15 @@ class Gazer:
         return Look(self.pan, 0.0, target, self._reason)
 
     def record(self, *, pan: float, labels: npt.ArrayLike = ()) -> None:
-        """Records what was seen, for the inhibition of return and for the area that is new.
+        """Records an observation, for the inhibition of return and the new area.
 
         Args:
-            pan: measured pan of the camera, in radians, within its limits or, by an error of the
-                measurement, up to `PAN_TOLERANCE` and five `pan_sigma` outside.
+            pan: measured pan of the camera, in radians, within its limits widened by
+                `PAN_TOLERANCE` and five `pan_sigma`.
             labels: (k,) labels of the observed landmarks.
 
         Raises:
-            ConfigError: the pan is outside.
+            ConfigError: the pan is outside these limits.
         """
         low, high = self.limits
         tolerance = PAN_TOLERANCE + 5 * self._pan_sigma
@@ -212,12 +217,12 @@ class Gazer:
             "informative landmarks": self._information(view),
             "salient landmarks": MEMORY * self._remembered_salience(view),
         }
-        if self.slam.mode != "localize":  # where the map is not to grow, new area adds nothing
+        if self.slam.mode != "localize":  # a fixed map gains nothing from new area
             terms["new area"] = AREA * self._new_area(view)
         return self._best(terms)
 
     def _best(self, terms: dict[str, FloatArray]) -> float:
-        """The pan with the greatest sum of terms (c,), the nearest one of equals."""
+        """The pan with the largest sum of terms (c,); of equal ones, the nearest."""
         total = np.sum(list(terms.values()), axis=0)
         best = int(np.argmax(total - 1e-3 * np.abs(self.candidates - self.pan)))
         lead = {name: float(term[best] - term.mean()) for name, term in terms.items()}
@@ -227,7 +232,10 @@ class Gazer:
     def _roll_out(self) -> "View":
         """The next `HORIZON` seconds: the robot follows its plan, the camera turns to each pan."""
         ekf, table = self.slam.filter, self.slam.landmarks
-        start, known = ekf.pose, table.counts.confirmed | table.labeled  # also those seen once
+        start, known = (
+            ekf.pose,
+            table.counts.confirmed | table.labeled,
+        )  # includes landmarks that were seen once
         ids, xy = ekf.ids[known], ekf.landmarks[known]
         steps = np.minimum(np.arange(ceil(HORIZON / self.period)), len(self.plan) - 1)
         controls = self.plan[steps] if len(self.plan) else np.zeros((0, 2))
@@ -262,9 +270,8 @@ class Gazer:
     def _information(self, view: "View") -> FloatArray:
         """(c,) mutual information of the state and the expected observations, in nats.
 
-        The whole state counts, since the landmarks that are measured now are what the pose is
-        measured by later. The joint covariance of pose and landmarks makes what both have in common
-        worth nothing.
+        The state includes the landmarks, since the pose is measured by them later. With the joint
+        covariance, common errors of pose and landmarks carry no information.
         """
         seen, k = view.seen, len(view.landmarks)
         if k == 0:
@@ -308,12 +315,12 @@ Policy = Callable[[Gazer], float]
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The rollout of a decision: k landmarks as c candidate pans let the robot see them."""
+    """The rollout of a decision: visibility of k landmarks with c candidate pans."""
 
     pose: FloatArray
-    """(3,) in the middle of the rollout."""
+    """(3,) pose in the middle of the rollout."""
     F: FloatArray
-    """(3, 3) Jacobian of that pose by the present one."""
+    """(3, 3) Jacobian of this pose by the present pose."""
     Q: FloatArray
     """(3, 3) covariance of the motion in between."""
     landmarks: IntArray

@@ -287,7 +287,7 @@ class Hypotheses:
         return pose, C
 
     def settle(self) -> None:
-        """Keeps only the best hypothesis, and gives its pose the uncertainty of all of them."""
+        """Keeps only the best hypothesis, and gives its pose the uncertainty of all hypotheses."""
         if self.branching:
             best, pose, weight = self.best, self.best.ekf.pose, self._weights
             difference = np.array([each.ekf.pose for each in self.hypotheses]) - pose  # (h, 3)
@@ -318,7 +318,7 @@ class Hypotheses:
 
         Returns:
             Hypotheses, with the (k,) landmarks of the observations: twice as many as are kept, as
-            some of them become equal.
+            some become equal.
         """
         new_cost = self.alternatives.new_cost(_point_sigma(scan))
         options = [

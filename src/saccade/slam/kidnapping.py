@@ -17,8 +17,7 @@ from saccade.slam.scans import Scan
 from saccade.types import IntArray
 
 LIMIT = 14.0
-"""Minimum evidence (a log-likelihood ratio) for a robot to be kidnapped: that of five scans with
-`MAX_EVIDENCE`."""
+"""Minimum evidence (a log-likelihood ratio) for a robot to be kidnapped, reached by five scans."""
 REGAINED = 7.0
 """Largest evidence of scans that agree with the estimated pose again."""
 MAX_AGREEING_SCANS = 20
@@ -133,9 +132,8 @@ class KidnappingDetector:
     def relocalize(self, ekf: EkfSlam, table: LandmarkTable, scan: Scan) -> IntArray:
         """Updates the hypotheses of a lost robot's pose by a step, which may end the search.
 
-        The search begins with the scan at which the evidence reaches its limit. It ends if one
-        hypothesis is left, which becomes the pose of the filter, or if scans agree with the
-        estimated pose again.
+        The search begins when the evidence reaches its limit. It ends if one hypothesis is left,
+        which becomes the pose of the filter, or if scans agree with the estimated pose again.
 
         Returns:
             (k,) id of the landmark of each observation if the robot was found, else -1.

@@ -1,9 +1,9 @@
 """Merging: two maps of the same landmarks, in different frames, as one.
 
-The correspondence is by the names of the landmarks, or it is searched: groups of neighboring
-landmarks of one map are located in the other by their mutual distances (`Relocalizer`), and from
-the transform that a group gives, the correspondence grows by joint compatibility. Both maps and
-the transform then are one Gaussian, under the constraint that common landmarks are equal.
+The correspondence is given by labels, or it is searched: groups of neighboring landmarks of one map
+are located in the other by their mutual distances (`Relocalizer`). The transform of a group is an
+initial guess, and the correspondence grows by joint compatibility. Both maps and the transform are
+then one Gaussian, under the constraint that common landmarks are equal.
 """
 
 import copy
@@ -25,29 +25,29 @@ from saccade.slam.relocalization import Relocalizer, pose_jacobians
 from saccade.types import FloatArray, IntArray
 
 GATE = chi_square_gate(2, 0.99)
-"""Squared Mahalanobis distance within which two landmarks may be the same."""
+"""Largest squared Mahalanobis distance of a pair of common landmarks."""
 SAME = chi_square_gate(3, 0.999)
-"""Squared Mahalanobis distance within which two transforms are the same."""
+"""Largest squared Mahalanobis distance of equal transforms."""
 AMBIGUOUS = 2 * log(20)
-"""Difference of squared distances up to which the second nearest landmark may be the same, too: it
-is at least a twentieth as likely."""
+"""Minimum difference of squared distances between the second nearest landmark and the nearest, for
+a likelihood ratio of twenty."""
 GROUP = 8
-"""Neighboring landmarks that are located together."""
+"""Number of neighboring landmarks that are located together."""
 MAX_GROUPS = 12
-"""Groups that are located, spread over the map."""
+"""Largest number of groups, which are spread over the map."""
 MIN_PROBABILITY = 0.99
-"""Probability that the correspondence must have, against others and against none."""
+"""Minimum probability of the correspondence, against others and against none."""
 CONFIDENCE = 0.9999
-"""Probability with which two maps that agree pass the test of their common landmarks."""
+"""Probability with which consistent maps pass the test of their common landmarks."""
 DISTORTION = 0.0025
-"""Standard deviation that is added to landmarks in that test, as a fraction of the map's extent:
-that of right maps of recorded logs, which have systematic errors."""
+"""Standard deviation that is added to landmarks in that test, as a fraction of the map's extent. It
+stands for the systematic errors of right maps of recorded logs."""
 LIKELY = 0.05
-"""Probability from which a location of a group is tried."""
+"""Minimum probability of a location of a group."""
 CLEAR = 20.0
-"""Log odds of a correspondence from which the groups that it explains are not located."""
+"""Minimum log odds of a correspondence that makes the groups in it superfluous."""
 MAX_ITERATIONS = 50
-"""Gauss-Newton steps of the transform, at most."""
+"""Largest number of Gauss-Newton steps of the transform."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,7 +63,7 @@ class MergedMaps:
     common: IntArray
     """(m, 2) ids of the common landmarks in the first and the second map."""
     probability: float
-    """Of the correspondence; 1 if it is by names."""
+    """Probability of the correspondence; 1 if it is by labels."""
     nis: float
     """Squared Mahalanobis distance of the two maps, chi-square with 2 m - 3 degrees of freedom."""
 
@@ -83,11 +83,11 @@ def merge_maps(
     correspondence is searched. The robot of the second map is left out.
 
     Args:
-        first: with its map, as `Slam.load` gives it.
-        second: another one, in any frame.
-        min_common: landmarks, at least two, that must be common to both maps.
-        anyway: whether maps with a warning (`Slam.warning`) are merged, and maps that contradict
-            each other; the merged map has the warnings then.
+        first: SLAM with a map, as from `Slam.load`.
+        second: SLAM with a map in any frame.
+        min_common: minimum number of common landmarks, at least two.
+        anyway: whether to merge maps that have a warning (`Slam.warning`) or contradict each other;
+            the merged map has the warnings then.
 
     Raises:
         LogError: the correspondence is not certain; a map has a warning; or the maps contradict
@@ -153,7 +153,7 @@ def _warnings(first: Slam, second: Slam, maps: "_Maps", fused: "_Fused") -> list
 
 
 class _Maps(NamedTuple):
-    """Two maps; the robot of the first, of r numbers, comes before its landmarks."""
+    """Two maps; the first begins with the robot's r states."""
 
     r: int
     robot: FloatArray
@@ -185,7 +185,7 @@ class _Maps(NamedTuple):
 
 
 class _Fused(NamedTuple):
-    """Both maps under the constraint that the landmarks of some pairs are equal."""
+    """Both maps under the constraint that the landmarks of each pair are equal."""
 
     pairs: IntArray
     """(m, 2)."""
@@ -198,13 +198,13 @@ class _Fused(NamedTuple):
     log_odds: float
     """Log of the odds of the correspondence against landmarks near each other by chance."""
     mean: FloatArray
-    """(n,) the robot, the landmarks of the first map, those of the second in its frame."""
+    """(n,) the robot, the landmarks of the first map, and of the second map in the same frame."""
     P: FloatArray
     """(n, n)."""
 
 
 def _fuse(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
-    """Condition both maps and the transform (3,), of which a guess is given, on pairs (m, 2)."""
+    """Conditions both maps and the transform, with an initial guess (3,), on pairs (m, 2)."""
     r, (a, b), (P, Q) = maps.r, maps.xy, maps.P
     rows = (r + 2 * pairs[:, :1] + [0, 1]).ravel()
     columns = (2 * pairs[:, 1:] + [0, 1]).ravel()
@@ -243,7 +243,7 @@ def _fuse(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
 
 
 def _grown(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
-    """Add pairs of mutually nearest landmarks, those of the least uncertainty first."""
+    """Adds pairs of mutually nearest landmarks, the least uncertain first."""
     r, n = maps.r, len(maps.xy[0])
     i, j = np.arange(n), n + np.arange(len(maps.xy[1]))
     fused = _fuse(maps, pairs, transform)
@@ -326,7 +326,7 @@ def _shape_errors(points: FloatArray, Q: FloatArray, group: IntArray) -> FloatAr
 
 
 def _fitted(maps: _Maps, pairs: IntArray) -> FloatArray:
-    """The transform (3,) that moves the second map's points onto the first's, by least squares."""
+    """Least-squares transform (3,) of the second map's points to the first map's."""
     a, b = maps.xy[0][pairs[:, 0]], maps.xy[1][pairs[:, 1]]
     p, q = a - a.mean(0), b - b.mean(0)
     heading = np.arctan2((q[:, 0] * p[:, 1] - q[:, 1] * p[:, 0]).sum(), (p * q).sum())

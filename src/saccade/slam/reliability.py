@@ -1,8 +1,8 @@
-"""Reliability of a map without labels: figures in which wrong maps differ from right ones.
+"""Reliability of a map without labels: statistics that separate wrong maps from right ones.
 
-A wrong map holds landmarks twice: where a loop is not closed, or where a robot that was moved
-begins its map anew. When the robot comes back to a place, it misses the landmarks that it observed
-there before, or the newer part of the map is a copy of the older one, turned and shifted.
+A wrong map contains landmarks twice: a loop is not closed, or a kidnapped robot begins its map
+anew. When the robot revisits a place, it misses the landmarks of the first visit; or the newer part
+of the map is a rotated and translated copy of the older part.
 """
 
 from typing import NamedTuple
@@ -18,23 +18,23 @@ from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, Landmark
 MIN_REOBSERVED = 0.965
 """Least `Revisits.reobserved` of a right map; chosen in simulated worlds."""
 MIN_MISSED = 10.0
-"""Expected observations that must be missing for a map to be unreliable."""
+"""Minimum number of missing observations in an unreliable map."""
 MAX_UNUSED = 0.35
-"""Largest fraction of observations that are not used in a right map."""
+"""Largest fraction of unused observations in a right map."""
 MIN_COPIED = 0.5
-"""Fraction of the landmarks above which a copy of the older map in the newer one is no chance."""
+"""Largest fraction of landmarks that match older landmarks by chance."""
 MIN_PAIRS = 8
-"""Least number of landmarks of such a copy."""
+"""Least number of landmarks of a copy."""
 SAME_VIEW = 0.06
 """Distance between poses that observe the same landmarks, as a fraction of the sensor's range."""
 SAME_TURN = 0.35
-"""Turn in radians within which scans are taken together."""
+"""Largest turn in radians of the scans of a stretch."""
 VIEW = 0.95
-"""Fraction of the observations that is within the range, and within the field of view."""
+"""Fraction of the observations that define the range and the field of view."""
 ALL_AROUND = 5.3
-"""Field of view in radians from which the sensor counts as seeing all around."""
+"""Least field of view in radians of a sensor that counts as omnidirectional."""
 GROUP = 8
-"""Landmarks that are located together among the older ones."""
+"""Number of landmarks that are located together among the older ones."""
 SPACING = 0.3
 """Tolerance of a copied landmark, as a fraction of the distance between neighbors."""
 
@@ -43,20 +43,20 @@ class Revisits(NamedTuple):
     """Observations of landmarks that were observed from nearby before or after."""
 
     reobserved: float
-    """Fraction that is observed in other visits, relative to the fraction within a visit."""
+    """Fraction observed in other visits, relative to the fraction within a visit."""
     missed: float
-    """Number of observations that are missing, relative to that fraction."""
+    """Number of missing observations in other visits."""
 
 
 def map_warning(
     log: LandmarkLog, trajectory: Trajectory, found: LandmarkMap, association: IntArray
 ) -> str:
-    """Why a map without labels may be wrong; empty if it seems right.
+    """Reasons why a map without labels may be wrong; empty without any.
 
     Args:
         log: controls and observations.
-        trajectory: (t + 1) its poses, smoothed or filtered.
-        found: (n) the landmarks.
+        trajectory: (t + 1) smoothed or filtered poses.
+        found: (n) landmarks.
         association: (k,) row of the landmark of each observation, -1 for none.
     """
     reasons, log = [], in_robot_frame(log)
@@ -79,10 +79,10 @@ def map_warning(
 
 
 def revisits(log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: IntArray) -> Revisits:
-    """How many landmarks are observed again when the robot comes back, from poses (t + 1, 3).
+    """Re-observed and missed landmarks at revisits along poses (t + 1, 3).
 
-    Scans of a short stretch are taken together. A landmark (n, 2) is expected from there if it is
-    in the field of view and was observed from another stretch nearby: so it is not behind a wall.
+    The scans of a short stretch count as one. A landmark (n, 2) is expected there if it is in the
+    field of view and was observed from another stretch nearby, so that no wall hides it.
     """
     scans = np.unique(log.observation_pose)
     if len(xy) == 0 or len(scans) < 2:
@@ -120,7 +120,7 @@ def revisits(log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: In
 def _nearest_if_unused(
     log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: IntArray, near: float
 ) -> IntArray:
-    """(k,) landmark of each observation; of one that is not used the nearest, within a distance."""
+    """(k,) landmark of each observation; for unused ones the nearest within a distance, or -1."""
     unused = np.flatnonzero((association < 0) & ~np.isnan(log.observation).any(1))
     z, at = log.observation[unused], pose[log.observation_pose[unused]]
     angle = at[:, 2] + z[:, 1]
@@ -132,7 +132,7 @@ def _nearest_if_unused(
 
 
 def _seen_nearby(seen: BoolArray, pairs: IntArray) -> BoolArray:
-    """(m, n) whether each landmark is seen from a stretch that makes a pair (p, 2) with each."""
+    """(m, n) whether each landmark is seen from a stretch that is paired (p, 2) with stretch m."""
     nearby = np.zeros_like(seen)
     for i, j in (pairs.T, pairs.T[::-1]):
         np.logical_or.at(nearby, i, seen[j])
@@ -140,13 +140,13 @@ def _seen_nearby(seen: BoolArray, pairs: IntArray) -> BoolArray:
 
 
 def copied_landmarks(log: LandmarkLog, xy: FloatArray, association: IntArray) -> tuple[int, float]:
-    """Landmarks (n, 2) that are a copy of older ones, as of a robot that was moved.
+    """Landmarks (n, 2) that are a copy of older ones, as from a kidnapped robot.
 
-    Groups of landmarks are located among those that were not observed any more when the group was
-    begun: in a right map of a repetitive environment, these are few.
+    Groups of landmarks are located among older landmarks, whose last observation precedes the
+    group. In a right map of a repetitive environment, few groups are found.
 
     Returns:
-        The number of newer landmarks that one motion puts onto older ones, and their fraction.
+        Number and fraction of newer landmarks that one rigid motion moves onto older ones.
     """
     used, n = association >= 0, len(xy)
     first, last = np.full(n, len(log.time)), np.full(n, -1)
@@ -157,7 +157,7 @@ def copied_landmarks(log: LandmarkLog, xy: FloatArray, association: IntArray) ->
     if len(xy) < 2 * GROUP:
         return best
     tolerance = SPACING * float(np.median(np.asarray(cKDTree(xy).query(xy, 2)[0])[:, 1]))
-    R_xy = (tolerance / 3) ** 2 / 2 * np.eye(2)  # of each of two points
+    R_xy = (tolerance / 3) ** 2 / 2 * np.eye(2)  # covariance of each of two points
     for i in range(GROUP, len(xy) - GROUP // 2, GROUP // 2):
         group, begins = order[i : i + GROUP], first[order[i]]
         older, newer = xy[last < begins], xy[first >= begins]

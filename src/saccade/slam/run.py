@@ -28,13 +28,13 @@ from saccade.types import (
 )
 
 START_PROBABILITY = 0.99
-"""Probability from which a hypothesis of the first pose is right."""
+"""Minimum probability of the first pose."""
 MAX_SCANS = 50
-"""Scans after which a robot that was not found is not in the map."""
+"""Largest number of scans for the search of the first pose."""
 MAX_SCANS_AT_LAST = 10
-"""The same for a robot that was at a known pose when the map was saved."""
+"""Largest number of scans for this search if the pose was saved with the map."""
 SAME_POSE = 16.0
-"""Squared Mahalanobis distance within which a pose that was found is the last one."""
+"""Largest squared Mahalanobis distance of a found pose that confirms the saved pose."""
 
 
 def run(
@@ -47,37 +47,35 @@ def run(
 ) -> SlamResult:
     """Maps a landmark log: EKF-SLAM (C.1-C.18), then smoothing over the whole log.
 
-    A filtered pose depends on earlier measurements only, a smoothed one on all of them. Candidates
-    that are not confirmed at the end are left out of the map and of the association.
+    A filtered pose depends only on earlier measurements, a smoothed pose on the whole log.
+    Candidates that are not confirmed at the end are left out of the map and of the association.
 
     Args:
         log: controls and observations.
         config: filter, association, noise, and whether to smooth (`EkfConfig.smooth`); by default
             `EkfConfig()`.
-        progress: called with the number of poses that are filtered and of all poses, some
-            hundred times in all.
-        recorder: records snapshots of the map while the filter extends it.
-        initial: a `Slam` that takes the steps of the log, as `Slam.load` or `slam_for` gives it,
-            in place of `config`; the first pose of the log is the one at which it is. Without
-            one, the log begins a map.
+        progress: called about a hundred times with the number of filtered poses and of all poses.
+        recorder: records snapshots of the growing map.
+        initial: a `Slam` for the steps of the log, as from `Slam.load` or `slam_for`, in place of
+            `config`; the first pose of the log is its present pose. By default the log begins a
+            map.
 
     Returns:
         Trajectory and map, with `SlamResult.estimate` "smoothed" or "filtered"; consistency and
         association. A run that begins in a map, and a log that cannot be smoothed, are filtered
-        only; `SlamResult.remark` says why.
+        only; the reason is in `SlamResult.remark`.
 
     Raises:
         ConfigError: both `config` and `initial` are given.
-        LogError: known association of a log that does not identify its landmarks, or an estimate
-            that diverges; names the pose.
+        LogError: known association of a log without labels; or the estimate diverges at a pose.
     """
     if config is not None and initial is not None:
         raise ConfigError("config: expected none with `initial`, whose settings apply; found both")
     slam = initial or slam_for(log, config or EkfConfig())
     if slam.config.association == "known" and (log.landmark < 0).all() and len(log.landmark):
         raise LogError(
-            "association: expected nearest, found known, but the log does not name "
-            "the landmarks it sees"
+            "association: expected nearest for a log without labels, found known; "
+            "choose another association"
         )
     remark = locate_start(slam, log)
     log = replace(log, start=slam.filter.pose, odometry_bias=slam.odometry_bias)
@@ -104,14 +102,14 @@ def _filtered(
     progress: Callable[[int, int], None] | None,
     recorder: Recorder | None,
 ) -> SlamResult:
-    """The result of a filter over a log, without smoothing."""
+    """The result of filtering a log, without smoothing."""
     poses, k, culled_before = len(log.time), len(log.observation), slam.landmarks.culled
     odometry = dead_reckon(log, slam.config)
     pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
     lost, rejected = np.zeros(poses, np.bool_), np.zeros(k, np.bool_)
-    association, innovations = np.full(k, -1), new_innovations(k)  # association by ids
+    association, innovations = np.full(k, -1), new_innovations(k)  # the association has ids
     hundredth, start = poses // 100 + 1, 0
-    slam.num_steps = max(slam.num_steps - 1, 0)  # at the first pose it is already
+    slam.num_steps = max(slam.num_steps - 1, 0)  # the first pose of the log is its present pose
 
     for i, scan in enumerate(scans_of(log, slam.config)):
         result = slam.process(scan)
@@ -121,7 +119,7 @@ def _filtered(
         innovations.value[rows] = result.innovations
         innovations.covariance[rows] = result.innovation_covariances
         innovations.nis[rows] = result.nis
-        if slam.hypotheses.branching:  # another one may be the most probable now
+        if slam.hypotheses.branching:  # the best hypothesis may have changed
             history = slam.hypotheses.best.history
             association[:start] = history[len(history) - start :]
         if recorder is not None:
@@ -156,7 +154,7 @@ def _filtered(
 
 
 def slam_for(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Slam:
-    """The `Slam` that `run` takes through a log: with its start and odometry biases."""
+    """A `Slam` for `run` on a log, with its start and odometry biases."""
     return Slam(config, start=log.start, odometry_bias=log.odometry_bias)
 
 
@@ -182,11 +180,11 @@ def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory
 def locate_start(slam: Slam, log: LandmarkLog) -> str:
     """Sets the first pose of a log in a map by its first scans, unless it is given.
 
-    That is where it is unknown, or where the scans contradict the pose at which the map was saved.
-    If no pose is certain, it stays unknown, or the last one.
+    An unknown pose is searched; the saved last pose is replaced if the scans contradict it. If no
+    pose is certain, nothing changes.
 
     Returns:
-        A remark where the scans contradict the last pose, else nothing.
+        A remark if the scans contradict the last pose, else an empty string.
     """
     if slam.start == "given":
         return ""
@@ -206,19 +204,19 @@ def locate_start(slam: Slam, log: LandmarkLog) -> str:
 def find_start(
     slam: Slam, log: LandmarkLog, *, anywhere: bool = True
 ) -> tuple[FloatArray, FloatArray]:
-    """Find the first pose of a log in a map, by its first scans and their labels.
+    """Finds the first pose of a log in a map, by its first scans and their labels.
 
-    This looks ahead to the scan that decides; `Relocalizer` finds a live robot at that scan.
+    The search is not causal; for a live robot, see `Slam.relocalize`.
 
     Args:
-        slam: with the map, as `Slam.load` gives it.
-        log: of which the first scans are used, as many as are needed.
-        anywhere: whether the pose of the filter is no likelier than others; else it is one
-            hypothesis, and several scans must agree.
+        slam: SLAM with the map, as from `Slam.load`.
+        log: controls and observations; only as many scans as necessary are used.
+        anywhere: whether the prior is uniform; else the pose of the filter is one hypothesis, and
+            several scans must agree.
 
     Returns:
         The first pose (3,) in the frame of the map, and its covariance (3, 3), which includes
-        the uncertainty of the landmarks around.
+        the uncertainty of the landmarks.
 
     Raises:
         LogError: no pose is certain.
@@ -259,7 +257,7 @@ def find_start(
 def _before(
     pose: FloatArray, C: FloatArray, moved: FloatArray, moved_covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The pose from which a motion (3,) with its covariance leads to a pose."""
+    """Pose and covariance before a motion (3,), with covariance, to a given pose."""
     heading = pose[2] - moved[2]
     R = rotations(heading)
     arm = R @ moved[:2]
@@ -270,13 +268,13 @@ def _before(
 
 
 def _landmark_map(slam: Slam, log: LandmarkLog, association: IntArray) -> LandmarkMap:
-    """The map; association (k,) by its rows."""
+    """The map of a filter, given the association (k,) with its rows."""
     found, used = slam.map, np.flatnonzero(association >= 0)
     label, text_names = number_labels(slam.landmarks.labels_of(found.id.tolist()), log.text_names)
-    if (label < 0).all():  # a rule that does not use them
+    if (label < 0).all():  # the association ignored labels
         landmark, first = np.unique(association[used], return_index=True)
         label[landmark] = log.landmark[used[first]]
-    unlabeled = label < 0  # numbered in order, after the labels that are integers
+    unlabeled = label < 0  # numbered in order, after the integer labels
     last = label[label < FIRST_TEXT].max(initial=-1)
     return LandmarkMap(
         id=np.where(unlabeled, last + np.cumsum(unlabeled), label),

@@ -41,11 +41,11 @@ MAX_BYTES = 2e9
 ANYWHERE = (1e4, 1e4, 10.0)
 """Standard deviations in meters and radians of the motion of a kidnapped robot."""
 MAX_SIGMA = 1e4
-"""Standard deviation in meters above which a landmark is not determined."""
+"""Largest standard deviation of a determined landmark, in meters."""
 
 
 class Smoothed(NamedTuple):
-    """A smoothed log; the names are those of `SlamResult`."""
+    """A smoothed log, with the field names of `SlamResult`."""
 
     trajectory: Trajectory
     """(t + 1) poses with covariance."""
@@ -54,7 +54,7 @@ class Smoothed(NamedTuple):
     weight: FloatArray
     """(k,) robust weight of each observation, NaN where it was not used."""
     odometry_bias: FloatArray | None
-    """(3,), or None if it is not estimated."""
+    """(3,) odometry biases; None if they are not estimated."""
     bias_covariance: FloatArray | None
     """(3, 3) its covariance."""
 
@@ -70,17 +70,17 @@ def smooth(
 
     Args:
         log: controls and observations of range and bearing.
-        result: of the same log; the initial estimate.
-        config: settings of the filter, of which the noise, the start, `huber` and the odometry
-            biases apply.
-        min_decrease: relative decrease of the cost below which the estimate has converged.
+        result: result of the filter on this log, the initial estimate.
+        config: settings of the filter: the noise, the start, `huber` and the odometry biases apply.
+        min_decrease: minimum relative decrease of the cost in an iteration; then the estimate has
+            converged.
 
     Returns:
         The result with the smoothed trajectory, map and odometry biases, and the weight of each
         observation.
 
     Raises:
-        LogError: the log leaves a landmark undetermined, which is named; or it is too large.
+        LogError: a landmark, whose label is given, is not determined; or the log is too large.
     """
     log = in_robot_frame(log)
     found = smooth_log(
@@ -143,9 +143,9 @@ def smooth_log(
 
 
 def _kidnappings(log: LandmarkLog, association: IntArray, lost: BoolArray | None) -> IntArray:
-    """(c,) number of the control at which the robot was kidnapped, where it was found again.
+    """(c,) number of the control of each kidnapping after which the robot was relocalized.
 
-    It is the first one after the last observation that was used before the robot counted as lost.
+    It is the first control after the last used observation before the robot counted as lost.
     """
     if lost is None:
         return np.empty(0, np.int64)
@@ -159,14 +159,14 @@ def _kidnappings(log: LandmarkLog, association: IntArray, lost: BoolArray | None
 def _initial_poses(
     log: LandmarkLog, poses: FloatArray, lost: BoolArray | None, cuts: IntArray
 ) -> FloatArray:
-    """(t + 1, 3) filtered poses; between a kidnapping and its end, led back from the latter."""
+    """(t + 1, 3) filtered poses; after a kidnapping, dead reckoning backward from its end."""
     pose = poses.copy()
     if len(cuts) == 0 or lost is None:
         return pose
     steps, found = to_relative_poses(log)[0], np.flatnonzero(~lost)
     for cut in cuts.tolist():
         end = int(found[np.searchsorted(found, np.flatnonzero(lost[cut:])[0] + cut)])
-        path = path_of(steps[cut + 1 : end])  # poses cut + 1 to end from the first of them
+        path = path_of(steps[cut + 1 : end])  # poses cut + 1 to end, relative to the first
         heading = pose[end, 2] - path[-1, 2]
         offset = rotated(path[:, :2] - path[-1, :2], np.full(len(path), heading))
         pose[cut + 1 : end + 1, :2] = pose[end, :2] + offset
@@ -181,9 +181,9 @@ def _measurements(
     association: IntArray,
     cuts: IntArray,
 ) -> Measurements:
-    """The measurements of a log between variables (t + 1,), the number of that of each pose.
+    """The measurements of a log, given the number of the variable (t + 1,) of each pose.
 
-    The controls `cuts` (c,) say nothing of the motion.
+    The controls `cuts` (c,) of kidnappings carry no information.
     """
     moves, used = np.flatnonzero(np.diff(variable)), np.flatnonzero(association >= 0)
     step, covariance = (each[moves] for each in to_relative_poses(log))
@@ -218,14 +218,14 @@ def _root(covariance: FloatArray) -> FloatArray:
 
 
 def _undetermined(landmarks: LandmarkMap, measured: Measurements, at: Estimate) -> str:
-    """Message that names the landmark about which the observations tell least."""
+    """Message with the label of the least determined landmark."""
     B = measured.observations(at).by_second
     information = np.zeros((len(at.landmark), 2, 2))
     np.add.at(information, measured.landmark, B.transpose(0, 2, 1) @ B)
     worst = int(np.linalg.eigvalsh(information)[:, 0].argmin())
     seen = int((measured.landmark == worst).sum())
     return (
-        "expected measurements that determine every landmark, found that they leave open landmark "
-        f"{landmarks.names[worst]} (seen {seen} time{'s' * (seen != 1)}); are standard "
-        "deviations in the log too large?"
+        "expected measurements that determine every landmark, found too few of landmark "
+        f"{landmarks.names[worst]} (seen {seen} time{'s' * (seen != 1)}); check the standard "
+        "deviations in the log"
     )

@@ -61,7 +61,7 @@ class Alternatives:
         An association has ids of landmarks, `NEW`, and `DROPPED` for an observation that is
         between the two gates of the nearest landmark. Associations that differ only between
         landmarks at known positions, or new landmarks beside them, move the estimate by less than
-        the distance of these landmarks: only the best of them is returned. Other associations move
+        the distance of these landmarks: only the best one is returned. Other associations move
         the estimate by as much as it is uncertain.
 
         Args:
