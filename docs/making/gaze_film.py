@@ -19,10 +19,16 @@ DRIVE = DriveConfig(
     field_of_view_deg=50.0,
     color=True,
 )
-SEED, STRIDE = 0, 2
-"""Of the drive; and frames of it from one of the film to the next."""
-SIZE, MILLISECONDS, QUALITY = (1080, 405), 160, 60
-"""Pixels, time of a frame, and quality of the WebP."""
+SEED = 0
+"""Seed of the drive."""
+STRIDE = 2
+"""Interval in frames of the drive between frames of the film."""
+SIZE = (1080, 405)
+"""Width and height of the film in pixels."""
+MILLISECONDS = 160
+"""Duration of a frame of the film."""
+QUALITY = 60
+"""Quality of the WebP."""
 
 
 def write_film(path: Path) -> None:
