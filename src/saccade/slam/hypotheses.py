@@ -18,7 +18,7 @@ from saccade.slam.filter._kernels import write_pose
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import Innovations, new_innovations
 from saccade.slam.landmarks import LandmarkTable
-from saccade.slam.models import wrap
+from saccade.slam.models import pose_difference, wrap
 from saccade.slam.scans import Scan
 from saccade.types import FloatArray, IntArray
 
@@ -224,9 +224,7 @@ class Hypothesis:
         """Whether the poses and the maps are nearly equal."""
         variance = np.maximum(self.ekf.pose_covariance.diagonal(), 0.0)
         tolerance = np.maximum(EQUAL * np.sqrt(variance), [size, size, EQUAL_HEADING])
-        difference = self.ekf.pose - other.ekf.pose
-        difference[2] = wrap(difference[2])
-        if (np.abs(difference) > tolerance).any():
+        if (np.abs(pose_difference(self.ekf.pose, other.ekf.pose)) > tolerance).any():
             return False
         confirmed = other.table.counts.confirmed
         one, two = self.ekf.landmarks[self.table.counts.confirmed], other.ekf.landmarks[confirmed]
@@ -271,14 +269,18 @@ class Hypotheses:
         return np.asarray(weight / weight.sum())
 
     @property
+    def _pose_differences(self) -> FloatArray:
+        """(h, 3) pose of each hypothesis minus the pose of the best one."""
+        poses = np.array([each.ekf.pose for each in self.hypotheses])
+        return pose_difference(poses, self.best.ekf.pose)
+
+    @property
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """Mean (3,) and covariance (3, 3) of the pose over all hypotheses."""
         pose, C = np.empty(3), np.empty((3, 3))
         write_pose(self.best.ekf.active, pose, C)
         if len(self.hypotheses) > 1:
-            weight = self._weights
-            difference = np.array([each.ekf.pose for each in self.hypotheses]) - pose  # (h, 3)
-            difference[:, 2] = wrap(difference[:, 2])
+            weight, difference = self._weights, self._pose_differences
             mean = weight @ difference
             pose += mean
             pose[2], difference = wrap(pose[2]), difference - mean
@@ -289,10 +291,9 @@ class Hypotheses:
     def settle(self) -> None:
         """Keeps only the best hypothesis, and gives its pose the uncertainty of all hypotheses."""
         if self.branching:
-            best, pose, weight = self.best, self.best.ekf.pose, self._weights
-            difference = np.array([each.ekf.pose for each in self.hypotheses]) - pose  # (h, 3)
-            difference[:, 2] = wrap(difference[:, 2])
-            difference[:, :2] = difference[:, :2] @ rotations(pose[2])  # in the robot's frame
+            best, weight, difference = self.best, self._weights, self._pose_differences
+            turn = rotations(best.ekf.pose[2])
+            difference[:, :2] = difference[:, :2] @ turn  # in the robot's frame
             spread = (weight * difference.T) @ difference
             if spread.any():
                 best.ekf.predict(np.zeros(3), spread)

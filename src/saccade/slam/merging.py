@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import logsumexp
 
-from saccade.errors import LogError, require
+from saccade.errors import LogError
 from saccade.plane import rotations
 from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
 from saccade.slam.landmarks import ESTABLISHED, LabelRecord
@@ -31,6 +31,8 @@ SAME = chi_square_gate(3, 0.999)
 AMBIGUOUS = 2 * log(20)
 """Minimum difference of squared distances between the second nearest landmark and the nearest, for
 a likelihood ratio of twenty."""
+MIN_COMMON = 5
+"""Minimum number of common landmarks."""
 GROUP = 8
 """Number of neighboring landmarks that are located together."""
 MAX_GROUPS = 12
@@ -74,35 +76,30 @@ class MergedMaps:
         )
 
 
-def merge_maps(
-    first: Slam, second: Slam, min_common: int = 5, *, anyway: bool = False
-) -> MergedMaps:
+def merge_maps(first: Slam, second: Slam, *, anyway: bool = False) -> MergedMaps:
     """Merges two maps, in the frame of the first.
 
-    Landmarks with the same label are the same, if both maps have `min_common` such labels; else the
+    Landmarks with the same label are the same, if both maps have `MIN_COMMON` such labels; else the
     correspondence is searched. The robot of the second map is left out.
 
     Args:
         first: SLAM with a map, as from `Slam.load`.
         second: SLAM with a map in any frame.
-        min_common: minimum number of common landmarks, at least two.
         anyway: whether to merge maps that have a warning (`Slam.warning`) or contradict each other;
             the merged map has the warnings then.
 
     Raises:
         LogError: the correspondence is not certain; a map has a warning; or the maps contradict
             each other: their joint NIS is too large for its chi-square distribution.
-        ConfigError: less than two landmarks are to be common.
     """
-    require(min_common >= 2, "min_common", "at least 2", min_common)
     first, second = copy.deepcopy(first), copy.deepcopy(second)
     for each in (first, second):
         each.remove_candidates()
     maps = _Maps.of(first, second)
-    best, probability = _correspondence(maps, min_common)
-    if len(best.pairs) < min_common or probability < MIN_PROBABILITY:
+    best, probability = _correspondence(maps)
+    if len(best.pairs) < MIN_COMMON or probability < MIN_PROBABILITY:
         raise LogError(
-            f"merging: expected {min_common} common landmarks with probability "
+            f"merging: expected {MIN_COMMON} common landmarks with probability "
             f"{MIN_PROBABILITY:g}, found {len(best.pairs)} with {probability:.3f}"
         )
     warnings = _warnings(first, second, maps, best)
@@ -121,12 +118,12 @@ def merge_maps(
     )
 
 
-def _correspondence(maps: "_Maps", min_common: int) -> "tuple[_Fused, float]":
+def _correspondence(maps: "_Maps") -> "tuple[_Fused, float]":
     """The most probable correspondence, by labels or by a search, and its probability."""
     _, by_label, other = np.intersect1d(*maps.labels, return_indices=True)
     labeled = maps.labels[0][by_label] >= 0
     pairs = np.column_stack([by_label, other])[labeled]
-    if len(pairs) >= min_common:
+    if len(pairs) >= MIN_COMMON:
         return _grown(maps, pairs, _fitted(maps, pairs)), 1.0
     found = _search(maps)
     if len(found) == 0:

@@ -329,7 +329,6 @@ class Slam:
             best.culled,
             self.kidnapping.lost,
             self.kidnapping.hypotheses,
-            len(self.hypotheses.hypotheses),
         )
 
     def remove(self, landmarks: IntArray) -> None:

@@ -99,8 +99,6 @@ class StepResult:
     pose is dead reckoning."""
     hypotheses: PoseHypotheses | None = None
     """Hypotheses of the pose of a lost robot, after its first scan."""
-    num_hypotheses: int = 1
-    """Number of association hypotheses after the step."""
 
     def __repr__(self) -> str:
         x, y, theta = self.pose

@@ -16,7 +16,7 @@ from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch
 from saccade.slam.reliability import map_warning
 from saccade.slam.results import SlamResult
-from saccade.slam.scans import scans_of
+from saccade.slam.scans import NO_SCAN, Scan, scans_of
 from saccade.slam.smoothing import smooth
 from saccade.slam.snapshots import Recorder
 from saccade.types import (
@@ -160,17 +160,11 @@ def slam_for(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Slam:
 
 def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory:
     """Dead reckoning: the trajectory by the controls alone, with its growing covariance."""
-    none = slice(0)
-    blind = replace(
-        log,
-        observation_pose=log.observation_pose[none],
-        observation=log.observation[none],
-        observation_covariance=log.observation_covariance[none],
-        landmark=log.landmark[none],
-    )
-    config = replace(config, odometry_bias=(0.0, 0.0, 0.0))  # declared ones only
-    slam = slam_for(blind, config)
-    results = [slam.process(scan) for scan in scans_of(blind, config)]
+    config = replace(config, odometry_bias=(0.0, 0.0, 0.0))  # declared biases only
+    slam = slam_for(log, config)
+    results = [
+        slam.process(Scan(scan.time, scan.control, *NO_SCAN)) for scan in scans_of(log, config)
+    ]
     pose, covariance = (
         np.array([getattr(r, name) for r in results]) for name in ("pose", "covariance")
     )

@@ -85,7 +85,8 @@ def select_pairs(
     paired = np.where(distance[np.arange(len(pairs)), pairs] <= gates.gate, pairs, DROPPED)
     paired[pairs < 0] = DROPPED
     drop_ambiguous(distance, confirmed, paired)
-    paired[(paired >= 0) & taken[np.maximum(paired, 0)]] = DROPPED
+    if taken.any():
+        paired[np.isin(paired, np.flatnonzero(taken))] = DROPPED
     paired[(distance > gates.new_gate).all(1)] = NEW
     return paired
 
@@ -116,9 +117,11 @@ def drop_ambiguous(distance: FloatArray, confirmed: BoolArray, paired: IntArray)
     """
     row = np.flatnonzero(paired >= 0)
     column = paired[row]
+    near = distance[row] <= distance[row, column, None] + AMBIGUITY_MARGIN
+    if np.count_nonzero(near) == len(row):  # the pairs only
+        return
     rival = confirmed | ~confirmed[column, None]
     rival[:, column] = False
-    near = distance[row] <= distance[row, column, None] + AMBIGUITY_MARGIN
     paired[row[(near & rival).any(1)]] = DROPPED
 
 
