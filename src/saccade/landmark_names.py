@@ -2,7 +2,7 @@
 
 A name that is an integer below `FIRST_TEXT` is its own number, also where it is written as 3.0, as
 pandas does in columns with empty cells. Any other name is text, as tags have it; its number is
-`FIRST_TEXT` plus its place in a table of such names. A landmark without a name is -1.
+`FIRST_TEXT` plus its index in a table of such names. A landmark without a name is -1.
 """
 
 import re

@@ -119,7 +119,7 @@ def update_settings(settings: Any, values: Any, source: str) -> Any:
     """Updates a configuration with the values of a table, in which "none" means None.
 
     Args:
-        settings: a `Settings`, or a dataclass of them.
+        settings: a `Settings`, or a dataclass of several.
         values: the table.
         source: its name, for error messages.
 

@@ -184,7 +184,7 @@ def _tum(folder: Path) -> None:
 def _camera_file(folder: Path, width: int = 32, height: int = 24) -> None:
     (folder / "camera.toml").write_text(
         f"width = {width}\nheight = {height}\nfx = 20.0\nfy = 20.0\ncx = 16.0\ncy = 12.0\n"
-        "baseline = 0.2\nplace = [0.1, 0.0, 0.5]\ndistortion = [0.01, 0.0, 0.0, 0.0]\nrate = 10\n"
+        "baseline = 0.2\nposition = [0.1, 0, 0.5]\ndistortion = [0.01, 0.0, 0.0, 0.0]\nrate = 10\n"
     )
 
 

@@ -315,11 +315,11 @@ class _Gaze:
             top, left = max(row - REACH, 0), max(column - REACH, 0)
             near = saliency[top : row + REACH + 1, left : column + REACH + 1]
             row, column = np.add(np.unravel_index(near.argmax(), near.shape), (top, left))
-            place = cell_centers([row], [column], density.shape, shape)[0]
+            position = cell_centers([row], [column], density.shape, shape)[0]
             cell = np.divide(shape, density.shape)[::-1]
-            if (abs(place - self._path[-1]) <= cell).all():
-                place = self._path[-1]
-            self._path = np.vstack([self._path[-MEMORY:], place])
+            if (abs(position - self._path[-1]) <= cell).all():
+                position = self._path[-1]
+            self._path = np.vstack([self._path[-MEMORY:], position])
             self._end = max(time, self._end + self._duration())
         return float(self._path[-1, 0]), float(self._path[-1, 1])
 

@@ -268,7 +268,7 @@ def make_analyzer(job: Job) -> Callable[[Image], Any]:
 
 
 def _prepare(store: Store, job: Job) -> None:
-    """Writes the manifest; refuses a data set of other settings by the first that differs."""
+    """Writes the manifest; rejects a data set with different settings and names the first."""
     manifest, requested = read_manifest(store), json.loads(json.dumps(job.describe(), default=str))
     if manifest is not None:
         made, now = ({**each, **each["settings"]} for each in (manifest, requested))

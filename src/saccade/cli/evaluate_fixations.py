@@ -83,7 +83,12 @@ def fixations(options: ScoreOptions) -> Result:
     return Result(row, tables)
 
 
-CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
+CENTER = "center"
+"""Title of the center Gaussian."""
+SHUFFLED = "shuffled"
+"""Title of the fixations on other images."""
+PEOPLE = "people"
+"""Title of the subjects, each predicted by the others."""
 WITHOUT_BIAS = "attention, without center bias"
 """Title of the attention model without the position prior."""
 WITH_PRIOR = "attention, free viewing"

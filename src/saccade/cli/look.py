@@ -258,11 +258,11 @@ def write_scanpaths(
     }
     files = {}
     for stem, rows in tables.items():
-        images, viewers, scans, durations = zip(*rows, strict=True)
+        images, subjects, scans, durations = zip(*rows, strict=True)
         lengths = [len(each) for each in scans]
         table = FixationTable(
             np.repeat(images, lengths),
-            np.repeat(viewers, lengths),
+            np.repeat(subjects, lengths),
             np.concatenate([np.arange(length) for length in lengths]),
             np.concatenate([each.xy for each in scans]),
             np.concatenate(durations),

@@ -96,7 +96,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     """Instead of a LOG: merge these maps, in the frame of the first, into --save-map; several with
     commas."""
     anyway: Annotated[bool, MAP, Parameter(negative=())] = False
-    """With --merge: merge also maps that contradict each other, or that have a warning."""
+    """Merge even maps that contradict each other or have a warning; for --merge."""
 
     @property
     def first(self) -> str:
@@ -149,7 +149,7 @@ def slam(options: SlamOptions = SlamOptions()) -> Result:
     interactive report (report.html), and settings and scores (run.json); with
     --film also a film (map.mp4).
 
-    With --map, the settings are those of the map unless others are given. With
+    --map also restores the settings of the map unless others are given. With
     --merge the common landmarks of maps are found by their labels or, without
     labels, by their mutual distances.
 

@@ -140,19 +140,19 @@ def read_fixation_table(
     is_tobii = TOBII_TYPE in keys
     if is_tobii:
         named = _tobii_columns(table.names, keys) | named
-    place = {role: _find_columns(path, table.names, role, named.get(role)) for role in ROLES}
+    where = {role: _find_columns(path, table.names, role, named.get(role)) for role in ROLES}
     for role in ("image", "subject", "x", "y"):
-        if not place[role] and not (role == "subject" and subject):
+        if not where[role] and not (role == "subject" and subject):
             raise LogError(
                 f"{path}: expected columns of image, subject, x and y; {role} is missing among "
                 f"{', '.join(table.names)[:200] or 'none'}; --columns {role}=NAME names it"
             )
     if is_tobii:
-        rows = _tobii_rows(path, table, keys, place)
-    n, kind = len(rows), next((role for role in ("index", "time") if place[role]), "row")
+        rows = _tobii_rows(path, table, keys, where)
+    n, kind = len(rows), next((role for role in ("index", "time") if where[role]), "row")
 
     def texts(role: str) -> Texts:
-        return np.array([" ".join(row.cells[c] for c in place[role]) for row in rows], np.str_)
+        return np.array([" ".join(row.cells[c] for c in where[role]) for row in rows], np.str_)
 
     def numbers(columns: Sequence[int]) -> FloatArray:
         for column in columns:
@@ -160,21 +160,21 @@ def read_fixation_table(
         values = [number_in(row, column) for row in rows for column in columns]
         return np.array(values, np.float64).reshape(n, len(columns))
 
-    order = numbers(place[kind])[:, 0] if kind != "row" else np.array([r.line for r in rows], float)
-    xy, box = numbers([*place["x"], *place["y"]]), np.tile(NO_BOX, (n, 1))
-    if is_tobii and keys[place["x"][0]].endswith("norm"):
+    order = numbers(where[kind])[:, 0] if kind != "row" else np.array([r.line for r in rows], float)
+    xy, box = numbers([*where["x"], *where["y"]]), np.tile(NO_BOX, (n, 1))
+    if is_tobii and keys[where["x"][0]].endswith("norm"):
         box[:] = 0, 0, 1, 1, False
     elif is_tobii and all(name in keys for name in TOBII_BOX):
         box[:, :4] = numbers([keys.index(name) for name in TOBII_BOX])
         box[:, 4] = 0
         xy[~(np.isfinite(box).all(axis=1) & (box[:, 2:4].min(axis=1) > 0))] = np.nan
-    image, person = texts("image"), texts("subject") if place["subject"] else np.full(n, subject)
+    image, person = texts("image"), texts("subject") if where["subject"] else np.full(n, subject)
     xy[np.isin(image, ("", ".")) | np.isin(person, ("", ".")) | np.isnan(order)] = np.nan
     durations = np.full(n, np.nan)
-    if place["duration"]:
-        durations = numbers(place["duration"])[:, 0]
+    if where["duration"]:
+        durations = numbers(where["duration"])[:, 0]
         known = durations[np.isfinite(durations)]
-        named_ms = keys[place["duration"][0]].endswith(("ms", "msec", "milliseconds"))
+        named_ms = keys[where["duration"][0]].endswith(("ms", "msec", "milliseconds"))
         if len(known) and np.median(known) < SHORTEST and not named_ms:
             durations = 1000 * durations
     eye = np.array([each[:1].upper() for each in texts("eye")], np.str_)
@@ -240,13 +240,13 @@ def _tobii_columns(names: Sequence[str], keys: Sequence[str]) -> dict[str, str]:
 
 
 def _tobii_rows(
-    path: Path, table: TextTable, keys: Sequence[str], place: Mapping[str, Sequence[int]]
+    path: Path, table: TextTable, keys: Sequence[str], where: Mapping[str, Sequence[int]]
 ) -> list[Row]:
     """One row per fixation on an image: its first sample with a position."""
     if TOBII_INDEX not in keys:
         raise LogError(f"{path}: expected the column Eye movement type index of Tobii's export")
-    identity = [*place["subject"], *place["image"], *place["trial"], keys.index(TOBII_INDEX)]
-    kind, image, x = keys.index(TOBII_TYPE), place["image"][0], place["x"][0]
+    identity = [*where["subject"], *where["image"], *where["trial"], keys.index(TOBII_INDEX)]
+    kind, image, x = keys.index(TOBII_TYPE), where["image"][0], where["x"][0]
     first: dict[tuple[str, ...], Row] = {}
     for row in table.rows:
         if row.cells[kind] != "Fixation" or not row.cells[image]:

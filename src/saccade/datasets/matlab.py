@@ -22,8 +22,12 @@ MAX_SIZE = 1 << 30
 """Maximum size of an uncompressed variable, in bytes."""
 MAX_DEPTH = 6
 """Maximum nesting depth of cells and structs."""
-_MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT, _CHAR, _NUMERIC = 1, 2, 4, range(6, 16)
+_MATRIX = 14
+_COMPRESSED = 15
+_CELL = 1
+_STRUCT = 2
+_CHAR = 4
+_NUMERIC = range(6, 16)
 _TYPES = dict(
     zip(
         (1, 2, 3, 4, 5, 6, 7, 9, 12, 13),

@@ -335,9 +335,9 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
 
 
 def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
-    """Write one row per landmark: id, x, y, cov_xx, cov_xy, cov_yy, sightings.
+    """Write one row per landmark: id, x, y, cov_xx, cov_xy, cov_yy, observations.
 
-    Meters and square meters; "sightings" counts the observations. Cells are empty if the covariance
+    Meters and square meters; "observations" is their number. Cells are empty if the covariance
     or the count is unknown.
 
     Args:
@@ -352,5 +352,7 @@ def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
         covariance = np.full((len(landmarks), 2, 2), np.nan)
     columns = {"id": landmarks.names, "x": landmarks.xy[:, 0], "y": landmarks.xy[:, 1]}
     columns |= zip(("cov_xx", "cov_xy", "cov_yy"), upper_triangle(covariance).T, strict=True)
-    columns["sightings"] = np.full(len(landmarks), np.nan) if observations is None else observations
+    columns["observations"] = (
+        np.full(len(landmarks), np.nan) if observations is None else observations
+    )
     write_table(path, columns)

@@ -54,7 +54,10 @@ MIN_SEPARATION = 3.0
 """Minimum distance of two observations with the same label, in standard deviations."""
 MAX_GAP = 20.0
 """Maximum duration of a step, relative to the 99th percentile of durations."""
-DEGREE, MILLIMETER = np.pi / 180, 1e-3
+DEGREE = np.pi / 180
+"""One degree in radians."""
+MILLIMETER = 1e-3
+"""One millimeter in meters."""
 AHEAD = "Bearings are 0 straight ahead and positive to the left: "
 
 

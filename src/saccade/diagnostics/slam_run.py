@@ -18,17 +18,17 @@ MAX_DUPLICATES = 0.1
 """Maximum fraction of duplicate landmarks (same label or position) without a warning."""
 MIN_OBSERVATIONS = 50
 """Minimum number of observations for a test for changed labels."""
-MIN_REFUSED = 0.04
+MIN_REJECTED = 0.04
 """Minimum fraction of rejected or unused labeled observations for that test."""
 MIN_JUMP = 3.0
 """Minimum ratio of that fraction after and before the change."""
-MIN_SIGHTINGS = 16
+MIN_LABEL_OBSERVATIONS = 16
 """Minimum number of observations of a label for a comparison of their positions."""
-MIN_SHARE = 0.1
+MIN_FRACTION = 0.1
 """Minimum fraction of a label's observations at its second position."""
 MIN_SECOND = 0.005
 """Minimum number of observations at the second position, as a fraction of all observations."""
-MIN_NAME_REFUSED = 0.1
+MIN_LABEL_REJECTED = 0.1
 """Minimum fraction of rejected observations of a shared label."""
 POSSIBLE = 0.9999
 """Probability of the NIS gate for outliers."""
@@ -183,15 +183,15 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
         yield shared_name_finding(log, names, shared[0][2], "in turn")
 
 
-def _change(refused: BoolArray, names: IntArray) -> int | None:
+def _change(rejected: BoolArray, names: IntArray) -> int | None:
     """First observation after the labels of many landmarks have changed, or None.
 
     It maximizes the increase of the fraction of rejected labels in the next fifth of the log.
     """
-    count = len(refused)
-    if refused.mean() <= MIN_REFUSED:
+    count = len(rejected)
+    if rejected.mean() <= MIN_REJECTED:
         return None
-    total = np.concatenate([[0], np.cumsum(refused)])
+    total = np.concatenate([[0], np.cumsum(rejected)])
     at = np.arange(count // 10, 9 * count // 10)
     if count < MIN_OBSERVATIONS:
         return None
@@ -201,7 +201,7 @@ def _change(refused: BoolArray, names: IntArray) -> int | None:
     if after[best] < MIN_JUMP * before[best]:
         return None
     first, last = int(at[best]), int(end[best])
-    where = names[first:last][refused[first:last]]
+    where = names[first:last][rejected[first:last]]
     most = np.unique(where, return_counts=True)[1].max(initial=0)
     return first if most < 0.5 * len(where) else None
 
@@ -209,7 +209,7 @@ def _change(refused: BoolArray, names: IntArray) -> int | None:
 def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, float]]:
     """Labels at two alternating positions: label, observations at the second, meters between."""
     pose = result.trajectory.pose[log.observation_pose]
-    place = pose[:, :2] + rotated(to_points(log.observation), pose[:, 2])
+    position = pose[:, :2] + rotated(to_points(log.observation), pose[:, 2])
     variance = np.square(_spread(log.observation, log.observation_covariance))
     if result.trajectory.covariance is not None:
         C = result.trajectory.covariance[log.observation_pose]
@@ -217,25 +217,25 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
         variance += C[:, 0, 0] + C[:, 1, 1] + turned
     found = []
     for name in np.unique(log.landmark[log.landmark >= 0]).tolist():
-        rows = np.flatnonzero((log.landmark == name) & np.isfinite(place[:, 0]))
-        if len(rows) < MIN_SIGHTINGS:
+        rows = np.flatnonzero((log.landmark == name) & np.isfinite(position[:, 0]))
+        if len(rows) < MIN_LABEL_OBSERVATIONS:
             continue
-        if result.rejected[rows].mean() < MIN_NAME_REFUSED:
+        if result.rejected[rows].mean() < MIN_LABEL_REJECTED:
             continue
-        second = _split(place[rows])
-        share = min(second.mean(), 1 - second.mean())
-        if share < MIN_SHARE or share * len(rows) < MIN_SECOND * len(log.landmark):
+        second = _split(position[rows])
+        fraction = min(second.mean(), 1 - second.mean())
+        if fraction < MIN_FRACTION or fraction * len(rows) < MIN_SECOND * len(log.landmark):
             continue
         order = np.flatnonzero(second).mean() - np.flatnonzero(~second).mean()
         if abs(order) > MAX_ORDER * len(rows) / 2:
             continue
-        groups = place[rows][~second], place[rows][second]
+        groups = position[rows][~second], position[rows][second]
         middles = [np.median(group, 0) for group in groups]
         widths = [np.median(np.hypot(*(g - m).T)) for g, m in zip(groups, middles, strict=True)]
         distance = float(np.hypot(*(middles[0] - middles[1])))
         uncertainty = float(np.sqrt(np.median(variance[rows])))
         if distance > MIN_SEPARATION * max(*widths, uncertainty):
-            found.append((name, int(share * len(rows)), distance))
+            found.append((name, int(fraction * len(rows)), distance))
     return found
 
 
@@ -244,7 +244,7 @@ def _split(xy: FloatArray) -> BoolArray:
     centered = xy - xy.mean(0)
     along = centered @ np.linalg.eigh(centered.T @ centered)[1][:, -1]
     ordered = np.sort(along)
-    margin = int(np.ceil(MIN_SHARE * len(xy)))
+    margin = int(np.ceil(MIN_FRACTION * len(xy)))
     gaps = np.diff(ordered)[margin - 1 : len(xy) - margin]
     return np.asarray(along > ordered[margin - 1 + int(np.argmax(gaps))])
 

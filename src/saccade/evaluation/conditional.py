@@ -27,7 +27,8 @@ from saccade.evaluation.scanpaths import (
 )
 from saccade.types import Float32Array, FloatArray, IntArray
 
-STATIC, DENSITY = "saliency map", "static density"
+STATIC = "saliency map"
+DENSITY = "static density"
 MODELS = (PEOPLE, OTHERS, WALK, STATIC, DENSITY, SAMPLED, SIMILAR)
 """Predictors of the next fixation. The static density is the scanpath model without kernel and
 inhibition."""

@@ -247,8 +247,12 @@ def as_model(
     return FittedModel(tuple(data.names), features, fitted_to, data.attention, scanpath)
 
 
-FITTED, BY_SUBJECT, UNFITTED = "fitted, by image", "fitted, by subject", "unfitted"
-CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
+FITTED = "fitted, by image"
+BY_SUBJECT = "fitted, by subject"
+UNFITTED = "unfitted"
+CENTER = "center"
+SHUFFLED = "shuffled"
+PEOPLE = "people"
 
 
 @dataclass(frozen=True, eq=False)

@@ -112,9 +112,13 @@ def _padded(paths: Sequence[FloatArray]) -> tuple[FloatArray, IntArray]:
     return padded, lengths
 
 
-PEOPLE, OTHERS, WALK = "people", "other images", "centered walk"
-SAMPLED, SIMILAR = "sampled", "sampled, similar"
-MOST_PROBABLE, DETERMINISTIC = "most probable", "winner-take-all"
+PEOPLE = "people"
+OTHERS = "other images"
+WALK = "centered walk"
+SAMPLED = "sampled"
+SIMILAR = "sampled, similar"
+MOST_PROBABLE = "most probable"
+DETERMINISTIC = "winner-take-all"
 SOURCES = (PEOPLE, OTHERS, WALK, SAMPLED, SIMILAR, MOST_PROBABLE, DETERMINISTIC)
 """Sources of the scanpaths that are compared with human scanpaths."""
 WALK_SIGMA = 0.25

@@ -88,9 +88,9 @@ def read_cameras(path: Path) -> dict[str, ColmapCamera]:
     for number, line in enumerate(lines, 1):
         name, *words = line.split() or ["#"]
         if not name.startswith("#"):
-            place, expected = f"{path}, line {number}", "NAME MODEL WIDTH HEIGHT PARAMETER ..."
-            require(len(words) > 2, place, expected, line[:80])
-            width, height, *values = _numbers(place, expected, words[1:])
+            where, expected = f"{path}, line {number}", "NAME MODEL WIDTH HEIGHT PARAMETER ..."
+            require(len(words) > 2, where, expected, line[:80])
+            width, height, *values = _numbers(where, expected, words[1:])
             size = int(width), int(height)
             cameras[name] = ColmapCamera(words[0].upper(), tuple(values), size)
     return cameras

@@ -112,7 +112,14 @@ def to_keypoints(descriptions: list[Description], candidates: tuple[Candidate, .
     )
 
 
-S, OCTAVES, TAU_C, TAU_R = 3, 3, 0.02, 10.0
+S = 3
+"""Intervals per octave."""
+OCTAVES = 3
+"""Maximum number of octaves."""
+TAU_C = 0.02
+"""Minimum contrast of an interest point."""
+TAU_R = 10.0
+"""Maximum ratio of the principal curvatures (B.10)."""
 K = 2 ** (1 / S)
 
 # Choices that the source leaves open:
@@ -340,8 +347,8 @@ def descriptor(L: FloatArray, x: float, y: float, sigma: float, angle: float) ->
     distance = np.hypot(across[:, None, :, None], across[None, :, None, :])  # (16, 16, 4, 4)
     centers = (np.arange(8) + DESCRIPTOR_BIN_CENTER) * np.pi / 4
     turn = np.abs(wrap(theta[..., None] - centers)) / (np.pi / 4)  # (16, 16, 8)
-    shares = interpolation_weight(distance), interpolation_weight(turn)
-    subregions = np.einsum("rc,rcij,rcb->ijb", m * weights, *shares)
+    parts = interpolation_weight(distance), interpolation_weight(turn)
+    subregions = np.einsum("rc,rcij,rcb->ijb", m * weights, *parts)
     vector = unit(np.minimum(unit(subregions.ravel()), 0.2))
     return Description(x, y, sigma, angle, grid, m, theta, weights, subregions, vector)
 

@@ -4,7 +4,7 @@ width, height, fx, fy, cx, cy   pixels; required
 baseline                        meters to the right camera of a rectified rig; default 0, no
                                 right camera
 distortion                      k1, k2, p1, p2 and optionally k3 of OpenCV; default none
-place                           [x, y, z] of the camera in the robot's frame, meters; default zeros
+position                        [x, y, z] of the camera in the robot's frame, meters; default zeros
 rotation                        three rows: from the camera's frame to the robot's; default
                                 looking straight ahead
 rate                            frames per second of a folder without times; default 30
@@ -28,9 +28,8 @@ from saccade.types import FloatArray
 
 CAMERA_FILE = "camera.toml"
 _INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
-_CAMERA = {name: name for name in (*_INTRINSICS, "baseline")}
-_CAMERA |= {"place": "position", "rotation": "rotation"}
-"""Attributes of `Camera` by their names in the file."""
+_CAMERA = (*_INTRINSICS, "baseline", "position", "rotation")
+"""Attributes of `Camera` in the file."""
 _OTHERS = ("distortion", "rate", "depth_unit", "odometry_bias", "start")
 """Attributes of `Calibration` in the file."""
 
@@ -69,11 +68,11 @@ def read_calibration(path: Path) -> Calibration:
     with reading(path, DriveError, "numbers, and lists of numbers", TypeError, ValueError):
         arrays = {name: np.array(value, np.float64) for name, value in values.items()}
     fields: dict[str, Any] = {
-        name: array if name in ("place", "rotation") else _number_or_tuple(array)
+        name: array if name in ("position", "rotation") else _number_or_tuple(array)
         for name, array in arrays.items()
     }
     try:
-        camera = Camera(**{_CAMERA[name]: fields.pop(name) for name in values if name in _CAMERA})
+        camera = Camera(**{name: fields.pop(name) for name in values if name in _CAMERA})
         return Calibration(camera, **fields)
     except (ConfigError, TypeError) as error:  # TypeError: a number instead of a list
         raise DriveError(f"{path}: {error}") from error
@@ -87,7 +86,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     """Write a `camera.toml` atomically, with every digit."""
     import tomli_w
 
-    values = {name: getattr(calibration.camera, attribute) for name, attribute in _CAMERA.items()}
+    values = {name: getattr(calibration.camera, name) for name in _CAMERA}
     values |= {name: getattr(calibration, name) for name in _OTHERS}
     known = {
         name: np.asarray(value).tolist() if np.ndim(value) else value
