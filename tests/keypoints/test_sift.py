@@ -1,5 +1,6 @@
 import dataclasses
 import itertools
+from importlib.resources import files
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from saccade.scale.scale_space_config import ScaleSpaceConfig
 from support.sift_images import PRESETS, UNBIASED, features, texture
 
 CENTERED = [name for name in PRESETS if PRESETS[name].grid == "centered"]
+ROCKET = str(files("saccade") / "data" / "rocket.jpg")
 SCENES = ("bark", "graf", "leuven", "wall")
 
 
@@ -208,3 +210,22 @@ def test_16_bits_are_all_looked_at(rng):
     config = SiftConfig(contrast_threshold=0.0155 * 60 / 65535)
     assert len(Sift(config)(np.rint(dim * 65535).astype(np.uint16))) > 50
     assert len(Sift(config)(np.rint(dim * 255).astype(np.uint8))) == 0
+
+
+@pytest.mark.parametrize("degrees", [10, 30])
+def test_positions_for_mapping_are_more_exact(degrees):
+    """By the known rotation of an image, of more points."""
+    image = cv2.imread(ROCKET, cv2.IMREAD_GRAYSCALE)
+    height, width = image.shape
+    turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), degrees, 1)
+    rolled = cv2.warpAffine(image, turn, (width, height), flags=cv2.INTER_LANCZOS4)
+    found = {}
+    for preset in ("recommended", "mapping"):
+        here, there = (Sift(PRESETS[preset])(each) for each in (image, rolled))
+        pairs = match(here, there)
+        expected = here.xy[pairs[:, 0]] @ turn[:, :2].T + turn[:, 2]
+        errors = np.hypot(*(expected - there.xy[pairs[:, 1]]).T)
+        right = errors < 2
+        found[preset] = right.sum(), np.sqrt(np.mean(errors[right] ** 2))
+    assert found["mapping"][0] > found["recommended"][0]
+    assert found["mapping"][1] < 0.8 * found["recommended"][1]

@@ -7,7 +7,7 @@ from saccade.keypoints import SiftConfig
 
 PRESETS = {
     name: getattr(SiftConfig, name)()
-    for name in ("recommended", "lowe2004", "kootstra2010", "opencv", "colmap")
+    for name in ("recommended", "mapping", "lowe2004", "kootstra2010", "opencv", "colmap")
 }
 UNBIASED = [name for name in PRESETS if name != "opencv"]
 FIELDS = ("xy", "size", "angle", "response", "octave", "descriptors")

@@ -133,7 +133,7 @@ def match_images(
         source: images, as for `open_source`; with `pairs` also a folder with their images.
         out: folder to write.
         pairs: file with two names to a line; None for all pairs.
-        job: the features, of points; None for SIFT points.
+        job: the features, of points; None for SIFT points, of `SiftConfig.mapping` for colmap.
         config: settings of matching and verification; None for the default.
         formats: hdf5 for hloc, colmap for a database.
         cameras: of the database; see `write_colmap`.
@@ -147,7 +147,8 @@ def match_images(
             library that is not installed.
         OutputError: a file cannot be written.
     """
-    config, job = config or MatchConfig(), job or Job("sift", SiftConfig())
+    preset = SiftConfig.mapping() if "colmap" in formats else SiftConfig()
+    config, job = config or MatchConfig(), job or Job("sift", preset)
     require(len(formats) > 0, "formats", "hdf5 or colmap", formats)
     require(job.what in POINTS, "job", f"one of {', '.join(POINTS)}", job.what)
     if "colmap" in formats:  # to fail before any work is done

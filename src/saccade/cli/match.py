@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
@@ -201,6 +201,9 @@ def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None
 
 def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
     """Match many images, with progress bars for images and pairs."""
+    given = options.preset or options.config
+    if "colmap" in formats and options.detector == "sift" and given is None:
+        options = replace(options, preset="mapping")
     find = options.detector_of_settings()
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, MatchConfig
