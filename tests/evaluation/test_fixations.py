@@ -177,7 +177,7 @@ def test_every_metric_is_found_where_the_documentation_says(rng):
     saliency, fixations = rng.random((30, 40)), rng.uniform(0, 29, (20, 2))
     assert evaluation.auc(saliency, fixations) == metrics.auc(saliency, fixations)
     assert evaluation.nss is metrics.nss
-    for page, title in (("evaluation", "## Fixations"), ("scanpaths", "## What is measured")):
+    for page, title in (("evaluation", "## Fixations"), ("scanpaths", "## Metrics")):
         text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
         part = text.split(title)[1].split("\n## ")[0]
         rows = [line for line in part.splitlines() if line.count("|") == 4]
