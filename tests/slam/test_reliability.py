@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from saccade import slam
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam.consistency import pose_nees
 from saccade.slam.reliability import copied_landmarks, map_warning, revisits
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
 from support.clustered_world import clustered_world
@@ -112,3 +114,13 @@ def test_a_map_with_labels_has_no_such_warning():
     log = dataclasses.replace(log, control=turned)
     assert slam.run(log).warning == ""
     assert "may be unreliable" in slam.run(without_names(log)).warning
+
+
+@pytest.mark.parametrize(("seed", "wrong"), [(3, False), (4, True)])
+def test_a_map_half_of_whose_labels_are_missing_is_judged_too(seed, wrong):
+    log = simulate_world(WorldConfig.coarse(), seed)
+    hidden = np.random.default_rng(seed).random(len(log.landmark)) < 0.5
+    log = dataclasses.replace(log, landmark=np.where(hidden, -1, log.landmark))
+    result = slam.run(log)
+    assert (np.nanmean(pose_nees(result.trajectory, log.truth, 0)) > 15) == wrong
+    assert ("may be unreliable" in result.warning) == wrong

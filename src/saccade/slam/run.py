@@ -89,7 +89,7 @@ def run(
     elif slam.config.smooth:
         remarks.append("not smoothed: the run began in a map")
     warning = result.warning
-    if begins and not warning and not slam.landmarks.labeled.any():
+    if begins and not warning and (log.landmark < 0).any():
         warning = map_warning(log, result.trajectory, result.map, result.association)
     warnings = filter(None, (slam.warning, warning, result.consistency.warning))
     slam.warning = "; ".join(dict.fromkeys(warnings))
