@@ -163,16 +163,19 @@ class Session:
         return {"truth": truth.tolist(), "observed": scan.labels.tolist(), "filters": estimates}
 
     def map_of(self, name: str) -> dict[str, Any]:
-        """The map of one filter: its landmarks and the correlations of its state."""
+        """All landmarks of one filter, and the correlations of its pose and of them."""
         slam = self.filters[name]
-        covariance = slam.filter.covariance
+        ekf, ids = slam.filter, slam.filter.ids
+        covariance = ekf.covariance
+        state = np.delete(np.arange(len(covariance)), slice(3, len(ekf.robot_state)))
         sigma = np.sqrt(np.diagonal(covariance).clip(1e-300))
-        blocks = slam.filter.landmark_covariances.reshape(-1, 4)[:, [0, 1, 3]]
+        correlation = (covariance / np.outer(sigma, sigma))[np.ix_(state, state)]
+        blocks = ekf.landmark_covariances.reshape(-1, 4)[:, [0, 1, 3]]
         return {
-            "labels": slam.map.label,
-            "landmarks": np.hstack([slam.filter.landmarks, blocks]).ravel(),
-            "covariance": slam.filter.pose_covariance[[0, 0, 1], [0, 1, 1]],
-            "correlation": (covariance / np.outer(sigma, sigma)).ravel(),
+            "labels": np.array(slam.landmarks.labels_of(ids.tolist()), np.int64),
+            "landmarks": np.hstack([ekf.landmarks, blocks]).ravel(),
+            "covariance": ekf.pose_covariance[[0, 0, 1], [0, 1, 1]],
+            "correlation": correlation.ravel(),
         }
 
     def summary(self, name: str) -> dict[str, Any]:

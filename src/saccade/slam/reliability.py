@@ -15,7 +15,7 @@ from saccade.slam.models import observe, wrap
 from saccade.slam.relocalization import Relocalizer
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
-MIN_REOBSERVED = 0.965
+MIN_REOBSERVED = 0.97
 """Least `Revisits.reobserved` of a right map; chosen in simulated worlds."""
 MIN_MISSED = 10.0
 """Minimum number of missing observations in an unreliable map."""
@@ -43,9 +43,10 @@ class Revisits(NamedTuple):
     """Observations of landmarks that were observed from nearby before or after."""
 
     reobserved: float
-    """Fraction observed in other visits, relative to the fraction within a visit."""
+    """Observations in other visits, relative to the number expected at the rate of each landmark
+    within a visit."""
     missed: float
-    """Number of missing observations in other visits."""
+    """Number of expected observations that are missing."""
 
 
 def map_warning(
@@ -60,11 +61,12 @@ def map_warning(
         association: (k,) row of the landmark of each observation, -1 for none.
     """
     reasons, log = [], in_robot_frame(log)
-    unused = np.count_nonzero(association < 0) / max(len(association), 1)
+    complete = np.asarray(~np.isnan(log.observation).any(1))  # the others never add a landmark
+    unused = float(np.mean(association[complete] < 0)) if complete.any() else 0.0
     if unused > MAX_UNUSED:
         reasons.append(f"{unused:.0%} of the observations are not used")
     visits = revisits(log, trajectory.pose, found.xy, association)
-    if visits.reobserved < MIN_REOBSERVED and visits.missed > MIN_MISSED:
+    if complete.all() and visits.reobserved < MIN_REOBSERVED and visits.missed > MIN_MISSED:
         reasons.append(
             f"where the robot comes back, only {visits.reobserved:.0%} of the landmarks that were "
             "observed there are observed again"
@@ -111,10 +113,11 @@ def revisits(log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: In
     distance = np.abs(np.diff(traveled[middle][pairs], axis=1)[:, 0])
     within = in_view & _seen_nearby(seen, pairs[distance <= 2 * near])
     later = in_view & _seen_nearby(seen, pairs[distance > reach])
-    if not (seen & within).any() or not later.any():
+    rate = (seen & within).sum(0) / np.maximum(within.sum(0), 1)  # of each landmark in a visit
+    expected, observed_again = float(np.sum(later * rate)), int(np.sum(later & seen))
+    if expected == 0:
         return Revisits(1.0, 0.0)
-    reobserved = float(seen[later].mean() / seen[within].mean())
-    return Revisits(reobserved, (1 - reobserved) * int(later.sum()))
+    return Revisits(observed_again / expected, expected - observed_again)
 
 
 def _nearest_if_unused(
