@@ -5,7 +5,7 @@
 
 COLMAP's incremental mapper gets images of one camera, which is known but in the hallway. COLMAP
 detects, matches and verifies them, and so does saccade, with as many keypoints in each image as
-COLMAP finds with the budget, which it exceeds by half; 0 stands for the defaults of each. Times are
+COLMAP finds with the budget, which it exceeds; 0 stands for the defaults of each. Times are
 CPU seconds of one thread for detection, matching and verification. Below come the medians over the
 sets of ours relative to COLMAP's, with their ranges.
 """
