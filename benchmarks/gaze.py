@@ -166,7 +166,7 @@ def image_drive(run: Run) -> tuple[float, float, float]:
         made, result = gaze_drive(hall, run.policy, run.seed, egomotion=run.egomotion)
     error = score_drive(result.trajectory, made.truth)
     precision = summarize_drive(made, result)["association_precision"]
-    correct = float("nan") if precision is None else precision
+    correct = 1.0 if precision is None else precision  # nothing was re-identified
     return error.ate_unaligned_m, correct, error.inside_3sigma
 
 
@@ -247,7 +247,7 @@ def report(table: FloatArray, worlds: list[str], policies: list[str], images: bo
         second, inside = table[:, p, :, 1], 100 * table[:, p, :, 2].mean()
         closed = f"{second.sum():3.0f} of {second.size}"
         print(f"{policy:8} {np.exp(np.median(log[:, p])):7.3f}  {'  '.join(ratios)}"
-              f"  {f'{np.nanmean(second):.4f}' if images else closed}  {inside:5.1f}")  # fmt: skip
+              f"  {f'{second.mean():.4f}' if images else closed}  {inside:5.1f}")  # fmt: skip
     if "fixed" not in policies:
         return
     print("to fixed", *(f"{world:>8}" for world in worlds), "  worst drive  over twice")
