@@ -112,8 +112,9 @@ class GazeLimits(Settings):
     """Largest speed of pan and of tilt in radians per second."""
     latency: float = setting(0.1, 0, 60)
     """Seconds from a decision to the start of the motion."""
-    max_range: float = setting(8.0, 0.1, 1e4)
-    """Maximum distance in meters of the landmarks and salient regions that count."""
+    max_range: float = setting(16.0, 0.1, 1e4)
+    """Maximum distance in meters of the landmarks and salient regions that count; less where the
+    camera does not measure ranges so far."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

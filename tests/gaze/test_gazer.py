@@ -1,5 +1,6 @@
 """The gazer against an update of the filter, and what each of its terms is for."""
 
+from dataclasses import replace
 from math import radians
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.testing import assert_allclose
 import saccade
 from saccade.errors import ConfigError
 from saccade.gaze import POLICIES, Gazer
-from saccade.gaze.gazer import BEARING_SIGMA, HORIZON, INHIBITION, RANGE_SIGMA
+from saccade.gaze.gazer import BEARING_SIGMA, HORIZON, INHIBITION, MISS_MEMORY, RANGE_SIGMA
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.models import observe
 
@@ -90,6 +91,19 @@ def test_a_landmark_that_was_seen_from_here_tells_nothing_of_an_uncertain_pose(s
     again = np.square([3.0 * RANGE_SIGMA, BEARING_SIGMA])
     expected = np.log1p(R / again).sum() / 2
     assert made._information(made._roll_out()).max() == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_landmark_that_was_missed_counts_less_until_it_is_forgotten():
+    made = gazer(robot([[3.0, 0.1]], motion_sigma=0.3))
+    found = made._information(made._roll_out()).max()
+    made.record(pan=0.0, missed=[0])
+    missed = made._information(made._roll_out()).max()
+    far = gazer(robot([[3.0, 0.1]], motion_sigma=0.3))
+    view = far._roll_out()
+    half = far._information(replace(view, seen=view.seen / 2)).max()  # in view half of the time
+    assert_allclose(missed, half, rtol=1e-6)
+    made.time += 20 * MISS_MEMORY
+    assert_allclose(made._information(made._roll_out()).max(), found, rtol=1e-6)
 
 
 def test_an_uncertain_robot_looks_at_known_landmarks_and_a_certain_one_at_what_is_new():

@@ -8,7 +8,7 @@ inhibited.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import ceil, cos, pi, sin
+from math import ceil, cos, exp, pi, sin
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,8 @@ MEMORY = 0.2
 """Weight in nats of a landmark of salience 1 that was never looked at."""
 INHIBITION = 10.0
 """Time constant of the inhibition of return, in seconds."""
+MISS_MEMORY = 30.0
+"""Time constant of the decay of the number of misses of a landmark, in seconds."""
 PAN_TOLERANCE = 0.05
 """Largest distance of a measured pan from the limits, in radians."""
 SWEEP_RATE = 0.5
@@ -125,6 +127,8 @@ class Gazer:
         """Salience of landmarks by label; 1 for others."""
         self.last_seen: dict[object, float] = {}
         """Time of the last observation of each landmark, by label."""
+        self.misses: dict[object, tuple[float, float]] = {}
+        """Decayed number of misses of each landmark and the time of the last one, by label."""
         self.candidates = np.linspace(*pan, max(1, ceil(3 * (pan[1] - pan[0]) / fov)) + 1)
         """(c,) candidate pans, at most a third of the field of view apart."""
         self._policy: Policy = policy if callable(policy) else getattr(self, f"_{policy}")
@@ -159,13 +163,14 @@ class Gazer:
         target = x + half * cos(direction), y + half * sin(direction)
         return Look(self.pan, 0.0, target, self._reason)
 
-    def record(self, *, pan: float, labels: npt.ArrayLike = ()) -> None:
-        """Records an observation, for the inhibition of return and the new area.
+    def record(self, *, pan: float, labels: npt.ArrayLike = (), missed: npt.ArrayLike = ()) -> None:
+        """Records an observation, for the inhibition of return, the misses and the new area.
 
         Args:
             pan: measured pan of the camera, in radians, within its limits widened by
                 `PAN_TOLERANCE` and five `pan_sigma`.
             labels: (k,) labels of the observed landmarks.
+            missed: (m,) labels of landmarks that were expected in view and not found.
 
         Raises:
             ConfigError: the pan is outside these limits.
@@ -176,6 +181,8 @@ class Gazer:
         require(inside, "pan", f"radians from {low:g} to {high:g}", pan)
         self.pan = float(pan)
         self.last_seen |= dict.fromkeys(parse_labels(np.ravel(labels)), self.time)
+        for label in parse_labels(np.ravel(missed)):
+            self.misses[label] = self._misses_of(label) + 1, self.time
         pose = self.slam.filter.pose
         cells = self._cells(pose)
         seen = self._sees(pose[None], np.array([[self.pan]]), cells + 0.5)[0, 0]
@@ -271,7 +278,8 @@ class Gazer:
         """(c,) mutual information of the state and the expected observations, in nats.
 
         The state includes the landmarks, since the pose is measured by them later. With the joint
-        covariance, common errors of pose and landmarks carry no information.
+        covariance, common errors of pose and landmarks carry no information. Landmarks that were
+        expected in view and missed count less.
         """
         seen, k = view.seen, len(view.landmarks)
         if k == 0:
@@ -284,11 +292,18 @@ class Gazer:
         by_landmark = np.zeros((k, 2, k, 2))
         by_landmark[np.arange(k), :, np.arange(k)] = H[..., 3:]
         J = np.hstack([H[..., :3].reshape(2 * k, 3), by_landmark.reshape(2 * k, 2 * k)])
-        bearing = np.hypot(BEARING_SIGMA, np.sqrt(seen.sum(1)) * self._pan_sigma)[:, None]
+        labels = self.slam.landmarks.labels_of(view.landmarks.tolist())
+        found = seen / (1 + np.array([self._misses_of(label) for label in labels]))  # (c, k)
+        bearing = np.hypot(BEARING_SIGMA, np.sqrt(found.sum(1)) * self._pan_sigma)[:, None]
         sigma = np.stack(np.broadcast_arrays(RANGE_SIGMA * z[:, 0], bearing), -1)  # (c, k, 2)
-        B = (np.sqrt(seen)[..., None] / sigma).reshape(len(seen), 2 * k)  # root of R's inverse
+        B = (np.sqrt(found)[..., None] / sigma).reshape(len(seen), 2 * k)  # root of R's inverse
         S = np.eye(2 * k) + B[..., None] * (J @ P @ J.T) * B[:, None]
         return np.asarray(np.linalg.slogdet(S)[1] / 2)
+
+    def _misses_of(self, label: object) -> float:
+        """Decayed number of misses of a landmark."""
+        count, time = self.misses.get(label, (0.0, self.time))
+        return count * exp((time - self.time) / MISS_MEMORY)
 
     def _new_area(self, view: "View") -> FloatArray:
         """(c,) fraction of the area of each view that was never seen."""

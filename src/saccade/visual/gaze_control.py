@@ -8,11 +8,11 @@ import numpy as np
 from saccade.frames import Camera, Gaze, GazeLimits
 from saccade.gaze import Gazer, Policy
 from saccade.plane import steps_between
-from saccade.types import FloatArray
+from saccade.types import FloatArray, IntArray
 from saccade.visual.config import EgomotionSource
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.selection import sample_saliency
-from saccade.visual.tables import TrackedPoints
+from saccade.visual.tables import Landmarks, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 LEAVING = 0.15
@@ -49,6 +49,7 @@ class GazeControl:
         self._policy, self._camera, self._limits = policy, camera, limits
         self._turn, self._seed, self._interval = turn, seed, interval
         self._gazer: Gazer | None = None
+        self._missed = np.zeros((2, 0), np.int64)  # ids of landmarks, and how often each was missed
         self._last: tuple[float, FloatArray] | None = None
         self.decisions: list[Gaze] = []
         self.is_leaving = False
@@ -67,7 +68,7 @@ class GazeControl:
         pan_sigma = 0.0 if turn is None else turn.sigma
         gazer = self._gazer = self._gazer or self._make(visual_map, egomotion, pan_sigma)
         pose, own, pan = visual_map.ekf.pose, tracked.landmarks, features.frame.frame.gaze.pan
-        gazer.record(pan=pan, labels=own.landmark)
+        gazer.record(pan=pan, labels=own.landmark, missed=self._newly_missed(visual_map.landmarks))
         if features.saliency is not None:
             camera = visual_map.camera
             values = sample_saliency(features.saliency, (camera.height, camera.width), own.xy)
@@ -85,13 +86,22 @@ class GazeControl:
         self.is_leaving = abs(look.pan - pan) > LEAVING
         self._turn(time, self.decisions[-1])
 
+    def _newly_missed(self, landmarks: Landmarks) -> IntArray:
+        """(m,) ids of the landmarks that were missed since the last call."""
+        (ids, counts), now = self._missed, landmarks.missed
+        before = np.zeros(len(landmarks), np.int64)
+        _, kept, old = np.intersect1d(landmarks.id, ids, return_indices=True)
+        before[kept] = counts[old]
+        self._missed = np.stack([landmarks.id, now])
+        return landmarks.id[now > before]
+
     def _make(self, visual_map: VisualMap, egomotion: EgomotionSource, pan_sigma: float) -> Gazer:
         camera, limits = self._camera, self._limits
         aside = MAX_ASIDE if egomotion == "camera" and self._policy == "active" else pi
         return Gazer(
             visual_map.slam,
             2 * atan(camera.width / 2 / camera.fx),
-            limits.max_range,
+            min(limits.max_range, visual_map.max_range),
             (max(limits.pan[0], -aside), min(limits.pan[1], aside)),
             limits.rate,
             period=self._interval,

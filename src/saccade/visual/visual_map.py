@@ -12,6 +12,7 @@ from saccade.slam.scans import NO_SCAN, Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
+from saccade.visual.depth import depth_sigma
 from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.motion_prior import correlation_factor
@@ -115,6 +116,14 @@ class VisualMap:
         S[:, 0, :, 0] += np.square(self._config.shared_range_sigma) * np.outer(r, r)
         S[:, 1, :, 1] += self._shared_bearing_sigma**2
         return PredictedObservations(z, S)
+
+    @property
+    def max_range(self) -> float:
+        """Meters up to which the range of a landmark is certain enough to initialize it."""
+        config, (_, far) = self._config, self._config.range_limits
+        by_meter = float(depth_sigma(self.camera, np.ones(1), config)[0])  # a fraction at 1 m
+        is_stereo = self.camera.baseline > 0
+        return min(far, config.relative_range_sigma / by_meter) if is_stereo else far
 
     def update(
         self,
