@@ -66,7 +66,7 @@ HALLS = {
     "kiosks": {"size": (17.0, 13.0), "blocks": 2, "poster_groups": 1},
     "foyer": {"size": (15.0, 15.0), "blocks": 1, "poster_groups": 2, "corridor": 4.0},
 }
-"""Settings of each hall; no policy was tuned in the last one."""
+"""Settings of each hall."""
 CAMERAS = 7
 """Number of cameras of the bound."""
 
