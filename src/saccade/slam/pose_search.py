@@ -11,8 +11,6 @@ from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray, IntArray
 
-MIN_MATCHED = 3
-"""Minimum number of matched points of a pose that is found."""
 PRIOR_WEIGHT = 9.0
 """Covariance of the prior of a new pose, as a multiple of the covariance of the hypothesis: wide
 enough for later observations to dominate, narrow enough for linear updates."""
@@ -27,7 +25,7 @@ class PoseSearch:
 
     The search uses the landmarks with ids `landmarks` (n,), ascending, and does not change the map.
     Unless the robot may be `anywhere`, the pose of the filter is one hypothesis. The robot is found
-    when a hypothesis has `min_probability` and `MIN_MATCHED` points in `scans` successive scans.
+    when a hypothesis has `min_probability` and `min_matched` points in `scans` successive scans.
     """
 
     def __init__(
@@ -36,11 +34,13 @@ class PoseSearch:
         landmarks: IntArray,
         *,
         anywhere: bool,
+        min_matched: int = 3,
         scans: int = 3,
         min_probability: float = 0.999,
     ) -> None:
         self._ekf, self.landmarks, self.anywhere = ekf, landmarks, anywhere
-        self._scans, self._min_probability = scans, min_probability
+        self._min_matched, self._scans = min_matched, scans
+        self._min_probability = min_probability
         self._agreeing = 0
         covariance, r = ekf.marginal(landmarks), len(ekf.robot_state)
         positions = ekf.landmarks[np.searchsorted(ekf.ids, landmarks)]
@@ -62,7 +62,7 @@ class PoseSearch:
         ids = np.append(self.landmarks, -1)  # the last element stands for no landmark
         self.hypotheses = found = replace(found, association=ids[found.association])
         sure = len(found) > 0 and found.probability[0] >= self._min_probability
-        sure = sure and np.count_nonzero(found.association[0] >= 0) >= MIN_MATCHED
+        sure = sure and np.count_nonzero(found.association[0] >= 0) >= self._min_matched
         self._agreeing = self._agreeing + 1 if sure else 0
         return found
 

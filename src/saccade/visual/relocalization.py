@@ -145,8 +145,13 @@ class Relocalization:
         self._map.remove(np.flatnonzero(ids >= self._first_doubtful))
         ekf = self._map.ekf
         self._extent = float(np.ptp(np.vstack([ekf.landmarks, ekf.pose[:2]]), axis=0).max()) / 2
-        limits = {"min_matched": MIN_MATCHED, "scans": MIN_AGREEING_FRAMES}
-        self._detector.begin(PoseSearch(ekf, ekf.ids, anywhere=False, **limits))
+        search = PoseSearch(
+            *(ekf, ekf.ids),
+            anywhere=False,
+            min_matched=MIN_MATCHED,
+            scans=MIN_AGREEING_FRAMES,
+        )
+        self._detector.begin(search)
 
     def _end(self) -> None:
         """Ends the search."""
