@@ -19,6 +19,8 @@ from gaze_film import write_film
 from saccade.viewing import save_figure
 
 ROOT = Path(__file__).parents[2]
+WITHOUT_PICTURE = "tensors"
+"""Example that needs PyTorch, and that no page shows."""
 
 
 def make_all(folder: Path) -> None:
@@ -27,7 +29,9 @@ def make_all(folder: Path) -> None:
     hash_file = folder / "source-hash.txt"
     digest = _source_hash()
     if not hash_file.exists() or hash_file.read_text() != digest:
-        examples = sorted((ROOT / "examples").glob("*.py"))
+        examples = sorted(
+            each for each in (ROOT / "examples").glob("*.py") if each.stem != WITHOUT_PICTURE
+        )
         with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
             drawn = [pool.submit(run_example, example, folder) for example in examples]
             drawn += [pool.submit(draw_page, name, folder) for name in PAGES]
