@@ -15,11 +15,11 @@ from saccade.slam.models import observe, wrap
 from saccade.slam.relocalization import Relocalizer
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
-MIN_REOBSERVED = 0.97
+MIN_REOBSERVED = 0.96
 """Least `Revisits.reobserved` of a right map; chosen in simulated worlds."""
 MIN_MISSED = 10.0
 """Minimum number of missing observations in an unreliable map."""
-MAX_UNUSED = 0.35
+MAX_UNUSED = 0.4
 """Largest fraction of unused observations in a right map."""
 MIN_COPIED = 0.5
 """Largest fraction of landmarks that match older landmarks by chance."""
