@@ -65,12 +65,13 @@ def map_warning(
     unused = float(np.mean(association[complete] < 0)) if complete.any() else 0.0
     if unused > MAX_UNUSED:
         reasons.append(f"{unused:.0%} of the observations are not used")
-    visits = revisits(log, trajectory.pose, found.xy, association)
-    if complete.all() and visits.reobserved < MIN_REOBSERVED and visits.missed > MIN_MISSED:
-        reasons.append(
-            f"where the robot comes back, only {visits.reobserved:.0%} of the landmarks that were "
-            "observed there are observed again"
-        )
+    if complete.all():
+        visits = revisits(log, trajectory.pose, found.xy, association)
+        if visits.reobserved < MIN_REOBSERVED and visits.missed > MIN_MISSED:
+            reasons.append(
+                f"where the robot comes back, only {visits.reobserved:.0%} of the landmarks that "
+                "were observed there are observed again"
+            )
     pairs, copied = copied_landmarks(log, found.xy, association)
     if copied > MIN_COPIED and pairs >= MIN_PAIRS:
         reasons.append(
@@ -83,15 +84,16 @@ def map_warning(
 def revisits(log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: IntArray) -> Revisits:
     """Re-observed and missed landmarks at revisits along poses (t + 1, 3).
 
-    The scans of a short stretch count as one. A landmark (n, 2) is expected there if it is in the
-    field of view and was observed from another stretch nearby, so that no wall hides it.
+    Every observation has a range and a bearing. The scans of a short stretch count as one. A
+    landmark (n, 2) is expected there if it is in the field of view and was observed from another
+    stretch nearby, so that no wall hides it.
     """
     scans = np.unique(log.observation_pose)
     if len(xy) == 0 or len(scans) < 2:
         return Revisits(1.0, 0.0)
     z = log.observation
-    reach = float(np.nanquantile(z[:, 0], VIEW))
-    right, left = np.nanquantile(z[:, 1], [(1 - VIEW) / 2, (1 + VIEW) / 2])
+    reach = float(np.quantile(z[:, 0], VIEW))
+    right, left = np.quantile(z[:, 1], [(1 - VIEW) / 2, (1 + VIEW) / 2])
     steps = np.diff(pose, axis=0, prepend=pose[:1])
     traveled = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))
     near = max(SAME_VIEW * reach, 1.5 * float(np.median(np.diff(traveled[scans]))), 1e-6)
@@ -124,7 +126,7 @@ def _nearest_if_unused(
     log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: IntArray, near: float
 ) -> IntArray:
     """(k,) landmark of each observation; for unused ones the nearest within a distance, or -1."""
-    unused = np.flatnonzero((association < 0) & ~np.isnan(log.observation).any(1))
+    unused = np.flatnonzero(association < 0)
     z, at = log.observation[unused], pose[log.observation_pose[unused]]
     angle = at[:, 2] + z[:, 1]
     points = at[:, :2] + z[:, :1] * np.stack([np.cos(angle), np.sin(angle)], 1)
