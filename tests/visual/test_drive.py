@@ -140,7 +140,6 @@ def test_lamps_that_flicker_change_nothing_but_the_last_digits(drive, mapped):
         return replace(frame, image=left, right=right)
 
     result = visual.run(changed(drive, lit))
-    assert np.isfinite(result.off_plane[1:]).all()
     ours, steady = (score_drive(each.trajectory, drive.truth) for each in (result, mapped))
     assert ours.ate_m < steady.ate_m + 0.01
     assert ours.inside_3sigma > 0.95

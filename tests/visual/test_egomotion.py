@@ -13,7 +13,6 @@ from saccade.visual.camera import from_pixels, observe, observe_bearings, range_
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import correspondences_of, estimate_motion
 from saccade.visual.ground_scale import GroundTracker
-from saccade.visual.motion_prior import MotionPrior, fuse
 from saccade.visual.robot_motion import camera_motion
 from saccade.visual.single_camera import CameraTrajectory
 from saccade.visual.tables import TrackedPoints
@@ -140,24 +139,6 @@ def test_the_covariance_of_a_motion_is_that_of_many_draws():
     ratio = np.std(missed, 0) / np.sqrt(np.diag(motion.covariance))
     assert (ratio > 0.6).all()
     assert (ratio < 1.4).all()
-
-
-def test_two_estimates_are_fused_by_their_information():
-    rng = np.random.default_rng(5)
-    A, B = (np.diag(rng.uniform(0.1, 1, 3)) for _ in range(2))
-    a, b = rng.uniform(-0.1, 0.1, (2, 3))
-    mean, spread = fuse((a, A), (b, B))
-    information = np.linalg.inv(A) + np.linalg.inv(B)
-    assert_allclose(spread, np.linalg.inv(information))
-    assert_allclose(mean, spread @ (np.linalg.inv(A) @ a + np.linalg.inv(B) @ b))
-    assert_allclose(fuse((a, A), (b + 50, B))[0], a)
-
-
-def test_the_last_motion_predicts_the_next():
-    prior = MotionPrior(np.array([0.1, 0.1, 0.1]))
-    prior.update(np.array([1.0, 0, 0.1]), 1e-8 * np.eye(3), 0.1)
-    control, _ = prior.predict(np.array([1.2, 0, 0.2]), 0.1 * np.eye(3), 0.1)
-    assert_allclose(control, (1.0, 0, 0.1), atol=1e-3)
 
 
 def test_rays_intersect_at_the_point():

@@ -9,9 +9,9 @@ from saccade import datasets, visual
 from saccade.errors import DriveError, OutputError
 from saccade.evaluation.trajectory import score_drive
 from saccade.frames import Frame
-from saccade.visual.track_recorder import DEPTH_BASELINE
 from support.short_ring import short_ring
 from support.small_drive import small_drive
+from support.track_recorder import DEPTH_BASELINE, record_tracks
 
 FRAMES = 40
 
@@ -22,9 +22,8 @@ def drive():
 
 
 def test_recorded_tracks_close_the_same_loop(drive, tmp_path):
-    recorder = visual.TrackRecorder()
-    by_images = visual.run(drive, tracks=recorder)
-    datasets.save_drive(tmp_path / "tracks", recorder.drive(drive))
+    by_images, recorded = record_tracks(drive)
+    datasets.save_drive(tmp_path / "tracks", recorded)
     loaded = datasets.load_drive("auto", tmp_path / "tracks")
     assert len(loaded) == FRAMES
     assert loaded.load(8).image is None
@@ -74,10 +73,7 @@ def test_depths_become_disparities(drive):
 
     camera = replace(drive.camera, baseline=0.0)
     for baseline, frames in ((DEPTH_BASELINE, load), (0.0, lambda i: replace(load(i), depth=None))):
-        recorder = visual.TrackRecorder()
-        seen = replace(drive, camera=camera, load=frames).until(3)
-        visual.run(seen, tracks=recorder)
-        made = recorder.drive(seen)
+        _, made = record_tracks(replace(drive, camera=camera, load=frames).until(3))
         assert made.camera.baseline == baseline
         disparity = made.load(1).tracks.disparity
         assert len(disparity) > 20

@@ -17,6 +17,7 @@ from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.visual.camera import directions, from_pixels, move_pixels, to_pixels
 from saccade.visual.egomotion import correspondences_of, estimate_motion
 from saccade.visual.robot_motion import camera_motion, robot_motion
+from support.track_recorder import record_tracks
 
 CAMERA = Camera(320, 240, 340, 340, 160, 120, 0.1, np.array([0.2, 0.05, 0.7]), AHEAD)
 CONTROL = np.array([0.2, 0.03, 0.1])
@@ -129,9 +130,7 @@ def test_wheels_ask_for_depth(pan_drive):
 
 
 def test_tracks_of_a_turning_camera_know_its_turn(pan_drive):
-    recorder = visual.TrackRecorder()
-    visual.run(pan_drive, tracks=recorder)
-    recorded = recorder.drive(pan_drive)
+    _, recorded = record_tracks(pan_drive)
     assert recorded.load(12).turn == pan_drive.load(12).turn
     error = visual.run(recorded).trajectory.pose - pan_drive.truth.pose
     assert np.hypot(*error[:, :2].T).max() < 0.1

@@ -4,13 +4,11 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import dedicated_process
 from saccade.visual.pipeline import Pipeline, measure_odometry, run
 from saccade.visual.result import LandmarkObservations, ObservationKind, VisualResult
-from saccade.visual.track_recorder import TrackRecorder
 
 __all__ = [
     "LandmarkObservations",
     "ObservationKind",
     "Pipeline",
-    "TrackRecorder",
     "VisualConfig",
     "VisualResult",
     "dedicated_process",

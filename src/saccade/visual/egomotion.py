@@ -73,8 +73,6 @@ class Egomotion(NamedTuple):
     """(3, 3) from the previous camera frame to the current one."""
     translation: FloatArray
     """(3,) previous camera center in the current camera frame, in meters."""
-    includes_prior: bool
-    """Whether the prior is part of the control: a single camera does not measure its length."""
 
 
 def correspondences_of(
@@ -142,7 +140,7 @@ def estimate_motion(
     J = J[:3]
     covariance = J @ np.linalg.inv(information) @ J.T
     covariance = (covariance + covariance.T) / 2
-    return Egomotion(control, off_plane, covariance, inliers, R, t, prior is not None)
+    return Egomotion(control, off_plane, covariance, inliers, R, t)
 
 
 def normal_equations(

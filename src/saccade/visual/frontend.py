@@ -216,7 +216,6 @@ def track(
     motion = estimate_motion(camera, points, config.pixel_sigma, expected, before)
     if motion is None:
         return TrackedPoints(), None
-    motion = motion._replace(includes_prior=not has_depth)
     tracked = replace(tracked, xy=xy, depth=depth, depth_sigma=sigma)
     return tracked[motion.inliers], motion
 

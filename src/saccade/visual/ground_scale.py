@@ -4,8 +4,6 @@ A single camera does not measure the length of its motion, but its height above 
 the scale: from the image of the ground follows the translation in camera heights.
 """
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -33,10 +31,6 @@ BLUR_SIZE = 7, 7
 """Size of its window."""
 TILT_SIGMA = np.radians((0.7, 1.0))
 """Standard deviations of the ground's pitch and roll relative to the robot."""
-PREVIOUS_MARGIN = 8
-"""Pixels around the samples that are cut out of the previous image."""
-CURRENT_MARGIN = 128
-"""Pixels around the samples that are cut out of the next image."""
 MIN_VISIBLE = 0.3
 """Fraction of the samples that must be inside the next image."""
 NOISE_CORRELATION = 7.0
@@ -77,17 +71,19 @@ class GroundTracker:
         initial = float(np.linalg.norm(motion.translation))
         if initial < MIN_DISTANCE * height or len(self._pixels) == 0:
             return None
-        before, (left, top) = _smoothed_crop(previous, self._pixels, PREVIOUS_MARGIN)
-        intensity = before[self._pixels[:, 1] - top, self._pixels[:, 0] - left].astype(np.float64)
-        after, (left, top) = _smoothed_crop(current, self._pixels, CURRENT_MARGIN)
-        crop = replace(self._camera, cx=self._camera.cx - left, cy=self._camera.cy - top)
-        state = self._align(intensity, with_gradients(after), crop, motion)
+        columns, rows = self._pixels.T
+        before, after = (
+            np.asarray(cv2.GaussianBlur(image, BLUR_SIZE, BLUR_SIGMA), np.uint8)
+            for image in (previous, current)
+        )
+        intensity = before[rows, columns].astype(np.float64)
+        state = self._align(intensity, with_gradients(after), motion)
         if state is None or (np.abs(state[1:]) > 1.5 * TILT_SIGMA).any():
             return None
         return float(state[0]) * height
 
     def _align(
-        self, intensity: FloatArray, images: FloatArray, camera: Camera, motion: Egomotion
+        self, intensity: FloatArray, images: FloatArray, motion: Egomotion
     ) -> FloatArray | None:
         """(3,) distance in camera heights and two tilts in radians; None if not converged."""
         length = float(np.linalg.norm(motion.translation))
@@ -100,7 +96,7 @@ class GroundTracker:
             normal = axes.T @ np.append(1.0, state[1:])
             plane = np.stack([normal, state[0] * axes[1], state[0] * axes[2]])
             pose = motion.rotation, state[0] * direction
-            values, by_plane, inside = warp_ground(camera, self.rays, pose, plane, images)
+            values, by_plane, inside = warp_ground(self._camera, self.rays, pose, plane, images)
             if len(values) < MIN_VISIBLE * len(intensity):
                 return None
             A = np.column_stack([by_plane, -intensity[inside], np.full(len(values), -1.0)])
@@ -175,13 +171,3 @@ def _ground_samples(camera: Camera) -> IntArray:
 def _median(values: FloatArray) -> float:
     """The upper median; NumPy's averages two, checks for NaN, and takes six times as long."""
     return float(np.partition(values, len(values) // 2)[len(values) // 2])
-
-
-def _smoothed_crop(
-    image: ByteArray, pixels: IntArray, margin: int
-) -> tuple[ByteArray, tuple[int, int]]:
-    """The smoothed part of an image around pixels (m, 2), and its top left corner (x, y)."""
-    left, top = np.maximum(pixels.min(0) - margin, 0).tolist()
-    right, bottom = (pixels.max(0) + margin + 1).tolist()
-    crop = cv2.GaussianBlur(image[top:bottom, left:right], BLUR_SIZE, BLUR_SIGMA)
-    return np.asarray(crop, np.uint8), (left, top)

@@ -8,8 +8,7 @@ from saccade.frames import CameraTurn, Drive
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate
-from saccade.visual.motion_prior import (
-    MotionPrior,
+from saccade.visual.motion_errors import (
     Planarity,
     camera_error_covariance,
     correlation_factor,
@@ -56,8 +55,6 @@ class MotionEstimator:
         """Standard deviation of the camera's pan and tilt in this frame, in radians."""
         self.seconds = 0.0
         """Duration of the last step."""
-        speed_sigma, turn_rate_sigma = config.acceleration_sigma
-        self._prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
         self._declared: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         self._step = self._declared  # without its systematic errors
 
@@ -67,9 +64,9 @@ class MotionEstimator:
         self.turn_sigma = 0.0 if turn is None else turn.sigma
 
     def predict(self, number: int) -> MotionEstimate:
-        """The control expected to lead to a frame after the first.
+        """Control that odometry expects to lead to a frame after the first.
 
-        Odometry without its systematic errors, fused with the last motion.
+        The estimated systematic errors are corrected; the covariance is that of the odometry.
         """
         drive, last = self._drive, number - 1
         self.seconds = float(drive.time[number] - drive.time[last])
@@ -78,43 +75,30 @@ class MotionEstimator:
         if self.turn_sigma:  # of both frames: the camera's turn is compared with odometry's
             covariance = covariance + np.diag([0.0, 0.0, 2 * self.turn_sigma**2])
         self._step = self.errors.corrected(control, self.seconds), covariance
-        return self._prior.predict(*self._step, self.seconds)
+        return self._step
 
-    @property
-    def odometry(self) -> MotionEstimate:
-        """The last step by odometry; its covariance includes the systematic errors that remain."""
-        return self._with_systematic_errors(self._step)
+    def measured(self, motion: Egomotion | None) -> MotionEstimate:
+        """The last step by the camera, or by odometry where there is no egomotion.
 
-    def measured(self, expected: MotionEstimate, motion: Egomotion | None) -> MotionEstimate:
-        """The last step by the camera, as expected where it failed.
-
-        Its covariance includes errors of the calibration and tilt, or those of odometry.
+        The covariance includes errors of calibration and tilt, or systematic errors of odometry.
         """
         if motion is None:
-            return self._with_systematic_errors(expected)
-        tilt = self.planarity.tilt
-        return motion.control, camera_error_covariance(motion, self.seconds, self._config, tilt)
+            control, covariance = self._step
+            has_scale = self.measures_range  # else it is an error of the whole trajectory
+            systematic = self.errors.step_covariance(control, self.seconds, has_scale)
+            return control, covariance + systematic
+        covariance = camera_error_covariance(
+            motion, self.seconds, self._config, self.planarity.tilt, self.measures_range
+        )
+        return motion.control, covariance
 
     def refine(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
         """Egomotion by what the points (k,) of two frames tell of its length."""
         return motion
 
-    def join(
-        self,
-        expected: MotionEstimate,
-        motion: Egomotion | None,
-        points: PointPair,
-        frames: Frames,
-    ) -> tuple[MotionEstimate, Egomotion | None]:
-        """Join what is known of the last step: here, odometry alone.
-
-        `expected` is the result of `predict`, `motion` that by the camera, if any.
-
-        Returns:
-            The control that leads from the estimate of the last pose to that of this one, with its
-            covariance; and the egomotion with what was learnt of its scale.
-        """
-        return self._declared, motion
+    def join(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
+        """Combines odometry and egomotion, if any: the control from the last pose to this one."""
+        return self._declared
 
     def with_depth(self, points: TrackedPoints) -> TrackedPoints:
         """The tracked points (k,) with the depths that the motion so far tells of."""
@@ -137,28 +121,12 @@ class MotionEstimator:
         """Standard deviation of the scale of the whole map, as a fraction of it."""
         return 0.0 if self.measures_range else self.errors.scale_sigma
 
-    def update_prior(self, number: int, step: FloatArray, observations: int) -> None:
-        """Update the prediction by the step (3,) to a frame, after all updates of the pose.
-
-        `observations` is the number of points that were tracked into it. Without lengths by the
-        camera the prediction is odometry's: the errors of the last steps would accumulate, and an
-        accelerating robot would be lagged behind.
-        """
-        if not self.measures_range:
-            return
-        covariance = self._drive.control_covariance[number - 1] / (1 + observations) ** 2
-        self._prior.update(step, covariance, self.seconds)
-
     def _scale_sigmas(self) -> tuple[float, float]:
         """Sigmas of the fractions: true distances over odometry's, and the camera's over true."""
         if not self.measures_range:
             return self._drive.odometry_bias[0], self._config.relative_height_sigma
         by_odometry = float(np.hypot(self._drive.odometry_bias[0], MIN_SCALE_SIGMA))
         return by_odometry, self._config.relative_motion_sigma[0]
-
-    def _with_systematic_errors(self, step: MotionEstimate) -> MotionEstimate:
-        has_scale = self.measures_range  # else it is an error of the whole trajectory
-        return step[0], step[1] + self.errors.step_covariance(step[0], self.seconds, has_scale)
 
 
 class StereoMotionEstimator(MotionEstimator):
@@ -169,18 +137,12 @@ class StereoMotionEstimator(MotionEstimator):
         self._window = SlidingWindow(drive.camera, config, self.errors)
         self.drift = self._window.drift
 
-    def join(
-        self,
-        expected: MotionEstimate,
-        motion: Egomotion | None,
-        points: PointPair,
-        frames: Frames,
-    ) -> tuple[MotionEstimate, Egomotion | None]:
-        """The last step of the window, which knows the errors of odometry."""
+    def join(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
+        """Adjusts the sliding window; returns its last step."""
         before, current = points
         earlier, now = self.cameras
         if motion is None:
-            pose, current = camera_motion(now, expected[0], earlier), TrackedPoints()
+            pose, current = camera_motion(now, self._step[0], earlier), TrackedPoints()
         else:
             pose = motion.rotation, motion.translation
             self.planarity.update(motion.off_plane, self.seconds)
@@ -190,9 +152,8 @@ class StereoMotionEstimator(MotionEstimator):
             *(before, current, pose, odometry, self.seconds, self.cameras)
         )
         if motion is None:
-            return (control, covariance), None
-        adjusted = motion._replace(control=control, covariance=covariance)
-        return self.measured(expected, adjusted), motion
+            return control, covariance
+        return self.measured(motion._replace(control=control, covariance=covariance))
 
     def restart(self) -> None:
         """Forget all frames but the last."""

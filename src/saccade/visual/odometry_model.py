@@ -5,7 +5,7 @@ import numpy as np
 from saccade.slam.consistency import normalized_squared
 from saccade.types import FloatArray
 from saccade.visual.ground_scale import DISTANCE_NOISE
-from saccade.visual.motion_prior import CONSTANT_DISTANCE
+from saccade.visual.motion_errors import CONSTANT_DISTANCE
 
 ODOMETRY_ERRORS = 5
 """Scale of odometry, scale of the camera, turn rate, and two of side-slip."""

@@ -27,12 +27,6 @@ MAX_FORWARD_BACKWARD_ERROR = 0.5
 """Pixels between a point and where it is after tracking forward and backward."""
 MAX_ROW_OFFSET = 1.0
 """Pixels between the rows of a point in the two images of a rectified rig."""
-MIN_BRIGHTNESS_CHANGE = 0.05
-"""Relative change of brightness from which an image is rescaled before tracking into it: lamps
-flicker, cameras adapt, and tracking tolerates little more."""
-BRIGHTNESS_BLOCKS = 32, 24
-"""Numbers of blocks across and down whose median change of brightness counts, so that bright
-objects at the edge do not."""
 VIEW_WIDTH = 40
 """Width in pixels of the reduced image by which views are compared."""
 MIN_VIEW_HEIGHT = 12
@@ -56,18 +50,14 @@ class PreparedFrame:
         return self.left is None and self.frame.tracks is None
 
     @cached_property
-    def brightness(self) -> Float32Array | None:
-        """(24, 32) mean gray levels of blocks of the left image."""
-        return None if self.left is None else _reduced(self.left, BRIGHTNESS_BLOCKS)
-
-    @cached_property
     def view(self) -> Float32Array | None:
         """(h, 40) gray levels of the left image, reduced."""
         if self.left is None:
             return None
         height, width = self.left.shape
         size = VIEW_WIDTH, max(round(VIEW_WIDTH * height / width), MIN_VIEW_HEIGHT)
-        return _reduced(self.left, size)
+        reduced = cv2.resize(self.left, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(reduced, np.float32)
 
 
 def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
@@ -89,13 +79,8 @@ def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
     if cv2.meanStdDev(gray)[1][0, 0] < MIN_CONTRAST:
         return PreparedFrame(frame)
     prepared = PreparedFrame(frame, gray, right)
-    _ = prepared.brightness, prepared.view  # computed where frames are read ahead
+    _ = prepared.view  # computed where frames are read ahead
     return prepared
-
-
-def _reduced(image: ByteArray, size: tuple[int, int]) -> Float32Array:
-    """Gray levels of an image of a smaller size (w, h)."""
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def gray_bytes(image: Image) -> ByteArray:
@@ -152,12 +137,10 @@ def track_frame(
     """`track_points` from one frame with an image to the next, made as bright as the first."""
     assert previous.left is not None
     assert current.left is not None
-    assert previous.brightness is not None
-    assert current.brightness is not None
-    image = current.left
-    gain = float(np.median((previous.brightness + 1) / (current.brightness + 1)))
-    if abs(gain - 1) >= MIN_BRIGHTNESS_CHANGE:
-        image = np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8)
+    assert previous.view is not None
+    assert current.view is not None
+    gain = float(np.median((previous.view + 1) / (current.view + 1)))
+    image = np.asarray(cv2.convertScaleAbs(current.left, alpha=gain), np.uint8)
     return track_points(previous.left, image, xy, guess, LEVELS if guess is None else GUESS_LEVELS)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from saccade.errors import require
 from saccade.frames import Drive, EndOfDrive, Frame
-from saccade.plane import steps_between
 from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray
@@ -18,8 +17,8 @@ from saccade.visual.depth import first_frame, measures_depth
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.frontend import FeatureExtractor, FrameFeatures, Prefetcher, extend, track
 from saccade.visual.gaze_control import GazeControl
+from saccade.visual.motion_errors import TOTAL_RELATIVE_SIGMA
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
-from saccade.visual.motion_prior import TOTAL_RELATIVE_SIGMA
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.relocalization import Relocalization
@@ -27,7 +26,6 @@ from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.single_camera import SingleCameraMotionEstimator
 from saccade.visual.tables import TrackedPoints
-from saccade.visual.track_recorder import TrackRecorder
 from saccade.visual.visual_map import VisualMap
 
 MIN_POINTS = 0.4
@@ -42,7 +40,6 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     *,
     recorder: Recorder | None = None,
-    tracks: TrackRecorder | None = None,
     gaze: GazeControl | None = None,
 ) -> VisualResult:
     """Run visual SLAM on a drive.
@@ -52,7 +49,6 @@ def run(
         config: the settings.
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
-        tracks: records the tracked points.
         gaze: turns the camera after each frame.
 
     Returns:
@@ -68,8 +64,6 @@ def run(
                 pipeline.step(number)
             except EndOfDrive:
                 break
-            if tracks is not None:
-                tracks.add(pipeline.tracked, pipeline.features)
             if recorder is not None:
                 tracked = pipeline.tracked.landmarks.landmark
                 recorder.add(
@@ -121,7 +115,7 @@ class Pipeline:
         start, previous_pose, was_lost = perf_counter(), self.map.ekf.pose, self.relocalization.lost
         features = self._features(number)
         self.log.remarks.extend(features.remarks)
-        frame, found = features.frame, False
+        frame = features.frame
         self.motion.turn_camera(frame.frame.turn)
         if number > 0:
             points, motion = len(self.tracked), self._move(number, frame)
@@ -136,7 +130,7 @@ class Pipeline:
             reidentified, described = TrackedPoints(), detected[has_descriptor]
             if len(described) and self.relocalization.lost:
                 known = np.isfinite(described.depth).any()
-                found = self.relocalization.search(described if known else self.tracked)
+                self.relocalization.search(described if known else self.tracked)
             elif len(described):
                 reidentified = self._associate(described, frame)
                 self._update(number, ObservationKind.REIDENTIFIED, reidentified)
@@ -145,9 +139,6 @@ class Pipeline:
             self._initialize(number, self._attend(number, frame))
         if self.relocalization.lost != was_lost:
             self.motion.restart()
-        if number > 0 and not found:
-            step = steps_between(np.stack([previous_pose, self.map.ekf.pose]))[0]
-            self.motion.update_prior(number, step, len(self.tracked))
         pose, seconds, lost = self.map.ekf.pose, perf_counter() - start, self.relocalization.lost
         others = self.motion.constant_errors(pose), self.relocalization.extra_covariance
         self.log.poses.append((pose, self.map.ekf.pose_covariance, *others, seconds, lost))
@@ -188,11 +179,10 @@ class Pipeline:
         )
         if motion is not None:
             motion = model.refine(motion, before, self.tracked)
-        measured = model.measured(expected, motion)
+        self.log.add_motion(model.measured(motion), model.drift)
         points, frames = (before, self.tracked), (self._previous, frame)
-        self.control, motion = model.join(expected, motion, points, frames)
+        self.control = model.join(motion, points, frames)
         self.tracked = model.with_depth(self.tracked)
-        self.log.add_motion(measured, motion, model.drift)
         self.map.rescale()
         self.map.move(number, self.control)
         return motion

@@ -82,8 +82,8 @@ class Relocalization:
 
         `points` is the number of points tracked in the last frame, `previous` (3,) its pose.
         """
-        odometry, seconds = self._motion.odometry, self._motion.seconds
-        measured = None if motion is None else self._motion.measured(odometry, motion)
+        odometry, seconds = self._motion.measured(None), self._motion.seconds
+        measured = None if motion is None else self._motion.measured(motion)
         self._mark_landmarks()
         blind = frame.is_blank and self._evidence.is_standing(odometry[0])
         inliers = 0 if motion is None else int(motion.inliers.sum())
@@ -109,11 +109,8 @@ class Relocalization:
         self._begin_if_lost()
         return self.lost
 
-    def search(self, points: TrackedPoints) -> bool:
-        """Searches a lost robot by k points of known depth; returns whether it was found.
-
-        The descriptors of the points label them.
-        """
+    def search(self, points: TrackedPoints) -> None:
+        """Searches a lost robot by k points of known depth, labeled by their descriptors."""
         search, landmarks = self._detector.search, self._map.landmarks
         assert search is not None
         observations, usable = self._map.observe(points)
@@ -123,11 +120,9 @@ class Relocalization:
         index, rows = index[keep], rows[keep]
         z, R = observations.z[index], observations.covariance[index]
         self._hypotheses = search.add(z, R, landmarks.id[rows])
-        if not search.is_found:
-            return False
-        search.reset_pose()
-        self._end()
-        return True
+        if search.is_found:
+            search.reset_pose()
+            self._end()
 
     def _mark_landmarks(self) -> None:
         """Marks the landmarks that are initialized from now on, unless there is evidence."""

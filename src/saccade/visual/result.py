@@ -20,7 +20,7 @@ from saccade.types import (
     Trajectory,
     column,
 )
-from saccade.visual.egomotion import Egomotion, MotionEstimate
+from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.self_calibration import CalibrationDrift, CalibrationReport
 from saccade.visual.tables import RangeBearings, TrackedPoints
@@ -28,8 +28,6 @@ from saccade.visual.visual_map import VisualMap
 
 MAX_REMARKS = 5
 """Remarks on frames that are given in full; the others are counted."""
-MAX_TABLES = 512
-"""Tables of observations before they are concatenated."""
 
 
 class ObservationKind(IntEnum):
@@ -86,9 +84,6 @@ class VisualResult(Pictured):
     """(m,) heights of the landmarks above the robot's origin, in meters."""
     observations: LandmarkObservations
     """Every observation of a landmark."""
-    off_plane: FloatArray
-    """(n, 3) change of height in meters, roll and pitch in radians since the last frame, by visual
-    odometry; NaN where it failed."""
     missed: int
     """Times that a lost landmark was expected in view and not re-identified."""
     frame_seconds: FloatArray
@@ -127,8 +122,8 @@ class RunLog:
 
     def __post_init__(self) -> None:
         none = np.zeros((3, 3))
-        # poses by visual odometry, covariances without and by the calibration, motion off the plane
-        self._visual = [(compose(self.drive.start, np.zeros(3))[0], none, none, np.full(3, np.nan))]
+        # poses by visual odometry, and their covariances without and by the calibration
+        self._visual = [(compose(self.drive.start, np.zeros(3))[0], none, none)]
 
     def add_observations(
         self,
@@ -152,23 +147,18 @@ class RunLog:
             innovation_covariance=covariances,
         )
         self._observations.append(table)
-        if len(self._observations) == MAX_TABLES:
-            self._observations = [LandmarkObservations.concatenate(self._observations)]
 
-    def add_motion(
-        self, step: MotionEstimate, motion: Egomotion | None, drift: CalibrationDrift | None
-    ) -> None:
-        """Log the step from the last frame by the camera; by odometry where there is no motion.
+    def add_motion(self, step: MotionEstimate, drift: CalibrationDrift | None) -> None:
+        """Logs the step from the last frame by visual odometry.
 
-        Errors of the calibration add to its covariance what they have done to the pose so far.
+        `drift` is the effect of calibration errors on the pose so far, where they are estimated.
         """
-        last, C, _, _ = self._visual[-1]
+        last, C, _ = self._visual[-1]
         pose, Fx, Fu = compose(last, step[0])
         covariance, by_errors = Fx @ C @ Fx.T + Fu @ step[1] @ Fu.T, np.zeros((3, 3))
         if drift is not None:
             by_errors = drift.covariance(float(pose[2]), is_corrected=False)
-        off_plane = np.full(3, np.nan) if motion is None else motion.off_plane
-        self._visual.append((pose, covariance, by_errors, off_plane))
+        self._visual.append((pose, covariance, by_errors))
 
     def result(self, visual_map: VisualMap) -> VisualResult:
         """The result of the frames so far."""
@@ -178,7 +168,7 @@ class RunLog:
         pose, covariance, constant, search, seconds, lost = map(
             np.array, zip(*self.poses, strict=True)
         )
-        visual, visual_covariance, drift, off_plane = map(np.array, zip(*self._visual, strict=True))
+        visual, visual_covariance, drift = map(np.array, zip(*self._visual, strict=True))
         landmarks, motion = visual_map.landmarks, visual_map.motion
         xy, covariances = visual_map.ekf.landmarks, visual_map.landmark_covariances
         more = len(self.remarks) - MAX_REMARKS
@@ -194,7 +184,6 @@ class RunLog:
             descriptors=landmarks.descriptor,
             height=landmarks.height,
             observations=LandmarkObservations.concatenate(self._observations),
-            off_plane=off_plane,
             missed=self.missed,
             frame_seconds=seconds,
             lost=lost,

@@ -71,18 +71,12 @@ class SingleCameraMotionEstimator(MotionEstimator):
         control, off_plane, _ = robot_motion(camera, motion.rotation, translation, earlier)
         return motion._replace(control=control, off_plane=off_plane, translation=translation)
 
-    def join(
-        self,
-        expected: MotionEstimate,
-        motion: Egomotion | None,
-        points: PointPair,
-        frames: Frames,
-    ) -> tuple[MotionEstimate, Egomotion | None]:
+    def join(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
         """The motion by the camera, with a length from odometry and the ground."""
         if motion is None:
             earlier, now = self.cameras
-            self._trajectory.append(*camera_motion(now, expected[0], earlier))
-            return self.measured(expected, None), None
+            self._trajectory.append(*camera_motion(now, self._step[0], earlier))
+            return self.measured(None)
         previous, current = (None if each.frame.turn else each.left for each in frames)
         if previous is not None and current is not None:
             distance = self._ground.distance(previous, current, motion)
@@ -90,9 +84,9 @@ class SingleCameraMotionEstimator(MotionEstimator):
                 motion = self._with_distance(motion, distance)
         self._trajectory.append(motion.rotation, motion.translation)
         self.planarity.update(motion.off_plane, self.seconds)
-        control = self.measured(expected, motion)
+        control = self.measured(motion)
         self._learn_turn(control)
-        return control, motion
+        return control
 
     def with_depth(self, points: TrackedPoints) -> TrackedPoints:
         """The tracked points (k,) with depths triangulated from their first and last pixels."""

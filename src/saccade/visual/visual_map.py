@@ -14,8 +14,8 @@ from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import depth_sigma
 from saccade.visual.egomotion import MotionEstimate
+from saccade.visual.motion_errors import correlation_factor
 from saccade.visual.motion_estimator import MotionEstimator
-from saccade.visual.motion_prior import correlation_factor
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.smoothing import MapLog
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints

@@ -1,16 +1,13 @@
-"""Motion prior, systematic errors of the camera, and departures from the ground plane."""
+"""Errors of the motion by the camera, and departures from the ground plane."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.slam.consistency import chi_square_gate
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import Egomotion, MotionEstimate
+from saccade.visual.egomotion import Egomotion
 
-FUSION_GATE = 0.9999
-"""Probability of the gate within which two estimates of a control are fused."""
 CONSTANT_TURN = np.pi / 2
 """Radians over which a calibration error of the turn is constant."""
 CONSTANT_DISTANCE = 10.0
@@ -26,49 +23,6 @@ MAX_TILT_RATIO = 3.0
 """Largest ratio of the tilt to the assumed one that is not reported."""
 MAX_HEIGHT = 0.3
 """Largest standard deviation of the height that is not reported, in meters."""
-
-
-def fuse(first: MotionEstimate, second: MotionEstimate) -> MotionEstimate:
-    """Fuse two independent estimates of a control by their information.
-
-    Where they differ by more than the gate allows, the first alone.
-    """
-    difference, total = first[0] - second[0], first[1] + second[1]
-    weighted = np.linalg.solve(total, difference)
-    if difference @ weighted > chi_square_gate(3, FUSION_GATE):
-        return first
-    covariance = second[1]
-    fused = covariance - covariance @ np.linalg.solve(total, covariance)
-    return second[0] + covariance @ weighted, fused
-
-
-@dataclass
-class MotionPrior:
-    """Constant-velocity prediction, fused with odometry."""
-
-    acceleration_sigma: FloatArray
-    """(3,) standard deviations of the change of forward and lateral speed (m/s) and of turn rate
-    (rad/s) in a second."""
-    _velocity: FloatArray | None = field(default=None, init=False)
-    _covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)), init=False)
-
-    def predict(
-        self, control: FloatArray, covariance: FloatArray, seconds: float
-    ) -> MotionEstimate:
-        """Odometry (3,) with its covariance (3, 3), fused with the last motion.
-
-        Where they disagree, odometry alone: the robot may have stopped, or been lifted or turned.
-        """
-        if self._velocity is None or seconds <= 0:
-            return control, covariance
-        expected = self._velocity * seconds
-        noise = np.diag(np.square(self.acceleration_sigma * seconds**2))
-        return fuse((control, covariance), (expected, self._covariance * seconds**2 + noise))
-
-    def update(self, control: FloatArray, covariance: FloatArray, seconds: float) -> None:
-        """Set the last motion (3,), its covariance (3, 3) and its duration."""
-        if seconds > 0:
-            self._velocity, self._covariance = control / seconds, covariance / seconds**2
 
 
 @dataclass
@@ -126,7 +80,7 @@ def correlation_factor(seconds: float, config: VisualConfig) -> float:
 
 
 def camera_error_covariance(
-    motion: Egomotion, seconds: float, config: VisualConfig, tilt: float
+    motion: Egomotion, seconds: float, config: VisualConfig, tilt: float, measures_range: bool
 ) -> FloatArray:
     """(3, 3) covariance of a motion by the camera, inflated for errors correlated in time.
 
@@ -135,10 +89,11 @@ def camera_error_covariance(
     radians is cos(tilt) times as long on the ground.
     """
     factor = np.sqrt(correlation_factor(seconds, config))
-    inflation = np.diag([1.0, 1.0, factor]) if motion.includes_prior else factor * np.eye(3)
     relative = config.relative_motion_sigma
-    if motion.includes_prior:
+    if not measures_range:  # the length is that of odometry
         relative = 0.0, TOTAL_RELATIVE_SIGMA[1]
+    along = factor if measures_range else 1.0
+    inflation = np.diag([along, along, factor])
     distance, turn = np.hypot(relative, 1 - np.cos(tilt))
     forward = motion.control[:2]
     covariance = inflation @ motion.covariance @ inflation

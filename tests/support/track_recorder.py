@@ -1,4 +1,4 @@
-"""Records the points that a run tracks, as a drive of tracks."""
+"""Records the points that visual SLAM tracks, as a drive of tracks without images."""
 
 from dataclasses import replace
 
@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from saccade.frames import CameraTurn, Drive, Frame, Tracks
+from saccade.visual import Pipeline, VisualConfig, VisualResult
 from saccade.visual.depth import first_frame
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.reidentification import REMATCH_RADIUS
@@ -13,6 +14,16 @@ from saccade.visual.tables import TrackedPoints
 
 DEPTH_BASELINE = 0.075
 """Meters between the cameras of the stereo rig as which a depth camera is recorded: Kinect's."""
+
+
+def record_tracks(drive: Drive) -> tuple[VisualResult, Drive]:
+    """Result of visual SLAM on a drive, and the tracks recorded meanwhile."""
+    recorder = TrackRecorder()
+    with Pipeline(drive, VisualConfig()) as pipeline:
+        for number in range(len(drive)):
+            pipeline.step(number)
+            recorder.add(pipeline.tracked, pipeline.features)
+        return pipeline.result(), recorder.drive(drive)
 
 
 class TrackRecorder:
