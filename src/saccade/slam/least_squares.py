@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, cholesky
 from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
@@ -20,12 +20,17 @@ from saccade.types import FloatArray, IntArray
 
 MAX_ITERATIONS = 50
 """Largest number of iterations of Levenberg-Marquardt."""
-MIN_DECREASE = 1e-6
+MIN_DECREASE = 1e-5
 """Minimum relative decrease of the cost in an iteration; the estimate has converged otherwise."""
-FIRST_DAMPING = 1e-9
-"""Damping of the first iteration, relative to the diagonal of the normal equations."""
+MIN_DAMPING = 1e-9
+"""Damping after a step that does not decrease the cost, relative to the diagonal of the normal
+equations; other steps are those of Gauss and Newton."""
 DAMPING_FACTOR = 100.0
 """Factor on the damping after a step that does not decrease the cost; its inverse after others."""
+STRETCH = 48
+"""Number of successive poses whose covariances are computed together."""
+NEGLIGIBLE = 1e-12
+"""Derivative of a pose by a landmark, below which the landmark does not matter for the pose."""
 MAX_DAMPING = 1e6
 """Largest damping of a step."""
 
@@ -187,28 +192,34 @@ class NormalEquations:
         """
         p = self._poses
         H_pl, H_ll = self._H[:p, p:], self._H[p:, p:].toarray()
-        given, X = _solve_chain(self._H[:p, :p], H_pl.toarray())
+        given, X = _solve_chain(self._H[:p, :p], H_pl.toarray("C"))
         L = cholesky(H_ll - H_pl.T @ X, lower=True)
-        Y = solve_triangular(L, X.T, lower=True).T.reshape(p // 3, 3, len(L))  # X S^-1 X^T = Y Y^T
-        return given + Y @ Y.transpose(0, 2, 1), cho_solve((L, True), np.eye(len(L)))
+        others = cho_solve((L, True), np.eye(len(L)))
+        X = X.reshape(p // 3, 3, len(L))
+        for i in range(0, p // 3, STRETCH):  # X is almost zero for landmarks far from the poses
+            near = np.flatnonzero(np.abs(X[i : i + STRETCH]).max((0, 1)) > NEGLIGIBLE)
+            x = X[i : i + STRETCH, :, near]
+            weighted = x.reshape(3 * len(x), len(near)) @ others[np.ix_(near, near)]
+            given[i : i + STRETCH] += weighted.reshape(x.shape) @ x.transpose(0, 2, 1)
+        return given, others
 
 
 def minimize(
     measured: Measurements, start: Estimate, min_decrease: float = MIN_DECREASE
 ) -> tuple[Estimate, int]:
     """The least-squares estimate by Levenberg-Marquardt, and the number of iterations."""
-    best, cost, damping, iterations = start, measured.cost(start), FIRST_DAMPING, 0
+    best, cost, damping, iterations = start, measured.cost(start), 0.0, 0
     while iterations < MAX_ITERATIONS:
         iterations += 1
         equations, new = NormalEquations(measured, best), np.inf
         while new > cost and damping < MAX_DAMPING:
             moved = best.moved(equations.step(damping))
             new = measured.cost(moved)
-            damping *= DAMPING_FACTOR if new > cost else 1 / DAMPING_FACTOR
+            failed = max(damping * DAMPING_FACTOR, MIN_DAMPING)
+            damping = failed if new > cost else damping / DAMPING_FACTOR
         if new > cost:
             break
-        damping, decrease = max(damping, FIRST_DAMPING), cost - new
-        best, cost = moved, new
+        best, decrease, cost = moved, cost - new, new
         if decrease <= min_decrease * cost:
             break
     return best, iterations
@@ -219,16 +230,20 @@ def _sparse(rows: Sequence[Sequence[tuple[FloatArray, IntArray]]], columns: int)
 
     Blocks of one group stand in the same rows; the groups stand one below another.
     """
-    values, where, first = [], [], 0
+    values, indices, lengths = [], [], [np.zeros(1, np.int64)]
     for group in rows:
-        for block, column in group:
-            f, r, c = block.shape
-            row = first + np.arange(f * r).reshape(f, r, 1)
-            place = np.broadcast_arrays(row, column[:, None, None] + np.arange(c))
-            values.append(block.ravel())
-            where.append(np.stack([each.ravel() for each in place]))
-        first += len(group[0][0]) * group[0][0].shape[1]
-    return csr_array((np.concatenate(values), np.concatenate(where, 1)), (first, columns))
+        f, r, _ = group[0][0].shape
+        value = np.concatenate([block for block, _ in group], 2)
+        place = [
+            np.broadcast_to(first[:, None] + np.arange(block.shape[2]), (f, block.shape[2]))
+            for block, first in group
+        ]
+        values.append(value.ravel())
+        indices.append(np.repeat(np.concatenate(place, 1), r, 0).ravel())
+        lengths.append(np.full(f * r, value.shape[2]))
+    starts = np.cumsum(np.concatenate(lengths))
+    parts = np.concatenate(values), np.concatenate(indices), starts
+    return csr_array(parts, (len(starts) - 1, columns))
 
 
 def _perpendicular(v: FloatArray) -> FloatArray:
