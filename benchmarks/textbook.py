@@ -4,9 +4,12 @@
 
 For each image the correlation of the contrast
 maps, and how many keypoints of the textbook the preset finds within 0.1 px and a tenth of the
-scale. The figures are in `docs/appendices.md`.
+scale; then pop-out of a color. The figures are in `docs/appendices.md`.
 """
 
+import inspect
+import sys
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +17,10 @@ import numpy as np
 import saccade
 from measuring import DATA, arguments
 from saccade.textbook import contrast_saliency, sift
+from saccade.textbook.contrast_saliency import ContrastSaliency
 from saccade.types import Float32Array, Keypoints
+from saccade.viewing.textbook.parameters import load_module
+from saccade.viewing.textbook.pop_out import pop_out_display, target_rank
 
 MAPS = ("saliency", "intensity", "color", "orientation")
 PHOTOGRAPHS = ("coffee", "chelsea", "rocket", "astronaut", "hallway_1")
@@ -29,6 +35,7 @@ def main() -> None:
         correlations = " ".join(f"{each:.5f}" for each in map_agreement(image))
         print(f"{path.rpartition('/')[2]}: {correlations} | {sift_agreement(image)}")
     compare_default(photographs)
+    compare_pop_out()
 
 
 def map_agreement(image: Float32Array) -> list[float]:
@@ -86,6 +93,31 @@ def compare_default(photographs: list[str]) -> None:
         counts.append([len(printed.keypoints) / kept, len(ours) / len(np.unique(ours.xy, axis=0))])
     textbook, default = np.mean(counts, axis=0)
     print(f"orientations a point, mean of five: textbook {textbook:.2f}, default {default:.2f}")
+
+
+def compare_pop_out() -> None:
+    """In how many of ten displays the red bar is the most salient, by model and background."""
+    source = inspect.getsource(sys.modules["saccade.textbook.contrast_saliency"])
+    brightest = " / rgb.max(-1, initial=BLACK)"
+    models = {
+        "printed": contrast_saliency,
+        "undivided": changed(source, brightest, ""),
+        "signed": changed(source, "np.abs(center - ", "np.maximum(0, center - "),
+        "default": saccade.contrast_saliency,
+    }
+    for background in (0.5, 0.0):
+        displays = [pop_out_display(seed, background) for seed in range(10)]
+        counts = {
+            name: sum(target_rank(model(image).saliency, *bars) == 1 for image, *bars in displays)
+            for name, model in models.items()
+        }
+        print(f"pop-out in ten displays on {background}:", counts)
+
+
+def changed(source: str, old: str, new: str) -> Callable[[Float32Array], ContrastSaliency]:
+    """The contrast saliency of the textbook with another expression."""
+    assert old in source
+    return load_module(source.replace(old, new), "contrast_saliency.py").contrast_saliency
 
 
 if __name__ == "__main__":

@@ -7,14 +7,16 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from saccade import datasets
+from saccade.attention.contrast import contrast_saliency
 from saccade.cli.options import JsonOptions, Options, OutputFolder
 from saccade.cli.output import Result, Table, write_text
 from saccade.errors import setting
 from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.image import read_image
+from saccade.types import Float32Array, Image
 from saccade.viewing.page import shrunk
 from saccade.viewing.textbook.ekf import simulated_log
-from saccade.viewing.textbook.walkthrough import walk_through, walkthrough_page
+from saccade.viewing.textbook.walkthrough import Walkthrough, walkthrough_page
 
 LEAD = (
     "Each step with its equations, the code that computes them, and the results for "
@@ -36,6 +38,11 @@ class TextbookOptions(JsonOptions, SourceArgument):
     """Options of `saccade textbook`."""
 
     out: OutputFolder = Path("saccade-textbook")
+    scan: int | None = setting(None, 1)
+    """Last of the eight scans of the log whose steps are shown, by default the eighth."""
+    changes: Annotated[list[str] | None, Parameter("--set", metavar="NAME=VALUE")] = None
+    """Change a parameter of the equations, such as contrast.delta=2,3 or sift.tau_c=0.01; any other
+    text lists them all."""
     max_side: Annotated[int, Parameter(metavar="PX")] = setting(480, 32)
     """Maximum longer side, at least 32; larger images are reduced."""
 
@@ -46,7 +53,8 @@ def textbook(options: TextbookOptions) -> Result:
     Writes a page (report.html) that shows each step of appendices A, B and C:
     the equation, the code that computes it, and a figure. A photograph gives the
     contrast-saliency model, SIFT, and EKF-SLAM in a small simulated world; a log
-    gives EKF-SLAM alone.
+    gives EKF-SLAM alone. A menu on the page chooses the step of the filter whose
+    matrices are shown.
 
     Example: saccade textbook photo.jpg
     """
@@ -57,12 +65,17 @@ def textbook(options: TextbookOptions) -> Result:
         image = shrunk(photo, options.max_side / max(photo.shape))
     else:
         log, appendices = datasets.load("auto", source), "C"
+    walkthrough = Walkthrough(log, image, _default_saliency, options.scan, options.changes or ())
     sections, results = [], {}
     for appendix in appendices:
-        section, results[appendix] = walk_through(appendix, image, log)
+        section, results[appendix] = walkthrough.section(appendix)
         sections.append(section)
     page, lead = options.out / "report.html", LEAD.format(source=source.name)
     write_text(page, walkthrough_page(f"saccade textbook: {source.name}", lead, sections))
     row = {"source": str(source), "report": str(page), "results": results}
     rows = [row for steps in results.values() for step in steps.values() for row in step.items()]
     return Result(row, [Table(f"{source.name} -> {page}", ["", ""], rows)])
+
+
+def _default_saliency(image: Image) -> Float32Array:
+    return contrast_saliency(image).saliency

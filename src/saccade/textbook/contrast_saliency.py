@@ -15,7 +15,9 @@ from saccade.io.image import as_rgb
 from saccade.types import FloatArray, Image, IntArray
 
 R, G, B = 0, 1, 2  # along the last axis of an image
-SCALES = [(c, c + delta) for c in (2, 3, 4) for delta in (3, 4)]  # c, s
+CENTER = (2, 3, 4)  # c
+DELTA = (3, 4)
+SCALES = [(c, c + delta) for c in CENTER for delta in DELTA]  # c, s
 THETAS = (0, 45, 90, 135)  # in degrees: the direction of a bar, from x towards y (down)
 BLACK = np.finfo(np.float64).tiny
 """Open: A.2 and A.3 are 0 / 0 for black; 0 / BLACK = 0 means no color."""

@@ -1,4 +1,4 @@
-"""EKF-SLAM traced through the first scans of a log (appendix C), with figures of its steps."""
+"""EKF-SLAM traced through a few scans of a log (appendix C), with figures of its steps."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from saccade.errors import LogError
-from saccade.textbook.ekf_slam import f, g, h
+from saccade.textbook.ekf_slam import Augmentation, Prediction, Update, f, g, h
 from saccade.types import FloatArray, LandmarkLog
 from saccade.viewing.slam import (
     ELLIPSE_LABEL,
@@ -22,7 +22,7 @@ from saccade.viewing.slam import (
 from saccade.viewing.style import BLUE, DIVERGING, GRAY, ORANGE, RED, hide_ticks
 
 MAX_SCANS = 8
-"""Maximum number of scans traced in a log."""
+"""Maximum number of scans shown."""
 MIN_ELLIPSE_FRACTION = 0.08
 """Minimum size of the largest ellipse after magnification, as a fraction of the map's width."""
 MAX_LABELS = 6
@@ -51,64 +51,87 @@ class State(NamedTuple):
 class Transition(NamedTuple):
     """One step of the filter."""
 
+    scan: int
+    """Scan in which it happens, or that follows it, from 1."""
     before: State
     after: State
-    observed: FloatArray | None
+    result: Prediction | Update | Augmentation
+    """Intermediate results of the textbook."""
+    landmark: int | None = None
+    """Row of the observed landmark in the map; None for a prediction."""
+    observed: FloatArray | None = None
     """(2,) landmark position by the observation alone; None for a prediction."""
 
 
 class FilterTrace(NamedTuple):
-    """The states of a filter in the first scans of a log."""
+    """The states of a filter in consecutive scans of a log."""
 
-    transitions: dict[str, Transition]
-    """Last "predict" and "augment", and the "update" with the largest covariance reduction."""
+    steps: dict[str, list[Transition]]
+    """Every "predict", "update" and "augment" of the scans; at least the last before them."""
     scans: list[tuple[str, State]]
     """Title and state after each scan."""
 
+    @property
+    def drawn(self) -> dict[str, Transition]:
+        """The last augmentation, and the prediction and update that change P the most."""
+        return {
+            name: steps[-1] if name == "augment" else max(steps, key=_change)
+            for name, steps in self.steps.items()
+            if steps
+        }
 
-def trace_filter(log: LandmarkLog, ekf_slam: Any) -> FilterTrace:
-    """Run the filter of the textbook over the first scans of a log.
+
+def trace_filter(log: LandmarkLog, ekf_slam: Any, last_scan: int | None = None) -> FilterTrace:
+    """Run the filter of the textbook, and keep its last `MAX_SCANS` scans.
 
     Args:
         log: with landmark identities.
         ekf_slam: the class `EkfSlam`.
+        last_scan: number of the last scan, from 1; by default `MAX_SCANS`, or the last of the log.
 
     Raises:
-        LogError: the log has no landmark identities.
+        LogError: the log has no landmark identities, or fewer scans.
     """
     if (log.landmark < 0).any() or len(log.landmark) == 0:
         raise LogError(f"{log.name}: expected labels for all observations, as in appendix C")
+    ekf, index_of = ekf_slam(log.start), dict[int, int]()
+    trace = FilterTrace({"predict": [], "update": [], "augment": []}, [])
+    number, last = 1, last_scan or MAX_SCANS
 
     def current() -> State:
         return State(np.array(ekf.s), np.array(ekf.P))
 
-    ekf, trace, max_gain = ekf_slam(log.start), FilterTrace({}, []), -np.inf
-    index_of: dict[int, int] = {}
+    def keep(name: str, before: State, result: Any, *observation: Any) -> None:
+        trace.steps[name].append(Transition(number, before, current(), result, *observation))
+
     for pose in range(len(log.time)):
-        state = current()
         for u, U in _controls(log, pose - 1) if pose else ():
-            ekf.predict(u, U)
-            trace.transitions["predict"] = Transition(state, current(), None)
+            keep("predict", current(), ekf.predict(u, U))
         observations = np.flatnonzero(log.observation_pose == pose)
         for i in observations:
-            state, landmark = current(), int(log.landmark[i])
+            before, label = current(), int(log.landmark[i])
             z, R = log.observation[i], log.observation_covariance[i]
-            observed = g(ekf.x, z)
-            if landmark in index_of:
-                ekf.update(index_of[landmark], z, R)
-                update = Transition(state, current(), observed)
-                if (gain := float(np.trace(state.P - update.after.P))) > max_gain:
-                    max_gain, trace.transitions["update"] = gain, update
+            row, observed = index_of.setdefault(label, len(index_of)), g(ekf.x, z)
+            if row < ekf.N:
+                keep("update", before, ekf.update(row, z, R), row, observed)
             else:
-                ekf.augment(z, R)
-                index_of[landmark] = len(index_of)
-                trace.transitions["augment"] = Transition(state, current(), observed)
+                keep("augment", before, ekf.augment(z, R), row, observed)
         if len(observations):
             count = "1 landmark" if len(index_of) == 1 else f"{len(index_of)} landmarks"
-            trace.scans.append((f"scan {len(trace.scans) + 1}: {count}", current()))
-        if len(trace.scans) == MAX_SCANS:
+            trace.scans.append((f"scan {number}: {count}", current()))
+            del trace.scans[:-MAX_SCANS]
+            for steps in trace.steps.values():
+                steps[:] = [each for each in steps if each.scan > number - MAX_SCANS] or steps[-1:]
+            number += 1
+        if number > last:
             break
+    if last_scan is not None and number <= last_scan:
+        raise LogError(f"{log.name}: expected a scan from 1 to {number - 1}, found {last_scan}")
     return trace
+
+
+def _change(step: Transition) -> float:
+    return float(abs(np.trace(step.before.P - step.after.P)))
 
 
 def simulated_log() -> LandmarkLog:
@@ -143,18 +166,18 @@ def simulated_log() -> LandmarkLog:
 
 def filter_figures(trace: FilterTrace) -> dict[str, Figure]:
     """The figures of the steps of a filter, by name."""
-    figures = {name: _transition_figure(each) for name, each in trace.transitions.items()}
+    figures = {name: _transition_figure(each) for name, each in trace.drawn.items()}
     return {"state": _correlation_figure(trace.scans), **figures}
 
 
 def filter_results(trace: FilterTrace) -> dict[str, dict[str, str]]:
     """The results of the steps of a filter, by step and name."""
-    state = trace.scans[-1][1]
+    title, state = trace.scans[-1]
     x, y, theta = state.s[:3]
     sigma = np.sqrt(np.diagonal(state.P)[:3])
     return {
         "state": {
-            f"pose after {len(trace.scans)} scans": f"x = {x:.3f} ± {sigma[0]:.3f} m, "
+            f"pose after {title.partition(':')[0]}": f"x = {x:.3f} ± {sigma[0]:.3f} m, "
             f"y = {y:.3f} ± {sigma[1]:.3f} m, heading {np.degrees(theta):.2f} "
             f"± {np.degrees(sigma[2]):.2f}°",
         }
@@ -178,7 +201,7 @@ def _controls(log: LandmarkLog, step: int) -> Iterator[tuple[FloatArray, FloatAr
 
 def _transition_figure(transition: Transition) -> Figure:
     """The map, and the correlations before and after a step of the filter."""
-    before, after, observed = transition
+    before, after, observed = transition.before, transition.after, transition.observed
     figure = Figure(figsize=(11.5, 4.3), layout="compressed", dpi=110)
     ground, left, right = figure.subplots(1, 3, width_ratios=(1.35, 1, 1))
     magnification = _magnification(transition)
@@ -253,7 +276,7 @@ def _draw_state(
 
 def _magnification(transition: Transition) -> int:
     """Magnification that makes the largest ellipse visible."""
-    before, after, observed = transition
+    before, after, observed = transition.before, transition.after, transition.observed
     points = [
         before.positions,
         after.positions,

@@ -1,11 +1,11 @@
 """Runs the textbook on an image or a log, and describes its steps."""
 
-import inspect
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,14 @@ from matplotlib.figure import Figure
 
 from saccade import textbook
 from saccade.io.files import read_text
-from saccade.types import Image, LandmarkLog
+from saccade.types import Float32Array, Image, LandmarkLog
 from saccade.viewing.page import data_uri, escape, html_page, picture_html, web_file
-from saccade.viewing.textbook.ekf import filter_figures, filter_results, trace_filter
+from saccade.viewing.textbook.ekf import (
+    FilterTrace,
+    filter_figures,
+    filter_results,
+    trace_filter,
+)
 from saccade.viewing.textbook.equations import Code, equation_code
 from saccade.viewing.textbook.images import (
     contrast_figures,
@@ -24,13 +29,14 @@ from saccade.viewing.textbook.images import (
     sift_figures,
     sift_results,
 )
+from saccade.viewing.textbook.parameters import changed_source, load_module, parse_changes
+from saccade.viewing.textbook.pop_out import pop_out_display, pop_out_figure, target_rank
+from saccade.viewing.textbook.values import chooser_html
 
-ENTRY_POINTS: dict[str, Any] = {
-    "A": textbook.contrast_saliency,
-    "B": textbook.sift,
-    "C": textbook.EkfSlam,
-}
-"""Function or class that implements each appendix."""
+FILES = {"A": "contrast_saliency.py", "B": "sift.py", "C": "ekf_slam.py"}
+"""File that implements each appendix."""
+SYSTEMS = {"A": "contrast", "B": "sift"}
+"""Systems with parameters, by appendix."""
 TITLES = {
     "A": "A. The contrast-saliency model",
     "B": "B. The Scale-Invariant Feature Transform",
@@ -44,52 +50,93 @@ WIDE_TEX = 36
 """Maximum number of characters of TeX for a formula that fits a phone."""
 
 
-@cache
-def code_of(appendix: str) -> dict[str, Code]:
-    """The code of each equation of an appendix by its number, and of each function by its name."""
-    path = Path(inspect.getfile(ENTRY_POINTS[appendix]))
-    return equation_code(read_text(path), path.name)
-
-
-def walk_through(appendix: str, image: Image | None, log: LandmarkLog) -> tuple[str, Results]:
-    """Run an appendix, and describe its steps.
-
-    Args:
-        appendix: "A", "B" or "C".
-        image: (H, W, 3) in [0, 1]; not needed for appendix C.
-        log: for appendix C.
-
-    Returns:
-        A section of the page, as HTML, and the results.
+@dataclass(frozen=True)
+class Walkthrough:
+    """The data for the appendices, and the changed parameters.
 
     Raises:
-        LogError: the log has no landmark identities, or another motion model.
+        ConfigError: unknown parameter, or a value outside its range.
     """
-    figures, results = run_appendix(appendix, image, log)
-    text = f"Computed by `{inspect.getfile(ENTRY_POINTS[appendix])}`."
-    if appendix == "C" and log.motion == "compose":
-        text += (
-            " The controls of this log translate before they turn: each becomes two, (d, φ) of the "
-            "translation and of the remaining turn, without the lateral uncertainty."
-        )
-    parts = [f"<section>\n<h2>{TITLES[appendix]}</h2>\n<p>{_prose_html(text)}</p>"]
-    parts += [
-        _step_html(each, code_of(appendix), figures, results) for each in load_steps(appendix)
-    ]
-    return "\n".join([*parts, "</section>"]), results
 
+    log: LandmarkLog
+    """For appendix C, with landmark identities."""
+    image: Image | None = None
+    """(H, W, 3) in [0, 1], for appendices A and B."""
+    default_saliency: Callable[[Image], Float32Array] | None = None
+    """Saliency of the default model, for comparison."""
+    last_scan: int | None = None
+    """Last scan shown, from 1; by default the eighth."""
+    changes: Sequence[str] = ()
+    """Changed parameters such as "contrast.delta=2,3"."""
 
-def run_appendix(appendix: str, image: Image | None, log: LandmarkLog) -> tuple[Figures, Results]:
-    """The figures and the results of the steps of an appendix; arguments as of `walk_through`."""
-    if appendix == "C":
-        trace = trace_filter(log, textbook.EkfSlam)
-        return filter_figures(trace), filter_results(trace)
-    assert image is not None
-    if appendix == "A":
-        saliency = textbook.contrast_saliency(image)
-        return contrast_figures(image, saliency), contrast_results(saliency)
-    points = textbook.sift(image)
-    return sift_figures(image, points), sift_results(points)
+    @cached_property
+    def sources(self) -> dict[str, str]:
+        """The source of each appendix, with the changed parameters."""
+        folder, changes = Path(textbook.__file__).parent, parse_changes(self.changes)
+        sources = {key: read_text(folder / name) for key, name in FILES.items()}
+        for key, system in SYSTEMS.items():
+            sources[key] = changed_source(sources[key], system, changes[system])
+        return sources
+
+    @cached_property
+    def trace(self) -> FilterTrace:
+        """The steps of the filter in the log.
+
+        Raises:
+            LogError: the log has no landmark identities, or fewer scans.
+        """
+        return trace_filter(self.log, textbook.EkfSlam, self.last_scan)
+
+    def code(self, appendix: str) -> dict[str, Code]:
+        """The code of each equation by its number, and of each function by its name."""
+        return equation_code(self.sources[appendix], FILES[appendix])
+
+    def run(self, appendix: str) -> tuple[Figures, Results]:
+        """The figures and the results of the steps of an appendix."""
+        if appendix == "C":
+            return filter_figures(self.trace), filter_results(self.trace)
+        assert self.image is not None
+        module: Any = load_module(self.sources[appendix], FILES[appendix])
+        if appendix == "B":
+            points = module.sift(self.image)
+            return sift_figures(self.image, points), sift_results(points)
+        saliency = module.contrast_saliency(self.image)
+        figures, results = contrast_figures(self.image, saliency), contrast_results(saliency)
+        if self.default_saliency is not None:
+            display, centers, target = pop_out_display(0)
+            printed, default = module.contrast_saliency(display), self.default_saliency(display)
+            figures["pop-out"] = pop_out_figure(display, printed, default)
+            maps = {"as printed": printed.saliency, "by the default": default}
+            results["pop-out"] = {
+                f"rank of the red bar, {name}": f"{target_rank(each, centers, target)}"
+                for name, each in maps.items()
+            }
+        return figures, results
+
+    def section(self, appendix: str) -> tuple[str, Results]:
+        """A section of the page, as HTML, and the results.
+
+        Raises:
+            LogError: as `trace`.
+        """
+        figures, results = self.run(appendix)
+        text = f"Computed by `saccade/textbook/{FILES[appendix]}`"
+        system = SYSTEMS.get(appendix)
+        changes = [each for each in self.changes if each.partition(".")[0] == system]
+        text += f", with `{'`, `'.join(changes)}`." if changes else "."
+        if appendix == "C" and self.log.motion == "compose":
+            text += (
+                " The controls of this log translate before they turn: each becomes two, (d, φ) of "
+                "the translation and of the remaining turn, without the lateral uncertainty."
+            )
+        code = self.code(appendix)
+        parts = [f"<section>\n<h2>{TITLES[appendix]}</h2>\n<p>{_prose_html(text)}</p>"]
+        values = dict[str, str]()
+        if appendix == "C":
+            steps, drawn = self.trace.steps, self.trace.drawn
+            values = {name: chooser_html(name, steps[name], drawn[name]) for name in drawn}
+        parts += [_step_html(each, code, figures, results, values) for each in load_steps(appendix)]
+        return "\n".join([*parts, "</section>"]), results
 
 
 def load_steps(appendix: str) -> list[dict[str, Any]]:
@@ -99,14 +146,14 @@ def load_steps(appendix: str) -> list[dict[str, Any]]:
 
 
 def walkthrough_page(title: str, lead: str, sections: Sequence[str]) -> str:
-    """The page as the text of one HTML file without scripts.
+    """The page as the text of one HTML file.
 
     Args:
         title: of the page.
         lead: its first paragraph.
         sections: HTML, one for each appendix.
     """
-    return html_page(title, lead, "\n".join(sections), ["page.css", "steps.css"])
+    return html_page(title, lead, "\n".join(sections), ["page.css", "steps.css"], ["steps.js"])
 
 
 def save_webp(figure: Figure, file: BytesIO | Path) -> None:
@@ -144,19 +191,23 @@ def mathml() -> dict[str, str]:
 
 
 def _step_html(
-    step: Mapping[str, Any], code: Mapping[str, Code], figures: Figures, results: Results
+    step: Mapping[str, Any],
+    code: Mapping[str, Code],
+    figures: Figures,
+    results: Results,
+    values: Mapping[str, str],
 ) -> str:
-    """Heading, text, equations beside code, figure, results and remark."""
+    """Heading, text, equations beside code, figure, matrices, results and remark."""
     name = step["name"]
-    parts = [
-        f"<h3>{escape(step['title'])}</h3>\n<p>{_prose_html(step['text'])}</p>",
-        equations_html(step["equations"], code),
-    ]
+    parts = [f"<h3>{escape(step['title'])}</h3>\n<p>{_prose_html(step['text'])}</p>"]
+    if step["equations"]:
+        parts.append(equations_html(step["equations"], code))
     if name in figures:
         with BytesIO() as file:
             save_webp(figures[name], file)
             source = data_uri("webp", file.getvalue())
         parts.append(picture_html(source, step["alt"], step["caption"]))
+    parts += [values[name]] if name in values else []
     if name in results:
         rows = (f"<dt>{escape(n)}</dt><dd>{escape(each)}</dd>" for n, each in results[name].items())
         parts.append(f"<dl>{''.join(rows)}</dl>")
@@ -181,7 +232,8 @@ def _equation_html(number: str, tex: str, code: Code) -> str:
 
 
 def _prose_html(text: str) -> str:
-    """Text with `code`; links to the documentation become plain text."""
+    """Text with `code`; links become plain text, and links in parentheses are left out."""
+    text = re.sub(r" \(\[[^\]]+\]\([^)]+\)\)", "", text)
     link = re.compile(r"\[([^\]]+)\]\([^)]+\)")
     return "".join(
         f"<code>{escape(part)}</code>" if i % 2 else escape(link.sub(r"\1", part))
