@@ -1,5 +1,6 @@
 """The local server without a browser: access, limits, results and copied snippets."""
 
+import json
 import re
 import signal
 import socket
@@ -10,6 +11,7 @@ from importlib.resources import files
 from typing import get_type_hints
 from urllib.request import Request, urlopen
 
+import numpy as np
 import pytest
 
 from saccade.errors import ConfigError, ImageError
@@ -223,6 +225,22 @@ def test_the_copied_files_have_the_settings(tmp_path):
         assert load_settings(kind, path=path) == settings_from(kind, settings, "request")
 
 
+def test_the_page_opens_with_the_scanpath_of_look(tmp_path, run):
+    _, out, _ = run("look", PHOTO, "--json")
+    expected = json.loads(out)["images"][0]["scanpath"]
+    tables = {}
+    for group in controls()["groups"]:
+        tables |= group["presets"][group["initial"]]
+    analyzer = PhotoAnalyzer()
+    photo = analyzer.open(PHOTO.read_bytes(), "a.jpg")["photo"]
+    found = analyzer.analyze({"photo": photo, **tables})
+    xy = found["scanpath"]["xy"].reshape(-1, 2)
+    assert np.allclose(xy, [row[:2] for row in expected], atol=1)
+    assert "--scanpath most-probable --fixations 10" in found["file"]
+    network = analyzer.analyze({"photo": photo, "path": "winner-take-all", **tables})
+    assert not np.array_equal(network["scanpath"]["xy"], found["scanpath"]["xy"])
+
+
 @pytest.mark.parametrize("group", controls()["groups"], ids=lambda group: group["kind"])
 def test_every_slider_stays_where_the_configuration_allows(group):
     kind = group["kind"]
@@ -250,7 +268,11 @@ def test_every_slider_stays_where_the_configuration_allows(group):
         ({"contrast": 3}, "contrast: expected a table of settings, found 3"),
         ({"attention": {"no": 1}}, "attention: no setting 'no'"),
         ({"symmetry": {"inner": 9}}, "inner: expected 1 px to 4, found 9"),
-        ({"scanpath": {"gain": "x"}}, "scanpath: gain: expected a number, found 'x'"),
+        (
+            {"path": "winner-take-all", "scanpath": {"gain": "x"}},
+            "scanpath: gain: expected a number, found 'x'",
+        ),
+        ({"path": "shortest"}, "path: expected one of most-probable, winner-take-all"),
         ({"photo": None}, "no longer in memory"),
     ],
 )

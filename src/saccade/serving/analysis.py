@@ -9,11 +9,13 @@ import numpy as np
 from saccade import keypoints
 from saccade.attention.models import AttentionModel
 from saccade.attention.scanpath import scanpath
+from saccade.attention.scanpath_model import most_probable_scanpath
 from saccade.errors import ImageError, require
 from saccade.io.image import decode_image, read_header
 from saccade.serving.controls import (
     DETECTORS,
     MODELS,
+    SCANPATHS,
     attention_file,
     detection_file,
 )
@@ -80,7 +82,7 @@ class PhotoAnalyzer:
         """Saliency maps and scanpath of a photograph.
 
         Args:
-            request: "photo", "model", "fixations", and the settings by kind.
+            request: "photo", "model", "fixations", "path", and the settings by kind.
 
         Raises:
             KeyError: the photograph is not in memory.
@@ -92,11 +94,14 @@ class PhotoAnalyzer:
         fixations = request.get("fixations", 10)
         is_valid = type(fixations) is int and 1 <= fixations <= MAX_FIXATIONS
         require(is_valid, "fixations", f"1 to {MAX_FIXATIONS}", fixations)
+        method = request.get("path", next(iter(SCANPATHS)))
+        require(method in list(SCANPATHS), "path", f"one of {', '.join(SCANPATHS)}", method)
         kind, *parts = MODELS[model]
         settings = settings_from(model, request.get(kind, {}), kind)
         inner = {each: request[each] for each in parts if each in request}
         attention = AttentionModel(update_settings(settings, inner, kind))
-        config = settings_from("scanpath", request.get("scanpath", {}), "scanpath")
+        table = SCANPATHS[method]
+        config = settings_from(table, request[table], table) if table in request else None
         if self._cached_for != (photo, attention):
             try:
                 found = attention.maps(photo.pixels)
@@ -104,11 +109,12 @@ class PhotoAnalyzer:
                 raise ImageError(f"{photo.name}: {error}") from error
             self._cached, self._cached_for = (found, maps_data(found.layers)), (photo, attention)
         found, maps = self._cached
-        path = scanpath(found, config, fixations=fixations)
+        follow = most_probable_scanpath if table == "scanpath-model" else scanpath
+        path = follow(found, config, fixations=fixations)
         return {
             "maps": maps,
             "scanpath": scanpath_data(path),
-            "file": attention_file(model, attention.settings, fixations),
+            "file": attention_file(model, attention.settings, fixations, method),
         }
 
     def detect(self, request: Mapping[str, Any]) -> dict[str, Any]:

@@ -28,6 +28,8 @@ MODELS = {
     "boolean": ("boolean",),
 }
 """Configurations of each attention model: its own, then nested configurations."""
+SCANPATHS = {"most-probable": "scanpath-model", "winner-take-all": "scanpath"}
+"""Configuration of each kind of scanpath, the default of `saccade look` first."""
 
 
 GROUPS: dict[str, dict[str, Any]] = tomllib.loads(web_file("serving/controls.toml"))
@@ -39,6 +41,7 @@ def controls() -> dict[str, Any]:
     kinds = [kind for kind, group in GROUPS.items() if "title" in group]
     return {
         "models": {name: list(parts) for name, parts in MODELS.items()},
+        "scanpaths": SCANPATHS,
         "detectors": list(DETECTORS),
         "groups": [_group(kind) for kind in kinds],
         "playground": playground_controls(),
@@ -125,9 +128,9 @@ def _control(hint: Any, slider: Sequence[float] | None) -> dict[str, Any]:
     return {"input": {bool: "check", int: "number", float: "number"}.get(hint, "list")}
 
 
-def attention_file(model: str, settings: Any, fixations: int) -> str:
+def attention_file(model: str, settings: Any, fixations: int, scanpath: str) -> str:
     """The settings of a model as a configuration file for `saccade look`."""
-    options = f"--model {model} --scanpath winner-take-all --fixations {fixations}"
+    options = f"--model {model} --scanpath {scanpath} --fixations {fixations}"
     return f"# saccade look PHOTO {options} --config {model}.toml\n{as_toml(settings)}"
 
 

@@ -112,7 +112,7 @@ function meanCorrelation(values) {
 /** The table of how consistent each filter is; `show(summary, chosen)` fills it. */
 function scoreTable() {
   const body = make("tbody");
-  const heads = ["filter", "NEES of the pose (3 is expected)", "its mean", "true position inside 3 sigma",
+  const heads = ["filter", "NEES of the pose (3 is expected)", "mean NEES", "true position inside 3 sigma",
     "true landmarks inside", "now"];
   const element = make("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Consistency of the filters" },
     make("table", {}, make("thead", {}, make("tr", {}, ...heads.map((each) => make("th", { scope: "col" }, each)))), body));

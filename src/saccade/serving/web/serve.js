@@ -98,7 +98,7 @@ function pages(elements, changed) {
 }
 
 function serve(element, data) {
-  const request = { photo: null, model: "attention", detector: "sift", fixations: 10 };
+  const request = { photo: null, model: "attention", detector: "sift", fixations: 10, path: Object.keys(data.scanpaths)[0] };
   const results = { look: {}, points: {} };
   const errors = { photo: null, look: null, points: null };
   const running = { photo: false, look: false, points: false };
@@ -116,8 +116,8 @@ function serve(element, data) {
   const valuesOf = (kinds) => Object.fromEntries(kinds.map((kind) => [kind, values[kind]]));
 
   const look = requester("look", () => ({
-    photo: request.photo, model: request.model, fixations: request.fixations,
-    ...valuesOf([...data.models[request.model], "scanpath"]),
+    photo: request.photo, model: request.model, fixations: request.fixations, path: request.path,
+    ...valuesOf([...data.models[request.model], data.scanpaths[request.path]]),
   }), (result) => {
     results.look = result;
     view.change({ maps: result.maps, scanpath: result.scanpath, map: firstLook ? "saliency" : undefined });
@@ -231,16 +231,20 @@ function serve(element, data) {
     showGroups();
     detect();
   });
-  /** Show the settings of the chosen model and detector. */
+  const paths = segments("Scanpath", Object.keys(data.scanpaths), request.path, (name) => {
+    request.path = name;
+    showGroups();
+    look();
+  });
+  /** Show the settings of the chosen model, scanpath and detector. */
   function showGroups() {
-    for (const each of elements) {
-      const { kind } = each.dataset;
-      each.hidden = kind !== "scanpath" && kind !== request.detector && !data.models[request.model].includes(kind);
-    }
+    const shown = [...data.models[request.model], data.scanpaths[request.path], request.detector];
+    for (const each of elements) each.hidden = !shown.includes(each.dataset.kind);
   }
+  const kindsOfPaths = Object.values(data.scanpaths), others = [...kindsOfPaths, ...data.detectors];
   const panel = make("section", { class: "controls", "aria-label": "Settings" }, models,
-    ...elements.filter((each) => !data.detectors.includes(each.dataset.kind)), detectors, ...data.detectors.map(groupOf));
-  groupOf("scanpath").querySelector(".presets").after(fixations.element);
+    ...elements.filter((each) => !others.includes(each.dataset.kind)), paths, fixations.element,
+    ...kindsOfPaths.map(groupOf), detectors, ...data.detectors.map(groupOf));
   view.side.append(panel);
   showGroups();
   groupOf("attention").open = groupOf("sift").open = true;
