@@ -7,17 +7,24 @@ import pytest
 from saccade import Keypoints, Sift, match, read_image, verify
 from saccade.errors import ConfigError, KeypointsError
 from saccade.keypoints.two_view_fit import (
-    derivative,
-    local_affinities,
+    nearest_model,
     project,
     refine,
+    residuals_of,
     sampson_distances,
+    tangents,
 )
 from saccade.keypoints.verification import position_sigma, verify_positions
 
 HOMOGRAPHY = np.array([[0.9, -0.3, 80], [0.25, 0.95, -40], [2e-4, -1e-4, 1]])
 CORNERS = np.array([[0, 0], [639, 0], [0, 479], [639, 479]], float)
 CAMERA = np.array([[500, 0, 320], [0, 500, 240], [0, 0, 1]], float)
+
+
+def derivative(function, at):
+    """(n, k) central differences of a function of (k,) with (n,) values."""
+    steps = 1e-6 * np.eye(len(at))
+    return np.stack([function(at + step) - function(at - step) for step in steps], 1) / 2e-6
 
 
 def plane(rng, count):
@@ -77,11 +84,31 @@ def test_sampson_distances_are_opencvs(rng):
     np.testing.assert_allclose(sampson_distances(F, matched, 0.5), 2 * ours)
 
 
-def test_affinities_are_derivatives(rng):
-    points = rng.uniform(0, 500, (6, 2))
-    for point, affinity in zip(points, local_affinities(HOMOGRAPHY, points), strict=True):
-        numeric = derivative(lambda xy: project(HOMOGRAPHY, xy[None])[0], point)
-        np.testing.assert_allclose(affinity, numeric, rtol=1e-6, atol=1e-9)
+@pytest.mark.parametrize("geometry", ["homography", "fundamental"])
+def test_derivatives_of_residuals_are_differences(rng, geometry):
+    matched, matrix = (plane if geometry == "homography" else space)(rng, 20)
+    matched += rng.normal(0, 2, matched.shape)
+    matched /= 300  # entries of the models are then of unit scale
+    matrix = np.diag([300, 300, 1]) @ matrix @ np.diag([300, 300, 1])
+    if geometry == "homography":
+        matrix = np.diag([300.0**-2, 300.0**-2, 1]) @ matrix
+    matrix /= np.linalg.norm(matrix)
+    residuals = residuals_of(geometry, matrix, matched, rng.uniform(0.1, 1, (20, 2)))
+    _, J = residuals(matrix)
+    numeric = derivative(lambda m: residuals(m.reshape(3, 3))[0].ravel(), matrix.ravel())
+    np.testing.assert_allclose(J.reshape(numeric.shape), numeric, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(("geometry", "freedom"), [("homography", 8), ("fundamental", 7),
+                                                   ("essential", 5)])  # fmt: skip
+def test_tangents_stay_among_the_matrices_of_a_geometry(rng, geometry, freedom):
+    """To first order a step leaves norm and constraints as they are."""
+    model = nearest_model(rng.normal(size=(3, 3)), geometry)
+    directions = tangents(model, geometry)
+    assert directions.shape == (freedom, 9)
+    np.testing.assert_allclose(directions @ directions.T, np.eye(freedom), atol=1e-12)
+    moved = model + 1e-4 * (rng.normal(size=freedom) @ directions).reshape(3, 3)
+    np.testing.assert_allclose(nearest_model(moved, geometry), moved, atol=1e-6)
 
 
 @pytest.mark.parametrize("view", [plane, space])

@@ -1,4 +1,4 @@
-"""Nearest neighbors from blocks of products of descriptors."""
+"""Nearest neighbors from blocks of distances of descriptors."""
 
 import numpy as np
 import numpy.typing as npt
@@ -6,15 +6,13 @@ import numpy.typing as npt
 from saccade._jit import kernel
 from saccade.types import Float32Array, IntArray
 
-CHUNK = 256
-"""Columns of which the minimum is taken at a time, and searched for its index if it is lower."""
+LANES = 128
+"""Number of running minima of a row, which the compiler updates as vectors."""
 
 
 @kernel()
 def update_neighbors(
-    products: Float32Array,
-    column_norms: Float32Array,
-    row_norms: Float32Array,
+    distances: Float32Array,
     first_column: int,
     first_row: int,
     nearest: npt.NDArray[np.int32],
@@ -23,39 +21,26 @@ def update_neighbors(
     reverse: IntArray,
     reverse_distance: Float32Array,
 ) -> None:
-    """Updates the nearest neighbors, both ways, with a block of products, in one pass.
+    """Updates the nearest neighbors, both ways, with a block of squared distances, in one pass.
 
     Args:
-        products: (r, c) products of r descriptors with c others, times -2.
-        column_norms: (c,) squared lengths of the others.
-        row_norms: (r,) squared lengths.
+        distances: (r, c) of r descriptors from c others.
         first_column: index of the first column, written to `reverse`.
         first_row: index of the first row, written to `nearest`.
         nearest: (c,) nearest row so far of each column.
-        distance: (c,) its squared distance.
-        second_distance: (c,) squared distance of the second nearest row so far.
+        distance: (c,) its distance.
+        second_distance: (c,) distance of the second nearest row so far.
         reverse: (r,) nearest column so far of each row.
-        reverse_distance: (r,) its squared distance.
+        reverse_distance: (r,) its distance.
     """
-    distances = np.empty(len(column_norms), np.float32)
-    for row in range(len(row_norms)):
-        _fill_distances(products[row], column_norms, row_norms[row], distances)
+    lanes = np.empty(LANES, np.float32)
+    for row in range(len(distances)):
         index = np.int32(first_row + row)
-        _update_columns(distances, index, nearest, distance, second_distance)
-        for start in range(0, len(distances), CHUNK):
-            chunk = distances[start : start + CHUNK]
-            least = chunk.min()
-            if least < reverse_distance[row]:
-                reverse_distance[row] = least
-                reverse[row] = first_column + start + _first(chunk, least)
-
-
-@kernel()
-def _fill_distances(
-    products: Float32Array, norms: Float32Array, norm: np.float32, out: Float32Array
-) -> None:
-    for k in range(len(out)):
-        out[k] = products[k] + norms[k] + norm
+        _update_columns(distances[row], index, nearest, distance, second_distance)
+        least = _least(distances[row], lanes)
+        if least < reverse_distance[row]:
+            reverse_distance[row] = least
+            reverse[row] = first_column + _first(distances[row], least)
 
 
 @kernel(fastmath=("nnan", "nsz"))
@@ -71,6 +56,20 @@ def _update_columns(
         nearest[k] = row if d < best else nearest[k]
         second_distance[k] = min(second_distance[k], max(d, best))
         distance[k] = min(d, best)
+
+
+@kernel(fastmath=("nnan", "nsz"))
+def _least(values: Float32Array, lanes: Float32Array) -> np.float32:
+    """Minimum of values; `lanes` is overwritten."""
+    lanes[:] = np.inf
+    for start in range(0, len(values), len(lanes)):
+        part = values[start : start + len(lanes)]
+        for k in range(len(part)):
+            lanes[k] = min(lanes[k], part[k])
+    least = np.float32(lanes[0])
+    for k in range(1, len(lanes)):
+        least = min(least, lanes[k])
+    return least
 
 
 @kernel()

@@ -7,10 +7,10 @@ from saccade.errors import ConfigError, require
 from saccade.keypoints._neighbor_kernels import update_neighbors
 from saccade.types import Float32Array, IntArray, Keypoints
 
-COLUMNS = 2048
-"""Keypoints of the first image in a block of products, which stays in the cache."""
+COLUMNS = 512
+"""Number of keypoints of the first image in a block of products that fits into the cache."""
 ROWS = 512
-"""Keypoints of the second image in a block of products."""
+"""Number of keypoints of the second image in a block of products."""
 
 
 def match(
@@ -76,22 +76,28 @@ def nearest_neighbors(
     nearest, distance = np.zeros(n, np.int32), np.full(n, np.inf, np.float32)
     reverse, reverse_distance = np.zeros(k, np.int64), np.full(k, np.inf, np.float32)
     second_distance = distance.copy()
-    columns = np.ascontiguousarray(a.T, np.float32)  # (d, n)
-    column_norms = np.einsum("ij,ij->j", columns, columns)
-    columns *= -2
+    # |b|^2 + |a|^2 - 2 b a is the product of (|b|^2, 1, b) with (1, |a|^2, -2 a).
+    norms, points = _squared_norms(a)
+    columns = np.hstack([np.ones_like(norms), norms, -2 * points])  # (n, d + 2)
     parts = [slice(start, start + COLUMNS) for start in range(0, n, COLUMNS)]
-    blocks = [np.ascontiguousarray(columns[:, part]) for part in parts]
+    blocks = [np.ascontiguousarray(columns[part].T) for part in parts]
     for start in range(0, k, ROWS):
-        rows = b[start : start + ROWS].astype(np.float32)
-        row_norms = np.einsum("ij,ij->i", rows, rows)
         chosen = slice(start, start + ROWS)
+        norms, points = _squared_norms(b[chosen])
+        rows = np.hstack([norms, np.ones_like(norms), points])
         for part, block in zip(parts, blocks, strict=True):
             update_neighbors(
-                *(rows @ block, column_norms[part], row_norms, part.start, start),
+                *(rows @ block, part.start, start),
                 *(nearest[part], distance[part], second_distance[part]),
                 *(reverse[chosen], reverse_distance[chosen]),
             )
     return nearest.astype(np.int64), distance, second_distance, reverse
+
+
+def _squared_norms(rows: npt.NDArray[np.uint8] | Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Squared lengths (n, 1) of rows, and the rows as floats."""
+    floats = rows.astype(np.float32)
+    return np.einsum("ij,ij->i", floats, floats)[:, None], floats
 
 
 def _descriptors(keypoints: Keypoints, name: str) -> npt.NDArray[np.uint8] | Float32Array:

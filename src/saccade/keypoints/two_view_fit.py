@@ -3,26 +3,34 @@
 from collections.abc import Callable
 from typing import Literal, NamedTuple, TypeAlias
 
-import cv2
 import numpy as np
 
 from saccade.types import FloatArray
 
 Geometry: TypeAlias = Literal["fundamental", "homography", "essential"]
-Parametrization: TypeAlias = Callable[[FloatArray], FloatArray]
-"""Function from (k,) parameters, 0 at the initial model, to a (3, 3) matrix."""
+Residuals: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Function of a (3, 3) matrix: (m, c) residuals and their (m, c, 9) derivatives."""
 
 CAUCHY_WIDTH = 1.0
-"""Residual at which the Cauchy loss begins to level off, in robust standard deviations: chosen
-among 1, 2 and 3 by the homographies of synthetic pairs."""
+"""Width of the Cauchy loss in robust standard deviations, chosen among 1, 2 and 3 by the
+homographies of synthetic pairs."""
 NORMAL_MAD = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 MAX_CONDITION = 1e14
 """Largest condition number of the information of matches that determine a model."""
 MIN_FREEDOM = 0.05
-"""One minus the largest leverage: a residual of a higher one says nothing of its error."""
-DERIVATIVE_STEP = 1e-6
-"""Step of central differences; the parameters are of unit scale."""
+"""Lower bound of one minus the leverage in the jackknife."""
+MAX_STEPS = 50
+"""Largest number of Gauss-Newton steps, halved ones included."""
+MIN_DECREASE = 1e-8
+"""Relative decrease of the loss at which the fit has converged."""
+NORMALS = {
+    "homography": (),
+    "fundamental": (np.diag([0.0, 0, 1]),),
+    "essential": (np.diag([1.0, -1, 0]), np.diag([0.0, 0, 1]), np.eye(3)[[1, 0, 2]] * [1, 1, 0]),
+}
+"""Directions in which a matrix of a geometry cannot move, in the bases of its singular vectors;
+its own direction, its norm, is another."""
 
 
 class Fit(NamedTuple):
@@ -56,35 +64,87 @@ def refine(
 
     Source: Hartley & Zisserman (2004), sections 4.2 and 11.4.
     """
-    from scipy.optimize import least_squares  # half a second that detection does not need
-
-    parametrize = _PARAMETRIZATIONS[geometry]
-    model, size = parametrize(matrix, normalization(matched[:, :2]), normalization(matched[:, 2:]))
-    residuals = residuals_of(geometry, matrix, matched, sigma)
-
-    def whitened(parameters: FloatArray) -> FloatArray:
-        values: FloatArray = residuals(model(parameters)).ravel()
-        return values
-
-    start, norm = np.zeros(size), float(np.linalg.norm(matrix))
-    scale = NORMAL_MAD * float(np.median(np.abs(whitened(start))))
+    T1, T2 = normalization(matched[:, :2]), normalization(matched[:, 2:])
+    if geometry == "essential":  # its singular values are equal in these coordinates alone
+        T1 = T2 = np.eye(3)
+    inverse1, inverse2 = np.linalg.inv(T1), np.linalg.inv(T2)
+    forth = (T2, inverse1) if geometry == "homography" else (inverse2.T, inverse1)
+    back = np.kron(np.linalg.inv(forth[0]), np.linalg.inv(forth[1]).T)  # (9, 9) by entries
+    matched = np.hstack([project(T1, matched[:, :2]), project(T2, matched[:, 2:])])
+    sigma = sigma * [T1[0, 0], T2[0, 0]]
+    initial = nearest_model(forth[0] @ matrix @ forth[1], geometry)
+    residuals = residuals_of(geometry, initial, matched, sigma)
+    scale = NORMAL_MAD * float(np.median(np.abs(residuals(initial)[0])))
     if not scale > 0:
         return Fit(matrix, np.zeros((9, 9)), 0.0)  # exact matches
     width = CAUCHY_WIDTH * scale
-    found = least_squares(whitened, start, loss="cauchy", f_scale=width, max_nfev=50)
-    z = residuals(model(found.x))
-    derivatives = derivative(whitened, found.x).reshape(*z.shape, size)
-    covariance = _m_estimate_covariance(derivatives, z, width)
-    if covariance is None or not np.isfinite(found.x).all():
+    model = minimize(initial, geometry, residuals, width)
+    z, by_entries = residuals(model)
+    directions = tangents(model, geometry)
+    covariance = _m_estimate_covariance(by_entries @ directions.T, z, width)
+    entries, norm = back @ model.ravel(), float(np.linalg.norm(matrix))
+    length = float(np.linalg.norm(entries))
+    if covariance is None or not np.isfinite(entries).all():
         return None
+    unit, scale = entries / length, NORMAL_MAD * float(np.median(np.abs(z)))
+    J = norm / length * (np.eye(9) - np.outer(unit, unit)) @ back @ directions.T  # (9, k)
+    return Fit(norm * unit.reshape(3, 3), J @ covariance @ J.T, scale)
 
-    def entries(parameters: FloatArray) -> FloatArray:
-        estimate = model(parameters)
-        values: FloatArray = estimate.ravel() / np.linalg.norm(estimate)
-        return values * norm
 
-    J, scale = derivative(entries, found.x), NORMAL_MAD * float(np.median(np.abs(z)))
-    return Fit(entries(found.x).reshape(3, 3), J @ covariance @ J.T, scale)
+def minimize(
+    model: FloatArray, geometry: Geometry, residuals: Residuals, width: float
+) -> FloatArray:
+    """The (3, 3) matrix of unit norm, near a first one, with the least Cauchy loss.
+
+    Gauss-Newton steps that take the second derivative of the loss where it is positive. A step
+    that does not lower the loss is halved.
+    """
+    (z, J), size = residuals(model), 1.0
+    cost = float(np.log1p((z / width) ** 2).sum())
+    step = _gauss_newton_step(model, geometry, z, J, width)
+    for _ in range(MAX_STEPS):
+        trial = nearest_model(model + size * step, geometry)
+        z, J = residuals(trial)
+        decrease = cost - float(np.log1p((z / width) ** 2).sum())
+        if decrease > 0:
+            model, cost, size = trial, cost - decrease, 1.0
+            step = _gauss_newton_step(model, geometry, z, J, width)
+        else:
+            size /= 2
+        if abs(decrease) <= MIN_DECREASE * cost:
+            break
+    return model
+
+
+def _gauss_newton_step(
+    model: FloatArray, geometry: Geometry, z: FloatArray, J: FloatArray, width: float
+) -> FloatArray:
+    """(3, 3) change of a model with residuals (m, c), and (m, c, 9) derivatives of these."""
+    directions, loss = tangents(model, geometry), 1 + (z / width) ** 2
+    by_step = (J @ directions.T).reshape(z.size, -1)
+    curvature = np.maximum((2 - loss) / loss**2, 0).reshape(-1, 1)
+    step = np.linalg.lstsq(by_step.T @ (curvature * by_step), -by_step.T @ (z / loss).ravel())[0]
+    change: FloatArray = (step @ directions).reshape(3, 3)
+    return change
+
+
+def tangents(model: FloatArray, geometry: Geometry) -> FloatArray:
+    """(k, 9) orthonormal directions in which a matrix of a geometry and of unit norm can move."""
+    U, values, Vt = np.linalg.svd(model)
+    normals = np.array([np.diag(values), *NORMALS[geometry]]).reshape(-1, 9)
+    directions = np.linalg.svd(normals)[2][len(normals) :].reshape(-1, 3, 3)
+    moves: FloatArray = (U @ directions @ Vt).reshape(-1, 9)
+    return moves
+
+
+def nearest_model(matrix: FloatArray, geometry: Geometry) -> FloatArray:
+    """(3, 3) matrix of a geometry, of unit norm, near another matrix."""
+    if geometry != "homography":
+        U, (first, second, _), Vt = np.linalg.svd(matrix)
+        values = (1, 1) if geometry == "essential" else (first, second)
+        matrix = U[:, :2] * values @ Vt[:2]
+    nearest: FloatArray = matrix / np.linalg.norm(matrix)
+    return nearest
 
 
 def _m_estimate_covariance(J: FloatArray, z: FloatArray, width: float) -> FloatArray | None:
@@ -100,55 +160,64 @@ def _m_estimate_covariance(J: FloatArray, z: FloatArray, width: float) -> FloatA
     """
     k, loss = J.shape[-1], 1 + (z / width) ** 2
     slope = float(((2 - loss) / loss**2).mean())
-    information = np.einsum("mci,mcj->ij", J, J)
+    information = np.tensordot(J, J, ((0, 1), (0, 1)))
     if z.size <= k or slope <= 0 or np.linalg.cond(information) > MAX_CONDITION:
         return None
     inverse = np.linalg.inv(information)
-    leverage = np.einsum("mci,ij,mcj->mc", J, inverse, J)
+    leverage = (J @ inverse * J).sum(axis=2)
     influence = z / loss / np.maximum(1 - leverage, MIN_FREEDOM)
     scores = np.einsum("mc,mcj->mj", influence, J)
     covariance: FloatArray = inverse @ scores.T @ scores @ inverse / slope**2
     return covariance
 
 
-def derivative(function: Parametrization, parameters: FloatArray) -> FloatArray:
-    """(n, k) central differences of a function of (k,) parameters with (n,) values."""
-    steps = DERIVATIVE_STEP * np.eye(len(parameters))
-    columns = [function(parameters + step) - function(parameters - step) for step in steps]
-    return np.stack(columns, axis=1) / (2 * DERIVATIVE_STEP)
-
-
 def residuals_of(
     geometry: Geometry, matrix: FloatArray, matched: FloatArray, sigma: FloatArray
-) -> Callable[[FloatArray], FloatArray]:
-    """Residuals (m, c) of models near one in standard deviations; c = 2 of homographies, else 1."""
+) -> Residuals:
+    """Residuals of models near one in standard deviations; c = 2 for homographies, else 1."""
     if geometry != "homography":
-        return lambda model: sampson_distances(model, matched, sigma)[:, None]
+        views = homogeneous(matched[:, :2]), homogeneous(matched[:, 2:])
+        return lambda model: epipolar_residuals(model, *views, sigma)
     # The errors of both positions, in the second image.
-    spread = local_affinities(matrix, matched[:, :2]) * sigma[:, :1, None]  # (m, 2, 2)
+    affinities = homogeneous_derivatives(matrix, matched[:, :2]) @ matrix[:, :2]  # (m, 2, 2)
+    spread = affinities * sigma[:, :1, None]
     covariance = spread @ spread.transpose(0, 2, 1) + np.eye(2) * sigma[:, 1:, None] ** 2
     whitening = np.linalg.inv(np.linalg.cholesky(covariance))
-    return lambda model: np.einsum(
-        "mij,mj->mi", whitening, project(model, matched[:, :2]) - matched[:, 2:]
-    )
+
+    def residuals(model: FloatArray) -> tuple[FloatArray, FloatArray]:
+        gap = project(model, matched[:, :2]) - matched[:, 2:]
+        J = projection_derivatives(model, matched[:, :2])
+        return (whitening @ gap[:, :, None])[:, :, 0], whitening @ J
+
+    return residuals
+
+
+def homogeneous(xy: FloatArray) -> FloatArray:
+    """(n, 3) homogeneous coordinates of (n, 2) points."""
+    rows: FloatArray = np.hstack([xy, np.ones((len(xy), 1))])
+    return rows
 
 
 def project(homography: FloatArray, xy: FloatArray) -> FloatArray:
     """Projects (n, 2) points by a (3, 3) homography; points at infinity are not finite."""
-    rows = np.c_[xy, np.ones(len(xy))] @ homography.T  # (n, 3)
+    rows = homogeneous(xy) @ homography.T  # (n, 3)
     with np.errstate(divide="ignore", invalid="ignore"):
         projected: FloatArray = rows[:, :2] / rows[:, 2:]
     return projected
 
 
-def local_affinities(homography: FloatArray, xy: FloatArray) -> FloatArray:
-    """(n, 2, 2) derivatives of the projection of (n, 2) points by their positions."""
-    w = np.c_[xy, np.ones(len(xy))] @ homography[2]
-    projected = project(homography, xy)
-    affinities: FloatArray = (
-        homography[None, :2, :2] - projected[:, :, None] * homography[None, 2:, :2]
-    ) / w[:, None, None]
-    return affinities
+def homogeneous_derivatives(homography: FloatArray, xy: FloatArray) -> FloatArray:
+    """(n, 2, 3) derivatives of the projection by its homogeneous coordinates."""
+    gap = np.eye(3)[:2] - project(homography, xy)[:, :, None] * np.eye(3)[2]
+    derivatives: FloatArray = gap / (homogeneous(xy) @ homography[2])[:, None, None]
+    return derivatives
+
+
+def projection_derivatives(homography: FloatArray, xy: FloatArray) -> FloatArray:
+    """(n, 2, 9) derivatives of the projection by the entries of the homography, row by row."""
+    by_rows = homogeneous_derivatives(homography, xy)[:, :, :, None]
+    derivatives: FloatArray = (by_rows * homogeneous(xy)[:, None, None]).reshape(len(xy), 2, 9)
+    return derivatives
 
 
 def sampson_distances(
@@ -160,17 +229,29 @@ def sampson_distances(
         matrix: (3, 3).
         matched: (m, 4) rows x1, y1, x2, y2.
         sigma: (m, 2) of both positions, for distances in standard deviations.
+    """
+    sigma = np.broadcast_to(sigma, (len(matched), 2))
+    first, second = homogeneous(matched[:, :2]), homogeneous(matched[:, 2:])
+    return epipolar_residuals(matrix, first, second, sigma)[0][:, 0]
+
+
+def epipolar_residuals(
+    matrix: FloatArray, first: FloatArray, second: FloatArray, sigma: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Sampson distances (m, 1) of homogeneous points (m, 3), and derivatives (m, 1, 9) by F.
 
     Source: Hartley & Zisserman (2004), section 11.4.3.
     """
-    ones = np.ones(len(matched))
-    first, second = np.c_[matched[:, :2], ones], np.c_[matched[:, 2:], ones]
-    lines2, lines1 = first @ matrix.T, second @ matrix
-    error = (lines2 * second).sum(axis=1)
-    sigma1, sigma2 = np.broadcast_to(sigma, (len(matched), 2)).T
-    variance = (sigma1[:, None] * lines1[:, :2]) ** 2 + (sigma2[:, None] * lines2[:, :2]) ** 2
-    distances: FloatArray = error / np.sqrt(np.maximum(variance.sum(axis=1), 1e-300))
-    return distances
+    lines1, lines2 = second @ matrix * [1, 1, 0], first @ matrix.T * [1, 1, 0]
+    weighted1, weighted2 = lines1 * sigma[:, :1] ** 2, lines2 * sigma[:, 1:] ** 2
+    variance = (lines1 * weighted1 + lines2 * weighted2).sum(axis=1, keepdims=True)
+    length = np.sqrt(np.maximum(variance, 1e-300))  # (m, 1)
+    z = ((first @ matrix.T) * second).sum(axis=1, keepdims=True) / length
+    # d (x2' F x1) = x2' dF x1, and of half the variance x2' dF weighted1 + weighted2' dF x1.
+    ratio = z / length
+    outer = second[:, :, None] * (first - ratio * weighted1)[:, None]
+    outer -= (ratio * weighted2)[:, :, None] * first[:, None]
+    return z, (outer / length[:, :, None]).reshape(-1, 1, 9)
 
 
 def normalization(xy: FloatArray) -> FloatArray:
@@ -178,56 +259,3 @@ def normalization(xy: FloatArray) -> FloatArray:
     center = xy.mean(axis=0)
     scale = np.sqrt(2 / max(((xy - center) ** 2).sum(axis=1).mean(), 1e-12))
     return np.array([[scale, 0, -scale * center[0]], [0, scale, -scale * center[1]], [0, 0, 1.0]])
-
-
-def _homographies(
-    matrix: FloatArray, T1: FloatArray, T2: FloatArray
-) -> tuple[Parametrization, int]:
-    """Homographies about one: steps orthogonal to its entries, in normalized coordinates."""
-    inverse = np.linalg.inv(T2)
-    initial = T2 @ matrix @ np.linalg.inv(T1)
-    initial = initial / np.linalg.norm(initial)
-    tangents = np.linalg.svd(initial.reshape(1, 9))[2][1:]  # (8, 9)
-    return lambda p: inverse @ (initial + (p @ tangents).reshape(3, 3)) @ T1, 8
-
-
-def _fundamentals(
-    matrix: FloatArray, T1: FloatArray, T2: FloatArray
-) -> tuple[Parametrization, int]:
-    """Fundamental matrices about one: rotations of its singular vectors, ratio of its values.
-
-    Source: Bartoli & Sturm (2004).
-    """
-    U, values, Vt = np.linalg.svd(np.linalg.inv(T2).T @ matrix @ np.linalg.inv(T1))
-    angle = np.arctan2(values[1], values[0])
-
-    def model(p: FloatArray) -> FloatArray:
-        diagonal = np.diag([np.cos(angle + p[6]), np.sin(angle + p[6]), 0])
-        left, right = (cv2.Rodrigues(p[rows])[0] for rows in (slice(3), slice(3, 6)))
-        normalized = U @ left @ diagonal @ right.T @ Vt
-        fundamental: FloatArray = T2.T @ normalized @ T1
-        return fundamental
-
-    return model, 7
-
-
-def _essentials(matrix: FloatArray, T1: FloatArray, T2: FloatArray) -> tuple[Parametrization, int]:
-    """Essential matrices about one: rotations of its singular vectors.
-
-    The third rotation on the right is the third on the left.
-    """
-    U, _, Vt = np.linalg.svd(matrix)
-
-    def model(p: FloatArray) -> FloatArray:
-        left, right = cv2.Rodrigues(p[:3])[0], cv2.Rodrigues(np.append(p[3:], 0))[0]
-        essential: FloatArray = U @ left @ np.diag([1.0, 1, 0]) @ right.T @ Vt
-        return essential
-
-    return model, 5
-
-
-_PARAMETRIZATIONS = {
-    "homography": _homographies,
-    "fundamental": _fundamentals,
-    "essential": _essentials,
-}

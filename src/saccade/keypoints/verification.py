@@ -11,8 +11,9 @@ from saccade.io.image import quiet_opencv
 from saccade.keypoints.two_view_fit import (
     Fit,
     Geometry,
-    derivative,
+    homogeneous,
     project,
+    projection_derivatives,
     refine,
     residuals_of,
     sampson_distances,
@@ -37,6 +38,15 @@ SCALE_ERROR = 0.064
 """Error of a position in each axis, in scales of its keypoint."""
 NOISE_ERROR = 0.0028
 """Error of a position in pixels due to the noise of the image, times |D|."""
+
+CROSS = np.array(
+    [
+        [[0, 0, 0], [0, 0, -1], [0, 1, 0]],
+        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 0]],
+    ]
+).transpose(1, 2, 0)
+"""(3, 3, 3) `CROSS @ v` is the matrix of the cross product with v."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +121,7 @@ class Verification:
         """
         if self.geometry != "homography" or self.matrix is None or self.covariance is None:
             raise KeypointsError("projection_covariance: expected a homography with covariance")
-        homogeneous = np.c_[xy, np.ones(len(xy))]  # (n, 3)
-        gap = np.eye(3)[:2] - project(self.matrix, xy)[:, :, None] * np.eye(3)[2]  # (n, 2, 3)
-        J = np.einsum("nij,nk->nijk", gap, homogeneous).reshape(len(xy), 2, 9)
-        J /= (homogeneous @ self.matrix[2])[:, None, None]
+        J = projection_derivatives(self.matrix, xy)  # (n, 2, 9)
         covariance: FloatArray = J @ self.covariance @ J.transpose(0, 2, 1)
         return covariance
 
@@ -239,7 +246,7 @@ def refine_repeatedly(
             break
         fit, matrix = better, better.matrix
         near = match_errors(matrix, geometry, matched) < REFINED_TOLERANCES * tolerance
-        z = residuals_of(geometry, matrix, matched, sigma)(matrix)
+        z, _ = residuals_of(geometry, matrix, matched, sigma)(matrix)
         near &= np.linalg.norm(z, axis=1) <= REFINED_SIGMAS * fit.scale
     return fit
 
@@ -301,15 +308,11 @@ def pose_of(
     R, t = max(poses, key=lambda pose: int(in_front(pose[0], pose[1], rays).sum()))
     if covariance is None:
         return RelativePose(R, t, None)
-
-    def change(entries: FloatArray) -> FloatArray:
-        """(6,) rotation vector from R, and translation, of a matrix nearby."""
-        *rotations, way = decomposed(entries.reshape(3, 3))
-        turn = max((each @ R.T for each in rotations), key=np.trace)
-        small = (turn - turn.T)[[2, 0, 1], [1, 2, 0]] / 2
-        return np.concatenate([small, way * np.sign(way @ t)])
-
-    J = derivative(change, essential.ravel())
+    unscaled, across = CROSS @ t, np.eye(3) - np.outer(t, t)  # E = [t]x R up to its scale
+    scale = float((unscaled @ R * essential).sum()) / 2
+    by_rotation = unscaled @ CROSS.transpose(2, 0, 1) @ R  # (3, 3, 3), the first axis that of omega
+    by_translation = np.tensordot(across, CROSS.transpose(2, 0, 1) @ R, 1)
+    J = np.linalg.pinv(scale * np.concatenate([by_rotation, by_translation]).reshape(6, 9).T)
     return RelativePose(R, t, J @ covariance @ J.T)
 
 
@@ -321,8 +324,7 @@ def decomposed(essential: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
 
 def in_front(R: FloatArray, t: FloatArray, rays: FloatArray) -> BoolArray:
     """(m,) whether the rays of matches meet in front of both cameras, in a pose (R, t)."""
-    ones = np.ones(len(rays))
-    first, second = np.c_[rays[:, :2], ones] @ R.T, np.c_[rays[:, 2:], ones]
+    first, second = homogeneous(rays[:, :2]) @ R.T, homogeneous(rays[:, 2:])
     normal = np.cross(first, second)
     # a first + t = b second, solved by products with the two rays.
     a = -(np.cross(t, second) * normal).sum(axis=1)
