@@ -10,9 +10,9 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.tables import RangeBearings, TrackedPoints
 
 MIN_DEPTH = 0.05
-"""Metres along the optical axis within which points are not projected."""
+"""Minimum depth of a projected point, in meters along the optical axis."""
 UNKNOWN_DEPTH_SIGMA = 30.0
-"""Standard deviation of the depth of a bearing-only observation, as a fraction of it."""
+"""Relative standard deviation of the depth of a bearing-only observation."""
 
 
 def intrinsic_matrix(camera: Camera) -> FloatArray:
@@ -21,7 +21,7 @@ def intrinsic_matrix(camera: Camera) -> FloatArray:
 
 
 def reduced_camera(camera: Camera, reduction: int) -> Camera:
-    """The calibration of images reduced by a whole number; what is left over is cut off."""
+    """Calibration of images reduced by an integer factor (see `reduced_image`)."""
     center = (reduction - 1) / 2
     return replace(
         camera,
@@ -35,7 +35,7 @@ def reduced_camera(camera: Camera, reduction: int) -> Camera:
 
 
 def directions(camera: Camera, xy: FloatArray) -> FloatArray:
-    """(k, 3) rays of pixels (k, 2) in the camera's frame, with z = 1."""
+    """Rays (k, 3) of pixels (k, 2) in the camera's frame, with z = 1."""
     x, y = (xy[:, 0] - camera.cx) / camera.fx, (xy[:, 1] - camera.cy) / camera.fy
     return np.stack([x, y, np.ones(len(xy))], 1)
 
@@ -60,9 +60,9 @@ def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArra
 def move_pixels(
     camera: Camera, pose: tuple[FloatArray, FloatArray], xy: Float32Array, depth: FloatArray
 ) -> Float32Array:
-    """(k, 2) pixels after a motion of the camera of pixels (k, 2) at depths (k,) in meters.
+    """Pixels (k, 2) after a motion of the camera, from pixels (k, 2) at depths (k,) in meters.
 
-    Unknown depths, NaN, count as infinite; where a point is behind the camera its pixel stays.
+    Unknown depths (NaN) count as infinite. Points behind the camera keep their pixels.
     """
     R, t = pose
     inverse_depth = np.nan_to_num(1 / depth)
@@ -75,7 +75,7 @@ def move_pixels(
 def is_inside(
     camera: Camera, xy: FloatArray | Float32Array, border: float | FloatArray = 0.0
 ) -> BoolArray:
-    """(k,) whether pixels (k, 2) are in the image, at least `border` from its edge; NaN are not."""
+    """(k,) whether pixels (k, 2) are in the image, at least `border` pixels from its edge."""
     x, y = xy.T
     inside = (x >= border) & (x <= camera.width - 1 - border)
     return np.asarray(inside & (y >= border) & (y <= camera.height - 1 - border))
@@ -89,9 +89,9 @@ def range_bearing(
     config: VisualConfig,
     tilt: float,
 ) -> RangeBearings:
-    """Observations of pixels (k, 2) of known depth (k,), with first-order covariances.
+    """Observations of pixels (k, 2) at depths (k,) in meters, with first-order covariances.
 
-    `tilt` is the standard deviation of roll and pitch in radians, which displace points above and
+    `tilt` is the standard deviation of roll and pitch in radians. Tilt displaces points above or
     below the camera.
     """
     points = from_pixels(camera, xy, depth)
@@ -113,7 +113,7 @@ def range_bearing(
 def observe(
     camera: Camera, points: TrackedPoints, config: VisualConfig, tilt: float
 ) -> tuple[RangeBearings, BoolArray]:
-    """Observations of k points, and (k,) whether the range is within its limits and certain."""
+    """Observations of k points, and (k,) whether each range is certain and within its limits."""
     depth, sigma = (np.nan_to_num(each, nan=1.0) for each in (points.depth, points.depth_sigma))
     xy = points.xy.astype(np.float64)
     observations = range_bearing(camera, xy, depth, sigma, config, tilt)
@@ -126,7 +126,7 @@ def observe(
 def observe_bearings(
     camera: Camera, points: TrackedPoints, ranges: FloatArray, config: VisualConfig, tilt: float
 ) -> RangeBearings:
-    """Bearing-only observations of k points, whose ranges are set to the given ones (k,)."""
+    """Bearing-only observations of k points at assumed ranges (k,) in meters."""
     xy = points.xy.astype(np.float64)
     near, far = (from_pixels(camera, xy, np.full(len(xy), depth)) for depth in (0, 1))
     origin, direction = near[:, :2], (far - near)[:, :2]

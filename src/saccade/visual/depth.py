@@ -1,8 +1,7 @@
-"""Measured depth of points: from stereo disparity or a depth image."""
+"""Depth of points from stereo disparity or a depth image."""
 
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -10,23 +9,16 @@ from saccade.errors import DriveError, ImageError
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import Float32Array, FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.optical_flow import ByteArray, PreparedFrame, track_disparities
-
-BLOCK_SIZE = 15
-"""Side of a block of block matching, in pixels."""
-DISPARITY_STEP = 16
-"""Divisor of the number of disparities of block matching."""
-MAX_RELATIVE_DISPARITY = 0.25
-"""Largest disparity of block matching, as a fraction of the image's width."""
+from saccade.visual.optical_flow import PreparedFrame, track_disparities
 
 
 def measures_depth(camera: Camera, frame: Frame) -> bool:
-    """Whether a frame measures depth: by a stereo rig or a depth image."""
+    """Whether a frame has stereo images or a depth image."""
     return camera.baseline > 0 or frame.depth is not None
 
 
 def first_frame(drive: Drive) -> dict[int, Frame]:
-    """The first frame of a drive that can be read, by its number; empty if all are blank.
+    """First readable frame of a drive by its number; empty if all frames are blank.
 
     Raises:
         DriveError: no frame can be read.
@@ -50,12 +42,12 @@ def measure_depth(
     prepared: PreparedFrame,
     xy: Float32Array,
     config: VisualConfig,
-    previous: FloatArray | None = None,
+    previous: FloatArray | float = np.inf,
 ) -> tuple[FloatArray, FloatArray]:
-    """Depths at pixels (k, 2), in meters along the optical axis, and their standard deviations.
+    """Depths (k,) at pixels (k, 2) and their standard deviations (k,), in meters.
 
-    Both are (k,), NaN where they are not measured. Tracking of disparities begins at the
-    `previous` depths (k,), or by block matching within the range limits.
+    Depths are along the optical axis, and NaN where they are not measured. Tracking of
+    disparities starts from the `previous` depths (k,).
     """
     if prepared.frame.depth is not None:
         values = _sample(prepared.frame.depth, xy)
@@ -64,45 +56,24 @@ def measure_depth(
     if prepared.left is None or prepared.right is None:
         unknown = np.full(len(xy), np.nan)
         return unknown, unknown
-    if previous is not None:
-        initial = camera.fx * camera.baseline / previous
-    else:
-        max_disparity = camera.fx * camera.baseline / max(config.range_limits[0], 1e-3)
-        initial = _block_disparities(prepared.left, prepared.right, xy, max_disparity)
-    disparity = track_disparities(prepared.left, prepared.right, xy, initial)
-    if previous is None:
-        disparity = np.where(initial > 0, disparity, np.nan)
-    depth = depth_of(camera, disparity)
+    initial = np.broadcast_to(camera.fx * camera.baseline / previous, len(xy))
+    depth = depth_of(camera, track_disparities(prepared.left, prepared.right, xy, initial))
     return depth, depth_sigma(camera, depth, config)
 
 
 def depth_of(camera: Camera, disparity: FloatArray) -> FloatArray:
-    """(k,) meters along the optical axis of disparities (k,) in pixels; NaN unless positive."""
+    """Depths (k,) in meters of disparities (k,) in pixels; NaN unless positive."""
     return np.asarray(camera.fx * camera.baseline / np.where(disparity > 0, disparity, np.nan))
 
 
 def depth_sigma(camera: Camera, depth: FloatArray, config: VisualConfig) -> FloatArray:
-    """(k,) standard deviations of measured depths (k,), in meters."""
+    """Standard deviations (k,) of measured depths (k,), in meters."""
     if camera.baseline > 0:
         return np.asarray(depth**2 * config.disparity_sigma / (camera.fx * camera.baseline))
     return config.relative_depth_sigma * depth
 
 
-def _block_disparities(
-    left: ByteArray, right: ByteArray, xy: Float32Array, max_disparity: float
-) -> FloatArray:
-    """(k,) coarse disparities at pixels (k, 2) by block matching; NaN where unknown."""
-    width = min(max_disparity, MAX_RELATIVE_DISPARITY * left.shape[1])
-    count = max(DISPARITY_STEP, int(np.ceil(width / DISPARITY_STEP)) * DISPARITY_STEP)
-    matcher = cv2.StereoBM.create(numDisparities=count, blockSize=BLOCK_SIZE)
-    padded = (  # the matcher leaves out as many columns at the left
-        cv2.copyMakeBorder(image, 0, 0, count, 0, cv2.BORDER_REPLICATE) for image in (left, right)
-    )
-    disparity = _sample(matcher.compute(*padded), xy + np.array([count, 0], np.float32)) / 16
-    return np.where(disparity > 0, disparity, np.nan)
-
-
 def _sample(image: npt.NDArray[Any], xy: Float32Array) -> npt.NDArray[Any]:
-    """(k,) values of an image (H, W) at the nearest pixels of (k, 2)."""
+    """Values (k,) of an image (H, W) at the pixels nearest to (k, 2)."""
     columns, rows = np.rint(xy).astype(np.int64).T
     return np.asarray(image[rows.clip(0, image.shape[0] - 1), columns.clip(0, image.shape[1] - 1)])

@@ -1,4 +1,4 @@
-"""Egomotion: the robot's motion between two frames, from point correspondences."""
+"""Egomotion: motion of the robot between two frames, from point correspondences."""
 
 from typing import NamedTuple, TypeAlias
 
@@ -14,63 +14,63 @@ MotionEstimate: TypeAlias = tuple[FloatArray, FloatArray]
 """Expected control (3,), and its covariance (3, 3)."""
 
 MIN_DEPTH_RATIO = 0.05
-"""Least depth after the motion as a fraction of that before; nearer points are ignored."""
+"""Minimum ratio of the depths after and before the motion; nearer points are ignored."""
 MAX_INVERSE_DEPTH = 1.0
 """Upper bound of the estimated inverse depths, in 1 / meters."""
 DEFAULT_DEPTH = 50.0
 """Linearization point of unknown depths, in meters."""
 MIN_INLIERS = 6
-"""Least number of correspondences that agree on a motion."""
+"""Minimum number of inliers of a motion."""
 INLIER_SIGMAS = 4.0
-"""Standard deviations of the residual within which a correspondence is an inlier."""
+"""Maximum residual of an inlier, in standard deviations."""
 MAX_REPROJECTION_ERROR = 1.5
-"""Largest reprojection error of an inlier of RANSAC, in pixels."""
+"""Maximum reprojection error of an inlier of RANSAC, in pixels."""
 MAX_TRIALS = 100
 """Number of samples of RANSAC."""
 MAX_RELATIVE_SIGMA = 0.5
-"""Largest relative standard deviation of an inverse depth that RANSAC uses."""
+"""Maximum relative standard deviation of an inverse depth used by RANSAC."""
 OFF_PLANE_SIGMA = (0.05, 0.02, 0.02)
-"""Standard deviations of height in meters, roll and pitch in radians from one frame to the next,
-where the points have no depth."""
+"""Standard deviations of the change of height in meters, and of roll and pitch in radians, between
+two frames: a prior for motions that odometry predicts."""
 KERNEL_WIDTHS = (16.0, 8.0, 4.0, 2.0)
-"""Widths of the robust kernel by iteration, in standard deviations (graduated non-convexity);
-the last one stays, and the last two suffice where RANSAC gave the initial motion."""
+"""Widths of the robust kernel in successive iterations, in standard deviations (graduated
+non-convexity). Later iterations use the last width; after RANSAC the last two suffice."""
 MAX_ITERATIONS = 12
-"""Largest number of iterations of Gauss-Newton."""
+"""Maximum number of Gauss-Newton iterations."""
 CONVERGED = 1e-6
-"""Largest change of a converged motion."""
+"""Maximum change of a converged motion, in radians and meters."""
 
 
 class Correspondences(NamedTuple):
-    """k points observed in two frames; inverse depths are 1 / meters along the optical axis."""
+    """k points observed in two frames; inverse depths are in 1 / meters along the optical axis."""
 
     previous: FloatArray
     """(k, 2) pixels in the first frame."""
     current: FloatArray
     """(k, 2) pixels in the second frame."""
     inverse_depth: FloatArray
-    """(k,) in the first frame."""
+    """(k,) inverse depths in the first frame."""
     inverse_depth_sigma: FloatArray
-    """(k,) its standard deviations: 1 where the depth is unknown."""
+    """(k,) standard deviations of `inverse_depth`; 1 where the depth is unknown."""
     current_inverse_depth: FloatArray
-    """(k,) in the second frame, NaN where it was not measured."""
+    """(k,) inverse depths in the second frame; NaN where not measured."""
     current_inverse_depth_sigma: FloatArray
-    """(k,) its standard deviations."""
+    """(k,) standard deviations of `current_inverse_depth`."""
 
 
 class Egomotion(NamedTuple):
-    """The motion from one frame to the next, estimated from the images."""
+    """Motion between two frames, estimated from the images."""
 
     control: FloatArray
-    """(3,) meters ahead and to the left, radians turned, on the ground plane."""
+    """(3,) control on the ground plane: meters ahead, meters to the left, radians."""
     off_plane: FloatArray
-    """(3,) change of height in meters, of roll (to the right) and pitch (down) in radians."""
+    """(3,) changes of height in meters, of roll (to the right) and pitch (down) in radians."""
     covariance: FloatArray
-    """(3, 3) of the control."""
+    """(3, 3) covariance of the control."""
     inliers: BoolArray
-    """(k,) whether each correspondence agrees with the motion."""
+    """(k,) whether each correspondence is an inlier."""
     rotation: FloatArray
-    """(3, 3) from the previous camera frame to the current one."""
+    """(3, 3) rotation from the previous camera frame to the current one."""
     translation: FloatArray
     """(3,) previous camera center in the current camera frame, in meters."""
 
@@ -83,7 +83,7 @@ def correspondences_of(
     current_depth: FloatArray,
     current_depth_sigma: FloatArray,
 ) -> Correspondences:
-    """Correspondences of pixels (k, 2) with depths (k,) in meters, NaN where unknown."""
+    """Correspondences of pixels (k, 2) with depths (k,) in meters; NaN where unknown."""
     known = np.isfinite(depth)
     inverse = 1 / np.where(known, depth, DEFAULT_DEPTH)
     current_inverse = 1 / current_depth
@@ -106,9 +106,9 @@ def estimate_motion(
 ) -> Egomotion | None:
     """Maximum-likelihood motion of k correspondences: RANSAC, then robust Gauss-Newton.
 
-    The `prior`, an expected control, becomes part of the estimate; it is None where measured depths
-    determine the whole motion. `before` is the camera as it was turned in the first frame, by
-    default as in the second. None where too few correspondences agree on a motion.
+    The `prior`, an expected control, is part of the estimate; with measured depths none is needed.
+    `camera` is the camera in the second frame, `before` the camera in the first, if it was turned.
+    Returns None if the motion has too few inliers.
     """
     if len(points.previous) < MIN_INLIERS:
         return None
@@ -151,18 +151,18 @@ def normal_equations(
     pixel_sigma: float,
     kernel_width: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Normal equations of a Gauss-Newton iteration, with the inverse depths marginalized.
+    """Normal equations of a Gauss-Newton iteration with marginalized inverse depths.
 
     The residual of a point has the covariance A + s^2 d d^T, of pixels and depth in the second
     frame (A) and of the inverse depth in the first (s). Its inverse is A^-1 - q g g^T with
     g = A^-1 d, q = s^2 / (1 + s^2 d^T g) (Sherman & Morrison, 1950).
 
-    The residuals are linearized about `pose` and inverse depths (k,). The width of the robust
-    kernel is in standard deviations.
+    The residuals are linearized about `pose` and the inverse depths (k,). `kernel_width` is in
+    standard deviations.
 
     Returns:
-        Information (6, 6) and gradient (6,) by rotation vector and translation; the normalized
-        squares (k,), infinite behind the camera; and the inverse depths (k,) for this motion.
+        Information (6, 6) and gradient (6,) by rotation vector and translation; normalized squared
+        residuals (k,), infinite behind the camera; and inverse depths (k,) for this motion.
     """
     (R, t), h = pose, inverse_depth
     rotated = directions(camera, points.previous) @ R.T
@@ -200,20 +200,20 @@ def normal_equations(
 def _prior_information(
     camera: Camera, covariance: FloatArray, R: FloatArray, before: Camera | None
 ) -> FloatArray:
-    """(6, 6) information of the prior on rotation and translation of the camera."""
+    """Information (6, 6) of the prior on rotation and translation of the camera."""
     J = robot_motion(camera, R, np.zeros(3), before).jacobian
     return np.asarray(J.T @ np.linalg.solve(with_off_plane(covariance), J))
 
 
 def with_off_plane(covariance: FloatArray) -> FloatArray:
-    """(6, 6) covariance of control (3, 3) and off-plane motion."""
+    """Covariance (6, 6) of control and off-plane motion, given the control's (3, 3)."""
     total = np.diag(np.square([0.0, 0.0, 0.0, *OFF_PLANE_SIGMA]))
     total[:3, :3] = covariance + 1e-10 * np.eye(3)
     return total
 
 
 def _ransac_motion(camera: Camera, points: Correspondences) -> CameraPose | None:
-    """Initial motion from the points of known depth."""
+    """Initial motion from the points of known depth; None if RANSAC fails."""
     known = points.inverse_depth_sigma < MAX_RELATIVE_SIGMA * points.inverse_depth
     if known.sum() < MIN_INLIERS:
         return None
@@ -227,9 +227,9 @@ def _ransac_motion(camera: Camera, points: Correspondences) -> CameraPose | None
 def perspective_n_point(
     camera: Camera, points: FloatArray, xy: FloatArray, *, method: int, confidence: float
 ) -> tuple[FloatArray, FloatArray, int] | None:
-    """RANSAC PnP: R (3, 3), t (3,) and the number of inliers; None where it fails.
+    """Perspective-n-point with RANSAC: R (3, 3), t (3,) and number of inliers; None if it fails.
 
-    The points (k, 3) are in the first camera frame in meters, the pixels (k, 2) in the second.
+    Points (k, 3) are in meters in the first camera frame, pixels (k, 2) in the second image.
     `method` is a `cv2.SolvePnPMethod`, `confidence` the probability of an outlier-free sample.
     """
     solved, rotation, translation, inliers = cv2.solvePnPRansac(

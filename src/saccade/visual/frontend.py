@@ -32,12 +32,12 @@ from saccade.visual.tables import FIRST_ID, TrackedPoints
 T = TypeVar("T")
 
 BORDER = 8
-"""Pixels at the edge of the image in which no point is tracked."""
+"""Width of the image border without tracked points, in pixels."""
 MAX_UPSAMPLED = 320_000
-"""Pixels of the largest image that SIFT upsamples for the egomotion: larger ones have enough points
-without it, and take a third of the time."""
+"""Maximum size of an image that SIFT upsamples, in pixels. Larger images have enough points, and
+detection takes a third of the time."""
 SWITCH_INTERVAL = 5e-4
-"""Seconds after which a thread that runs Python code yields to another: a tenth of the default."""
+"""Switch interval of Python threads in seconds, a tenth of the default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,19 +46,18 @@ class FrameFeatures:
 
     frame: PreparedFrame
     detected: TrackedPoints | None = None
-    """Points of SIFT; None in the frames between those in which they are detected, and in blank
-    ones."""
+    """SIFT points; None in blank frames, and in frames without detection."""
     saliency: Float32Array | None = None
-    """(h, w) contrast of the whole image, where points were detected and a gaze is decided."""
+    """(h, w) contrast saliency, if points are detected and a gaze policy is used; else None."""
     remarks: tuple[str, ...] = ()
-    """Why the frame could not be read, if so."""
+    """Reasons why the frame could not be read."""
 
 
 class FeatureExtractor:
-    """Reads the frames of a drive, and detects points in every `detect_interval`-th.
+    """Reads the frames of a drive, and detects points in every `detect_interval`-th frame.
 
-    Frames that have been `read`, by number, are used once, then dropped. With `attends` it computes
-    the saliency of frames in which points are detected.
+    `read` are frames that have been read already, by number. With `attends` the saliency of frames
+    with detected points is computed.
     """
 
     def __init__(
@@ -82,7 +81,7 @@ class FeatureExtractor:
         )
 
     def __call__(self, number: int) -> FrameFeatures:
-        """A frame and its points; an empty frame where it cannot be read."""
+        """A frame and its detected points; a blank frame if it cannot be read."""
         try:
             frame = self._read.pop(number, None) or self._drive.load(number)
         except ImageError as error:
@@ -100,7 +99,7 @@ class FeatureExtractor:
         return replace(features, detected=points, saliency=saliency)
 
     def _detect(self, prepared: PreparedFrame, number: int) -> TrackedPoints | None:
-        """The points of a frame, none of them a landmark yet; None where it is blank."""
+        """Points detected in a frame, without landmark ids; None if the frame is blank."""
         tracks, camera = prepared.frame.tracks, self._drive.camera
         if tracks is not None:
             points, track = Keypoints.at(tracks.xy, 1.0), tracks.id
@@ -112,7 +111,7 @@ class FeatureExtractor:
         elif prepared.left is not None:
             points = self._sift(prepared.left)
             _, first = np.unique(points.xy, axis=0, return_index=True)
-            points = points[np.sort(first)]  # of points with several orientations
+            points = points[np.sort(first)]  # one of several orientations
             descriptors, track = cast("ByteArray", points.descriptors), np.full(len(points), -1)
             depth, sigma = measure_depth(camera, prepared, points.xy, self._config)
         else:
@@ -133,9 +132,9 @@ class FeatureExtractor:
 
 
 class Prefetcher(Generic[T]):
-    """Computes items 0 to `count` - 1 in another thread, at most `ahead` of them in advance.
+    """Computes items 0 to `count` - 1 in another thread, up to `ahead` items in advance.
 
-    A context manager: its thread ends with it.
+    A context manager that owns the thread.
     """
 
     def __init__(self, compute: Callable[[int], T], count: int, ahead: int) -> None:
@@ -144,7 +143,7 @@ class Prefetcher(Generic[T]):
         self._pending: dict[int, Future[T]] = {}
 
     def __call__(self, number: int) -> T:
-        """The item of a number; raises what its computation raised."""
+        """Item by number; raises the exceptions of its computation."""
         for i in range(number, min(number + 1 + self._ahead, self._count)):
             if i not in self._pending:
                 self._pending[i] = self._thread.submit(self._compute, i)
@@ -159,11 +158,11 @@ class Prefetcher(Generic[T]):
 
 @contextmanager
 def dedicated_process() -> Iterator[None]:
-    """Process-wide settings under which mapping and prefetching run fastest together.
+    """Process-wide settings that speed up mapping together with prefetching.
 
-    For programs that have the process to themselves, such as `saccade drive`; `run` changes no
-    setting. Threads switch more often, and linear algebra runs in one thread, since more would
-    compete with the prefetching. Both settings are restored at the end.
+    For programs that own their process, such as `saccade drive`; `run` changes no settings. Threads
+    switch more often, and linear algebra uses one thread, since more would compete with the
+    prefetching. The settings are restored at the end.
     """
     interval = sys.getswitchinterval()
     sys.setswitchinterval(min(interval, SWITCH_INTERVAL))
@@ -182,14 +181,13 @@ def track(
     prior: MotionEstimate,
     config: VisualConfig,
 ) -> tuple[TrackedPoints, Egomotion | None]:
-    """Track the points of the last frame that was not blank, and estimate the egomotion.
+    """Tracks the points of the last frame that was not blank, and estimates the egomotion.
 
-    `camera` is as mounted, `prior` the expected control.
+    `camera` is the camera as mounted, `prior` the expected control.
 
     Returns:
-        The points in `current` that agree with the motion, with their depths where it measures
-        them, and the motion. Where none is found: no points, since nothing verifies them, and
-        None.
+        The points in `current` that agree with the motion, with depths if measured, and the motion.
+        Without a motion there are no points, since nothing verifies them.
     """
     before, camera = (camera.turned(each.frame.turn) for each in (previous, current))
     if current.frame.tracks is not None:
@@ -226,9 +224,9 @@ def extend(
     reidentified: TrackedPoints,
     config: VisualConfig,
 ) -> TrackedPoints:
-    """Tracked points, re-identified landmarks in place of those near, and the strongest new ones.
+    """Adds re-identified landmarks and the strongest detected points to the tracked points.
 
-    `reidentified` are those `detected` in the same frame that are landmarks which were lost.
+    Re-identified landmarks replace tracked points nearby.
     """
     radius = config.min_spacing / 2
     others = tracked[~tracked.near(reidentified, radius)]

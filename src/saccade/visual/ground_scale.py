@@ -1,7 +1,7 @@
-"""Metric scale of a single camera from the ground plane (direct image alignment).
+"""Metric scale of a single camera from the ground plane, by direct image alignment.
 
-A single camera does not measure the length of its motion, but its height above the ground gives
-the scale: from the image of the ground follows the translation in camera heights.
+Images of the ground determine the translation of a single camera in units of its height, and the
+height of the camera is part of the calibration.
 """
 
 import cv2
@@ -16,44 +16,42 @@ from saccade.visual.optical_flow import ByteArray
 from saccade.visual.robot_motion import CameraPose
 
 NEAR = 6.0
-"""Least distance of the sampled ground in front of the camera, in meters."""
+"""Minimum distance of the sampled ground in front of the camera, in meters."""
 FAR = 16.0
-"""Largest distance of the sampled ground, in meters."""
+"""Maximum distance of the sampled ground, in meters."""
 HALF_WIDTH = 1.3
 """Half the width of the sampled ground, in meters."""
 ROW_STEP = 3
-"""Rows between samples."""
+"""Spacing of the sampled rows, in pixels."""
 COLUMN_STEP = 4
-"""Columns between samples."""
+"""Spacing of the sampled columns, in pixels."""
 BLUR_SIGMA = 1.5
 """Standard deviation of the Gaussian filter, in pixels."""
-BLUR_SIZE = 7, 7
-"""Size of its window."""
 TILT_SIGMA = np.radians((0.7, 1.0))
-"""Standard deviations of the ground's pitch and roll relative to the robot."""
+"""Standard deviations of the ground's pitch and roll relative to the robot, in radians."""
 MIN_VISIBLE = 0.3
-"""Fraction of the samples that must be inside the next image."""
+"""Minimum fraction of the samples inside the next image."""
 NOISE_CORRELATION = 7.0
-"""Standard deviation of the mean over that for independent pixels: neighbors share the deviation
-of the ground from the plane."""
+"""Inflation of the standard deviation of intensities: neighboring pixels share the deviation of the
+ground from the plane."""
 MIN_DISTANCE = 0.3
-"""Least length of a translation, in camera heights."""
+"""Minimum length of a measured translation, in camera heights."""
 MAX_ITERATIONS = 15
-"""Largest number of iterations of Gauss-Newton."""
+"""Maximum number of Gauss-Newton iterations."""
 CONVERGED = 1e-3
-"""Largest relative change of a converged distance."""
+"""Maximum relative change of a converged distance."""
 DISTANCE_NOISE = 0.04
-"""Standard deviation of a measured distance, as a fraction of it."""
+"""Relative standard deviation of a measured distance."""
 
 
 def with_gradients(image: ByteArray) -> FloatArray:
-    """(3, h, w) a gray image and its derivatives along rows and columns (Sobel), in 1 / pixels."""
+    """(3, h, w) gray image and its Sobel derivatives along x and y, per pixel."""
     dx, dy = (cv2.Sobel(image, cv2.CV_64F, *order, ksize=3) / 8 for order in ((1, 0), (0, 1)))
     return np.stack([image, dx, dy])
 
 
 class GroundTracker:
-    """Measures how far the camera moved over the ground, if the calibration has its height."""
+    """Measures the distance that a camera of known height moved over the ground."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera, self._pixels = camera, _ground_samples(camera)
@@ -63,9 +61,11 @@ class GroundTracker:
     def distance(self, previous: ByteArray, current: ByteArray, motion: Egomotion) -> float | None:
         """Length of the camera's translation between two gray images (H, W), in meters.
 
-        Distance, tilt of the plane, gain and offset of the intensity minimize the photometric
-        error of the ground (robust Gauss-Newton), for the rotation and the direction of a motion.
-        None where the robot moved too little, or no ground plane fits.
+        Robust Gauss-Newton minimizes the photometric error of the ground over distance, tilt of the
+        plane, and gain and offset of the intensity. `motion` provides rotation and direction.
+
+        Returns:
+            The distance; None if the robot moved too little or no ground plane fits.
         """
         height = float(self._camera.position[2])
         initial = float(np.linalg.norm(motion.translation))
@@ -73,7 +73,7 @@ class GroundTracker:
             return None
         columns, rows = self._pixels.T
         before, after = (
-            np.asarray(cv2.GaussianBlur(image, BLUR_SIZE, BLUR_SIGMA), np.uint8)
+            np.asarray(cv2.GaussianBlur(image, (0, 0), BLUR_SIGMA), np.uint8)
             for image in (previous, current)
         )
         intensity = before[rows, columns].astype(np.float64)
@@ -85,7 +85,7 @@ class GroundTracker:
     def _align(
         self, intensity: FloatArray, images: FloatArray, motion: Egomotion
     ) -> FloatArray | None:
-        """(3,) distance in camera heights and two tilts in radians; None if not converged."""
+        """Distance in camera heights and two tilts in radians (3,); None if not converged."""
         length = float(np.linalg.norm(motion.translation))
         initial = length / float(self._camera.position[2])
         direction = motion.translation / length
@@ -103,7 +103,7 @@ class GroundTracker:
             if brightness is None:
                 brightness = np.array([-values.sum() / min(A[:, 3].sum(), -1.0), 0.0])
             residual = values + A[:, 3:] @ brightness
-            sigma = 1.48 * _median(np.abs(residual - _median(residual))) + 0.3
+            sigma = 1.48 * np.median(np.abs(residual - np.median(residual))) + 0.3
             weight = 1 / np.square(1 + np.square(residual / (2 * sigma)))  # Geman & McClure (1987)
             weight /= (NOISE_CORRELATION * sigma) ** 2
             information, gradient = A.T @ (A * weight[:, None]), A.T @ (weight * values)
@@ -118,7 +118,7 @@ class GroundTracker:
         return None
 
     def _plane_axes(self, direction: FloatArray) -> FloatArray:
-        """(3, 3) normal of the ground, direction of motion along it, and their cross product."""
+        """(3, 3) normal of the ground, direction of the motion, and their cross product."""
         normal = np.cross(direction, self._camera.rotation[1])
         normal *= -np.sign(normal @ self._camera.rotation[2]) / np.linalg.norm(normal)
         return np.stack([normal, direction, np.cross(normal, direction)])
@@ -127,15 +127,19 @@ class GroundTracker:
 def warp_ground(
     camera: Camera, rays: FloatArray, pose: CameraPose, plane: FloatArray, images: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Sample the next image at m points of the ground plane, rays (m, 3) of the previous camera.
+    """Samples the next image at m points of the ground plane.
 
-    `images` are those of `with_gradients`. Lengths of the pose are in camera heights. The rows of
-    `plane` (3, 3) are its normal, of length 1 where it has no tilt, and `distance` times its
-    derivatives by the two tilts.
+    Args:
+        camera: the camera.
+        rays: rays (m, 3) of the points in the previous camera frame.
+        pose: motion of the camera, in camera heights.
+        plane: (3, 3) normal of the ground plane, of length 1 without tilt, and its derivatives by
+            the two tilts times the distance.
+        images: result (3, h, w) of `with_gradients` for the next image.
 
     Returns:
-        For the n points inside the image: (n,) intensities, (n, 3) their derivatives by distance
-        and tilts; and (m,) which points they are.
+        Intensities (n,) of the n points inside the image, their derivatives (n, 3) by distance and
+        tilts, and (m,) whether each point is inside.
     """
     R, t = pose
     distance = np.linalg.norm(t)
@@ -154,7 +158,7 @@ def warp_ground(
 
 
 def _ground_samples(camera: Camera) -> IntArray:
-    """(m, 2) pixels of a trapezoid of ground in front of the robot."""
+    """Pixels (m, 2) of a rectangle of ground in front of the robot."""
     down = -camera.rotation[2]
     rows = np.arange(camera.height - 4, 0, -ROW_STEP)
     steepness = down[1] * (rows - camera.cy) / camera.fy + down[2]
@@ -166,8 +170,3 @@ def _ground_samples(camera: Camera) -> IntArray:
     kept = (steps < 2 * half[:, None]) & (columns >= 0) & (columns < camera.width)
     pixels = np.stack([columns, np.broadcast_to(rows[near, None], columns.shape)], 2)
     return np.asarray(pixels[kept], np.int64)
-
-
-def _median(values: FloatArray) -> float:
-    """The upper median; NumPy's averages two, checks for NaN, and takes six times as long."""
-    return float(np.partition(values, len(values) // 2)[len(values) // 2])

@@ -1,10 +1,9 @@
-"""Evidence from images that the robot is not where the filter believes it to be.
+"""Evidence from images for kidnapping: the robot is not at the pose of the filter.
 
-Three questions are asked of a frame. Did the camera move as odometry says, or else as it moved
-before? Where no motion was found, does the view resemble the last one? And, where points are
-detected, are landmarks that are expected in view found, or do they agree on another pose? The
-answers are log-likelihood ratios of a robot that was moved to one that was not, learned from the
-drive so far; `KidnappingDetector` adds them up.
+Each frame has up to three kinds of evidence: a motion that agrees neither with odometry nor with
+the last motion; without a motion estimate, a view that differs from the last one; and landmarks
+expected in view that are missing or agree on another pose. Evidence is a log-likelihood ratio of
+kidnapping, learned from the drive so far, and is accumulated by `KidnappingDetector`.
 """
 
 from dataclasses import dataclass, field
@@ -20,82 +19,81 @@ from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.optical_flow import PreparedFrame
 
 MAX_EVIDENCE = 6.0
-"""Largest evidence of one answer."""
+"""Maximum evidence of a motion or view."""
 ORDINARY_NIS = 9.0
-"""Normalized innovation squared of a motion up to which it is no evidence (3 degrees of freedom).
-In undisturbed drives the smaller one to odometry and to the last motion stays below; after a jump
-of 0.3 m it is over 100."""
+"""Maximum normalized innovation squared of an ordinary motion (3 degrees of freedom). Undisturbed
+drives stay below, with the smaller one of odometry and last motion; a jump of 0.3 m exceeds 100."""
 MIN_POINTS = 20
 """Minimum number of tracked points for a failed motion estimate to count as evidence."""
 VIEW_SHIFT = 2
-"""Largest shift of two reduced images against each other, in pixels."""
+"""Maximum shift between two reduced images that are compared, in pixels."""
 MIN_TURN = 0.01
-"""Turn of the camera between two frames above which their views are not compared, in radians."""
+"""Maximum turn of the camera between two views that are compared, in radians."""
 VIEW_MEMORY = 50.0
-"""Number of frames over which the difference of successive views is averaged."""
+"""Number of frames in the running mean of the difference of successive views."""
 MIN_VIEW_SPREAD = 0.3
-"""Least standard deviation of the logarithm of that difference."""
+"""Minimum standard deviation of the logarithm of the difference of views."""
 ORDINARY_VIEW = 1.5
-"""Standard deviations up to which a view continues the last one."""
+"""Maximum deviation of a view that continues the last one, in standard deviations."""
 VIEW_OFFSET = 2.0
-"""Half the squared standard deviations of a view that is no evidence yet."""
+"""Half the squared deviation of a view without evidence, in standard deviations."""
 STANDSTILL = 0.1
-"""Fraction of its usual motion below which a robot stands."""
+"""Maximum motion of a standing robot, as a fraction of its mean motion."""
 BLIND_EVIDENCE = 0.7
-"""Evidence of a frame in which a standing robot sees nothing: it may be carried."""
+"""Evidence of a blank frame of a standing robot, which may be carried."""
 DISCOUNT = 0.97
-"""Factor of the evidence in a frame whose motion is as expected."""
+"""Factor of the evidence after a frame with an ordinary motion."""
 NEGLIGIBLE = 0.1
-"""Evidence below which there is none."""
+"""Evidence that is reset to zero."""
 TURN_RADIUS = 2.0
-"""Distance whose change of the view equals that of a turn by one radian, in meters."""
+"""Distance that changes the view as much as a turn by one radian, in meters."""
 MIN_EXPECTED = 5
-"""Minimum number of lost landmarks expected in view for their absence to be evidence."""
+"""Minimum number of lost landmarks expected in view for missing ones to be evidence."""
 MIN_FOUND = 4
-"""Number of re-identified landmarks that refutes the evidence."""
+"""Minimum number of re-identified landmarks that refutes kidnapping."""
 LANDMARK_MEMORY = 30.0
-"""Number of detections over which the fraction without a re-identification is averaged."""
+"""Number of detections in the running mean of the fraction without a re-identification."""
 MIN_FRACTION = 0.01
-"""Least value of that fraction."""
+"""Minimum fraction of detections without a re-identification."""
 MAX_MISSED = 3.0
-"""Largest evidence from landmarks. It is less than the limit: an obstacle hides many at a time, and
-landmarks that agree on another pose may show that the filter is overconfident."""
+"""Maximum evidence from landmarks. It is below the limit, since an obstacle hides many landmarks
+at a time, and landmarks that agree on another pose may reveal an overconfident filter."""
 MIN_ELSEWHERE = 6
-"""Minimum number of landmarks that agree on another pose to be evidence."""
+"""Minimum number of landmarks that agree on another pose for evidence."""
 ELSEWHERE_EVIDENCE = 2.5
 """Evidence of a frame whose landmarks agree on another pose."""
 
 
 @dataclass
 class ImageEvidence:
-    """Evidence from the frames of a drive, which it adds to a kidnapping detector."""
+    """Adds evidence from the frames of a drive to a kidnapping detector."""
 
     detector: KidnappingDetector
-    """Where the evidence is added up."""
+    """Accumulates the evidence."""
     acceleration_sigma: tuple[float, float]
     """Standard deviations of the change of speed (m/s) and turn rate (rad/s) in a second."""
     missed: float = 0.0
-    """Evidence that landmarks contribute."""
+    """Evidence from landmarks."""
     view: Float32Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
-    """(h, w) of the last frame that was not blank."""
+    """(h, w) reduced image of the last frame that was not blank."""
     velocity: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    """(3,) last motion of the camera by its duration; NaN before the first."""
+    """(3,) motion per second in the last step; NaN before the first."""
     blind: float = 0.0
-    """Evidence that blank frames contribute."""
+    """Evidence from blank frames."""
     direction: tuple[float, float] = (0.0, 0.0)
-    """Pan and tilt of the camera in that frame, in radians."""
+    """Pan and tilt of the camera at the last view, in radians."""
     travel: float = 0.0
-    """Meters since that view, by odometry; a turn counts `TURN_RADIUS` times."""
+    """Distance by odometry since the last view, in meters; turns count `TURN_RADIUS` times."""
     mean_travel: float = 0.0
-    """Mean of the travel of one frame, in meters."""
+    """Mean travel of a frame, in meters."""
     difference: float = -2.5
-    """Mean of the logarithm of one minus the correlation of successive views."""
+    """Mean logarithm of one minus the correlation of successive views."""
     difference_variance: float = 0.6**2
-    """Variance of that logarithm."""
+    """Variance of this logarithm."""
     views: float = 1.0
-    """Number of frames in these means."""
+    """Number of frames in the running means of views."""
     failures: float = 0.5
-    """Number of frames with enough points in which no motion was found."""
+    """Number of frames with enough points but without a motion estimate."""
     attempts: float = 100.0
     """Number of frames with enough points."""
     without: float = 0.5
@@ -108,7 +106,7 @@ class ImageEvidence:
         self.view, self.velocity = np.zeros((0, 0), np.float32), np.full(3, np.nan)
 
     def is_standing(self, control: FloatArray) -> bool:
-        """Whether the robot stands by a control (3,), which it usually does not."""
+        """Whether a control (3,) is far below the mean motion."""
         return _travel(control) < STANDSTILL * self.mean_travel
 
     def add_motion(
@@ -120,10 +118,10 @@ class ImageEvidence:
         points: int,
         inliers: int,
     ) -> bool:
-        """Add the evidence of the motion to a frame, by odometry and by the camera, if any.
+        """Adds the evidence of the last step, by odometry and by the camera, if any.
 
-        `inliers` of the number of `points` that were tracked in the last frame agree on it. Returns
-        whether the frame continues the last one that was not blank.
+        `points` is the number of points in the last frame, `inliers` the number that agree with the
+        motion. Returns whether the frame continues the last one that was not blank.
         """
         self.travel += _travel(odometry[0])
         turn = frame.frame.turn
@@ -156,7 +154,7 @@ class ImageEvidence:
         return continued
 
     def _discount(self, verified: bool) -> None:
-        """Discounts the evidence by a frame that continues the last one."""
+        """Discounts the evidence after a frame that continues the last one."""
         self.detector.add(-self.blind)
         if verified and not self.detector.kidnapped:
             self.detector.discount(DISCOUNT)
@@ -165,9 +163,10 @@ class ImageEvidence:
             self.missed = 0.0
 
     def add_landmarks(self, expected: int, found: int, elsewhere: int) -> None:
-        """Add the evidence of the lost landmarks in a frame in which points are detected.
+        """Adds the evidence of lost landmarks in a frame with detected points.
 
-        Of those `expected` in view so many are `found`; `elsewhere` agree on another pose.
+        Arguments are the numbers of landmarks `expected` in view, `found` there, and that agree on
+        another pose (`elsewhere`).
         """
         if found >= MIN_FOUND and found > elsewhere:
             self.detector.reset()
@@ -180,7 +179,7 @@ class ImageEvidence:
             self.without += (float(found == 0) - self.without) / LANDMARK_MEMORY
 
     def _add_missed(self, evidence: float) -> None:
-        """Add evidence of landmarks, which are not enough by themselves."""
+        """Adds evidence from landmarks, up to `MAX_MISSED`."""
         added = min(evidence, MAX_MISSED - self.missed)
         self.missed += added
         self.detector.add(added)
@@ -188,9 +187,9 @@ class ImageEvidence:
     def _evidence_of_motion(
         self, odometry: MotionEstimate, motion: MotionEstimate | None, seconds: float
     ) -> float:
-        """Evidence of a motion that contradicts both odometry and the last motion.
+        """Evidence of a motion that agrees neither with odometry nor with the last motion.
 
-        A camera that does not move was not carried: the wheels slip, or the frame is a copy.
+        A camera without motion is no evidence: the wheels slip, or the frame is a copy.
         """
         if motion is None or not np.isfinite(self.velocity).all() or self.is_standing(motion[0]):
             return 0.0
@@ -201,13 +200,13 @@ class ImageEvidence:
         return min(max(excess, 0.0) / 2, MAX_EVIDENCE)
 
     def _evidence_of_view(self, deviation: float, failed: bool, points: int) -> float:
-        """Evidence of a view that deviates from the last, by whether a motion was found."""
+        """Evidence of a view that deviates from the last one, and of a failed motion estimate."""
         by_view = max(deviation**2 / 2 - VIEW_OFFSET, 0.0)
         failure = -log(self.failures / self.attempts) if failed and points >= MIN_POINTS else 0.0
         return min(by_view + failure, MAX_EVIDENCE)
 
     def _learn(self, difference: float) -> None:
-        """Learn how far the robot usually moves, and how much successive views differ then."""
+        """Updates the mean motion of a frame, and the mean difference of successive views."""
         self.views = min(self.views + 1, VIEW_MEMORY)
         self.mean_travel += (self.travel - self.mean_travel) / self.views
         if not isnan(difference):
@@ -216,9 +215,9 @@ class ImageEvidence:
             self.difference_variance += (deviation**2 - self.difference_variance) / VIEW_MEMORY
 
     def _difference(self, view: Float32Array | None, direction: tuple[float, float]) -> float:
-        """Log of one minus the best correlation of a view with the last, one of them shifted.
+        """Logarithm of one minus the maximum correlation of a shifted view with the last view.
 
-        NaN where one of them is missing, or the camera has turned on the robot between them.
+        NaN if a view is missing, or if the camera turned on the robot between the views.
         """
         turned = dist(direction, self.direction) > MIN_TURN
         if view is None or self.view.shape != view.shape or turned:
@@ -229,7 +228,7 @@ class ImageEvidence:
 
 
 def _travel(control: FloatArray) -> float:
-    """Meters of a control (3,); a turn counts `TURN_RADIUS` times."""
+    """Distance of a control (3,) in meters; turns count `TURN_RADIUS` times."""
     return float(np.hypot(control[0], control[1])) + TURN_RADIUS * abs(float(control[2]))
 
 

@@ -1,4 +1,4 @@
-"""Errors of the motion by the camera, and departures from the ground plane."""
+"""Systematic and correlated errors of visual odometry, and motion off the ground plane."""
 
 from dataclasses import dataclass, field
 
@@ -9,28 +9,28 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion
 
 CONSTANT_TURN = np.pi / 2
-"""Radians over which a calibration error of the turn is constant."""
+"""Constancy of the calibration error of the turn, in radians turned."""
 CONSTANT_DISTANCE = 10.0
-"""Meters over which a calibration error of the distance is constant."""
+"""Constancy of the calibration error of the distance, in meters driven."""
 INTEGRATION_TIME = 2.0
-"""Seconds over which tilt and height are integrated, before their drift dominates."""
+"""Time constant of the integration of tilt and height, in seconds; beyond it drift dominates."""
 AVERAGING_TIME = 10.0
-"""Seconds over which their variances are averaged."""
+"""Time constant of the average of the variances of tilt and height, in seconds."""
 TOTAL_RELATIVE_SIGMA = (0.007, 0.015)
-"""`VisualConfig.relative_motion_sigma` with the errors that are constant over the drive, where they
-are not told apart."""
+"""`VisualConfig.relative_motion_sigma` with errors that are constant over the drive included, for
+motions without `CalibrationDrift`."""
 MAX_TILT_RATIO = 3.0
-"""Largest ratio of the tilt to the assumed one that is not reported."""
+"""Minimum ratio of estimated and assumed tilt for a warning."""
 MAX_HEIGHT = 0.3
-"""Largest standard deviation of the height that is not reported, in meters."""
+"""Minimum standard deviation of the height for a warning, in meters."""
 
 
 @dataclass
 class Planarity:
-    """Standard deviations of roll, pitch and height, from the motion of the camera."""
+    """Standard deviations of roll, pitch and height, estimated from the egomotion."""
 
     assumed_tilt: float
-    """Least standard deviation of roll and pitch, in radians."""
+    """Minimum standard deviation of roll and pitch, in radians."""
     max_tilt: float = field(default=0.0, init=False)
     max_height: float = field(default=0.0, init=False)
     _integral: FloatArray = field(default_factory=lambda: np.zeros(3), init=False)
@@ -47,7 +47,7 @@ class Planarity:
         return np.asarray(np.sqrt(self._squared / max(self._weight, 1e-9)))
 
     def update(self, off_plane: FloatArray, seconds: float) -> None:
-        """Add a `Motion.off_plane` (3,)."""
+        """Adds the off-plane motion (3,) of an `Egomotion` over a duration."""
         self._integral = self._integral * np.exp(-seconds / INTEGRATION_TIME) + off_plane
         decay = np.exp(-seconds / AVERAGING_TIME)
         self._squared = decay * self._squared + (1 - decay) * np.square(self._integral)
@@ -56,7 +56,7 @@ class Planarity:
         self.max_height = max(self.max_height, float(self._sigma[0]))
 
     def remarks(self) -> tuple[str, ...]:
-        """A warning where the robot leaves the plane of its map."""
+        """Warning if the robot leaves the plane of its map; else none."""
         parts = []
         if self.max_tilt > MAX_TILT_RATIO * self.assumed_tilt:
             parts.append(f"pitches and rolls by {np.degrees(self.max_tilt):.1f} deg")
@@ -65,15 +65,15 @@ class Planarity:
         if not parts:
             return ()
         return (
-            f"the robot {' and '.join(parts)} as its camera measures it, but its map is flat: the "
+            f"the camera measures that the robot {' and '.join(parts)}, but the map is flat: "
             "standard deviations of observations and motion are enlarged accordingly",
         )
 
 
 def correlation_factor(seconds: float, config: VisualConfig) -> float:
-    """Variance that errors with correlation time T accumulate, over that of independent ones.
+    """Variance inflation of accumulated errors that are correlated in time.
 
-    Sampled every dt it is (1 + r) / (1 - r), r = exp(-dt / T).
+    For samples every dt and a correlation time T it is (1 + r) / (1 - r) with r = exp(-dt / T).
     """
     decay = float(np.exp(-seconds / config.correlation_time))
     return (1 + decay) / (1 - min(decay, 1 - 1e-6))
@@ -82,15 +82,15 @@ def correlation_factor(seconds: float, config: VisualConfig) -> float:
 def camera_error_covariance(
     motion: Egomotion, seconds: float, config: VisualConfig, tilt: float, measures_range: bool
 ) -> FloatArray:
-    """(3, 3) covariance of a motion by the camera, inflated for errors correlated in time.
+    """Covariance (3, 3) of an egomotion, with correlated and calibration errors.
 
     Successive frames observe the same points (see `correlation_factor`). Calibration errors are
-    constant over `CONSTANT_DISTANCE` and `CONSTANT_TURN`. The motion of a robot tilted by `tilt`
-    radians is cos(tilt) times as long on the ground.
+    constant over `CONSTANT_DISTANCE` and `CONSTANT_TURN`. A tilt in radians shortens the motion on
+    the ground by its cosine. Without `measures_range` odometry determines the length.
     """
     factor = np.sqrt(correlation_factor(seconds, config))
     relative = config.relative_motion_sigma
-    if not measures_range:  # the length is that of odometry
+    if not measures_range:
         relative = 0.0, TOTAL_RELATIVE_SIGMA[1]
     along = factor if measures_range else 1.0
     inflation = np.diag([along, along, factor])

@@ -1,4 +1,4 @@
-"""The motion of the robot from frame to frame: what odometry and the camera say of it, joined."""
+"""Motion of the robot from frame to frame, from odometry and the camera."""
 
 from typing import TypeAlias
 
@@ -21,24 +21,24 @@ from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow
 
 PointPair: TypeAlias = tuple[TrackedPoints, TrackedPoints]
-"""Points of the last frame, and those of them that were tracked into this one."""
+"""Points of the last frame, and the points tracked from there into the current frame."""
 Frames: TypeAlias = tuple[PreparedFrame, PreparedFrame]
-"""The last frame that was not blank, and this one."""
+"""The last frame that was not blank, and the current frame."""
 
 MIN_SCALE_SIGMA = 0.02
-"""Least standard deviation of odometry's scale where the camera measures distances."""
+"""Minimum standard deviation of odometry's scale if the camera measures depth."""
 MIN_TURN_BIAS_SIGMA = 0.02
-"""Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
+"""Minimum initial standard deviation of odometry's turn rate bias, in rad/s."""
 
 
 class MotionEstimator:
-    """The steps of a drive by odometry alone; a camera that measures depth only maps."""
+    """Motion by odometry alone; the camera only maps."""
 
     measures_range = True
-    """Whether the camera measures depth; else the length of a step is odometry's, times a scale,
-    and the ranges of landmarks follow from the motion itself."""
+    """Whether the camera measures depth. Otherwise odometry and an estimated scale determine the
+    length of a step, and ranges of landmarks are triangulated."""
     drift: CalibrationDrift | None = None
-    """Effect of the errors of the calibration on the pose; None where they are not known."""
+    """Effect of calibration errors on the pose; None if they are not estimated."""
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         self._drive, self._config = drive, config
@@ -50,23 +50,23 @@ class MotionEstimator:
         self.errors = OdometryErrors(*self._scale_sigmas(), turn_sigma)
         self.planarity = Planarity(float(np.radians(config.tilt_sigma_deg)))
         self.cameras = drive.camera, drive.camera
-        """The camera as it was turned in the last frame and in this one."""
+        """The camera as it was turned in the last frame and in the current frame."""
         self.turn_sigma = 0.0
-        """Standard deviation of the camera's pan and tilt in this frame, in radians."""
+        """Standard deviation of the camera's pan and tilt in the current frame, in radians."""
         self.seconds = 0.0
-        """Duration of the last step."""
+        """Duration of the last step, in seconds."""
         self._declared: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         self._step = self._declared  # without its systematic errors
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
-        """Set how the camera is turned in this frame."""
+        """Sets the turn of the camera in the current frame."""
         self.cameras = self.cameras[1], self._drive.camera.turned(turn)
         self.turn_sigma = 0.0 if turn is None else turn.sigma
 
     def predict(self, number: int) -> MotionEstimate:
         """Control that odometry expects to lead to a frame after the first.
 
-        The estimated systematic errors are corrected; the covariance is that of the odometry.
+        Estimated systematic errors are corrected; the covariance is declared by the odometry.
         """
         drive, last = self._drive, number - 1
         self.seconds = float(drive.time[number] - drive.time[last])
@@ -93,36 +93,36 @@ class MotionEstimator:
         return motion.control, covariance
 
     def refine(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
-        """Egomotion by what the points (k,) of two frames tell of its length."""
+        """The egomotion, with a length from triangulated points where nothing measures it."""
         return motion
 
     def join(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
-        """Combines odometry and egomotion, if any: the control from the last pose to this one."""
+        """Combines odometry with the egomotion, if any; returns the control of the last step."""
         return self._declared
 
     def with_depth(self, points: TrackedPoints) -> TrackedPoints:
-        """The tracked points (k,) with the depths that the motion so far tells of."""
+        """The tracked points, with triangulated depths if the camera measures none."""
         return points
 
     def restart(self) -> None:
-        """Forget the motions so far: after a gap they tell nothing of the next one."""
+        """Discards past motions, which do not predict the motion after a gap."""
 
     def constant_errors(self, pose: FloatArray) -> FloatArray:
-        """(3, 3) covariance of a pose (3,) by errors that are constant over the drive."""
+        """Covariance (3, 3) of a pose (3,) by errors that are constant over the drive."""
         return np.zeros((3, 3))
 
     @property
     def scale(self) -> float:
-        """True distances over those of the first steps."""
+        """Scale of the motion relative to that at the start."""
         return 1.0 if self.measures_range else self.errors.factor
 
     @property
     def scale_sigma(self) -> float:
-        """Standard deviation of the scale of the whole map, as a fraction of it."""
+        """Relative standard deviation of the scale of the whole map."""
         return 0.0 if self.measures_range else self.errors.scale_sigma
 
     def _scale_sigmas(self) -> tuple[float, float]:
-        """Sigmas of the fractions: true distances over odometry's, and the camera's over true."""
+        """Relative standard deviations of the scales of odometry and camera."""
         if not self.measures_range:
             return self._drive.odometry_bias[0], self._config.relative_height_sigma
         by_odometry = float(np.hypot(self._drive.odometry_bias[0], MIN_SCALE_SIGMA))
@@ -130,7 +130,7 @@ class MotionEstimator:
 
 
 class StereoMotionEstimator(MotionEstimator):
-    """The motion by odometry and a camera that measures depth, adjusted over a sliding window."""
+    """Motion by odometry and a camera that measures depth, adjusted over a sliding window."""
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         super().__init__(drive, config)
@@ -156,9 +156,9 @@ class StereoMotionEstimator(MotionEstimator):
         return self.measured(motion._replace(control=control, covariance=covariance))
 
     def restart(self) -> None:
-        """Forget all frames but the last."""
+        """Discards all frames but the last."""
         self._window.restart()
 
     def constant_errors(self, pose: FloatArray) -> FloatArray:
-        """(3, 3) covariance of a pose (3,) by errors of the calibration."""
+        """Covariance (3, 3) of a pose (3,) by calibration errors."""
         return self._window.drift.covariance(float(pose[2]))

@@ -1,4 +1,4 @@
-"""Systematic errors of odometry, estimated on the drive."""
+"""Systematic errors of odometry, estimated during the drive."""
 
 import numpy as np
 
@@ -8,30 +8,33 @@ from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_errors import CONSTANT_DISTANCE
 
 ODOMETRY_ERRORS = 5
-"""Scale of odometry, scale of the camera, turn rate, and two of side-slip."""
+"""Number of errors: scale of odometry, scale of the camera, turn rate, two of side-slip."""
 SLIP_ANGLE = 0.01
-"""Standard deviation of the side-slip on a straight road before the first frame, in radians. By the
-true poses of KITTI's drives 00 to 09 it is .003 to .015."""
+"""Prior standard deviation of the side-slip angle on a straight road, in radians. The true poses of
+KITTI 00 to 09 have .003 to .015."""
 SLIP_PER_ACCELERATION = 0.006
-"""Standard deviation of the side-slip per m/s^2 of lateral acceleration before the first frame, in
-radians; .003 to .008 in the same drives."""
+"""Prior standard deviation of the side-slip angle per lateral acceleration, in radians per m/s^2.
+The same drives have .003 to .008."""
 MAX_OUTAGE = 5.0
-"""Seconds without camera for which the covariance allows for errors of odometry's turn rate."""
+"""Duration without camera that the covariance of the turn rate covers, in seconds."""
 SLIP_SECONDS = 1.0
-"""Seconds over which what remains of the side-slip is constant."""
+"""Constancy of the remaining side-slip, in seconds."""
 MAX_NIS = 9.0
-"""Normalized innovation squared per dimension (3 sigma) beyond which a measurement is ignored."""
+"""Maximum normalized innovation squared per dimension of a measurement (3 sigma)."""
 
 
 class OdometryErrors:
     """Systematic errors of odometry (information filter).
 
-    Scale and turn rate are constant. Odometry knows of no side-slip: its angle is a constant plus
-    one in proportion to the lateral acceleration. The scale error of the camera is estimated with
-    that of odometry, since only their sum is observed.
+    The errors of scale and turn rate are constant. The side-slip angle, which odometry does not
+    measure, is a constant plus a part proportional to the lateral acceleration. The scale error of
+    the camera is estimated together with the scale error of odometry, as only their sum is
+    observed.
 
-    The standard deviations are of the fractions by which true distances exceed odometry's and those
-    by the camera are too long, and of the turn rate in rad/s.
+    Args:
+        scale_sigma: relative standard deviation of the distances by odometry.
+        camera_sigma: relative standard deviation of the distances by the camera.
+        turn_sigma: standard deviation of the turn rate, in rad/s.
     """
 
     def __init__(self, scale_sigma: float, camera_sigma: float, turn_sigma: float) -> None:
@@ -41,21 +44,21 @@ class OdometryErrors:
 
     @property
     def factor(self) -> float:
-        """True distance over that of odometry."""
+        """Ratio of the true distance and the distance by odometry."""
         return 1.0 + float(self.error[0])
 
     @property
     def scale_sigma(self) -> float:
-        """Standard deviation of the factor."""
+        """Standard deviation of `factor`."""
         return float(np.sqrt(self.covariance[0, 0]))
 
     @property
     def camera_factor(self) -> float:
-        """Distance by the camera over the true one."""
+        """Ratio of the distance by the camera and the true distance."""
         return 1.0 + float(self.error[1])
 
     def corrected(self, control: FloatArray, seconds: float) -> FloatArray:
-        """A control (3,) of odometry without its errors; half of a turn rotates the translation."""
+        """Corrects a control (3,) of odometry; half of the turn rotates the translation."""
         turn = -float(self.error[2]) * seconds
         c, s = np.cos(turn / 2), np.sin(turn / 2)
         x, y = self.factor * control[:2]
@@ -64,7 +67,7 @@ class OdometryErrors:
         return moved
 
     def jacobian(self, control: FloatArray, seconds: float) -> FloatArray:
-        """(3, 5) derivatives by the errors of a corrected control (3,), as a camera measures it."""
+        """Derivatives (3, 5) by the errors of a corrected control (3,), as a camera measures."""
         x, y, _ = control
         J = np.zeros((3, ODOMETRY_ERRORS))
         J[:2, :2] = np.array([[x], [y]])
@@ -75,10 +78,10 @@ class OdometryErrors:
     def step_covariance(
         self, control: FloatArray, seconds: float, has_scale: bool = True
     ) -> FloatArray:
-        """(3, 3) covariance of a corrected control (3,) by the errors that remain.
+        """Covariance (3, 3) of a corrected control (3,) by the remaining errors.
 
-        Taken as independent from step to step, they accumulate to those of constant errors over
-        `CONSTANT_DISTANCE`, `MAX_OUTAGE` and `SLIP_SECONDS`.
+        The errors of successive steps count as independent. They are enlarged so that they
+        accumulate to constant errors over `CONSTANT_DISTANCE`, `MAX_OUTAGE` and `SLIP_SECONDS`.
         """
         J, P = self.jacobian(control, seconds), self.covariance
         length = max(float(np.hypot(*control[:2])), 1e-9)
@@ -90,9 +93,9 @@ class OdometryErrors:
         return total
 
     def update_by(self, J: FloatArray, innovation: FloatArray, R: FloatArray) -> None:
-        """Update by k measurements: their Jacobian (k, 5), innovations (k,), covariance (k, k).
+        """Updates the errors by k measurements; outliers are ignored.
 
-        Outliers are ignored: the robot may have been lifted, or its wheels may slip.
+        J (k, 5) is the Jacobian, `innovation` (k,) the innovations, R (k, k) their covariance.
         """
         S = R + J @ self.covariance @ J.T
         if normalized_squared(innovation, S) < MAX_NIS * len(innovation):
@@ -100,13 +103,13 @@ class OdometryErrors:
             self.update(weighted @ J, weighted @ innovation)
 
     def update_scale(self, ratio: float) -> None:
-        """Update by the ratio of the camera's distance to that of odometry times `factor`."""
+        """Updates the errors by the ratio of the distances by camera and by corrected odometry."""
         J = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]])
         innovation = np.array([ratio - 1.0 - self.error[1]])
         self.update_by(J, innovation, np.array([[DISTANCE_NOISE**2]]))
 
     def update(self, information: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Add normal equations (5, 5), (5,) about the present estimate; returns its change (5,)."""
+        """Adds normal equations (5, 5), (5,) about the estimate; returns its change (5,)."""
         P = self.covariance
         self.covariance = np.linalg.solve(np.eye(ODOMETRY_ERRORS) + P @ information, P)
         self.covariance = (self.covariance + self.covariance.T) / 2
@@ -116,7 +119,7 @@ class OdometryErrors:
 
 
 def slip_lever(control: FloatArray, seconds: float) -> FloatArray:
-    """(2,) derivative of the side-slip of a control in meters by its two errors."""
+    """Derivative (2,) of the lateral motion of a control (3,) by the two side-slip errors."""
     length = float(np.hypot(*control[:2]))
     acceleration = length * float(control[2]) / max(seconds, 1e-3) ** 2
     return np.array([length, length * acceleration])

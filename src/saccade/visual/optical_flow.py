@@ -1,4 +1,4 @@
-"""Gray images of a frame, and sparse optical flow from one image to another."""
+"""Gray images of frames, and sparse optical flow between images."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,42 +16,44 @@ from saccade.types import BoolArray, Float32Array, FloatArray, Image
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 MIN_CONTRAST = 4.0
-"""Standard deviation of the gray levels below which an image is blank."""
+"""Minimum standard deviation of the gray levels of an image that is not blank."""
 WINDOW = (15, 15)
-"""Size of the window of Lucas-Kanade tracking, in pixels."""
+"""Window of Lucas-Kanade tracking, in pixels."""
 LEVELS = 4
-"""Pyramid levels above the image itself, which bound how far a point may move."""
+"""Number of pyramid levels above the image, which limits the displacement of a point."""
 GUESS_LEVELS = 1
-"""Pyramid levels where the position of each point is predicted."""
+"""Number of pyramid levels above the image if positions are predicted."""
 MAX_FORWARD_BACKWARD_ERROR = 0.5
-"""Pixels between a point and where it is after tracking forward and backward."""
+"""Maximum distance between a point and its position after tracking forward and backward, in
+pixels."""
 MAX_ROW_OFFSET = 1.0
-"""Pixels between the rows of a point in the two images of a rectified rig."""
+"""Maximum difference between the rows of a point in the images of a rectified rig, in pixels."""
 VIEW_WIDTH = 40
-"""Width in pixels of the reduced image by which views are compared."""
+"""Width of the reduced image by which views and brightness are compared, in pixels."""
 MIN_VIEW_HEIGHT = 12
-"""Least height in pixels of that image."""
+"""Minimum height of the reduced image, in pixels."""
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
+"""Termination of Lucas-Kanade tracking: 20 iterations, or a step of 0.02 pixels."""
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedFrame:
-    """A frame with its images as gray levels."""
+    """A frame with its images converted to gray levels."""
 
     frame: Frame
     left: ByteArray | None = None
-    """(H, W) gray levels; None where there is no image, or a blank one."""
+    """(H, W) gray levels of the (left) image; None if it is missing or blank."""
     right: ByteArray | None = None
-    """(H, W) gray levels of the right camera; None likewise."""
+    """(H, W) gray levels of the right image; None if it is missing, or if the left one is blank."""
 
     @property
     def is_blank(self) -> bool:
-        """Whether it has neither a usable image nor tracks."""
+        """Whether the frame has neither a usable image nor tracks."""
         return self.left is None and self.frame.tracks is None
 
     @cached_property
     def view(self) -> Float32Array | None:
-        """(h, 40) gray levels of the left image, reduced."""
+        """(h, 40) gray levels of the reduced left image; None if the frame has no image."""
         if self.left is None:
             return None
         height, width = self.left.shape
@@ -61,7 +63,7 @@ class PreparedFrame:
 
 
 def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
-    """Convert the images of a frame to gray levels.
+    """Converts the images of a frame to gray levels.
 
     Raises:
         DriveError: an image has another size than the calibration.
@@ -73,8 +75,8 @@ def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
     size = camera.width, camera.height
     if gray.shape[::-1] != size:
         raise DriveError(
-            f"frame at {frame.time:.3f} s: expected an image of {size[0]} x {size[1]} "
-            f"px as the calibration says, found {gray.shape[1]} x {gray.shape[0]}"
+            f"frame at {frame.time:.3f} s: expected an image of {size[0]} x {size[1]} px "
+            f"(the calibration), found {gray.shape[1]} x {gray.shape[0]}"
         )
     if cv2.meanStdDev(gray)[1][0, 0] < MIN_CONTRAST:
         return PreparedFrame(frame)
@@ -84,14 +86,14 @@ def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
 
 
 def gray_bytes(image: Image) -> ByteArray:
-    """(H, W) gray levels of any image."""
+    """Gray levels (H, W) of any image."""
     if image.ndim == 2 and image.dtype == np.uint8:
         return np.ascontiguousarray(image)
     return np.rint(as_gray(image) * 255).astype(np.uint8)
 
 
 def reduced_image(image: Image, reduction: int) -> Image:
-    """Means of squares of pixels; rows and columns that are left over are cut off."""
+    """Image reduced by an integer factor by averaging; remaining rows and columns are cut off."""
     h, w = (size // reduction for size in image.shape[:2])
     whole = image[: h * reduction, : w * reduction]
     return cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA)
@@ -106,12 +108,11 @@ def track_points(
 ) -> tuple[Float32Array, BoolArray]:
     """Lucas-Kanade tracking with a forward-backward check (Lucas & Kanade, 1981).
 
-    From the first image (H, W) to the second, of pixels (k, 2); it begins at `guess` (k, 2), by
-    default at the same pixels. `levels` of the pyramid are above the images: fewer trust the guess
-    more.
+    Tracks pixels (k, 2) from the previous image (H, W) to the current one, starting at `guess`
+    (k, 2), by default at the same pixels. `levels` is the number of pyramid levels above the image.
 
     Returns:
-        (k, 2) pixels in the second, and (k,) whether each point was found.
+        Pixels (k, 2) in the current image, and (k,) whether each point was found.
     """
     if len(xy) == 0:
         return xy.copy(), np.zeros(0, np.bool_)
@@ -134,7 +135,7 @@ def track_frame(
     xy: Float32Array,
     guess: Float32Array | None = None,
 ) -> tuple[Float32Array, BoolArray]:
-    """`track_points` from one frame with an image to the next, made as bright as the first."""
+    """`track_points` between frames with images, after equalizing their brightness."""
     assert previous.left is not None
     assert current.left is not None
     assert previous.view is not None
@@ -147,10 +148,10 @@ def track_frame(
 def track_disparities(
     left: ByteArray, right: ByteArray, xy: Float32Array, initial: FloatArray
 ) -> FloatArray:
-    """(k,) disparities of pixels (k, 2) in the left image of a rectified rig.
+    """Disparities (k,) of pixels (k, 2) in the left image of a rectified rig.
 
-    Lucas-Kanade tracking from initial disparities (k,), 0 where these are NaN. The result is NaN
-    where a point is not found in its row of the right image.
+    Lucas-Kanade tracking starts from initial disparities (k,), or from 0 where they are NaN. The
+    result is NaN where a point is not found in its row of the right image.
     """
     guess = xy.astype(np.float32)
     guess[:, 0] -= np.nan_to_num(initial).astype(np.float32)

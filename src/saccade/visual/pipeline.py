@@ -228,7 +228,7 @@ class Pipeline:
         landmark[chosen] = self.map.initialize(observations, points.descriptor, number)
         points = replace(points, landmark=landmark[chosen])
         self.tracked.reidentified[chosen] = self.config.egomotion != "camera"
-        self.map.enforce_budget(landmark[landmark >= 0], number)
+        self.map.enforce_budget(landmark[landmark >= 0])
         removed = (landmark >= 0) & (self.map.landmarks.rows(landmark) < 0)
         self.tracked = replace(self.tracked, landmark=landmark)[~removed]
         self.log.add_observations(number, ObservationKind.INITIALIZED, points, observations)

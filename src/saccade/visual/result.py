@@ -1,4 +1,4 @@
-"""Results of visual SLAM, and the log of a run from which they are made."""
+"""Results of visual SLAM, and the log of a run."""
 
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -27,7 +27,7 @@ from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 MAX_REMARKS = 5
-"""Remarks on frames that are given in full; the others are counted."""
+"""Maximum number of remarks on frames; further frames are counted."""
 
 
 class ObservationKind(IntEnum):
@@ -47,8 +47,8 @@ class LandmarkObservations(Table):
     landmark: IntArray = column(dtype=np.int64)
     """(k,) id of the landmark."""
     kind: IntArray = column(dtype=np.int64)
-    """(k,) `ObservationKind`: 0 where the landmark was initialized, 1 where it was tracked, 2 where
-    it was re-identified after it had been lost."""
+    """(k,) `ObservationKind`: 0 if the landmark was initialized, 1 if it was tracked, 2 if it was
+    re-identified."""
     xy: FloatArray = column(2)
     """(k, 2) pixels."""
     z: FloatArray = column(2)
@@ -56,9 +56,9 @@ class LandmarkObservations(Table):
     sigma: FloatArray = column(2)
     """(k, 2) standard deviations of `z`."""
     innovation: FloatArray = column(2)
-    """(k, 2) `z` less its prediction; NaN where the filter was not corrected."""
+    """(k, 2) innovations; NaN where the filter was not updated."""
     innovation_covariance: FloatArray = column(2, 2)
-    """(k, 2, 2) predicted covariance of the innovation; NaN likewise."""
+    """(k, 2, 2) covariances of the innovations; NaN where the filter was not updated."""
 
     def __repr__(self) -> str:
         return f"LandmarkObservations({len(self)} of {len(np.unique(self.landmark))} landmarks)"
@@ -69,15 +69,15 @@ class VisualResult(Pictured):
     """Trajectory, map and observations of a drive of n frames."""
 
     trajectory: Trajectory
-    """(n,) poses with covariances, see `estimate`."""
+    """(n,) poses with covariances, smoothed or filtered (see `estimate`)."""
     filtered: Trajectory
-    """(n,) poses with covariances of the filter, each estimated from the frames up to it."""
+    """(n,) poses of the filter with covariances, each estimated from the frames up to then."""
     odometry: Trajectory
     """(n,) poses by odometry alone."""
     visual_odometry: Trajectory
     """(n,) poses with covariances by visual odometry; by odometry in steps where it failed."""
     map: LandmarkMap
-    """m landmarks: smoothed, or those of the filter at the end."""
+    """m landmarks, smoothed or as in the filter after the last frame."""
     descriptors: ByteArray
     """(m, 128) descriptors of the landmarks."""
     height: FloatArray
@@ -85,13 +85,13 @@ class VisualResult(Pictured):
     observations: LandmarkObservations
     """Every observation of a landmark."""
     missed: int
-    """Times that a lost landmark was expected in view and not re-identified."""
+    """Number of times that a lost landmark was expected in view and not re-identified."""
     frame_seconds: FloatArray
-    """(n,) computation time of each frame."""
+    """(n,) computation times of the frames, in seconds."""
     lost: BoolArray
-    """(n,) whether the robot knew that it was lost, after each frame."""
+    """(n,) whether the robot was known to be lost after each frame."""
     calibration: CalibrationReport | None
-    """Estimated errors of the calibration; None where no window of frames is adjusted."""
+    """Estimated calibration errors; None if no sliding window is adjusted."""
     remarks: tuple[str, ...]
     """Warnings, one sentence each."""
     estimate: Literal["smoothed", "filtered"] = "filtered"
@@ -114,8 +114,8 @@ class RunLog:
     poses: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, bool]] = field(
         default_factory=list
     )
-    """Pose after all updates of a frame; its covariance in the filter, by errors of the calibration
-    and by the search of a lost robot; its time in seconds, and whether the robot is lost."""
+    """Pose after each frame; covariances by the filter, by constant errors, and by the search of a
+    lost robot; computation time in seconds; and whether the robot is lost."""
     _observations: list[LandmarkObservations] = field(
         default_factory=lambda: [LandmarkObservations()]
     )
@@ -133,7 +133,7 @@ class RunLog:
         observations: RangeBearings,
         innovation: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
-        """Log k observations in a frame, with innovations and covariances of those of the map."""
+        """Logs k observations in a frame, with the innovations and their covariances, if any."""
         k = len(points)
         values, covariances = innovation or (np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan))
         table = LandmarkObservations(
@@ -192,7 +192,7 @@ class RunLog:
         )
 
     def smoothed(self, result: VisualResult, visual_map: VisualMap) -> VisualResult:
-        """A result with smoothed trajectory and map, or with the remark that it is filtered."""
+        """The result with smoothed trajectory and map, or with a remark why it is filtered."""
         try:
             found = visual_map.log.smooth(result.filtered, result.map, result.lost)
         except LogError as error:

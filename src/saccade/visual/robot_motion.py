@@ -1,4 +1,4 @@
-"""The motion of a robot on the ground, and that of its camera: each from the other."""
+"""Conversions between the motion of a robot on the ground and the motion of its camera."""
 
 from typing import NamedTuple, TypeAlias
 
@@ -9,27 +9,27 @@ from saccade.slam.models import heading_rotation
 from saccade.types import FloatArray
 
 CameraPose: TypeAlias = tuple[FloatArray, FloatArray]
-"""R (3, 3) and t (3,) in meters: points X of the first camera frame become R X + t."""
+"""Rotation R (3, 3) and translation t (3,) in meters: x' = R x + t in camera frames."""
 
 
 class RobotMotion(NamedTuple):
-    """The motion of the robot of a `CameraPose`; with further axes in front, of several."""
+    """Motion of the robot for a `CameraPose`, with Jacobian; further axes may be in front."""
 
     control: FloatArray
-    """(3,) meters ahead and to the left, radians turned, on the ground plane."""
+    """(3,) control on the ground plane: meters ahead, meters to the left, radians."""
     off_plane: FloatArray
-    """(3,) change of height in meters, of roll (to the right) and pitch (down) in radians."""
+    """(3,) changes of height in meters, of roll (to the right) and pitch (down) in radians."""
     jacobian: FloatArray
-    """(6, 6) of both by the camera's rotation vector and translation, to first order in roll and
-    pitch."""
+    """(6, 6) derivatives of control and off-plane motion by the camera's rotation vector and
+    translation, to first order in roll and pitch."""
 
 
 def robot_motion(
     camera: Camera, R: FloatArray, t: FloatArray, before: Camera | None = None
 ) -> RobotMotion:
-    """The robot's motion of a `CameraPose` of R (3, 3) and t (3,).
+    """Motion of the robot for a `CameraPose` of R (3, 3) and t (3,).
 
-    `camera` is as it is turned after the motion, `before` as before it, by default the same.
+    `camera` is the camera after the motion, `before` the camera before it, if it was turned.
     """
     return mounted_motion(R, t, camera.rotation, (before or camera).rotation, camera.position)
 
@@ -37,7 +37,7 @@ def robot_motion(
 def mounted_motion(
     R: FloatArray, t: FloatArray, after: FloatArray, before: FloatArray, position: FloatArray
 ) -> RobotMotion:
-    """`robot_motion` of a camera of rotations (..., 3, 3) after and before, at a position (3,)."""
+    """`robot_motion` for camera mountings: rotations (..., 3, 3) and position (3,) on the robot."""
     rotation = after @ R @ _transposed(before)
     back = _transposed(rotation)
     moved = (after @ t[..., None])[..., 0] + position
@@ -55,11 +55,13 @@ def mounted_motion(
 def step_motions(
     poses: CameraPose, mount: FloatArray, position: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Motions (n - 1, 6) of the robot between n `CameraPose`s (n, 3, 3), (n, 3) from one frame.
+    """Motions of the robot between n `CameraPose`s (n, 3, 3), (n, 3), and their Jacobians.
 
-    Each is control and off-plane motion. The camera has rotations `mount` (n, 3, 3) and a position
-    (3,) on the robot. Also returns their derivatives (n - 1, 6, 12) by rotation vector and
-    translation of the pose before and of that after.
+    `mount` (n, 3, 3) are the rotations of the camera on the robot, `position` (3,) its position.
+
+    Returns:
+        (n - 1, 6) controls and off-plane motions; and (n - 1, 6, 12) derivatives by rotation vector
+        and translation of the poses before and after each step.
     """
     rotation, translation = poses
     R = rotation[1:] @ _transposed(rotation[:-1])
@@ -73,7 +75,7 @@ def step_motions(
 
 
 def camera_motion(camera: Camera, control: FloatArray, before: Camera | None = None) -> CameraPose:
-    """The `CameraPose` of a control (3,) on the ground plane; `before` as for `robot_motion`."""
+    """`CameraPose` for a control (3,) on the ground plane; `before` as in `robot_motion`."""
     before = before or camera
     rotation = heading_rotation(-float(control[2]))
     translation = -rotation @ np.append(control[:2], 0.0)
@@ -82,7 +84,7 @@ def camera_motion(camera: Camera, control: FloatArray, before: Camera | None = N
 
 
 def cross_matrix(v: FloatArray) -> FloatArray:
-    """(..., 3, 3) matrices that multiply as the cross product by v (..., 3) does."""
+    """Skew-symmetric matrices (..., 3, 3) of the cross product with v (..., 3)."""
     matrix = np.zeros((*v.shape, 3))
     matrix[..., [2, 0, 1], [1, 2, 0]] = v
     return matrix - _transposed(matrix)

@@ -1,7 +1,7 @@
-"""Landmark selection: which of the tracked points become landmarks.
+"""Selection of landmarks among tracked points.
 
-The default takes those with the highest re-match rate while tracked, weighted by how certain their
-range is. Saliency is computed for the selections "contrast" and "symmetry" alone.
+By default points are ranked by their re-match rate while tracked, weighted by the certainty of
+their range. Only the selections "contrast" and "symmetry" compute saliency.
 """
 
 import numpy as np
@@ -20,15 +20,15 @@ SYMMETRY = SymmetryConfig(
     map_level=1,
     viewing_size=None,
 )
-"""Levels of which a point is ranked by the symmetry at its own scale."""
+"""Settings of the symmetry pyramid; a point is ranked by the level of its own scale."""
 DISC_RADIUS = 2.5
-"""Scales from a point within which its symmetry is summed, as MUST's."""
+"""Radius of the symmetry of a point, in units of its scale, as in MUST."""
 
 
 def saliency_at(image: Image | None, points: TrackedPoints, config: VisualConfig) -> FloatArray:
-    """(k,) saliency at points; 0 without an image, or if the selection does not use it.
+    """Saliency (k,) at points; 0 without an image, or if the selection does not use saliency.
 
-    Contrast is that of the saliency map, symmetry that of the pyramid level whose pairs cover
+    Contrast is sampled in the saliency map, symmetry in the pyramid level whose pixel pairs cover
     `DISC_RADIUS` scales of the point.
     """
     saliency = np.zeros(len(points))
@@ -46,7 +46,7 @@ def saliency_at(image: Image | None, points: TrackedPoints, config: VisualConfig
 
 
 def sample_saliency(saliency: Float32Array, shape: tuple[int, ...], xy: Float32Array) -> FloatArray:
-    """(k,) values of a map (h, w) at pixels (k, 2) of its image of a larger shape."""
+    """Values (k,) of a map (h, w) at pixels (k, 2) of an image with the given shape."""
     rows, columns = saliency.shape
     column = ((xy[:, 0] + 0.5) * columns / shape[1]).astype(np.int64).clip(0, columns - 1)
     row = ((xy[:, 1] + 0.5) * rows / shape[0]).astype(np.int64).clip(0, rows - 1)
@@ -63,8 +63,8 @@ def select_landmarks(
 ) -> IntArray:
     """Indices (m,) of the k tracked points that become landmarks, best first, at minimum spacing.
 
-    (k,) are `usable`, which have a certain range; `saliency` (k,) is that of `saliency_at`. The
-    number of the frame is part of the seed of the random order of equal candidates.
+    `usable` (k,) are the points with a certain range, `saliency` (k,) is the result of
+    `saliency_at`. Candidates with equal scores are ordered by chance, seeded by `frame`.
     """
     tracked, free = points.landmarks, np.flatnonzero(usable & ~points.is_landmark)
     free = free[np.random.default_rng((config.seed, frame)).permutation(len(free))]
@@ -79,7 +79,7 @@ def select_landmarks(
 def _score(
     points: TrackedPoints, observations: RangeBearings, saliency: FloatArray, config: VisualConfig
 ) -> FloatArray:
-    """(n,) score by the selection criterion; higher is better."""
+    """Scores (n,) by the selection criterion; higher is better."""
     if config.selection == "strength":
         return points.response.astype(np.float64)
     if config.selection == "rematch-rate-range":
@@ -90,9 +90,9 @@ def _score(
 
 
 def rematch_rate(points: TrackedPoints) -> FloatArray:
-    """(n,) probability that each point is re-matched by its descriptor.
+    """Probabilities (n,) that points are re-matched by their descriptors.
 
-    Mean of the Beta posterior, given attempts and re-matches while tracked and a uniform prior.
+    Mean of the Beta posterior with a uniform prior, given attempts and re-matches while tracked.
     """
     return np.asarray((points.rematches + 1) / (points.rematch_attempts + 2))
 
@@ -100,9 +100,9 @@ def rematch_rate(points: TrackedPoints) -> FloatArray:
 def enforce_spacing(
     xy: Float32Array, order: IntArray, occupied: Float32Array, min_spacing: float, count: int
 ) -> IntArray:
-    """Greedy selection of at most `count` pixels (n, 2) in an order (m,), at a minimum spacing.
+    """Indices of at most `count` pixels (n, 2), chosen greedily in an order (m,).
 
-    Also from `occupied` pixels (k, 2).
+    Chosen pixels keep a minimum spacing from each other and from the `occupied` pixels (k, 2).
     """
     neighbors = [*occupied]
     chosen: list[int] = []

@@ -1,11 +1,11 @@
-"""Self-calibration: errors of the camera's calibration that the points themselves reveal.
+"""Self-calibration: calibration errors estimated from the residuals of the sliding window.
 
-An error of the calibration leaves residuals over a window that no motion explains. The focal length
-is no part of it: over a small window it can hardly be told from the distortion.
+Calibration errors leave residuals that no motion explains. The focal length is not estimated, since
+a small window hardly separates it from distortion.
 
-Over a few frames the drift of the tracks looks like an offset of all disparities, which changes
-every distance. So it is estimated by two halves of the frames apart, and corrected only as far as
-that makes the residuals of the other half smaller.
+Drifting tracks resemble an offset of all disparities, which changes every distance. Therefore the
+offset is estimated from each half of the frames, and corrected as far as the residuals of the other
+half decrease.
 """
 
 from dataclasses import dataclass
@@ -17,48 +17,45 @@ from saccade.slam.models import compose, heading_rotation
 from saccade.types import FloatArray
 
 SIGMA = (0.02, 0.3, 0.5)
-"""Standard deviations before the first frame: of the distortion at the radius of a focal length,
-as a fraction of that; of the disparity there, in pixels: by how much the focal lengths of the two
-cameras differ; and of all disparities, in pixels."""
+"""Prior standard deviations of the calibration errors: relative distortion at the radius of a focal
+length; disparity at this radius, in pixels (unequal focal lengths); and offset of all disparities,
+in pixels."""
 REMAINING_SIGMA = (0.0018, 0.0019)
-"""Standard deviations of constant errors that a drive does not reveal: of the focal length, as a
-fraction of it, and of the yaw of the camera on the robot, in radians."""
+"""Standard deviations of errors that are not estimated: relative focal length, and yaw of the
+camera on the robot in radians."""
 OFFSET = 2
-"""Row of the disparity offset."""
+"""Index of the disparity offset."""
 TRACK_CORRELATION = 12.0
-"""Variance of the estimates over that of independent errors: those of a track are correlated."""
+"""Variance inflation of the estimates, as the errors of a track are correlated."""
 MIN_GAIN = 12.0
-"""Least gain of the log likelihood of held-out residuals by which the offset is corrected: as the
-errors of a track are correlated, they reach 8 by chance."""
+"""Minimum gain of the log-likelihood of held-out residuals for a correction of the offset. The gain
+reaches 8 by chance."""
 
 
 class SelfCalibration:
-    """Constant errors of a calibration, estimated from all windows so far.
+    """Constant calibration errors, estimated from all windows so far.
 
-    After `block` windows the other half of the frames follows.
+    Blocks of `block` windows belong alternately to the two halves of the frames.
     """
 
     def __init__(self, camera: Camera, block: int) -> None:
         self._camera, self._block = camera, block
-        self._information = np.zeros((2, len(SIGMA), len(SIGMA)))  # of the two halves
+        self._information = np.zeros((2, len(SIGMA), len(SIGMA)))  # of both halves
         self._vector = np.zeros((2, len(SIGMA)))
         self._count = 0
         self.error = np.zeros(len(SIGMA))
-        """(3,) errors that are corrected."""
+        """(3,) corrected errors."""
         self.covariance = np.diag(np.square(SIGMA))
-        """(3, 3) of the estimates."""
+        """(3, 3) covariance of the estimates."""
         self.estimate = np.zeros(len(SIGMA))
         """(3,) estimated errors, whether corrected or not."""
 
     def correct(self, observed: FloatArray) -> FloatArray:
-        """Observations (..., 3) of pixels and inverse depths, without the estimated errors."""
+        """Corrects observations (..., 3) of pixels and inverse depths."""
         return np.asarray(observed + calibration_jacobian(self._camera, observed) @ self.error)
 
     def update(self, information: FloatArray, gradient: FloatArray) -> None:
-        """Add the normal equations (3, 3), (3,) of corrections, about the current estimate.
-
-        The offset is corrected as far as the other half of the frames confirms it.
-        """
+        """Adds normal equations (3, 3), (3,) of the errors about the current estimate."""
         half, prior = self._count // self._block % 2, np.diag(1 / np.square(SIGMA))
         self._count += 1
         self._vector[half] += information @ self.error + gradient
@@ -72,7 +69,7 @@ class SelfCalibration:
         self.error = np.append(np.linalg.solve(total[:OFFSET, :OFFSET], rest), offset)
 
     def _confirmed(self) -> float:
-        """The fraction of the offset by which held-out residuals gain most; 0 if too little."""
+        """Fraction of the offset that fits held-out residuals best; 0 if the gain is small."""
         total = self._information.copy()  # of the offset alone: the others are eliminated
         total[:, :OFFSET, :OFFSET] += np.diag(1 / np.square(SIGMA[:OFFSET]))
         cross = np.linalg.solve(total[:, :OFFSET, :OFFSET], total[:, :OFFSET, OFFSET:])[:, :, 0]
@@ -87,7 +84,7 @@ class SelfCalibration:
 
 
 def calibration_jacobian(camera: Camera, observed: FloatArray) -> FloatArray:
-    """(..., 3, 3) derivatives of corrected observations (..., 3) by the errors."""
+    """Derivatives (..., 3, 3) of corrected observations (..., 3) by the calibration errors."""
     offset = observed[..., :2] - (camera.cx, camera.cy)
     ray = offset / (camera.fx, camera.fy)
     squared = np.square(ray)
@@ -102,36 +99,36 @@ def calibration_jacobian(camera: Camera, observed: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """Errors of the calibration that a drive has revealed."""
+    """Calibration errors estimated on a drive."""
 
     distortion: float
-    """Radial distortion that was corrected, at the radius of a focal length, as a fraction."""
+    """Corrected radial distortion, relative, at the radius of a focal length."""
     disparity_slope: float
-    """Pixels of disparity that were corrected at that radius."""
+    """Corrected disparity at this radius, in pixels."""
     disparity_offset: float
-    """Pixels by which all disparities were corrected."""
+    """Corrected offset of all disparities, in pixels."""
     sigma: tuple[float, float, float]
-    """Standard deviations of the three."""
+    """Standard deviations of distortion, slope and offset."""
     scale_by_offset: float
-    """Fraction by which a disparity offset of one pixel changes all distances."""
+    """Relative change of all distances by a disparity offset of one pixel."""
 
 
 class CalibrationDrift:
-    """Effect of the errors of the calibration on the pose since the start.
+    """Effect of calibration errors on the pose since the start.
 
-    Errors that are estimated late, or remain, displace the whole trajectory: they widen the
-    covariance of the pose as one error, not as one of each step.
+    Remaining errors, and errors that are corrected late, displace the whole trajectory. They
+    enlarge the covariance of the pose as one common error, not as independent errors of the steps.
     """
 
     def __init__(self, calibration: SelfCalibration) -> None:
         self._calibration = calibration
         self.by_errors = np.zeros((3, len(SIGMA) + len(REMAINING_SIGMA)))
-        """(3, 5) derivative of the pose, in its own frame, by the errors and those that remain."""
+        """(3, 5) derivative of the pose, in its own frame, by estimated and remaining errors."""
         self._corrected = np.zeros(3)  # the part of it that was corrected
         self._distance = self._by_offset = 0.0
 
     def add(self, control: FloatArray, by_errors: FloatArray, corrected: FloatArray) -> None:
-        """Add a control (3,), with its derivative (3, 3) by the errors; (3,) were corrected."""
+        """Adds a control (3,), its derivative (3, 3) by the errors, and corrected errors (3,)."""
         _, Fx, Fu = compose(np.zeros(3), control)
         back, (x, y, turn) = heading_rotation(float(control[2])).T, control
         by_all = np.c_[by_errors, [x, y, -turn], [-y, x, 0.0]]
@@ -142,7 +139,7 @@ class CalibrationDrift:
         self._by_offset += float(control[:2] @ by_errors[:2, OFFSET]) / max(length, 1e-9)
 
     def covariance(self, heading: float, is_corrected: bool = True) -> FloatArray:
-        """(3, 3) covariance of a pose with a heading by what is not corrected of the errors."""
+        """Covariance (3, 3) by uncorrected errors of a pose with a heading in radians."""
         S, calibration = self.by_errors, self._calibration
         n = len(SIGMA)
         remaining = S[:, :n] @ calibration.estimate - is_corrected * self._corrected
@@ -152,7 +149,7 @@ class CalibrationDrift:
         return np.asarray(R @ total @ R.T)
 
     def report(self) -> CalibrationReport:
-        """The corrected errors, and how the scale depends on them."""
+        """Corrected errors, and their effect on the scale."""
         distortion, slope, offset = self._calibration.error.tolist()
         sigma = np.sqrt(np.diag(self._calibration.covariance))
         by_offset = abs(self._by_offset) / max(self._distance, 1e-9)

@@ -1,7 +1,7 @@
-"""The motion of a single camera, which measures no lengths, and the depths that follow from it.
+"""Motion of a single camera, and depths triangulated over this motion.
 
-The length of a step is that of odometry, whose scale is corrected by the height of the camera above
-the ground; without odometry it fits the depths that were triangulated before.
+A single camera measures no lengths. Steps have the length of odometry, with its scale corrected by
+the height of the camera above the ground; without odometry, lengths fit the triangulated depths.
 """
 
 from dataclasses import dataclass, field, replace
@@ -19,19 +19,19 @@ from saccade.visual.robot_motion import camera_motion, robot_motion
 from saccade.visual.tables import TrackedPoints
 
 STEP_SIGMA = 0.05
-"""Standard deviation of the length of a motion step, as a fraction of it."""
+"""Relative standard deviation of the length of a step."""
 MIN_PARALLAX = 1e-4
-"""Angle between two rays in radians under which they are taken for parallel."""
+"""Minimum angle between two rays that are triangulated, in radians."""
 MIN_POINTS = 8
-"""Triangulated points from which a length is measured."""
+"""Minimum number of triangulated points for the length of a step."""
 MAX_DEPTH_SIGMA = 0.2
-"""Standard deviation of the depths used, as a fraction of them."""
+"""Maximum relative standard deviation of the depths that determine a length."""
 LIMITS = (0.2, 5.0)
-"""Least and greatest length of a step over the expected one."""
+"""Minimum and maximum ratio of the measured and expected length of a step."""
 
 
 class SingleCameraMotionEstimator(MotionEstimator):
-    """The motion by a single camera, with the lengths of odometry."""
+    """Motion by a single camera, with the lengths of odometry."""
 
     measures_range = False
 
@@ -41,15 +41,15 @@ class SingleCameraMotionEstimator(MotionEstimator):
         self._ground = GroundTracker(drive.camera)
 
     def constant_errors(self, pose: FloatArray) -> FloatArray:
-        """(3, 3) covariance of a pose (3,) by the scale of the whole trajectory."""
+        """Covariance (3, 3) of a pose (3,) by the scale of the whole trajectory."""
         by_scale = self.scale_sigma * np.append(pose[:2] - self._drive.start[:2], 0.0)
         return np.outer(by_scale, by_scale)
 
     def refine(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
-        """Without odometry, the motion with the length that fits the depths of the last frame.
+        """The motion; without odometry, with the length that fits the depths of the last frame.
 
-        Every point gives a length of the translation from its depth and its two pixels; the
-        weighted median counts, by the parallax of a step. Unchanged where too few have a depth.
+        The length is the median over all points of known depth, weighted by their parallax. The
+        motion is unchanged if there are too few such points.
         """
         known = before.depth_sigma < MAX_DEPTH_SIGMA * before.depth
         _, i, j = np.intersect1d(before.id[known], after.id, return_indices=True)
@@ -63,8 +63,8 @@ class SingleCameraMotionEstimator(MotionEstimator):
         squared = np.maximum(np.square(slope).sum(1), 1e-12)
         factor = -(offset * slope).sum(1) / squared
         order, weight = np.argsort(factor), np.sqrt(squared) / depth
-        share = np.cumsum(weight[order])
-        median = float(factor[order[np.searchsorted(share, share[-1] / 2)]])
+        total = np.cumsum(weight[order])
+        median = float(factor[order[np.searchsorted(total, total[-1] / 2)]])
         if median <= 0:
             return motion
         translation = motion.translation * np.clip(median, *LIMITS)
@@ -72,7 +72,7 @@ class SingleCameraMotionEstimator(MotionEstimator):
         return motion._replace(control=control, off_plane=off_plane, translation=translation)
 
     def join(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
-        """The motion by the camera, with a length from odometry and the ground."""
+        """Motion by the camera, with a length from odometry and the ground."""
         if motion is None:
             earlier, now = self.cameras
             self._trajectory.append(*camera_motion(now, self._step[0], earlier))
@@ -89,13 +89,13 @@ class SingleCameraMotionEstimator(MotionEstimator):
         return control
 
     def with_depth(self, points: TrackedPoints) -> TrackedPoints:
-        """The tracked points (k,) with depths triangulated from their first and last pixels."""
+        """The tracked points (k,) with depths triangulated from their first and current pixels."""
         camera, pixel_sigma = self.cameras[1], self._config.pixel_sigma
         depth, sigma = self._trajectory.triangulate(camera, points, pixel_sigma)
         return replace(points, depth=depth, depth_sigma=sigma)
 
     def _with_distance(self, motion: Egomotion, distance: float) -> Egomotion:
-        """Update the scale by a distance over the ground in meters; returns the longer motion."""
+        """Updates the scale by a distance over the ground in meters; returns the scaled motion."""
         factor = self.errors.factor
         ratio = distance / float(np.linalg.norm(motion.translation))
         self.errors.update_scale(ratio)
@@ -114,7 +114,7 @@ class SingleCameraMotionEstimator(MotionEstimator):
         )
 
     def _learn_turn(self, measured: MotionEstimate) -> None:
-        """Update the errors of odometry by the turn of a motion, whose length is odometry's."""
+        """Updates the odometry errors by the turn of a motion."""
         control, covariance = self._step
         J = self.errors.jacobian(control, self.seconds)[2:]
         innovation, R = (measured[0] - control)[2:], (measured[1] + covariance)[2:, 2:]
@@ -123,15 +123,15 @@ class SingleCameraMotionEstimator(MotionEstimator):
 
 @dataclass
 class CameraTrajectory:
-    """Poses of the camera at each frame, accumulated from its motions."""
+    """Poses of the camera in all frames, accumulated from its motions."""
 
     rotation: list[FloatArray] = field(default_factory=lambda: [np.eye(3)])
-    """(3, 3) for each frame: points X of the first camera frame become rotation X + translation."""
+    """(3, 3) for each frame: the rotation from the first camera frame."""
     translation: list[FloatArray] = field(default_factory=lambda: [np.zeros(3)])
-    """(3,) for each frame, in meters."""
+    """(3,) for each frame: the first camera center, in meters."""
 
     def append(self, rotation: FloatArray, translation: FloatArray) -> None:
-        """Add a frame by the motion from the last one, a `CameraPose`."""
+        """Adds a frame by its `CameraPose` relative to the last frame."""
         self.translation.append(rotation @ self.translation[-1] + translation)
         self.rotation.append(rotation @ self.rotation[-1])
 
@@ -140,8 +140,8 @@ class CameraTrajectory:
     ) -> tuple[FloatArray, FloatArray]:
         """Least-squares depths of k points from the rays of their first and current pixels.
 
-        (k,) meters along the optical axis in the last frame, and their standard deviations; NaN
-        where the rays do not intersect in front of the camera.
+        Returns depths (k,) along the optical axis in the last frame and their standard deviations
+        (k,), in meters; NaN where the rays do not intersect in front of the camera.
         """
         if len(points) == 0:
             return np.zeros(0), np.zeros(0)

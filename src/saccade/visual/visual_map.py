@@ -179,11 +179,11 @@ class VisualMap:
         self.landmarks = Landmarks.concatenate([self.landmarks, new])
         return new.id
 
-    def enforce_budget(self, tracked: IntArray, number: int) -> None:
+    def enforce_budget(self, tracked: IntArray) -> None:
         """Remove the least useful landmarks beyond `max_landmarks`, but none that is tracked."""
         surplus = len(self.landmarks) - self._config.max_landmarks
         if surplus > 0:
-            self.remove(self.landmarks.least_useful(surplus, tracked, number))
+            self.remove(self.landmarks.least_useful(surplus, tracked))
 
     def remove(self, rows: IntArray) -> None:
         """Remove landmarks by their rows, ascending."""

@@ -1,8 +1,7 @@
-"""Sliding window: the poses and points of the last frames, adjusted together.
+"""Bundle adjustment over a sliding window of the last frames.
 
-Egomotion from one frame to the next forgets each point after two frames. Over a window every
-point is observed many times, and a step without correspondences is estimated from those before
-and after it. The first pose of the window is fixed.
+Egomotion between two frames uses each point twice. In a window a point is observed many times, and
+a step without correspondences is estimated from its neighbors. The first pose is fixed.
 """
 
 import cv2
@@ -20,16 +19,16 @@ from saccade.visual.tables import TrackedPoints
 from saccade.visual.window_equations import NormalEquations, WindowPoints, WindowSteps
 
 ITERATIONS = 2
-"""Iterations of Gauss-Newton after each frame; the poses start where the last one left them."""
+"""Number of Gauss-Newton iterations after each frame, from the estimate after the last frame."""
 OFF_PLANE_ACCELERATION_SIGMA = (0.5, 0.2, 0.2)
-"""Standard deviations of the change of vertical speed (m/s), and of the rates of roll and pitch
-(rad/s), in a second."""
+"""Standard deviations of the changes of vertical speed (m/s) and of the rates of roll and pitch
+(rad/s) in a second."""
 MAX_INVERSE_DEPTH = 10.0
 """Upper bound of the estimated inverse depths, in 1 / meters."""
 
 
 class SlidingWindow:
-    """Bundle adjustment over the last frames, which also estimates the errors of odometry."""
+    """Bundle adjustment that also estimates errors of odometry and calibration."""
 
     def __init__(self, camera: Camera, config: VisualConfig, odometry: OdometryErrors) -> None:
         self._camera, self._config, self._errors = camera, config, odometry
@@ -40,7 +39,7 @@ class SlidingWindow:
         self.restart()
 
     def restart(self) -> None:
-        """Forget all frames but the last: after a gap, no earlier motion tells of the next one."""
+        """Discards all frames but the last."""
         self._rotation, self._translation = np.eye(3)[None], np.zeros((1, 3))
         self._mount = self._camera.rotation[None].copy()  # as it was turned in each frame
         self._id: IntArray = np.zeros(0, np.int64)
@@ -58,14 +57,14 @@ class SlidingWindow:
         seconds: float,
         cameras: tuple[Camera, Camera],
     ) -> MotionEstimate:
-        """Add a frame, and adjust the window.
+        """Adds a frame, and adjusts the window.
 
-        The points, the cameras as they were turned, and the initial `motion` are of the last frame
-        and this one.
+        Points and cameras belong to the last frame and the new one. `motion` is the initial motion
+        of the camera between the two frames, `odometry` the control over the same `seconds`.
 
         Returns:
-            The control from the last estimate of the last pose to the first of this one, so that
-            it includes what this frame corrects of the past; and the covariance of the step.
+            Control from the previous estimate of the last pose to the new pose, which includes the
+            correction of the last pose; and its covariance.
         """
         self._observe(previous)
         last = self._rotation[-1], self._translation[-1]
@@ -79,7 +78,7 @@ class SlidingWindow:
         return control, covariance
 
     def _observe(self, points: TrackedPoints) -> None:
-        """Record the points of the newest frame."""
+        """Records the points of the newest frame."""
         new = points[~np.isin(points.id, self._id)]
         depth = np.where(np.isfinite(new.depth), new.depth, DEFAULT_DEPTH)
         ray = directions(self._camera, new.xy.astype(np.float64))
@@ -98,10 +97,10 @@ class SlidingWindow:
     def _append(
         self, motion: CameraPose, odometry: MotionEstimate, seconds: float, mount: FloatArray
     ) -> None:
-        """Append a frame, and drop the first one of a full window.
+        """Appends a frame, and drops the first frame of a full window.
 
-        The motion of the step that is dropped, as it was estimated when it was the newest, remains
-        as that before the first step.
+        The motion of the dropped step, as estimated when it was the newest, becomes the prior of
+        the first step.
         """
         R, t = motion
         step = WindowSteps.zeros(
@@ -127,11 +126,11 @@ class SlidingWindow:
         self._id, self._point = self._id[seen], self._point[seen]
 
     def _adjust(self) -> tuple[FloatArray, FloatArray]:
-        """Robust Gauss-Newton.
+        """Adjusts poses and points by robust Gauss-Newton.
 
         Returns:
-            The (3, 3) covariance of the control of the last step, and its (3, 3) derivative by the
-            errors of the calibration.
+            Covariance (3, 3) of the control of the last step, and derivative (3, 3) of that control
+            by the calibration errors.
         """
         camera, n = self._camera, len(self._rotation)
         seen = np.isfinite(self._observed[:, :, 0])
@@ -180,8 +179,8 @@ class SlidingWindow:
         return covariance[:3, :3], -by_last[:, :3].T @ solved[:, 6:]
 
     def _learn(self, information: FloatArray, gradient: FloatArray, poses: slice) -> None:
-        """Update the errors of calibration and odometry, with the poses eliminated (Schur)."""
-        fraction = 1 / self._config.window  # an observation is in so many windows
+        """Updates calibration and odometry errors, with the poses eliminated (Schur complement)."""
+        fraction = 1 / self._config.window  # every observation is in `window` windows
         m = len(SIGMA)
         kept = np.concatenate([np.arange(m), np.arange(poses.stop, len(gradient))])
         rows = np.concatenate([information[:, kept], gradient[:, None]], 1)
@@ -193,14 +192,14 @@ class SlidingWindow:
         self._steps.control[:] += self._steps.by_errors @ change
 
     def _last_step(self, before: CameraPose) -> FloatArray:
-        """(6,) motion of the robot to the last frame, if the pose of the one before was so."""
+        """Motion (6,) of the robot to the newest frame, from a pose of the frame before."""
         R = np.stack([before[0], self._rotation[-1]])
         t = np.stack([before[1], self._translation[-1]])
         motions, _ = step_motions((R, t), self._mount[-2:], self._camera.position)
         return np.asarray(motions[0])
 
     def _move(self, change: FloatArray) -> None:
-        """Change the poses but the first by rotation vectors and translations (6 (n - 1),)."""
+        """Changes all poses but the first by rotation vectors and translations (6 (n - 1),)."""
         for j, p in enumerate(change.reshape(-1, 6), 1):
             self._rotation[j] = cv2.Rodrigues(p[:3])[0] @ self._rotation[j]
             self._translation[j] += p[3:]

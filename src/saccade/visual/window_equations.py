@@ -1,7 +1,7 @@
 """Normal equations of the sliding window.
 
-Their columns are those of the errors of the calibration, of each pose (rotation vector and
-translation), and of the errors of odometry.
+The columns are calibration errors, rotation vector and translation of each pose, and odometry
+errors, in this order.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from saccade.visual.robot_motion import CameraPose, cross_matrix
 from saccade.visual.self_calibration import SIGMA, calibration_jacobian
 
 MIN_DEPTH_RATIO = 0.05
-"""Least depth in a frame as a fraction of that in the reference frame; nearer observations are
+"""Minimum ratio of the depths in a frame and in the reference frame; nearer observations are
 ignored."""
 DAMPING = 1.0
-"""Added to the information of a point in every coordinate (Levenberg): far less than that of an
-observation, it keeps a point without parallax or depth where it is."""
+"""Levenberg damping of every coordinate of a point. It is far smaller than the information of an
+observation, and holds points without parallax or depth."""
 POINT_KERNEL_WIDTH = 2.0
 """Width of the robust kernel of an observation, in standard deviations."""
 FACTOR_KERNEL_WIDTH = 3.0
-"""Width of the robust kernel of odometry and of changes of motion, in standard deviations."""
+"""Width of the robust kernel of odometry and motion changes, in standard deviations."""
 
 
 @dataclass
@@ -39,9 +39,9 @@ class NormalEquations:
     def add_factor(
         self, J: FloatArray, columns: IntArray, residual: FloatArray, W: FloatArray
     ) -> None:
-        """Add a residual (m,) with information W (m, m) (Cauchy's kernel).
+        """Adds a residual (m,) with information W (m, m), weighted by Cauchy's kernel.
 
-        Its negated derivative J (m, k) is by k of the columns.
+        J (m, k) is the negated derivative of the residual by k of the columns.
         """
         weighted = W @ residual
         robust = 1 / (1 + residual @ weighted / FACTOR_KERNEL_WIDTH**2)
@@ -53,29 +53,29 @@ class NormalEquations:
 class WindowPoints:
     """k points observed in n frames.
 
-    A point (x, y, h) is the ray (x, y, 1) and the inverse depth h in the frame in which it was
-    first observed, at the pose it had before the iterations: the residuals of an observation then
-    depend on one pose alone.
+    A point (x, y, h) has the ray (x, y, 1) and the inverse depth h in its reference frame, in which
+    it was first observed. The pose of the reference frame is held during the iterations, so that a
+    residual depends on one pose.
     """
 
     camera: Camera
     observed: FloatArray
-    """(k, n, 3) pixels and inverse depths in 1 / meters, NaN where not measured."""
+    """(k, n, 3) pixels and inverse depths in 1 / meters; NaN where not measured."""
     sigma: FloatArray
-    """(k, n, 3) their standard deviations."""
+    """(k, n, 3) standard deviations of `observed`."""
     rotation: FloatArray
-    """(k, 3, 3) of the pose of the frame in which each was first observed."""
+    """(k, 3, 3) rotations of the poses of the reference frames."""
     translation: FloatArray
-    """(k, 3) of that pose."""
+    """(k, 3) translations of these poses, in meters."""
 
     def eliminate(
         self, poses: CameraPose, points: FloatArray, equations: NormalEquations
     ) -> tuple[FloatArray, FloatArray]:
-        """Add the points (k, 3) to the equations of the poses (Schur complement).
+        """Adds the points (k, 3) to the equations of the poses (Schur complement).
 
         Returns:
-            `gain` (k, 3, 3 + 6 n) and `offset` (k, 3): a change p of the errors of the calibration
-            and of the poses changes the points by `offset` - `gain` p.
+            `gain` (k, 3, 3 + 6 n) and `offset` (k, 3): a change p of calibration errors and poses
+            changes the points by `offset` - `gain` p.
         """
         residual, robust, J, D = self._linearize(poses, points)
         k, n, m = len(points), len(poses[0]), len(SIGMA)
@@ -102,11 +102,11 @@ class WindowPoints:
     def _linearize(
         self, poses: CameraPose, points: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Residuals of points in standard deviations, and their negated derivatives.
+        """Normalized residuals of points, and their negated derivatives.
 
         Returns:
-            (k, n, 3) residuals, (k, n) robust weights, (k, n, 3, 9) derivatives by the pose and the
-            errors of the calibration, (k, n, 3, 3) by the point; 0 where there is no observation.
+            (k, n, 3) residuals, (k, n) robust weights, (k, n, 3, 9) derivatives by pose and
+            calibration errors, and (k, n, 3, 3) by the point; 0 where nothing was observed.
         """
         camera, sigma = self.camera, self.sigma
         focal, (R, t), h = np.array([camera.fx, camera.fy]), poses, points[:, None, 2:]
@@ -124,7 +124,7 @@ class WindowPoints:
         by_point = np.zeros((*q.shape, 3))
         by_point[..., [0, 1], [0, 1]] = scale[:, :, :2] / z
         by_point[..., 2] = -np.stack([u, v, w], 2) * scale / z
-        # at the predicted pixel, which is unbiased
+        # at the predicted pixel, since the observed one has noise
         by_errors = (
             calibration_jacobian(camera, predicted) * np.where(seen, -1 / sigma, 0)[..., None]
         )
@@ -138,20 +138,20 @@ class WindowPoints:
 
 @dataclass(frozen=True, eq=False)
 class WindowSteps(Table):
-    """The steps between the n frames of a window."""
+    """Steps between the n frames of a window."""
 
     control: FloatArray = column(3)
-    """(n - 1, 3) by odometry."""
+    """(n - 1, 3) controls by odometry."""
     by_errors: FloatArray = column(3, ODOMETRY_ERRORS)
-    """(n - 1, 3, m) derivatives of the controls by the errors of odometry."""
+    """(n - 1, 3, m) derivatives of the controls by the odometry errors."""
     information: FloatArray = column(6, 6)
-    """(n - 1, 6, 6) of control and off-plane motion by odometry."""
+    """(n - 1, 6, 6) information of control and off-plane motion by odometry."""
     seconds: FloatArray = column()
-    """(n - 1,) durations."""
+    """(n - 1,) durations in seconds."""
     rate: FloatArray = column(6)
-    """(n - 1, 6) motion per second, as estimated when the step was the newest."""
+    """(n - 1, 6) motion per second, as estimated when each step was the newest."""
     rate_covariance: FloatArray = column(6, 6)
-    """(n - 1, 6, 6) of the rates."""
+    """(n - 1, 6, 6) covariances of the rates."""
 
     def add_to(
         self,
@@ -162,11 +162,11 @@ class WindowSteps(Table):
         acceleration: FloatArray,
         before: tuple[FloatArray, FloatArray],
     ) -> None:
-        """Add odometry, and that motion changes little from step to step.
+        """Adds the factors of odometry, and of nearly constant velocity.
 
-        Motions (n - 1, 6) and their derivatives J are those of `step_motions`, `error` (m,) is that
-        of odometry. `acceleration` (6,) are standard deviations of the rates' change in a second.
-        Rates (6,) `before` the first step have an information (6, 6).
+        `motion` (n - 1, 6) and J are the result of `step_motions`, `error` (m,) are the odometry
+        errors, `acceleration` (6,) the standard deviations of the change of rates in a second, and
+        `before` the rates (6,) before the first step with their information (6, 6).
         """
         n, m = len(motion), len(SIGMA)
         residual = -motion
