@@ -118,6 +118,16 @@ def test_observations_without_a_name_are_associated_by_geometry():
     assert _rmse(log, mixed) < _rmse(log, by_geometry)
 
 
+def test_a_loop_is_closed_by_a_label_where_half_of_the_labels_are_missing():
+    """The first observation after the loop has no label, and fits a wrong landmark better."""
+    log = simulate_world(WorldConfig.coarse(), 1)
+    missing = np.random.default_rng(1).random(len(log.landmark)) < 0.5
+    labeled = slam.run(log)
+    result = slam.run(replace(log, landmark=np.where(missing, -1, log.landmark)))
+    assert len(result.map) == len(np.unique(log.landmark))
+    assert _rmse(log, result) < 1.1 * _rmse(log, labeled)
+
+
 def test_the_filter_of_the_source_believes_every_name():
     log, _ = _wrong(simulate_world(WorldConfig(steps=100), 0), 0.1)
     result = slam.run(log, EkfConfig.kootstra2010())

@@ -24,13 +24,13 @@ MIN_DECREASE = 1e-5
 """Minimum relative decrease of the cost in an iteration; the estimate has converged otherwise."""
 MIN_DAMPING = 1e-9
 """Damping after a step that does not decrease the cost, relative to the diagonal of the normal
-equations; other steps are those of Gauss and Newton."""
+equations. Until then the steps are undamped (Gauss-Newton)."""
 DAMPING_FACTOR = 100.0
 """Factor on the damping after a step that does not decrease the cost; its inverse after others."""
 STRETCH = 48
 """Number of successive poses whose covariances are computed together."""
 NEGLIGIBLE = 1e-12
-"""Derivative of a pose by a landmark, below which the landmark does not matter for the pose."""
+"""Largest derivative of a pose by a landmark that is neglected."""
 MAX_DAMPING = 1e6
 """Largest damping of a step."""
 

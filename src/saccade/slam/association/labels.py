@@ -44,6 +44,11 @@ LOOP = 100.0
 ten standard deviations of an observation."""
 LONG_LOOP = 1000.0
 """Largest ratio of predicted variance to noise for one observation of any label to close a loop."""
+UNLABELED_LOOP = 10.0
+"""Largest ratio of predicted variance to noise for an observation without a label to be of a
+landmark with a label, while labels are observed: the next label closes the loop more surely."""
+MAX_UNLABELED = 20
+"""Number of successive observations without a label from which no further label is expected."""
 PAIR_GATE = 10.83
 """Gate of the squared error of the distance of two landmarks: 99.9 % of a chi-square variable with
 one degree of freedom."""
@@ -77,6 +82,8 @@ class LabelAssociation:
         """Rejected observations since the last accepted one."""
         self.overriding_until = -1
         """Value of `clock` until a single label may override the filter."""
+        self.unlabeled = 0
+        """Observations since the last label."""
         self._all_accepted = config.association == "known"
         self._gate = chi_square_gate(2, config.label_gate)
 
@@ -98,13 +105,18 @@ class LabelAssociation:
         self.rejected = np.zeros(len(labels), np.bool_)
         table.has_unlabeled = table.has_unlabeled or None in labels
         if all(label is None for label in labels):
-            return self._by_geometry(ekf, table, z, R)
+            self.unlabeled += len(labels)
+            matches = self._by_geometry(ekf, table, z, R)
+            self._drop_loops(ekf, table, z, R, labels, matches)
+            return matches
+        self.unlabeled = 0
         matches = np.array(self._gate_labels(ekf, table, z, R, labels), np.int64)
         rest = np.flatnonzero(matches == UNDECIDED)
         if len(rest) > 0:
             near = self._by_geometry(ekf, table, z[rest], R[rest], matches[matches >= 0])
             pairs = zip(rest.tolist(), near.tolist(), strict=True)
             self._resolve(ekf.next_id, table, labels, dict(pairs), matches)
+            self._drop_loops(ekf, table, z, R, labels, matches)
         return matches
 
     def _by_geometry(
@@ -119,6 +131,27 @@ class LabelAssociation:
         if confirmed is not None and ekf.submap is not None:
             confirmed = confirmed[table.rows(ekf.active_ids)]
         return associate_by_geometry(ekf, z, R, self.gates, taken, confirmed)
+
+    def _drop_loops(
+        self,
+        ekf: EkfSlam,
+        table: LandmarkTable,
+        z: FloatArray,
+        R: FloatArray,
+        labels: Sequence[Label | None],
+        matches: IntArray,
+    ) -> None:
+        """Drops observations (m,) that close a loop without a label, while labels are observed."""
+        if not table.labels or self.unlabeled > MAX_UNLABELED:
+            return
+        without = np.array([label is None for label in labels]) & (matches >= 0)
+        squared, ratio = np.full(len(z), np.inf), np.zeros(len(z))
+        compare_with_landmarks(
+            ekf.active, z, R, ekf.rows(np.where(without, matches, -1)), squared, ratio
+        )
+        for i in np.flatnonzero(without & (ratio > UNLABELED_LOOP)).tolist():
+            if table.is_labeled(int(matches[i])):
+                matches[i] = DROPPED
 
     def _look_up(
         self, next_id: int, table: LandmarkTable, labels: Sequence[Label | None]
