@@ -75,7 +75,13 @@ def test_what_does_not_fit_is_named(folder):
     for name, old, new, kind, message in (
         ("camera.toml", "width = 32", "width = 64", ImageError, "64 x 24 px as in the calibration"),
         ("times.txt", "3.100000000", "soon", DriveError, "times.txt, line 2: expected a finite"),
-        ("times.txt", "3.700000000\n", "", DriveError, "000007.png: expected one of 7 frames"),
+        (
+            "times.txt",
+            "3.700000000\n",
+            "",
+            DriveError,
+            "000007.png: expected a frame number below 7",
+        ),
         ("times.txt", "3.200000000", "9.9", DriveError, "frames in the order of their times"),
     ):
         path, text = replaced(name, old, new)

@@ -216,7 +216,7 @@ DEFECTS = [
         "odometry",
         "0.2,1,1\n0.4,1,1\n",
         "0.1,1,1\n",
-        "expected odometry from 0.000 to 0.400 s as the frames",
+        "expected odometry over the time of the frames, 0.000 to 0.400 s",
     ),
     ("tum", "2 rgb/0.png", "2", "line 2: expected 2 cells (time, file), found 1: '2'"),
     ("table", FORMATS["table"].text, "", "image is missing"),

@@ -43,7 +43,7 @@ def error(result, log):
 @pytest.mark.parametrize("named", [True, False])
 def test_a_robot_is_found_in_a_surveyed_map(survey, log, mode, named):
     """Within the accuracy of a single scan of 5 % and 3 degrees; the map hardly moves."""
-    with pytest.warns(LogWarning, match="no covariance of 40 landmarks: assumed a standard dev"):
+    with pytest.warns(LogWarning, match="40 landmarks without covariance: assumed a standard dev"):
         landmarks = load_map(survey)
     robot = slam.Slam(map=landmarks, mode=mode)
     result = slam.run(log if named else without_names(log), initial=robot)
@@ -123,7 +123,7 @@ def test_the_command_takes_a_survey(run, tmp_path, survey, log):
         warnings.simplefilter("always", LogWarning)
         code, _, err = run(*words)
     assert code == 0
-    assert "no covariance of 40 landmarks" in err
+    assert "40 landmarks without covariance" in err
     summary = json.loads((tmp_path / "out" / "run.json").read_text())
     assert summary["map_landmarks"] == 40
     assert summary["filtered_position_unaligned_rmse_m"] < 0.15

@@ -276,7 +276,7 @@ def _prepare(store: Store, job: Job) -> None:
             if name != "settings" and made.get(name) != now[name]:
                 raise ConfigError(
                     f"{store.location}: made with {name} = {made.get(name)!r}, now {now[name]!r}; "
-                    "take another --out, or remove this one"
+                    "use another --out, or remove this data set"
                 )
     header = {"format": FORMATS["extraction"], "version": saccade.__version__}
     with store.writing(MANIFEST) as path:

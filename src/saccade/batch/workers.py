@@ -28,7 +28,8 @@ from threadpoolctl import threadpool_limits
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
 
-DIED = "the process that worked on it died; was there enough memory?"
+DIED = "the worker process died, perhaps for lack of memory"
+"""Reason for a block without a report."""
 WORKER_MEMORY = 1_800_000_000
 """Bytes of a worker that analyzes images of 12 megapixels."""
 TIMEOUT = 20.0

@@ -15,8 +15,8 @@ class ConfigOptions(Options):
     """Options of `saccade config`."""
 
     kind: str = field(kw_only=False)
-    """attention, contrast, symmetry, scanpath, must, sift, symroid, slam, visual, world or
-    drive."""
+    """attention, contrast, symmetry, boolean, scanpath, scanpath-model, must, sift, symroid, slam,
+    visual, world or drive."""
     preset: Annotated[str | None, Parameter(("--preset", "-p"), metavar="NAME")] = None
     """Print this preset, not the default."""
     every: Annotated[bool, Parameter("--all")] = False

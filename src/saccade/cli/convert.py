@@ -35,7 +35,7 @@ def convert(options: ConvertOptions) -> Result:
 
     Landmark logs: csv keeps everything except the true landmarks; its header
     names the columns. g2o is a pose graph in text form, without time stamps;
-    it requires the identity of every landmark.
+    it requires a label for every observation.
 
     Keypoints: colmap (database, .db) and hdf5 (in the layout of hloc, .h5)
     write one file for all images.

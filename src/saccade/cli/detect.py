@@ -72,9 +72,9 @@ CameraModel: TypeAlias = Annotated[
     INPUT,
     Parameter(
         metavar="MODEL,...",
-        help="With --format colmap: the camera of all images, such as PINHOLE,fx,fy,cx,cy in "
-        "pixels of COLMAP, or a model alone, whose parameters are guessed; or a file with NAME "
-        "MODEL WIDTH HEIGHT PARAMETER ... to a line. By default each image has its own.",
+        help="Camera of all images, for --format colmap: a model of COLMAP with parameters in "
+        "pixels, such as PINHOLE,fx,fy,cx,cy; a model alone, with guessed parameters; or a file "
+        "with lines NAME MODEL WIDTH HEIGHT PARAMETER ... By default each image has its own.",
     ),
 ]
 

@@ -20,7 +20,7 @@ class ImageArguments(Options):
     """Images."""
 
     images: list[str]
-    """Images, folders or quoted patterns; look also takes videos."""
+    """Images, folders or quoted patterns."""
 
 
 def analyze_each(

@@ -129,7 +129,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
         load: Callable[..., Slam] = partial(Slam.load, self.map_file, self.mode, own)
         if self.has_survey:
             if self.first == "last":
-                raise ConfigError("--start: expected search, log or X,Y,HEADING with a .csv")
+                raise ConfigError("--start: expected search, log or X,Y,HEADING with a .csv map")
             load = partial(_surveyed, settings, load_map(self.map_file), self.mode)
         elif self.first == "last":
             robot = load()

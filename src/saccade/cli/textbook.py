@@ -30,7 +30,7 @@ class SourceArgument(Options):
     """Data for the equations."""
 
     source: Path
-    """A photograph, or a log with landmark identities."""
+    """A photograph, or a log with landmark labels."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -73,9 +73,9 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Fixati
             found.append((*of_image, f"{number}.{order}", row.cells[1]))
     if not found:
         raise LogError(
-            f"{path}: expected fixations (EFIX) on images that a message names (!V IMGLOAD, or "
-            f"!V TRIAL_VAR image NAME), found {early} without; --columns image=VARIABLE names "
-            "another variable"
+            f"{path}: expected fixations (EFIX) after a message with the name of the image "
+            f"(!V IMGLOAD, or !V TRIAL_VAR image NAME), found {early} without; "
+            "--columns image=VARIABLE selects another variable"
         )
     remarks = Counter({"fixations with no image on the screen are left out": early})
     return FixationList(RawFixations.of(found), "time", remarks)

@@ -119,7 +119,7 @@ def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
     if len(xy) >= MIDDLE and (high < side / 2).all() and (high - low < side / 2).all():
         raise LogError(
             f"{found} {span}: smaller units? pass --xy WIDTH,HEIGHT, the size of the images in the "
-            "units of x and y (100,100 of percent), and --offset X,Y, if their upper left corner "
+            "units of x and y (100,100 for percent), and --offset X,Y if their upper left corner "
             f"is not 0,0 ({PIXELS})"
         )
     outside = is_outside(xy, sizes)
@@ -134,15 +134,15 @@ def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
     center = ", and --axes=x,-y if y points up" * bool((np.abs(shift / side + 0.5) < 0.1).all())
     cures.append(
         (
-            ", on one side: positions on the screen? pass --offset X,Y, the images' upper left "
-            f"corner on it (about {shift[0]:.0f},{shift[1]:.0f} by the fixations){center}",
+            ", on one side: positions on the screen? pass --offset X,Y, the upper left corner of "
+            f"the images (about {shift[0]:.0f},{shift[1]:.0f} by the fixations){center}",
             xy - shift,
         )
     )
     scale = float((np.quantile(xy / sizes, EXTENT[1], axis=0)).max())
     if scale > ENLARGED:
         width, height = scale * side
-        enlarged = f"pass --xy WIDTH,HEIGHT, their size there (about {width:.0f},{height:.0f})"
+        enlarged = f"pass --xy WIDTH,HEIGHT, their displayed size (about {width:.0f},{height:.0f})"
         cures.append((f": were the images enlarged? {enlarged}", xy / scale))
     cure, moved = min(cures, key=lambda each: int(is_outside(each[1], sizes).sum()))
     if 4 * is_outside(moved, sizes).sum() < outside.sum():
@@ -152,7 +152,7 @@ def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
     if outside.mean() > OUTSIDE:
         raise LogError(
             f"{found} ({span}); pass --xy WIDTH,HEIGHT, the size of the images on the screen, and "
-            f"--offset X,Y, their upper left corner on it ({PIXELS})"
+            f"--offset X,Y, the position of their upper left corner ({PIXELS})"
         )
     return ""
 

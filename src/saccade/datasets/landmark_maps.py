@@ -81,9 +81,9 @@ def _covariances(table: TextTable) -> FloatArray:
             raise table.rows[i].error("a positive definite covariance", str(covariance[i].tolist()))
     if not given.all():
         warnings.warn(
-            f"{table.header.path}: no covariance of {int((~given).sum())} landmarks: assumed a "
-            f"standard deviation of {SURVEY_SIGMA:g} m; columns {', '.join(_COVARIANCE)} give the "
-            "true ones",
+            f"{table.header.path}: {int((~given).sum())} landmarks without covariance: assumed a "
+            f"standard deviation of {SURVEY_SIGMA:g} m; add columns {', '.join(_COVARIANCE)} for "
+            "the true ones",
             LogWarning,
             stacklevel=3,
         )

@@ -179,9 +179,11 @@ def write_colmap(
         _check_pair(pair, indices, keypoints)
         if pair in geometries and len(geometries[pair].inliers) != len(indices):
             found = f"{len(indices)} and {len(geometries[pair].inliers)}"
-            raise KeypointsError(f"geometry of {' and '.join(pair)}: expected its matches: {found}")
+            raise KeypointsError(f"geometry of {' and '.join(pair)}: expected all matches: {found}")
         if pair[::-1] in matches:
-            raise KeypointsError(f"matches of {' and '.join(pair)}: expected one order, found both")
+            raise KeypointsError(
+                f"matches of {' and '.join(pair)}: expected one order of the pair, found both"
+            )
     with atomic_write(path) as temporary, _open_new(pycolmap, temporary, path) as database:
         ids, moved = dict[str, int](), dict[str, FloatArray]()
         rigs: dict[str, tuple[Any, int]] = {}

@@ -116,7 +116,7 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
         seed: of the noise.
 
     Returns:
-        A log with landmark identities and ground truth. It starts at the true pose, the origin;
+        A log with landmark labels and ground truth. It starts at the true pose, the origin;
         its covariances describe the simulated noise.
     """
     rng = np.random.default_rng(seed)

@@ -154,7 +154,7 @@ def calibration_beside(
     file, options = folder / CAMERA_FILE, options or CameraOptions()
     if file.exists():
         if options != CameraOptions():
-            raise DriveError(f"{file}: gives the camera; expected no --intrinsics or --baseline")
+            raise DriveError(f"{file}: has the calibration; leave out --intrinsics and --baseline")
         return BareCamera(read_calibration(file))
     width, height = size
     baseline, is_guess, assumptions = options.baseline or 0.0, False, tuple[str, ...]()
@@ -262,8 +262,8 @@ ASSUMED_SPEED = 1.0
 ASSUMED_TURN = 0.2
 """Assumed standard deviation of the turn between frames without odometry, in radians."""
 _NO_SCALE = "the scale is unknown, since a single camera without odometry measures no lengths: "
-HELD_SCALE = _NO_SCALE + "meters are units, of which it moves one a second in the first step"
-ASSUMED_SCALE = _NO_SCALE + "meters are units, and a constant speed of one a second is assumed"
+HELD_SCALE = _NO_SCALE + "the speed of the first step is set to 1 m/s"
+ASSUMED_SCALE = _NO_SCALE + "a constant speed of 1 m/s is assumed"
 
 
 def read_folder_drive(
@@ -367,8 +367,8 @@ def _frame_times(
         recorded = read_table(path, ("seconds",))[:, 0]
     if last >= len(recorded):
         raise DriveError(
-            f"{files[last]}: expected one of {len(recorded)} frames as there are times in {path}, "
-            f"found number {last}"
+            f"{files[last]}: expected a frame number below {len(recorded)}, the number of times in "
+            f"{path}, found {last}"
         )
     frames = FrameTimes.sort(recorded, str(path), available)
     gaps = np.diff(available) - 1

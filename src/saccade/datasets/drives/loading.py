@@ -60,8 +60,7 @@ def load_drive(kind: DriveKind, path: str | Path, camera: CameraOptions | None =
             return reader(path, camera)
         if camera not in (None, CameraOptions()):
             raise DriveError(
-                f"{path}: has the calibration of its layout ({kind}); expected no --intrinsics or "
-                "--baseline"
+                f"{path}: has a calibration ({kind} layout); leave out --intrinsics and --baseline"
             )
         return reader(path)
     except (ImageError, LogError) as error:

@@ -128,14 +128,13 @@ def compose_increments(
     """
     if (np.diff(frames) < 0).any():
         raise DriveError(
-            f"{name}: expected frames in the order of their times, found number "
-            f"{frames[np.argmax(np.diff(frames) < 0) + 1]} later in the files, earlier in time: "
-            "its increment is not known"
+            f"{name}: expected frames in the order of their times, found frame "
+            f"{frames[np.argmax(np.diff(frames) < 0) + 1]} out of order; its increment is unknown"
         )
     if frames[-1] > len(increments.control):
         raise DriveError(
-            f"{name}: expected increments to each of {frames[-1] + 1} frames, found "
-            f"{len(increments.control)} increments"
+            f"{name}: expected {frames[-1]} increments between {frames[-1] + 1} frames, found "
+            f"{len(increments.control)}"
         )
     control = np.zeros((len(frames) - 1, 3))
     covariance = np.zeros((len(frames) - 1, 3, 3))
@@ -166,8 +165,8 @@ def _require_coverage(time: FloatArray, frame_time: FloatArray, slack: float, na
     """Raise `DriveError` unless odometry at times (n,) covers the frames up to `slack` seconds."""
     if time[0] > frame_time[0] + slack or time[-1] < frame_time[-1] - slack:
         raise DriveError(
-            f"{name}: expected odometry from {frame_time[0]:.3f} to {frame_time[-1]:.3f} s as the "
-            f"frames, found {time[0]:.3f} to {time[-1]:.3f} s"
+            f"{name}: expected odometry over the time of the frames, {frame_time[0]:.3f} to "
+            f"{frame_time[-1]:.3f} s, found {time[0]:.3f} to {time[-1]:.3f} s"
         )
 
 

@@ -1,7 +1,7 @@
 """Drives given as point tracks of a stereo rig.
 
     stereo_tracks_clean.npz  or stereo_tracks.npz, or any file given by name:
-                             frame (k,), ascending; track (k,) identity of the point;
+                             frame (k,), ascending; track (k,) id of the point;
                              uvlr (k, 4) pixels: u left, v left, u right, v right; u right is u
                              left where the depth is unknown;
                              descriptors (k, 128) uint8, optional: SIFT descriptors

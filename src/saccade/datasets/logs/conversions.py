@@ -115,6 +115,6 @@ def require_numbered(log: LandmarkLog, form: str) -> None:
     if unknown or log.text_names:
         found = f"none for {unknown} observations" if unknown else repr(log.text_names[0])
         raise LogError(
-            f"{log.name}: expected the identity of every landmark as a number, which {form} needs, "
-            f"found {found}; write it as CSV"
+            f"{log.name}: {form} needs a number as the label of every observation, found {found}; "
+            "write it as CSV"
         )

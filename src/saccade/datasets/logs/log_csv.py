@@ -250,9 +250,9 @@ def _covariances(table: TextTable, names: tuple[str, ...], assumed: FloatArray) 
     columns, missing = covariance_names(names), np.isnan(table.numbers(*names, blank=np.nan))
     if not set(columns) & set(table.names):
         warnings.warn(
-            f"{table.header.path}: no covariance of {', '.join(names)}: assumed standard "
-            f"deviations of {ASSUMED[names == _OBSERVATION]}; columns cov_{names[0]}_{names[0]}, "
-            "... give the true ones",
+            f"{table.header.path}: {', '.join(names)} without covariance: assumed standard "
+            f"deviations of {ASSUMED[names == _OBSERVATION]}; add columns "
+            f"cov_{names[0]}_{names[0]}, ... for the true ones",
             LogWarning,
             stacklevel=4,
         )

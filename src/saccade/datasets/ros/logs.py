@@ -171,13 +171,13 @@ def _log(
     usable = (time >= first) & (time <= last) & (np.hypot(*xy.T) > MIN_RANGE)  # False for NaN
     if not usable.any():
         raise LogError(
-            f"{name}: expected landmarks while there is odometry, from {first:.3f} to "
-            f"{last:.3f} s; found {len(detections)} at other times, or without a position"
+            f"{name}: expected landmarks during the odometry, {first:.3f} to {last:.3f} s; found "
+            f"{len(detections)} at other times or without a position"
         )
     if not usable.all():
         _warn(
-            f"{name}: {int((~usable).sum())} of {len(usable)} landmarks left out, without odometry "
-            "at their time, or without a position"
+            f"{name}: left out {int((~usable).sum())} of {len(usable)} landmarks without odometry "
+            "at their time or without a position"
         )
     observation, R = to_range_bearing(
         xy[usable], covariance[usable], lambda k: f"{name}, landmark {k}"

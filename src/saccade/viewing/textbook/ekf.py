@@ -85,12 +85,12 @@ def trace_filter(log: LandmarkLog, ekf_slam: Any, last_scan: int | None = None) 
     """Run the filter of the textbook, and keep its last `MAX_SCANS` scans.
 
     Args:
-        log: with landmark identities.
+        log: with landmark labels.
         ekf_slam: the class `EkfSlam`.
         last_scan: number of the last scan, from 1; by default `MAX_SCANS`, or the last of the log.
 
     Raises:
-        LogError: the log has no landmark identities, or fewer scans.
+        LogError: the log has no landmark labels, or fewer scans.
     """
     if (log.landmark < 0).any() or len(log.landmark) == 0:
         raise LogError(f"{log.name}: expected labels for all observations, as in appendix C")

@@ -59,7 +59,7 @@ class Walkthrough:
     """
 
     log: LandmarkLog
-    """For appendix C, with landmark identities."""
+    """For appendix C, with landmark labels."""
     image: Image | None = None
     """(H, W, 3) in [0, 1], for appendices A and B."""
     default_saliency: Callable[[Image], Float32Array] | None = None
@@ -83,7 +83,7 @@ class Walkthrough:
         """The steps of the filter in the log.
 
         Raises:
-            LogError: the log has no landmark identities, or fewer scans.
+            LogError: the log has no landmark labels, or fewer scans.
         """
         return trace_filter(self.log, textbook.EkfSlam, self.last_scan)
 
