@@ -12,7 +12,9 @@ frames make one map.
 ATE is the absolute trajectory error without alignment in meters, the median. Its ratios to that of
 `fixed` and `sweep` are geometric means over worlds and seeds, with 95 % intervals over the seeds;
 then come the ratios to `fixed` in each world, and that of the worst drive. Inside: poses whose true
-position lies in the 99.7 % ellipse.
+position lies in the 99.7 % ellipse. NEES: mean normalized estimation error squared of the poses,
+3 if the covariances are right. The JSON file has ATE, correct or closed, inside and NEES of each
+drive.
 """
 
 import json
@@ -33,6 +35,8 @@ from saccade.simulation import DriveConfig, PanCamera, WorldConfig, simulate_dri
 from saccade.simulation.drive import ENCODER_SIGMA
 from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
 from saccade.slam import EkfConfig, Slam
+from saccade.slam.consistency import pose_nees
+from saccade.slam.filter.state import STANDARD
 from saccade.slam.models import observe, wrap
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 
@@ -107,8 +111,8 @@ class Run:
     egomotion: str = "wheels"
 
 
-def drive(run: Run) -> tuple[float, bool, float]:
-    """ATE in meters, whether a loop was closed, and the fraction of the poses inside 3 sigma."""
+def drive(run: Run) -> tuple[float, bool, float, float]:
+    """ATE in meters, whether a loop was closed, fraction of poses inside 3 sigma, and NEES."""
     log = simulate_world(landmark_world(run.world), run.seed)
     slam = _robot(log, run.known)
     gazer = Gazer(
@@ -141,7 +145,12 @@ def drive(run: Run) -> tuple[float, bool, float]:
     poses, covariances = zip(*((each.pose, each.covariance) for each in results), strict=True)
     estimate = Trajectory(log.time, np.array(poses), np.array(covariances))
     error = score_drive(estimate, log.truth)
-    return error.ate_unaligned_m, closed, error.inside_3sigma
+    return error.ate_unaligned_m, closed, error.inside_3sigma, mean_nees(estimate, log.truth)
+
+
+def mean_nees(estimate: Trajectory, truth: Trajectory) -> float:
+    """Mean NEES of the poses that are not known exactly, at the times of the truth."""
+    return float(np.nanmean(pose_nees(estimate, truth, STANDARD)))
 
 
 def _robot(log: LandmarkLog, known: bool) -> Slam:
@@ -156,8 +165,8 @@ def _robot(log: LandmarkLog, known: bool) -> Slam:
     return slam
 
 
-def image_drive(run: Run) -> tuple[float, float, float]:
-    """ATE in meters, fraction of correct re-identifications, and of the poses inside 3 sigma."""
+def image_drive(run: Run) -> tuple[float, float, float, float]:
+    """ATE in meters, fraction of correct re-identifications, of poses inside 3 sigma, and NEES."""
     hall = replace(DriveConfig.hall(), **HALLS[run.world])
     if run.policy == "bound":
         made = _around(hall, run.seed)
@@ -167,7 +176,8 @@ def image_drive(run: Run) -> tuple[float, float, float]:
     error = score_drive(result.trajectory, made.truth)
     precision = summarize_drive(made, result)["association_precision"]
     correct = 1.0 if precision is None else precision  # nothing was re-identified
-    return error.ate_unaligned_m, correct, error.inside_3sigma
+    nees = mean_nees(result.trajectory, made.truth)
+    return error.ate_unaligned_m, correct, error.inside_3sigma, nees
 
 
 class _Direction(PanCamera):
@@ -226,7 +236,7 @@ def main() -> None:
         Run(*each, known, egomotion=given.egomotion) for each in product(worlds, policies, seeds)
     ]
     rows = [*in_processes(image_drive if images else drive, runs, given.jobs)]
-    table = np.array(rows, float).reshape(len(worlds), len(policies), given.seeds, 3)
+    table = np.array(rows, float).reshape(len(worlds), len(policies), given.seeds, 4)
     report(table, worlds, policies, images)
     if given.json is not None:
         text = json.dumps({"worlds": worlds, "policies": policies, "rows": table.tolist()})
@@ -234,10 +244,10 @@ def main() -> None:
 
 
 def report(table: FloatArray, worlds: list[str], policies: list[str], images: bool) -> None:
-    """Prints the figures (worlds, policies, seeds, 3) of `drive` or `image_drive`."""
+    """Prints the figures (worlds, policies, seeds, 4) of `drive` or `image_drive`."""
     log = np.log(table[..., 0])
     print(f"{'':8} ATE [m]  to fixed          to sweep           "
-          f"{'correct' if images else 'closed '}  inside [%]")  # fmt: skip
+          f"{'correct' if images else 'closed '}  inside [%]  NEES")  # fmt: skip
     for p, policy in enumerate(policies):
         ratios = [
             with_interval(geometric_mean((log[:, p] - log[:, policies.index(other)]).mean(0)))
@@ -245,9 +255,11 @@ def report(table: FloatArray, worlds: list[str], policies: list[str], images: bo
             if other in policies
         ]
         second, inside = table[:, p, :, 1], 100 * table[:, p, :, 2].mean()
+        nees = table[:, p, :, 3].mean()
         closed = f"{second.sum():3.0f} of {second.size}"
         print(f"{policy:8} {np.exp(np.median(log[:, p])):7.3f}  {'  '.join(ratios)}"
-              f"  {f'{second.mean():.4f}' if images else closed}  {inside:5.1f}")  # fmt: skip
+              f"  {f'{second.mean():.4f}' if images else closed}"
+              f"  {inside:10.1f}  {nees:4.1f}")  # fmt: skip
     if "fixed" not in policies:
         return
     print("to fixed", *(f"{world:>8}" for world in worlds), "  worst drive  over twice")

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 import saccade
 from saccade.errors import ConfigError
 from saccade.gaze import POLICIES, Gazer
-from saccade.gaze.gazer import BEARING_SIGMA, HORIZON, INHIBITION, MISS_MEMORY, RANGE_SIGMA
+from saccade.gaze.gazer import GOAL_DURATION, HORIZON, INHIBITION, MISS_MEMORY
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.models import observe
 
@@ -51,21 +51,25 @@ def test_a_pan_outside_of_the_limits_is_refused(pan):
     assert made.next().pan <= 2.4
 
 
+def sensor(ranges):
+    return np.stack([0.02 * ranges**2, np.full(len(ranges), 0.01)], 1)
+
+
 @pytest.mark.parametrize("pan_sigma", [0.0, 0.02])
-def test_the_information_is_the_entropy_that_an_update_takes_from_the_state(pan_sigma):
+def test_the_information_is_the_entropy_that_an_update_takes_from_the_pose(pan_sigma):
     landmarks = np.array([[2.0, 0.1], [3.0, -0.4], [4.0, 0.5]])
     slam = robot(landmarks, motion_sigma=0.3)
-    made = gazer(slam, pan_sigma=pan_sigma)
+    made = gazer(slam, pan_sigma=pan_sigma, sensor=sensor)
     view = made._roll_out()
     ahead = int(np.argmin(np.abs(made.candidates)))
     assert view.seen[ahead].tolist() == [1, 1, 1]
     information = made._information(view)[ahead]
-    before = np.linalg.slogdet(slam.filter.covariance)[1]
+    before = np.linalg.slogdet(slam.filter.pose_covariance)[1]
     r = np.hypot(*landmarks.T)
-    R = np.stack([(RANGE_SIGMA * r) ** 2, np.full(3, BEARING_SIGMA**2)], 1)[:, None] * np.eye(2)
+    R = np.stack([(0.02 * r**2) ** 2, np.full(3, 0.01**2)], 1)[:, None] * np.eye(2)
     R[:, 1, 1] += 3 * pan_sigma**2
     slam.step(2.0, z=observe(np.zeros(3), landmarks)[0], R=R, labels=np.arange(3))
-    after = np.linalg.slogdet(slam.filter.covariance)[1]
+    after = np.linalg.slogdet(slam.filter.pose_covariance)[1]
     assert_allclose(information, (before - after) / 2, rtol=1e-3)
 
 
@@ -82,15 +86,25 @@ def test_the_bearings_of_a_scan_tell_the_heading_no_better_than_the_pan_is_measu
 
 @pytest.mark.parametrize("sigma", [0.01, 1.0])
 def test_a_landmark_that_was_seen_from_here_tells_nothing_of_an_uncertain_pose(sigma):
-    """It tells its own range and bearing, how certain the pose may be."""
     slam = Slam(CONFIG)
     slam.step(1.0, np.zeros(3), sigma**2 * np.diag([1.0, 1.0, 0.1]))
     R = np.array([0.05, 0.02]) ** 2
     slam.step(2.0, z=np.array([[3.0, 0.0]]), R=np.diag(R)[None], labels=np.array([0]))
     made = gazer(slam)
-    again = np.square([3.0 * RANGE_SIGMA, BEARING_SIGMA])
-    expected = np.log1p(R / again).sum() / 2
-    assert made._information(made._roll_out()).max() == pytest.approx(expected, rel=1e-3)
+    assert_allclose(made._information(made._roll_out()), 0, atol=1e-4)
+
+
+def test_of_landmarks_in_one_square_meter_the_one_with_the_fewest_misses_counts():
+    made = gazer(robot([[3.2, 0.5], [3.4, 0.5], [3.6, 0.5], [4.5, 0.5]]))
+    assert sorted(made._roll_out().landmarks.tolist()) == [0, 3]
+    made.record(pan=0.0, missed=[0, 1, 3])
+    assert sorted(made._roll_out().landmarks.tolist()) == [2, 3]
+
+
+def test_a_goal_is_kept_while_the_camera_turns_to_it():
+    made = gazer(robot([[-1.5, 2.6], [2.0, -2.0]], motion_sigma=0.5), rate=0.1)
+    goals = [made._active(made) for made.time in np.arange(0, GOAL_DURATION - 0.01, 0.1)]
+    assert len(set(goals)) == 1
 
 
 def test_a_landmark_that_was_missed_counts_less_until_it_is_forgotten():

@@ -1,5 +1,7 @@
 """Re-identification: the consistency of associations with one another."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -10,14 +12,20 @@ from saccade.evaluation.runs import correct_associations
 from saccade.frames import Camera, Frame
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.filter.models import PredictedObservations
+from saccade.slam.scans import NO_SCAN, Scan
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import measure_depth
 from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import PreparedFrame, prepare_frame
-from saccade.visual.reidentification import consistent_layout, consistent_set, reidentify
+from saccade.visual.reidentification import (
+    ClosureTest,
+    consistent_layout,
+    consistent_set,
+    reidentify,
+)
 from saccade.visual.single_camera import SingleCameraMotionEstimator
 from saccade.visual.tables import RangeBearings, TrackedPoints
-from saccade.visual.visual_map import VisualMap
+from saccade.visual.visual_map import PoseCorrection, VisualMap
 
 
 @given(st.integers(0, 10**6), st.integers(0, 4))
@@ -93,21 +101,63 @@ def test_a_place_may_be_off_along_the_line_of_sight_alone(aside, right):
     assert found.tolist() == [True, right]
 
 
-def test_points_that_are_no_landmarks_hide_none(rng):
-    """Every lost landmark in view is found, whatever else is tracked."""
+def mapped_points(rng):
+    """Six points in the first frame of a drive, its map, and their observations."""
     drive, config = simulate_drive(DriveConfig(frames=2)), VisualConfig()
-    xy = rng.uniform(60, 180, (6, 2)).astype(np.float32)
     points = TrackedPoints.zeros(
         6,
-        xy=xy,
+        xy=rng.uniform(60, 180, (6, 2)).astype(np.float32),
         depth=np.linspace(2, 4, 6),
         depth_sigma=np.full(6, 0.02),
         landmark=np.full(6, -1),
         descriptor=rng.integers(0, 256, (6, 128), np.uint8),
     )
     visual_map = VisualMap(drive, config, MotionEstimator(drive, config))
-    observations, usable = visual_map.observe(points)
-    assert usable.all()
+    return drive, visual_map, points, visual_map.observe(points)[0]
+
+
+@pytest.mark.parametrize(("meters", "found"), [(0.3, 6), (3.0, 0)])
+def test_a_point_may_be_mapped_twice_but_not_hang_in_two_places(rng, meters, found):
+    drive, visual_map, points, observations = mapped_points(rng)
+    for behind in (0.0, meters):
+        moved = replace(observations, z=observations.z + np.array([behind, 0.0]))
+        visual_map.initialize(moved, points.descriptor, 0)
+    frame, nothing = PreparedFrame(drive.load(0)), TrackedPoints()
+    result = reidentify(points, visual_map, nothing, frame, VisualConfig())
+    assert len(result.rows) == found
+
+
+def test_the_correction_of_the_pose_is_that_of_the_filter(rng):
+    _, visual_map, points, observations = mapped_points(rng)
+    visual_map.initialize(observations, points.descriptor, 0)
+    visual_map.slam.process(Scan(0.1, (np.zeros(3), np.diag([0.02, 0.02, 0.005]) ** 2), *NO_SCAN))
+    seen = replace(observations, z=observations.z + np.array([0.005, 0.001]))
+    rows = np.arange(6)
+    correction = visual_map.correct_pose(rows, seen)
+    before, P = visual_map.ekf.pose, visual_map.ekf.pose_covariance
+    assert correction.before == pytest.approx(P)
+    R = visual_map._covariance(seen, 6)
+    visual_map.slam.process(Scan(0.1, None, seen.z, R, rows.tolist()))
+    assert correction.change == pytest.approx(visual_map.ekf.pose - before, rel=0.02, abs=1e-5)
+    assert correction.after == pytest.approx(visual_map.ekf.pose_covariance, rel=0.05, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("second", "seconds", "accepted"),
+    [([0.95, 0.02, 0.0], 0.2, True), ([0.2, 0.9, 0.1], 0.2, False), ([1, 0, 0], 9.0, False)],
+)
+def test_a_closure_that_moves_the_pose_far_waits_for_a_second_view(second, seconds, accepted):
+    P, certain = np.diag([0.3, 0.3, 0.05]) ** 2, np.diag([0.05, 0.05, 0.01]) ** 2
+    test = ClosureTest(0.99)
+    assert test.accepts(0.0, PoseCorrection(np.array([0.2, 0.1, 0.02]), P, certain))
+    assert not test.accepts(1.0, PoseCorrection(np.array([1.0, 0.0, 0.0]), P, certain))
+    assert test.accepts(1.0 + seconds, PoseCorrection(np.array(second), P, certain)) is accepted
+
+
+def test_points_that_are_no_landmarks_hide_none(rng):
+    """Every lost landmark in view is found, whatever else is tracked."""
+    drive, visual_map, points, observations = mapped_points(rng)
+    config = VisualConfig()
     expected = PredictedObservations(observations.z + 1, observations.covariance)
     single = VisualMap(drive, config, SingleCameraMotionEstimator(drive, config))
     for each, added in ((visual_map, 0), (single, 1)):  # whose ranges are those of the map
@@ -118,5 +168,5 @@ def test_points_that_are_no_landmarks_hide_none(rng):
     frame = PreparedFrame(drive.load(0))
     found = reidentify(points, visual_map, elsewhere, frame, config)
     assert found.rows.tolist() == [0, 1, 2, 3, 4, 5]
-    assert np.array_equal(found.points.xy, xy)
+    assert np.array_equal(found.points.xy, points.xy)
     assert len(found.missed) == found.elsewhere == 0

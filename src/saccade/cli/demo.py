@@ -1,6 +1,6 @@
 """`saccade demo`: attention, matching and SLAM on data that ships with the package."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,8 @@ SEED = 0
 """Seed of the simulated drive."""
 FRAMES = 80
 """Number of frames of the simulated drive."""
+FRAMES_PER_LAP = 56
+"""Number of frames of one of its laps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,19 +79,18 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
 
 
 def _drive(out: Path, builder: ReportBuilder) -> dict[str, Any]:
-    """Map of a simulated drive."""
-    rooms = DriveConfig(
-        world="rooms",
+    """Map of a simulated drive through a hall with few posters."""
+    hall = replace(
+        DriveConfig.hall(),
+        size=(13.0, 10.5),
         frames=FRAMES,
-        frames_per_lap=FRAMES,
-        image_size=(240, 180),
-        field_of_view_deg=50.0,
+        frames_per_lap=FRAMES_PER_LAP,
         color=True,
     )
-    recorder = Recorder(FRAMES // 2)
+    settings, recorder = replace(SETTINGS, egomotion="wheels"), Recorder(FRAMES // 2)
     output = RunOutput(out=out / "drive", film=True)
     with progress_bar("visual SLAM: a robot that looks around") as progress:
-        drive, result = gaze_drive(rooms, "active", SEED, progress, recorder)
+        drive, result = gaze_drive(hall, "active", SEED, progress, recorder, settings.egomotion)
         return write_results(
-            *(drive, SETTINGS, output, progress, result, recorder.snapshots, builder)
+            *(drive, settings, output, progress, result, recorder.snapshots, builder)
         )

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from saccade.errors import require
 from saccade.landmark_names import parse_labels
 from saccade.slam import Slam
-from saccade.slam.models import MOTIONS, observe, wrap
+from saccade.slam.models import MOTIONS, observe, stack_jacobians, wrap
 from saccade.types import BoolArray, FloatArray, IntArray
 
 POLICIES = ("fixed", "sweep", "random", "salient", "active")
@@ -27,18 +27,20 @@ HORIZON = 2.0
 SAMPLES = 4
 """Number of poses in the rollout, even."""
 MAX_LANDMARKS = 24
-"""Largest number of landmarks in a decision; the nearest count."""
-RANGE_SIGMA = 0.03
-"""Expected standard deviation of the range of a landmark that is in view throughout the rollout, as
-a fraction of the range."""
+"""Largest number of landmarks in a decision, the nearest ones, of which no two share a square
+meter."""
+RELATIVE_RANGE_SIGMA = 0.03
+"""Default standard deviation of a range, as a fraction of the range."""
 BEARING_SIGMA = 0.01
-"""Expected standard deviation of the bearing of such a landmark, in radians."""
+"""Default standard deviation of a bearing, in radians."""
 MARGIN = 0.05
 """Width of the margin at each side of the field of view, as a fraction; nothing in it is seen."""
 AREA = 1.0
 """Weight in nats of a view whose whole area is new."""
-MEMORY = 0.2
-"""Weight in nats of a landmark of salience 1 that was never looked at."""
+TEMPERATURE = 0.05
+"""Difference of scores in nats at which a pan is drawn e times as often as another."""
+GOAL_DURATION = 0.8
+"""Duration in seconds for which a drawn pan is kept."""
 INHIBITION = 10.0
 """Time constant of the inhibition of return, in seconds."""
 MISS_MEMORY = 30.0
@@ -77,6 +79,8 @@ class Gazer:
         seed: seed of the policy "random".
         odometry: standard deviations of the motion after one meter, in meters and radians.
         pan_sigma: standard deviation of the measured pan, in radians.
+        sensor: function from ranges (k,) in meters to the standard deviations (k, 2) of ranges and
+            bearings that are measured there, without the error of the pan.
 
     Raises:
         ConfigError: an argument is out of its range.
@@ -106,6 +110,7 @@ class Gazer:
         seed: int = 0,
         odometry: tuple[float, float] = (0.02, 0.02),
         pan_sigma: float = 0.0,
+        sensor: "Sensor | None" = None,
     ) -> None:
         require(0 < fov <= 2 * pi, "fov", "over 0 and up to 2 pi", fov)
         require(0 < max_range < 1e3, "max_range", "over 0 and under 1000", max_range)
@@ -133,8 +138,10 @@ class Gazer:
         """(c,) candidate pans, at most a third of the field of view apart."""
         self._policy: Policy = policy if callable(policy) else getattr(self, f"_{policy}")
         self._reason = "a custom policy"
-        self._rng, self._goal = np.random.default_rng(seed), 0.0
+        self._rng = np.random.default_rng(seed)
+        self._goal, self._decided = 0.0, -np.inf
         self._odometry, self._pan_sigma = odometry, pan_sigma
+        self._sensor: Sensor = sensor or _default_sensor
         self._seen_cells: set[tuple[int, int]] = set()
         cells = np.arange(-ceil(max_range), ceil(max_range) + 1)
         self._around = np.stack(np.meshgrid(cells, cells), -1).reshape(-1, 2)
@@ -214,35 +221,34 @@ class Gazer:
         return self._goal
 
     def _salient(self, _: "Gazer") -> float:
-        """The pan with the most remembered salience."""
-        return self._best({"salient landmarks": self._remembered_salience(self._roll_out())})
+        """The pan with the most remembered salience; of equal ones, the nearest."""
+        self._reason = "salient landmarks"
+        salience = self._remembered_salience(self._roll_out())
+        return float(
+            self.candidates[np.argmax(salience - 1e-3 * np.abs(self.candidates - self.pan))]
+        )
 
     def _active(self, _: "Gazer") -> float:
-        """The pan with the most information, new area and remembered salience."""
+        """A pan drawn by its information about the pose and its new area, and kept for a while."""
+        if self.time - self._decided < GOAL_DURATION - 1e-6:
+            return self._goal
         view = self._roll_out()
-        terms = {
-            "informative landmarks": self._information(view),
-            "salient landmarks": MEMORY * self._remembered_salience(view),
-        }
+        terms = {"informative landmarks": self._information(view)}
         if self.slam.mode != "localize":  # a fixed map gains nothing from new area
             terms["new area"] = AREA * self._new_area(view)
-        return self._best(terms)
-
-    def _best(self, terms: dict[str, FloatArray]) -> float:
-        """The pan with the largest sum of terms (c,); of equal ones, the nearest."""
-        total = np.sum(list(terms.values()), axis=0)
-        best = int(np.argmax(total - 1e-3 * np.abs(self.candidates - self.pan)))
-        lead = {name: float(term[best] - term.mean()) for name, term in terms.items()}
+        score = np.sum(list(terms.values()), axis=0)
+        probability = np.exp((score - score.max()) / TEMPERATURE)
+        drawn = int(self._rng.choice(len(score), p=probability / probability.sum()))
+        lead = {name: float(term[drawn] - term.mean()) for name, term in terms.items()}
         self._reason = max(lead, key=lambda name: lead[name])
-        return float(self.candidates[best])
+        self._goal, self._decided = float(self.candidates[drawn]), self.time
+        return self._goal
 
     def _roll_out(self) -> "View":
         """The next `HORIZON` seconds: the robot follows its plan, the camera turns to each pan."""
         ekf, table = self.slam.filter, self.slam.landmarks
-        start, known = (
-            ekf.pose,
-            table.counts.confirmed | table.labeled,
-        )  # includes landmarks that were seen once
+        start = ekf.pose
+        known = table.counts.confirmed | table.labeled  # includes landmarks that were seen once
         ids, xy = ekf.ids[known], ekf.landmarks[known]
         steps = np.minimum(np.arange(ceil(HORIZON / self.period)), len(self.plan) - 1)
         controls = self.plan[steps] if len(self.plan) else np.zeros((0, 2))
@@ -258,13 +264,26 @@ class Gazer:
                 sigma = np.append(np.full(len(u) - 1, self._odometry[0]), self._odometry[1])
                 F, Q = Fx @ F, Fx @ Q @ Fx.T + (Fu * sigma**2 * abs(u[0])) @ Fu.T
         sampled, center = np.array(poses[1:]), poses[SAMPLES // 2]
-        distance = np.hypot(*(xy - center[:2]).T)
-        nearest = np.argsort(distance, kind="stable")[:MAX_LANDMARKS]
-        near = nearest[distance[nearest] < 2 * self.max_range]
+        near = self._select(ids, xy, center)
         turn = self.rate * HORIZON * np.arange(1, SAMPLES + 1)[:, None] / SAMPLES
         pan = self.pan + np.clip(self.candidates - self.pan, -turn, turn)  # (s, c)
         seen = self._sees(sampled, pan, xy[near]).mean(0)
         return View(center, F, Q, ids[near], xy[near], seen)
+
+    def _select(self, ids: IntArray, xy: FloatArray, pose: FloatArray) -> IntArray:
+        """Rows of the landmarks (n,) at (n, 2) that count: one in a square meter, the nearest.
+
+        Of those in the same square meter the one with the fewest misses counts.
+        """
+        distance = np.hypot(*(xy - pose[:2]).T)
+        near = np.flatnonzero(distance < 2 * self.max_range)
+        misses = [
+            self._misses_of(label) for label in self.slam.landmarks.labels_of(ids[near].tolist())
+        ]
+        near = near[np.lexsort((distance[near], misses))]
+        cells = np.floor(xy[near]).astype(np.int64)
+        near = near[np.unique(cells, axis=0, return_index=True)[1]]
+        return near[np.argsort(distance[near], kind="stable")[:MAX_LANDMARKS]]
 
     def _sees(self, poses: FloatArray, pan: FloatArray, points: npt.NDArray[Any]) -> BoolArray:
         """(s, c, k) whether points (k, 2) are in view from poses (s, 3) with pans (s, c)."""
@@ -275,11 +294,11 @@ class Gazer:
         return np.asarray(inside & near[:, None])
 
     def _information(self, view: "View") -> FloatArray:
-        """(c,) mutual information of the state and the expected observations, in nats.
+        """(c,) mutual information of the pose and the expected observations, in nats.
 
-        The state includes the landmarks, since the pose is measured by them later. With the joint
-        covariance, common errors of pose and landmarks carry no information. Landmarks that were
-        expected in view and missed count less.
+        It is (log det S - log det S given the pose) / 2. With the joint covariance, common errors
+        of pose and landmarks carry no information. Landmarks that were expected in view and missed
+        count less.
         """
         seen, k = view.seen, len(view.landmarks)
         if k == 0:
@@ -287,18 +306,21 @@ class Gazer:
         P = self.slam.joint_covariance(view.landmarks)
         P[:3] = view.F @ P[:3]
         P[:, :3] = P[:, :3] @ view.F.T
-        P[:3, :3] += view.Q
+        P[:3, :3] += view.Q + 1e-12 * np.eye(3)  # a pose that is known exactly is regular, too
         z, H = observe(view.pose, view.xy)
-        by_landmark = np.zeros((k, 2, k, 2))
-        by_landmark[np.arange(k), :, np.arange(k)] = H[..., 3:]
-        J = np.hstack([H[..., :3].reshape(2 * k, 3), by_landmark.reshape(2 * k, 2 * k)])
+        J = stack_jacobians(H)
         labels = self.slam.landmarks.labels_of(view.landmarks.tolist())
         found = seen / (1 + np.array([self._misses_of(label) for label in labels]))  # (c, k)
-        bearing = np.hypot(BEARING_SIGMA, np.sqrt(found.sum(1)) * self._pan_sigma)[:, None]
-        sigma = np.stack(np.broadcast_arrays(RANGE_SIGMA * z[:, 0], bearing), -1)  # (c, k, 2)
+        sigma = np.broadcast_to(self._sensor(z[:, 0]), (len(seen), k, 2)).copy()
+        sigma[..., 1] = np.hypot(sigma[..., 1], np.sqrt(found.sum(1))[:, None] * self._pan_sigma)
         B = (np.sqrt(found)[..., None] / sigma).reshape(len(seen), 2 * k)  # root of R's inverse
-        S = np.eye(2 * k) + B[..., None] * (J @ P @ J.T) * B[:, None]
-        return np.asarray(np.linalg.slogdet(S)[1] / 2)
+        with_pose = J @ P[:, :3]
+        predicted = J @ P @ J.T
+        given_pose = predicted - with_pose @ np.linalg.solve(P[:3, :3], with_pose.T)
+        S, S_given_pose = (
+            np.eye(2 * k) + B[..., None] * C * B[:, None] for C in (predicted, given_pose)
+        )
+        return np.asarray(np.linalg.slogdet(S)[1] - np.linalg.slogdet(S_given_pose)[1]) / 2
 
     def _misses_of(self, label: object) -> float:
         """Decayed number of misses of a landmark."""
@@ -326,6 +348,12 @@ class Gazer:
 
 Policy = Callable[[Gazer], float]
 """A custom policy: from the gazer to a pan in radians."""
+Sensor = Callable[[FloatArray], FloatArray]
+"""Standard deviations (k, 2) of ranges and bearings that are measured at ranges (k,)."""
+
+
+def _default_sensor(ranges: FloatArray) -> FloatArray:
+    return np.stack([RELATIVE_RANGE_SIGMA * ranges, np.full(len(ranges), BEARING_SIGMA)], 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,6 +103,18 @@ def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatA
     return z, H  # (..., 2), (..., 2, 5)
 
 
+def stack_jacobians(H: FloatArray) -> FloatArray:
+    """Jacobian (2k, 3 + 2k) of k observations by the pose and all landmarks.
+
+    Args:
+        H: (k, 2, 5) Jacobians of the observations by the pose and their landmarks (C.14).
+    """
+    k = len(H)
+    by_landmark = np.zeros((k, 2, k, 2))
+    by_landmark[np.arange(k), :, np.arange(k)] = H[..., 3:]
+    return np.hstack([H[..., :3].reshape(2 * k, 3), by_landmark.reshape(2 * k, 2 * k)])
+
+
 def inverse_observe(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions of observed landmarks (C.15, C.18).
 

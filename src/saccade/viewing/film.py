@@ -13,7 +13,7 @@ from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Polygon
 from matplotlib.transforms import Affine2D
 
-from saccade.types import Float32Array, FloatArray, Image, MapSnapshot, Trajectory
+from saccade.types import Float32Array, FloatArray, Image, IntArray, MapSnapshot, Trajectory
 from saccade.viewing.attention import heat_colors
 from saccade.viewing.report_map import ObservedLandmarks
 from saccade.viewing.slam import (
@@ -46,8 +46,16 @@ RADIUS = 4
 """Radius of the circle around a landmark in the camera image, in pixels."""
 KINDS = (("new", ORANGE), ("tracked", GREEN), ("re-identified", RED))
 """Label and color of each `ObservedLandmarks.kind`."""
+REIDENTIFIED = 2
+"""The kind of a landmark that was lost and found again."""
+LIT_COLOR = rgb_levels(RED)
+"""RGB of a lit landmark in the camera image."""
 HEAT_OPACITY = 0.55
 """Opacity of the saliency map over the camera image."""
+LIT_FRAMES = 10
+"""Number of frames for which a re-identified landmark is lit."""
+LIT_RADIUS = 7
+"""Radius of a lit landmark in the camera image, in pixels."""
 VIEW_LENGTH = 150.0
 """Length of the wedge that shows the viewing direction, in pixels."""
 Frame = npt.NDArray[np.uint8]
@@ -70,6 +78,7 @@ def map_frames(
     time: FloatArray,
     dead_reckoning: Trajectory | None = None,
     eye_at: Callable[[int], Eye | None] | None = None,
+    observed: ObservedLandmarks | None = None,
 ) -> Iterator[Frame]:
     """Frames of the map, one per snapshot, with the last frame repeated.
 
@@ -81,6 +90,7 @@ def map_frames(
         time: (t,) of each pose of the log.
         dead_reckoning: from odometry alone.
         eye_at: where the camera looks at each pose; None for a fixed one.
+        observed: landmarks with kinds; those re-identified in the last frames are lit.
 
     Yields:
         Frames (720, 1280, 3) in RGB.
@@ -97,11 +107,20 @@ def map_frames(
         end = snapshot.step + 1
         eye = None if eye_at is None else eye_at(snapshot.step)
         seconds = float(time[snapshot.step] - time[0])
-        frame = canvas.draw(snapshot, odometry[begin:end], seconds, eye)
+        lit = np.isin(snapshot.ids, lit_landmarks(observed, snapshot.step))
+        frame = canvas.draw(snapshot, odometry[begin:end], seconds, eye, snapshot.landmarks[lit])
         begin = end
         yield frame
     for _ in range(LAST_FRAMES):
         yield frame
+
+
+def lit_landmarks(observed: ObservedLandmarks | None, step: int) -> IntArray:
+    """Ids of the landmarks that were re-identified in the last `LIT_FRAMES` frames."""
+    if observed is None or observed.kind is None:
+        return np.zeros(0, np.int64)
+    rows = slice(*np.searchsorted(observed.step, [step - LIT_FRAMES + 1, step + 1]))
+    return np.asarray(observed.id[rows][observed.kind[rows] == REIDENTIFIED])
 
 
 def drive_frames(
@@ -128,7 +147,7 @@ def drive_frames(
         Frames (720, 1920, 3) in RGB.
     """
     camera = np.zeros((HEIGHT, CAMERA_WIDTH, 3), np.uint8)
-    for number, map_frame in enumerate(map_frames(snapshots, time, odometry, eye_at)):
+    for number, map_frame in enumerate(map_frames(snapshots, time, odometry, eye_at, observed)):
         if number < len(snapshots):
             step = snapshots[number].step
             camera = _camera_panel(image_at(step), step, attention, observed)
@@ -154,6 +173,7 @@ class _MapCanvas:
         self.ellipses = PolyCollection([], **ELLIPSE, label=f"landmarks, {ELLIPSE_LABEL}")
         self.lines = LineCollection([], colors=GREEN, linewidths=1, label="observed")
         (self.landmarks,) = axes.plot([], [], ".", color="black", markersize=5)
+        (self.lit,) = axes.plot([], [], "o", color=RED, mec="white", markersize=11)
         self.pose = PolyCollection([], facecolor=(BLUE, 0.2), edgecolor=BLUE)
         (self.robot,) = axes.plot([], [], color=RED, mec="white", markersize=20)
         for collection in (self.ellipses, self.lines, self.pose):
@@ -167,6 +187,7 @@ class _MapCanvas:
         figure.legend(handles=handles, loc="upper right", ncols=5, frameon=False, borderaxespad=1.1)
         self.moving = [
             *(self.odometry, self.path, self.view, self.ellipses, self.lines, self.landmarks),
+            self.lit,
             *(self.pose, self.robot, self.title, self.reason, self.lost),
         ]
         for artist in self.moving:
@@ -175,7 +196,12 @@ class _MapCanvas:
         self.background = self.canvas.copy_from_bbox(figure.bbox)
 
     def draw(
-        self, snapshot: MapSnapshot, odometry: FloatArray, time: float, eye: Eye | None = None
+        self,
+        snapshot: MapSnapshot,
+        odometry: FloatArray,
+        time: float,
+        eye: Eye | None,
+        lit: FloatArray,
     ) -> Frame:
         """The next frame; it extends the trajectories of earlier frames.
 
@@ -184,6 +210,7 @@ class _MapCanvas:
             odometry: (m, 2) dead reckoning since the last snapshot.
             time: written on the frame.
             eye: where the camera looks.
+            lit: (l, 2) positions of the lit landmarks.
         """
         pose, landmarks = snapshot.path[-1], snapshot.landmarks
         for line, xy in ((self.odometry, odometry), (self.path, snapshot.path[:, :2])):
@@ -192,6 +219,7 @@ class _MapCanvas:
         self.pose.set_verts([*ellipse_outlines(pose[None, :2], snapshot.covariance[None, :2, :2])])
         self.lines.set_segments([np.stack([pose[:2], landmarks[i]]) for i in snapshot.observed])
         self.landmarks.set_data(*landmarks.T)
+        self.lit.set_data(*lit.T)
         self.robot.set_data(*pose[:2, None])
         self.robot.set_marker(MarkerStyle(ROBOT, transform=Affine2D().rotate(pose[2])))
         if eye is not None:
@@ -228,9 +256,14 @@ def _camera_panel(
     marked = small.copy()
     if observed.xy is not None and observed.kind is not None:
         rows = slice(*np.searchsorted(observed.step, [step, step + 1]))
-        for kind, xy in zip(observed.kind[rows].tolist(), observed.xy[rows], strict=True):
+        kinds, lit = observed.kind[rows], np.isin(observed.id[rows], lit_landmarks(observed, step))
+        for kind, is_lit, xy in zip(kinds.tolist(), lit, observed.xy[rows], strict=True):
             center = ((xy + 0.5) * scale - 0.5).round().astype(int).tolist()
-            cv2.circle(marked, center, RADIUS, rgb_levels(KINDS[kind][1]), 2, cv2.LINE_AA)
+            if is_lit:
+                cv2.circle(marked, center, LIT_RADIUS, (255, 255, 255), -1, cv2.LINE_AA)
+                cv2.circle(marked, center, LIT_RADIUS - 2, LIT_COLOR, -1, cv2.LINE_AA)
+            else:
+                cv2.circle(marked, center, RADIUS, rgb_levels(KINDS[kind][1]), 2, cv2.LINE_AA)
     left = (CAMERA_WIDTH - size[0]) // 2
     shown = [("landmarks", marked)]
     if attention is not None:

@@ -109,4 +109,5 @@ class GazeControl:
             seed=self._seed,
             odometry=WHEEL_SIGMA if egomotion == "wheels" else CAMERA_SIGMA,
             pan_sigma=pan_sigma,
+            sensor=visual_map.sensor_sigma,
         )

@@ -9,9 +9,10 @@ import numpy as np
 
 from saccade.errors import require
 from saccade.frames import Drive, EndOfDrive, Frame
+from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.snapshots import Recorder
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import first_frame, measures_depth
 from saccade.visual.egomotion import Egomotion, MotionEstimate
@@ -20,18 +21,21 @@ from saccade.visual.gaze_control import GazeControl
 from saccade.visual.motion_errors import TOTAL_RELATIVE_SIGMA
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
 from saccade.visual.optical_flow import PreparedFrame
-from saccade.visual.reidentification import count_rematches, reidentify
+from saccade.visual.reidentification import ClosureTest, count_rematches, reidentify
 from saccade.visual.relocalization import Relocalization
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.single_camera import SingleCameraMotionEstimator
-from saccade.visual.tables import TrackedPoints
+from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 MIN_POINTS = 0.4
 """Fraction of the most tracked points under which a camera that turns detects new ones."""
 MIN_TURN = 0.05
 """Turn of a camera in radians from one frame to the next at which it detects new points."""
+
+SLIP_GATE = 20.0
+"""Normalized innovation squared above which a tracked point has slipped off its landmark."""
 
 
 def run(
@@ -92,6 +96,7 @@ class Pipeline:
         self.motion = (by_camera_estimator if by_camera else MotionEstimator)(drive, config)
         self.map = VisualMap(drive, config, self.motion)
         self.relocalization = Relocalization(self.map, config)
+        self._closures = ClosureTest(config.gate)
         self.tracked = TrackedPoints()
         self.features = FrameFeatures(PreparedFrame(Frame(float(drive.time[0]))))
         """The last frame, and the points detected in it."""
@@ -192,10 +197,22 @@ class Pipeline:
         rows = self.map.landmarks.rows(points.landmark)
         expected = self.map.predict_observations(rows)
         observations, usable = self.map.observe(points, expected)
+        if kind == ObservationKind.TRACKED:
+            usable &= ~self._release(points, observations, expected)
         points, observations = points[usable], observations[usable]
         expected = PredictedObservations(expected.z[usable], expected.covariance[usable])
         innovation = self.map.update(points, observations, expected, number)
         self.log.add_observations(number, kind, points, observations, innovation)
+
+    def _release(
+        self, points: TrackedPoints, observations: RangeBearings, expected: PredictedObservations
+    ) -> BoolArray:
+        """Release tracked points (k,) that slipped off their landmarks; returns which they are."""
+        slipped = normalized_squared(*self.map.innovations(observations, expected)) > SLIP_GATE
+        slipped &= points.reidentified  # others do not correct the pose
+        gone = np.isin(self.tracked.landmark, points.landmark[slipped])
+        self.tracked.landmark[gone], self.tracked.reidentified[gone] = -1, False
+        return slipped
 
     def _associate(self, detected: TrackedPoints, frame: PreparedFrame) -> TrackedPoints:
         """Re-identify lost landmarks; returns the points that are."""
@@ -208,6 +225,13 @@ class Pipeline:
         if self.relocalization.add_landmarks(len(found.missed) + count, count, found.elsewhere):
             self.tracked = self.tracked.without_landmarks()
             return TrackedPoints()
+        if count:
+            observations, _ = self.map.observe(
+                found.points, self.map.predict_observations(found.rows)
+            )
+            correction = self.map.correct_pose(found.rows, observations)
+            if not self._closures.accepts(frame.frame.time, correction):
+                return TrackedPoints()
         landmarks.missed[found.missed] += 1
         self.log.missed += len(found.missed)
         reidentified = np.ones(count, np.bool_)

@@ -1,6 +1,6 @@
 """Re-identification of lost landmarks: by descriptor, joint covariance, and layout."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +14,19 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.depth import measure_depth
 from saccade.visual.optical_flow import ByteArray, PreparedFrame
 from saccade.visual.tables import RangeBearings, TrackedPoints
-from saccade.visual.visual_map import VisualMap
+from saccade.visual.visual_map import PoseCorrection, VisualMap
 
 HEIGHT_TOLERANCE = 0.15
 """Largest difference of the height between observation and map, which includes pitch, in meters
 plus the same fraction of the range."""
 POSITION_TOLERANCE = 0.05
 """Largest difference of the position, in meters plus the same fraction of the range."""
+SAME_POSITION = 1.0
+"""Largest distance of two landmarks in meters that may be one point, mapped twice."""
+MAX_CORRECTION = 1.0
+"""Largest normalized square of a correction of the pose that needs no second view."""
+MAX_DELAY = 3.0
+"""Largest time between two views that confirm each other, in seconds."""
 REMATCH_RADIUS = 4.0
 """Pixels within which a tracked point is re-matched."""
 BEARING_WEIGHT = 0.5
@@ -55,9 +61,9 @@ def reidentify(
     if len(lost) == 0 or len(points) == 0:
         none = np.zeros(0, np.int64)
         return Reidentification(points[none], none, none, 0)
-    pairs = descriptor_matches(points.keypoints, landmarks.descriptor[in_view], config.ratio)
-    pairs = pairs[np.isin(in_view[pairs[:, 1]], lost)]  # others only make matches ambiguous
-    found, rows = points[pairs[:, 0]], in_view[pairs[:, 1]]
+    index, rows = _match_in_view(points, visual_map, in_view, config.ratio)
+    was_lost = np.isin(rows, lost)  # others only make matches ambiguous
+    found, rows = points[index[was_lost]], rows[was_lost]
     expected = visual_map.predict_jointly(rows)
     found = _with_depth(found, visual_map, expected.z, landmarks.height[rows], frame, config)
     observations = visual_map.observe(found, expected)[0]
@@ -120,6 +126,28 @@ def _expected_in_view(visual_map: VisualMap, config: VisualConfig) -> IntArray:
     return np.flatnonzero(inside)
 
 
+def _match_in_view(
+    points: TrackedPoints, visual_map: VisualMap, in_view: IntArray, ratio: float
+) -> tuple[IntArray, IntArray]:
+    """Indices of points and rows of the landmarks in view (m,) that they match by descriptor.
+
+    Mutual nearest neighbors that pass the ratio test against all landmarks at other positions, in
+    view or not: a point may be mapped several times, a poster may hang in two places.
+    """
+    landmarks, xy = visual_map.landmarks, visual_map.ekf.landmarks
+    a, b = (each.astype(np.float32) for each in (points.descriptor, landmarks.descriptor))
+    squared = np.square(a).sum(1)[:, None] + np.square(b).sum(1) - 2 * a @ b.T
+    candidates = squared[:, in_view]
+    nearest = candidates.argmin(1)
+    mutual = candidates.argmin(0)[nearest] == np.arange(len(a))
+    index, rows = np.flatnonzero(mutual), in_view[nearest[mutual]]
+    offset = xy - xy[rows][:, None]
+    apart = np.hypot(offset[..., 0], offset[..., 1]) > SAME_POSITION
+    rival = np.where(apart, squared[index], np.inf).min(1)
+    unique = squared[index, rows] < ratio**2 * rival
+    return index[unique], rows[unique]
+
+
 def descriptor_matches(points: Keypoints, descriptors: ByteArray, ratio: float) -> IntArray:
     """(m, 2) points and landmarks whose descriptors pass ratio test and mutual check."""
     landmarks = Keypoints.at(np.zeros((len(descriptors), 2)), 1.0)
@@ -178,6 +206,30 @@ def _given_others(v: FloatArray, S: FloatArray) -> FloatArray:
     A = np.asarray(np.linalg.inv(S.reshape(2 * m, 2 * m)), np.float64)
     own = A.reshape(m, 2, m, 2)[np.arange(m), :, np.arange(m)]
     return normalized_squared(np.asarray(A @ v.ravel()).reshape(m, 2), own)
+
+
+@dataclass
+class ClosureTest:
+    """Delays a loop closure that moves the pose by more than its sigma until a second view agrees.
+
+    A wrong closure is refuted by the next view, or repeated nowhere; a right one loses one view.
+    """
+
+    gate: float
+    """Probability that two right views agree."""
+    _last: tuple[float, PoseCorrection] | None = None
+
+    def accepts(self, time: float, correction: PoseCorrection) -> bool:
+        """Whether a correction of the pose by the view at a time in seconds counts."""
+        before = correction.before + 1e-12 * np.eye(3)  # a known pose is regular, too
+        if normalized_squared(correction.change, before) < MAX_CORRECTION:
+            return True
+        last, self._last = self._last, (time, correction)
+        if last is None or time - last[0] > MAX_DELAY:
+            return False
+        difference = correction.change - last[1].change
+        total = correction.after + last[1].after
+        return bool(normalized_squared(difference, total) < chi_square_gate(3, self.gate))
 
 
 def consistent_layout(

@@ -1,12 +1,15 @@
 """The map of a drive: the filter, its landmarks, and how the camera observes them."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from saccade.frames import Camera, Drive
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import PredictedObservations
-from saccade.slam.models import difference
+from saccade.slam.models import difference, stack_jacobians
+from saccade.slam.models import observe as observe_points
 from saccade.slam.online import Slam
 from saccade.slam.scans import NO_SCAN, Scan
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -22,6 +25,17 @@ from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
 MIN_RESCALE = 1e-3
 """Relative change of scale from which the map is rescaled: a tenth of the scale's uncertainty."""
+
+
+class PoseCorrection(NamedTuple):
+    """Correction of a pose by observations."""
+
+    change: FloatArray
+    """(3,) change of the pose."""
+    before: FloatArray
+    """(3, 3) covariance of the pose before the correction."""
+    after: FloatArray
+    """(3, 3) covariance of the pose after it."""
 
 
 class VisualMap:
@@ -125,6 +139,34 @@ class VisualMap:
         is_stereo = self.camera.baseline > 0
         return min(far, config.relative_range_sigma / by_meter) if is_stereo else far
 
+    def innovations(
+        self, observations: RangeBearings, expected: PredictedObservations
+    ) -> tuple[FloatArray, FloatArray]:
+        """Innovations (k, 2) of observations of landmarks, and their covariances (k, 2, 2)."""
+        S = expected.covariance + self._covariance(observations, 1)
+        return difference(observations.z, expected.z), S
+
+    def correct_pose(self, rows: IntArray, observations: RangeBearings) -> "PoseCorrection":
+        """Correction of the pose by observations of landmarks (k,) that are not processed yet."""
+        pose, k = self.ekf.pose, len(rows)
+        z, H = observe_points(pose, self.ekf.landmarks[rows])
+        P, J = self.slam.joint_covariance(self.landmarks.id[rows]), stack_jacobians(H)
+        S = J @ P @ J.T
+        blocks = S.reshape(k, 2, k, 2)
+        blocks[np.arange(k), :, np.arange(k)] += self._covariance(observations, k)
+        W = np.linalg.solve(S, J @ P[:, :3]).T
+        change = W @ difference(observations.z, z).ravel()
+        return PoseCorrection(change, P[:3, :3], P[:3, :3] - W @ S @ W.T)
+
+    def sensor_sigma(self, ranges: FloatArray) -> FloatArray:
+        """Standard deviations (k, 2) of ranges and bearings that are measured at ranges (k,)."""
+        config, camera = self._config, self.camera
+        by_range = depth_sigma(camera, ranges, config)
+        bearing = np.hypot(
+            config.pixel_sigma / camera.fx, np.radians(config.shared_bearing_sigma_deg)
+        )
+        return np.stack([by_range, np.full(len(ranges), bearing)], 1)
+
     def update(
         self,
         points: TrackedPoints,
@@ -141,8 +183,7 @@ class VisualMap:
             Innovations (k, 2) and their covariances (k, 2, 2), NaN where nothing was corrected.
         """
         reidentified = points.reidentified
-        innovation = difference(observations.z, expected.z)
-        S = expected.covariance + self._covariance(observations, 1)
+        innovation, S = self.innovations(observations, expected)
         innovation[~reidentified], S[~reidentified] = np.nan, np.nan
         rows = self.landmarks.rows(points.landmark)
         if len(rows):
