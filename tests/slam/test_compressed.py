@@ -50,19 +50,16 @@ def test_a_submap_is_the_whole_filter(retraction, rng):
             pose = turn_then_translate(pose, u)[0]
             u = u + rng.normal(size=2) * np.sqrt(U.diagonal())
             whole.predict(u, U)
-            small.reserve()
             small.move(u, U)
             for local in rng.integers(8, size=2).tolist():
                 z = observe(pose, world[inside[local]])[0] + rng.normal(size=2) * [0.1, 0.02]
                 one = whole.update(z, NOISE, int(inside[local]))
-                small.reserve()
                 v, _, nis = small.observe(z[None], NOISE[None], inside[[local]])
                 np.testing.assert_allclose(v[0], one.value, atol=1e-9)
                 assert nis[0] == pytest.approx(one.nis, abs=1e-6)
         for bearing in range(6 if visit == 1 else 0):  # more than there was room for
             z = np.array([4.0, bearing])
             whole.augment(z, NOISE)
-            small.reserve()
             small.add(z, NOISE)
         np.testing.assert_allclose(small.pose, whole.pose, atol=1e-9)
         np.testing.assert_allclose(small.pose_covariance, whole.pose_covariance, atol=1e-9)

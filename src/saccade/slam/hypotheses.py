@@ -307,11 +307,8 @@ class Hypotheses:
         return len(counts) > MAX_LANDMARKS and int(counts.confirmed.sum()) > MAX_LANDMARKS
 
     def predict(self, scan: Scan) -> None:
-        """Moves the robot in each hypothesis (C.5-C.9); the best has reserved its memory before."""
-        self.best.predict(scan)
-        for each in self.hypotheses[1:]:
-            each.ekf.inflate_heading_covariance()
-            each.ekf.reserve()
+        """Moves the robot in each hypothesis (C.5-C.9)."""
+        for each in self.hypotheses:
             each.predict(scan)
 
     def branch(self, scan: Scan) -> list[tuple[Hypothesis, IntArray]]:
@@ -335,7 +332,6 @@ class Hypotheses:
         for weight, i, alternative in options:
             left.remove(i)
             hypothesis = self.hypotheses[i].copy() if i in left else self.hypotheses[i]
-            hypothesis.ekf.reserve(len(scan.z))
             hypothesis.weight = weight
             found.append((hypothesis, alternative.association.copy()))
         self.hypotheses = [hypothesis for hypothesis, _ in found]

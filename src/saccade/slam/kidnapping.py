@@ -113,7 +113,7 @@ class KidnappingDetector:
         if self.evidence == 0:
             landmarks.points.clear()
         enough = self.evidence >= MIN_CUMULATIVE
-        if compared.has_labels:
+        if compared.labeled.any():
             enough = compared.num_contradicted_labels >= MIN_CONTRADICTED_LABELS
         self.contradicted = latest >= MIN_CONTRADICTION and enough
         if not self.contradicted:

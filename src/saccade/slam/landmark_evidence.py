@@ -34,32 +34,23 @@ MAX_EVIDENCE = 3.0
 """Largest evidence of one scan, of either sign: its misses have common causes."""
 
 
-class ComparedObservation(NamedTuple):
-    """An observation, compared with the landmarks in view."""
-
-    z: list[float]
-    """(2,) range and bearing."""
-    R: list[list[float]]
-    """(2, 2)."""
-    is_labeled: bool
-    """Whether it has the label of a landmark."""
-    nis: float
-    """Least normalized innovation squared, infinite outside all gates."""
-    density: float
-    """Sum of the densities for all landmarks that it may be of, zero outside their gates."""
-    expected_density: float
-    """Sum of the densities times detection rates."""
-
-
 class ScanComparison(NamedTuple):
-    """Comparison of a scan with the c landmarks that are labeled, or expected in view."""
+    """Comparison of k observations with the c landmarks that are labeled, or expected in view."""
 
-    observations: list[ComparedObservation]
-    """All observations."""
-    explained: list[ComparedObservation]
-    """Observations that a landmark explains: the likeliest one of their likeliest landmark."""
-    unexplained: list[ComparedObservation]
-    """All others."""
+    z: FloatArray
+    """(k, 2) range and bearing."""
+    R: FloatArray
+    """(k, 2, 2) their covariances."""
+    labeled: BoolArray
+    """(k,) whether an observation has the label of a landmark."""
+    nis: FloatArray
+    """(k,) least normalized innovation squared, infinite outside all gates."""
+    density: FloatArray
+    """(k,) sum of the densities for all landmarks that an observation may be of, else zero."""
+    expected_density: FloatArray
+    """(k,) sum of the densities times detection rates."""
+    explained: BoolArray
+    """(k,) whether an observation is the likeliest one of its likeliest landmark."""
     cell: IntArray
     """(c,) cell of the view in which each landmark is expected."""
     observed: BoolArray
@@ -72,14 +63,9 @@ class ScanComparison(NamedTuple):
     """Area of the view, in meters times radians."""
 
     @property
-    def has_labels(self) -> bool:
-        """Whether any observation has the label of a landmark."""
-        return any(each.is_labeled for each in self.observations)
-
-    @property
     def num_contradicted_labels(self) -> int:
         """Number of labels whose landmarks are not where the filter expects them."""
-        return sum(each.is_labeled and each.density == 0 for each in self.observations)
+        return int(np.count_nonzero(self.labeled & (self.density == 0)))
 
 
 @dataclass
@@ -130,15 +116,23 @@ class LandmarkEvidence:
             *(f, scan.z, scan.R, rows, confirmed, max_range, self._gate, self._scale, rates),
             *(cell, observer, sums),
         )
-        cell, observed = cell[:count], observer[:count] >= 0
-        rate, owners = rates[cell], set(observer[:count].tolist())
-        values = zip(scan.z.tolist(), scan.R.tolist(), rows.tolist(), sums.tolist(), strict=True)
-        observations = [ComparedObservation(z, R, row >= 0, *each) for z, R, row, each in values]
-        explained = [each for i, each in enumerate(observations) if i in owners]
-        unexplained = [each for i, each in enumerate(observations) if i not in owners]
-        num_expected, view = float(rate.sum()), 2 * pi * max_range
+        cell, observer = cell[:count], observer[:count]
+        explained = np.zeros(k, np.bool_)
+        explained[observer[observer >= 0]] = True
+        rate = rates[cell]
         return ScanComparison(
-            observations, explained, unexplained, cell, observed, rate, num_expected, view
+            z=scan.z,
+            R=scan.R,
+            labeled=rows >= 0,
+            nis=sums[:, 0],
+            density=sums[:, 1],
+            expected_density=sums[:, 2],
+            explained=explained,
+            cell=cell,
+            observed=observer >= 0,
+            rate=rate,
+            num_expected=float(rate.sum()),
+            view=2 * pi * max_range,
         )
 
     def evaluate(self, f: FilterState, compared: ScanComparison) -> float:
@@ -149,26 +143,21 @@ class LandmarkEvidence:
         Observations of a lost robot are uniform in the view. Missed landmarks have the weight with
         which earlier misses were independent: one occluder may hide many.
         """
-        clutter, num_expected, value = self._clutter, compared.num_expected, 0.0
-        for each in compared.observations:
-            if each.is_labeled:
-                ratio = WRONG_LABEL + (1 - WRONG_LABEL) * compared.view * each.density
-            else:
-                ratio = clutter + compared.view * each.expected_density
-                ratio /= clutter + num_expected
-            value += min(-log(ratio), MAX_UNEXPLAINED)
+        clutter, num_expected = self._clutter, compared.num_expected
+        ratio = np.where(
+            compared.labeled,
+            WRONG_LABEL + (1 - WRONG_LABEL) * compared.view * compared.density,
+            (clutter + compared.view * compared.expected_density) / (clutter + num_expected),
+        )
+        value = float(np.minimum(-np.log(ratio), MAX_UNEXPLAINED).sum())
         information = np.log1p(-compared.rate)  # of each miss, negative
         misses = float(information @ (compared.observed - compared.rate))
         value += misses * min(1.0, self._variance / self._squares)
         rarity = min(log((clutter + num_expected) / clutter), MAX_UNEXPLAINED)
-        return max(self._limit(value, f, compared.unexplained, rarity), -MAX_EVIDENCE)
+        return max(self._limit(value, f, compared, rarity), -MAX_EVIDENCE)
 
     def _limit(
-        self,
-        value: float,
-        f: FilterState,
-        unexplained: list[ComparedObservation],
-        rarity: float,
+        self, value: float, f: FilterState, compared: ScanComparison, rarity: float
     ) -> float:
         """Limits the evidence of a scan by its unexplained points.
 
@@ -176,10 +165,10 @@ class LandmarkEvidence:
         """
         x, y, heading = f.state[:3].tolist()
         limits: list[tuple[UnexplainedPoint, float]] = []
-        for each in unexplained:
-            limit = MAX_UNEXPLAINED if each.is_labeled else rarity
-            q, direction = each.z[0], heading + each.z[1]
-            variance = each.R[0][0] + q * q * each.R[1][1]
+        for k in np.flatnonzero(~compared.explained).tolist():
+            limit = MAX_UNEXPLAINED if compared.labeled[k] else rarity
+            (q, bearing), R = compared.z[k].tolist(), compared.R[k]
+            direction, variance = heading + bearing, float(R[0, 0] + q * q * R[1, 1])
             seen = UnexplainedPoint(x + q * cos(direction), y + q * sin(direction))
             point = self._point_near(seen, 2 * self._gate * variance)
             limits.append((point, min(limit, max(MAX_OBSERVATIONS * limit - point.evidence, 0.0))))
@@ -208,14 +197,15 @@ class LandmarkEvidence:
     def learn(self, compared: ScanComparison) -> None:
         """Updates detection rates and averages by a scan that does not contradict the pose."""
         p, cell = compared.rate, compared.cell
-        misses = compared.num_expected - len(compared.explained)
+        explained = compared.explained
+        misses = compared.num_expected - np.count_nonzero(explained)
         self._squares = max(_averaged(self._squares, misses**2, SCAN_MEMORY), RAREST)
         self._variance = _averaged(self._variance, float(p @ (1 - p)), SCAN_MEMORY)
-        for each in compared.explained:
-            self._scale = _averaged(self._scale, each.nis / 2, SCALE_MEMORY)
-            self.max_range = max(self.max_range, each.z[0])
+        for nis in compared.nis[explained].tolist():
+            self._scale = _averaged(self._scale, nis / 2, SCALE_MEMORY)
         self._scale = max(self._scale, 1.0)
-        unexplained = len(compared.unexplained)
+        self.max_range = max(self.max_range, float(compared.z[explained, 0].max(initial=0.0)))
+        unexplained = int(np.count_nonzero(~explained))
         self._clutter = max(_averaged(self._clutter, unexplained, SCAN_MEMORY), RAREST)
         full = cell[self._expected[cell] >= MEMORY]
         if len(full) > 0:

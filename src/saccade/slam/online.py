@@ -236,14 +236,12 @@ class Slam:
         return self._result(scan)
 
     def _prepare(self, scan: Scan) -> None:
-        """Chooses hypotheses and submap of a step, and reserves memory."""
+        """Chooses hypotheses and submap of a step."""
         self._choose_hypotheses(scan)
         ekf, table, max_range = self.filter, self.landmarks, 0.0
-        ekf.inflate_heading_covariance()
         if self.kidnapping.enabled or (table.policy.enabled and table.has_unlabeled):
             max_range = max(table.max_range, 0.0)
         self._submaps.update(ekf, table, scan, max_range)
-        ekf.reserve(len(scan.z))
 
     def _choose_hypotheses(self, scan: Scan) -> None:
         """Enables several hypotheses from the first scan on, while the map is small.

@@ -2,15 +2,17 @@
 
 After Guivant & Nebot (2001): while the robot stays among the landmarks A of a submap, the changes
 of the other landmarks B are linear in their covariance with A at its entry. With J a quarter turn,
-E = [K, J K, d, J d] of that time, C_BA = K T^T with C_AA = T T^T, d the differences of the
+E = [d, J d, K, J K] of that time, C_BA = K T^T with C_AA = T T^T, d the differences of the
 points of B from their first estimates, at any later time
 
     C_BA = E Phi,    C_BB <- C_BB + E Psi E^T,    d = E delta.
 
 Phi, Psi and delta change as the covariances with A, the covariance and the state of points that
-are never observed; Phi is T at first. The filter on A and on as many of these auxiliary points as A
-has coordinates is therefore equivalent to the full filter, and the update of B is deferred. T keeps
-the numbers small: with C_BA itself, five digits would be lost.
+are never observed; Phi is T at first. The filter on A and on these auxiliary points is therefore
+equivalent to the full filter, and the update of B is deferred. T keeps the numbers small: with C_BA
+itself, five digits would be lost. T is a block Cholesky root, pivoted in the order in which the
+landmarks of A are first observed: a column of T, with its auxiliary point, changes nothing before
+the first observation of its landmark, and is added there.
 
 A submap contains every landmark that may be observed while the robot moves a certain distance:
 all landmarks within a radius of its position, widened by twice their gate. The filter leaves it
@@ -51,7 +53,7 @@ MARGIN = 1.5
 """Distance that a robot can move in a submap, as a fraction of the range of its scans."""
 MIN_SPARE = 8
 """Minimum number of landmarks that can be added to a submap before its arrays grow."""
-ROUNDING = 1e-15
+ROUNDING = 1e-14
 """Relative rounding error of variances: smaller ones count as zero."""
 NEGLIGIBLE = 1e-7
 """Smallest variance reduction that is applied outside of a submap, as a fraction of the smallest
@@ -71,12 +73,16 @@ class Submap:
     """(k,) rows of its landmarks in the map at its entry, ascending."""
     rest: IntArray
     """(m,) rows of all others."""
+    covariance: FloatArray
+    """(L, L) C_AA at its entry, of the robot and the landmarks inside."""
     root: FloatArray
-    """(L, q) T of C_AA = T T^T at its entry, of the robot and the landmarks inside."""
-    observed: BoolArray
-    """(k,) whether a landmark was observed in the submap."""
+    """(L, p) columns of T."""
+    factor: FloatArray
+    """(L, p) F with T = C_AA F and K = C_BA F."""
+    spanned: BoolArray
+    """(L,) whether T has its columns for a row: the robot's, and those of observed landmarks."""
     state: FilterState
-    """State of the robot, the landmarks inside, q auxiliary points, and added landmarks."""
+    """State of the robot, the landmarks inside, added landmarks, and 1 + p auxiliary points."""
 
     @property
     def added(self) -> int:
@@ -89,27 +95,53 @@ class Submap:
         count = len(self.inside) + len(self.rest)
         return np.concatenate([self.inside, count + np.arange(self.added)])
 
+    def observe(self, rows: IntArray) -> None:
+        """Prepares for observations of the landmarks in these rows (k,) of `state`."""
+        r = self.state.robot_size
+        rows = rows[(rows >= 0) & (rows < len(self.inside))]
+        new = np.unique(rows[~self.spanned[r + 2 * rows]])
+        if len(new) > 0:
+            self.extend(state_rows(new, r)[r:])
+
+    def extend(self, rows: IntArray) -> None:
+        """Adds the columns of T for these rows (m,): the next block of its Cholesky root."""
+        C, T, F, f = self.covariance, self.root, self.factor, self.state
+        rest = C[:, rows] - T @ T[rows].T  # (L, m)
+        rest[self.spanned] = 0.0
+        self.spanned[rows] = True
+        deviation = np.sqrt(C.diagonal()[rows])
+        scale = np.where(deviation > 0, deviation, 1.0)
+        values, vectors = np.linalg.eigh(rest[rows] / scale[:, None] / scale)
+        kept = values > ROUNDING
+        W = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]  # (m, q)
+        columns, factor = rest @ W, -F @ (T[rows].T @ W)
+        factor[rows] += W
+        self.root, self.factor = np.column_stack([T, columns]), np.column_stack([F, factor])
+        end = auxiliary_rows(f).stop
+        f.now.auxiliary += columns.shape[1]
+        f.P[: len(C), end : auxiliary_rows(f).stop : 2] = columns
+
 
 def enter(f: FilterState, inside: IntArray) -> Submap:
     """The submap of the landmarks at these rows (k,), ascending, of the state of a whole map."""
     r, N, k = f.robot_size, f.now.landmarks, len(inside)
     rows = state_rows(inside, r)
     C, L = _block(f, rows, rows), len(rows)
-    root = _root(C)
-    q, room = root.shape[1], k + max(k // 4, MIN_SPARE)
-    local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, auxiliary=q + 1)
+    room = k + max(k // 4, MIN_SPARE)
+    local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, auxiliary=L + 1)
     for name in ROBOT_SCALARS:
         setattr(local.now, name, getattr(f.now, name))
     local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
     local.P[:L, :L] = np.triu(C)
     local.P[:r, :r] = f.P[:r, :r]
     local.blocks[:k], local.ids[:k] = f.blocks[inside], f.ids[inside]
-    local.P[:L, auxiliary_rows(local).start : -2 : 2] = root
-    local.state[-2] = 1.0
-    local.heading_lever[-1] = 0.0 if f.error_state == STANDARD else 1.0
-    local.now.landmarks = k
-    rest = np.delete(np.arange(N), inside)
-    return Submap(inside, rest, root, np.zeros(k, np.bool_), local)
+    d = auxiliary_rows(local).start
+    local.state[d], local.heading_lever[d + 1] = 1.0, float(f.error_state != STANDARD)
+    local.now.landmarks, local.now.auxiliary = k, 1
+    rest, none = np.delete(np.arange(N), inside), np.zeros((L, 0))
+    submap = Submap(inside, rest, C, none, none, np.zeros(L, np.bool_), local)
+    submap.extend(np.arange(r))
+    return submap
 
 
 def leave(f: FilterState, submap: Submap) -> FilterState:
@@ -152,15 +184,12 @@ def read(f: FilterState, submap: Submap) -> tuple[FloatArray, FloatArray]:
 
 
 class _Deferred(NamedTuple):
-    """Deferred updates of the landmarks outside of a submap.
+    """Deferred updates of the landmarks outside of a submap."""
 
-    All are in the space of the rows of C_AA that were observed, and of d.
-    """
-
-    basis: FloatArray
-    """(2 m, p + 1) E."""
+    E: FloatArray
+    """(2 m, 2 + 2 p), the columns of a point and its quarter turn in turn."""
     Phi: FloatArray
-    """(n, 2 p + 2) of the robot and the landmarks of the submap; changes, where these are older."""
+    """(n, 2 + 2 p) of the robot and the landmarks of the submap; changes, where these are older."""
     state: FloatArray
     """(2 m,) positions."""
     lever: FloatArray
@@ -171,33 +200,31 @@ class _Deferred(NamedTuple):
     @classmethod
     def of(cls, f: FilterState, submap: Submap) -> "_Deferred":
         """The deferred updates of the state of a whole map."""
-        local, r, root = submap.state, f.robot_size, submap.root
-        old, rest = len(root), state_rows(submap.rest, r)[r:]
-        observed = state_rows(np.flatnonzero(submap.observed), r)
-        space, factor = _row_space(root[observed])  # (q, p), (o, p)
-        E = np.empty((len(rest), space.shape[1] + 1))
-        E[:, :-1] = _block(f, rest, state_rows(submap.inside, r)[observed]) @ factor
-        E[:, -1] = _quarter_turn(-f.heading_lever[rest])  # d = -J a
+        local, r, old = submap.state, f.robot_size, len(submap.root)
+        rest, observed = state_rows(submap.rest, r)[r:], np.flatnonzero(submap.spanned)
+        C = _block(f, rest, state_rows(submap.inside, r)[observed])
+        d = _quarter_turn(-f.heading_lever[rest])  # -J a
+        E = np.empty((len(rest), 2 + 2 * submap.root.shape[1]))
+        E[:, ::2] = np.column_stack([d, C @ submap.factor[observed]])
+        E[:, 1::2] = _quarter_turn(E[:, ::2])
 
-        size = len(local.state)
-        points = np.arange(size)[auxiliary_rows(local)]
-        both = _point_space(space)
-        Phi = _block(local, np.arange(state_size(local)), points) @ both
-        Phi[r:old, :-2:2] -= root[r:old] @ space  # what has changed
+        points = np.arange(len(local.state))[auxiliary_rows(local)]
+        Phi = _block(local, np.arange(state_size(local)), points)
+        Phi[r:old, 2::2] -= submap.root[r:]  # what has changed
 
-        delta = local.state[points][None] @ both
+        delta = local.state[points].copy()
         lever = f.heading_lever[rest]
         if f.error_state != STANDARD:
-            lever = _quarter_turn(_combined(E, delta)[:, 0])
-        delta[0, -2] -= 1.0
-        state = f.state[rest] + _combined(E, delta)[:, 0]
+            lever = _quarter_turn(E @ delta)
+        delta[0] -= 1.0
+        state = f.state[rest] + E @ delta
 
-        values, vectors = np.linalg.eigh(both.T @ _block(local, points, points) @ both)  # Psi
+        values, vectors = np.linalg.eigh(_block(local, points, points))  # Psi
         least = NEGLIGIBLE * f.blocks[submap.rest][:, ::2].min()
         products = []
         for sign in (-1.0, 1.0):
             kept = sign * values > ROUNDING
-            half = _combined(E, (vectors[:, kept] * np.sqrt(np.abs(values[kept]))).T)
+            half = E @ (vectors[:, kept] * np.sqrt(np.abs(values[kept])))
             sizes, directions = np.linalg.eigh(half.T @ half)
             products.append((sign, (half @ directions[:, sizes > least]).T))
         return cls(E, Phi, state, lever, tuple(products))
@@ -206,10 +233,10 @@ class _Deferred(NamedTuple):
         """Applies the updates to the whole map, in which the submap has rows (n,)."""
         r, old = f.robot_size, len(submap.root)
         rest = state_rows(submap.rest, r)[r:]
-        E, Phi = self.basis, self.Phi
+        E, Phi = self.E, self.Phi
         changed, new = rows[r:old], np.concatenate([rows[:r], rows[old:]])
-        write_block(f.P, rest, changed, _combined(E, Phi[r:old]), 1.0)  # C_BA
-        write_block(f.P, rest, new, _combined(E, np.concatenate([Phi[:r], Phi[old:]])), 0.0)
+        write_block(f.P, rest, changed, E @ Phi[r:old].T, 1.0)  # C_BA
+        write_block(f.P, rest, new, E @ np.concatenate([Phi[:r], Phi[old:]]).T, 0.0)
         f.state[rest], f.heading_lever[rest] = self.state, self.lever
         for sign, products in self.products:
             Y = np.zeros((len(products), state_size(f)))
@@ -223,7 +250,7 @@ class _Deferred(NamedTuple):
             Y = products.T.reshape(len(blocks), 2, -1)
             blocks = blocks + sign * Y @ Y.transpose(0, 2, 1)
         a = self.lever.reshape(-1, 2)
-        heading = _combined(self.basis, self.Phi[2:3])[:, 0].reshape(-1, 2)
+        heading = (self.E @ self.Phi[2]).reshape(-1, 2)
         half = a[:, :, None] * (heading + submap.state.P[2, 2] / 2 * a)[:, None, :]
         return np.asarray(blocks + half + half.transpose(0, 2, 1))
 
@@ -244,41 +271,6 @@ def _pending(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
         left[:, rows < f.robot_size] = right[:, columns < f.robot_size] = 0.0
         total += sign * left.T @ right
     return total
-
-
-def _row_space(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal basis (q, p) of the rows T (o, q), and F (o, p) with basis = T^T F."""
-    size = np.linalg.norm(rows, axis=1)
-    scale = np.where(size > 0, size, 1.0)
-    left, values, right = np.linalg.svd(rows / scale[:, None], full_matrices=False)
-    kept = values > np.sqrt(ROUNDING)
-    return right[kept].T, left[:, kept] / values[kept] / scale[:, None]
-
-
-def _point_space(space: FloatArray) -> FloatArray:
-    """(2 q + 2, 2 p + 2): the space (q, p) for both coordinates of the points, and d as it is."""
-    q, p = space.shape
-    both = np.zeros((2 * q + 2, 2 * p + 2))
-    both[:-2:2, :-2:2] = both[1:-2:2, 1:-2:2] = space
-    both[-2, -2] = both[-1, -1] = 1.0
-    return both
-
-
-def _root(C: FloatArray) -> FloatArray:
-    """Root T (L, q) of a covariance C = T T^T, without its null directions."""
-    deviation = np.sqrt(C.diagonal())
-    scale = np.where(deviation > 0, deviation, 1.0)
-    values, vectors = np.linalg.eigh(C / scale[:, None] / scale)
-    kept = values > ROUNDING
-    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
-
-
-def _combined(basis: FloatArray, weights: FloatArray) -> FloatArray:
-    """E w (2 m, p) of weights (p, 2 q): of each column of the basis, and of its quarter turn."""
-    product = basis @ weights[:, ::2].T
-    if weights[:, 1::2].any():
-        product += _quarter_turn(basis @ weights[:, 1::2].T)
-    return np.asarray(product)
 
 
 def _quarter_turn(points: FloatArray) -> FloatArray:

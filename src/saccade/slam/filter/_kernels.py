@@ -10,7 +10,7 @@ is called the heading lever. In these errors an update of the invariant filter n
 coordinates of the covariance, the observation Jacobian depends on f alone, and a motion changes
 the landmarks' covariance by the noise of the heading only. In the standard filter a is zero.
 
-No kernel runs out of room: `state.with_capacity` is called before a scan.
+No kernel runs out of room: `state.with_capacity` is called before.
 """
 
 from math import atan2, cos, hypot, sin, sqrt

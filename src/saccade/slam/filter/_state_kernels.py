@@ -20,6 +20,7 @@ class Scalars(Structure):
     _fields_ = (
         ("landmarks", c_int64),  # N
         ("next_id", c_int64),  # id of the landmark that is augmented next
+        ("auxiliary", c_int64),  # auxiliary points in use
         ("downdates", c_int64),  # rows of `FilterState.downdates` in use
         ("updates", c_int64),  # rows of `FilterState.updates` in use
         ("flushed", c_int64),  # rows of P with `updates` and `downdates`, while others are without
@@ -52,7 +53,7 @@ class FilterState:
     huber: float
     """Root of the normalized innovation squared beyond which an observation has less weight."""
     auxiliary: int
-    """Points behind the landmarks that are corrected with them and never observed, see
+    """Capacity for points behind the landmarks that are corrected with them and never observed, see
     `submaps`; without diagonal blocks."""
     ids: IntArray
     """(c,) id of the landmark in each row, ascending; it never changes and is never used again."""
@@ -85,8 +86,10 @@ def bind_state(fields: tuple[Any, ...]) -> FilterState:
 
 @kernel(inline=True)
 def num_rows(f: FilterState) -> int:
-    """n: number of rows of the state in use, which with auxiliary points is its size."""
-    return len(f.state) if f.auxiliary > 0 else f.robot_size + 2 * f.now.landmarks
+    """n: number of rows of the state in use; with auxiliary points, up to the last of them."""
+    if f.auxiliary > 0:
+        return len(f.state) - 2 * int(f.auxiliary - f.now.auxiliary)
+    return f.robot_size + 2 * int(f.now.landmarks)
 
 
 @kernel()

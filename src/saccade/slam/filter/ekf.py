@@ -18,7 +18,6 @@ from saccade.slam.filter.models import (
     new_innovations,
 )
 from saccade.slam.filter.state import (
-    RANK,
     STANDARD,
     Retraction,
     add_rows,
@@ -35,9 +34,9 @@ from saccade.slam.filter.state import (
     remove_landmarks,
     replace_pose,
     rescale,
-    room_for_scan,
     state_size,
     symmetric,
+    with_capacity,
 )
 from saccade.slam.filter.validation import check_all, check_covariance, check_vector
 from saccade.slam.models import observe, wrap
@@ -53,7 +52,7 @@ class EkfSlam:
     """EKF-SLAM: the pose of a robot and the landmarks of a map as one Gaussian.
 
     The state is s = (x, y, theta, m1x, m1y, ..., mNx, mNy) (C.3). Its covariance P (C.4)
-    is one buffer that doubles when it is full; see `_kernels` for its parametrization. A landmark
+    is one buffer that grows when it is full; see `_kernels` for its parametrization. A landmark
     has an id that never changes; its row in the state is used only here.
 
     Args:
@@ -94,8 +93,6 @@ class EkfSlam:
         """
         u = check_vector("control", u, 3 if np.size(u) == 3 else 2)
         U = check_covariance("covariance of the control", U, len(u))
-        self.inflate_heading_covariance()
-        self.reserve()
         self.move(u, U)
 
     def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -114,7 +111,6 @@ class EkfSlam:
         """
         z, R = _observation(z, R)
         self._known_rows(np.array([landmark]))
-        self.reserve()
         v, S, nis = self.observe(z[None], R[None], np.array([landmark]))
         return Innovation(v[0], S[0], float(nis[0]))
 
@@ -137,7 +133,6 @@ class EkfSlam:
                 f"landmark: expected ids up to {int(free[landmark > free][0])}, "
                 f"found {int(landmark[landmark > free][0])}"
             )
-        self.reserve(len(z))
         return self.observe(z, R, landmark)
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
@@ -150,22 +145,25 @@ class EkfSlam:
         Returns:
             The landmark's id.
         """
-        z, R = _observation(z, R)
-        self.reserve()
-        return self.add(z, R)
+        return self.add(*_observation(z, R))
 
     def move(self, u: FloatArray, U: FloatArray) -> None:
-        """`predict` by valid arguments, for which there is room (see `reserve`)."""
-        f = self.active
+        """`predict` by valid arguments."""
+        if is_inflation_due(self.active):
+            self.leave()
+            inflate_heading_covariance(self._whole)
+        f = self._reserved(0, 1)
         predict(f, u, U, control_bias(u, f.robot_size))
 
     def observe(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
-        """`update_scan` by valid arguments, for which there is room (see `reserve`)."""
-        rows = self.rows(landmark)
+        """`update_scan` by valid arguments."""
+        rows, f, out = (
+            self.rows(landmark),
+            self._reserved(len(z), 2 * len(z)),
+            new_innovations(len(z)),
+        )
         if self.submap is not None:
-            observed = self.submap.observed
-            observed[rows[(rows >= 0) & (rows < len(observed))]] = True
-        f, out = self.active, new_innovations(len(z))
+            self.submap.observe(rows)
         k = update_scan(f, z, R, rows, 0, *out)
         while k < len(z):  # at a new landmark
             augment(f, z[k], R[k])
@@ -173,8 +171,8 @@ class EkfSlam:
         return out
 
     def add(self, z: FloatArray, R: FloatArray) -> int:
-        """`augment` by valid arguments, for which there is room (see `reserve`)."""
-        augment(self.active, z, R)
+        """`augment` by valid arguments."""
+        augment(self._reserved(1, 0), z, R)
         return self.next_id - 1
 
     def remove(self, landmarks: IntArray) -> None:
@@ -188,7 +186,6 @@ class EkfSlam:
         The innovation (C.10) is the distance of the landmarks, which is measured as zero. Its
         Jacobian is 1 by the first landmark and -1 by the second.
         """
-        self.reserve()
         self.leave()
         f = self._whole
         flush(f)
@@ -296,8 +293,8 @@ class EkfSlam:
 
     def flush_early(self) -> None:
         """Adds delayed rows to some rows of the whole map, before a step has to add all."""
-        now = self._whole.now
-        if self.submap is not None and (now.flushed > 0 or now.downdates > RANK // 4):
+        now, rank = self._whole.now, len(self._whole.downdates)
+        if self.submap is not None and (now.flushed > 0 or now.downdates > rank // 2):
             flush_rows(self._whole)
 
     @property
@@ -322,7 +319,7 @@ class EkfSlam:
             return landmarks
         rows = f.ids[:N].searchsorted(landmarks)
         if self.submap is not None:
-            known = f.ids[rows.clip(max=max(N - 1, 0))] == landmarks
+            known = f.ids[np.minimum(rows, max(N - 1, 0))] == landmarks
             rows = np.where(known | (landmarks >= next_id), rows, -1)
         rows = rows + np.maximum(landmarks - next_id, 0)
         return np.where(landmarks < 0, landmarks, rows)
@@ -338,19 +335,14 @@ class EkfSlam:
             )
         return self.rows(landmarks)
 
-    def reserve(self, observations: int = 1) -> None:
-        """Reserves memory for one motion and a number of new landmarks."""
-        state = room_for_scan(self.active, observations)
+    def _reserved(self, landmarks: int, rows: int) -> FilterState:
+        """The active state, with room for new landmarks and delayed rows of this number."""
+        state = with_capacity(self.active, landmarks, rows)
         if self.submap is None:
             self._whole = state
         else:
             self.submap.state = state
-
-    def inflate_heading_covariance(self) -> None:
-        """Accounts for a heading that has become less certain where due, before a motion."""
-        if is_inflation_due(self.active):
-            self.leave()
-            inflate_heading_covariance(self._whole)
+        return state
 
     @property
     def pose(self) -> FloatArray:

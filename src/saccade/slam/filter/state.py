@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
 from enum import IntEnum
 from functools import cache
+from math import ceil, sqrt
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -44,11 +45,11 @@ class Retraction(IntEnum):
 
 STANDARD, INVARIANT = Retraction
 FIRST_CAPACITY = 32
-"""Landmarks for which there is room at first; doubled whenever it runs out."""
+"""Landmarks for which there is room at first; half as much is added whenever it runs out."""
 INFLATED_ROWS = 512
 """Rows of the covariance that `inflate_heading_covariance` changes at once; even."""
-RANK = 64
-"""Rows of `downdates` and of `updates` that are kept before they are added to P."""
+COPIED_ROWS = 256
+"""Rows of the covariance that are copied at once."""
 FLUSHED_ROWS = 128
 """Rows of the covariance to which `flush_rows` adds the delayed rows at once."""
 
@@ -57,6 +58,11 @@ _dsyrk = blas(
     "dsyrk", c_char_p, c_char_p, _int, _int, _double, c_void_p, _int, _double, c_void_p, _int
 )
 """uplo, trans, n, k, alpha, A, lda, beta, C, ldc: C becomes alpha A A^T + beta C."""
+_dgemm = blas(
+    *("dgemm", c_char_p, c_char_p, _int, _int, _int, _double, c_void_p, _int, c_void_p, _int),
+    *(_double, c_void_p, _int),
+)
+"""transa, transb, m, n, k, alpha, A, lda, B, ldb, beta, C, ldc: C becomes alpha A B^T + beta C."""
 
 
 def new_state(
@@ -67,12 +73,12 @@ def new_state(
     huber: float = np.inf,
     *,
     auxiliary: int = 0,
-    rank: int = RANK,
+    rank: int = 0,
 ) -> FilterState:
     """The state of a robot (r,) with its covariance (r, r), and room for `capacity` landmarks."""
     r = len(robot)
     size = r + 2 * (capacity + auxiliary)
-    state, P = np.zeros(size), np.zeros((size, size))
+    state, P, rank = np.zeros(size), np.zeros((size, size)), max(rank, _num_delayed_rows(size))
     state[:r], P[:r, :r] = robot, covariance
     heading = covariance[2, 2]
     return share(
@@ -90,6 +96,15 @@ def new_state(
         np.full(capacity, -1),
         Scalars(heading_variance=heading, lowest_heading_variance=heading),
     )
+
+
+def _num_delayed_rows(size: int) -> int:
+    """Rows of `downdates` and of `updates` that are kept before they are added to P.
+
+    With this number, a pass over P (size, size) takes as long as reading the rows for each
+    observation between two passes.
+    """
+    return 8 * ceil(sqrt(size) / 4)
 
 
 def like(
@@ -137,11 +152,6 @@ def with_capacity(f: FilterState, landmarks: int, rows: int) -> FilterState:
     return f
 
 
-def room_for_scan(f: FilterState, observations: int) -> FilterState:
-    """`with_capacity` for a motion and for observations that may all be of new landmarks."""
-    return with_capacity(f, observations, 2 * observations + 1)
-
-
 def is_inflation_due(f: FilterState) -> bool:
     """Whether the heading has become so uncertain that `inflate_heading_covariance` is due."""
     growth = f.now.heading_variance - f.now.lowest_heading_variance
@@ -163,7 +173,7 @@ def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
     flush(f)
     capacity, rank = len(f.blocks), len(f.downdates)
     while capacity < landmarks:
-        capacity *= 2
+        capacity += capacity // 2
     while rank < rows:
         rank *= 2
     r, n, now = f.robot_size, state_size(f), f.now
@@ -172,16 +182,17 @@ def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
         auxiliary=f.auxiliary,
         rank=rank,
     )
-    for old_rows, new_rows in ((slice(n), slice(n)), (auxiliary_rows(f), auxiliary_rows(new))):
-        new.state[new_rows], new.heading_lever[new_rows] = (
-            f.state[old_rows],
-            f.heading_lever[old_rows],
-        )
-        new.P[:n, new_rows] = f.P[:n, old_rows]
-    new.P[auxiliary_rows(new), auxiliary_rows(new)] = f.P[auxiliary_rows(f), auxiliary_rows(f)]
+    copy_scalars(f, new)
+    points, new_points = auxiliary_rows(f), auxiliary_rows(new)
+    for target, source in ((new.state, f.state), (new.heading_lever, f.heading_lever)):
+        target[:n], target[new_points] = source[:n], source[points]
+    for start in range(0, n, COPIED_ROWS):  # memory that is never written is never allocated
+        end = min(start + COPIED_ROWS, n)
+        new.P[start:end, start:n] = f.P[start:end, start:n]
+    new.P[:n, new_points] = f.P[:n, points]
+    new.P[new_points, new_points] = f.P[points, points]
     new.blocks[: now.landmarks] = f.blocks[: now.landmarks]
     new.ids[: now.landmarks] = f.ids[: now.landmarks]
-    copy_scalars(f, new)
     return new
 
 
@@ -225,8 +236,9 @@ def _second_order_point(
 
 
 def auxiliary_rows(f: FilterState) -> slice:
-    """Rows of the auxiliary points."""
-    return slice(len(f.state) - 2 * f.auxiliary, len(f.state))
+    """Rows of the auxiliary points in use."""
+    start = len(f.state) - 2 * f.auxiliary
+    return slice(start, start + 2 * f.now.auxiliary)
 
 
 def remove_landmarks(f: FilterState, removed: IntArray) -> None:
@@ -261,7 +273,7 @@ def flush(f: FilterState) -> None:
     """Add `updates` to P and subtract `downdates`."""
     finish_flush(f)
     r, n, now = f.robot_size, state_size(f), f.now
-    n = len(f.state) if f.auxiliary > 0 else n
+    n = auxiliary_rows(f).stop if f.auxiliary > 0 else n
     parts = ((-1.0, f.downdates, now.downdates), (1.0, f.updates, now.updates))
     with _one_blas_thread():
         for sign, rows, used in parts:
@@ -295,14 +307,28 @@ def flush_rows(f: FilterState) -> None:
 
     Until all have had their turn, `Scalars.flushed` is positive and P must not be read.
     """
-    now, end = f.now, len(f.state) if f.auxiliary > 0 else state_size(f)
+    now, end = f.now, state_size(f)
     start = max(now.flushed, f.robot_size)
     now.flushed = start + FLUSHED_ROWS
     with _one_blas_thread():
         for sign, rows, used in (-1, f.downdates, now.downdates), (1, f.updates, now.updates):
             if used > 0:
-                block = (sign * rows[:used, start : now.flushed]).T @ rows[:used, start:end]
-                f.P[start : start + len(block), start:end] += block
+                size, height = byref(c_int(len(f.state))), min(FLUSHED_ROWS, end - start)
+                _dgemm(
+                    b"N",
+                    b"T",
+                    byref(c_int(end - start)),
+                    byref(c_int(height)),
+                    byref(c_int(used)),
+                    byref(c_double(sign)),
+                    rows[:, start:].ctypes.data,
+                    size,
+                    rows[:, start:].ctypes.data,
+                    size,
+                    byref(c_double(1.0)),
+                    f.P[start:, start:].ctypes.data,
+                    size,
+                )
     if now.flushed >= end:
         f.cached_pair[:] = -1
         now.downdates = now.updates = now.cached = now.flushed = 0
@@ -313,13 +339,14 @@ def flush_rows(f: FilterState) -> None:
 def _one_blas_thread() -> Iterator[None]:
     """Limits the BLAS to one thread, as threads wait for each other longer than one works."""
     libraries = _blas().lib_controllers
-    threads = [each.num_threads for each in libraries]
+    threads = [(each, each.num_threads) for each in libraries]
+    threads = [(each, number) for each, number in threads if number > 1]
     try:
-        for each in libraries:
+        for each, _ in threads:
             each.set_num_threads(1)
         yield
     finally:
-        for each, number in zip(libraries, threads, strict=True):
+        for each, number in threads:
             each.set_num_threads(number)
 
 
