@@ -28,7 +28,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name when it is first used: one detector does not need the libraries of another."""
+    """Loads a name at its first use, since detectors need different libraries."""
     if name in __all__:
         return getattr(saccade, name)
     raise AttributeError(f"module 'saccade.keypoints' has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Extrema of an octave: among its samples, fitted between them, and duplicates of them."""
+"""Extrema of an octave: search, subsample localization and duplicates."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,18 +7,19 @@ from saccade._jit import kernel
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray
 
 ADJACENT_OCTAVE_SLACK = np.float32(0.01)
-"""Fraction of itself by which the plane beyond an octave may exceed an extremum: it lies about
-half a plane away then, and the fit decides."""
+"""Largest fraction by which the first or last plane of an octave may exceed an extremum beside it:
+such an extremum lies about half a plane away, and the fit decides."""
 MAX_FITS = 5
-"""Fits of the quadratic at neighboring samples before an extremum is given up."""
+"""Largest number of quadratic fits for one candidate, at neighboring samples."""
 MAX_OVERSHOOT = 1.5
-"""Samples by which the quadratic may overshoot an extremum halfway between two."""
+"""Largest offset in samples of an extremum halfway between two samples, by the quadratic."""
 OCTAVE_OVERLAP = 0.55
-"""Planes by which an extremum may lie outside an octave: two octaves agree to about 0.02."""
+"""Largest distance in planes of an extremum beyond the last sample with two neighbors: two octaves
+agree to about 0.02."""
 MAX_CORRECTION = 0.25
-"""Samples by which the polynomial may move the extremum of the quadratic."""
+"""Largest correction in samples of the quadratic's extremum by the polynomial."""
 RADIUS = 4
-"""Samples on either side of the nearest that the polynomial goes through."""
+"""Number of samples of the polynomial on either side of the nearest sample."""
 NODES = np.arange(-RADIUS, RADIUS + 1)
 LAGRANGE = np.array(
     [
@@ -26,16 +27,16 @@ LAGRANGE = np.array(
         for i, n in enumerate(NODES)
     ]
 ).T.copy()
-"""(9, 9) by power and sample: the polynomial that is 1 at this sample and 0 at the others."""
+"""(9, 9) coefficients of the Lagrange polynomials, by power and sample."""
 
 
 @kernel()
 def mark_duplicates(
     positions: FloatArray, distance: FloatArray, radius: float, out: BoolArray
 ) -> None:
-    """Mark the one of larger distance of two positions within `radius` along every axis.
+    """Marks duplicates: positions within `radius`, along every axis, of one with less distance.
 
-    The positions, (n, 3) plane, row and column, are in order of rows.
+    The positions, (n, 3) plane, row and column, are sorted by row.
     """
     for i in range(len(positions)):
         plane, row, column = positions[i]
@@ -56,7 +57,7 @@ def find_local_extrema(
     last: int,
     out: IntArray,
 ) -> int:
-    """Fill `out` with plane, row and column of the local extrema; return their number.
+    """Fills `out` with plane, row and column of the local extrema; returns their number.
 
     Rows from `first` to before `last` are searched, row by row and each in all planes.
     """
@@ -89,7 +90,7 @@ def _fill_range(
     high: Float32Array,
     low: Float32Array,
 ) -> None:
-    """Fill the highest and the lowest of three rows, column by column."""
+    """Fills the maximum and the minimum of three rows, column by column."""
     for c in range(len(middle)):
         high[c] = max(max(above[c], middle[c]), below[c])
         low[c] = min(min(above[c], middle[c]), below[c])
@@ -103,7 +104,7 @@ def _mark_peaks(
     min_value: np.float32,
     out: npt.NDArray[np.uint8],
 ) -> None:
-    """Mark the samples of a row that no neighbor in its plane exceeds: few need the other 18."""
+    """Marks the samples of a row that are extrema among the 9 samples of their plane."""
     for c in range(1, len(samples) - 1):
         v = samples[c]
         highest = max(max(high[c - 1], high[c]), high[c + 1])
@@ -113,7 +114,7 @@ def _mark_peaks(
 
 @kernel()
 def _is_extremum(dog: Float32Array, plane: int, row: int, column: int, neighbors: int) -> bool:
-    """Whether a sample lies above or below its neighbors; of equal ones the first does."""
+    """Whether a sample is an extremum; among equal samples the first one is."""
     value = dog[plane, row, column]
     sign = 1 if value > 0 else -1
     before = sign * (dog[plane - 1, row, column] - value)
@@ -148,7 +149,7 @@ def fit_extrema(
     offsets: FloatArray,
     values: FloatArray,
 ) -> None:
-    """Localize the extremum of each candidate; value 0 where it is rejected.
+    """Localizes the extremum of each candidate; a rejected one gets the value 0.
 
     A candidate is moved to the sample nearest its extremum; without `refit` it stays.
 
@@ -157,10 +158,10 @@ def fit_extrema(
         border: samples at the edge that no extremum may lie in.
         contrast_threshold: tau_c (B.6).
         edge_ratio: tau_r (B.10).
-        lagrange: refine by the polynomial through 9 samples each way, and keep extrema halfway
-            between two samples, of which the quadratics lead to each other.
-        refit: fit again at the neighboring sample while that is nearer to the extremum.
-        reject_saddles: reject extrema at which the quadratic has a saddle across the planes.
+        lagrange: refine by the polynomial through 9 samples per axis, and keep extrema halfway
+            between two samples, whose quadratics lead to each other.
+        refit: fit again at the neighboring sample if it is nearer to the extremum.
+        reject_saddles: reject candidates whose 3x3 Hessian is indefinite.
         candidates: (n, 3) plane, row and column; changed.
         offsets: (n, 3) takes x, y and plane from the sample.
         values: (n,) takes D at the extremum.
@@ -179,7 +180,7 @@ def fit_extrema(
             if lagrange and not 1 <= plane + up < planes - 1 and abs(scale) < OCTAVE_OVERLAP:
                 up = 0
             after = (plane + up, row + step(y), column + step(x))
-            # Halfway between two samples the quadratic at each may point to the other.
+            # The quadratics at two neighboring samples may lead to each other.
             returned = after == before or attempt == MAX_FITS - 1
             halfway = returned and max(abs(x), abs(y), abs(scale)) < MAX_OVERSHOOT
             if not refit or after == (plane, row, column) or (lagrange and halfway):
@@ -254,10 +255,10 @@ def fit_quadratic(
 def refine_position(
     dog: Float32Array, plane: int, row: int, column: int, x: float, y: float, scale: float
 ) -> tuple[float, float, float]:
-    """Where the polynomial through 3x9x9 samples is flat.
+    """Stationary point of the polynomial through 3x9x9 samples, by Newton's method (B.5).
 
-    Newton's method (B.5) from the offset given; that comes back where it leads away, and
-    where not all of the samples lie in the octave.
+    The initial offset is returned if the correction is too large, or if samples lie outside the
+    octave.
     """
     height, width = dog.shape[1:]
     if min(row, column, height - 1 - row, width - 1 - column) < RADIUS:
@@ -331,9 +332,9 @@ def interpolate(
 
 @kernel(fastmath=("nsz", "contract", "reassoc"))
 def lagrange_weights(t: float, out: FloatArray) -> None:
-    """Fill (3, 9) `out` with what samples at -4..4 weigh at `t` in the polynomial through them.
+    """Fills (3, 9) `out` with the weights of samples at -4..4 in the polynomial at `t`.
 
-    The rows are for its value, slope and curvature.
+    The rows are for value, slope and curvature.
     """
     value, slope, bend = out[0], out[1], out[2]
     for node in range(len(value)):

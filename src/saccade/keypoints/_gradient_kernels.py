@@ -23,19 +23,20 @@ DIRECTIONS = 8
 CELL_SIZE = 3.0
 """Side of a subregion, in scales of the keypoint."""
 CLIP = 0.2
-"""Largest entry of a unit descriptor: against non-linear changes of illumination."""
+"""Largest entry of a unit descriptor, for robustness to non-linear changes of illumination."""
 CELL_STRIDE = DIRECTIONS + 1
-"""Accumulators of a subregion: the last one belongs to the first."""
+"""Number of accumulators of a subregion; the last is added to the first."""
 ROW_STRIDE = (CELLS + 2) * CELL_STRIDE
-"""Accumulators of a row of subregions: one more on each side takes what falls outside."""
+"""Number of accumulators of a row of subregions, with one subregion more on each side."""
 EPSILON = 1e-12
-"""Less than any length or slope that matters."""
+"""Smallest length or slope that differs from 0."""
 
-A0, A1, A2 = np.float32(0.99997722), np.float32(-0.33262287), np.float32(0.19354066)
-A3, A4, A5 = np.float32(-0.11642722), np.float32(0.05264819), np.float32(-0.01171947)
-"""Coefficients of the odd polynomial nearest to the arctangent on [0, 1]."""
-E2, E3, E4 = np.float32(1 / 2), np.float32(1 / 6), np.float32(1 / 24)
-"""Coefficients of the exponential series."""
+ARCTANGENT = np.array(
+    [0.99997722, -0.33262287, 0.19354066, -0.11642722, 0.05264819, -0.01171947], np.float32
+)
+"""(6,) coefficients of the minimax odd polynomial of the arctangent on [0, 1]."""
+EXPONENTIAL = np.array([1, 1, 1 / 2, 1 / 6, 1 / 24], np.float32)
+"""(5,) coefficients of the power series of the exponential function."""
 
 
 @kernel()
@@ -50,7 +51,7 @@ def fill_orientation_histograms(
     capacity: int,
     histograms: Float32Array,
 ) -> None:
-    """Add to (n, 36) `histograms` the weighted gradients around each keypoint by direction."""
+    """Adds the weighted gradients around each keypoint to (n, 36) `histograms` of directions."""
     samples = np.empty((4, capacity), np.float32)
     lower, weights = np.empty(capacity, np.int32), np.empty((2, capacity), np.float32)
     bins_per_radian = ORIENTATION_BINS / (2 * pi)
@@ -83,12 +84,12 @@ def fill_orientation_histograms(
 def _interpolate_directions(
     samples: Float32Array, count: int, linear: bool, lower: Int32Array, weights: Float32Array
 ) -> None:
-    """Find the two bins beside the direction of each sample, and its weights in them.
+    """Finds the two bins beside the direction of each sample, and its weights in both.
 
     Args:
         samples: (4, capacity) u, v, direction in bins from 0 to two turns, and weight.
         count: of samples.
-        linear: interpolate between both; otherwise the nearest takes it all.
+        linear: interpolate between both bins; otherwise the nearest has the whole weight.
         lower: (capacity,) takes the lower of the two bins.
         weights: (2, capacity) takes the weights.
     """
@@ -116,11 +117,11 @@ def fill_descriptors(
     capacity: int,
     out: Float32Array,
 ) -> None:
-    """Fill (n, 128) `out` with gradients, interpolated linearly in x, y and direction."""
+    """Fills (n, 128) `out` with gradients, interpolated linearly in x, y and direction."""
     samples = np.empty((4, capacity), np.float32)
     corners, weights = np.empty(capacity, np.int32), np.empty((8, capacity), np.float32)
     bins_per_radian = DIRECTIONS / (2 * pi)
-    radius = (CELLS + 1) / 2  # how far samples touch a subregion, in subregions
+    radius = (CELLS + 1) / 2  # of the samples that touch a subregion, in subregions
     cells = np.empty((CELLS + 2) * ROW_STRIDE, np.float32)
     for i in range(len(planes)):
         x, y, angle = float(xy[i, 0]), float(xy[i, 1]), float(angles[i])
@@ -153,7 +154,7 @@ def fill_descriptors(
 def _interpolate_trilinearly(
     samples: Float32Array, count: int, radius: float, corners: Int32Array, weights: Float32Array
 ) -> None:
-    """Find the eight accumulators around each sample, and its weights in them.
+    """Finds the eight accumulators around each sample, and its weights in these.
 
     Args:
         samples: (4, capacity) u, v, direction from 0 to 4 turns, and weight.
@@ -191,7 +192,7 @@ def _interpolate_trilinearly(
 def _add_weights(
     corners: Int32Array, weights: Float32Array, count: int, cells: Float32Array
 ) -> None:
-    """Add the weights of each sample to the eight accumulators from its corner."""
+    """Adds the weights of each sample to its eight accumulators."""
     for k in range(count):
         first = np.uint64(np.uint32(corners[k]))
         below = first + np.uint64(ROW_STRIDE)
@@ -216,10 +217,10 @@ def gather_gradients(
     stride: int,
     out: Float32Array,
 ) -> int:
-    """Fill columns of (4, capacity) `out` with the samples in a rotated square; return the number.
+    """Fills columns of (4, capacity) `out` with samples in a rotated square; returns their number.
 
     The rows are u and v, the position in the frame of the square, then the gradient in x and y.
-    Samples lie `stride` apart, symmetrically about the one nearest to the keypoint, so that a
+    Samples lie `stride` apart, symmetrically about the sample nearest to the keypoint, so that a
     mirrored patch has the mirrored samples. `cosine` and `sine` of the square's angle are divided
     by the samples to a unit of u and v, in which `radius` is half a side.
     """
@@ -271,7 +272,7 @@ def _gather_row(
     sine: float,
     out: Float32Array,
 ) -> None:
-    """Fill columns of `out` with all samples between two columns of the middle of three rows."""
+    """Fills columns of `out` with all samples of the middle row between two columns."""
     first, last = columns.start, columns.stop
     left, right = rows[1, first - 1 : last - 1], rows[1, first + 1 : last + 1]
     above, below = rows[0, first:last], rows[2, first:last]
@@ -290,13 +291,13 @@ def _gather_row(
 def _weight_gradients(
     samples: Float32Array, count: int, window_sigma: float, bins_per_radian: float, first_bin: float
 ) -> None:
-    """Replace gradients, rows 2 and 3 of `samples`, by orientation bin and weight (B.11-B.12).
+    """Replaces gradients, rows 2 and 3 of `samples`, by orientation bin and weight (B.11-B.12).
 
     The bin is `first_bin + bins_per_radian * direction`, the weight the gradient's magnitude under
-    a Gaussian of u and v. Arctangent and exponential are polynomials, within 2e-6 and 1e-5: calls
-    per sample took most of the time, and kept the loop from being vectorized.
+    a Gaussian of u and v. Arctangent and exponential are polynomials, exact to 2e-6 and 1e-5, for
+    the loop to be vectorized.
     """
-    half_turn, one = np.float32(pi), np.float32(1)
+    half_turn, a, b = np.float32(pi), ARCTANGENT, EXPONENTIAL
     scale, shift = np.float32(bins_per_radian), np.float32(first_bin)
     decay = np.float32(-0.5 / (window_sigma * window_sigma) / 64)
     for k in range(count):
@@ -306,12 +307,12 @@ def _weight_gradients(
         run, rise = (high, wide) if steep else (wide, high)
         slope = rise / run if run > 0 else np.float32(0)
         s = slope * slope
-        angle = slope * (A0 + s * (A1 + s * (A2 + s * (A3 + s * (A4 + s * A5)))))
+        angle = slope * (a[0] + s * (a[1] + s * (a[2] + s * (a[3] + s * (a[4] + s * a[5])))))
         angle = half_turn / 2 - angle if steep else angle
         angle = half_turn - angle if dx < 0 else angle
         angle = -angle if dy < 0 else angle
         t = decay * (u * u + v * v)
-        e = one + t * (one + t * (E2 + t * (E3 + t * E4)))
+        e = b[0] + t * (b[1] + t * (b[2] + t * (b[3] + t * b[4])))
         e = e * e
         e = e * e
         e = e * e
@@ -326,7 +327,7 @@ def _weight_gradients(
 def normalize(vectors: Float32Array, root: bool) -> None:
     """Normalize the rows of (n, d) `vectors`, clip them, and normalize them again.
 
-    With `root` to the square root of the L1-normalized rows.
+    With `root` the result is the square root of the L1-normalized rows.
     """
     epsilon, clip, one = np.float32(EPSILON), np.float32(CLIP), np.float32(1)
     for i in range(len(vectors)):

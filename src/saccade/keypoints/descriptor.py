@@ -103,7 +103,7 @@ def histogram_peaks(
 
     Args:
         histograms: (n, 36).
-        every_bin: take every bin over `PEAK_RATIO` of the highest, not only local peaks.
+        every_bin: include every bin over `PEAK_RATIO` of the highest, not only local peaks.
 
     Returns:
         (m,) index of the histogram, ascending; (m,) angle in radians; (m,) height of the peak as a
@@ -111,7 +111,7 @@ def histogram_peaks(
     """
     before, after = np.roll(histograms, 1, axis=1), np.roll(histograms, -1, axis=1)
     highest = histograms.max(axis=1, keepdims=True, initial=0)
-    # Of two equal neighbors the second is the peak: symmetrical patterns have such.
+    # The second of two equal bins is the peak; symmetric patterns have equal bins.
     peaks = (histograms >= before) & (histograms > after) & (histograms >= PEAK_RATIO * highest)
     if every_bin:
         peaks = (histograms == highest) | (histograms > PEAK_RATIO * highest)
@@ -120,7 +120,7 @@ def histogram_peaks(
     left, middle, right = before[peaks], histograms[peaks], after[peaks]
     curvature = left - 2 * middle + right
     offset = 0.5 * (left - right) / curvature
-    if every_bin:  # of a bin on a slope the highest point within it counts
+    if every_bin:  # the highest point within a bin on a slope
         offset = np.where(curvature < 0, offset.clip(-0.5, 0.5), 0.5 * np.sign(right - left))
     position = bin_number + offset
     angle = np.remainder(position * (2 * pi / ORIENTATION_BINS) + pi, 2 * pi) - pi
@@ -212,7 +212,7 @@ def published_vectors(
         zip(points.plane, points.xy, points.sigma, points.angle, strict=True)
     ):
         vectors[i] = published_descriptor(octave[plane], x, y, sigma, angle).vector
-    # The bins of the textbook turn from x towards y, those of keypoints from y towards x.
+    # Directions of the textbook turn from x towards y, directions of keypoints from y towards x.
     cells = vectors.reshape(-1, CELLS**2, DIRECTIONS)[:, :, -np.arange(DIRECTIONS)]
     return cells.reshape(-1, LENGTH)
 

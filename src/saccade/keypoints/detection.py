@@ -16,10 +16,10 @@ from saccade.scale.workspace import Workspace
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
 
 KEYPOINTS_PER_SCALE = 50
-"""Keypoints asked for, for each pixel of the scale at which the ranking levels off: chosen by the
-matches and homographies of known pairs at 100 to 4000 keypoints."""
+"""Ratio of `max_keypoints` to the saturation scale of the ranking in pixels, chosen by the matches
+and homographies of known pairs at 100 to 4000 keypoints."""
 ROBUSTNESS = 0.9
-"""Fraction of a response that must exceed another for its point to be suppressed."""
+"""Largest ratio of the response of a point to the response of one that suppresses it."""
 FIRST_NEIGHBORS = 8
 """Neighbors that are queried of every point."""
 
@@ -33,8 +33,8 @@ def find_points(
     """The extrema of the responses of each octave that exceed a threshold (B.4-B.10).
 
     Args:
-        responses: number of an octave and its (s + 2, h, w) responses, in any order; they may
-            change when the next are asked for.
+        responses: number of an octave and its (s + 2, h, w) responses, in any order; the next
+            octave may overwrite these.
         config: candidates and fit.
         threshold: smallest absolute response.
         workspace: its threads share the rows.
@@ -76,7 +76,7 @@ def to_keypoints(
     *,
     describe: bool = True,
 ) -> Keypoints:
-    """Points once for each of their orientations, strongest first, described where wished."""
+    """Keypoints of points, one for each orientation, strongest first, perhaps described."""
     if not config.upright:
         points, _ = oriented(points, space, config, workspace)  # B.11-B.12
     points = points.take(slice(config.max_keypoints))
@@ -84,7 +84,7 @@ def to_keypoints(
     keypoints = points.keypoints(space, config.first_octave)
     if not describe:
         return keypoints
-    # Located from the keypoints, which can so be described again to the same bytes.
+    # Keypoints in float32 are located again, so that `describe` gives the same bytes.
     points = locate(keypoints, space, config)
     return replace(keypoints, descriptors=describe_points(space.octaves, points, config, workspace))
 
@@ -107,7 +107,7 @@ def by_strength(points: Points, space: ScaleSpace, config: SiftConfig) -> IntArr
 
 
 def strength(points: Points, space: ScaleSpace, config: SiftConfig) -> Float32Array:
-    """(n,) what points are ranked by, see `SiftConfig.ranking`."""
+    """(n,) strengths of points; see `SiftConfig.ranking`."""
     if config.ranking == "response":
         return points.response
     sigma = points.image_coordinates(space)[1]
@@ -117,7 +117,7 @@ def strength(points: Points, space: ScaleSpace, config: SiftConfig) -> Float32Ar
 
 
 def preferred(points: Points, space: ScaleSpace, config: SiftConfig) -> IntArray:
-    """Indices of at most `max_keypoints` points, first the strongest, or the most spread ones."""
+    """Indices of at most `max_keypoints` points, the strongest or the most isolated first."""
     if config.max_keypoints is None:
         return np.arange(len(points.octave))
     order = by_strength(points, space, config)

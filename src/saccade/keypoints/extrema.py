@@ -10,9 +10,9 @@ from saccade.scale.workspace import SERIAL, Workspace
 from saccade.types import Float32Array, FloatArray, IntArray
 
 ROW_BLOCK = 64
-"""Rows that a thread searches at a time."""
+"""Number of rows in the block of a thread."""
 DUPLICATE_RADIUS = 0.5
-"""Samples and planes within which two positions are one extremum."""
+"""Largest distance, in samples and planes, of two positions of one extremum."""
 
 
 class Extrema(NamedTuple):
@@ -29,7 +29,7 @@ class Extrema(NamedTuple):
 def find_extrema(
     dog: Float32Array, config: SiftConfig, threshold: float, workspace: Workspace = SERIAL
 ) -> Extrema:
-    """The extrema of an octave that have contrast and are not on edges.
+    """Extrema of an octave with enough contrast, not on edges.
 
     Args:
         dog: (s + 2, h, w) differences of Gaussians, or other responses.
@@ -75,8 +75,8 @@ def find_extrema(
 def without_duplicates(position: FloatArray, offsets: FloatArray) -> IntArray:
     """Which extrema to keep, by plane, row and column.
 
-    Candidates on several sides of an extremum lead to it, or closely past it. The one nearest to
-    its extremum is kept, which does not depend on how the image is rotated.
+    Several candidates around an extremum lead to positions close together. The position with the
+    smallest offset from its candidate is kept; this choice is invariant to rotations of the image.
 
     Args:
         position: (n, 3) plane, row and column of the extrema.

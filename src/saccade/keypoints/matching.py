@@ -69,8 +69,8 @@ def nearest_neighbors(
         b: (k, d).
 
     Returns:
-        (n,) nearest row of `b`, (n,) its squared distance, (n,) that of the second nearest
-        (infinite where k is 1), and (k,) the nearest row of `a`.
+        (n,) nearest row of `b`, (n,) its squared distance, (n,) squared distance of the second
+        nearest row (infinite if k is 1), and (k,) nearest row of `a`.
     """
     n, k = len(a), len(b)
     nearest, distance = np.zeros(n, np.int32), np.full(n, np.inf, np.float32)

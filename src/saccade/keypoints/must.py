@@ -27,9 +27,9 @@ class Must:
         config: scale space, symmetry, selection and descriptor.
         threads: of a call; None for one per core. The keypoints do not depend on it.
 
-    The source leaves open what is in this list; each was chosen by repeatability at 100, 300
-    and 1000 keypoints under noise, low contrast and blur, on four sequences of the affine covariant
-    regions set (docs/symmetry.md has the figures, and those of the other four):
+    The source leaves the following choices open. They were made by repeatability at 100, 300 and
+    1000 keypoints under noise, low contrast and blur, on four sequences of the affine covariant
+    regions set (docs/symmetry.md has the figures, also for the other four sequences):
 
     - *The disc grows with the scale.* Within an octave every plane has the same samples, so a disc
       of fixed size would cover smaller structures on coarser planes. Here a pair may be `radius`
@@ -48,9 +48,9 @@ class Must:
     - *Positions are refined by the polynomial through 9 samples each way*, as our SIFT's are. With
       a quadratic alone maxima halfway between samples are lost: a tenth of the repeatable ones.
     - *Bars are rejected* by the ratio of curvatures of the symmetry: along a bar every position is
-      as symmetric as the next. The ratio may be larger than SIFT's, for the ends of pairs rather
-      than the keypoint itself lie on edges.
-    - *The finest base is coarser than SIFT's*: finer symmetry is that of noise and of edges.
+      as symmetric as the next. The ratio may be larger than SIFT's, since the ends of pairs, not
+      the keypoint, lie on edges.
+    - *The finest base is coarser than SIFT's*, since noise and edges dominate finer symmetry.
 
     Source: Kootstra, de Jong & Schomaker, *Using local symmetry for landmark selection*
     (ICVS 2009).
@@ -68,7 +68,7 @@ class Must:
     ) -> Keypoints:
         """Detect keypoints and describe them.
 
-        Arguments, result and errors are those of `Sift.__call__`; the response is the symmetry.
+        Arguments, result and errors as for `Sift.__call__`; the response is the symmetry.
         """
         gray, config = as_gray(image), self.config.sift()  # (H, W)
         inside = check_mask(mask, gray.shape)
@@ -106,15 +106,15 @@ def octave_symmetry(
     coarser: Float32Array | None = None,
     workspace: Workspace | None = None,
 ) -> Float32Array:
-    """(s + 2, h, w) isotropic symmetry of the planes of an octave; s of them have its maxima.
+    """(s + 2, h, w) isotropic symmetry of the planes of an octave; the inner s can have maxima.
 
     Args:
         space: the scale space of the image.
         number: of the octave.
         config: of the detector.
         contrast: standard deviation of the image.
-        coarser: the symmetry of the next octave, from which the last two planes are interpolated;
-            None computes them.
+        coarser: symmetry of the next octave, interpolated to the last two planes; None computes
+            the two planes.
         workspace: holds the result; its threads share the planes.
     """
     workspace, sift = workspace or Workspace(), config.sift()

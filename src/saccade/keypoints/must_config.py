@@ -15,10 +15,10 @@ from saccade.keypoints.sift_config import (
 
 @dataclass(frozen=True)
 class MustConfig(SelectionConfig):
-    """Settings of the detector; `saccade.keypoints.must` says why these are the defaults."""
+    """Settings of the detector; `saccade.keypoints.must` gives the reasons for the defaults."""
 
     first_octave: int = setting(-1, -1, 0)
-    """First octave: -1 has the scales of a doubled image, 0 those of the image."""
+    """First octave: -1 starts at the scales of a doubled image, 0 at the scales of the image."""
     octaves: int | None = setting(None, 1)
     """Maximum number of octaves; None for as many as the image has room for."""
     intervals: int = setting(2, 1, 16)
@@ -37,8 +37,8 @@ class MustConfig(SelectionConfig):
     """Power of the scale in pixels by which symmetry is multiplied: above 0, large structures
     count more."""
     contrast_threshold: float | None = setting(None, 0, below=1000)
-    """Smallest symmetry: the weighted mean over the pairs of strength and phase weight. None for
-    0.05, or with `max_keypoints` for as little as it takes to have so many."""
+    """Smallest symmetry: the weighted mean over the pairs of strength and phase weight. None means
+    0.05, or no threshold if `max_keypoints` is set."""
     edge_ratio: float = setting(50.0, 1, inf)
     """Largest ratio of the principal curvatures of the symmetry, as B.10 has it for D."""
     descriptor: DescriptorConfig = field(default_factory=DescriptorConfig)

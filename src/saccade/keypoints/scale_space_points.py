@@ -13,7 +13,7 @@ from saccade.scale.workspace import Workspace
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
 
 BLOCK_SIZE = 256
-"""Points that a thread takes at a time."""
+"""Number of points in the block of a thread."""
 
 Index: TypeAlias = npt.NDArray[Any]
 
@@ -75,10 +75,10 @@ def run_by_octave(
     points: Points,
     workspace: Workspace,
 ) -> None:
-    """Call `work` on each octave with indices of points in it, a block at a time."""
+    """Calls `work` for each octave with the indices of a block of its points."""
     for number, octave in enumerate(octaves):
         index = np.flatnonzero(points.octave == number)
-        # As they lie in the planes: neighbors share what is in the cache.
+        # Sorted by plane and row, for the cache.
         index = index[np.lexsort((points.xy[index, 1], points.plane[index]))]
 
         def run(block: slice, octave: Float32Array = octave, index: IntArray = index) -> None:

@@ -80,9 +80,9 @@ class Sift:
         Args:
             image: as for detection.
             keypoints: n keypoints between the outer edges of the image; see `Keypoints.at` and
-                `saccade.exchange`. Their size says how much of the image is described and
-                how blurred; a descriptor is 12 scales wide, that is 6 sizes, and what lies
-                outside the image counts for nothing. Their own descriptors are not used.
+                `saccade.exchange`. The size sets the width and blur of the described patch: 12
+                scales, which are 6 sizes. Samples outside the image do not count. Descriptors of
+                the keypoints are ignored.
             orient: whether to assign orientations. The default describes each keypoint along its
                 angle. With it a keypoint is returned once for each dominant orientation, or not
                 at all where the image is flat; in an upright configuration angles are 0.

@@ -18,7 +18,7 @@ class DescriptorConfig(Settings):
     smoothing: int = setting(6, 0, 100)
     """Passes of [1 2 1] / 4 over the orientation histogram."""
     orientation_bins: Literal["peaks", "all"] = "peaks"
-    """Whether of the bins over 80 % of the highest only local peaks count, or all."""
+    """Whether all bins over 80 % of the highest count, or only local peaks."""
     orientation_spacing: float | None = setting(1.0, above=0, maximum=3)
     """Spacing of the samples of the orientation histogram, in scales; None for all samples."""
     subpixel_patches: bool = True
@@ -71,13 +71,12 @@ class SelectionConfig(Settings):
     border: int = setting(5, 2)
     """Samples at the edge of every octave that are not searched."""
     contrast_threshold: float | None = setting(None, 0, below=1)
-    """Smallest |D| at an extremum, tau_c (B.6). None for 0.016, or with `max_keypoints` for as
-    little as it takes to have so many."""
+    """Smallest |D| at an extremum, tau_c (B.6). None means 0.016, or no threshold if
+    `max_keypoints` is set."""
     neighbors: Literal[10, 26] = 10
     """Samples that an extremum is compared with: all 26 around it, as Lowe has it, or the 8 in its
-    plane and the 2 above and below. Where samples are sparse one of the other 16 often belongs to
-    another extremum, and the keypoint is found one time and missed the next. With 10, the fit
-    tells extrema from saddles."""
+    plane and the 2 above and below. In sparse sampling one of the other 16 often belongs to another
+    extremum, which makes detection less repeatable. With 10, the fit rejects saddles."""
     edge_ratio: float = setting(15.0, 1, inf)
     """Largest ratio of the principal curvatures, tau_r (B.10)."""
     max_orientations: int | None = setting(None, 1)
@@ -87,8 +86,8 @@ class SelectionConfig(Settings):
     max_keypoints: int | None = setting(None, 1)
     """Number of keypoints to keep, the strongest; None for all."""
     spread: bool = False
-    """Keep as many, but rather those that are far from any clearly stronger one: they cover
-    the image (adaptive non-maximal suppression)."""
+    """Prefer keypoints far from any clearly stronger one, so that they cover the image (adaptive
+    non-maximal suppression)."""
 
     default_threshold = 0.016
     """The threshold where neither it nor the number of keypoints is given."""
@@ -175,7 +174,7 @@ class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
     def kootstra2010(cls) -> Self:
         """Kootstra (2010): appendix B, three octaves from the image itself.
 
-        What the source leaves open is as in `saccade.textbook.sift`.
+        Choices that the source leaves open are made as in `saccade.textbook.sift`.
         """
         return replace(
             super().kootstra2010(),
@@ -198,10 +197,10 @@ class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
 
     @classmethod
     def opencv(cls) -> Self:
-        """As `cv2.SIFT_create()`, its shift by a quarter pixel included.
+        """Settings of `cv2.SIFT_create()`, with the same shift by a quarter pixel.
 
-        Every second sample of a large keypoint is described, where OpenCV takes all: descriptors
-        have a median cosine of 0.9998 with OpenCV's, and 99 % of them one of over 0.997.
+        The descriptor of a large keypoint has every second sample, where OpenCV takes all. The
+        cosine of descriptors with OpenCV's is 0.9998 in the median and over 0.997 for 99 %.
         """
         return replace(
             cls.lowe2004(),

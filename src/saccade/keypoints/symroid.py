@@ -80,7 +80,7 @@ def separated(xy: FloatArray, sigma: FloatArray, count: int | None) -> IntArray:
 
 
 def pair_boxes(keypoints: Keypoints, radius: float, shape: tuple[int, int]) -> Float32Array:
-    """The boxes about the discs from which the symmetry of keypoints was summed.
+    """Bounding boxes of the discs of pairs around keypoints.
 
     Args:
         keypoints: n keypoints.

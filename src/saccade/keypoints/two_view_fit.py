@@ -23,7 +23,7 @@ MIN_FREEDOM = 0.05
 MAX_STEPS = 50
 """Largest number of Gauss-Newton steps, halved ones included."""
 MIN_DECREASE = 1e-8
-"""Relative decrease of the loss at which the fit has converged."""
+"""Smallest relative decrease of the loss before the fit has converged."""
 NORMALS = {
     "homography": (),
     "fundamental": (np.diag([0.0, 0, 1]),),

@@ -25,13 +25,13 @@ SAMPLE_SIZE = {"fundamental": 7, "homography": 4, "essential": 5}
 CONFIDENCE = 0.9999
 MAX_ITERATIONS = 10_000
 REFINED_TOLERANCES = 2.0
-"""Tolerances within which matches take part in the refinement: the Cauchy loss discounts those
-that are wrong, while inliers that the first estimate misses are to be recovered."""
+"""Largest error of a match in the refinement, in tolerances: the Cauchy loss discounts wrong
+matches, and inliers missed by the first estimate are recovered."""
 REFINEMENTS = {"fundamental": 2, "homography": 1, "essential": 2}
-"""Rounds of it, the second with the matches within `REFINED_SIGMAS`: wrong matches near an epipolar
-line pull, and make the covariance too small; homographies have few such, and become worse."""
+"""Number of rounds of refinement. The second excludes matches beyond `REFINED_SIGMAS`, since wrong
+matches near an epipolar line bias the estimate; a homography has few of these, and gets worse."""
 REFINED_SIGMAS = 3.5
-"""Robust standard deviations."""
+"""Largest residual of a match in the second round, in robust standard deviations."""
 MIN_SIGMA = 0.02
 """Smallest error of a position, in pixels."""
 SCALE_ERROR = 0.064
@@ -39,14 +39,8 @@ SCALE_ERROR = 0.064
 NOISE_ERROR = 0.0028
 """Error of a position in pixels due to the noise of the image, times |D|."""
 
-CROSS = np.array(
-    [
-        [[0, 0, 0], [0, 0, -1], [0, 1, 0]],
-        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
-        [[0, -1, 0], [1, 0, 0], [0, 0, 0]],
-    ]
-).transpose(1, 2, 0)
-"""(3, 3, 3) `CROSS @ v` is the matrix of the cross product with v."""
+CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
+"""(3, 3, 3) matrices of the cross products with the unit vectors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +53,7 @@ class RelativePose:
     rotation: FloatArray
     """(3, 3)."""
     translation: FloatArray
-    """(3,) of length 1: two images do not tell how far the camera moved."""
+    """(3,) of length 1, since two images do not determine the distance."""
     covariance: FloatArray | None
     """(6, 6) of the rotation vector, in radians along the axes of the second camera, and of
     `translation`; None where the matches do not determine it. Errors of the calibration are not
@@ -67,12 +61,12 @@ class RelativePose:
 
     @property
     def rotation_sigma(self) -> float:
-        """Standard deviation of the rotation in degrees; infinite where it is unknown."""
+        """Standard deviation of the rotation in degrees; infinite if unknown."""
         return self._sigma(slice(3))
 
     @property
     def direction_sigma(self) -> float:
-        """Standard deviation of the direction of the translation in degrees, likewise."""
+        """Standard deviation of the translation's direction in degrees; infinite if unknown."""
         return self._sigma(slice(3, 6))
 
     def _sigma(self, rows: slice) -> float:
@@ -156,8 +150,8 @@ def verify(
         pairs: (m, 2) indices into both, as `match` returns them.
         geometry: "fundamental", "homography" or "essential".
         tolerance: inlier threshold in pixels, over 0.
-        min_inliers: distinct correspondences that must be inliers, since those of a minimal sample
-            always are. COLMAP asks for as many.
+        min_inliers: smallest number of distinct inliers of an accepted geometry; COLMAP's default
+            is the same.
         intrinsics: (3, 3) camera matrix of both images without distortion, for "essential".
 
     Returns:
@@ -217,10 +211,9 @@ def verify_positions(
 def position_sigma(keypoints: Keypoints) -> FloatArray:
     """(n,) standard deviation of the positions of keypoints, in pixels along each axis.
 
-    Part of it grows with the scale, which is that of the structure that is localized. The other is
-    due to the noise of the image, against which the response holds. It was fitted to the errors
-    of SIFT's positions on known pairs; responses in other units are taken for strong. Where a
-    response is 0, as of points from elsewhere, it is unknown, and only the scale counts.
+    One part is proportional to the scale. The other is due to noise of the image, and inversely
+    proportional to the response. Both were fitted to the errors of SIFT's positions on known pairs.
+    A response of 0, as of external points, means unknown, and only the scale counts.
     """
     scale, response = keypoints.size.astype(np.float64) / 2, keypoints.response.astype(np.float64)
     noise = np.divide(NOISE_ERROR, response, out=np.zeros(len(scale)), where=response > 0)
@@ -308,10 +301,10 @@ def pose_of(
     R, t = max(poses, key=lambda pose: int(in_front(pose[0], pose[1], rays).sum()))
     if covariance is None:
         return RelativePose(R, t, None)
-    unscaled, across = CROSS @ t, np.eye(3) - np.outer(t, t)  # E = [t]x R up to its scale
-    scale = float((unscaled @ R * essential).sum()) / 2
-    by_rotation = unscaled @ CROSS.transpose(2, 0, 1) @ R  # (3, 3, 3), the first axis that of omega
-    by_translation = np.tensordot(across, CROSS.transpose(2, 0, 1) @ R, 1)
+    cross = np.tensordot(t, CROSS, 1)  # E is [t]x R times a scale
+    scale = (cross @ R * essential).sum() / 2
+    by_rotation = cross @ CROSS @ R  # (3, 3, 3)
+    by_translation = np.tensordot(np.eye(3) - np.outer(t, t), CROSS @ R, 1)
     J = np.linalg.pinv(scale * np.concatenate([by_rotation, by_translation]).reshape(6, 9).T)
     return RelativePose(R, t, J @ covariance @ J.T)
 
