@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from saccade import slam
 from saccade.datasets import load
 from saccade.errors import ConfigError, LogError
+from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import EkfConfig, observe, smooth, smoothing, wrap
 from saccade.slam.consistency import normalized_squared
 from saccade.types import LandmarkLog
@@ -17,7 +18,7 @@ from support.alignment import align, interpolate
 from support.circular_log import simulate
 from support.gtsam_smoothing import smooth_by_gtsam
 from support.kidnapping import kidnapped
-from support.logs import with_observations
+from support.logs import with_observations, without_names
 
 FILTER = EkfConfig(smooth=False, estimate_odometry_bias=False)
 
@@ -132,6 +133,24 @@ def test_wrong_observations_count_less(rng):
     assert error[1] < 0.5 * error[0]
     assert np.median(robust.weight[wrong]) < 0.15
     assert np.median(robust.weight[~wrong]) == 1
+
+
+def test_smoothing_converges_from_far():
+    """The filter closes the loop late; 2.7 % of Gaussian residuals have half the weight or less."""
+    world = WorldConfig(
+        landmarks=60,
+        course_length=60,
+        steps=900,
+        landmark_spread=6,
+        range_limits=(0.5, 8.0),
+        field_of_view_deg=90,
+        odometry_percent=2.5,
+        layout=3,
+    )
+    result = slam.run(without_names(simulate_world(world, 3)))
+    assert len(result.map) == 41  # as in the log
+    assert result.estimate == "smoothed"
+    assert np.nanmean(result.weight < 0.5) < 0.05
 
 
 def test_unused_observations_have_no_weight_and_no_effect(rng):

@@ -6,7 +6,7 @@ factorization gives the covariances.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -207,8 +207,14 @@ class NormalEquations:
 def minimize(
     measured: Measurements, start: Estimate, min_decrease: float = MIN_DECREASE
 ) -> tuple[Estimate, int]:
-    """The least-squares estimate by Levenberg-Marquardt, and the number of iterations."""
-    best, cost, damping, iterations = start, measured.cost(start), 0.0, 0
+    """The least-squares estimate by Levenberg-Marquardt, and the number of iterations.
+
+    The first step gives every observation its full weight: far from the minimum, the robust weights
+    are so small that the observations hardly move the poses.
+    """
+    plain = NormalEquations(replace(measured, huber=np.inf), start)
+    best = min(start, start.moved(plain.step(0.0)), key=measured.cost)
+    cost, damping, iterations = measured.cost(best), 0.0, 1
     while iterations < MAX_ITERATIONS:
         iterations += 1
         equations, new = NormalEquations(measured, best), np.inf

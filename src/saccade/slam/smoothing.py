@@ -17,6 +17,7 @@ from saccade.plane import (
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.models import bias_jacobian
 from saccade.slam.least_squares import (
+    MAX_ITERATIONS,
     MIN_DECREASE,
     Estimate,
     Measurements,
@@ -80,7 +81,8 @@ def smooth(
         observation.
 
     Raises:
-        LogError: a landmark, whose label is given, is not determined; or the log is too large.
+        LogError: a landmark, whose label is given, is not determined; the log is too large; or the
+            estimate does not converge.
     """
     log = in_robot_frame(log)
     found = smooth_log(
@@ -121,10 +123,12 @@ def smooth_log(
     initial = _initial_poses(log, poses, lost, cuts)[first]
     start = Estimate(initial, landmarks.xy, np.zeros(len(measured.bias_sigma)))
     try:
-        best, _ = minimize(measured, start, min_decrease)
+        best, iterations = minimize(measured, start, min_decrease)
         pose_covariance, others = NormalEquations(measured, best).covariances()
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise LogError(f"smoothing: {_undetermined(landmarks, measured, start)}") from error
+    if iterations == MAX_ITERATIONS:
+        raise LogError(f"smoothing: expected convergence in {MAX_ITERATIONS} steps, found none")
     n = len(best.landmark)
     row = 2 * np.arange(n)[:, None] + np.arange(2)
     covariance = others[row[:, :, None], row[:, None]]
