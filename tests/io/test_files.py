@@ -5,7 +5,6 @@ import socket
 
 import pytest
 
-from saccade.batch.sources import open_source
 from saccade.errors import OutputError
 from saccade.io.files import (
     LARGEST_FILE,
@@ -17,6 +16,7 @@ from saccade.io.files import (
 )
 from saccade.io.image import find_images
 from support.error_checks import refuses
+from support.extras import open_source
 from support.limits import limited
 
 PIXEL = b"P5 1 1 255 0"

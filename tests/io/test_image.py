@@ -12,10 +12,10 @@ from hypothesis.extra.numpy import arrays
 from PIL import Image as Pillow
 from PIL import ImageOps
 
-from saccade.batch import open_source
 from saccade.errors import ImageError, ImageWarning
 from saccade.io.image import as_gray, as_rgb, find_images, read_image, read_orientation
 from support.error_checks import refuses
+from support.extras import open_source
 
 COLORS = np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3)
 

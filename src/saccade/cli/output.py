@@ -152,8 +152,8 @@ class Result:
 LABELS = {
     "odometry_end_from_estimate_m": "odometry at the end, from the filter's estimate",
     "nis_mean": "mean normalized innovation squared",
-    "nis_band": "of consistent filters",
-    "nonlinearity": "fraction of second-order terms, root mean",
+    "nis_band": "mean for a consistent filter",
+    "nonlinearity": "fraction of second-order terms (RMS)",
     "ate_m": "ATE",
     "ate_unaligned_m": "ATE, unaligned",
     "rpe_m": "RPE",
