@@ -10,6 +10,8 @@ from saccade.viewing.textbook.ekf import Transition
 
 MAX_STATE = 13
 """Maximum number of state elements shown: the pose and five landmarks."""
+ROUNDING = 1e-14
+"""Maximum magnitude of a rounding error."""
 REDUCED = "<p>Rows and columns of the other landmarks are left out; those of H are 0.</p>"
 """Remark on matrices of large maps."""
 POSE = ("x", "y", "θ")
@@ -107,5 +109,5 @@ def _table_html(matrix: Matrix) -> str:
 
 
 def _number(value: float) -> str:
-    """Four significant digits; also -0 is 0."""
-    return f"{value:.4g}" if value else "0"
+    """Four significant digits; rounding errors are 0."""
+    return f"{value:.4g}" if abs(value) > ROUNDING else "0"
