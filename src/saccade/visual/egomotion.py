@@ -120,7 +120,10 @@ def estimate_motion(
         return None
     R, t = initial
     inverse_depth = points.inverse_depth
-    weight = np.zeros((6, 6)) if prior is None else _prior_information(camera, prior[1], R, before)
+    weight = np.zeros((6, 6))  # information of the prior
+    if prior is not None:
+        J = robot_motion(camera, R, np.zeros(3), before).jacobian
+        weight = J.T @ np.linalg.solve(with_off_plane(prior[1]), J)
     widths = KERNEL_WIDTHS[-2:] if prior is None else KERNEL_WIDTHS
     for i in range(MAX_ITERATIONS):
         offset = np.append(cv2.Rodrigues(R @ initial[0].T)[0], t - initial[1])
@@ -195,14 +198,6 @@ def normal_equations(
     weighted = (robust[:, None, None] * (inverse @ J)).reshape(-1, 6)
     information, gradient = J.reshape(-1, 6).T @ weighted, residual.ravel() @ weighted
     return information, gradient, np.where(ahead, squared, np.inf), np.where(ahead, estimate, h)
-
-
-def _prior_information(
-    camera: Camera, covariance: FloatArray, R: FloatArray, before: Camera | None
-) -> FloatArray:
-    """Information (6, 6) of the prior on rotation and translation of the camera."""
-    J = robot_motion(camera, R, np.zeros(3), before).jacobian
-    return np.asarray(J.T @ np.linalg.solve(with_off_plane(covariance), J))
 
 
 def with_off_plane(covariance: FloatArray) -> FloatArray:

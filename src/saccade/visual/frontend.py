@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Generic, Self, TypeVar, cast
+from typing import Self, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -28,8 +28,6 @@ from saccade.visual.egomotion import (
 from saccade.visual.optical_flow import ByteArray, PreparedFrame, prepare_frame, track_frame
 from saccade.visual.robot_motion import camera_motion
 from saccade.visual.tables import FIRST_ID, TrackedPoints
-
-T = TypeVar("T")
 
 BORDER = 8
 """Width of the image border without tracked points, in pixels."""
@@ -131,19 +129,19 @@ class FeatureExtractor:
         )
 
 
-class Prefetcher(Generic[T]):
-    """Computes items 0 to `count` - 1 in another thread, up to `ahead` items in advance.
+class Prefetcher:
+    """Computes frames 0 to `count` - 1 in another thread, up to `ahead` frames in advance.
 
     A context manager that owns the thread.
     """
 
-    def __init__(self, compute: Callable[[int], T], count: int, ahead: int) -> None:
+    def __init__(self, compute: Callable[[int], FrameFeatures], count: int, ahead: int) -> None:
         self._compute, self._count, self._ahead = compute, count, ahead
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="saccade-prefetch")
-        self._pending: dict[int, Future[T]] = {}
+        self._pending: dict[int, Future[FrameFeatures]] = {}
 
-    def __call__(self, number: int) -> T:
-        """Item by number; raises the exceptions of its computation."""
+    def __call__(self, number: int) -> FrameFeatures:
+        """Frame by number; raises the exceptions of its computation."""
         for i in range(number, min(number + 1 + self._ahead, self._count)):
             if i not in self._pending:
                 self._pending[i] = self._thread.submit(self._compute, i)

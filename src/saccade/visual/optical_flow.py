@@ -28,6 +28,8 @@ MAX_FORWARD_BACKWARD_ERROR = 0.5
 pixels."""
 MAX_ROW_OFFSET = 1.0
 """Maximum difference between the rows of a point in the images of a rectified rig, in pixels."""
+MIN_BRIGHTNESS_CHANGE = 0.05
+"""Minimum relative change of brightness that is corrected before tracking."""
 VIEW_WIDTH = 40
 """Width of the reduced image by which views and brightness are compared, in pixels."""
 MIN_VIEW_HEIGHT = 12
@@ -140,8 +142,10 @@ def track_frame(
     assert current.left is not None
     assert previous.view is not None
     assert current.view is not None
+    image = current.left
     gain = float(np.median((previous.view + 1) / (current.view + 1)))
-    image = np.asarray(cv2.convertScaleAbs(current.left, alpha=gain), np.uint8)
+    if abs(gain - 1) >= MIN_BRIGHTNESS_CHANGE:
+        image = np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8)
     return track_points(previous.left, image, xy, guess, LEVELS if guess is None else GUESS_LEVELS)
 
 
