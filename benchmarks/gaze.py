@@ -9,12 +9,12 @@ with few posters, rendered and mapped by the whole pipeline, with the motion by 
 re-identifications of the right landmark. The bound maps with seven cameras that look around, whose
 frames make one map.
 
-ATE is the absolute trajectory error without alignment in meters, the median. Its ratios to that of
-`fixed` and `sweep` are geometric means over worlds and seeds, with 95 % intervals over the seeds;
-then come the ratios to `fixed` in each world, and that of the worst drive. Inside: poses whose true
-position lies in the 99.7 % ellipse. NEES: mean normalized estimation error squared of the poses,
-3 if the covariances are right. The JSON file has ATE, correct or closed, inside and NEES of each
-drive.
+ATE is the median absolute trajectory error without alignment, in meters. Ratios to `fixed` and
+`sweep` are geometric means over worlds and seeds, with 95 % intervals over the seeds.
+The second table has the ratios to `fixed` in each world and in the worst drive. Inside: poses whose
+true position lies in the 99.7 % ellipse. NEES: mean normalized estimation error squared of the
+poses, 3 if the covariances are right. The JSON file has ATE, correct or closed, inside and NEES of
+each drive.
 """
 
 import json
@@ -126,7 +126,7 @@ def drive(run: Run) -> tuple[float, bool, float, float]:
         pan_sigma=ENCODER_SIGMA,
     )
     encoder = ENCODER_SIGMA * np.random.default_rng([run.seed, 1]).standard_normal(len(log.time))
-    steps = steps_between(log.truth.pose)  # a robot that follows a path knows those to come
+    steps = steps_between(log.truth.pose)  # the planned path
     results = []
     pan, closed, first = 0.0, False, dict[int, int]()
     scans = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))

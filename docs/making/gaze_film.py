@@ -1,22 +1,22 @@
 """The film of the README: a robot that decides where to look."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import PIL.Image
 
-from saccade import visual
 from saccade.cli.drive import film_frames
 from saccade.simulation import DriveConfig
-from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
+from saccade.simulation.gaze_drive import gaze_drive
 from saccade.slam import Recorder
 
-DRIVE = DriveConfig(
-    world="rooms",
-    frames=200,
-    frames_per_lap=200,
+DRIVE = replace(
+    DriveConfig.hall(),
+    size=(13.0, 10.5),
+    frames=160,
+    frames_per_lap=80,
     image_size=(320, 240),
-    field_of_view_deg=50.0,
     color=True,
 )
 SEED = 0
@@ -33,9 +33,8 @@ QUALITY = 60
 
 def write_film(path: Path) -> None:
     """Simulate the drive, map it, and write the film as an animated WebP."""
-    drive, _ = gaze_drive(DRIVE, "active", SEED)
-    recorder = Recorder(len(drive) // STRIDE)
-    result = visual.run(drive, SETTINGS, recorder=recorder)
+    recorder = Recorder(DRIVE.frames // STRIDE)
+    drive, result = gaze_drive(DRIVE, "active", SEED, recorder=recorder, egomotion="wheels")
     frames = [
         PIL.Image.fromarray(cv2.resize(frame, SIZE, interpolation=cv2.INTER_AREA))
         for frame in film_frames(drive, recorder.snapshots, result)

@@ -38,7 +38,7 @@ MARGIN = 0.05
 AREA = 1.0
 """Weight in nats of a view whose whole area is new."""
 TEMPERATURE = 0.05
-"""Difference of scores in nats at which a pan is drawn e times as often as another."""
+"""Temperature of the softmax that draws a pan, in nats."""
 GOAL_DURATION = 0.8
 """Duration in seconds for which a drawn pan is kept."""
 INHIBITION = 10.0
@@ -271,9 +271,9 @@ class Gazer:
         return View(center, F, Q, ids[near], xy[near], seen)
 
     def _select(self, ids: IntArray, xy: FloatArray, pose: FloatArray) -> IntArray:
-        """Rows of the landmarks (n,) at (n, 2) that count: one in a square meter, the nearest.
+        """Rows of the nearest landmarks (n,) at (n, 2), one in each square meter.
 
-        Of those in the same square meter the one with the fewest misses counts.
+        Each square meter is represented by its landmark with the fewest misses.
         """
         distance = np.hypot(*(xy - pose[:2]).T)
         near = np.flatnonzero(distance < 2 * self.max_range)
@@ -296,9 +296,10 @@ class Gazer:
     def _information(self, view: "View") -> FloatArray:
         """(c,) mutual information of the pose and the expected observations, in nats.
 
-        It is (log det S - log det S given the pose) / 2. With the joint covariance, common errors
-        of pose and landmarks carry no information. Landmarks that were expected in view and missed
-        count less.
+        It is (log det S - log det S given the pose) / 2 = (log det P - log det P given the
+        observations) / 2, with the covariances S of the observations and P of the pose. With the
+        joint covariance, common errors of pose and landmarks carry no information. Landmarks that
+        were expected in view and missed count less.
         """
         seen, k = view.seen, len(view.landmarks)
         if k == 0:
@@ -314,17 +315,16 @@ class Gazer:
         sigma = np.broadcast_to(self._sensor(z[:, 0]), (len(seen), k, 2)).copy()
         sigma[..., 1] = np.hypot(sigma[..., 1], np.sqrt(found.sum(1))[:, None] * self._pan_sigma)
         B = (np.sqrt(found)[..., None] / sigma).reshape(len(seen), 2 * k)  # root of R's inverse
-        with_pose = J @ P[:, :3]
-        predicted = J @ P @ J.T
-        given_pose = predicted - with_pose @ np.linalg.solve(P[:3, :3], with_pose.T)
-        S, S_given_pose = (
-            np.eye(2 * k) + B[..., None] * C * B[:, None] for C in (predicted, given_pose)
-        )
-        return np.asarray(np.linalg.slogdet(S)[1] - np.linalg.slogdet(S_given_pose)[1]) / 2
+        G = B[..., None] * (J @ P[:, :3])  # (c, 2k, 3), covariance of observations and pose
+        S = np.eye(2 * k) + B[..., None] * (J @ P @ J.T) * B[:, None]
+        explained = np.linalg.solve(P[:3, :3], G.swapaxes(1, 2) @ np.linalg.solve(S, G))
+        return np.asarray(-np.linalg.slogdet(np.eye(3) - explained)[1] / 2)
 
     def _misses_of(self, label: object) -> float:
         """Decayed number of misses of a landmark."""
-        count, time = self.misses.get(label, (0.0, self.time))
+        if label not in self.misses:
+            return 0.0
+        count, time = self.misses[label]
         return count * exp((time - self.time) / MISS_MEMORY)
 
     def _new_area(self, view: "View") -> FloatArray:

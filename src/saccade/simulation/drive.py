@@ -260,7 +260,7 @@ class PanCamera:
     ) -> None:
         self.limits = limits or GazeLimits()
         self._sigma, self._seed = sigma, seed
-        self._start, self._target = [-np.inf], [0.0]  # times at which it turns to each
+        self._start, self._target = [-np.inf], [0.0]  # start time of each command
         self._reason = [""]
 
     def turn_to(self, time: float, gaze: Gaze) -> None:

@@ -6,9 +6,12 @@ from saccade.simulation.drive_config import DriveConfig
 from saccade.slam.models import wrap
 from saccade.types import FloatArray
 
-ROOM, GAP, DOOR = (3.9, 4.0), 0.1, 0.5
-"""Rooms: meters along and across each, half the thickness of the wall between them, and
-half the width of its door."""
+ROOM = (3.9, 4.0)
+"""Length and width of each room, in meters."""
+GAP = 0.1
+"""Half the thickness of the wall between the rooms, in meters."""
+DOOR = 0.5
+"""Half the width of the door in this wall, in meters."""
 TURNING_RADIUS = 0.45
 """Radius of the turns through the rooms, in meters."""
 BLOCK = 1.6
@@ -85,8 +88,8 @@ def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, FloatArray
     """Straight pieces and arcs along a polyline (k, 2) whose inner corners are rounded.
 
     Returns:
-        Arc lengths (n + 1,) at which the n pieces start and the last one ends, their first poses
-        (n, 3), and their curvatures (n,), positive to the left.
+        Arc lengths (n + 1,) of the ends of the n pieces, their first poses (n, 3), and their
+        curvatures (n,), positive to the left.
     """
     steps = np.diff(corners, axis=0)
     heading = np.arctan2(steps[:, 1], steps[:, 0])

@@ -156,14 +156,22 @@ def _as_bytes(image: npt.NDArray[np.floating]) -> Texture:
     return np.asarray(cv2.convertScaleAbs(np.maximum(image, 0), alpha=255), np.uint8)
 
 
-PAINT, LINOLEUM = (0.72, 0.70, 0.64), (0.34, 0.36, 0.38)
-"""Colors of indoor walls and floors."""
+PAINT = (0.72, 0.70, 0.64)
+"""Color of indoor walls."""
+LINOLEUM = (0.34, 0.36, 0.38)
+"""Color of indoor floors."""
 SKY = (206, 217, 230)
 """RGB."""
-ACROSS, DOWN, GROUND = 6, 4, 6
-"""Mipmap levels of a wall's texture across and down, each half the one before; the ground's."""
-TEXELS, GROUND_TEXELS = 180.0, 160.0
-"""Per meter of wall and of ground: on the default course at least one per pixel of a wall."""
+ACROSS = 6
+"""Number of mipmap levels of a wall's texture across, each half as wide as the last."""
+DOWN = 4
+"""Number of mipmap levels of a wall's texture down."""
+GROUND = 6
+"""Number of mipmap levels of the ground's texture."""
+TEXELS = 180.0
+"""Texels per meter of wall: on the default course at least one per pixel."""
+GROUND_TEXELS = 160.0
+"""Texels per meter of ground."""
 CORNER = 0.35
 """Meters next to a corner without posters."""
 GROUP = 3

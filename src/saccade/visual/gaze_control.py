@@ -18,7 +18,7 @@ from saccade.visual.visual_map import VisualMap
 LEAVING = 0.15
 """Least turn in radians before which new points are detected, as it leaves many behind."""
 MAX_ASIDE = radians(30)
-"""Largest pan at which a camera that measures the motion drifts little more than ahead."""
+"""Largest pan of a camera that measures the motion, in radians; beyond, its motion drifts more."""
 WHEEL_SIGMA = 0.05, 0.015
 """Standard deviations of distance and turn after a meter by wheels, in meters and radians."""
 CAMERA_SIGMA = 0.005, 0.002
@@ -29,11 +29,11 @@ class GazeControl:
     """Decides after each frame where to look next.
 
     Args:
-        policy: of the `Gazer`: a name, or a function from the gazer to a pan.
-        camera: whose width is seen; as mounted, it looks ahead.
-        limits: of the motion.
-        turn: carries a decision out; called with the time in seconds and the gaze.
-        seed: of what the policy draws.
+        policy: name of a policy of the `Gazer`, or a function from the gazer to a pan.
+        camera: camera as mounted, looking ahead.
+        limits: limits of the pan.
+        turn: function that carries a decision out, of the time in seconds and the gaze.
+        seed: seed of the draws of the policy.
         interval: seconds between decisions.
     """
 
@@ -63,7 +63,7 @@ class GazeControl:
         tracked: TrackedPoints,
         egomotion: EgomotionSource = "camera",
     ) -> None:
-        """Tell the gazer what a frame shows; decide, and turn the camera if it is time to."""
+        """Record a frame in the gazer; decide and turn the camera if a decision is due."""
         turn = features.frame.frame.turn
         pan_sigma = 0.0 if turn is None else turn.sigma
         gazer = self._gazer = self._gazer or self._make(visual_map, egomotion, pan_sigma)

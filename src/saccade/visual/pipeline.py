@@ -30,12 +30,13 @@ from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 MIN_POINTS = 0.4
-"""Fraction of the most tracked points under which a camera that turns detects new ones."""
+"""Minimum number of tracked points of a turning camera, as a fraction of `max_tracks`; with fewer,
+new points are detected ahead of time."""
 MIN_TURN = 0.05
-"""Turn of a camera in radians from one frame to the next at which it detects new points."""
+"""Minimum turn of a camera between two frames for an early detection, in radians."""
 
 SLIP_GATE = 20.0
-"""Normalized innovation squared above which a tracked point has slipped off its landmark."""
+"""Largest normalized innovation squared of a tracked landmark; others slipped off theirs."""
 
 
 def run(
@@ -154,18 +155,18 @@ class Pipeline:
 
     @property
     def pose_covariance(self) -> FloatArray:
-        """(3, 3) covariance of the pose, with calibration errors and that of a lost robot."""
+        """(3, 3) covariance of the pose with errors of calibration and kidnapping."""
         pose, covariance = self.map.ekf.pose, self.map.ekf.pose_covariance
         others = self.relocalization.extra_covariance + self.motion.constant_errors(pose)
         return covariance + others
 
     def result(self) -> VisualResult:
-        """The result of the frames so far, smoothed if the settings say so."""
+        """The result of the frames so far, smoothed by `VisualConfig.smooth`."""
         result = self.log.result(self.map)
         return self.log.smoothed(result, self.map) if self.config.smooth else result
 
     def _detect_if_few(self, number: int, features: FrameFeatures) -> FrameFeatures:
-        """Detect points ahead of time where a camera that turns has left most of them behind."""
+        """Detect points ahead of time if a turning camera has lost most of its points."""
         if features.detected is not None or features.frame.frame.turn is None:
             return features
         before, now = (camera.rotation[:, 2] for camera in self.motion.cameras)

@@ -30,16 +30,16 @@ MAX_DELAY = 3.0
 REMATCH_RADIUS = 4.0
 """Pixels within which a tracked point is re-matched."""
 BEARING_WEIGHT = 0.5
-"""Weight of a landmark whose range is not measured, where that of others is."""
+"""Weight of a landmark without a measured range, relative to one with a range."""
 MIN_CONSISTENT = 4
-"""Landmarks that must agree on one pose; all where there are fewer."""
+"""Minimum number of landmarks that agree on one pose; all landmarks where there are fewer."""
 
 
 class Reidentification(NamedTuple):
     """Lost landmarks among the detected points of a frame."""
 
     points: TrackedPoints
-    """(m,) those that are lost landmarks, with depths where they can be measured."""
+    """(m,) re-identified points, with depths where they can be measured."""
     rows: IntArray
     """(m,) rows of their landmarks."""
     missed: IntArray
@@ -91,7 +91,7 @@ def _with_depth(
     frame: PreparedFrame,
     config: VisualConfig,
 ) -> TrackedPoints:
-    """Points (k,) with the depths that disparities tell, tracked from the expected ones.
+    """Points (k,) with depths by disparities, which are tracked from the expected ones.
 
     Their landmarks are expected at ranges and bearings (k, 2), and have heights (k,).
     """
@@ -169,11 +169,11 @@ def consistent_set(
 ) -> BoolArray:
     """(m,) which observations agree with the map and with each other: one-point consensus.
 
-    The errors that landmarks share, mainly those of the pose, are in the joint covariance
-    (m, 2, m, 2) of the expected observations (m, 2). The innovations of all are conditioned on each
-    one that is in its gate: those that remain in theirs agree with it, and the set of the largest
-    weight (m,) is taken. Of it those are left out that are not in their gates given all others.
-    Fewer than three cannot be verified, so none passes.
+    Shared errors, mainly the error of the pose, are in the joint covariance (m, 2, m, 2) of the
+    expected observations (m, 2). All innovations are conditioned on each observation in its gate:
+    the observations that are then inside their gates agree with it. The set of the largest weight
+    (m,) is taken, without its members outside their gates given all other members. Sets of fewer
+    than three cannot be verified and are rejected.
 
     Source: one-point RANSAC (Civera, Grasa, Davison & Montiel 2010), of every point.
     """
@@ -210,10 +210,7 @@ def _given_others(v: FloatArray, S: FloatArray) -> FloatArray:
 
 @dataclass
 class ClosureTest:
-    """Delays a loop closure that moves the pose by more than its sigma until a second view agrees.
-
-    A wrong closure is refuted by the next view, or repeated nowhere; a right one loses one view.
-    """
+    """Delays loop closures that move the pose by more than its sigma until a second view agrees."""
 
     gate: float
     """Probability that two right views agree."""

@@ -16,14 +16,14 @@ from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 LIMIT = 4.0
-"""Evidence from images above which the robot is kidnapped. It is below that of landmark scans,
-since a frame that contradicts the motion is rarer than a scan that contradicts the map."""
+"""Largest evidence from images of a robot that is not kidnapped. It is smaller than for landmark
+scans, since frames contradict the motion more rarely than scans contradict the map."""
 MIN_LANDMARKS = 8
 """Minimum number of landmarks of a map in which a lost robot can be found."""
 MIN_POSITION_SIGMA = 1.0
 """Least standard deviation of the position of a lost robot, in meters."""
 CARRIED_SPEED = 1.0
-"""Standard deviation of the speed of a robot that sees nothing and believes to stand, in m/s."""
+"""Standard deviation of the speed of a robot without sight whose odometry stands, in m/s."""
 CARRIED_TURN_RATE = 1.0
 """Standard deviation of its turn rate, in rad/s."""
 MIN_MATCHED = 5
@@ -64,7 +64,7 @@ class Relocalization:
 
     @property
     def extra_covariance(self) -> FloatArray:
-        """(3, 3) covariance of the pose beside that of the filter."""
+        """(3, 3) additional covariance of the pose."""
         position = CARRIED_SPEED * self._blind
         heading = min(CARRIED_TURN_RATE * self._blind, UNKNOWN_HEADING)
         if self.lost:

@@ -24,7 +24,7 @@ from saccade.visual.smoothing import MapLog
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
 MIN_RESCALE = 1e-3
-"""Relative change of scale from which the map is rescaled: a tenth of the scale's uncertainty."""
+"""Minimum relative change of scale for the map to be rescaled: a tenth of its uncertainty."""
 
 
 class PoseCorrection(NamedTuple):
@@ -39,7 +39,7 @@ class PoseCorrection(NamedTuple):
 
 
 class VisualMap:
-    """EKF-SLAM over the landmarks of a drive, whose motion tells how the camera is turned."""
+    """EKF-SLAM over the landmarks of a drive; the motion estimator has the turned camera."""
 
     def __init__(self, drive: Drive, config: VisualConfig, motion: MotionEstimator) -> None:
         self._drive, self._config, self.motion = drive, config, motion
@@ -133,7 +133,7 @@ class VisualMap:
 
     @property
     def max_range(self) -> float:
-        """Meters up to which the range of a landmark is certain enough to initialize it."""
+        """Largest range of a landmark in meters that is certain enough to initialize it."""
         config, (_, far) = self._config, self._config.range_limits
         by_meter = float(depth_sigma(self.camera, np.ones(1), config)[0])  # a fraction at 1 m
         is_stereo = self.camera.baseline > 0
