@@ -105,11 +105,11 @@ class GazeLimits(Settings):
     """
 
     pan: tuple[float, float] = setting((-2.6, 2.6), -2 * np.pi, 2 * np.pi)
-    """Least and greatest pan in radians."""
+    """Minimum and maximum pan in radians."""
     tilt: tuple[float, float] = setting((0.0, 0.0), -2 * np.pi, 2 * np.pi)
-    """Least and greatest tilt in radians."""
+    """Minimum and maximum tilt in radians."""
     rate: float = setting(float(np.pi), 1e-3, 1e3)
-    """Largest speed of pan and of tilt in radians per second."""
+    """Maximum speed of pan and tilt, in radians per second."""
     latency: float = setting(0.1, 0, 60)
     """Seconds from a decision to the start of the motion."""
     max_range: float = setting(16.0, 0.1, 1e4)
@@ -134,7 +134,7 @@ class Tracks(Table):
     disparity: FloatArray = column()
     """(k,) stereo disparities in pixels; NaN where unknown."""
     descriptor: npt.NDArray[np.uint8] | None = None
-    """(k, 128) SIFT descriptors, by which lost points are re-identified; None without."""
+    """(k, 128) SIFT descriptors for re-identification; None if unknown."""
 
     def __repr__(self) -> str:
         return f"Tracks({len(self)} points)"

@@ -31,7 +31,7 @@ def fill_logits(
 
 
 FARTHEST = 20.0
-"""Largest exponent of an evaluated Gaussian; smaller values, below 3e-9, are set to 0."""
+"""Maximum exponent of an evaluated Gaussian; smaller values, below 3e-9, are set to 0."""
 
 
 class Dynamics(NamedTuple):

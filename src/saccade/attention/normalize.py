@@ -30,7 +30,7 @@ MIN_SIGMA = 0.5
 KERNEL_CUT = 0.01
 """Truncation of the Gaussians, as a fraction of their peak."""
 MAX_SMOOTHING = 1 / 8
-"""Largest standard deviation of the smoothing, as a fraction of a side of the map."""
+"""Maximum standard deviation of the smoothing, as a fraction of a side of the map."""
 
 
 def rescale(values: FloatMap) -> FloatMap:

@@ -156,5 +156,5 @@ def summary(rows: Iterable[PathRow | FixationRow]) -> Summary:
 
 def _mean_score(images: Mapping[str, Sequence[float]]) -> MeanScore:
     table = np.array([np.mean(values) for values in images.values()])[:, None]
-    low, high = mean_interval(table, 0.95, SEED)
+    low, high = mean_interval(table, SEED)
     return MeanScore(float(table.mean()), float(low[0]), float(high[0]))

@@ -18,6 +18,9 @@ Scores = TypeVar("Scores", bound="DataclassInstance")
 """A dataclass of floats."""
 
 RESAMPLES = 2000
+"""Number of bootstrap samples."""
+CONFIDENCE = 0.95
+"""Coverage probability of the bootstrap intervals."""
 
 
 class Estimate(NamedTuple, Generic[Scores]):
@@ -47,11 +50,11 @@ class ScoreSet(Generic[Name, Scores]):
         """The mean of every score over the items."""
         return self._as_scores(self._table().mean(axis=0))
 
-    def estimate(self, confidence: float = 0.95) -> Estimate[Scores]:
+    def estimate(self) -> Estimate[Scores]:
         """The mean of every score with its bootstrap interval over the items."""
-        return self._estimate(self._table(), confidence)
+        return self._estimate(self._table())
 
-    def minus(self, other: Self, confidence: float = 0.95) -> Estimate[Scores]:
+    def minus(self, other: Self) -> Estimate[Scores]:
         """Means of the paired differences from another set, over common items.
 
         Raises:
@@ -62,13 +65,13 @@ class ScoreSet(Generic[Name, Scores]):
         differences = [row - theirs[name] for name, row in ours if name in theirs]
         if not differences:
             raise ImageError("scores: expected images that both scored, found none")
-        return self._estimate(np.array(differences), confidence)
+        return self._estimate(np.array(differences))
 
     def _table(self) -> FloatArray:
         return np.array([astuple(each) for each in self.scores])  # (items, scores)
 
-    def _estimate(self, table: FloatArray, confidence: float) -> Estimate[Scores]:
-        rows = table.mean(axis=0), *mean_interval(table, confidence, self.seed)
+    def _estimate(self, table: FloatArray) -> Estimate[Scores]:
+        rows = table.mean(axis=0), *mean_interval(table, self.seed)
         return Estimate(*map(self._as_scores, rows))
 
     def _as_scores(self, values: FloatArray) -> Scores:
@@ -76,12 +79,11 @@ class ScoreSet(Generic[Name, Scores]):
         return scores(*values.tolist())  # type: ignore[no-any-return]
 
 
-def mean_interval(table: FloatArray, confidence: float, seed: int) -> tuple[FloatArray, FloatArray]:
+def mean_interval(table: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
     """Percentile bootstrap interval of the mean of each column, resampling rows.
 
     Args:
         table: (n, m) scores; for a single row both limits equal its values.
-        confidence: coverage probability of the interval.
         seed: seed of the resampling.
 
     Returns:
@@ -94,7 +96,7 @@ def mean_interval(table: FloatArray, confidence: float, seed: int) -> tuple[Floa
         np.mean,
         axis=0,
         n_resamples=RESAMPLES,
-        confidence_level=confidence,
+        confidence_level=CONFIDENCE,
         method="percentile",
         rng=np.random.default_rng(seed),
     ).confidence_interval

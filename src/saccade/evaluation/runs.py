@@ -23,7 +23,7 @@ from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, IntArray, Landm
 from saccade.visual import ObservationKind, VisualResult
 
 GROSS_WEIGHT = 0.25
-"""Largest weight of a gross error in the smoothing: over 5 sigma."""
+"""Maximum weight of a gross error (over 5 sigma) in the smoothing."""
 GPS_INLIERS = 0.9
 """Fraction of GPS positions used; the rest may be multipath reflections."""
 

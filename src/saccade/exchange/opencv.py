@@ -16,7 +16,7 @@ BASE_SIGMA = 1.6
 FIRST_OCTAVE = -1
 """First octave of `cv2.SIFT`, with twice the resolution of the image."""
 LAST_OCTAVE = 20
-"""Largest octave that is packed."""
+"""Maximum octave that fits into the packed field."""
 
 
 def to_opencv(keypoints: Keypoints) -> tuple[list[cv2.KeyPoint], Float32Array | None]:

@@ -163,7 +163,7 @@ class Session:
         return {"truth": truth.tolist(), "observed": scan.labels.tolist(), "filters": estimates}
 
     def map_of(self, name: str) -> dict[str, Any]:
-        """All landmarks of one filter, and the correlations of its pose and of them."""
+        """Landmarks of one filter, and the correlation matrix of pose and landmarks."""
         slam = self.filters[name]
         ekf, ids = slam.filter, slam.filter.ids
         covariance = ekf.covariance

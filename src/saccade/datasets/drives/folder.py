@@ -331,10 +331,10 @@ def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
 
 
 def assume_speed(drive: Drive, is_guess: bool = False) -> Drive:
-    """A drive of one camera without odometry, with an assumed speed: one unit in a second.
+    """A drive of one camera without odometry, with an assumed speed of one unit per second.
 
-    Where the focal length is a guess, in all steps: its error makes a scale that is held from step
-    to step drift; else in the first.
+    The speed is assumed for all steps if the focal length is a guess, as the error of a guess makes
+    a held scale drift; otherwise for the first step.
     """
     if drive.camera.baseline > 0 or drive.control.any() or len(drive) < 2:
         return drive

@@ -11,7 +11,7 @@ import numpy as np
 from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
 from saccade.datasets.logs.mrclam import read_mrclam
-from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_g2o
+from saccade.datasets.logs.pose_graph import read_pose_graph, write_g2o
 from saccade.datasets.ros.bags import BAG_SUFFIXES, bag_files
 from saccade.datasets.ros.logs import read_rosbag_log
 from saccade.errors import ConfigError, LogError, require
@@ -48,7 +48,6 @@ def load(
     path: str | Path,
     *,
     robot: int | None = None,
-    matrix_form: MatrixForm | None = None,
     odometry_noise: OdometryNoise | None = None,
     sensor_sigma: tuple[float, float] | None = None,
     topic: Sequence[str] | None = None,
@@ -61,7 +60,6 @@ def load(
             and GTSAM text), "mrclam" (folder or .npz), "rosbag" (ROS 1 and 2), or "auto".
         path: the file or folder.
         robot: mrclam: number of the robot, 1 to 5; default 1.
-        matrix_form: g2o and isam: form of the matrices; detected by default.
         odometry_noise: mrclam: random odometry errors; rosbag: errors of odometry without
             covariance.
         sensor_sigma: mrclam: standard deviations of range (m) and bearing (rad); rosbag: for
@@ -84,7 +82,6 @@ def load(
     reader = _READERS[kind]
     given: dict[str, Any] = {
         "robot": robot,
-        "matrix_form": matrix_form,
         "odometry_noise": odometry_noise,
         "sensor_sigma": sensor_sigma,
         "topic": topic,

@@ -17,13 +17,13 @@ initial estimates; only the vertex of the first pose is read, as the start of th
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from saccade.datasets.logs.conversions import require_numbered
 from saccade.datasets.tables import Row, from_upper_triangle, read_rows, upper_triangle
-from saccade.errors import LogError, require
+from saccade.errors import LogError
 from saccade.io.files import atomic_write
 from saccade.plane import (
     path_of,
@@ -72,29 +72,24 @@ class _Edge(NamedTuple):
     values: list[float]
 
 
-def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> LandmarkLog:
-    """Read a g2o, iSAM, TORO or GTSAM text log.
+def read_pose_graph(path: str | Path) -> LandmarkLog:
+    """Reads a g2o, iSAM, TORO or GTSAM text log.
 
-    Args:
-        path: the file.
-        matrix_form: form of the matrices in the file. None detects it: "information" for files with
-            `EDGE_SE2` lines, "toro" for files with `VERTEX2` lines, "covariance" if the first edge
-            is `ODOMETRY`, else "root".
+    The form of the matrices is "information" for files with `EDGE_SE2` lines, "toro" for files with
+    `VERTEX2` lines, "covariance" if the first edge is `ODOMETRY`, else "root".
 
     Returns:
         A log of relative poses that starts at the vertex of the first pose, or at the origin. Pose
         numbers serve as times.
     """
-    forms = get_args(MatrixForm)
-    require(matrix_form in (None, *forms), "matrix_form", f"one of {forms}", matrix_form)
     path = Path(path)
     edges, observations, vertices, tags = _parse(path)
-    form = matrix_form or "root"
-    if matrix_form is None and tags & {"EDGE_SE2", "EDGE_SE2_XY"}:
+    form: MatrixForm = "root"
+    if tags & {"EDGE_SE2", "EDGE_SE2_XY"}:
         form = "information"
-    elif matrix_form is None and "VERTEX2" in tags:
+    elif "VERTEX2" in tags:
         form = "toro"
-    elif matrix_form is None and edges[0].tag == "ODOMETRY":
+    elif edges[0].tag == "ODOMETRY":
         form = "covariance"
     edges = _chain(edges)
     poses = [edges[0].first, *(edge.second for edge in edges)]

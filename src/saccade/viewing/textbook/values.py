@@ -25,7 +25,7 @@ class Matrix(NamedTuple):
     """A matrix with the names of its rows and columns, in meters and radians."""
 
     symbol: str
-    """As HTML."""
+    """Symbol as HTML."""
     equation: str
     """Number of the equation."""
     values: FloatArray
@@ -37,11 +37,11 @@ class Matrix(NamedTuple):
 
 
 def chooser_html(name: str, steps: Sequence[Transition], drawn: Transition) -> str:
-    """A menu of steps and the matrices of each; without scripts all of them are shown.
+    """A menu of steps with their matrices; without scripts all steps are shown.
 
     Args:
         name: "predict", "update" or "augment".
-        steps: all of this kind.
+        steps: all steps of this kind.
         drawn: the step in the figure, which the menu selects first.
     """
     parts, options, count = [], [], dict[int, int]()

@@ -59,7 +59,7 @@ class Walkthrough:
     """
 
     log: LandmarkLog
-    """For appendix C, with landmark labels."""
+    """Log with landmark labels, for appendix C."""
     image: Image | None = None
     """(H, W, 3) in [0, 1], for appendices A and B."""
     default_saliency: Callable[[Image], Float32Array] | None = None
