@@ -1,11 +1,10 @@
 """Reliability of a map without labels: statistics that separate wrong maps from right ones.
 
 A wrong map contains landmarks twice: a loop is not closed, or a kidnapped robot begins its map
-anew. When the robot revisits a place, it misses the landmarks of the first visit; or the newer part
-of the map is a rotated and translated copy of the older part.
+anew. When the robot revisits a place, it misses landmarks of the first visit every time; or the
+newer part of the map is a rotated and translated copy of the older part. Where the first
+observations are not used, the map is wrong relative to the start.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,18 +14,26 @@ from saccade.slam.models import observe, wrap
 from saccade.slam.relocalization import Relocalizer
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
-MIN_REOBSERVED = 0.96
-"""Least `Revisits.reobserved` of a right map; chosen in simulated worlds."""
-MIN_MISSED = 10.0
-"""Minimum number of missing observations in an unreliable map."""
+MIN_EXPECTED = 5.0
+"""Minimum number of expected observations at revisits for a landmark to be judged."""
+MISSED = 0.1
+"""Largest fraction of its expected observations for a landmark that is a duplicate."""
+RARE = 0.75
+"""Largest fraction of its expected observations for a landmark that may be a duplicate."""
+MAX_RARE = 0.15
+"""Largest fraction of landmarks that may be duplicates in a right map."""
+FIRST = 80
+"""Number of observations at the beginning, most of which a right map uses."""
 MAX_UNUSED = 0.4
 """Largest fraction of unused observations in a right map."""
 MIN_COPIED = 0.5
 """Largest fraction of landmarks that match older landmarks by chance."""
 MIN_PAIRS = 8
 """Least number of landmarks of a copy."""
-SAME_VIEW = 0.06
+SAME_VIEW = 0.12
 """Distance between poses that observe the same landmarks, as a fraction of the sensor's range."""
+STRETCH = 0.06
+"""Length of a stretch, as a fraction of the sensor's range."""
 SAME_TURN = 0.35
 """Largest turn in radians of the scans of a stretch."""
 VIEW = 0.95
@@ -37,16 +44,6 @@ GROUP = 8
 """Number of landmarks that are located together among the older ones."""
 SPACING = 0.3
 """Tolerance of a copied landmark, as a fraction of the distance between neighbors."""
-
-
-class Revisits(NamedTuple):
-    """Observations of landmarks that were observed from nearby before or after."""
-
-    reobserved: float
-    """Observations in other visits, relative to the number expected at the rate of each landmark
-    within a visit."""
-    missed: float
-    """Number of expected observations that are missing."""
 
 
 def map_warning(
@@ -61,17 +58,16 @@ def map_warning(
         association: (k,) row of the landmark of each observation, -1 for none.
     """
     reasons, log = [], in_robot_frame(log)
-    complete = np.asarray(~np.isnan(log.observation).any(1))  # the others never add a landmark
-    unused = float(np.mean(association[complete] < 0)) if complete.any() else 0.0
-    if unused > MAX_UNUSED:
-        reasons.append(f"{unused:.0%} of the observations are not used")
+    complete = ~np.isnan(log.observation).any(1)  # the others never add a landmark
+    unused = association[complete] < 0
+    for part, name in ((unused, "the"), (unused[:FIRST], "the first")):
+        if len(part) > 0 and part.mean() > MAX_UNUSED:
+            reasons.append(f"{part.mean():.0%} of {name} observations are not used")
     if complete.all():
-        visits = revisits(log, trajectory.pose, found.xy, association)
-        if visits.reobserved < MIN_REOBSERVED and visits.missed > MIN_MISSED:
-            reasons.append(
-                f"where the robot comes back, only {visits.reobserved:.0%} of the landmarks that "
-                "were observed there are observed again"
-            )
+        again = reobserved(log, trajectory.pose, found.xy, association)
+        rare = np.sum(again <= RARE)
+        if (again <= MISSED).any() or rare > MAX_RARE * np.isfinite(again).sum():
+            reasons.append(f"{rare} of {len(again)} landmarks are missing where the robot returns")
     pairs, copied = copied_landmarks(log, found.xy, association)
     if copied > MIN_COPIED and pairs >= MIN_PAIRS:
         reasons.append(
@@ -81,29 +77,35 @@ def map_warning(
     return f"the map may be unreliable: {'; '.join(reasons)}" if reasons else ""
 
 
-def revisits(log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: IntArray) -> Revisits:
-    """Re-observed and missed landmarks at revisits along poses (t + 1, 3).
+def reobserved(
+    log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: IntArray
+) -> FloatArray:
+    """Re-observations of landmarks (n, 2) at revisits, relative to their expected number.
 
     Every observation has a range and a bearing. The scans of a short stretch count as one. A
-    landmark (n, 2) is expected there if it is in the field of view and was observed from another
-    stretch nearby, so that no wall hides it.
+    landmark is expected there if it is in the field of view and was observed from another stretch
+    nearby, so that no wall hides it; how often, depends on its detection rate within a visit.
+
+    Returns:
+        (n,) along poses (t + 1, 3); NaN for a landmark that is expected too rarely.
     """
     scans = np.unique(log.observation_pose)
     if len(xy) == 0 or len(scans) < 2:
-        return Revisits(1.0, 0.0)
+        return np.full(len(xy), np.nan)
     z = log.observation
     reach = float(np.quantile(z[:, 0], VIEW))
     right, left = np.quantile(z[:, 1], [(1 - VIEW) / 2, (1 + VIEW) / 2])
     steps = np.diff(pose, axis=0, prepend=pose[:1])
     traveled = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))
-    near = max(SAME_VIEW * reach, 1.5 * float(np.median(np.diff(traveled[scans]))), 1e-6)
+    length = max(STRETCH * reach, 1.5 * float(np.median(np.diff(traveled[scans]))), 1e-6)
+    near = max(SAME_VIEW * reach, length)
     turned = np.cumsum(np.abs(wrap(steps[:, 2])))
-    number = np.floor((traveled / near + turned / SAME_TURN)[scans])
+    number = np.floor((traveled / length + turned / SAME_TURN)[scans])
     _, first, stretch, count = np.unique(
         number, return_index=True, return_inverse=True, return_counts=True
     )
     middle = scans[first + count // 2]
-    observed = _nearest_if_unused(log, pose, xy, association, near)
+    observed = _nearest_if_unused(log, pose, xy, association, length)
     used = observed >= 0
     seen = np.zeros((len(middle), len(xy)), np.bool_)
     seen[stretch[np.searchsorted(scans, log.observation_pose[used])], observed[used]] = True
@@ -116,10 +118,8 @@ def revisits(log: LandmarkLog, pose: FloatArray, xy: FloatArray, association: In
     within = in_view & _seen_nearby(seen, pairs[distance <= 2 * near])
     later = in_view & _seen_nearby(seen, pairs[distance > reach])
     rate = (seen & within).sum(0) / np.maximum(within.sum(0), 1)  # of each landmark in a visit
-    expected, observed_again = float(np.sum(later * rate)), int(np.sum(later & seen))
-    if expected == 0:
-        return Revisits(1.0, 0.0)
-    return Revisits(observed_again / expected, expected - observed_again)
+    expected, again = (later * rate).sum(0), (later & seen).sum(0)
+    return np.where(expected < MIN_EXPECTED, np.nan, again / np.maximum(expected, MIN_EXPECTED))
 
 
 def _nearest_if_unused(
