@@ -27,7 +27,7 @@ MIN_POINTS = 20
 """Minimum number of tracked points for a failed motion estimate to count as evidence."""
 VIEW_SHIFT = 2
 """Maximum shift between two reduced images that are compared, in pixels."""
-MIN_TURN = 0.01
+MAX_VIEW_TURN = 0.01
 """Maximum turn of the camera between two views that are compared, in radians."""
 VIEW_MEMORY = 50.0
 """Number of frames in the running mean of the difference of successive views."""
@@ -36,7 +36,7 @@ MIN_VIEW_SPREAD = 0.3
 ORDINARY_VIEW = 1.5
 """Maximum deviation of a view that continues the last one, in standard deviations."""
 VIEW_OFFSET = 2.0
-"""Half the squared deviation of a view without evidence, in standard deviations."""
+"""Half the squared normalized deviation of a view without evidence."""
 STANDSTILL = 0.1
 """Maximum motion of a standing robot, as a fraction of its mean motion."""
 BLIND_EVIDENCE = 0.7
@@ -44,7 +44,7 @@ BLIND_EVIDENCE = 0.7
 DISCOUNT = 0.97
 """Factor of the evidence after a frame with an ordinary motion."""
 NEGLIGIBLE = 0.1
-"""Evidence that is reset to zero."""
+"""Maximum evidence that is reset to zero."""
 TURN_RADIUS = 2.0
 """Distance that changes the view as much as a turn by one radian, in meters."""
 MIN_EXPECTED = 5
@@ -219,7 +219,7 @@ class ImageEvidence:
 
         NaN if a view is missing, or if the camera turned on the robot between the views.
         """
-        turned = dist(direction, self.direction) > MIN_TURN
+        turned = dist(direction, self.direction) > MAX_VIEW_TURN
         if view is None or self.view.shape != view.shape or turned:
             return nan
         inner = slice(VIEW_SHIFT, -VIEW_SHIFT)

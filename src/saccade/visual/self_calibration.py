@@ -16,7 +16,7 @@ from saccade.frames import Camera
 from saccade.slam.models import compose, heading_rotation
 from saccade.types import FloatArray
 
-SIGMA = (0.02, 0.3, 0.5)
+CALIBRATION_SIGMA = (0.02, 0.3, 0.5)
 """Prior standard deviations of the calibration errors: relative distortion at the radius of a focal
 length; disparity at this radius, in pixels (unequal focal lengths); and offset of all disparities,
 in pixels."""
@@ -40,14 +40,16 @@ class SelfCalibration:
 
     def __init__(self, camera: Camera, block: int) -> None:
         self._camera, self._block = camera, block
-        self._information = np.zeros((2, len(SIGMA), len(SIGMA)))  # of both halves
-        self._vector = np.zeros((2, len(SIGMA)))
+        self._information = np.zeros(
+            (2, len(CALIBRATION_SIGMA), len(CALIBRATION_SIGMA))
+        )  # of both halves
+        self._vector = np.zeros((2, len(CALIBRATION_SIGMA)))
         self._count = 0
-        self.error = np.zeros(len(SIGMA))
+        self.error = np.zeros(len(CALIBRATION_SIGMA))
         """(3,) corrected errors."""
-        self.covariance = np.diag(np.square(SIGMA))
+        self.covariance = np.diag(np.square(CALIBRATION_SIGMA))
         """(3, 3) covariance of the estimates."""
-        self.estimate = np.zeros(len(SIGMA))
+        self.estimate = np.zeros(len(CALIBRATION_SIGMA))
         """(3,) estimated errors, whether corrected or not."""
 
     def correct(self, observed: FloatArray) -> FloatArray:
@@ -56,7 +58,7 @@ class SelfCalibration:
 
     def update(self, information: FloatArray, gradient: FloatArray) -> None:
         """Adds normal equations (3, 3), (3,) of the errors about the current estimate."""
-        half, prior = self._count // self._block % 2, np.diag(1 / np.square(SIGMA))
+        half, prior = self._count // self._block % 2, np.diag(1 / np.square(CALIBRATION_SIGMA))
         self._count += 1
         self._vector[half] += information @ self.error + gradient
         self._information[half] += information
@@ -71,11 +73,11 @@ class SelfCalibration:
     def _confirmed(self) -> float:
         """Fraction of the offset that fits held-out residuals best; 0 if the gain is small."""
         total = self._information.copy()  # of the offset alone: the others are eliminated
-        total[:, :OFFSET, :OFFSET] += np.diag(1 / np.square(SIGMA[:OFFSET]))
+        total[:, :OFFSET, :OFFSET] += np.diag(1 / np.square(CALIBRATION_SIGMA[:OFFSET]))
         cross = np.linalg.solve(total[:, :OFFSET, :OFFSET], total[:, :OFFSET, OFFSET:])[:, :, 0]
         information = total[:, OFFSET, OFFSET] - (cross * total[:, OFFSET, :OFFSET]).sum(1)
         vector = self._vector[:, OFFSET] - (cross * self._vector[:, :OFFSET]).sum(1)
-        offset = vector / (information + 1 / SIGMA[OFFSET] ** 2)
+        offset = vector / (information + 1 / CALIBRATION_SIGMA[OFFSET] ** 2)
         slope = float(vector[::-1] @ offset)  # of the log likelihood of the other half
         curvature = float(information[::-1] @ offset**2)
         fraction = min(max(slope / max(curvature, 1e-12), 0.0), 1.0)
@@ -88,7 +90,7 @@ def calibration_jacobian(camera: Camera, observed: FloatArray) -> FloatArray:
     offset = observed[..., :2] - (camera.cx, camera.cy)
     ray = offset / (camera.fx, camera.fy)
     squared = np.square(ray)
-    J = np.zeros((*observed.shape, len(SIGMA)))
+    J = np.zeros((*observed.shape, len(CALIBRATION_SIGMA)))
     J[..., :2, 0] = offset * squared.sum(-1, keepdims=True)
     if camera.baseline > 0:
         J[..., 2, 0] = observed[..., 2] * (3 * squared[..., 0] + squared[..., 1])
@@ -122,7 +124,7 @@ class CalibrationDrift:
 
     def __init__(self, calibration: SelfCalibration) -> None:
         self._calibration = calibration
-        self.by_errors = np.zeros((3, len(SIGMA) + len(REMAINING_SIGMA)))
+        self.by_errors = np.zeros((3, len(CALIBRATION_SIGMA) + len(REMAINING_SIGMA)))
         """(3, 5) derivative of the pose, in its own frame, by estimated and remaining errors."""
         self._corrected = np.zeros(3)  # the part of it that was corrected
         self._distance = self._by_offset = 0.0
@@ -141,7 +143,7 @@ class CalibrationDrift:
     def covariance(self, heading: float, is_corrected: bool = True) -> FloatArray:
         """Covariance (3, 3) by uncorrected errors of a pose with a heading in radians."""
         S, calibration = self.by_errors, self._calibration
-        n = len(SIGMA)
+        n = len(CALIBRATION_SIGMA)
         remaining = S[:, :n] @ calibration.estimate - is_corrected * self._corrected
         R = heading_rotation(heading)
         total = S[:, :n] @ calibration.covariance @ S[:, :n].T + np.outer(remaining, remaining)

@@ -26,7 +26,7 @@ MIN_POINTS = 8
 """Minimum number of triangulated points for the length of a step."""
 MAX_DEPTH_SIGMA = 0.2
 """Maximum relative standard deviation of the depths that determine a length."""
-LIMITS = (0.2, 5.0)
+LENGTH_RATIOS = (0.2, 5.0)
 """Minimum and maximum ratio of the measured and expected length of a step."""
 
 
@@ -67,7 +67,7 @@ class SingleCameraMotionEstimator(MotionEstimator):
         median = float(factor[order[np.searchsorted(total, total[-1] / 2)]])
         if median <= 0:
             return motion
-        translation = motion.translation * np.clip(median, *LIMITS)
+        translation = motion.translation * np.clip(median, *LENGTH_RATIOS)
         control, off_plane, _ = robot_motion(camera, motion.rotation, translation, earlier)
         return motion._replace(control=control, off_plane=off_plane, translation=translation)
 

@@ -14,7 +14,7 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import DEFAULT_DEPTH, MotionEstimate, with_off_plane
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
 from saccade.visual.robot_motion import CameraPose, step_motions
-from saccade.visual.self_calibration import SIGMA, CalibrationDrift, SelfCalibration
+from saccade.visual.self_calibration import CALIBRATION_SIGMA, CalibrationDrift, SelfCalibration
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.window_equations import NormalEquations, WindowPoints, WindowSteps
 
@@ -141,8 +141,8 @@ class SlidingWindow:
         position, inverse_depth = self._point[rows, :3], self._point[rows, 3:]
         local = (R0 @ position[:, :, None])[:, :, 0] + inverse_depth * t0
         points = np.concatenate([local[:, :2], inverse_depth], 1) / local[:, 2:]
-        visual, m = len(SIGMA) + 6 * n, ODOMETRY_ERRORS
-        poses, errors = slice(len(SIGMA) + 6, visual), slice(visual, visual + m)
+        visual, m = len(CALIBRATION_SIGMA) + 6 * n, ODOMETRY_ERRORS
+        poses, errors = slice(len(CALIBRATION_SIGMA) + 6, visual), slice(visual, visual + m)
         free = slice(poses.start, errors.stop)  # the first pose is fixed
         window_points = WindowPoints(camera, corrected, sigma, R0, t0)
         prior, error = np.linalg.inv(self._errors.covariance + 1e-14 * np.eye(m)), np.zeros(m)
@@ -169,7 +169,7 @@ class SlidingWindow:
         self._learn(information, gradient, poses)
         by_last = np.zeros((errors.stop, 6))
         by_last[visual - 12 : visual] = by_poses[-1].T
-        by_last, by_calibration = by_last[free], information[free, : len(SIGMA)]
+        by_last, by_calibration = by_last[free], information[free, : len(CALIBRATION_SIGMA)]
         solved = np.linalg.solve(total, np.concatenate([by_last, by_calibration], 1))
         covariance, seconds = by_last.T @ solved[:, :6], self._steps.seconds[-1]
         covariance = (covariance + covariance.T) / 2
@@ -181,7 +181,7 @@ class SlidingWindow:
     def _learn(self, information: FloatArray, gradient: FloatArray, poses: slice) -> None:
         """Updates calibration and odometry errors, with the poses eliminated (Schur complement)."""
         fraction = 1 / self._config.window  # every observation is in `window` windows
-        m = len(SIGMA)
+        m = len(CALIBRATION_SIGMA)
         kept = np.concatenate([np.arange(m), np.arange(poses.stop, len(gradient))])
         rows = np.concatenate([information[:, kept], gradient[:, None]], 1)
         cross = rows[poses, :-1].T @ np.linalg.solve(information[poses, poses], rows[poses])

@@ -12,7 +12,7 @@ from saccade.frames import Camera
 from saccade.types import FloatArray, IntArray, Table, column
 from saccade.visual.odometry_model import ODOMETRY_ERRORS
 from saccade.visual.robot_motion import CameraPose, cross_matrix
-from saccade.visual.self_calibration import SIGMA, calibration_jacobian
+from saccade.visual.self_calibration import CALIBRATION_SIGMA, calibration_jacobian
 
 MIN_DEPTH_RATIO = 0.05
 """Minimum ratio of the depths in a frame and in the reference frame; nearer observations are
@@ -78,7 +78,7 @@ class WindowPoints:
             changes the points by `offset` - `gain` p.
         """
         residual, robust, J, D = self._linearize(poses, points)
-        k, n, m = len(points), len(poses[0]), len(SIGMA)
+        k, n, m = len(points), len(poses[0]), len(CALIBRATION_SIGMA)
         weighted = robust[:, :, None, None] * D
         cross = np.swapaxes(J, 2, 3) @ weighted
         cross = np.concatenate([cross[:, :, 6:].sum(1), cross[:, :, :6].reshape(k, 6 * n, 3)], 1)
@@ -168,7 +168,7 @@ class WindowSteps(Table):
         errors, `acceleration` (6,) the standard deviations of the change of rates in a second, and
         `before` the rates (6,) before the first step with their information (6, 6).
         """
-        n, m = len(motion), len(SIGMA)
+        n, m = len(motion), len(CALIBRATION_SIGMA)
         residual = -motion
         residual[:, :3] += self.control + self.by_errors @ error
         errors = np.arange(m + 6 * (n + 1), equations.size)
