@@ -135,10 +135,10 @@ def test_a_parameter_is_changed_as_in_a_copy_of_the_textbook(made, tmp_path):
     ("change", "words"),
     [
         ("contrast.gamma=1", "set: expected NAME=VALUE with one of contrast.center, contrast."),
-        ("contrast.delta=9", "set: contrast.delta: expected (3, 4) or others from 1 to 4"),
+        ("contrast.delta=9", "set: contrast.delta: expected a value such as (3, 4), from 1 to 4"),
         ("contrast.delta=", "found ''"),
         ("contrast.delta=2.5", "found '2.5'"),
-        ("sift.s=3,4", "set: sift.s: expected 3 or others from 1 to 8, found '3,4'"),
+        ("sift.s=3,4", "set: sift.s: expected a value such as 3, from 1 to 8, found '3,4'"),
         ("sift.tau_c=nan", "found 'nan'"),
     ],
 )

@@ -48,7 +48,7 @@ class LiveMap:
             self.stream.spawn() if file is None else self.stream.save(file)
         except (RuntimeError, OSError) as error:
             reason = str(error).splitlines()[0]
-            raise ConfigError(f"rerun: its viewer cannot be started: {reason}") from error
+            raise ConfigError(f"rerun: the viewer cannot be started: {reason}") from error
         self.stream.send_recording_name(name)
         self.stream.log("map", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 

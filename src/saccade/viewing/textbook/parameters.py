@@ -72,8 +72,8 @@ def changed_source(source: str, system: str, changes: dict[str, str]) -> str:
         value = _value(text, ast.literal_eval(printed), low, high)
         if value is None:
             raise ConfigError(
-                f"set: {system}.{name}: expected {printed} or others from {low:g} to {high:g}, "
-                f"found {text!r}"
+                f"set: {system}.{name}: expected a value such as {printed}, "
+                f"from {low:g} to {high:g}, found {text!r}"
             )
         source = pattern.sub(f"{constant} = {value!r}", source)
     return source
