@@ -75,7 +75,8 @@ def test_landmarks_that_are_not_recognized_are_missed():
     twice = np.where(again & (association < 20), association + 40, association)
     both = np.concatenate([xy, np.add(xy[:20], (0.05, 0.0))])
     again = reobserved(log, log.truth.pose, both, twice)
-    seen = np.isin(np.arange(60), association) | np.isin(np.arange(60), twice)
+    seen = np.isfinite(again)
+    assert seen.sum() > 30
     twice_mapped = (np.arange(60) < 20) | (np.arange(60) >= 40)
     assert (again[seen & ~twice_mapped] > 0.8).all()
     assert (again[seen & twice_mapped] < 0.1).all()

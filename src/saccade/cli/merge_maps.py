@@ -21,12 +21,14 @@ def merge_files(maps: Sequence[Path], out: Path | None, *, anyway: bool) -> Resu
         raise ConfigError("--merge: expected two maps or more, --save-map, and no LOG")
     slam, merged = Slam.load(maps[0]), list[dict[str, Any]]()
     for path in maps[1:]:
+        second = Slam.load(path)
         try:
-            result = merge_maps(slam, Slam.load(path), anyway=anyway)
+            result = merge_maps(slam, second, anyway=True)
         except LogError as error:
-            reason = str(error).removeprefix(f"{path}: ").replace("(see `anyway`)", "")
-            raise LogError(f"{path}: {reason.strip()}; --anyway merges them") from error
+            raise LogError(f"{path}: {error}") from error
         slam = result.slam
+        if slam.warning and not anyway:
+            raise LogError(f"{path}: {slam.warning}; check the maps, or merge with --anyway")
         merged.append(
             {
                 "map": str(path),

@@ -104,7 +104,7 @@ def merge_maps(first: Slam, second: Slam, *, anyway: bool = False) -> MergedMaps
         )
     warnings = _warnings(first, second, maps, best)
     if warnings and not anyway:
-        raise LogError(f"merging: expected right maps, found {'; '.join(warnings)} (see `anyway`)")
+        raise LogError(f"merging: expected right maps, found {'; '.join(warnings)}")
     first_ids = first.filter.ids
     merged = _as_slam(first, second, maps, best)
     merged.warning = "; ".join(warnings)

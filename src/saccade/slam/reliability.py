@@ -14,7 +14,7 @@ from saccade.slam.models import observe, wrap
 from saccade.slam.relocalization import Relocalizer
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
-MIN_EXPECTED = 5.0
+MIN_EXPECTED = 8.0
 """Minimum number of expected observations at revisits for a landmark to be judged."""
 MISSED = 0.1
 """Largest fraction of its expected observations for a landmark that is a duplicate."""
