@@ -1,4 +1,4 @@
-"""Extrema of an octave: search, subsample localization and duplicates."""
+"""Extrema of an octave: search, subsample localization, duplicates and suppression."""
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,19 @@ def mark_duplicates(
             if max(abs(positions[j, 0] - plane), abs(positions[j, 2] - column)) <= radius:
                 out[j if distance[i] < distance[j] else i] = True
             j += 1
+
+
+@kernel()
+def fill_suppression_radii(xy: FloatArray, ends: IntArray, out: FloatArray) -> None:
+    """Fills `out` with squared distances of points to the nearest of the first `ends` points.
+
+    The points are (n, 2); where `ends` is 0 the distance is infinite.
+    """
+    for i in range(len(xy)):
+        out[i] = np.inf
+        for j in range(ends[i]):
+            dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
+            out[i] = min(out[i], dx * dx + dy * dy)
 
 
 @kernel()
@@ -214,12 +227,6 @@ def step(offset: float) -> int:
 
 
 @kernel(inline=True)
-def _clip_to_half(offset: float) -> float:
-    """An offset, limited to half a sample."""
-    return min(max(offset, -0.5), 0.5)
-
-
-@kernel(inline=True)
 def fit_quadratic(
     dog: Float32Array, plane: int, row: int, column: int
 ) -> tuple[tuple[float, float, float], float, float, float, float]:
@@ -265,7 +272,7 @@ def refine_position(
         return x, y, scale
     weights_x, weights_y = np.empty((3, len(NODES))), np.empty((3, len(NODES)))
     columns = np.empty((3, len(NODES)))
-    start = _clip_to_half(x), _clip_to_half(y), _clip_to_half(scale)
+    start = (min(max(x, -0.5), 0.5), min(max(y, -0.5), 0.5), min(max(scale, -0.5), 0.5))
     u, v, t = start
     for _ in range(2):
         lagrange_weights(u, weights_x)

@@ -28,6 +28,8 @@ CELL_STRIDE = DIRECTIONS + 1
 """Number of accumulators of a subregion; the last is added to the first."""
 ROW_STRIDE = (CELLS + 2) * CELL_STRIDE
 """Number of accumulators of a row of subregions, with one subregion more on each side."""
+CORNERS = np.add.outer([0, ROW_STRIDE], np.add.outer([0, CELL_STRIDE], [0, 1])).ravel().astype("u8")
+"""(8,) accumulators around a sample, counted from the first."""
 EPSILON = 1e-12
 """Smallest length or slope that differs from 0."""
 
@@ -141,7 +143,10 @@ def fill_descriptors(
         _interpolate_trilinearly(samples, count, radius, corners, weights)
         for k in range(len(cells)):
             cells[k] = 0
-        _add_weights(corners, weights, count, cells)
+        for k in range(count):
+            first = np.uint64(np.uint32(corners[k]))
+            for corner in range(len(CORNERS)):
+                cells[first + CORNERS[corner]] += weights[corner, k]
         for row in range(CELLS):
             for column in range(CELLS):
                 start = (row + 1) * ROW_STRIDE + (column + 1) * CELL_STRIDE
@@ -186,24 +191,6 @@ def _interpolate_trilinearly(
         weights[4, k] = lower_left - weights[5, k]
         weights[7, k] = lower_right * ft
         weights[6, k] = lower_right - weights[7, k]
-
-
-@kernel(inline=True)
-def _add_weights(
-    corners: Int32Array, weights: Float32Array, count: int, cells: Float32Array
-) -> None:
-    """Adds the weights of each sample to its eight accumulators."""
-    for k in range(count):
-        first = np.uint64(np.uint32(corners[k]))
-        below = first + np.uint64(ROW_STRIDE)
-        cells[first] += weights[0, k]
-        cells[first + np.uint64(1)] += weights[1, k]
-        cells[first + np.uint64(CELL_STRIDE)] += weights[2, k]
-        cells[first + np.uint64(CELL_STRIDE + 1)] += weights[3, k]
-        cells[below] += weights[4, k]
-        cells[below + np.uint64(1)] += weights[5, k]
-        cells[below + np.uint64(CELL_STRIDE)] += weights[6, k]
-        cells[below + np.uint64(CELL_STRIDE + 1)] += weights[7, k]
 
 
 @kernel()

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
+from saccade.keypoints._extrema_kernels import fill_suppression_radii
 from saccade.keypoints.descriptor import assign_orientations, describe_points
 from saccade.keypoints.extrema import find_extrema
 from saccade.keypoints.scale_space_points import Points, locate
@@ -20,8 +21,6 @@ KEYPOINTS_PER_SCALE = 50
 and homographies of known pairs at 100 to 4000 keypoints."""
 ROBUSTNESS = 0.9
 """Largest ratio of the response of a point to the response of one that suppresses it."""
-FIRST_NEIGHBORS = 8
-"""Neighbors that are queried of every point."""
 
 
 def find_points(
@@ -144,31 +143,6 @@ def spread_out(xy: FloatArray, response: Float32Array) -> IntArray:
     Source: adaptive non-maximal suppression; Brown, Szeliski & Winder (2005), section 3.
     """
     stronger = np.searchsorted(-ROBUSTNESS * response, -response)  # (n,) number of stronger ones
-    return np.argsort(-nearest_before(xy, stronger), kind="stable")
-
-
-def nearest_before(xy: FloatArray, ends: IntArray) -> FloatArray:
-    """Distance of each point to the nearest of the first `ends` points.
-
-    More and more neighbors are queried of those points that have no such neighbor yet.
-
-    Args:
-        xy: (n, 2) positions.
-        ends: (n,) at most n.
-
-    Returns:
-        (n,) distances; infinite where `ends` is 0.
-    """
-    from scipy.spatial import cKDTree  # half a second that few detections need
-
-    n, neighbors = len(xy), FIRST_NEIGHBORS
-    nearest, pending = np.full(n, np.inf), np.flatnonzero(ends)
-    tree = cKDTree(xy)
-    while len(pending):
-        ranks = np.arange(1, min(neighbors, n) + 1)
-        distance, index = map(np.asarray, tree.query(xy[pending], ranks))
-        before = index < ends[pending, None]
-        found, first = before.any(axis=1), before.argmax(axis=1)
-        nearest[pending[found]] = distance[found, first[found]]
-        pending, neighbors = pending[~found], 4 * neighbors
-    return nearest
+    radii = np.empty(len(xy))
+    fill_suppression_radii(xy, stronger, radii)
+    return np.argsort(-radii, kind="stable")

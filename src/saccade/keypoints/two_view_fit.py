@@ -132,7 +132,8 @@ def tangents(model: FloatArray, geometry: Geometry) -> FloatArray:
     """(k, 9) orthonormal directions in which a matrix of a geometry and of unit norm can move."""
     U, values, Vt = np.linalg.svd(model)
     normals = np.array([np.diag(values), *NORMALS[geometry]]).reshape(-1, 9)
-    directions = np.linalg.svd(normals)[2][len(normals) :].reshape(-1, 3, 3)
+    basis, _ = np.linalg.qr(normals.T, mode="complete")
+    directions = basis[:, len(normals) :].T.reshape(-1, 3, 3)
     moves: FloatArray = (U @ directions @ Vt).reshape(-1, 9)
     return moves
 

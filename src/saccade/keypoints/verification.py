@@ -296,8 +296,8 @@ def pose_of(
         rays: (m, 4) rows x1, y1, x2, y2, points in the planes z = 1 of the cameras.
         covariance: (9, 9) of the entries of `essential`, row by row.
     """
-    *rotations, t = decomposed(essential)
-    poses = [(R, sign * t) for R in rotations for sign in (1, -1)]
+    *rotations, t = (np.asarray(each, float) for each in cv2.decomposeEssentialMat(essential))
+    poses = [(R, sign * t.ravel()) for R in rotations for sign in (1, -1)]
     R, t = max(poses, key=lambda pose: int(in_front(pose[0], pose[1], rays).sum()))
     if covariance is None:
         return RelativePose(R, t, None)
@@ -307,12 +307,6 @@ def pose_of(
     by_translation = np.tensordot(np.eye(3) - np.outer(t, t), CROSS @ R, 1)
     J = np.linalg.pinv(scale * np.concatenate([by_rotation, by_translation]).reshape(6, 9).T)
     return RelativePose(R, t, J @ covariance @ J.T)
-
-
-def decomposed(essential: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The two rotations (3, 3) of an essential matrix and its translation (3,), up to its sign."""
-    first, second, t = (np.asarray(each, float) for each in cv2.decomposeEssentialMat(essential))
-    return first, second, t.ravel()
 
 
 def in_front(R: FloatArray, t: FloatArray, rays: FloatArray) -> BoolArray:
