@@ -19,8 +19,8 @@ from saccade import datasets, slam
 from saccade.slam import INVARIANT, EkfSlam, observe
 from saccade.slam.landmarks import LabelRecord
 
-STEPS = 96
-"""A multiple of the steps from one addition of the delayed rows to the next."""
+FLUSHES = 3
+"""Additions of the delayed rows during the steps that are timed."""
 DENSITY = 0.02
 """Landmarks to the square metre."""
 CONTROL, U = np.array([0.05, 0.01]), np.diag([1e-4, 1e-5])
@@ -37,12 +37,13 @@ def filled(landmarks: int, retraction: slam.Retraction = INVARIANT) -> EkfSlam:
     return ekf
 
 
-def stretch(pose: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def stretch(ekf: EkfSlam, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Controls (t, 2), observations (t, 2) and their landmarks (t,) of a drive.
 
     It goes round in a small circle, and sees in turn the landmarks (k, 3): number, place.
     """
-    turned = pose[2] + CONTROL[1] * np.arange(1, STEPS + 1)
+    pose, steps = ekf.pose, FLUSHES * len(ekf.active.downdates) // 2  # two rows in each step
+    turned = pose[2] + CONTROL[1] * np.arange(1, steps + 1)
     path = np.column_stack(
         [
             pose[0] + CONTROL[0] * np.cumsum(np.cos(turned)),
@@ -50,33 +51,33 @@ def stretch(pose: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray,
             turned,
         ]
     )
-    which = seen[np.arange(STEPS) % len(seen)]
+    which = seen[np.arange(steps) % len(seen)]
     z = [observe(at, xy)[0] for at, xy in zip(path, which[:, 1:], strict=True)]
-    return np.tile(CONTROL, (STEPS, 1)), np.array(z), which[:, 0].astype(np.int64)
+    return np.tile(CONTROL, (steps, 1)), np.array(z), which[:, 0].astype(np.int64)
 
 
 def stepped(ekf: EkfSlam, seen: np.ndarray) -> float:
     """Seconds that a step of such a drive takes."""
-    control, z, landmark = stretch(ekf.pose, seen)
+    control, z, landmark = stretch(ekf, seen)
     live = slam.Slam(slam.EkfConfig(association="known", submaps="never", recover=False))
     live.hypotheses.best.ekf = ekf
     live.landmarks.add(ekf.ids, confirmed=True)
     for number in ekf.ids.tolist():
         live.landmarks.labels[number] = LabelRecord(number)
     start = time.perf_counter()
-    for i in range(STEPS):
+    for i in range(len(z)):
         live.step(float(i), control[i], U, z[i : i + 1], NOISE[None], landmark[i : i + 1])
-    return (time.perf_counter() - start) / STEPS
+    return (time.perf_counter() - start) / len(z)
 
 
 def called(ekf: EkfSlam, seen: np.ndarray) -> float:
     """Seconds that a step takes if each is called for by itself."""
-    steps = list(zip(*stretch(ekf.pose, seen), strict=True))
+    steps = list(zip(*stretch(ekf, seen), strict=True))
     start = time.perf_counter()
     for control, z, landmark in steps:
         ekf.predict(control, U)
         ekf.update(z, NOISE, int(landmark))
-    return (time.perf_counter() - start) / STEPS
+    return (time.perf_counter() - start) / len(steps)
 
 
 def nearest(ekf: EkfSlam, count: int) -> np.ndarray:

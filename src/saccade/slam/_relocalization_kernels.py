@@ -1,10 +1,9 @@
 """Support of proposed poses, for relocalization."""
 
-from math import cos, floor, hypot, inf, sin
+from math import cos, floor, inf, sin
 from typing import NamedTuple
 
 from saccade._jit import kernel
-from saccade.slam.filter._kernels import wrapped
 from saccade.types import FloatArray, IntArray
 
 
@@ -55,25 +54,3 @@ def add_support(
             y = poses[h, 1] + s * points[k, 0] + c * points[k, 1]
             total += max(1 - squared_distance_to_nearest(grid, x, y) / scale[k], 0.0)
         support[h] = total
-
-
-@kernel()
-def select_distinct(poses: FloatArray, position: float, heading: float, selected: IntArray) -> int:
-    """Fill rows of poses (h, 3) that are not near an earlier one; returns how many there are.
-
-    As many as there is room for; near is within meters and radians.
-    """
-    count = 0
-    for h in range(len(poses)):
-        if count == len(selected):
-            break
-        near = False
-        for k in range(count):
-            other = poses[selected[k]]
-            distance = hypot(poses[h, 0] - other[0], poses[h, 1] - other[1])
-            turn = abs(wrapped(poses[h, 2] - other[2]))
-            near = near or (distance < position and turn < heading)
-        if not near:
-            selected[count] = h
-            count += 1
-    return count

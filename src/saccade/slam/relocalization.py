@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from saccade.errors import require
 from saccade.plane import rotations
-from saccade.slam._relocalization_kernels import Grid, add_support, select_distinct
+from saccade.slam._relocalization_kernels import Grid, add_support
 from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
 from saccade.slam.filter.validation import check_all
 from saccade.slam.models import MOTIONS, inverse_observe, observe, pose_difference, wrap
@@ -208,9 +208,7 @@ class Relocalizer:
         proposals = np.concatenate(poses)
         support = self._support(proposals)
         best = np.argsort(-support, kind="stable")[: 20 * self._max_hypotheses]
-        selected = np.empty(self._max_hypotheses, np.int64)
-        count = select_distinct(proposals[best], SAME_POSITION, SAME_HEADING, selected)
-        return np.asarray(proposals[best[selected[:count]]])
+        return _distinct(proposals[best], self._max_hypotheses)
 
     def _point_pairs(self) -> IntArray:
         """(m, 2) pairs of observed points, the most distant first, with few uses of each point."""
@@ -326,6 +324,17 @@ def pose_jacobians(points: FloatArray) -> FloatArray:
     J = np.tile(np.eye(2, 3), (*points.shape[:-1], 1, 1))
     J[..., 0, 2], J[..., 1, 2] = -points[..., 1], points[..., 0]
     return J
+
+
+def _distinct(poses: FloatArray, count: int) -> FloatArray:
+    """The first poses (h, 3) that are not near an earlier one, at most `count`."""
+    found: list[FloatArray] = []
+    while len(poses) > 0 and len(found) < count:
+        found.append(poses[0])
+        e = pose_difference(poses, poses[0])
+        near = (np.hypot(e[:, 0], e[:, 1]) < SAME_POSITION) & (np.abs(e[:, 2]) < SAME_HEADING)
+        poses = poses[~near]
+    return np.array(found).reshape(-1, 3)
 
 
 def _local_errors(tree: cKDTree, xy: FloatArray, covariance: FloatArray) -> FloatArray:

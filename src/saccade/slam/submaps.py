@@ -20,14 +20,13 @@ when the range of a scan plus the distance since the entry, with the gate of its
 the radius, or when the label of a landmark outside is observed.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import hypot, isfinite, sqrt
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from saccade.slam.filter._state_kernels import STANDARD, FilterState, read_block, write_block
-from saccade.slam.filter.models import control_bias
 from saccade.slam.filter.state import (
     add_rows,
     auxiliary_rows,
@@ -51,6 +50,8 @@ MAX_FRACTION = 0.25
 """Largest submap that "auto" enters, as a fraction of the map."""
 MARGIN = 1.5
 """Distance that a robot can move in a submap, as a fraction of the range of its scans."""
+MAX_BIAS = 0.1
+"""Largest relative error of the distances that the odometry reports."""
 MIN_SPARE = 8
 """Minimum number of landmarks that can be added to a submap before its arrays grow."""
 ROUNDING = 1e-14
@@ -280,46 +281,6 @@ def _quarter_turn(points: FloatArray) -> FloatArray:
     return turned
 
 
-@dataclass
-class _Excursion:
-    """The motion since the entry into a submap, with its uncertainty."""
-
-    bias: FloatArray
-    """(r - 3,) odometry biases at the entry."""
-    bias_sigma: FloatArray
-    """(r - 3,) their standard deviations."""
-    length: float = 0.0
-    """Distance in meters."""
-    position: float = 0.0
-    """Variance of the position by the noise, in square meters."""
-    heading: float = 0.0
-    """Variance of the heading by the noise, in square radians."""
-    biased: FloatArray = field(default_factory=lambda: np.zeros(2))
-    """(2,) bounds of the errors of position and heading by the biases."""
-
-    def add(self, control: tuple[FloatArray, FloatArray] | None) -> None:
-        """Adds a motion."""
-        if control is None:
-            return
-        u, U = control
-        c = len(u) - 1  # the heading's
-        if len(self.bias) > 0:
-            D = control_bias(u, 3 + len(self.bias))
-            u, bias = u + D @ self.bias, np.abs(D) @ self.bias_sigma
-            self.biased += float(np.hypot.reduce(bias[:c])), float(bias[c])
-        length = hypot(u[0], u[1]) if c == 2 else abs(float(u[0]))
-        heading = float(U[c, c])
-        self.length += length
-        self.position += float(U[0, 0] + (U[1, 1] if c == 2 else 0.0)) + length**2 * heading
-        self.heading += heading
-
-    def reach(self, gate: float) -> float:
-        """Largest distance that the robot may have moved, with `gate` standard deviations."""
-        position, heading = map(float, self.biased)
-        sigma = sqrt(self.position) + position + self.length * (sqrt(self.heading) + heading)
-        return float(self.length + gate * sigma)
-
-
 class SubmapChoice:
     """Chooses the submap in which the next step is taken.
 
@@ -334,7 +295,7 @@ class SubmapChoice:
         self._radius = -1.0
         self._in_whole = False
         self._needed = 0.0
-        self._excursion = _Excursion(np.zeros(0), np.zeros(0))
+        self._length = self._variance = 0.0  # meters since the entry, square meters of noise
 
     def update(self, ekf: "EkfSlam", table: "LandmarkTable", scan: Scan, max_range: float) -> None:
         """Enters or leaves a submap for a step, if the present one does not suffice.
@@ -359,9 +320,9 @@ class SubmapChoice:
         if self._radius < 0 or (ekf.submap is None and not self._in_whole):
             self._enter(ekf, scan, labeled, max_range)
             return
-        self._excursion.add(scan.control)
+        self._move(scan)
         outside = ekf.submap is not None and bool((ekf.rows(labeled) < 0).any())
-        if outside or self._excursion.reach(self._gate) + max_range > self._radius:
+        if outside or self._reach + max_range > self._radius:
             self._enter(ekf, scan, labeled, max_range)
         else:
             ekf.flush_early()
@@ -370,12 +331,9 @@ class SubmapChoice:
     def _enter(self, ekf: "EkfSlam", scan: Scan, labeled: IntArray, needed: float) -> None:
         """Enters the submap around the robot for this step and later ones."""
         ekf.leave()
-        f, r = ekf.active, ekf.active.robot_size
-        sigma = np.sqrt(np.abs(f.P[range(3, r), range(3, r)]))
-        self._excursion = _Excursion(f.state[3:r].copy(), sigma)
-        self._excursion.add(scan.control)
-        distance = self._excursion.reach(self._gate)
-        self._radius = max(needed, self._needed) * (1 + MARGIN) + distance
+        self._length = self._variance = 0.0
+        self._move(scan)
+        self._radius = max(needed, self._needed) * (1 + MARGIN) + self._reach
         self._needed = needed
         predicted, S = ekf.predict_observations()
         q = predicted[:, 0]
@@ -385,3 +343,15 @@ class SubmapChoice:
         self._in_whole = not self._always and near.mean() > MAX_FRACTION
         if not self._in_whole:
             ekf.enter(np.flatnonzero(near))
+
+    def _move(self, scan: Scan) -> None:
+        """Adds the motion of a scan to the path since the entry."""
+        if scan.control is not None:
+            u, U = scan.control
+            self._length += hypot(*u[:-1])
+            self._variance += float(U[:-1, :-1].trace())
+
+    @property
+    def _reach(self) -> float:
+        """Largest distance that the robot may have moved since the entry, in meters."""
+        return (1 + MAX_BIAS) * self._length + self._gate * sqrt(self._variance)
