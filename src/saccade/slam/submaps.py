@@ -165,8 +165,6 @@ def leave(f: FilterState, submap: Submap) -> FilterState:
     block = _block(local, np.arange(n), np.arange(n))
     write_block(f.P, rows, rows, block - _pending(f, rows, rows), 0.0)
     f.P[:r, :r] = local.P[:r, :r]
-    f.cached_pair[:] = -1
-    f.now.cached = 0
     return f
 
 

@@ -56,34 +56,16 @@ def _add_delayed_rows(
 def _multiply_covariance(f: FilterState, m: int, B: FloatArray, V: FloatArray) -> None:
     """Fill V (2, n) = B P, B (2, 5) by x, y, theta and the landmark at row m, P of eta."""
     r, n, P = f.robot_size, num_rows(f), f.P
-    i, cached = 2 * _cached_rows(f, m), f.cached_rows
     for k in range(2):
-        b, v = B[k], V[k, :n]
-        _scale_and_add(v, 0.0, b[0], P[0, :n])
-        _add_two_rows(v, b[1], P[1, :n], b[2], P[2, :n])
-        for j in range(r):
-            v[j] += b[3] * P[j, m] + b[4] * P[j, m + 1]
-        _add_two_rows(v[r:], b[3], cached[i, r:n], b[4], cached[i + 1, r:n])
-        _add_delayed_rows(v, r, m, b[3:], -1.0, f.downdates, f.now.downdates)
-        _add_delayed_rows(v, r, m, b[3:], 1.0, f.updates, f.now.updates)
-
-
-@kernel()
-def _cached_rows(f: FilterState, m: int) -> int:
-    """Index of the pair of `FilterState.cached_rows` that holds rows m and m + 1 of P.
-
-    Half of each is a column of the upper triangle, which is slow to read; a landmark in view is
-    re-observed many times until the next flush.
-    """
-    r, n, i, P, pair = f.robot_size, num_rows(f), (m - f.robot_size) // 2, f.P, f.cached_pair
-    if pair[i] < 0:
-        first, second = f.cached_rows[2 * f.now.cached], f.cached_rows[2 * f.now.cached + 1]
-        for j in range(r, m):
-            first[j], second[j] = P[j, m], P[j, m + 1]
-        first[m], first[m + 1] = P[m, m], P[m, m + 1]
-        second[m], second[m + 1] = P[m, m + 1], P[m + 1, m + 1]
-        _scale_and_add(first[m + 2 : n], 0.0, 1.0, P[m, m + 2 : n])
-        _scale_and_add(second[m + 2 : n], 0.0, 1.0, P[m + 1, m + 2 : n])
-        pair[i] = f.now.cached
-        f.now.cached += 1
-    return int(pair[i])
+        _scale_and_add(V[k, :n], 0.0, B[k, 0], P[0, :n])
+        _add_two_rows(V[k, :n], B[k, 1], P[1, :n], B[k, 2], P[2, :n])
+    for j in range(m + 1):  # the landmark's columns; then its rows, of the upper triangle
+        x, y = P[j, m], P[j, m + 1]
+        V[0, j] += B[0, 3] * x + B[0, 4] * y
+        V[1, j] += B[1, 3] * x + B[1, 4] * y
+    for k in range(2):
+        b, v = B[k, 3:], V[k, :n]
+        v[m + 1] += b[0] * P[m, m + 1] + b[1] * P[m + 1, m + 1]
+        _add_two_rows(v[m + 2 :], b[0], P[m, m + 2 : n], b[1], P[m + 1, m + 2 : n])
+        _add_delayed_rows(v, r, m, b, -1.0, f.downdates, f.now.downdates)
+        _add_delayed_rows(v, r, m, b, 1.0, f.updates, f.now.updates)

@@ -24,7 +24,6 @@ class Scalars(Structure):
         ("downdates", c_int64),  # rows of `FilterState.downdates` in use
         ("updates", c_int64),  # rows of `FilterState.updates` in use
         ("flushed", c_int64),  # rows of P with `updates` and `downdates`, while others are without
-        ("cached", c_int64),  # pairs of `FilterState.cached_rows` in use
         ("mergeable_variance", c_double),  # heading's, of the last row of `updates` while no lever
         # has changed, else 0
         ("heading_variance", c_double),  # after the last observation
@@ -70,10 +69,6 @@ class FilterState:
     """(rank, size) rows Y, of which Y^T Y is still to be subtracted from P."""
     updates: FloatArray
     """(rank, size) rows Y, of which Y^T Y is still to be added to P."""
-    cached_rows: FloatArray
-    """(rank, size) pairs of full rows of P, of landmarks observed since the last flush."""
-    cached_pair: IntArray
-    """(c,) index in `cached_rows` of the pair of each landmark, -1 for none."""
     now: Scalars
     """Numbers that change from step to step."""
 

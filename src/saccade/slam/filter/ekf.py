@@ -32,8 +32,6 @@ from saccade.slam.filter.state import (
     marginal,
     new_state,
     remove_landmarks,
-    replace_pose,
-    rescale,
     state_size,
     symmetric,
     with_capacity,
@@ -209,14 +207,19 @@ class EkfSlam:
     def reset_pose(self, pose: FloatArray, covariance: FloatArray) -> None:
         """Replaces the pose by one that does not depend on the map; the landmarks stay as they are.
 
+        Their present estimates count as the first ones: otherwise, their invariant errors would
+        depend on the error of the heading.
+
         Args:
             pose: (3,) x, y in meters, heading in radians.
             covariance: (3, 3).
         """
         pose = check_vector("pose", pose, 3)
         C = check_covariance("covariance of the pose", covariance, 3)
-        self.leave()
-        replace_pose(self._whole, pose, C)
+        mean, P = self.state, self.covariance
+        mean[:3], P[:3], P[:, :3] = pose, 0.0, 0.0
+        P[:3, :3] = C
+        self.set_gaussian(mean, P, self.ids)
 
     def set_gaussian(
         self,
@@ -239,7 +242,14 @@ class EkfSlam:
     def rescale(self, factor: float, about: FloatArray) -> None:
         """Scales the map about a point (2,), when the scale of its meter was wrong."""
         self.leave()
-        rescale(self._whole, factor, about)
+        mean, lever, r = self.state, self._whole.heading_lever, self._whole.robot_size
+        scale = np.full(len(mean), factor)
+        scale[2:r] = 1.0
+        for i in (0, 1):
+            rows = np.append(i, np.arange(r + i, len(mean), 2))
+            mean[rows] = about[i] + factor * (mean[rows] - about[i])
+        P = self.covariance * scale[:, None] * scale
+        self.set_gaussian(mean, P, self.ids, lever[: len(mean)] * scale)
 
     def predict_observations(self, landmarks: IntArray | None = None) -> PredictedObservations:
         """Predicted observations of landmarks (k,), by default all, from the present pose."""

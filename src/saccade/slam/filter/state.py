@@ -92,8 +92,7 @@ def new_state(
         np.zeros(size),
         P,
         np.zeros((capacity, 3)),
-        *(np.zeros((rank, size)) for _ in range(3)),
-        np.full(capacity, -1),
+        *(np.zeros((rank, size)) for _ in range(2)),
         Scalars(heading_variance=heading, lowest_heading_variance=heading),
     )
 
@@ -124,7 +123,8 @@ def like(
     P = covariance - (cross + cross.T)  # of eta = e - a e_theta
     new = new_state(mean[:r], P[:r, :r], N + FIRST_CAPACITY, f.error_state, f.huber)
     new.state[:n], new.heading_lever[:n], new.P[:n, :n], new.ids[:N] = mean, a, P, ids
-    new.now.next_id = int(ids.max(initial=-1)) + 1
+    new.now.next_id = max(int(ids.max(initial=-1)) + 1, f.now.next_id)
+    new.now.nonlinearity, new.now.nonlinear_updates = f.now.nonlinearity, f.now.nonlinear_updates
     set_landmarks(new, N)
     return new
 
@@ -215,8 +215,7 @@ def augment(f: FilterState, z: FloatArray, R: FloatArray) -> None:
     f.blocks[N] = P[n, n], P[n, n + 1], P[n + 1, n + 1]
     f.state[new], a[new], f.ids[N] = xy, 0.0, f.now.next_id  # C.16
     f.downdates[:, new] = f.updates[:, new] = 0.0
-    f.cached_pair[: N + 1] = -1
-    f.now.cached, f.now.heading_variance = 0, P[2, 2]
+    f.now.heading_variance = P[2, 2]
     f.now.next_id, f.now.landmarks = f.now.next_id + 1, N + 1
 
 
@@ -253,22 +252,6 @@ def remove_landmarks(f: FilterState, removed: IntArray) -> None:
     f.now.landmarks = len(kept)
 
 
-def replace_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> None:
-    """Replaces the pose by one that is independent of the landmarks.
-
-    The invariant errors of landmarks depend on the error of the heading. They do not depend on the
-    new heading if the present estimates of the landmarks count as the first ones.
-    """
-    n = state_size(f)
-    P = dense(f)
-    flush(f)
-    P[:3], P[:, :3] = 0.0, 0.0
-    P[:3, :3] = covariance
-    f.state[:3], f.P[:n, :n] = pose, P
-    f.heading_lever[: n if f.error_state == INVARIANT else 3] = 0.0
-    set_landmarks(f, f.now.landmarks)
-
-
 def flush(f: FilterState) -> None:
     """Add `updates` to P and subtract `downdates`."""
     finish_flush(f)
@@ -291,8 +274,7 @@ def flush(f: FilterState) -> None:
                     f.P[r:, r:].ctypes.data,
                     size,
                 )
-    f.cached_pair[:] = -1
-    now.downdates = now.updates = now.cached = 0
+    now.downdates = now.updates = 0
     now.mergeable_variance = 0.0
 
 
@@ -330,8 +312,7 @@ def flush_rows(f: FilterState) -> None:
                     size,
                 )
     if now.flushed >= end:
-        f.cached_pair[:] = -1
-        now.downdates = now.updates = now.cached = now.flushed = 0
+        now.downdates = now.updates = now.flushed = 0
         now.mergeable_variance = 0.0
 
 
@@ -446,17 +427,3 @@ def _by_map(C: FloatArray, a: FloatArray) -> FloatArray:
     """Covariance of e by the covariance C of eta and heading levers a."""
     half = np.outer(a, C[2] + C[2, 2] / 2 * a)
     return np.asarray(C + (half + half.T))
-
-
-def rescale(f: FilterState, factor: float, about: FloatArray) -> None:
-    """See `EkfSlam.rescale`."""
-    flush(f)
-    n, r = state_size(f), f.robot_size
-    scale = np.full(n, factor)
-    scale[2:r] = 1.0
-    for i in (0, 1):
-        rows = np.append(i, np.arange(r + i, n, 2))
-        f.state[rows] = about[i] + factor * (f.state[rows] - about[i])
-    f.heading_lever[:n] *= scale
-    f.P[:n, :n] *= scale[:, None] * scale
-    f.blocks[: f.now.landmarks] *= factor**2
