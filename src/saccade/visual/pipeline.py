@@ -185,9 +185,10 @@ class Pipeline:
         )
         if motion is not None:
             motion = model.refine(motion, before, self.tracked)
-        self.log.add_motion(model.measured(motion), model.drift)
+        measured, is_bridged = model.measured(motion), motion is None and model.drift is not None
         points, frames = (before, self.tracked), (self._previous, frame)
         self.control = model.join(motion, points, frames)
+        self.log.add_motion(self.control if is_bridged else measured, model.drift)
         self.tracked = model.with_depth(self.tracked)
         self.map.rescale()
         self.map.move(number, self.control)

@@ -75,7 +75,8 @@ class VisualResult(Pictured):
     odometry: Trajectory
     """(n,) poses by odometry alone."""
     visual_odometry: Trajectory
-    """(n,) poses with covariances by visual odometry; by odometry in steps where it failed."""
+    """(n,) poses with covariances by visual odometry. Steps without egomotion are bridged by the
+    sliding window, or by odometry if there is none."""
     map: LandmarkMap
     """m landmarks, smoothed or as in the filter after the last frame."""
     descriptors: ByteArray
