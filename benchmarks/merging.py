@@ -49,7 +49,7 @@ def measure(
     maps, unnamed = [], []
     for log, (first, last) in zip(logs, parts, strict=True):
         log = part(log, first, last)
-        maps.append(slam.slam_for(log, slam.EkfConfig(association="known")))
+        maps.append(slam.slam_for(log))
         slam.run(log, initial=maps[-1])
         unnamed.append(copy.deepcopy(maps[-1]))
         unnamed[-1].landmarks.labels = {}

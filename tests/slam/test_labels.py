@@ -118,6 +118,18 @@ def test_observations_without_a_name_are_associated_by_geometry():
     assert _rmse(log, mixed) < _rmse(log, by_geometry)
 
 
+def test_a_label_that_is_only_misread_is_no_landmark():
+    """Seven misread labels of a tag that is never in view, three of them at one other tag."""
+    log = simulate_world(WorldConfig(), 0)
+    at_one = np.flatnonzero(log.landmark == 3)[[5, 6, 7]]
+    elsewhere = [np.flatnonzero(log.landmark == other)[20] for other in (5, 7, 9, 11)]
+    label = log.landmark.copy()
+    label[np.append(at_one, elsewhere)] = 99
+    result = slam.run(replace(log, landmark=label))
+    assert 99 not in result.map.id
+    assert len(result.map) == len(np.unique(log.landmark))
+
+
 def test_a_loop_is_closed_by_a_label_where_half_of_the_labels_are_missing():
     """The first observation after the loop has no label, and fits a wrong landmark better."""
     log = simulate_world(WorldConfig.coarse(), 1)

@@ -1,7 +1,9 @@
 """EKF-SLAM on a landmark log."""
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from saccade.slam.scans import NO_SCAN, Scan, scans_of
 from saccade.slam.smoothing import smooth
 from saccade.slam.snapshots import Recorder
 from saccade.types import (
+    BoolArray,
     FloatArray,
     IntArray,
     LandmarkLog,
@@ -33,6 +36,8 @@ MAX_SCANS = 50
 """Largest number of scans for the search of the first pose."""
 MAX_SCANS_AT_LAST = 10
 """Largest number of scans for this search if the pose was saved with the map."""
+SAME_POSITION = 9.0
+"""Largest squared Mahalanobis distance of two landmarks that may be one."""
 SAME_POSE = 16.0
 """Largest squared Mahalanobis distance of a found pose that confirms the saved pose."""
 
@@ -108,7 +113,7 @@ def _filtered(
     pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
     lost, rejected = np.zeros(poses, np.bool_), np.zeros(k, np.bool_)
     association, innovations = np.full(k, -1), new_innovations(k)  # the association has ids
-    hundredth, start = poses // 100 + 1, 0
+    hundredth, start, begins = poses // 100 + 1, 0, len(slam.filter) == 0
     slam.num_steps = max(slam.num_steps - 1, 0)  # the first pose of the log is its present pose
 
     for i, scan in enumerate(scans_of(log, slam.config)):
@@ -128,6 +133,8 @@ def _filtered(
             progress(i + 1, poses)
 
     nis = np.where(np.isnan(innovations.value).any(1), np.nan, innovations.nis)
+    if begins and slam.config.association == "auto":
+        slam.remove(_misread(slam, log, association, lost))
     found = slam.map
     row = np.searchsorted(found.id, association).clip(max=max(len(found) - 1, 0))
     known = np.isin(association, found.id)
@@ -151,6 +158,30 @@ def _filtered(
         lost=lost,
         session=slam.landmarks.counts.session[slam.landmarks.in_map],
     )
+
+
+def _misread(slam: Slam, log: LandmarkLog, association: IntArray, lost: BoolArray) -> IntArray:
+    """Ids of landmarks beside another one whose label is rejected as often as not.
+
+    Such a label is of no landmark; misread labels have put it onto another one.
+
+    Args:
+        slam: SLAM at the end of the log.
+        log: observations.
+        association: (k,) id of the landmark of each observation, -1 for none.
+        lost: (t + 1,) poses without association.
+    """
+    labels = labels_of(log.landmark, log.text_names)
+    total = Counter(compress(labels, ~lost[log.observation_pose]))
+    used = Counter(zip(labels, association.tolist(), strict=True))
+    ids, xy, covariance = slam.map.id, slam.map.xy, slam.map.covariance
+    found = []
+    for i, label in enumerate(slam.landmarks.labels_of(ids.tolist())):
+        if label is not None and 2 * used[label, int(ids[i])] <= total[label]:
+            nis = normalized_squared(xy - xy[i], covariance + covariance[i])
+            if np.sum(nis < SAME_POSITION) > 1:
+                found.append(ids[i])
+    return np.array(found, np.int64)
 
 
 def slam_for(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Slam:
