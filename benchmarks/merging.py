@@ -58,8 +58,9 @@ def measure(
     except LogError:
         return None
     names = [each.map.label for each in maps]
-    same = names[0][merged.common[:, 0]] == names[1][merged.common[:, 1]]
-    new = np.setdiff1d(np.arange(len(names[1])), merged.common[:, 1])
+    common = [np.searchsorted(each.map.id, merged.common[:, i]) for i, each in enumerate(maps)]
+    same = names[0][common[0]] == names[1][common[1]]
+    new = np.setdiff1d(np.arange(len(names[1])), common[1])
     truth = logs[0].landmark_truth
     rows = np.searchsorted(truth.id, np.concatenate([names[0], names[1][new]]))
     start = logs[0].truth.pose[parts[0][0]]
@@ -71,7 +72,7 @@ def measure(
     difference = logs[1].truth.pose[parts[1][0]] - start
     wrong = merged.transform - np.append(difference[:2] @ to_map, difference[2])
     wrong[2] = slam.wrap(wrong[2])
-    before = maps[0].filter.landmarks - true[: len(names[0])]
+    before = maps[0].map.xy - true[: len(names[0])]
     rmse = [np.sqrt(np.square(e).sum(1).mean()) for e in (error[: len(names[0])], before)]
     transform_nees = normalized_squared(wrong, merged.covariance)
     return (~same).sum(), len(same), nees.mean(), transform_nees, *rmse
