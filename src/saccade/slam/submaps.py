@@ -81,7 +81,7 @@ class Submap:
     factor: FloatArray
     """(L, p) F with T = C_AA F and K = C_BA F."""
     spanned: BoolArray
-    """(L,) whether T has its columns for a row: the robot's, and those of observed landmarks."""
+    """(L,) whether T has its columns for a row of the robot or of an observed landmark."""
     state: FilterState
     """State of the robot, the landmarks inside, added landmarks, and 1 + p auxiliary points."""
 

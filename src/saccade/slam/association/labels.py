@@ -48,7 +48,7 @@ UNLABELED_LOOP = 10.0
 """Largest ratio of predicted variance to noise for an observation without a label to be of a
 landmark with a label, while labels are observed: the next label closes the loop more surely."""
 MAX_UNLABELED = 20
-"""Number of successive observations without a label from which no further label is expected."""
+"""Maximum number of successive observations without a label while labels are expected."""
 PAIR_GATE = 10.83
 """Gate of the squared error of the distance of two landmarks: 99.9 % of a chi-square variable with
 one degree of freedom."""

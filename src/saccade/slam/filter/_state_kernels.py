@@ -81,7 +81,7 @@ def bind_state(fields: tuple[Any, ...]) -> FilterState:
 
 @kernel(inline=True)
 def num_rows(f: FilterState) -> int:
-    """n: number of rows of the state in use; with auxiliary points, up to the last of them."""
+    """n: number of rows of the state in use, which end with the last auxiliary point if any."""
     if f.auxiliary > 0:
         return len(f.state) - 2 * int(f.auxiliary - f.now.auxiliary)
     return f.robot_size + 2 * int(f.now.landmarks)
