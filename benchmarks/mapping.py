@@ -42,7 +42,9 @@ ROOM_FRAMES = 160
 INITIAL_ANGLES = (16.0, 8.0, 4.0, 2.0)
 """Smallest triangulation angles in degrees between the first two images, one for each start of the
 mapper."""
-COLUMNS = ("registered", "points", "track", "error px", "ATE m", "detect s", "match s", "CPU s")
+COLUMNS = ("registered", "points", "track", "error px", "ATE mm", "detect s", "match s", "CPU s")
+SEEDS = 4
+"""Largest number of seeds of the mapper for each angle."""
 RESAMPLES = 2000
 """Number of bootstrap samples of an interval."""
 
@@ -135,7 +137,7 @@ def our_features(
     start = time.process_time()
     for i, image in enumerate(given.images):
         if counts is not None:
-            config = replace(config, max_keypoints=counts[i], contrast_threshold=None)
+            config = replace(config, max_keypoints=max(counts[i], 1), contrast_threshold=None)
         keypoints[f"{i:03}.png"] = Sift(config, threads=1)(image)
     detection = time.process_time() - start
     matches = {(a, b): match(keypoints[a], keypoints[b]) for a, b in combinations(keypoints, 2)}
@@ -149,18 +151,22 @@ def our_features(
 def map_of(folder: Path, given: ImageSet, database: Path) -> list[float]:
     """Registered images, points, track length, reprojection error and ATE of COLMAP's map.
 
-    The mapper starts several times, since it may start from a wrong motion: the map with the most
-    images counts, and of these the one of the smallest reprojection error.
+    The mapper may start from a wrong motion. It starts once for each angle, and again with other
+    seeds until a map has all images. The map with the most images counts, and among equal numbers
+    the smallest reprojection error.
     """
     pycolmap = import_pycolmap()
     options, maps = pycolmap.IncrementalPipelineOptions(), []
     options.num_threads, options.extract_colors, options.min_model_size = 1, False, 3
     options.ba_refine_focal_length = options.ba_refine_extra_params = given.camera is None
     options.mapper.init_max_forward_motion = 1.0
-    for seed, angle in enumerate(INITIAL_ANGLES):
-        options.random_seed, options.mapper.init_min_tri_angle = seed, angle
-        found = pycolmap.incremental_mapping(database, folder, database.parent, options)
-        maps += found.values()
+    for seed in range(SEEDS):
+        for angle in INITIAL_ANGLES:
+            options.random_seed, options.mapper.init_min_tri_angle = seed, angle
+            found = pycolmap.incremental_mapping(database, folder, database.parent, options)
+            maps += found.values()
+        if any(each.num_reg_images() == len(given.images) for each in maps):
+            break
     if not maps:
         return [0, *[np.nan] * 4]
     model = min(
@@ -172,14 +178,14 @@ def map_of(folder: Path, given: ImageSet, database: Path) -> list[float]:
 
 
 def position_error(model: object, truth: FloatArray | None) -> float:
-    """RMS distance in meters of the cameras from the truth, after alignment with scale."""
+    """RMS distance in millimeters of the cameras from the truth, after alignment with scale."""
     if truth is None:
         return np.nan
     registered = [model.image(i) for i in model.reg_image_ids()]
     found = np.array([each.projection_center() for each in registered])
     true = truth[[int(each.name[:3]) for each in registered]]
     gap = umeyama(found, true, with_scale=True)(found) - true
-    return float(np.sqrt((gap**2).sum(axis=1).mean()))
+    return 1000 * float(np.sqrt((gap**2).sum(axis=1).mean()))
 
 
 def measure(

@@ -142,7 +142,7 @@ class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
         """
         return cls(
             density=1.0,
-            contrast_threshold=0.008,
+            contrast_threshold=0.006,
             neighbors=26,
             edge_ratio=10.0,
             max_keypoints=8192,
