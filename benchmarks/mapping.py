@@ -132,7 +132,7 @@ def colmap_features(folder: Path, given: ImageSet, database: Path, budget: int) 
 def our_features(
     given: ImageSet, database: Path, config: SiftConfig, counts: list[int] | None
 ) -> float:
-    """As `colmap_features`, with as many keypoints in each image as `counts` says."""
+    """Detects `counts` keypoints in the images, matches and verifies; returns the detection time."""
     keypoints: dict[str, Keypoints] = {}
     start = time.process_time()
     for i, image in enumerate(given.images):
