@@ -132,7 +132,7 @@ def colmap_features(folder: Path, given: ImageSet, database: Path, budget: int) 
 def our_features(
     given: ImageSet, database: Path, config: SiftConfig, counts: list[int] | None
 ) -> float:
-    """Detects `counts` keypoints in the images, matches and verifies; returns the detection time."""
+    """Detects `counts` keypoints, matches and verifies; returns the time of detection."""
     keypoints: dict[str, Keypoints] = {}
     start = time.process_time()
     for i, image in enumerate(given.images):
