@@ -13,12 +13,12 @@ from saccade.errors import ConfigError, LogError
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import EkfConfig, observe, smooth, smoothing, wrap
 from saccade.slam.consistency import normalized_squared
-from saccade.types import LandmarkLog
+from saccade.types import LandmarkLog, LandmarkMap
 from support.alignment import align, interpolate
 from support.circular_log import simulate
 from support.gtsam_smoothing import smooth_by_gtsam
 from support.kidnapping import kidnapped
-from support.logs import with_observations, without_names
+from support.logs import between, with_observations, without_names
 
 FILTER = EkfConfig(smooth=False, estimate_odometry_bias=False)
 
@@ -97,6 +97,41 @@ def test_optimum_and_marginals_are_those_of_gtsam(rng):
     np.testing.assert_allclose(result.map.xy, xy, atol=1e-6)
     np.testing.assert_allclose(result.map.covariance, covariance, atol=1e-6)
     np.testing.assert_allclose(result.weight, weight, atol=1e-5)
+
+
+def test_a_run_in_a_survey_is_smoothed_as_by_gtsam(rng):
+    log, _, world = simulate(rng, steps=80)
+    root = rng.normal(size=(20, 2, 2)) * 0.05
+    C = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
+    given = world + (np.linalg.cholesky(C) @ rng.normal(size=(20, 2, 1)))[:, :, 0]
+    survey = LandmarkMap(id=np.arange(20), xy=given, covariance=C)
+    config = dataclasses.replace(FILTER, association="known", start_sigma=(0.1, 0.1, 0.1))
+    robot = slam.Slam(config, map=survey, start=log.start)
+    prior = smoothing.Prior.of_filter(robot.filter)
+    filtered = slam.run(log, initial=robot)
+    result = smooth(log, filtered, config, prior=prior, min_decrease=1e-15)
+    pose, pose_covariance, xy, covariance, _ = smooth_by_gtsam(log, filtered, config, 0.01, survey)
+    np.testing.assert_allclose(result.trajectory.pose, pose, atol=1e-6)
+    np.testing.assert_allclose(result.trajectory.covariance, pose_covariance, atol=1e-6)
+    np.testing.assert_allclose(result.map.xy, xy, atol=1e-6)
+    np.testing.assert_allclose(result.map.covariance, covariance, atol=1e-6)
+
+
+def test_a_second_session_is_smoothed_with_what_the_first_has_learned(rng, tmp_path):
+    """As one session: what is known of pose and landmarks between them is all that counts."""
+    log, _, _ = simulate(rng, steps=60, noise=0.1)
+    whole = slam.run(log)
+    robot = slam.slam_for(log)
+    slam.run(between(log, 0, 30), initial=robot)
+    robot.save(tmp_path / "map.npz")
+    robot = slam.Slam.load(tmp_path / "map.npz")
+    rest = between(with_observations(log, log.observation_pose > 30), 30, 60)
+    late = slam.run(rest, initial=robot)
+    assert (late.estimate, late.remark) == ("smoothed", "")
+    np.testing.assert_allclose(late.trajectory.pose, whole.trajectory.pose[30:], atol=1e-3)
+    np.testing.assert_allclose(late.map.xy, whole.map.xy, atol=1e-3)
+    ratio = late.trajectory.covariance / whole.trajectory.covariance[30:]
+    np.testing.assert_allclose(ratio[:, [0, 1, 2], [0, 1, 2]], 1, atol=0.05)
 
 
 @pytest.mark.parametrize("motion", ["turn_then_translate", "compose"])
@@ -253,7 +288,7 @@ def test_noise_scales_are_factors_on_deviations(rng, scale, covariance):
     np.testing.assert_allclose(scaled.map.xy, told.map.xy, atol=1e-6)
 
 
-def test_a_run_is_smoothed_unless_switched_off_or_begun_in_a_map(rng):
+def test_a_run_is_smoothed_unless_switched_off(rng):
     log, _, _ = simulate(rng, steps=40)
     filtered = slam.run(log, EkfConfig(smooth=False))
     result = slam.run(log)
@@ -263,8 +298,6 @@ def test_a_run_is_smoothed_unless_switched_off_or_begun_in_a_map(rng):
     robot = slam.slam_for(log)
     np.testing.assert_array_equal(slam.run(log, initial=robot).map.xy, result.map.xy)
     np.testing.assert_array_equal(robot.map.xy, filtered.map.xy)  # a robot stays causal
-    again = slam.run(log, initial=robot)
-    assert (again.estimate, again.remark) == ("filtered", "not smoothed: the run began in a map")
     with pytest.raises(ConfigError, match="expected none with `initial`"):
         slam.run(log, FILTER, initial=robot)
 

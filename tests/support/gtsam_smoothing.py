@@ -6,10 +6,10 @@ import numpy as np
 MIN_SIGMA = 1e-4
 
 
-def smooth_by_gtsam(log, filtered, config):
+def smooth_by_gtsam(log, filtered, config, start_covariance=0.0, survey=None):
     """Poses, landmarks, their marginal covariances, and robust weights, for a log of steps.
 
-    Every pose moves, and every observation is used.
+    Every pose moves, and every observation is used. A survey has the landmarks before the log.
     """
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     x, m = (lambda i: gtsam.symbol("x", int(i))), (lambda j: gtsam.symbol("l", int(j)))
@@ -17,8 +17,10 @@ def smooth_by_gtsam(log, filtered, config):
         values.insert(x(i), gtsam.Pose2(*pose))
     for j, xy in enumerate(filtered.map.xy):
         values.insert(m(j), xy)
-    fixed = _noise(np.zeros((3, 3)))
-    graph.add(gtsam.PriorFactorPose2(x(0), gtsam.Pose2(*log.start), fixed))
+    start = _noise(start_covariance * np.eye(3))
+    graph.add(gtsam.PriorFactorPose2(x(0), gtsam.Pose2(*log.start), start))
+    for j, xy in enumerate([] if survey is None else survey.xy):
+        graph.add(gtsam.PriorFactorPoint2(m(j), xy, _noise(survey.covariance[j])))
     for i, (u, U) in enumerate(zip(log.control, log.control_covariance, strict=True)):
         graph.add(gtsam.CustomFactor(_noise(U), [x(i), x(i + 1)], _step_error(u)))
     first, huber = graph.size(), gtsam.noiseModel.mEstimator.Huber.Create(config.huber)

@@ -70,20 +70,19 @@ class Factors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """Measurements of the first pose, of steps between poses, and of landmarks from poses."""
+    """What is known before, steps between poses, and observations of landmarks from poses."""
 
-    start: FloatArray
-    """(3,) first pose."""
-    start_root: FloatArray
-    """(3, 3) square root of its information: W^T W is the inverse of the covariance."""
+    prior: Estimate
+    """First pose (1, 3), the first p landmarks, and biases, as they are known before."""
+    prior_root: FloatArray
+    """(3 + 2 p + b,) squared: square root of the information of `prior`, in its order. W^T W is the
+    inverse of the covariance."""
     step: FloatArray
     """(v - 1, 3) each pose in the frame of its predecessor."""
     step_root: FloatArray
     """(v - 1, 3, 3) square roots of their information, in the frame of the later pose."""
     step_by_bias: FloatArray
     """(v - 1, 3, b) Jacobian of the steps by the biases."""
-    bias_sigma: FloatArray
-    """(b,) prior standard deviations of the biases."""
     observer: IntArray
     """(k,) pose of each observation."""
     landmark: IntArray
@@ -94,6 +93,14 @@ class Measurements:
     """(k, 2, 2) square roots of their information."""
     huber: float
     """Huber's threshold: norm of the largest whitened residual with full weight."""
+
+    def before(self, at: Estimate) -> FloatArray:
+        """(3 + 2 p + b,) whitened residuals of the prior."""
+        prior = self.prior
+        landmark = at.landmark[: len(prior.landmark)] - prior.landmark
+        pose = _minus(at.pose[0], prior.pose[0])
+        error = np.concatenate([pose, landmark.ravel(), at.bias - prior.bias])
+        return np.asarray(self.prior_root @ error)
 
     def steps(self, at: Estimate) -> Factors:
         """The steps between successive poses."""
@@ -137,8 +144,7 @@ class Measurements:
         norm = np.sqrt(np.square(self.observations(at).residual).sum(1))
         inside = np.minimum(norm, self.huber)
         loss = inside * (norm - inside / 2)  # norm^2 / 2 up to the threshold, linear beyond
-        others = [self.steps(at).residual, self.start_root @ _minus(at.pose[0], self.start)]
-        others.append(at.bias / self.bias_sigma)
+        others = self.steps(at).residual, self.before(at)
         return float(loss.sum() + sum(np.square(each).sum() for each in others) / 2)
 
 
@@ -152,19 +158,16 @@ class NormalEquations:
         landmark = pose.size * 3 + 2 * np.arange(len(at.landmark))
         bias = np.array([landmark.size * 2 + pose.size * 3])
         W, observer = root[:, None], pose[measured.observer]
+        size = 3 + measured.prior.landmark.size
+        known = np.split(measured.prior_root[None], [3, size], 2)
         rows = (  # of the Jacobian, by kind of measurement: blocks with their first columns
-            ((measured.start_root[None], pose[:1]),),
+            tuple(zip(known, (pose[:1], np.array([3 * pose.size]), bias), strict=True)),
             ((steps.by_first, pose[:-1]), (steps.by_second, pose[1:]), (steps.by_bias, bias)),
             ((W * seen.by_first, observer), (W * seen.by_second, landmark[measured.landmark])),
-            ((np.diag(1 / measured.bias_sigma)[None], bias),),
         )
         J = _sparse(rows, pose.size * 3 + landmark.size * 2 + len(at.bias))
-        residual = (
-            measured.start_root @ _minus(at.pose[0], measured.start),
-            steps.residual,
-            root * seen.residual,
-            at.bias / measured.bias_sigma,
-        )
+        J.eliminate_zeros()  # between landmarks that are independent before
+        residual = measured.before(at), steps.residual, root * seen.residual
         self._H = csc_array(J.T @ J)
         self._gradient = J.T @ np.concatenate([each.ravel() for each in residual])
         self._poses = 3 * len(at.pose)

@@ -19,7 +19,7 @@ from saccade.slam.pose_search import PoseSearch
 from saccade.slam.reliability import map_warning
 from saccade.slam.results import SlamResult
 from saccade.slam.scans import NO_SCAN, Scan, scans_of
-from saccade.slam.smoothing import smooth
+from saccade.slam.smoothing import Prior, smooth
 from saccade.slam.snapshots import Recorder
 from saccade.types import (
     BoolArray,
@@ -67,8 +67,8 @@ def run(
 
     Returns:
         Trajectory and map, with `SlamResult.estimate` "smoothed" or "filtered"; consistency and
-        association. A run that begins in a map, and a log that cannot be smoothed, are filtered
-        only; the reason is in `SlamResult.remark`.
+        association. A log that cannot be smoothed is filtered only; the reason is in
+        `SlamResult.remark`.
 
     Raises:
         ConfigError: both `config` and `initial` are given.
@@ -85,14 +85,14 @@ def run(
     remark = locate_start(slam, log)
     log = replace(log, start=slam.filter.pose, odometry_bias=slam.odometry_bias)
     begins, remarks = len(slam.filter) == 0, [remark]
+    prior, known = Prior.of_filter(slam.filter), slam.filter.ids.copy()
     result = _filtered(log, slam, progress, recorder)
-    if slam.config.smooth and begins:
+    if slam.config.smooth:
+        prior = prior.of_landmarks(np.isin(known, result.ids))
         try:
-            result = smooth(log, result, slam.config)
+            result = smooth(log, result, slam.config, prior=prior)
         except LogError as error:
             remarks.append(f"not {str(error).replace('smoothing:', 'smoothed:', 1)}")
-    elif slam.config.smooth:
-        remarks.append("not smoothed: the run began in a map")
     warning = result.warning
     if begins and not warning and (log.landmark < 0).any():
         warning = map_warning(log, result.trajectory, result.map, result.association)

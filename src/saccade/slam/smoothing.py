@@ -1,7 +1,7 @@
 """Smoothing: the most probable trajectory and map, given a whole log."""
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from saccade.plane import (
     to_relative_poses,
 )
 from saccade.slam.config import EkfConfig
+from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import bias_jacobian
 from saccade.slam.least_squares import (
     MAX_ITERATIONS,
@@ -37,12 +38,50 @@ from saccade.types import (
 
 MIN_SIGMA = 1e-4
 """Standard deviation in meters and radians that is added to every measurement."""
+MIN_BIAS_SIGMA = 1e-6
+"""Standard deviation that is added to those of the odometry biases, in their units."""
 MAX_BYTES = 2e9
 """Largest size of the covariances between poses and landmarks, in bytes."""
 ANYWHERE = (1e4, 1e4, 10.0)
 """Standard deviations in meters and radians of the motion of a kidnapped robot."""
 MAX_SIGMA = 1e4
 """Largest standard deviation of a determined landmark, in meters."""
+COPIES = 20
+"""Number of matrices of the size of the prior covariance that are in memory at once."""
+
+
+class Prior(NamedTuple):
+    """Gaussian of the first pose, landmarks and odometry biases before a log."""
+
+    mean: Estimate
+    """First pose (1, 3), p landmarks and b biases."""
+    covariance: FloatArray
+    """(3 + 2 p + b,) squared, in this order."""
+
+    @classmethod
+    def without_map(cls, log: LandmarkLog, config: EkfConfig) -> Self:
+        """The start of a log that begins a map."""
+        sigma = np.array(config.bias_sigmas(log.odometry_bias))
+        sigma = sigma if sigma.any() else sigma[:0]
+        mean = Estimate(np.array(log.start)[None], np.empty((0, 2)), np.zeros(len(sigma)))
+        return cls(mean, np.diag(np.square([*config.start_sigma, *sigma])))
+
+    @classmethod
+    def of_filter(cls, ekf: EkfSlam) -> Self:
+        """The present estimate of a filter."""
+        pose, bias = np.split(ekf.robot_state, [3])
+        mean = Estimate(pose[None].copy(), ekf.landmarks.copy(), bias.copy())
+        biases_last = np.r_[
+            :3, 3 + len(bias) : 3 + len(bias) + mean.landmark.size, 3 : 3 + len(bias)
+        ]
+        return cls(mean, ekf.marginal(ekf.ids)[np.ix_(biases_last, biases_last)])
+
+    def of_landmarks(self, kept: BoolArray) -> Self:
+        """The marginal without other landmarks than the `kept` ones (p,)."""
+        rows = np.ones(len(self.covariance), np.bool_)
+        rows[3 : 3 + 2 * len(kept)] = np.repeat(kept, 2)
+        mean = self.mean._replace(landmark=self.mean.landmark[kept])
+        return type(self)(mean, self.covariance[np.ix_(rows, rows)])
 
 
 class Smoothed(NamedTuple):
@@ -65,6 +104,7 @@ def smooth(
     result: SlamResult,
     config: EkfConfig = EkfConfig(),
     *,
+    prior: Prior | None = None,
     min_decrease: float = MIN_DECREASE,
 ) -> SlamResult:
     """Smooths a log over the association of the filter.
@@ -73,6 +113,8 @@ def smooth(
         log: controls and observations of range and bearing.
         result: result of the filter on this log, the initial estimate.
         config: settings of the filter: the noise, the start, `huber` and the odometry biases apply.
+        prior: first pose, biases and the first landmarks of the result before the log; by default
+            as `config` has them, without landmarks.
         min_decrease: minimum relative decrease of the cost in an iteration; then the estimate has
             converged.
 
@@ -87,7 +129,7 @@ def smooth(
     log = in_robot_frame(log)
     found = smooth_log(
         *(log, result.trajectory.pose, result.map, result.association, result.lost),
-        *(config, min_decrease),
+        *(config, prior, min_decrease),
     )
     return replace(result, **found._asdict(), estimate="smoothed")
 
@@ -99,6 +141,7 @@ def smooth_log(
     association: IntArray,
     lost: BoolArray | None,
     config: EkfConfig,
+    prior: Prior | None = None,
     min_decrease: float = MIN_DECREASE,
 ) -> Smoothed:
     """Smooths a log in the frame of the robot, from poses (t + 1, 3) and a map of n landmarks.
@@ -109,19 +152,23 @@ def smooth_log(
     Raises:
         LogError: as `smooth`.
     """
+    if lost is not None and lost[0]:
+        raise LogError("smoothing: expected a known first pose, found a robot that is lost")
+    prior = prior or Prior.without_map(log, config)
     cuts = _kidnappings(log, association, lost)
     cut = np.isin(np.arange(len(log.control)), cuts)
     moves = log.control.any(1) | log.control_covariance.any((1, 2)) | cut  # (t,)
     variable = np.concatenate([[0], np.cumsum(moves)])  # poses at standstill share one
     first = np.unique(variable, return_index=True)[1]
-    if 8 * 3 * len(first) * 2 * len(landmarks) > MAX_BYTES:
+    cells = 3 * len(first) * 2 * len(landmarks) + COPIES * prior.covariance.size
+    if 8 * cells > MAX_BYTES:
         raise LogError(
             f"smoothing: expected poses and landmarks that fit into {MAX_BYTES / 1e9:g} GB, "
             f"found {len(first)} and {len(landmarks)}"
         )
-    measured = _measurements(log, config, variable, association, cuts)
+    measured = _measurements(log, config, prior, variable, association, cuts)
     initial = _initial_poses(log, poses, lost, cuts)[first]
-    start = Estimate(initial, landmarks.xy, np.zeros(len(measured.bias_sigma)))
+    start = Estimate(initial, landmarks.xy, prior.mean.bias)
     try:
         best, iterations = minimize(measured, start, min_decrease)
         pose_covariance, others = NormalEquations(measured, best).covariances()
@@ -181,6 +228,7 @@ def _initial_poses(
 def _measurements(
     log: LandmarkLog,
     config: EkfConfig,
+    prior: Prior,
     variable: IntArray,
     association: IntArray,
     cuts: IntArray,
@@ -195,18 +243,18 @@ def _measurements(
     turned = np.tile(np.eye(3), (len(moves), 1, 1))
     turned[:, :2, :2] = rotations(-step[:, 2])
     in_later_frame = turned @ covariance @ turned.transpose(0, 2, 1)
-    sigma = np.array(config.bias_sigmas(log.odometry_bias))
-    by_bias = (relative_pose_jacobian(log) @ bias_jacobian(log.control))[moves][:, :, sigma > 0]
+    by_bias = (relative_pose_jacobian(log) @ bias_jacobian(log.control))[moves]
     missing = np.isnan(log.observation[used])  # (k, 2)
     with_missing = missing[:, :, None] | missing[:, None]
     R = np.where(with_missing, np.eye(2), log.observation_covariance[used])
+    b = len(prior.mean.bias)
+    min_sigma = np.repeat([MIN_SIGMA, MIN_BIAS_SIGMA], [len(prior.covariance) - b, b])
     return Measurements(
-        start=log.start,
-        start_root=_root(np.diag(np.square(config.start_sigma))),
+        prior=prior.mean,
+        prior_root=_root(prior.covariance, min_sigma),
         step=step,
         step_root=_root(in_later_frame * config.motion_noise_scale**2),
-        step_by_bias=by_bias,
-        bias_sigma=sigma[sigma > 0],
+        step_by_bias=by_bias[:, :, :b],
         observer=variable[log.observation_pose[used]],
         landmark=association[used],
         observation=np.where(missing, 0.0, log.observation[used]),
@@ -215,9 +263,9 @@ def _measurements(
     )
 
 
-def _root(covariance: FloatArray) -> FloatArray:
+def _root(covariance: FloatArray, min_sigma: FloatArray | float = MIN_SIGMA) -> FloatArray:
     """Square roots W of information matrices: W^T W is the inverse of a covariance (..., d, d)."""
-    regular = covariance + MIN_SIGMA**2 * np.eye(covariance.shape[-1])
+    regular = covariance + np.square(min_sigma) * np.eye(covariance.shape[-1])
     return np.asarray(np.linalg.inv(np.linalg.cholesky(regular)))
 
 
