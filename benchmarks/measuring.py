@@ -99,7 +99,7 @@ def in_processes(
 
 def geometric_mean(logarithms: FloatArray) -> FloatArray:
     """(3,) geometric mean and ends of its 95 % bootstrap interval, of (n,) natural logarithms."""
-    (low,), (high,) = mean_interval(logarithms[:, None], 0.95, seed=0)
+    (low,), (high,) = mean_interval(logarithms[:, None], seed=0)
     return np.exp([logarithms.mean(), low, high])
 
 
