@@ -17,7 +17,7 @@ from saccade.types import LandmarkLog, LandmarkMap
 from support.alignment import align, interpolate
 from support.circular_log import simulate
 from support.gtsam_smoothing import smooth_by_gtsam
-from support.kidnapping import kidnapped
+from support.kidnapping import STEP, kidnapped
 from support.logs import between, with_observations, without_names
 
 FILTER = EkfConfig(smooth=False, estimate_odometry_bias=False)
@@ -321,6 +321,19 @@ def test_after_a_kidnapping_the_lost_poses_are_led_back_from_where_the_robot_was
     assert before[result.lost].max() > 5.0
     assert after[result.lost].max() < 0.3
     assert after.mean() < before[~result.lost].mean()
+
+
+@pytest.mark.parametrize("most", [1, 2])
+def test_poses_before_a_kidnapping_is_noticed_are_lost(most):
+    """A few labels at a time contradict the pose long before they suffice."""
+    log = kidnapped(1, named=True)
+    pose, number = log.observation_pose, np.arange(len(log.observation_pose))
+    rank = number - np.searchsorted(pose, pose)  # within its scan
+    few = (pose > STEP) & (pose <= STEP + 10) & (rank >= most)
+    result = slam.run(with_observations(log, ~few))
+    error = np.hypot(*(result.trajectory.pose - log.truth.pose)[:, :2].T)
+    assert np.flatnonzero(result.lost)[0] == STEP + 1
+    assert error.max() < 0.3
 
 
 def test_half_observations_count_by_the_component_that_was_measured(rng):

@@ -158,7 +158,8 @@ class SlamResult(Pictured):
     """Root of the mean fraction of second-order terms in the variance of the innovations; above
     `MAX_NONLINEARITY` the filter is overconfident. Zero for the standard filter."""
     lost: BoolArray | None = None
-    """(t + 1,) whether the robot is kidnapped at each pose; the filter is dead reckoning there."""
+    """(t + 1,) whether the robot is kidnapped at each pose, from the first scan that contradicts
+    the filter. In a step it is lost once the evidence suffices, and dead reckoning then."""
     session: IntArray | None = None
     """(n,) session in which each landmark of the map was added, from 0, see `Slam.load`."""
 

@@ -13,6 +13,7 @@ from saccade.plane import in_robot_frame, rotations
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import normalized_squared, summarize
 from saccade.slam.filter.models import new_innovations
+from saccade.slam.kidnapping import MIN_CONTRADICTION
 from saccade.slam.models import pose_difference
 from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch
@@ -113,13 +114,17 @@ def _filtered(
     pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
     lost, rejected = np.zeros(poses, np.bool_), np.zeros(k, np.bool_)
     association, innovations = np.full(k, -1), new_innovations(k)  # the association has ids
-    hundredth, start, begins = poses // 100 + 1, 0, len(slam.filter) == 0
+    hundredth, start, begins, doubted = poses // 100 + 1, 0, len(slam.filter) == 0, 0
     slam.num_steps = max(slam.num_steps - 1, 0)  # the first pose of the log is its present pose
 
     for i, scan in enumerate(scans_of(log, slam.config)):
         result = slam.process(scan)
         rows = slice(start, start := start + len(scan.z))
-        pose[i], covariance[i], lost[i] = result.pose, result.covariance, result.lost
+        pose[i], covariance[i] = result.pose, result.covariance
+        if result.lost:  # since the first scan of the evidence, the change point of the CUSUM
+            lost[min(doubted, i) : i + 1] = True
+        elif slam.kidnapping.evidence < MIN_CONTRADICTION:
+            doubted = i + 1
         association[rows], rejected[rows] = result.association, result.rejected
         innovations.value[rows] = result.innovations
         innovations.covariance[rows] = result.innovation_covariances
