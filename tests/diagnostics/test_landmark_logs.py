@@ -216,6 +216,16 @@ def test_good_logs_have_no_findings(seed, named):
     assert check_run(log, slam.run(log), check_log(log)) == ()
 
 
+@pytest.mark.parametrize(("later", "found"), [(0.07, []), (0.4, ["labels change"])])
+def test_labels_that_are_misread_at_times_do_not_change(later, found, good):
+    """Few misread labels are rejected at first, while most labels are new."""
+    rows = np.arange(len(good.landmark))
+    rate = np.where(rows < len(rows) // 5, 0.02, later)
+    rejected = np.random.default_rng(0).random(len(rows)) < rate
+    findings = check_run(good, replace(slam.run(good), rejected=rejected))
+    assert [each.check for each in findings] == found
+
+
 def test_a_run_with_halves_of_observations_is_judged(good):
     half = good.observation.copy()
     half[::5, 0] = half[2::5, 1] = np.nan

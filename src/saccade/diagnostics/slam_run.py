@@ -20,6 +20,8 @@ MIN_OBSERVATIONS = 50
 """Minimum number of observations for a test for changed labels."""
 MIN_REJECTED = 0.04
 """Minimum fraction of rejected or unused labeled observations for that test."""
+MIN_CHANGED = 0.15
+"""Minimum fraction after the labels have changed; 5 % of wrong labels reach 0.1 in such a part."""
 MIN_JUMP = 3.0
 """Minimum ratio of that fraction after and before the change."""
 MIN_LABEL_OBSERVATIONS = 16
@@ -171,8 +173,8 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
             before = 100 * rejected[:change].mean()
             after = 100 * float(rejected[change:].mean())
             what = (
-                f"labels change about {time:.0f} s after the first pose: {after:.0f} % are "
-                f"unused after it, {before:.1f} % before"
+                f"labels change, or the robot was carried away, about {time:.0f} s after the first "
+                f"pose: {after:.0f} % of the labels are unused after it, {before:.1f} % before"
             )
             advice = "Give a landmark the same label in all of the log, or map its parts separately"
             yield Finding("error", "labels change", what, advice, time, "s")
@@ -198,7 +200,7 @@ def _change(rejected: BoolArray, names: IntArray) -> int | None:
     end = np.minimum(at + count // 5, count)
     before, after = total[at] / at, (total[end] - total[at]) / (end - at)
     best = int(np.argmax(after - before))
-    if after[best] < MIN_JUMP * before[best]:
+    if after[best] < max(MIN_CHANGED, MIN_JUMP * before[best]):
         return None
     first, last = int(at[best]), int(end[best])
     where = names[first:last][rejected[first:last]]
