@@ -144,7 +144,7 @@ class LabelAssociation:
         """Drops observations (m,) that close a loop without a label, while labels are observed."""
         if not table.labels or self.unlabeled > MAX_UNLABELED:
             return
-        without = np.array([label is None for label in labels]) & (matches >= 0)
+        without = np.array([label is None for label in labels], np.bool_) & (matches >= 0)
         squared, ratio = np.full(len(z), np.inf), np.zeros(len(z))
         compare_with_landmarks(
             ekf.active, z, R, ekf.rows(np.where(without, matches, -1)), squared, ratio
