@@ -146,7 +146,11 @@ def test_other_shapes_of_keypoints_come_in(pycolmap, rng, tmp_path, columns):
         (["a", "b"], {("a", "b"): [[-1, 0]]}, "expected indices below 2 and 3, found -1"),
         (["a", "b"], {("a", "b"): [[0, 0, 0]]}, r"expected whole numbers of shape \(m, 2\)"),
         (["a", "b"], {("a", "b"): [[0.5, 0]]}, "expected whole numbers.*found float64"),
-        (["a", "b"], {("a", "b"): [[0, 0]], ("b", "a"): [[0, 0]]}, "one order of the pair, found both"),
+        (
+            ["a", "b"],
+            {("a", "b"): [[0, 0]], ("b", "a"): [[0, 0]]},
+            "one order of the pair, found both",
+        ),
     ],
 )
 def test_what_does_not_fit_is_named_and_not_written(
