@@ -91,6 +91,27 @@ def test_fused_maps_are_the_least_squares_estimate(rng):
     np.testing.assert_allclose(fused.mean[slice(*common)], fused.mean[3 + 2 * n :][:8], atol=1e-9)
 
 
+def test_the_stretch_is_the_slope_of_a_regression(rng):
+    """Of points of equal variance, of which those of the second map are 4 % farther apart."""
+    a = rng.uniform(0, 10, (9, 2))
+    b = 1.04 * a @ np.array([[0.8, -0.6], [0.6, 0.8]]) - [2.0, 1.0]
+    P, Q = 0.03**2 * np.eye(3 + 18), 0.04**2 * np.eye(18)
+    maps = _Maps(3, np.zeros(3), (a, b), (P, Q), (np.full(9, -1), np.full(9, -1)))
+    pairs = np.column_stack([np.arange(9), np.arange(9)])
+    stretch, variance = _fuse(maps, pairs, np.array([2.0, 1.0, np.arctan2(0.6, 0.8)])).stretch
+    assert stretch == pytest.approx(1 / 1.04 - 1)
+    assert variance == pytest.approx(0.05**2 / np.square(b - b.mean(0)).sum())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_map_of_ranges_that_are_too_long_is_not_merged(seed):
+    log, other = (simulate_world(WORLD, each) for each in (seed, seed + 100))
+    longer = replace(other, observation=other.observation * [1.08, 1.0])
+    assert len(slam.merge_maps(mapped(log), mapped(other)).common) > 10
+    with pytest.raises(LogError, match=r"second map 1\.0[4-9]\d times as large"):
+        slam.merge_maps(mapped(log), mapped(longer))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_maps_are_merged_without_names(seed):
     first, second, transform = halves(seed)

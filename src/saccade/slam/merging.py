@@ -44,6 +44,9 @@ CONFIDENCE = 0.9999
 DISTORTION = 0.0025
 """Standard deviation that is added to landmarks in that test, as a fraction of the map's extent. It
 stands for the systematic errors of right maps of recorded logs."""
+MAX_STRETCH = 0.01
+"""Standard deviation of the relative difference in size of right maps, beyond their covariance: the
+sensors of two robots differ in scale."""
 LIKELY = 0.05
 """Minimum probability of a location of a group."""
 CLEAR = 20.0
@@ -146,6 +149,13 @@ def _warnings(first: Slam, second: Slam, maps: "_Maps", fused: "_Fused") -> list
             f"a joint NIS of {nis:.0f} of {len(fused.pairs)} common landmarks, for at most "
             f"{limit:.0f}"
         )
+    stretch, variance = fused.stretch
+    if stretch**2 > chi_square_gate(1, CONFIDENCE) * (variance + MAX_STRETCH**2):
+        sizes = [xy[rows].var(0).sum() for xy, rows in zip(maps.xy, fused.pairs.T, strict=True)]
+        found.append(
+            f"the second map {np.sqrt(sizes[1] / sizes[0]):.3f} times as large as the first; "
+            "compare the ranges of both robots with a known length"
+        )
     return found
 
 
@@ -189,6 +199,8 @@ class _Fused(NamedTuple):
     transform: FloatArray
     covariance: FloatArray
     nis: float
+    stretch: tuple[float, float]
+    """Relative difference in size, positive if the first map is larger, and its variance."""
     scale: float
     """Factor on the covariances of both maps with which they agree, at least 1: maps may be
     overconfident."""
@@ -227,6 +239,10 @@ def _fuse(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
     by_transform = gain @ weighted
     by_transform[len(P) :] += J
     joint = prior - gain @ cho_solve(S, gain.T) + by_transform @ C @ by_transform.T
+    radial = ((common := b[pairs[:, 1]] @ R.T) - common.mean(0)).ravel()
+    leverage = weighted.T @ radial
+    information = float(radial @ cho_solve(S, radial) - leverage @ C @ leverage)
+    stretch = float(radial @ force) / information, 1 / information
     nis, dof = float(v @ force), 2 * len(pairs) - 3
     scale = max(1.0, nis / dof)
     log_det = 2 * np.log(np.diag(S[0])).sum() - np.linalg.slogdet(C)[1]
@@ -236,7 +252,7 @@ def _fuse(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
     chance = log(len(a) / float(np.prod(extent + 1e-9)))
     log_odds = float(log_density) - log(volume) - len(pairs) * chance
     T[2] = wrap(T[2])
-    return _Fused(pairs, T, C, nis, scale, log_odds, mean, joint)
+    return _Fused(pairs, T, C, nis, stretch, scale, log_odds, mean, joint)
 
 
 def _grown(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
