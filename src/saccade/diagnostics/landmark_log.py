@@ -80,7 +80,7 @@ def shared_name_finding(
     what += f"{distance:.1f} m apart"
     if len(names) > 1:
         others = ", ".join(names[1:7])
-        what += f" (so {counted(len(names) - 1, 'is', 'are')}: {others})"
+        what += f" ({counted(len(names) - 1, 'more is', 'more are')} shared: {others})"
     advice = "Give each landmark a unique label, or leave uncertain labels empty"
     return Finding("error", "shared label", what, advice, distance, "m")
 

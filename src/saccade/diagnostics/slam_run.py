@@ -69,11 +69,11 @@ def check_run(
     log, found = in_robot_frame(log), [*causes]
     if not found and (log.landmark >= 0).any():
         found += _check_names(log, result)
-    return (*found, *_symptoms(log, result))
+    return (*found, *_symptoms(log, result, known=bool(found)))
 
 
-def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
-    """Symptoms of a defective run."""
+def _symptoms(log: LandmarkLog, result: SlamResult, known: bool) -> Iterator[Finding]:
+    """Symptoms of a defective run; hints at a cause only if no cause is known."""
     advice = "See the page 'My map is wrong' of the documentation"
     observations, used = len(result.association), int((result.association >= 0).sum())
     if result.warning:
@@ -87,12 +87,15 @@ def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
         seconds = float(log.time[-1] - log.time[last])
         what = f"the run ends lost: the last {seconds:.1f} s rely on odometry alone"
         yield Finding("warning", "lost", what, advice, seconds, "s")
-    yield from _check_innovations(log, result, advice)
-    yield from _check_scale(log, result)
+    yield from _check_innovations(log, result, advice, known)
+    if not known:
+        yield from _check_scale(log, result)
     yield from _check_duplicates(log, result, advice)
 
 
-def _check_innovations(log: LandmarkLog, result: SlamResult, advice: str) -> Iterator[Finding]:
+def _check_innovations(
+    log: LandmarkLog, result: SlamResult, advice: str, known: bool
+) -> Iterator[Finding]:
     """Checks for innovations that are too large or one-sided, without outliers."""
     what, dof, nis = result.consistency.warning, result.consistency.dof, result.consistency.nis
     used = nis < chi_square_gate(dof, POSSIBLE)  # False for NaN
@@ -106,7 +109,9 @@ def _check_innovations(log: LandmarkLog, result: SlamResult, advice: str) -> Ite
         )
     if not what:
         return
-    if abs(sides[1]) > max(MIN_SIDE, abs(sides[0])):
+    if known:
+        advice = "First correct the cause above"
+    elif abs(sides[1]) > max(MIN_SIDE, abs(sides[0])):
         degrees, side = np.rad2deg(innovation[:, 1].mean()), ("right", "left")[int(sides[1] > 0)]
         what += f"; bearings are on average {abs(degrees):.1f} degrees {side} of the predicted"
         advice = "Check the yaw of the sensor (--sensor), and whether odometry turns to one side"
