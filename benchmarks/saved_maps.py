@@ -1,6 +1,6 @@
 """What a saved map is worth to another run: localizing in it, mapping on, and mapping anew.
 
-    uv run python benchmarks/saved_maps.py mrclam6.npz [--seeds 20]      (docs/map-files.md)
+    uv run python benchmarks/saved_maps.py [--mrclam mrclam6.npz] [--seeds 20]   (docs/map-files.md)
 
 Simulated worlds: the map is that of one run, the robot that of another one; the start is the true
 one in the frame of the map. "exact" takes the landmarks of the map as exact. Of MRCLAM, robots 2 to
@@ -73,7 +73,7 @@ def show(title: str, rows: list[list[tuple[str, float, float]]]) -> None:
 
 
 def main() -> None:
-    given = arguments(__doc__, mrclam={"flags": "mrclam", "type": Path}, seeds=20)
+    given = arguments(__doc__, mrclam={"type": Path, "default": None}, seeds=20)
     file = Path(tempfile.mkdtemp()) / "map.npz"
     for name, world in WORLDS.items():
         rows = []
@@ -81,6 +81,8 @@ def main() -> None:
             mapped(simulate_world(world, seed)).save(file)
             rows.append([*scores(simulate_world(world, seed + 500), file)])
         show(name, rows)
+    if given.mrclam is None:
+        return
     logs = [datasets.load("mrclam", given.mrclam, robot=robot) for robot in range(1, 6)]
     robots = [mapped(log) for log in logs]
     robots[0].save(file)

@@ -117,6 +117,23 @@ def test_a_run_in_a_survey_is_smoothed_as_by_gtsam(rng):
     np.testing.assert_allclose(result.map.covariance, covariance, atol=1e-6)
 
 
+def test_a_map_whose_heading_is_uncertain_is_filtered_only(rng):
+    """A rotation of .2 rad, and independent errors, whose part of the rotation adds up."""
+    log, _, world = simulate(rng, steps=20)
+    turned = (world @ [[0, 1], [-1, 0]]).ravel()
+    P = 0.2**2 * np.outer(turned, turned) + 0.1**2 * np.eye(40)
+    robot = slam.Slam(EkfConfig(association="known"), map=LandmarkMap(np.arange(20), world))
+    mean, covariance = robot.filter.state, robot.filter.covariance
+    covariance[6:, 6:] = P
+    robot.filter.set_gaussian(mean, covariance, robot.filter.ids)
+    spread = np.square(world - world.mean(0)).sum()
+    expected = np.sqrt(0.2**2 + 0.1**2 / spread)
+    assert smoothing.Prior.of_filter(robot.filter).turn_sigma == pytest.approx(expected, rel=1e-5)
+    result = slam.run(log, initial=robot)
+    assert result.estimate == "filtered"
+    assert result.remark.startswith("not smoothed: expected a map whose standard deviation")
+
+
 def test_a_second_session_is_smoothed_with_what_the_first_has_learned(rng, tmp_path):
     """As one session: what is known of pose and landmarks between them is all that counts."""
     log, _, _ = simulate(rng, steps=60, noise=0.1)

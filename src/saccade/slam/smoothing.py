@@ -46,6 +46,9 @@ ANYWHERE = (1e4, 1e4, 10.0)
 """Standard deviations in meters and radians of the motion of a kidnapped robot."""
 MAX_SIGMA = 1e4
 """Largest standard deviation of a determined landmark, in meters."""
+MAX_TURN_SIGMA = 0.05
+"""Largest standard deviation in radians of a rotation of the prior map as a whole. The Gaussian of
+a map is linear in rotations: one by the angle a stretches it by 1 / cos a."""
 COPIES = 20
 """Number of matrices of the size of the prior covariance that are in memory at once."""
 
@@ -75,6 +78,19 @@ class Prior(NamedTuple):
             :3, 3 + len(bias) : 3 + len(bias) + mean.landmark.size, 3 : 3 + len(bias)
         ]
         return cls(mean, ekf.marginal(ekf.ids)[np.ix_(biases_last, biases_last)])
+
+    @property
+    def turn_sigma(self) -> float:
+        """Standard deviation in radians of a rotation of all landmarks about any point."""
+        xy = self.mean.landmark
+        if len(xy) < 2:
+            return 0.0
+        rigid = np.zeros((len(xy), 2, 3))  # derivatives of the landmarks by rotation, translation
+        rigid[:, :, 0] = xy @ [[0, 1], [-1, 0]]
+        rigid[:, 0, 1] = rigid[:, 1, 2] = 1.0
+        rows = slice(3, 3 + xy.size)
+        W = _root(self.covariance[rows, rows]) @ rigid.reshape(xy.size, 3)
+        return float(np.sqrt(np.linalg.inv(W.T @ W)[0, 0]))
 
     def of_landmarks(self, kept: BoolArray) -> Self:
         """The marginal without other landmarks than the `kept` ones (p,)."""
@@ -155,6 +171,11 @@ def smooth_log(
     if lost is not None and lost[0]:
         raise LogError("smoothing: expected a known first pose, found a robot that is lost")
     prior = prior or Prior.without_map(log, config)
+    if prior.turn_sigma > MAX_TURN_SIGMA:
+        raise LogError(
+            "smoothing: expected a map whose standard deviation of the heading is at most "
+            f"{MAX_TURN_SIGMA} rad, found {prior.turn_sigma:.2f}"
+        )
     cuts = _kidnappings(log, association, lost)
     cut = np.isin(np.arange(len(log.control)), cuts)
     moves = log.control.any(1) | log.control_covariance.any((1, 2)) | cut  # (t,)
