@@ -73,28 +73,6 @@ def test_the_information_is_the_entropy_that_an_update_takes_from_the_pose(pan_s
     assert_allclose(information, (before - after) / 2, rtol=1e-3)
 
 
-def test_the_information_includes_the_systematic_errors_of_the_odometry_on_the_way():
-    landmarks = np.array([[6.0, 0.3], [6.5, -0.8], [7.0, 0.9]])
-    slam = robot(landmarks, motion_sigma=0.1, odometry_bias=(0.05, 0.1, 0.0))
-    made = gazer(slam, sensor=sensor, odometry=(0.02, 0.03))
-    made.plan = np.array([[0.1, 0.01]])
-    view = made._roll_out()
-    ahead = int(np.argmin(np.abs(made.candidates)))
-    assert view.seen[ahead].tolist() == [1, 1, 1]
-    information = made._information(view)[ahead]
-    for time in (2.0, 3.0):
-        slam.step(time, np.array([0.5, 0.05]), 0.5 * np.diag([0.02, 0.03]) ** 2)
-    before = np.linalg.slogdet(slam.filter.pose_covariance)[1]
-    z = observe(slam.pose, landmarks)[0]
-    R = np.array([np.diag(each**2) for each in sensor(z[:, 0])])
-    slam.step(3.0, z=z, R=R, labels=np.arange(3))
-    after = np.linalg.slogdet(slam.filter.pose_covariance)[1]
-    assert_allclose(information, (before - after) / 2, rtol=0.01)
-    unbiased = gazer(robot(landmarks, motion_sigma=0.1), sensor=sensor, odometry=(0.02, 0.03))
-    unbiased.plan = made.plan
-    assert unbiased._information(unbiased._roll_out())[ahead] < information - 0.3
-
-
 @pytest.mark.parametrize("k", [1, 2, 9])
 def test_the_bearings_of_a_scan_tell_the_heading_no_better_than_the_pan_is_measured(k):
     R = np.tile(np.diag([0.01, 1e-12]), (k, 1, 1))

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from saccade.errors import require
 from saccade.landmark_names import parse_labels
 from saccade.slam import Slam
-from saccade.slam.filter.models import control_bias
 from saccade.slam.models import MOTIONS, observe, stack_jacobians, wrap
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -253,8 +252,7 @@ class Gazer:
         ids, xy = ekf.ids[known], ekf.landmarks[known]
         steps = np.minimum(np.arange(ceil(HORIZON / self.period)), len(self.plan) - 1)
         controls = self.plan[steps] if len(self.plan) else np.zeros((0, 2))
-        r = len(ekf.robot_state)
-        poses, F, Q = [start], np.eye(3, r), np.zeros((3, 3))
+        poses, F, Q = [start], np.eye(3), np.zeros((3, 3))
         for i, u in enumerate(np.array_split(controls, SAMPLES)):
             if len(u) == 0:
                 poses.append(poses[-1])
@@ -265,7 +263,6 @@ class Gazer:
             if i < SAMPLES // 2:
                 sigma = np.append(np.full(len(u) - 1, self._odometry[0]), self._odometry[1])
                 F, Q = Fx @ F, Fx @ Q @ Fx.T + (Fu * sigma**2 * abs(u[0])) @ Fu.T
-                F[:, 3:] += Fu @ control_bias(u, r)
         sampled, center = np.array(poses[1:]), poses[SAMPLES // 2]
         near = self._select(ids, xy, center)
         turn = self.rate * HORIZON * np.arange(1, SAMPLES + 1)[:, None] / SAMPLES
@@ -307,10 +304,9 @@ class Gazer:
         seen, k = view.seen, len(view.landmarks)
         if k == 0:
             return np.zeros(len(seen))
-        robot = view.F.shape[1]
-        moved = np.zeros((3 + 2 * k, robot + 2 * k))
-        moved[:3, :robot], moved[3:, robot:] = view.F, np.eye(2 * k)
-        P = moved @ self.slam.filter.marginal(view.landmarks) @ moved.T
+        P = self.slam.joint_covariance(view.landmarks)
+        P[:3] = view.F @ P[:3]
+        P[:, :3] = P[:, :3] @ view.F.T
         P[:3, :3] += view.Q + 1e-12 * np.eye(3)  # a pose that is known exactly is regular, too
         z, H = observe(view.pose, view.xy)
         J = stack_jacobians(H)
@@ -367,7 +363,7 @@ class View:
     pose: FloatArray
     """(3,) pose in the middle of the rollout."""
     F: FloatArray
-    """(3, r) Jacobian of this pose by the present robot: its pose and the odometry biases."""
+    """(3, 3) Jacobian of this pose by the present pose."""
     Q: FloatArray
     """(3, 3) covariance of the motion in between."""
     landmarks: IntArray
