@@ -8,10 +8,9 @@ import pytest
 from saccade import datasets, visual
 from saccade.errors import DriveError, OutputError
 from saccade.evaluation.trajectory import score_drive
-from saccade.frames import Frame
 from support.short_ring import short_ring
 from support.small_drive import small_drive
-from support.track_recorder import DEPTH_BASELINE, record_tracks
+from support.track_recorder import record_tracks
 
 FRAMES = 40
 
@@ -64,21 +63,6 @@ def test_tracks_are_read_from_a_file_in_any_order(tmp_path):
         now = np.argsort(read.id)
         np.testing.assert_array_equal(read.descriptor[now], descriptors[expected][order])
         np.testing.assert_allclose(read.disparity[now], disparity[expected][order])
-
-
-def test_depths_become_disparities(drive):
-    def load(number):
-        frame = drive.load(number)
-        return Frame(frame.time, frame.image, depth=np.full(frame.image.shape[:2], 4.0))
-
-    camera = replace(drive.camera, baseline=0.0)
-    for baseline, frames in ((DEPTH_BASELINE, load), (0.0, lambda i: replace(load(i), depth=None))):
-        _, made = record_tracks(replace(drive, camera=camera, load=frames).until(3))
-        assert made.camera.baseline == baseline
-        disparity = made.load(1).tracks.disparity
-        assert len(disparity) > 20
-        expected = camera.fx * baseline / 4 if baseline else np.nan
-        np.testing.assert_allclose(disparity, expected)
 
 
 def test_what_cannot_be_written_is_refused(tmp_path):
