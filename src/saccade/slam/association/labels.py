@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.landmark_names import Label
-from saccade.slam.association._kernels import compare_with_landmarks
 from saccade.slam.association.nearest_neighbor import (
     DROPPED,
     NEW,
     Gates,
     associate_by_geometry,
+    compare,
 )
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate, normalized_squared
@@ -145,10 +145,9 @@ class LabelAssociation:
         if not table.labels or self.unlabeled > MAX_UNLABELED:
             return
         without = np.array([label is None for label in labels], np.bool_) & (matches >= 0)
-        squared, ratio = np.full(len(z), np.inf), np.zeros(len(z))
-        compare_with_landmarks(
-            ekf.active, z, R, ekf.rows(np.where(without, matches, -1)), squared, ratio
-        )
+        if not without.any():
+            return
+        _, ratio = compare(ekf, z, R, np.where(without, matches, -1))
         for i in np.flatnonzero(without & (ratio > UNLABELED_LOOP)).tolist():
             if table.is_labeled(int(matches[i])):
                 matches[i] = DROPPED
@@ -185,9 +184,7 @@ class LabelAssociation:
         known = {i: table.labels[labels[i]] for i in np.flatnonzero(landmarks >= 0).tolist()}  # type: ignore[index]
         if not known:
             return matches
-        squared, ratio = np.full(len(z), np.inf), np.zeros(len(z))
-        compare_with_landmarks(ekf.active, z, R, ekf.rows(landmarks), squared, ratio)
-        nis, looseness = squared.tolist(), ratio.tolist()
+        nis, looseness = (each.tolist() for each in compare(ekf, z, R, landmarks))
         gate = [FAR if each > LOOP else self._gate for each in looseness]
         rejected = {i for i in known if not nis[i] <= gate[i]}
         loose = any(looseness[i] > LOOSE for i in known.keys() - rejected)

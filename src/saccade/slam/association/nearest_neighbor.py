@@ -4,7 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.slam.association._kernels import mahalanobis_distances, prefilter_landmarks
+from saccade.slam.association._kernels import (
+    compare_with_landmarks,
+    mahalanobis_distances,
+    prefilter_landmarks,
+)
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import expected
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -27,6 +31,20 @@ class Gates(NamedTuple):
     """Squared Mahalanobis distance from every landmark beyond which an observation is new."""
     mutual: bool
     """Whether a pair must be the nearest for both."""
+
+
+def compare(
+    ekf: EkfSlam, z: FloatArray, R: FloatArray, landmarks: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Compares observations (m, 2) with the landmarks of these ids (m,), -1 for none.
+
+    Returns:
+        (m,) NIS, infinite without a landmark; and (m,) ratios of the predicted variance to the
+        noise, 0 without a landmark.
+    """
+    nis, looseness = np.full(len(z), np.inf), np.zeros(len(z))
+    compare_with_landmarks(ekf.active, z, R, ekf.rows(landmarks), nis, looseness)
+    return nis, looseness
 
 
 def associate_by_geometry(

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from saccade.slam.association._kernels import compare_with_landmarks
-from saccade.slam.association.nearest_neighbor import Gates, associate_by_geometry
+from saccade.slam.association.nearest_neighbor import Gates, associate_by_geometry, compare
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
@@ -37,8 +36,7 @@ def associate_partial(
     known = matches >= 0
     rejected = np.zeros(len(known), np.bool_)
     if config.association != "known":
-        nis, looseness = np.full((2, len(known)), np.inf)
-        compare_with_landmarks(ekf.active, scan.z, scan.R, ekf.rows(matches), nis, looseness)
+        nis, _ = compare(ekf, scan.z, scan.R, matches)
         rejected = known & ~(nis <= chi_square_gate(1, config.label_gate))
         gates = Gates(chi_square_gate(1, config.gate), chi_square_gate(1, config.new_gate), True)
         rest = np.array([label is None for label in scan.labels])
