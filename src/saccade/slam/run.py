@@ -86,9 +86,10 @@ def run(
     remark = locate_start(slam, log)
     log = replace(log, start=slam.filter.pose, odometry_bias=slam.odometry_bias)
     begins, remarks = len(slam.filter) == 0, [remark]
-    prior, known = Prior.of_filter(slam.filter), slam.filter.ids.copy()
+    known = slam.filter.ids
+    prior = Prior.of_filter(slam.filter) if slam.config.smooth else None
     result = _filtered(log, slam, progress, recorder)
-    if slam.config.smooth:
+    if prior is not None:
         prior = prior.of_landmarks(np.isin(known, result.ids))
         try:
             result = smooth(log, result, slam.config, prior=prior)

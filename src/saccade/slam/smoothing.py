@@ -171,11 +171,6 @@ def smooth_log(
     if lost is not None and lost[0]:
         raise LogError("smoothing: expected a known first pose, found a robot that is lost")
     prior = prior or Prior.without_map(log, config)
-    if prior.turn_sigma > MAX_TURN_SIGMA:
-        raise LogError(
-            "smoothing: expected a map whose standard deviation of the heading is at most "
-            f"{MAX_TURN_SIGMA} rad, found {prior.turn_sigma:.2f}"
-        )
     cuts = _kidnappings(log, association, lost)
     cut = np.isin(np.arange(len(log.control)), cuts)
     moves = log.control.any(1) | log.control_covariance.any((1, 2)) | cut  # (t,)
@@ -186,6 +181,11 @@ def smooth_log(
         raise LogError(
             f"smoothing: expected poses and landmarks that fit into {MAX_BYTES / 1e9:g} GB, "
             f"found {len(first)} and {len(landmarks)}"
+        )
+    if (sigma := prior.turn_sigma) > MAX_TURN_SIGMA:
+        raise LogError(
+            "smoothing: expected a map whose standard deviation of the heading is at most "
+            f"{MAX_TURN_SIGMA} rad, found {sigma:.2f}"
         )
     measured = _measurements(log, config, prior, variable, association, cuts)
     initial = _initial_poses(log, poses, lost, cuts)[first]
