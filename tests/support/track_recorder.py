@@ -7,13 +7,9 @@ from scipy.spatial.distance import cdist
 
 from saccade.frames import CameraTurn, Drive, Frame, Tracks
 from saccade.visual import Pipeline, VisualConfig, VisualResult
-from saccade.visual.depth import first_frame
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.reidentification import REMATCH_RADIUS
 from saccade.visual.tables import TrackedPoints
-
-DEPTH_BASELINE = 0.075
-"""Meters between the cameras of the stereo rig as which a depth camera is recorded: Kinect's."""
 
 
 def record_tracks(drive: Drive) -> tuple[VisualResult, Drive]:
@@ -53,20 +49,12 @@ class TrackRecorder:
         self._frames.append((tracks, features.frame.frame.turn))
 
     def drive(self, recorded: Drive) -> Drive:
-        """The recorded drive with tracks in place of its images.
-
-        Depths that were measured become disparities; those of a depth camera, disparities of a
-        stereo rig with `DEPTH_BASELINE`. Depths that were triangulated are not part of the tracks.
-        """
+        """The recorded drive, of a stereo rig, with tracks in place of its images."""
         camera = recorded.camera
-        has_depth = any(frame.depth is not None for frame in first_frame(recorded).values())
-        if camera.baseline == 0 and has_depth:
-            camera = replace(camera, baseline=DEPTH_BASELINE)
 
         def load(number: int) -> Frame:
             seen, turn = self._frames[number]
-            measured = np.where(camera.baseline > 0, seen.disparity, np.nan)
-            tracks = replace(seen, disparity=camera.fx * camera.baseline / measured)
+            tracks = replace(seen, disparity=camera.fx * camera.baseline / seen.disparity)
             return Frame(float(recorded.time[number]), tracks=tracks, turn=turn)
 
-        return replace(recorded, camera=camera, load=load)
+        return replace(recorded, load=load)
