@@ -46,12 +46,12 @@ from saccade.errors import LogWarning as LogWarning
 from saccade.errors import OutputError as OutputError
 from saccade.errors import SaccadeError as SaccadeError
 from saccade.io.image import read_image as read_image
+from saccade.keypoints.descriptor_config import DescriptorConfig as DescriptorConfig
 from saccade.keypoints.matching import match as match
 from saccade.keypoints.must import Must as Must
 from saccade.keypoints.must_config import MustConfig as MustConfig
 from saccade.keypoints.must_config import SymRoidConfig as SymRoidConfig
 from saccade.keypoints.sift import Sift as Sift
-from saccade.keypoints.sift_config import DescriptorConfig as DescriptorConfig
 from saccade.keypoints.sift_config import SiftConfig as SiftConfig
 from saccade.keypoints.symroid import SymRoid as SymRoid
 from saccade.keypoints.verification import Verification as Verification

@@ -28,6 +28,7 @@ from saccade.batch.dataset import (
     read_manifest,
 )
 from saccade.batch.job import MAPS, POINTS, Job
+from saccade.batch.schemas import feature_rows, schema_of
 from saccade.batch.sources import (
     Item,
     Source,
@@ -37,7 +38,6 @@ from saccade.batch.sources import (
     orientation_of,
 )
 from saccade.batch.storage import Store
-from saccade.batch.tables import feature_rows, schema_of
 from saccade.batch.workers import DIED, run_blocks
 from saccade.errors import ConfigError, ImageError, SaccadeError
 from saccade.exchange.arrow import column, rows_of, write_rows

@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Any
 import saccade
 
 if TYPE_CHECKING:
+    from saccade.keypoints.descriptor_config import DescriptorConfig
     from saccade.keypoints.matching import match
     from saccade.keypoints.must import Must
     from saccade.keypoints.must_config import MustConfig, SymRoidConfig
     from saccade.keypoints.sift import Sift
-    from saccade.keypoints.sift_config import DescriptorConfig, SiftConfig
+    from saccade.keypoints.sift_config import SiftConfig
     from saccade.keypoints.symroid import SymRoid
     from saccade.keypoints.verification import Verification, verify
 

@@ -17,8 +17,8 @@ from saccade.keypoints._gradient_kernels import (
     fill_orientation_histograms,
     normalize,
 )
+from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.scale_space_points import Points, run_by_octave
-from saccade.keypoints.sift_config import DescriptorConfig
 from saccade.scale.workspace import SERIAL, Workspace
 from saccade.types import Float32Array, IntArray
 

@@ -5,12 +5,9 @@ from math import inf
 from typing import Self
 
 from saccade.errors import Settings, setting
-from saccade.keypoints.sift_config import (
-    MIN_RESPONSE,
-    DescriptorConfig,
-    SelectionConfig,
-    SiftConfig,
-)
+from saccade.keypoints.descriptor_config import DescriptorConfig
+from saccade.keypoints.selection_config import MIN_RESPONSE, SelectionConfig
+from saccade.keypoints.sift_config import SiftConfig
 
 
 @dataclass(frozen=True)

@@ -1,103 +1,12 @@
-"""The settings of SIFT and of the descriptor of every detector, and their presets."""
+"""The settings of SIFT and their presets."""
 
 from dataclasses import dataclass, replace
-from math import inf
 from typing import Literal, Self
 
-from saccade.errors import Settings, require, setting
+from saccade.errors import require, setting
+from saccade.keypoints.descriptor_config import DescriptorConfig
+from saccade.keypoints.selection_config import SelectionConfig
 from saccade.scale.scale_space_config import ScaleSpaceConfig
-
-
-@dataclass(frozen=True)
-class DescriptorConfig(Settings):
-    """How orientations are assigned and keypoints described; the default is `Sift`'s."""
-
-    voting: Literal["linear", "nearest"] = "linear"
-    """Whether a gradient is interpolated between the two nearest of the 36 orientation bins, or
-    counts for one."""
-    smoothing: int = setting(6, 0, 100)
-    """Passes of [1 2 1] / 4 over the orientation histogram."""
-    orientation_bins: Literal["peaks", "all"] = "peaks"
-    """Whether all bins over 80 % of the highest count, or only local peaks."""
-    orientation_spacing: float | None = setting(1.0, above=0, maximum=3)
-    """Spacing of the samples of the orientation histogram, in scales; None for all samples."""
-    subpixel_patches: bool = True
-    """Center orientation and descriptor on the keypoint, not on the sample nearest to it."""
-    descriptor_spacing: float | None = setting(1.2, above=0, maximum=3)
-    """Spacing of the samples of the descriptor, in scales; None for all samples. Lowe's 4x4 samples
-    in each of 4x4 subregions are 0.75 apart."""
-    window_sigma: float = setting(0.7, 0.1, 10)
-    """Standard deviation of the Gaussian window of the descriptor, in sides of the descriptor."""
-    descriptor: Literal["sift", "root", "kootstra2010"] = "root"
-    """"root" L1-normalizes and takes the square root (RootSIFT). "kootstra2010" takes 4 x 4
-    samples in each of the 4 x 4 subregions, each weighted by its Euclidean distance, as section
-    B.2 has it; it takes a millisecond a keypoint and ignores the three settings above."""
-    descriptor_dtype: Literal["uint8", "float32"] = "uint8"
-    """Whether descriptors are bytes, 512 to the unit, or floats of unit length."""
-
-    @classmethod
-    def lowe2004(cls) -> Self:
-        """Lowe (2004), sections 5 and 6; all samples."""
-        return cls(
-            smoothing=0,
-            orientation_spacing=None,
-            descriptor_spacing=None,
-            window_sigma=0.5,
-            descriptor="sift",
-        )
-
-    @classmethod
-    def kootstra2010(cls) -> Self:
-        """Kootstra (2010), section B.2."""
-        return cls(
-            voting="nearest",
-            smoothing=0,
-            orientation_bins="all",
-            orientation_spacing=None,
-            descriptor_spacing=None,
-            window_sigma=1.5,
-            descriptor="kootstra2010",
-        )
-
-
-MIN_RESPONSE = 1e-4
-"""Response that passes all but rounding errors."""
-
-
-@dataclass(frozen=True)
-class SelectionConfig(Settings):
-    """Which extrema of a scale space become keypoints; the default is `Sift`'s."""
-
-    border: int = setting(5, 2)
-    """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float | None = setting(None, 0, below=1)
-    """Smallest |D| at an extremum, tau_c (B.6). None means 0.016, or no threshold if
-    `max_keypoints` is set."""
-    neighbors: Literal[10, 26] = 10
-    """Samples that an extremum is compared with: all 26 around it, as Lowe has it, or the 8 in its
-    plane and the 2 above and below. In sparse sampling one of the other 16 often belongs to another
-    extremum, which makes detection less repeatable. With 10, the fit rejects saddles."""
-    edge_ratio: float = setting(15.0, 1, inf)
-    """Largest ratio of the principal curvatures, tau_r (B.10)."""
-    max_orientations: int | None = setting(None, 1)
-    """Strongest orientations to keep at a position; None for all over 80 % of the highest."""
-    upright: bool = False
-    """Give every keypoint the angle 0."""
-    max_keypoints: int | None = setting(None, 1)
-    """Number of keypoints to keep, the strongest; None for all."""
-    spread: bool = False
-    """Prefer keypoints far from any clearly stronger one, so that they cover the image (adaptive
-    non-maximal suppression)."""
-
-    default_threshold = 0.016
-    """The threshold where neither it nor the number of keypoints is given."""
-
-    @property
-    def min_response(self) -> float:
-        """Smallest response of a keypoint."""
-        if self.contrast_threshold is not None:
-            return self.contrast_threshold
-        return self.default_threshold if self.max_keypoints is None else MIN_RESPONSE
 
 
 @dataclass(frozen=True)
