@@ -12,7 +12,7 @@ from saccade.errors import ConfigError
 from saccade.gaze import POLICIES, Gazer
 from saccade.gaze.gazer import GOAL_DURATION, HORIZON, INHIBITION, MISS_MEMORY
 from saccade.slam import EkfConfig, Slam
-from saccade.slam.models import observe
+from saccade.slam.filter.models import observe
 
 CONFIG = EkfConfig(filter="standard", association="known", huber=np.inf, recover=False)
 

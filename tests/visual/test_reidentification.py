@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from saccade.evaluation.runs import correct_associations
 from saccade.frames import Camera, Frame
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.slam.filter.models import PredictedObservations
+from saccade.slam.filter.predictions import PredictedObservations
 from saccade.slam.scans import NO_SCAN, Scan
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import measure_depth

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from saccade.errors import require
 from saccade.landmark_names import parse_labels
 from saccade.slam import Slam
-from saccade.slam.models import MOTIONS, observe, stack_jacobians, wrap
+from saccade.slam.filter.models import MOTIONS, observe, stack_jacobians, wrap
 from saccade.types import BoolArray, FloatArray, IntArray
 
 POLICIES = ("fixed", "sweep", "random", "salient", "active")

@@ -3,10 +3,7 @@
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.state import INVARIANT, STANDARD, Retraction
-from saccade.slam.kidnapping import KidnappingDetector
-from saccade.slam.merging import MergedMaps, merge_maps
-from saccade.slam.models import (
+from saccade.slam.filter.models import (
     compose,
     difference,
     inverse_observe,
@@ -14,6 +11,9 @@ from saccade.slam.models import (
     turn_then_translate,
     wrap,
 )
+from saccade.slam.filter.state import INVARIANT, STANDARD, Retraction
+from saccade.slam.kidnapping import KidnappingDetector
+from saccade.slam.merging import MergedMaps, merge_maps
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import Innovation, PoseHypotheses, SlamMap, SlamResult, StepResult

@@ -12,8 +12,8 @@ from scipy.special import chdtri
 
 from saccade.errors import LogError, require
 from saccade.slam.filter._kernels import TINY
+from saccade.slam.filter.models import wrap
 from saccade.slam.filter.state import INVARIANT, Retraction
-from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray, Trajectory
 
 REGULAR = 1e-6

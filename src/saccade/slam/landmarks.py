@@ -11,7 +11,7 @@ import numpy.typing as npt
 from saccade.landmark_names import Label, labels_of
 from saccade.slam.association.nearest_neighbor import DROPPED
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.models import observe
+from saccade.slam.filter.models import observe
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Table, column
 
 MAX_AMBIGUOUS = 0.5

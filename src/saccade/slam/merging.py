@@ -18,8 +18,8 @@ from scipy.special import logsumexp
 from saccade.errors import LogError
 from saccade.plane import rotations
 from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
+from saccade.slam.filter.models import observe, pose_difference, wrap
 from saccade.slam.landmarks import ESTABLISHED, LabelRecord
-from saccade.slam.models import observe, pose_difference, wrap
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer, pose_jacobians
 from saccade.types import FloatArray, IntArray

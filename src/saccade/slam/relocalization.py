@@ -18,8 +18,8 @@ from saccade.errors import require
 from saccade.plane import rotations
 from saccade.slam._relocalization_kernels import Grid, add_support
 from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
+from saccade.slam.filter.models import MOTIONS, inverse_observe, observe, pose_difference, wrap
 from saccade.slam.filter.validation import check_all
-from saccade.slam.models import MOTIONS, inverse_observe, observe, pose_difference, wrap
 from saccade.slam.results import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
 

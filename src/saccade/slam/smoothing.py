@@ -16,7 +16,8 @@ from saccade.plane import (
 )
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import bias_jacobian
+from saccade.slam.filter.models import wrap
+from saccade.slam.filter.predictions import bias_jacobian
 from saccade.slam.least_squares import (
     MAX_ITERATIONS,
     MIN_DECREASE,
@@ -25,7 +26,6 @@ from saccade.slam.least_squares import (
     NormalEquations,
     minimize,
 )
-from saccade.slam.models import wrap
 from saccade.slam.results import SlamResult
 from saccade.types import (
     BoolArray,

@@ -9,7 +9,7 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.frames import Drive
-from saccade.slam.models import compose
+from saccade.slam.filter.models import compose
 from saccade.types import (
     BoolArray,
     FloatArray,

@@ -7,9 +7,9 @@ import numpy as np
 from saccade.frames import Camera, Drive
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import PredictedObservations
-from saccade.slam.models import difference, stack_jacobians
-from saccade.slam.models import observe as observe_points
+from saccade.slam.filter.models import difference, stack_jacobians
+from saccade.slam.filter.models import observe as observe_points
+from saccade.slam.filter.predictions import PredictedObservations
 from saccade.slam.online import Slam
 from saccade.slam.scans import NO_SCAN, Scan
 from saccade.types import BoolArray, FloatArray, IntArray

@@ -10,7 +10,7 @@ from saccade.slam.association._assignment_kernels import best_assignments
 from saccade.slam.association.nearest_neighbor import DROPPED, NEW, mahalanobis_squared
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.models import difference
+from saccade.slam.filter.models import difference
 from saccade.types import FloatArray, IntArray
 
 

@@ -21,8 +21,8 @@ from saccade.slam.association.nearest_neighbor import (
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.models import inverse_observe
 from saccade.slam.landmarks import UNDECIDED, LabelRecord, LandmarkTable
-from saccade.slam.models import inverse_observe
 from saccade.types import BoolArray, FloatArray, IntArray
 
 TRUSTED = 10

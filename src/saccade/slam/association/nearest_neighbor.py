@@ -10,7 +10,7 @@ from saccade.slam.association._kernels import (
     prefilter_landmarks,
 )
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import expected
+from saccade.slam.filter.predictions import expected
 from saccade.types import BoolArray, FloatArray, IntArray
 
 NEW = -1

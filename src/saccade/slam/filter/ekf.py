@@ -9,7 +9,8 @@ import numpy as np
 from saccade.errors import LogError
 from saccade.slam.filter._kernels import predict, retract, update_scan, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
-from saccade.slam.filter.models import (
+from saccade.slam.filter.models import observe, wrap
+from saccade.slam.filter.predictions import (
     BIASES,
     Innovations,
     PredictedObservations,
@@ -37,7 +38,6 @@ from saccade.slam.filter.state import (
     with_capacity,
 )
 from saccade.slam.filter.validation import check_all, check_covariance, check_vector
-from saccade.slam.models import observe, wrap
 from saccade.slam.results import Innovation
 from saccade.slam.submaps import Submap, enter, leave, read
 from saccade.types import FloatArray, IntArray
@@ -373,7 +373,7 @@ class EkfSlam:
 
     @property
     def odometry_bias(self) -> FloatArray | None:
-        """(3,) see `filter.models.BIASES`; None where they are no part of the state."""
+        """(3,) see `filter.predictions.BIASES`; None where they are no part of the state."""
         return self.robot_state[3:] if self.active.robot_size > 3 else None
 
     @property

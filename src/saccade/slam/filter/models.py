@@ -1,75 +1,160 @@
-"""Innovations and predicted observations, and the biases of the odometry."""
+"""Motion, observation and inverse observation models, each with its Jacobians (appendix C)."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from math import cos, sin
 
 import numpy as np
+import numpy.typing as npt
 
-from saccade.slam.filter._kernels import expected_observations
-from saccade.slam.filter._state_kernels import FilterState
-from saccade.types import FloatArray, IntArray
-
-BIASES = 3
-"""States after the pose: relative error of the distance; turn in radians per meter driven; and
-meters lost per radian turned."""
+from saccade.slam.filter._kernels import MIN_RANGE, wrapped
+from saccade.slam.filter.validation import as_numbers, check_vector
+from saccade.types import FloatArray
 
 
-def bias_jacobian(control: FloatArray) -> FloatArray:
-    """Jacobian D of controls by the biases: the true control is u + D bias.
+def wrap(angle: npt.ArrayLike) -> FloatArray:
+    """Wraps angles to (-pi, pi], element by element."""
+    a = np.asarray(angle, np.float64)
+    inside = np.pi - np.mod(np.pi - a, 2 * np.pi)
+    return np.asarray(np.where((a > -np.pi) & (a <= np.pi), a, inside))
+
+
+def turn_then_translate(
+    pose: FloatArray, control: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Turn-then-translate motion model (C.5-C.9).
 
     Args:
-        control: (t, 2) distance and turn, or (t, 3) forward, left and turn.
+        pose: (3,) x, y in meters, heading in radians.
+        control: (2,) distance in meters, turn in radians.
 
     Returns:
-        (t, c, 3).
+        The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 2).
+
+    Raises:
+        LogError: an argument has a wrong shape, or is not finite.
     """
-    forward, turn = control[:, 0], control[:, -1]
-    D = np.zeros((*control.shape, BIASES))
-    D[:, :-1, 0] = control[:, :-1]
-    D[:, -1, 1] = forward
-    D[:, 0, 2] = -np.sign(forward) * np.abs(turn)
-    return D
+    x, y, theta = check_vector("pose", pose, 3).tolist()
+    d, phi = check_vector("control", control, 2).tolist()
+    c, s = cos(theta + phi), sin(theta + phi)
+    moved = np.array([x + d * c, y + d * s, wrapped(theta + phi)])  # C.5
+    Fx = np.array([[1.0, 0.0, -d * s], [0.0, 1.0, d * c], [0.0, 0.0, 1.0]])  # C.8, (3, 3)
+    Fu = np.array([[c, -d * s], [s, d * c], [0.0, 1.0]])  # C.9, (3, 2)
+    return moved, Fx, Fu
 
 
-class Innovations(NamedTuple):
-    """Innovations of k observations, NaN where one updated nothing; see `results.Innovation`."""
+def compose(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Pose composition: the control is the next pose in the frame of the last one.
 
-    value: FloatArray
-    """(k, 2)."""
-    covariance: FloatArray
-    """(k, 2, 2)."""
-    nis: FloatArray
-    """(k,)."""
+    Args:
+        pose: (3,) x, y in meters, heading in radians.
+        control: (3,) forward, left in meters, turn in radians.
 
+    Returns:
+        The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 3).
 
-class PredictedObservations(NamedTuple):
-    """Predicted observations of landmarks."""
-
-    z: FloatArray
-    """(n, 2)."""
-    covariance: FloatArray
-    """(n, 2, 2) H P H^T of each, without the noise of an observation."""
-
-
-def expected(f: FilterState, landmarks: IntArray) -> PredictedObservations:
-    """Predicted observations of landmarks (k,)."""
-    k = len(landmarks)
-    predicted = PredictedObservations(np.empty((k, 2)), np.empty((k, 2, 2)))
-    expected_observations(f, landmarks, *predicted)
-    return predicted
+    Raises:
+        LogError: an argument has a wrong shape, or is not finite.
+    """
+    x, y, theta = check_vector("pose", pose, 3).tolist()
+    forward, left, turn = check_vector("control", control, 3).tolist()
+    c, s = cos(theta), sin(theta)
+    dx, dy = c * forward - s * left, s * forward + c * left
+    moved = np.array([x + dx, y + dy, wrapped(theta + turn)])
+    Fx = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])  # (3, 3)
+    Fu = heading_rotation(theta)  # (3, 3)
+    return moved, Fx, Fu
 
 
-def control_bias(u: FloatArray, robot_size: int) -> FloatArray:
-    """(c, r - 3) Jacobian of a control by the robot's states beyond the pose."""
-    jacobian: FloatArray = _NO_BIAS[len(u)] if robot_size == 3 else bias_jacobian(u[None])[0]
-    return jacobian
+def heading_rotation(heading: float) -> FloatArray:
+    """(3, 3) rotation of a pose or control by a heading in radians."""
+    c, s = cos(heading), sin(heading)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def new_innovations(k: int) -> Innovations:
-    """Innovations of k observations that have updated nothing yet."""
-    room = np.empty(7 * k)
-    room.fill(np.nan)
-    value, covariance = room[: 2 * k].reshape(k, 2), room[2 * k : 6 * k].reshape(k, 2, 2)
-    return Innovations(value, covariance, room[6 * k :])
+def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing of landmarks from a pose (C.14).
+
+    Args:
+        pose: (3,) x, y in meters, heading in radians.
+        landmarks: (..., 2) in meters.
+
+    Returns:
+        Range in meters and bearing in radians (..., 2), and the Jacobian (..., 2, 5)
+        by x, y, theta, mx, my. Within a micrometer of the robot the bearing is undefined:
+        it and its Jacobian are zero, so that the observation corrects nothing.
+    """
+    pose, landmarks = as_numbers("pose", pose), as_numbers("landmarks", landmarks)
+    dx, dy = pose[0] - landmarks[..., 0], pose[1] - landmarks[..., 1]
+    q = np.hypot(dx, dy)
+    defined = q > MIN_RANGE
+    safe = np.where(defined, q, 1.0)
+    cx, cy = np.where(defined, dx / safe, 0.0), np.where(defined, dy / safe, 0.0)
+    z = np.empty(landmarks.shape)
+    z[..., 0] = q
+    z[..., 1] = np.where(defined, wrap(np.arctan2(-dy, -dx) - pose[2]), 0.0)
+    H = np.zeros((*landmarks.shape, len(pose) + 2))
+    H[..., 0, 0] = cx
+    H[..., 0, 1] = cy
+    H[..., 0, 2] = 0.0
+    H[..., 1, 0] = -cy / safe
+    H[..., 1, 1] = cx / safe
+    H[..., 1, 2] = -1.0 * defined
+    H[..., -2:] = -H[..., :2]
+    return z, H  # (..., 2), (..., 2, 5)
 
 
-_NO_BIAS = {c: np.zeros((c, 0)) for c in (2, 3)}
+def stack_jacobians(H: FloatArray) -> FloatArray:
+    """Jacobian (2k, 3 + 2k) of k observations by the pose and all landmarks.
+
+    Args:
+        H: (k, 2, 5) Jacobians of the observations by the pose and their landmarks (C.14).
+    """
+    k = len(H)
+    by_landmark = np.zeros((k, 2, k, 2))
+    by_landmark[np.arange(k), :, np.arange(k)] = H[..., 3:]
+    return np.hstack([H[..., :3].reshape(2 * k, 3), by_landmark.reshape(2 * k, 2 * k)])
+
+
+def inverse_observe(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions of observed landmarks (C.15, C.18).
+
+    Args:
+        pose: (3,) x, y in meters, heading in radians.
+        z: (..., 2) range in meters, bearing in radians.
+
+    Returns:
+        Positions in meters (..., 2), and their Jacobians by pose (..., 2, 3) and
+        by z (..., 2, 2).
+    """
+    pose, z = as_numbers("pose", pose), as_numbers("observations", z)
+    r, beta = z[..., 0], pose[2] + z[..., 1]
+    c, s = np.cos(beta), np.sin(beta)
+    xy = np.stack([pose[0] + r * c, pose[1] + r * s], -1)  # C.15
+    Gx = np.zeros((*z.shape, len(pose)))
+    Gx[..., 0, 0] = Gx[..., 1, 1] = 1.0
+    Gx[..., 0, 2], Gx[..., 1, 2] = -r * s, r * c  # C.18
+    Gz = np.empty((*z.shape, 2))
+    Gz[..., 0, 0], Gz[..., 0, 1] = c, -r * s
+    Gz[..., 1, 0], Gz[..., 1, 1] = s, r * c  # C.18
+    return xy, Gx, Gz
+
+
+def difference(z: FloatArray, expected: FloatArray) -> FloatArray:
+    """`z - expected` (..., 2), the bearing wrapped."""
+    innovation = np.asarray(z - expected, np.float64)
+    innovation[..., 1] = wrap(innovation[..., 1])
+    return innovation
+
+
+def pose_difference(pose: FloatArray, other: FloatArray) -> FloatArray:
+    """`pose - other` (..., 3), the heading wrapped."""
+    error = np.asarray(pose - other, np.float64)
+    error[..., 2] = wrap(error[..., 2])
+    return error
+
+
+MOTIONS: dict[int, Callable[..., tuple[FloatArray, FloatArray, FloatArray]]] = {
+    2: turn_then_translate,
+    3: compose,
+}
+"""Motion models by the length of the control."""
