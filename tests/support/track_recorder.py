@@ -8,8 +8,8 @@ from scipy.spatial.distance import cdist
 from saccade.frames import CameraTurn, Drive, Frame, Tracks
 from saccade.visual import Pipeline, VisualConfig, VisualResult
 from saccade.visual.frontend import FrameFeatures
+from saccade.visual.points import TrackedPoints
 from saccade.visual.reidentification import REMATCH_RADIUS
-from saccade.visual.tables import TrackedPoints
 
 
 def record_tracks(drive: Drive) -> tuple[VisualResult, Drive]:

@@ -13,9 +13,9 @@ from saccade.visual.camera import from_pixels, observe, observe_bearings, range_
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import correspondences_of, estimate_motion
 from saccade.visual.ground_scale import GroundTracker
+from saccade.visual.points import TrackedPoints
 from saccade.visual.robot_motion import camera_motion
 from saccade.visual.single_camera import CameraTrajectory
-from saccade.visual.tables import TrackedPoints
 from support.winding_drive import winding
 
 TILTED = np.array(

@@ -10,10 +10,10 @@ from saccade import visual
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.visual import VisualConfig
 from saccade.visual.config import SELECTIONS
+from saccade.visual.points import TrackedPoints
 from saccade.visual.reidentification import count_rematches
 from saccade.visual.result import ObservationKind
 from saccade.visual.selection import rematch_rate, saliency_at
-from saccade.visual.tables import TrackedPoints
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.depth import measure_depth
 from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import PreparedFrame, prepare_frame
+from saccade.visual.points import RangeBearings, TrackedPoints
 from saccade.visual.reidentification import (
     ClosureTest,
     consistent_layout,
@@ -24,7 +25,6 @@ from saccade.visual.reidentification import (
     reidentify,
 )
 from saccade.visual.single_camera import SingleCameraMotionEstimator
-from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import PoseCorrection, VisualMap
 
 

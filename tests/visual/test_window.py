@@ -11,9 +11,9 @@ from saccade.slam.filter.models import compose, heading_rotation
 from saccade.visual import VisualConfig
 from saccade.visual.camera import to_pixels
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
+from saccade.visual.points import TrackedPoints
 from saccade.visual.robot_motion import camera_motion, step_motions
 from saccade.visual.self_calibration import CalibrationDrift, SelfCalibration
-from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow
 from saccade.visual.window_equations import FACTOR_KERNEL_WIDTH, NormalEquations, WindowSteps
 

@@ -7,7 +7,7 @@ import numpy as np
 from saccade.frames import Camera
 from saccade.types import BoolArray, Float32Array, FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.tables import RangeBearings, TrackedPoints
+from saccade.visual.points import RangeBearings, TrackedPoints
 
 MIN_DEPTH = 0.05
 """Minimum depth of a projected point, in meters along the optical axis."""

@@ -26,8 +26,8 @@ from saccade.visual.egomotion import (
     estimate_motion,
 )
 from saccade.visual.optical_flow import ByteArray, PreparedFrame, prepare_frame, track_frame
+from saccade.visual.points import FIRST_ID, TrackedPoints
 from saccade.visual.robot_motion import camera_motion
-from saccade.visual.tables import FIRST_ID, TrackedPoints
 
 BORDER = 8
 """Width of the image border without tracked points, in pixels."""

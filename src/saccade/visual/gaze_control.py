@@ -11,8 +11,8 @@ from saccade.plane import steps_between
 from saccade.types import FloatArray, IntArray
 from saccade.visual.config import EgomotionSource
 from saccade.visual.frontend import FrameFeatures
+from saccade.visual.points import Landmarks, TrackedPoints
 from saccade.visual.selection import sample_saliency
-from saccade.visual.tables import Landmarks, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 LEAVING = 0.15

@@ -15,9 +15,9 @@ from saccade.visual.motion_errors import (
 )
 from saccade.visual.odometry_model import OdometryErrors
 from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.points import TrackedPoints
 from saccade.visual.robot_motion import camera_motion
 from saccade.visual.self_calibration import CalibrationDrift
-from saccade.visual.tables import TrackedPoints
 from saccade.visual.window import SlidingWindow
 
 PointPair: TypeAlias = tuple[TrackedPoints, TrackedPoints]
@@ -55,8 +55,10 @@ class MotionEstimator:
         """Standard deviation of the camera's pan and tilt in the current frame, in radians."""
         self.seconds = 0.0
         """Duration of the last step, in seconds."""
-        self._declared: MotionEstimate = np.zeros(3), np.zeros((3, 3))
-        self._step = self._declared  # without its systematic errors
+        self.declared_odometry: MotionEstimate = np.zeros(3), np.zeros((3, 3))
+        """The last step by odometry."""
+        self.corrected_odometry = self.declared_odometry
+        """The same without its estimated systematic errors."""
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
         """Sets the turn of the camera in the current frame."""
@@ -71,11 +73,11 @@ class MotionEstimator:
         drive, last = self._drive, number - 1
         self.seconds = float(drive.time[number] - drive.time[last])
         control, covariance = drive.control[last], drive.control_covariance[last]
-        self._declared = control, covariance
+        self.declared_odometry = control, covariance
         if self.turn_sigma:  # of both frames: the camera's turn is compared with odometry's
             covariance = covariance + np.diag([0.0, 0.0, 2 * self.turn_sigma**2])
-        self._step = self.errors.corrected(control, self.seconds), covariance
-        return self._step
+        self.corrected_odometry = self.errors.corrected(control, self.seconds), covariance
+        return self.corrected_odometry
 
     def measured(self, motion: Egomotion | None) -> MotionEstimate:
         """The last step by the camera, or by odometry where there is no egomotion.
@@ -83,7 +85,7 @@ class MotionEstimator:
         The covariance includes errors of calibration and tilt, or systematic errors of odometry.
         """
         if motion is None:
-            control, covariance = self._step
+            control, covariance = self.corrected_odometry
             has_scale = self.measures_range  # else it is an error of the whole trajectory
             systematic = self.errors.step_covariance(control, self.seconds, has_scale)
             return control, covariance + systematic
@@ -92,13 +94,15 @@ class MotionEstimator:
         )
         return motion.control, covariance
 
-    def refine(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
+    def scaled(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
         """The egomotion, with a length from triangulated points where nothing measures it."""
         return motion
 
-    def join(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
+    def combine(
+        self, motion: Egomotion | None, points: PointPair, frames: Frames
+    ) -> MotionEstimate:
         """Combines odometry with the egomotion, if any; returns the control of the last step."""
-        return self._declared
+        return self.declared_odometry
 
     def with_depth(self, points: TrackedPoints) -> TrackedPoints:
         """The tracked points, with triangulated depths if the camera measures none."""
@@ -137,17 +141,23 @@ class StereoMotionEstimator(MotionEstimator):
         self._window = SlidingWindow(drive.camera, config, self.errors)
         self.drift = self._window.drift
 
-    def join(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
+    def combine(
+        self, motion: Egomotion | None, points: PointPair, frames: Frames
+    ) -> MotionEstimate:
         """Adjusts the sliding window; returns its last step."""
         before, current = points
         earlier, now = self.cameras
         if motion is None:
-            pose, current = camera_motion(now, self._step[0], earlier), TrackedPoints()
+            control = self.corrected_odometry[0]
+            pose, current = camera_motion(now, control, earlier), TrackedPoints()
         else:
             pose = motion.rotation, motion.translation
             self.planarity.update(motion.off_plane, self.seconds)
         slip = np.diag([1.0, correlation_factor(self.seconds, self._config) ** 0.5, 1.0])
-        odometry = self._step[0], slip @ self._step[1] @ slip  # side-slip lasts several frames
+        odometry = (
+            self.corrected_odometry[0],
+            slip @ self.corrected_odometry[1] @ slip,
+        )  # side-slip lasts several frames
         control, covariance = self._window.add(
             *(before, current, pose, odometry, self.seconds, self.cameras)
         )

@@ -21,12 +21,12 @@ from saccade.visual.gaze_control import GazeControl
 from saccade.visual.motion_errors import TOTAL_RELATIVE_SIGMA
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
 from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.points import RangeBearings, TrackedPoints
 from saccade.visual.reidentification import ClosureTest, count_rematches, reidentify
 from saccade.visual.relocalization import Relocalization
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.single_camera import SingleCameraMotionEstimator
-from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 MIN_POINTS = 0.4
@@ -184,10 +184,10 @@ class Pipeline:
             self.drive.camera, self._previous, frame, before, expected, self.config
         )
         if motion is not None:
-            motion = model.refine(motion, before, self.tracked)
+            motion = model.scaled(motion, before, self.tracked)
         measured, is_bridged = model.measured(motion), motion is None and model.drift is not None
         points, frames = (before, self.tracked), (self._previous, frame)
-        self.control = model.join(motion, points, frames)
+        self.control = model.combine(motion, points, frames)
         self.log.add_motion(self.control if is_bridged else measured, model.drift)
         self.tracked = model.with_depth(self.tracked)
         self.map.rescale()

@@ -13,7 +13,7 @@ from saccade.visual.camera import MIN_DEPTH, is_inside, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import measure_depth
 from saccade.visual.optical_flow import ByteArray, PreparedFrame
-from saccade.visual.tables import RangeBearings, TrackedPoints
+from saccade.visual.points import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import PoseCorrection, VisualMap
 
 HEIGHT_TOLERANCE = 0.15

@@ -11,8 +11,8 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion
 from saccade.visual.lost import ImageEvidence
 from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.points import TrackedPoints
 from saccade.visual.reidentification import descriptor_matches, has_same_height
-from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 LIMIT = 4.0

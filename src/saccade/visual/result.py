@@ -22,8 +22,8 @@ from saccade.types import (
 )
 from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.optical_flow import ByteArray
+from saccade.visual.points import RangeBearings, TrackedPoints
 from saccade.visual.self_calibration import CalibrationDrift, CalibrationReport
-from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 MAX_REMARKS = 5

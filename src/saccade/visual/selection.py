@@ -10,7 +10,7 @@ from saccade.attention.contrast import contrast_saliency
 from saccade.attention.symmetry import SymmetryConfig, symmetry_saliency
 from saccade.types import BoolArray, Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.tables import RangeBearings, TrackedPoints
+from saccade.visual.points import RangeBearings, TrackedPoints
 
 SYMMETRY = SymmetryConfig(
     kind="isotropic",

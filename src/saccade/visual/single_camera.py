@@ -15,8 +15,8 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE, GroundTracker
 from saccade.visual.motion_estimator import Frames, MotionEstimator, PointPair
+from saccade.visual.points import TrackedPoints
 from saccade.visual.robot_motion import camera_motion, robot_motion
-from saccade.visual.tables import TrackedPoints
 
 STEP_SIGMA = 0.05
 """Relative standard deviation of the length of a step."""
@@ -45,7 +45,7 @@ class SingleCameraMotionEstimator(MotionEstimator):
         by_scale = self.scale_sigma * np.append(pose[:2] - self._drive.start[:2], 0.0)
         return np.outer(by_scale, by_scale)
 
-    def refine(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
+    def scaled(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
         """The motion; without odometry, with the length that fits the depths of the last frame.
 
         The length is the median over all points of known depth, weighted by their parallax. The
@@ -71,11 +71,13 @@ class SingleCameraMotionEstimator(MotionEstimator):
         control, off_plane, _ = robot_motion(camera, motion.rotation, translation, earlier)
         return motion._replace(control=control, off_plane=off_plane, translation=translation)
 
-    def join(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
+    def combine(
+        self, motion: Egomotion | None, points: PointPair, frames: Frames
+    ) -> MotionEstimate:
         """Motion by the camera, with a length from odometry and the ground."""
         if motion is None:
             earlier, now = self.cameras
-            self._trajectory.append(*camera_motion(now, self._step[0], earlier))
+            self._trajectory.append(*camera_motion(now, self.corrected_odometry[0], earlier))
             return self.measured(None)
         previous, current = (None if each.frame.turn else each.left for each in frames)
         if previous is not None and current is not None:
@@ -115,7 +117,7 @@ class SingleCameraMotionEstimator(MotionEstimator):
 
     def _learn_turn(self, measured: MotionEstimate) -> None:
         """Updates the odometry errors by the turn of a motion."""
-        control, covariance = self._step
+        control, covariance = self.corrected_odometry
         J = self.errors.jacobian(control, self.seconds)[2:]
         innovation, R = (measured[0] - control)[2:], (measured[1] + covariance)[2:, 2:]
         self.errors.update_by(J, innovation, R)

@@ -20,8 +20,8 @@ from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.motion_errors import correlation_factor
 from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import ByteArray
+from saccade.visual.points import Landmarks, RangeBearings, TrackedPoints
 from saccade.visual.smoothing import MapLog
-from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
 MIN_RESCALE = 1e-3
 """Minimum relative change of scale for the map to be rescaled: a tenth of its uncertainty."""

@@ -13,9 +13,9 @@ from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import DEFAULT_DEPTH, MotionEstimate, with_off_plane
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
+from saccade.visual.points import TrackedPoints
 from saccade.visual.robot_motion import CameraPose, step_motions
 from saccade.visual.self_calibration import CALIBRATION_SIGMA, CalibrationDrift, SelfCalibration
-from saccade.visual.tables import TrackedPoints
 from saccade.visual.window_equations import NormalEquations, WindowPoints, WindowSteps
 
 ITERATIONS = 2

@@ -1,4 +1,4 @@
-"""Tables of tracked points, observations and landmarks: arrays with a row for each item."""
+"""Tracked points, their observations and landmarks: tables with a row for each."""
 
 from dataclasses import dataclass, replace
 
