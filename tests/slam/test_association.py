@@ -17,14 +17,13 @@ from saccade.slam import (
 from saccade.slam.association._kernels import prefilter_landmarks, squared_distance
 from saccade.slam.association.labels import LabelAssociation
 from saccade.slam.association.nearest_neighbor import (
-    DROPPED,
-    NEW,
     Gates,
     associate_by_geometry,
     mahalanobis_squared,
     mutual_pairs,
     nearest_first,
 )
+from saccade.slam.association.outcomes import DROPPED, NEW
 from saccade.slam.landmarks import CullingPolicy, LandmarkTable
 
 R = np.diag([0.01, 1e-4])

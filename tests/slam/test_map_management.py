@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from saccade import datasets, slam
 from saccade.slam import EkfConfig, observe
-from saccade.slam.association.nearest_neighbor import DROPPED
+from saccade.slam.association.outcomes import DROPPED
 from saccade.slam.landmarks import CullingPolicy, LandmarkTable
 from support.circular_log import simulate
 from support.logs import between, with_observations, without_names

@@ -10,7 +10,7 @@ from saccade import slam
 from saccade.evaluation.trajectory import position_rmse
 from saccade.slam import EkfConfig, EkfSlam, Retraction, Slam
 from saccade.slam.association.alternatives import Alternatives
-from saccade.slam.association.nearest_neighbor import NEW
+from saccade.slam.association.outcomes import NEW
 from support.clustered_world import clustered_world
 from support.logs import scan_of, without_names
 

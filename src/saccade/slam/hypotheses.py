@@ -12,7 +12,7 @@ import numpy as np
 
 from saccade.plane import rotations
 from saccade.slam.association.alternatives import Alternatives, log_determinant
-from saccade.slam.association.nearest_neighbor import NEW
+from saccade.slam.association.outcomes import NEW
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter._kernels import write_pose
 from saccade.slam.filter.ekf import EkfSlam

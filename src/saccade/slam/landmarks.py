@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.landmark_names import Label, labels_of
-from saccade.slam.association.nearest_neighbor import DROPPED
+from saccade.slam.association.outcomes import DROPPED, UNDECIDED
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import observe
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Table, column
@@ -24,8 +24,6 @@ CHECKS = 4
 """Number of checks between removals of landmarks: a removal costs more than a step."""
 PRIOR_CHECKS = 4.0
 """Initial number of checks without a detection in each bin, so that new bins expect none."""
-UNDECIDED = -3
-"""Match of an observation that is still to be associated by geometry."""
 ESTABLISHED = 3
 """Minimum number of accepted observations for a label to contradict the filter, with others."""
 DescriptorArray: TypeAlias = npt.NDArray[np.generic]

@@ -10,8 +10,8 @@ from scipy.linalg import block_diag
 from saccade.errors import ConfigError, LogError, require
 from saccade.landmark_names import label_array
 from saccade.slam.association.labels import LabelAssociation
-from saccade.slam.association.nearest_neighbor import DROPPED, NEW
-from saccade.slam.association.partial import UNUSED, associate_partial
+from saccade.slam.association.outcomes import DROPPED, NEW, UNUSED
+from saccade.slam.association.partial import associate_partial
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.slam.association._assignment_kernels import best_assignments
-from saccade.slam.association.nearest_neighbor import DROPPED, NEW, mahalanobis_squared
+from saccade.slam.association.nearest_neighbor import mahalanobis_squared
+from saccade.slam.association.outcomes import DROPPED, NEW
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import difference

@@ -11,18 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.landmark_names import Label
-from saccade.slam.association.nearest_neighbor import (
-    DROPPED,
-    NEW,
-    Gates,
-    associate_by_geometry,
-    compare,
-)
+from saccade.slam.association.nearest_neighbor import Gates, associate_by_geometry, compare
+from saccade.slam.association.outcomes import DROPPED, NEW, UNDECIDED
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import inverse_observe
-from saccade.slam.landmarks import UNDECIDED, LabelRecord, LandmarkTable
+from saccade.slam.landmarks import LabelRecord, LandmarkTable
 from saccade.types import BoolArray, FloatArray, IntArray
 
 TRUSTED = 10

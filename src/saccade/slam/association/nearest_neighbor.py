@@ -9,14 +9,11 @@ from saccade.slam.association._kernels import (
     mahalanobis_distances,
     prefilter_landmarks,
 )
+from saccade.slam.association.outcomes import DROPPED, NEW
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.predictions import expected
 from saccade.types import BoolArray, FloatArray, IntArray
 
-NEW = -1
-"""No landmark of the map is near the observation: it may become one."""
-DROPPED = -2
-"""Ambiguous: near a landmark, but outside its gate, or not near that one alone."""
 AMBIGUITY_MARGIN = 3.0
 """A pair is ambiguous if the squared Mahalanobis distance of the observation from an unpaired
 landmark is larger by less than this: the pair is less than four times as likely."""

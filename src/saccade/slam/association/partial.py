@@ -3,15 +3,13 @@
 import numpy as np
 
 from saccade.slam.association.nearest_neighbor import Gates, associate_by_geometry, compare
+from saccade.slam.association.outcomes import UNUSED
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.landmarks import LandmarkTable
 from saccade.slam.scans import Scan
 from saccade.types import BoolArray, IntArray
-
-UNUSED = -4
-"""A partial observation of no landmark of the map: it cannot add one."""
 
 
 def associate_partial(
