@@ -9,7 +9,7 @@ import PIL.Image
 from saccade.cli.drive import film_frames
 from saccade.simulation import DriveConfig
 from saccade.simulation.gaze_drive import gaze_drive
-from saccade.slam import Recorder
+from saccade.viewing.snapshots import SnapshotRecorder
 
 DRIVE = replace(
     DriveConfig.hall(),
@@ -33,7 +33,7 @@ QUALITY = 60
 
 def write_film(path: Path) -> None:
     """Simulate the drive, map it, and write the film as an animated WebP."""
-    recorder = Recorder(DRIVE.frames // STRIDE)
+    recorder = SnapshotRecorder(DRIVE.frames // STRIDE)
     drive, result = gaze_drive(DRIVE, "active", SEED, recorder=recorder, egomotion="wheels")
     frames = [
         PIL.Image.fromarray(cv2.resize(frame, SIZE, interpolation=cv2.INTER_AREA))

@@ -9,6 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from saccade.pictured import Pictured
+
 __version__ = "0.1.0"
 
 _STUB = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
@@ -29,6 +31,15 @@ def __getattr__(name: str) -> Any:
     )
     globals()[name] = value
     return value
+
+
+def _draw(result: Any) -> str:
+    """Draws a result; the drawing library is loaded with the first picture."""
+    html: str = import_module("saccade.pictures").result_html(result)
+    return html
+
+
+Pictured.to_html = staticmethod(_draw)
 
 
 def __dir__() -> list[str]:

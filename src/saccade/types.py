@@ -7,7 +7,6 @@ from the x axis.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from importlib import import_module
 from typing import Any, Literal, Self, TypeAlias, cast
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from saccade.errors import DriveError, KeypointsError, LogError
 from saccade.landmark_names import name_texts, number_names
+from saccade.pictured import Pictured
 
 
 def check_arrays(
@@ -65,14 +65,6 @@ def invalid_range_bearing(z: npt.NDArray[np.float64]) -> tuple[int, str, str] | 
             hint = "degrees? Multiply bearings, turns and headings by pi / 180"
             return k, "a bearing in radians, within 2 pi", f"{bearing:g}: {hint}"
     return None
-
-
-class Pictured:
-    """Base class of results with a picture in notebooks."""
-
-    def _repr_html_(self) -> str:
-        html: str = import_module("saccade.pictures").result_html(self)  # draws, loaded when asked
-        return html
 
 
 class Table:

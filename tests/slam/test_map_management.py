@@ -12,6 +12,7 @@ from saccade import datasets, slam
 from saccade.slam import EkfConfig, observe
 from saccade.slam.association.outcomes import DROPPED
 from saccade.slam.landmarks import CullingPolicy, LandmarkTable
+from saccade.viewing.snapshots import SnapshotRecorder
 from support.circular_log import simulate
 from support.logs import between, with_observations, without_names
 from support.oracles_slam import ListedLandmarks
@@ -139,7 +140,7 @@ def test_no_observations_and_only_culled_landmarks_are_warnings(rng):
 
 
 def test_snapshots_show_landmarks_without_candidates(rng):
-    recorder = slam.Recorder(frames=1000)
+    recorder = SnapshotRecorder(frames=1000)
     result = slam.run(without_names(simulate(rng)[0]), EkfConfig(smooth=False), recorder=recorder)
     assert len(recorder.snapshots[0].landmarks) == 0
     assert len(recorder.snapshots[5].observed) > 0

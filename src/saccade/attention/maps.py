@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from saccade.pictured import Pictured
 from saccade.scale.pyramid import FloatMap, resize
-from saccade.types import Float32Array, Pictured
+from saccade.types import Float32Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,8 +16,8 @@ from saccade.io.files import results_in
 from saccade.keypoints import Sift
 from saccade.simulation import DriveConfig
 from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
-from saccade.slam import Recorder
 from saccade.viewing.report import ReportBuilder
+from saccade.viewing.snapshots import SnapshotRecorder
 
 LEAD = (
     "Attention selects where to look in an image, interest points select what to keep, the "
@@ -87,7 +87,7 @@ def _drive(out: Path, builder: ReportBuilder) -> dict[str, Any]:
         frames_per_lap=FRAMES_PER_LAP,
         color=True,
     )
-    settings, recorder = replace(SETTINGS, egomotion="wheels"), Recorder(FRAMES // 2)
+    settings, recorder = replace(SETTINGS, egomotion="wheels"), SnapshotRecorder(FRAMES // 2)
     output = RunOutput(out=out / "drive", film=True)
     with progress_bar("visual SLAM: a robot that looks around") as progress:
         drive, result = gaze_drive(hall, "active", SEED, progress, recorder, settings.egomotion)

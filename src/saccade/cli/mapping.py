@@ -24,13 +24,13 @@ from saccade.cli.output import Progress, facts, write_text
 from saccade.datasets import symmetric_columns
 from saccade.io.files import FORMATS, atomic_write
 from saccade.io.video import video_writer
-from saccade.slam import Recorder
 from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.types import FloatArray, Image, IntArray, MapSnapshot, Trajectory
 from saccade.viewing import save_figures
 from saccade.viewing.charts import Chart, innovation_charts, uncertainty_charts
 from saccade.viewing.live import LiveMap
 from saccade.viewing.report import Part, ReportBuilder
+from saccade.viewing.snapshots import SnapshotRecorder
 
 FRAME_RATE = 24
 """Frames per second of a film."""
@@ -64,7 +64,7 @@ class RunOutput(JsonOptions):
         odometry: Trajectory | None = None,
         image_at: Callable[[int], Image | None] | None = None,
         snapshots: int = SNAPSHOTS,
-    ) -> Iterator[Recorder]:
+    ) -> Iterator[SnapshotRecorder]:
         """Snapshots of the growing map, sent to rerun if requested; arguments as for `LiveMap`."""
         with ExitStack() as stack:
             shows = [LiveMap(name, time, odometry, image_at)] if self.live else []
@@ -78,7 +78,7 @@ class RunOutput(JsonOptions):
                 for show in shows:
                     show(taken)
 
-            yield Recorder(snapshots, show_all)
+            yield SnapshotRecorder(snapshots, show_all)
 
     def save_figure(self, figure: Figure, name: str) -> Path:
         """Write a figure in each format; return the file in the first format."""

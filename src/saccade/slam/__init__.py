@@ -17,9 +17,8 @@ from saccade.slam.merging import MergedMaps, merge_maps
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import Innovation, PoseHypotheses, SlamMap, SlamResult, StepResult
-from saccade.slam.run import dead_reckon, find_start, run, slam_for
+from saccade.slam.run import Recorder, dead_reckon, find_start, run, slam_for
 from saccade.slam.smoothing import smooth
-from saccade.slam.snapshots import Recorder
 
 __all__ = [
     "INVARIANT",

@@ -7,8 +7,9 @@ from typing import Any, Literal, NamedTuple
 import numpy.typing as npt
 
 from saccade.errors import LogError
+from saccade.pictured import Pictured
 from saccade.slam.consistency import Consistency
-from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Pictured, Trajectory
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)

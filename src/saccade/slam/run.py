@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import compress
+from typing import Protocol
 
 import numpy as np
 
@@ -18,10 +19,9 @@ from saccade.slam.kidnapping import MIN_CONTRADICTION
 from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch
 from saccade.slam.reliability import map_warning
-from saccade.slam.results import SlamResult
+from saccade.slam.results import PoseHypotheses, SlamResult
 from saccade.slam.scans import NO_SCAN, Scan, scans_of
 from saccade.slam.smoothing import Prior, smooth
-from saccade.slam.snapshots import Recorder
 from saccade.types import (
     BoolArray,
     FloatArray,
@@ -41,6 +41,30 @@ SAME_POSITION = 9.0
 """Largest squared Mahalanobis distance of two landmarks that may be one."""
 SAME_POSE = 16.0
 """Largest squared Mahalanobis distance of a found pose that confirms the saved pose."""
+
+
+class Recorder(Protocol):
+    """Records the growing map, as `saccade.viewing.snapshots.SnapshotRecorder` does."""
+
+    def add(
+        self,
+        step: int,
+        steps: int,
+        slam: Slam,
+        observed: IntArray,
+        hypotheses: PoseHypotheses | None = None,
+        covariance: FloatArray | None = None,
+    ) -> object:
+        """Called after the observations of each pose.
+
+        Args:
+            step: number of the pose.
+            steps: number of poses.
+            slam: SLAM at this pose.
+            observed: (k,) ids of observed landmarks, negative for unused observations.
+            hypotheses: hypotheses of the pose of a lost robot.
+            covariance: (3, 3) of the pose; by default from the filter.
+        """
 
 
 def run(

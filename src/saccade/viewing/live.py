@@ -19,7 +19,7 @@ MAX_POINTS = 2000
 
 
 class LiveMap:
-    """Sends snapshots of the map to a rerun viewer, for `slam.Recorder`; the ground is z = 0.
+    """Sends snapshots of the map to a rerun viewer, for a `SnapshotRecorder`; the ground is z = 0.
 
     Args:
         name: name of the recording.

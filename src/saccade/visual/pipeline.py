@@ -9,9 +9,9 @@ import numpy as np
 
 from saccade.errors import require
 from saccade.frames import Drive, EndOfDrive, Frame
+from saccade.slam import Recorder
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter.predictions import PredictedObservations
-from saccade.slam.snapshots import Recorder
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import first_frame, measures_depth

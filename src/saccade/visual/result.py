@@ -9,13 +9,13 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.frames import Drive
+from saccade.pictured import Pictured
 from saccade.slam.filter.models import compose
 from saccade.types import (
     BoolArray,
     FloatArray,
     IntArray,
     LandmarkMap,
-    Pictured,
     Table,
     Trajectory,
     column,

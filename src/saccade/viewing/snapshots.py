@@ -5,13 +5,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from saccade.errors import require
-from saccade.slam.online import Slam
-from saccade.slam.results import PoseHypotheses
+from saccade.slam import PoseHypotheses, Slam
 from saccade.types import FloatArray, IntArray, MapSnapshot
 
 
-class Recorder:
-    """Records snapshots of the map at regular intervals.
+class SnapshotRecorder:
+    """Records snapshots of the map at regular intervals: a `slam.Recorder`.
 
     Args:
         frames: largest number of snapshots.
