@@ -11,10 +11,10 @@ from saccade import visual
 from saccade.datasets import load_drive, save_drive
 from saccade.errors import ConfigError, DriveError
 from saccade.evaluation.runs import summarize_drive
-from saccade.frames import AHEAD, Camera, CameraTurn, Gaze, GazeLimits
+from saccade.frames import AHEAD, Camera, CameraTurn, Gaze, GazeLimits, directions
 from saccade.plane import steps_between
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
-from saccade.visual.camera import directions, from_pixels, move_pixels, to_pixels
+from saccade.visual.camera import from_pixels, move_pixels, to_pixels
 from saccade.visual.egomotion import correspondences_of, estimate_motion
 from saccade.visual.robot_motion import camera_motion, robot_motion
 from support.track_recorder import record_tracks

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from saccade.errors import ImageError
-from saccade.frames import Camera, Drive, Frame, Tracks
+from saccade.frames import Camera, Drive, Frame, Tracks, directions
 from saccade.types import BoolArray, FloatArray, Image, IntArray, Table, column
-from saccade.visual.camera import directions, intrinsic_matrix, reduced_camera
+from saccade.visual.camera import reduced_camera
 from saccade.visual.depth import depth_of
 from saccade.visual.egomotion import (
     MAX_REPROJECTION_ERROR,
@@ -326,7 +326,7 @@ def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> C
         return None
     if np.median(np.hypot(*(second - first).T)) < STANDSTILL:
         return np.eye(3), np.zeros(3)
-    K = intrinsic_matrix(camera)
+    K = camera.matrix
     E, inliers = cv2.findEssentialMat(first, second, K, cv2.RANSAC, 0.999, MAX_REPROJECTION_ERROR)
     if E is None or E.shape != (3, 3):
         return None

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from saccade.frames import Camera
+from saccade.frames import Camera, directions
 from saccade.types import BoolArray, Float32Array, FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.points import RangeBearings, TrackedPoints
@@ -13,11 +13,6 @@ MIN_DEPTH = 0.05
 """Minimum depth of a projected point, in meters along the optical axis."""
 UNKNOWN_DEPTH_SIGMA = 30.0
 """Relative standard deviation of the depth of a bearing-only observation."""
-
-
-def intrinsic_matrix(camera: Camera) -> FloatArray:
-    """(3, 3) camera matrix K."""
-    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
 
 
 def reduced_camera(camera: Camera, reduction: int) -> Camera:
@@ -32,12 +27,6 @@ def reduced_camera(camera: Camera, reduction: int) -> Camera:
         cx=(camera.cx - center) / reduction,
         cy=(camera.cy - center) / reduction,
     )
-
-
-def directions(camera: Camera, xy: FloatArray) -> FloatArray:
-    """Rays (k, 3) of pixels (k, 2) in the camera's frame, with z = 1."""
-    x, y = (xy[:, 0] - camera.cx) / camera.fx, (xy[:, 1] - camera.cy) / camera.fy
-    return np.stack([x, y, np.ones(len(xy))], 1)
 
 
 def from_pixels(camera: Camera, xy: FloatArray, depth: FloatArray) -> FloatArray:

@@ -5,9 +5,8 @@ from typing import NamedTuple, TypeAlias
 import cv2
 import numpy as np
 
-from saccade.frames import Camera
+from saccade.frames import Camera, directions
 from saccade.types import BoolArray, Float32Array, FloatArray
-from saccade.visual.camera import directions, intrinsic_matrix
 from saccade.visual.robot_motion import CameraPose, camera_motion, cross_matrix, robot_motion
 
 MotionEstimate: TypeAlias = tuple[FloatArray, FloatArray]
@@ -228,7 +227,7 @@ def perspective_n_point(
     `method` is a `cv2.SolvePnPMethod`, `confidence` the probability of an outlier-free sample.
     """
     solved, rotation, translation, inliers = cv2.solvePnPRansac(
-        *(points, xy, intrinsic_matrix(camera), None),
+        *(points, xy, camera.matrix, None),
         iterationsCount=MAX_TRIALS,
         reprojectionError=MAX_REPROJECTION_ERROR,
         confidence=confidence,

@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from saccade.frames import Camera
+from saccade.frames import Camera, directions
 from saccade.types import BoolArray, FloatArray, IntArray
-from saccade.visual.camera import directions
 from saccade.visual.egomotion import Egomotion
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.robot_motion import CameraPose

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from saccade.frames import Camera, Drive
+from saccade.frames import Camera, Drive, directions
 from saccade.types import FloatArray
-from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE, GroundTracker

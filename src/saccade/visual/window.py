@@ -7,9 +7,8 @@ a step without correspondences is estimated from its neighbors. The first pose i
 import cv2
 import numpy as np
 
-from saccade.frames import Camera
+from saccade.frames import Camera, directions
 from saccade.types import FloatArray, IntArray
-from saccade.visual.camera import directions
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import DEFAULT_DEPTH, MotionEstimate, with_off_plane
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors
