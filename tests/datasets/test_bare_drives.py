@@ -12,7 +12,7 @@ from saccade.datasets import load_drive, save_drive
 from saccade.datasets.drives.folder import (
     CameraOptions,
     assume_speed,
-    read_intrinsics,
+    read_calib,
 )
 from saccade.errors import DriveError
 from saccade.simulation import DriveConfig, simulate_drive
@@ -75,9 +75,9 @@ def test_pairs_of_folders_have_many_names(tmp_path, names):
 def test_a_calib_without_row_names_is_read(tmp_path, text, baseline):
     write_images(tmp_path / "image_0")
     (tmp_path / "calib.txt").write_text(text)
-    values, found = read_intrinsics(tmp_path / "calib.txt")
-    assert values == GIVEN.intrinsics
-    assert found == pytest.approx(baseline)
+    found = read_calib(tmp_path / "calib.txt", (80, 60))
+    assert (found.fx, found.fy, found.cx, found.cy) == GIVEN.intrinsics
+    assert found.baseline == pytest.approx(baseline)
     drive = load_drive("auto", tmp_path)
     assert (drive.camera.fx, drive.camera.baseline, drive.scale) == (90, 0, "held")
     (tmp_path / "calib.txt").write_text("1 2 3")

@@ -72,6 +72,7 @@ def as_xml(**entries):
     return storage.releaseAndGetString()
 
 
+TOML = "width=80\nheight=60\nfx=70\nfy=71\ncx=39\ncy=31\n"
 SAMPLE = {"image_width": 80, "image_height": 60, "camera_matrix": K, "distortion_coefficients": D}
 CALIBRATIONS = {
     "ros": ("camera_info.yaml", camera_info()),
@@ -123,14 +124,34 @@ def test_calibrations_of_other_programs_are_read(write, kind, where):
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("camera_info.yaml", camera_info("equidistant")),
-        ("camera_info.yaml", camera_info("kannala_brandt")),
         ("any.yaml", kalibr("equidistant")),
-        ("any.yaml", kalibr("fov")),
-        ("any.yaml", kalibr("radtan", "omni")),
         ("sensor.yaml", euroc("equidistant")),
+        ("fish.yml", opencv(**SAMPLE | {"distortion_coefficients": D[:4]}, fisheye_model=1)),
+        ("camera.toml", f"{TOML}lens = 'fisheye'\ndistortion = {D[:4].tolist()}\n"),
+    ],
+)
+def test_images_of_a_fisheye_lens_are_undistorted(write, name, text):
+    drive = load_drive("auto", write(text, name))
+    assert not drive.camera.is_distorted
+    expected = cv2.fisheye.undistortImage(PIXELS, K, D[:4], Knew=K)
+    np.testing.assert_allclose(drive.load(1).image, expected, atol=2)
+
+
+def test_the_rational_model_has_eight_coefficients(write):
+    wide = np.array([-0.2, 0.05, 0.001, 0.002, 0.01, 0.02, 0.01, 0.003])
+    text = opencv(**SAMPLE | {"distortion_coefficients": wide})
+    drive = load_drive("auto", write(text, "wide.yml"))
+    np.testing.assert_allclose(drive.load(1).image, cv2.undistort(PIXELS, K, wide), atol=2)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("camera_info.yaml", camera_info("equidistant")),  # with five coefficients
+        ("any.yaml", kalibr("fov")),
+        ("wide.yml", opencv(**SAMPLE | {"distortion_coefficients": np.full(7, 0.1)})),
+        ("any.yaml", kalibr("radtan", "omni")),
         ("fish.yml", opencv(**SAMPLE, fisheye_model=1)),
-        ("wide.yml", opencv(**SAMPLE | {"distortion_coefficients": np.full(8, 0.1)})),
         ("calib.txt", "EquiDistant 70 71 39 31 0.1 0 0 0\n80 60\ncrop\n80 60\n"),
         ("calib.txt", "KannalaBrandt8: 70 71 39 31\n"),
         ("calib.txt", "Pinhole 70 71 39 31 0\n80 60\ncrop\n80 60\n"),

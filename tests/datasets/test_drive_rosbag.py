@@ -186,10 +186,11 @@ def test_raw_images_of_a_pair_are_refused(bag):
         load_drive("auto", bag(lens("plumb_bob", "/{side}/image_raw", BENT)))
 
 
-@pytest.mark.parametrize("model", ["equidistant", "fisheye", "kannala_brandt4", "fov", "new"])
-@pytest.mark.parametrize("bent", [BENT[:4], (0.0,) * 4])
+@pytest.mark.parametrize(
+    ("model", "bent"), [("fov", BENT[:4]), ("new", (0.0,) * 4), ("equidistant", BENT)]
+)
 def test_other_lens_models_are_refused(bag, model, bent):
-    with refuses(DriveError, "/camera_info: expected a pinhole camera", model):
+    with refuses(DriveError, "/camera_info: expected the lens pinhole with", model):
         load_drive("auto", bag(lens(model, "/camera/image_raw", bent)))
 
 

@@ -1,6 +1,7 @@
 """Absolute and relative errors of poses in space, against evo's."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,7 +116,7 @@ def test_on_a_line_the_rotation_of_the_alignment_is_not_scored():
     s = np.arange(30.0)
     level = np.tile(np.eye(3), (30, 1, 1))
     path = Poses(s, level, np.column_stack([s, 0 * s, 0 * s]))
-    scores = score_poses(path._replace(position=path.position[:, ::-1]), path)
+    scores = score_poses(replace(path, position=path.position[:, ::-1]), path)
     assert scores.aligned.translation.max() < 1e-9
     assert np.isnan(scores.aligned.rotation).all()
     assert scores.unaligned.rotation.max() < 1e-9
@@ -123,7 +124,7 @@ def test_on_a_line_the_rotation_of_the_alignment_is_not_scored():
 
 def test_what_cannot_be_compared_is_refused(rng):
     truth = _random_walk(rng)
-    later = truth._replace(time=truth.time + 1e4)
+    later = replace(truth, time=truth.time + 1e4)
     with pytest.raises(LogError, match=r"at least 2 poses within 0\.01 s of a true pose, found 0"):
         score_poses(later, truth)
     with pytest.raises(ConfigError):
@@ -142,7 +143,7 @@ def test_the_command_prints_them(files, tmp_path, run):
     truth = read_poses(files[1])
     late = truth.time + 0.05
     late[[10, 40]] -= 0.05
-    _write(tmp_path / "few.tum", truth._replace(time=late))
+    _write(tmp_path / "few.tum", replace(truth, time=late))
     code, out, message = run("evaluate", "trajectory", "few.tum", "--truth", "truth.tum")
     assert code == 0
     assert f"poses (of {N})" in out

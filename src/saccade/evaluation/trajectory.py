@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.datasets.drives.sidecar_files import Poses
 from saccade.errors import LogError, Settings, setting
+from saccade.frames import Poses
 from saccade.landmark_names import labels_of, number_labels
 from saccade.plane import rotations
 from saccade.slam.consistency import normalized_squared
@@ -289,7 +289,7 @@ def score_poses(
     aligned = _absolute(moved, truth)
     if fit.rank < 2:
         aligned = aligned._replace(rotation=np.full(len(aligned.rotation), np.nan))
-    scaled = estimate._replace(position=fit.scale * estimate.position)
+    scaled = Poses(estimate.time, estimate.rotation, fit.scale * estimate.position)
     first = np.arange(len(truth.time) - 1)
     return PoseScores(
         poses=poses,
@@ -372,4 +372,4 @@ def rotation_angle(rotation: FloatArray) -> FloatArray:
 
 
 def _select(poses: Poses, rows: FloatArray | IntArray) -> Poses:
-    return Poses(*(values[rows] for values in poses))
+    return Poses(poses.time[rows], poses.rotation[rows], poses.position[rows])

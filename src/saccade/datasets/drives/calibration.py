@@ -3,7 +3,9 @@
 width, height, fx, fy, cx, cy   pixels; required
 baseline                        meters to the right camera of a rectified rig; default 0, no
                                 right camera
-distortion                      k1, k2, p1, p2 and optionally k3 of OpenCV; default none
+lens                            lens model: "pinhole" (default) or "fisheye"
+distortion                      coefficients of the lens as OpenCV orders them, such as
+                                [k1, k2, p1, p2, k3]; default none
 position                        [x, y, z] of the camera in the robot's frame, meters; default zeros
 rotation                        three rows: from the camera's frame to the robot's; default
                                 looking straight ahead
@@ -21,16 +23,16 @@ from typing import Any
 import numpy as np
 
 from saccade.datasets.tables import Archive
-from saccade.errors import ConfigError, DriveError, Settings, require, setting
+from saccade.errors import ConfigError, DriveError, Settings, setting
 from saccade.frames import Camera
 from saccade.io.files import atomic_write, read_toml, reading
 from saccade.types import FloatArray
 
 CAMERA_FILE = "camera.toml"
 _INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
-_CAMERA = (*_INTRINSICS, "baseline", "position", "rotation")
+_CAMERA = (*_INTRINSICS, "baseline", "position", "rotation", "lens", "distortion")
 """Attributes of `Camera` in the file."""
-_OTHERS = ("distortion", "rate", "depth_unit", "odometry_bias", "start")
+_OTHERS = ("rate", "depth_unit", "odometry_bias", "start")
 """Attributes of `Calibration` in the file."""
 
 
@@ -39,9 +41,7 @@ class Calibration(Settings):
     """Camera calibration and other constants of a drive."""
 
     camera: Camera
-    """Pinhole camera of the undistorted images."""
-    distortion: tuple[float, ...] = ()
-    """None, four or five coefficients: k1, k2, p1, p2, k3 of OpenCV."""
+    """Camera of the images as recorded."""
     rate: float = setting(30.0, above=0, below=1e6)
     """Frames per second, if no file has the frame times."""
     depth_unit: float = setting(0.001, above=0, below=1e6)
@@ -50,11 +50,6 @@ class Calibration(Settings):
     """Standard deviations of systematic odometry errors, as in `Drive`."""
     start: tuple[float, float, float] | None = setting(None, -1e9, 1e9)
     """Pose at the first frame; None if unknown."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        known = len(self.distortion) in (0, 4, 5) and np.isfinite(self.distortion).all()
-        require(bool(known), "distortion", "k1, k2, p1, p2 and optionally k3", self.distortion)
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -66,13 +61,14 @@ def read_calibration(path: Path) -> Calibration:
     if found:
         raise DriveError(f"{path}: expected {', '.join(known)}; found {found[0]}")
     with reading(path, DriveError, "numbers, and lists of numbers", TypeError, ValueError):
+        lens = {"lens": values.pop("lens")} if "lens" in values else {}
         arrays = {name: np.array(value, np.float64) for name, value in values.items()}
-    fields: dict[str, Any] = {
+    fields: dict[str, Any] = lens | {
         name: array if name in ("position", "rotation") else _number_or_tuple(array)
         for name, array in arrays.items()
     }
     try:
-        camera = Camera(**{name: fields.pop(name) for name in values if name in _CAMERA})
+        camera = Camera(**{name: fields.pop(name) for name in [*fields] if name in _CAMERA})
         return Calibration(camera, **fields)
     except (ConfigError, TypeError) as error:  # TypeError: a number instead of a list
         raise DriveError(f"{path}: {error}") from error
@@ -112,17 +108,3 @@ def kitti_extrinsics(file: Path) -> dict[str, Any]:
     matrix = Archive(file).array("cam_T_imu", (4, 4)).astype(np.float64)
     position = np.array([matrix[0, 3], matrix[1, 3], KITTI_HEIGHT])
     return {"position": position, "rotation": np.ascontiguousarray(matrix[:3, :3].T)}
-
-
-def pinhole(matrix: FloatArray, size: tuple[int, int], **extrinsics: Any) -> Camera:
-    """Camera from a matrix (3, 3) or a projection (3, 4), and its width and height in pixels.
-
-    `extrinsics`: baseline, position and rotation of `Camera`.
-    """
-    (fx, _, cx), (_, fy, cy) = matrix[:2, :3].astype(float).tolist()
-    return Camera(int(size[0]), int(size[1]), fx, fy, cx, cy, **extrinsics)
-
-
-def camera_matrix(camera: Camera) -> FloatArray:
-    """(3, 3) intrinsics of a camera."""
-    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])

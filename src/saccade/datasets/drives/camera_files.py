@@ -8,40 +8,43 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from saccade.errors import DriveError
+from saccade.errors import ConfigError, DriveError
+from saccade.frames import LENSES, Camera
 from saccade.io.files import natural_order, one_line, read_text
 from saccade.types import FloatArray
 
 CALIBRATIONS = "cam|calib|intrinsic|^ost$"
 """Pattern of file names that must be calibrations; other files may have any content."""
-PINHOLE = (
-    "|none|pinhole|plumbbob|rationalpolynomial|radialtangential|radtan|brown(conrad(y|ie))?|opencv"
-)
-"""Pattern for names of the lens model with coefficients k1, k2, p1, p2, k3, in letters only."""
-OTHER_LENSES = "fish|equi|kannala|fov|atan|omni|mei|unified|sphere|scaramuzza|inverse"
-"""Pattern for names of other lens models, in letters only."""
 UNREADABLE = (cv2.error, SystemError, OSError, LookupError, AttributeError, TypeError, ValueError)
 """Exceptions raised for a file that is not a calibration; OpenCV raises SystemError."""
 
 
-def distortion_of(model: str, coefficients: Sequence[float], name: str) -> tuple[float, ...]:
-    """None, four or five coefficients of OpenCV's pinhole model: k1, k2, p1, p2, k3.
+def lens_of(model: str, coefficients: Sequence[float], name: str) -> dict[str, Any]:
+    """The fields `lens` and `distortion` of a camera.
 
     Args:
         model: name of the lens model in the file; empty if it has none.
-        coefficients: coefficients in the model's order.
+        coefficients: coefficients in OpenCV's order.
         name: name of the file, for error messages.
 
     Raises:
-        DriveError: another lens model, or higher coefficients that are not zero.
+        DriveError: an unknown lens model, or a number of coefficients that it does not have.
     """
-    known = re.fullmatch(PINHOLE, re.sub("[^a-z]", "", model.lower()))
-    if not known or any(coefficients[5:]) or len(coefficients) in (1, 2, 3):
-        raise DriveError(
-            f"{name}: expected a pinhole camera with distortion as plumb_bob, of up to five "
-            f"coefficients, found {model!r} with {len(coefficients)}; undistort the images first"
-        )
-    return tuple(coefficients[:5]) if any(coefficients) else ()
+    letters = re.sub("[^a-z]", "", model.lower())
+    for lens, row in LENSES.items():
+        if re.fullmatch(row.names, letters) and len(coefficients) in row.counts:
+            is_ideal = lens == "pinhole" and not any(coefficients)
+            return {"lens": lens, "distortion": () if is_ideal else tuple(coefficients)}
+    counts = ", ".join(f"{name} with {_either(row.counts)}" for name, row in LENSES.items())
+    raise DriveError(
+        f"{name}: expected the lens {counts} coefficients, found {model!r} with "
+        f"{len(coefficients)}; undistort the images first"
+    )
+
+
+def _either(counts: Sequence[int]) -> str:
+    *some, last = map(str, counts)
+    return f"{', '.join(some)} or {last}" if some else last
 
 
 class CameraFile(NamedTuple):
@@ -49,19 +52,48 @@ class CameraFile(NamedTuple):
 
     name: str
     """Name of the file, and of the camera in it."""
-    size: list[float]
-    """Width and height in pixels; empty if unknown."""
-    matrix: FloatArray
-    """(3, 3) intrinsics of raw images."""
-    distortion: list[float]
-    model: str
-    """Name of the lens model."""
-    projection: FloatArray
-    """(3, 4) of rectified images; zero if unknown."""
+    camera: Camera
+    """Camera of the images as recorded."""
+    rectified: Camera | None
+    """Camera of the images that another program rectifies; None if unknown."""
+    offset: float
+    """Position of the rectified camera in the pair, in meters to the right of the left one."""
 
 
-def find_cameras(folder: Path) -> list[CameraFile]:
+def camera_file(
+    name: str,
+    matrix: FloatArray,
+    size: tuple[int, int],
+    lens: tuple[str, Sequence[float]],
+    projection: FloatArray,
+) -> CameraFile:
+    """A camera from the entries that ROS and OpenCV write.
+
+    Args:
+        name: name of the file, for error messages.
+        matrix: (3, 3) camera matrix of the images as recorded.
+        size: width and height in pixels.
+        lens: name of the lens model, and distortion coefficients.
+        projection: (3, 4) of the rectified images; zeros if unknown.
+
+    Raises:
+        DriveError: an unknown lens model, or a number out of range.
+    """
+    try:
+        camera = Camera.from_matrix(matrix, size, **lens_of(*lens, name))
+        focal = float(projection[0, 0])
+        if focal <= 0:
+            return CameraFile(name, camera, None, 0.0)
+        rectified = Camera.from_matrix(projection, size)
+        return CameraFile(name, camera, rectified, -float(projection[0, 3]) / focal)
+    except ConfigError as error:
+        raise DriveError(f"{name}: {error}") from error
+
+
+def find_cameras(folder: Path, size: tuple[int, int]) -> list[CameraFile]:
     """The cameras in the calibration files of a folder, sorted by name.
+
+    `size` is the width and height of the images, for files without it.
 
     Raises:
         DriveError: a file with the name of a calibration has other content.
@@ -73,8 +105,11 @@ def find_cameras(folder: Path) -> list[CameraFile]:
         try:
             content = _parse(file)
             nested = [key for key in content if re.fullmatch(r"cam\d+", key)]
-            cameras += [_camera(f"{file}, {key}", content[key], "") for key in nested]
-            cameras += [_camera(str(file), content, each) for each in ("", "1", "2") if not nested]
+            cameras += [_camera(f"{file}, {key}", content[key], "", size) for key in nested]
+            if not nested:
+                cameras += [_camera(str(file), content, each, size) for each in ("", "1", "2")]
+        except DriveError:
+            raise
         except UNREADABLE as error:
             if re.search(CALIBRATIONS, file.stem.lower()):
                 reason = "expected a calibration from ROS or OpenCV, found other text"
@@ -104,7 +139,9 @@ def _parse(path: Path) -> Any:
     return value(storage.root())  # nodes are valid only while their storage exists
 
 
-def _camera(name: str, content: dict[str, Any], number: str) -> CameraFile | None:
+def _camera(
+    name: str, content: dict[str, Any], number: str, size: tuple[int, int]
+) -> CameraFile | None:
     """Camera from the entries of a file; in stereo files the keys end in a number."""
     entries = {re.sub("[^a-z0-9]", "", key.lower()): value for key, value in content.items()}
 
@@ -119,16 +156,20 @@ def _camera(name: str, content: dict[str, Any], number: str) -> CameraFile | Non
     if len(matrix) != 9:
         return None
     sizes = [entries.get(f"{each}{axis}") for each in ("image", "") for axis in ("width", "height")]
+    width, height = (
+        numbers("resolution", "imagesize") or [each for each in sizes if each][:2] or size
+    )
     models = [str(entries.get(key, "")) for key in ("cameramodel", "distortionmodel")]
     models += ["fisheye"] if entries.get("fisheyemodel") else []
+    model = " ".join(each for each in models if each not in ("", "pinhole"))
+    distortion = numbers(
+        *("distortioncoefficients", "distortioncoeffs", "distcoeffs", "distcoeff", "dist", "d")
+    )
     projection = numbers("projectionmatrix", "p")
-    return CameraFile(
-        name=name,
-        size=numbers("resolution", "imagesize") or [each for each in sizes if each][:2],
-        matrix=np.reshape(matrix, (3, 3)),
-        distortion=numbers(
-            *("distortioncoefficients", "distortioncoeffs", "distcoeffs", "distcoeff", "dist", "d")
-        ),
-        model=" ".join(each for each in models if each not in ("", "pinhole")),
-        projection=np.reshape(projection if len(projection) == 12 else np.zeros(12), (3, 4)),
+    return camera_file(
+        name,
+        np.reshape(matrix, (3, 3)),
+        (int(width), int(height)),
+        (model, distortion),
+        np.reshape(projection if len(projection) == 12 else np.zeros(12), (3, 4)),
     )

@@ -37,9 +37,7 @@ from saccade.datasets.drives.calibration import (
     read_calibration,
 )
 from saccade.datasets.drives.camera_files import (
-    OTHER_LENSES,
     CameraFile,
-    distortion_of,
     find_cameras,
 )
 from saccade.datasets.drives.frames import (
@@ -59,6 +57,8 @@ from saccade.io.files import IMAGE_SUFFIXES
 from saccade.io.video import VideoFrames
 from saccade.types import FloatArray
 
+OTHER_LENSES = "fish|equi|kannala|fov|atan|omni|mei|unified|sphere|scaramuzza|inverse"
+"""Pattern for names of lens models in a calib.txt, which has no place for their coefficients."""
 Intrinsics: TypeAlias = tuple[float, float, float, float]
 """fx, fy, cx, cy in pixels."""
 PAIR_NAMES = (
@@ -156,45 +156,47 @@ def calibration_beside(
         if options != CameraOptions():
             raise DriveError(f"{file}: has the calibration; leave out --intrinsics and --baseline")
         return BareCamera(read_calibration(file))
-    width, height = size
-    baseline, is_guess, assumptions = options.baseline or 0.0, False, tuple[str, ...]()
-    distortion: tuple[float, ...] = ()
+    is_guess, assumptions = False, tuple[str, ...]()
     if options.intrinsics is not None:
-        values = options.intrinsics
+        camera = _camera(folder, size, options.intrinsics)
     elif (folder / "calib.txt").exists():
         left = "image_0" if image is None else image.parent.name
-        values, found = read_intrinsics(folder / "calib.txt", PROJECTIONS.get(left, ()))
-        baseline = options.baseline or (found if is_pair else 0.0)
-    elif cameras := find_cameras(folder) or (image and find_cameras(image.parent)):
-        (width, height), values, distortion, found = choose_camera(cameras, size, image)
-        baseline = options.baseline or (found if is_pair else 0.0)
+        camera = read_calib(folder / "calib.txt", size, PROJECTIONS.get(left, ()))
+    elif cameras := find_cameras(folder, size) or (image and find_cameras(image.parent, size)):
+        camera = choose_camera(cameras, image)
     else:
-        focal = None if image is None else exif_focal_length(image, width)
+        focal = None if image is None else exif_focal_length(image, size[0])
         is_guess = focal is None
         origin = "from EXIF" if focal else f"{FOCAL_FACTOR} times the width"
-        focal = focal or FOCAL_FACTOR * width
-        values = focal, focal, (width - 1) / 2, (height - 1) / 2
+        focal = focal or FOCAL_FACTOR * size[0]
+        camera = _camera(folder, size, (focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2))
         assumptions = (
             f"{source or folder}: no {CAMERA_FILE}: guessed a focal length of {focal:.0f} px "
             f"({origin}) and the principal point at the center; --intrinsics fx,fy,cx,cy gives "
             "the true ones",
         )
+    baseline = options.baseline or (camera.baseline if is_pair else 0.0)
     try:
-        camera = Camera(width, height, *values, baseline=baseline)
+        camera = replace(camera, baseline=baseline)
     except ConfigError as error:
         raise DriveError(f"{folder}: the calibration of the camera: {error}") from error
-    if not (0 < camera.cx < width and 0 < camera.cy < height):
+    if not (0 < camera.cx < camera.width and 0 < camera.cy < camera.height):
         raise DriveError(
-            f"{folder}: expected a principal point inside the images of {width} x {height} px, "
-            f"found {camera.cx:.1f}, {camera.cy:.1f}"
+            f"{folder}: expected a principal point inside the images of {camera.width} x "
+            f"{camera.height} px, found {camera.cx:.1f}, {camera.cy:.1f}"
         )
-    return BareCamera(Calibration(camera, distortion, GUESSED_RATE), assumptions, is_guess)
+    return BareCamera(Calibration(camera, GUESSED_RATE), assumptions, is_guess)
 
 
-def choose_camera(
-    cameras: Sequence[CameraFile], size: tuple[int, int], image: Path | None
-) -> tuple[tuple[int, int], Intrinsics, tuple[float, ...], float]:
-    """Size, intrinsics, distortion and baseline (0 if unknown) of the camera of an image.
+def _camera(source: Path, size: tuple[int, int], values: Intrinsics, baseline: float = 0) -> Camera:
+    try:
+        return Camera(*size, *values, baseline=baseline)
+    except ConfigError as error:
+        raise DriveError(f"{source}: the calibration of the camera: {error}") from error
+
+
+def choose_camera(cameras: Sequence[CameraFile], image: Path | None) -> Camera:
+    """The camera of an image, with the baseline of the pair (0 if unknown).
 
     The camera's name shares the most words with the image's folder, such as left; otherwise the
     first camera is chosen. Images in a folder such as image_rect are rectified. The baseline of a
@@ -206,14 +208,12 @@ def choose_camera(
 
     folder = words("" if image is None else f"{image.parent.parent.name} {image.parent.name}")
     left = max(cameras, key=lambda each: len(folder & words(Path(each.name).name)))
-    matrix, distortion = left.matrix, distortion_of(left.model, left.distortion, left.name)
-    if folder & {"rect", "rectified", "undistorted"} and left.projection[0, 0] > 0:
-        matrix, distortion = left.projection, ()
-    offsets = [-each.projection[0, 3] / max(each.projection[0, 0], 1e-9) for each in cameras]
-    baseline = 0.0 if distortion else float(max(0.0, *offsets))
-    (fx, _, cx), (_, fy, cy) = (left.projection if baseline > 0 else matrix)[:2, :3].tolist()
-    width, height = left.size or size
-    return (int(width), int(height)), (fx, fy, cx, cy), distortion, baseline
+    is_rectified = bool(folder & {"rect", "rectified", "undistorted"})
+    camera = left.rectified if is_rectified and left.rectified else left.camera
+    baseline = 0.0 if camera.is_distorted else max(0.0, *(each.offset for each in cameras))
+    if baseline > 0:
+        camera = replace(left.rectified or camera, baseline=baseline)
+    return camera
 
 
 def exif_focal_length(image: Path, width: int) -> float | None:
@@ -227,22 +227,26 @@ def exif_focal_length(image: Path, width: int) -> float | None:
     return focal if 0.2 * width < focal < 20 * width else None
 
 
-def read_intrinsics(path: Path, names: tuple[str, ...] = ()) -> tuple[Intrinsics, float]:
-    """Intrinsics and baseline (0 if unknown) of a calib.txt.
+def read_calib(path: Path, size: tuple[int, int], names: tuple[str, ...] = ()) -> Camera:
+    """The camera of a calib.txt, with the baseline of the pair (0 if unknown).
 
     If some rows have one of the `names`, only these are read. The module describes the formats.
+    `size` is the width and height of the images in pixels.
     """
     rows = list(read_rows(path))
     for row in rows:
         if re.search(OTHER_LENSES, row.cells[0].lower()):
-            distortion_of(row.cells[0], (), row.name)
+            raise row.error(
+                "a camera without distortion",
+                f"the lens {row.cells[0]!r}; write {CAMERA_FILE}, or undistort the images first",
+            )
     rows = [row for row in rows if row.cells[0].removesuffix(":") in names] or rows
     parts = [row.numbers(slice(0 if is_number(row.cells[0]) else 1, None)) for row in rows]
     is_table = len({len(part) for part in parts}) == 1
     values = [value for part in parts for value in part] if is_table else []
     if len(values) in (4, 5):
         fx, fy, cx, cy = values[:4]
-        return (fx, fy, cx, cy), sum(values[4:])
+        return _camera(path, size, (fx, fy, cx, cy), sum(values[4:]))
     if len(values) != 9 and (not values or len(values) % 12):
         raise DriveError(
             f"{path}: expected (3, 4) projections, a (3, 3) matrix or fx, fy, cx, cy; found "
@@ -254,7 +258,7 @@ def read_intrinsics(path: Path, names: tuple[str, ...] = ()) -> tuple[Intrinsics
     if len(matrices) > 1:
         offset = matrices[:2, 0, 3] / matrices[:2, 0, 0].clip(1e-9)
         baseline = max(float(offset[0] - offset[1]), 0.0)
-    return (fx, fy, cx, cy), baseline
+    return _camera(path, size, (fx, fy, cx, cy), baseline)
 
 
 ASSUMED_SPEED = 1.0

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import cv2
 import numpy as np
 
-from saccade.datasets.drives.calibration import Calibration, camera_matrix
+from saccade.datasets.drives.calibration import Calibration
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Frame
 from saccade.io.files import read_bytes, reading
@@ -112,18 +112,15 @@ def frame_reader(
     """A function that reads and undistorts the images of a recorded frame.
 
     Args:
-        calibration: camera of the undistorted images, and distortion.
+        calibration: camera of the images as recorded.
         recorded: (m,) times of all frames in seconds.
         left: images of the (left) camera.
         right: images of the right camera.
         depth: depth of the left camera, 0 where unknown: integers in steps of
             `calibration.depth_unit`, or floats in meters.
     """
-    camera, maps = calibration.camera, None
-    if any(calibration.distortion):
-        K, size = camera_matrix(camera), (camera.width, camera.height)
-        distortion = np.array(calibration.distortion)
-        maps = cv2.initUndistortRectifyMap(K, distortion, np.eye(3), K, size, cv2.CV_32FC1)
+    camera = calibration.camera
+    maps = camera.maps_to(camera.undistorted) if camera.is_distorted else None
 
     def undistort(image: SourceImage, interpolation: int = cv2.INTER_LINEAR) -> Image:
         height, width = image.pixels.shape[:2]

@@ -11,7 +11,7 @@ groundtruth.tum          ground truth of the robot, on the ground; or of the lef
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -20,54 +20,8 @@ from saccade.datasets.drives.frames import FrameTimes
 from saccade.datasets.drives.odometry import OdometryIncrements, read_odometry, unknown_increments
 from saccade.datasets.tables import one_of, read_csv, read_rows, read_table, write_table
 from saccade.errors import DriveError, LogError
-from saccade.frames import Camera, CameraTurn, Drive, Frame
+from saccade.frames import Camera, CameraTurn, Drive, Frame, Poses
 from saccade.types import FloatArray, Trajectory
-
-
-class Poses(NamedTuple):
-    """n timed poses in SE(3)."""
-
-    time: FloatArray
-    """(n,) seconds."""
-    rotation: FloatArray
-    """(n, 3, 3) from the body frame to the world frame."""
-    position: FloatArray
-    """(n, 3) meters, in the world frame."""
-
-
-def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
-    """Rotation matrices (n, 3, 3) from quaternions (n, 4) x, y, z, w, normalized first."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
-    length = np.linalg.norm(quaternion, axis=1)
-    if (length < 0.5).any():
-        row = int(np.argmin(length))
-        raise LogError(f"{name}: expected unit quaternions, found length {length[row]:.3g}, {row=}")
-    return Rotation.from_quat(quaternion).as_matrix()
-
-
-def project_to_plane(poses: Poses) -> Trajectory:
-    """Robot poses projected to the plane z = 0: x, y, and the heading of the x axis."""
-    x_axis = poses.rotation[:, :, 0]
-    heading = np.arctan2(x_axis[:, 1], x_axis[:, 0])
-    return Trajectory(poses.time, np.column_stack([poses.position[:, :2], heading]))
-
-
-def interpolate_poses(poses: Poses, time: FloatArray) -> Poses:
-    """Poses interpolated at times (n,), with spherical interpolation; the end poses are held."""
-    from scipy.spatial.transform import Rotation
-
-    after = np.searchsorted(poses.time, time).clip(1, len(poses.time) - 1)
-    before = after - 1
-    span = poses.time[after] - poses.time[before]
-    fraction = (time - poses.time[before]) / np.where(span > 0, span, 1.0)
-    fraction = np.where(span > 0, fraction, 0.0).clip(0.0, 1.0)[:, None]
-    step = poses.position[after] - poses.position[before]
-    start = Rotation.from_matrix(poses.rotation[before])
-    turn = (start.inv() * Rotation.from_matrix(poses.rotation[after])).as_rotvec()
-    rotation = (start * Rotation.from_rotvec(fraction * turn)).as_matrix()
-    return Poses(time, rotation, poses.position[before] + fraction * step)
-
 
 TUM_COLUMNS = ("time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 GAZE_FILE = "gaze.csv"
@@ -87,7 +41,7 @@ def read_tum_poses(path: Path) -> Poses:
     table = read_table(path, TUM_COLUMNS)
     if len(table) == 0:
         raise LogError(f"{path}: expected poses, found none")
-    return Poses(table[:, 0], rotation_matrices(table[:, 4:], str(path)), table[:, 1:4])
+    return Poses.from_rows(table, str(path))
 
 
 def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
@@ -109,13 +63,13 @@ def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Trajectory:
     first = int(np.argmin(np.abs(poses.time - start_time)))
     to_start = rotation[first].T
     position = (position - position[first]) @ to_start.T
-    return project_to_plane(Poses(poses.time, to_start @ rotation, position))
+    return Poses(poses.time, to_start @ rotation, position).on_plane
 
 
 def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Trajectory | None:
     """Ground truth in a folder, or None; KITTI's has a pose for each recorded frame."""
     if (of_robot := folder / "groundtruth.tum").exists():
-        return project_to_plane(read_tum_poses(of_robot))
+        return read_tum_poses(of_robot).on_plane
     start_time = float(frames.time[0])
     if (of_camera := folder / "groundtruth_tum.txt").exists():
         return camera_truth(read_tum_poses(of_camera), camera, start_time)
@@ -169,7 +123,7 @@ def assemble_drive(
 
     return Drive(
         name=name,
-        camera=calibration.camera,
+        camera=calibration.camera.undistorted,
         time=frames.time,
         control=increments.control,
         control_covariance=increments.covariance,

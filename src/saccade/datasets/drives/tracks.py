@@ -25,7 +25,6 @@ from saccade.datasets.drives.calibration import (
     CAMERA_FILE,
     Calibration,
     kitti_extrinsics,
-    pinhole,
     read_calibration,
 )
 from saccade.datasets.drives.frames import FrameTimes, image_size, list_images
@@ -106,4 +105,4 @@ def _camera(folder: Path, xy: FloatArray) -> Camera:
     if (folder / "image_0").is_dir():
         width, height = image_size(list_images(folder / "image_0")[0])
     extrinsics = kitti_extrinsics(archive.path)
-    return pinhole(K, (width, height), baseline=float(baseline.item()), **extrinsics)
+    return Camera.from_matrix(K, (width, height), baseline=float(baseline.item()), **extrinsics)

@@ -77,5 +77,5 @@ def _tum_calibration(path: Path) -> Calibration:
             "found neither"
         )
     (fx, fy, cx, cy), distortion = CAMERAS[int(number[1])]
-    camera = Camera(width=640, height=480, fx=fx, fy=fy, cx=cx, cy=cy)
-    return Calibration(camera, distortion, depth_unit=DEPTH_UNIT)
+    camera = Camera(width=640, height=480, fx=fx, fy=fy, cx=cx, cy=cy, distortion=distortion)
+    return Calibration(camera, depth_unit=DEPTH_UNIT)

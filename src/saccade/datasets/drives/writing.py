@@ -11,7 +11,6 @@ import numpy as np
 from saccade.datasets.drives.calibration import (
     CAMERA_FILE,
     Calibration,
-    camera_matrix,
     write_calibration,
 )
 from saccade.datasets.drives.folder import (
@@ -122,7 +121,7 @@ def _write_images(folder: Path, number: int, frame: Frame, depth_unit: float) ->
 
 def _projections(camera: Camera) -> str:
     """P0 to P3 as KITTI writes them; P2 and P3 are the same cameras as P0 and P1."""
-    left = np.column_stack([camera_matrix(camera), np.zeros(3)])
+    left = np.column_stack([camera.matrix, np.zeros(3)])
     right = left.copy()
     right[0, 3] = -camera.fx * camera.baseline
     return "".join(

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from saccade.datasets.drives.sidecar_files import Poses, interpolate_poses, rotation_matrices
 from saccade.datasets.tables import LARGEST
 from saccade.errors import ImageError, LogError
 from saccade.extras import import_optional
+from saccade.frames import Poses
 from saccade.io.files import LARGEST_TEXT, check_file, natural_order, open_file, reading
 from saccade.types import FloatArray, IntArray
 
@@ -213,8 +213,7 @@ def _is_truth(topic: str) -> bool:
 
 def poses_from(rows: Any, name: str) -> Poses:
     """Poses from rows of time, position and quaternion, in the given order."""
-    table = finite(rows, name).reshape(-1, 8)
-    return Poses(table[:, 0], rotation_matrices(table[:, 4:], name), table[:, 1:4])
+    return Poses.from_rows(finite(rows, name), name)
 
 
 def _check(path: Path) -> None:
@@ -301,14 +300,10 @@ class Transforms:
                     queue.append(neighbor)
         if part not in paths:
             return None
-        rotation, position = np.tile(np.eye(3), (len(time), 1, 1)), np.zeros((len(time), 3))
+        chain = Poses(time, np.tile(np.eye(3), (len(time), 1, 1)), np.zeros((len(time), 3)))
         for parent, child in pairwise(paths[part]):
             if (parent, child) in self.edges:
-                _, turn, shift = interpolate_poses(self.edges[parent, child], time)
+                chain = chain @ self.edges[parent, child].interpolate(time)
             else:
-                _, inverse, offset = interpolate_poses(self.edges[child, parent], time)
-                turn = inverse.transpose(0, 2, 1)
-                shift = -np.einsum("nij,nj->ni", turn, offset)
-            position = position + np.einsum("nij,nj->ni", rotation, shift)
-            rotation = rotation @ turn
-        return Poses(time, rotation, position)
+                chain = chain @ self.edges[child, parent].interpolate(time).inverse
+        return chain

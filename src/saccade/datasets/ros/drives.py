@@ -31,10 +31,9 @@ import numpy as np
 from saccade.datasets.drives.calibration import (
     CAMERA_FILE,
     Calibration,
-    pinhole,
     read_calibration,
 )
-from saccade.datasets.drives.camera_files import distortion_of
+from saccade.datasets.drives.camera_files import CameraFile, camera_file
 from saccade.datasets.drives.frames import (
     FrameTimes,
     ImageSource,
@@ -47,9 +46,7 @@ from saccade.datasets.drives.odometry import (
     unknown_increments,
 )
 from saccade.datasets.drives.sidecar_files import (
-    Poses,
     assemble_drive,
-    project_to_plane,
 )
 from saccade.datasets.ros.bags import (
     FIELDS,
@@ -60,7 +57,7 @@ from saccade.datasets.ros.bags import (
     has_word,
 )
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.frames import Camera, CameraTurn, Drive
+from saccade.frames import Camera, CameraTurn, Drive, Poses
 from saccade.io.files import reading
 from saccade.io.image import decode_stored
 from saccade.types import FloatArray, Image, IntArray
@@ -115,7 +112,7 @@ def read_rosbag_drive(path: Path) -> Drive:
         truth, odometry = bag.truth_topic(), bag.odometry_topic()
         increments = unknown_increments(frames.time)
         if odometry is not None:
-            poses = project_to_plane(bag.poses(odometry, zero))
+            poses = bag.poses(odometry, zero).on_plane
             increments = increments_from_poses(poses, frames.time, f"{path}, {odometry}")
         return assemble_drive(
             path.stem,
@@ -124,7 +121,7 @@ def read_rosbag_drive(path: Path) -> Drive:
             frames,
             read,
             increments,
-            None if truth is None else project_to_plane(bag.poses(truth, zero)),
+            None if truth is None else bag.poses(truth, zero).on_plane,
             turns,
             assumptions,
         )
@@ -273,26 +270,28 @@ def calibration_of(
         name: name of the recording, for error messages.
         is_rectified: whether the images are rectified.
     """
-    K, D, P = (finite(_field(left, each), name) for each in "kdp")
-    P = P.reshape(3, 4)
-    if is_rectified:
-        K, distortion = P[:, :3] if P[0, 0] else K, tuple[float, ...]()
-    else:
-        distortion = distortion_of(left.distortion_model, D.tolist(), name)
-    baseline = 0.0
+    own = _camera_file(left, name, is_rectified)
+    camera = own.rectified if is_rectified and own.rectified else own.camera
     if right is not None:
-        P2 = finite(_field(right, "p"), name).reshape(3, 4)
-        baseline = -float(P2[0, 3] / P2[0, 0]) if P2[0, 0] else 0.0
-        if distortion:
+        if camera.is_distorted:
             raise DriveError(
-                f"{name}: expected rectified images of a stereo pair, found distortion {D.tolist()}"
+                f"{name}: expected rectified images of a stereo pair, found distortion "
+                f"{list(camera.distortion)}"
             )
-        K = P[:, :3]
-    try:
-        camera = pinhole(K.reshape(3, 3), (left.width, left.height), baseline=baseline)
-    except ConfigError as error:
-        raise DriveError(f"{name}: {error}") from error
-    return Calibration(camera, distortion)
+        camera = own.rectified or camera
+        try:
+            camera = replace(camera, baseline=_camera_file(right, name, True).offset)
+        except ConfigError as error:
+            raise DriveError(f"{name}: {error}") from error
+    return Calibration(camera)
+
+
+def _camera_file(info: Any, name: str, is_rectified: bool) -> CameraFile:
+    """The camera of a CameraInfo; the lens does not matter for rectified images."""
+    K, D, P = (finite(_field(info, each), name) for each in "kdp")
+    is_ideal = is_rectified and P.any()
+    lens = ("", ()) if is_ideal else (str(info.distortion_model), D.tolist())
+    return camera_file(name, K.reshape(3, 3), (info.width, info.height), lens, P.reshape(3, 4))
 
 
 def _field(message: Any, name: str) -> Any:

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
-from saccade.datasets.drives.sidecar_files import Poses, project_to_plane
 from saccade.datasets.logs.conversions import (
     ASSUMED_ODOMETRY,
     ASSUMED_SENSOR,
@@ -30,6 +29,7 @@ from saccade.datasets.ros.bags import FIELDS, Bag, Transforms, bare, pose_of, po
 from saccade.datasets.ros.messages import Detection, landmark_topics, parse_labels, read_detections
 from saccade.datasets.tables import LARGEST
 from saccade.errors import LogError, LogWarning
+from saccade.frames import Poses
 from saccade.io.files import reading
 from saccade.plane import path_of, steps_between, to_range_bearing
 from saccade.types import FloatArray, LandmarkLog, Trajectory
@@ -104,7 +104,7 @@ def _odometry(
     bag: Bag, source: str, base: str, poses: Poses, twist: FloatArray, noise: OdometryNoise
 ) -> BagOdometry:
     """Odometry from poses (n,) and the variances (n, 3) of speeds and turn rate at each pose."""
-    path, span = project_to_plane(poses), float(np.ptp(poses.time))
+    path, span = poses.on_plane, float(np.ptp(poses.time))
     if not 0 < span < MAX_DURATION:
         raise LogError(
             f"{bag.path}, {source}: expected odometry over up to {MAX_DURATION:.0f} s, found "
@@ -189,7 +189,7 @@ def _log(
     pose_time = np.union1d(grid, time[usable])
     motion = odometry.between(pose_time)
     truth_name = bag.truth_topic()
-    truth = None if truth_name is None else project_to_plane(bag.poses(truth_name, first))
+    truth = None if truth_name is None else bag.poses(truth_name, first).on_plane
     return LandmarkLog(
         name=f"{bag.path.stem}, {topics} with {odometry.source}",
         start=start_of(truth, 0.0, name),
