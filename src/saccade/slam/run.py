@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from itertools import compress
 from typing import Protocol
 
@@ -18,7 +19,6 @@ from saccade.slam.filter.predictions import new_innovations
 from saccade.slam.kidnapping import MIN_CONTRADICTION
 from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch
-from saccade.slam.reliability import map_warning
 from saccade.slam.results import PoseHypotheses, SlamResult
 from saccade.slam.scans import NO_SCAN, Scan, scans_of
 from saccade.slam.smoothing import Prior, smooth
@@ -121,10 +121,17 @@ def run(
             remarks.append(f"not {str(error).replace('smoothing:', 'smoothed:', 1)}")
     warning = result.warning
     if begins and not warning and (log.landmark < 0).any():
-        warning = map_warning(log, result.trajectory, result.map, result.association)
+        warning = _map_warning(log, result)
     warnings = filter(None, (slam.warning, warning, result.consistency.warning))
     slam.warning = "; ".join(dict.fromkeys(warnings))
     return replace(result, warning=warning, remark="; ".join(filter(None, remarks)))
+
+
+def _map_warning(log: LandmarkLog, result: SlamResult) -> str:
+    """Reasons why the map may be wrong; found by the diagnostics, which are loaded when needed."""
+    diagnosis = import_module("saccade.diagnostics.reliability")
+    warning: str = diagnosis.map_warning(log, result.trajectory, result.map, result.association)
+    return warning
 
 
 def _filtered(

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from saccade import slam
+from saccade.diagnostics.reliability import copied_landmarks, map_warning, reobserved
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.consistency import pose_nees
-from saccade.slam.reliability import copied_landmarks, map_warning, reobserved
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
 from support.clustered_world import clustered_world
 from support.logs import without_names
