@@ -1,7 +1,7 @@
 """Consistency of the filters: Monte Carlo runs in simulated worlds, with known association.
 
     uv run python benchmarks/consistency.py                               (docs/measured.md)
-    uv run python benchmarks/consistency.py --wide --filters invariant
+    uv run python benchmarks/consistency.py --wide --errors invariant
 
 NEES of the pose, averaged over poses and runs: 3 for a consistent filter, more for an overconfident
 one; in band: fraction of the poses at which the mean over the runs is inside its 95 % band.
@@ -16,8 +16,7 @@ import numpy as np
 from measuring import arguments
 from saccade.settings import load_settings
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import INVARIANT, EkfConfig, Retraction, run, wrap
-from saccade.slam.config import RETRACTIONS
+from saccade.slam import EkfConfig, run, wrap
 from saccade.slam.consistency import (
     chi_square_band,
     invariant_translation,
@@ -92,24 +91,24 @@ class MonteCarloRuns:
         return float(np.sqrt(self.squared_error.mean()))
 
 
-def run_monte_carlo(world: WorldConfig, kind: str, runs: int, seed: int = 0) -> MonteCarloRuns:
-    """Runs a kind of filter in a world; the seed of run i is `seed + i`."""
-    config = EkfConfig(filter=kind, association="known", smooth=False)
-    retraction, rows = RETRACTIONS[kind], []
+def run_monte_carlo(world: WorldConfig, errors: str, runs: int, seed: int = 0) -> MonteCarloRuns:
+    """Runs a filter with this error parametrization in a world; the seed of run i is `seed + i`."""
+    config = EkfConfig(errors=errors, association="known", smooth=False)
+    rows = []
     for number in range(runs):
         log = simulate_world(world, seed + number)
         result = run(log, config)
         estimate = result.trajectory
         turn = float(log.truth.pose[-1, 2] - estimate.pose[-1, 2])
-        nees = landmark_nees(result.map, log.landmark_truth, turn, retraction)
+        nees = landmark_nees(result.map, log.landmark_truth, turn, errors)
         squared = np.square((estimate.pose - log.truth.pose)[:, :2]).sum(1)
-        pose = pose_nees(estimate, log.truth, retraction)
+        pose = pose_nees(estimate, log.truth, errors)
         rows.append((pose, squared, np.nanmean(nees), result.nonlinearity))
     return MonteCarloRuns(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def landmark_nees(
-    estimate: LandmarkMap, truth: LandmarkMap, turn: float, retraction: Retraction
+    estimate: LandmarkMap, truth: LandmarkMap, turn: float, errors: str
 ) -> FloatArray:
     """NEES (n,) of the landmarks of a map in the filter's error coordinates.
 
@@ -118,7 +117,7 @@ def landmark_nees(
     """
     xy = truth.xy[np.searchsorted(truth.id, estimate.id)]
     error = xy - estimate.xy
-    if retraction == INVARIANT:
+    if errors == "invariant":
         angle = np.full(len(xy), wrap(turn))
         lever = np.stack([-estimate.xy[:, 1], estimate.xy[:, 0]], 1)
         error = invariant_translation(estimate.xy, xy, angle) + angle[:, None] * lever
@@ -130,17 +129,17 @@ def main() -> None:
         __doc__,
         worlds={"nargs": "*", "default": [], "choices": [*WORLDS, *WIDE], "flags": "--worlds"},
         wide=False,
-        filters=["standard", "invariant"],
+        errors=["standard", "invariant"],
         runs=50,
         seed=0,
     )
     print(f"{given.runs} runs each, band", *(f"{x:.2f}" for x in chi_square_band(3, given.runs)))
     print(f"{'':24}   NEES  landmarks  RMSE [m]  in band  nonlinear")
     for name in given.worlds or (WIDE if given.wide else WORLDS):
-        for kind in given.filters:
-            found = run_monte_carlo((WORLDS | WIDE)[name], kind, given.runs, given.seed)
+        for errors in given.errors:
+            found = run_monte_carlo((WORLDS | WIDE)[name], errors, given.runs, given.seed)
             print(
-                f"{f'{name}, {kind}':24} {found.anees:6.2f}  {found.landmark_anees:9.2f}"
+                f"{f'{name}, {errors}':24} {found.anees:6.2f}  {found.landmark_anees:9.2f}"
                 f"  {found.rmse:8.3f}  {found.in_band:7.0%}  {found.nonlinearity.mean():9.3f}",
                 flush=True,
             )

@@ -37,7 +37,6 @@ from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.consistency import pose_nees
 from saccade.slam.filter.models import observe, wrap
-from saccade.slam.filter.state import STANDARD
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 FIELD_OF_VIEW = float(np.radians(50))
@@ -150,7 +149,7 @@ def drive(run: Run) -> tuple[float, bool, float, float]:
 
 def mean_nees(estimate: Trajectory, truth: Trajectory) -> float:
     """Mean NEES of the poses that are not known exactly, at the times of the truth."""
-    return float(np.nanmean(pose_nees(estimate, truth, STANDARD)))
+    return float(np.nanmean(pose_nees(estimate, truth, "standard")))
 
 
 def _robot(log: LandmarkLog, known: bool) -> Slam:

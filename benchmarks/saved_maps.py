@@ -54,7 +54,7 @@ def scores(log: LandmarkLog, file: Path) -> Iterator[tuple[str, float, float]]:
         estimate = slam.run(log, initial=robot).trajectory
         nees = np.nan
         if len(log.truth) == len(estimate):
-            nees = float(np.nanmean(pose_nees(estimate, log.truth, slam.INVARIANT)[100:]))
+            nees = float(np.nanmean(pose_nees(estimate, log.truth, "invariant")[100:]))
         yield (
             name,
             point_rmse(estimate.pose[:, :2], log.truth.at(log.time)[:, :2], aligned=False),

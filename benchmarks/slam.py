@@ -16,7 +16,7 @@ import numpy as np
 
 from measuring import arguments, require_one_thread, seconds
 from saccade import datasets, slam
-from saccade.slam import INVARIANT, EkfSlam, observe
+from saccade.slam import EkfSlam, observe
 from saccade.slam.landmarks import LabelRecord
 
 FLUSHES = 3
@@ -27,11 +27,11 @@ CONTROL, U = np.array([0.05, 0.01]), np.diag([1e-4, 1e-5])
 NOISE = np.diag([0.01, 0.0004])
 
 
-def filled(landmarks: int, retraction: slam.Retraction = INVARIANT) -> EkfSlam:
+def filled(landmarks: int, errors: slam.filter.state.Errors = "invariant") -> EkfSlam:
     """A filter in the middle of a map, all of which is correlated."""
     rng = np.random.default_rng(landmarks)
     half = (landmarks / DENSITY) ** 0.5 / 2
-    ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction)
+    ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), errors=errors)
     for xy in rng.uniform(-half, half, (landmarks, 2)):
         ekf.augment(observe(np.zeros(3), xy)[0], NOISE)
     return ekf

@@ -11,14 +11,14 @@ from saccade.viewing import map_figure, save_figure
 log = simulate_world(WorldConfig(steps=600), seed=3)  # 2.4 laps of a circle of 63 m
 print(log)
 
-for name, errors in {"standard": slam.STANDARD, "invariant": slam.INVARIANT}.items():
+for errors in ("standard", "invariant"):
     config = slam.EkfConfig(
-        filter=name, association="known", estimate_odometry_bias=False, smooth=False
+        errors=errors, association="known", estimate_odometry_bias=False, smooth=False
     )
     run = slam.run(log, config)
     nees = pose_nees(run.trajectory, log.truth, errors)
     print(
-        f"{name:9}  position RMSE {position_rmse(run.trajectory, log.truth):.2f} m, "
+        f"{errors:9}  position RMSE {position_rmse(run.trajectory, log.truth):.2f} m, "
         f"mean NEES {np.nanmean(nees):5.2f} (3 if consistent), mean NIS {run.consistency.mean:.2f}"
     )
 print(f"odometry   position RMSE {position_rmse(run.dead_reckoning, log.truth):.2f} m")

@@ -40,7 +40,7 @@ def test_a_run_writes_all_that_is_known(made, short):
     result = slam.run(load("auto", short))
     assert json.loads((folder / "run.json").read_text()) == row
     assert row["version"] == saccade.__version__
-    assert row["settings"]["filter"] == "invariant"
+    assert row["settings"]["errors"] == "invariant"
     assert list(row["odometry_bias"].values()) == result.odometry_bias.tolist()
     files = row["files"]
     assert {*map(Path, files.values()), folder / "run.json"} == {*folder.iterdir()}

@@ -14,7 +14,7 @@ from saccade.gaze.gazer import GOAL_DURATION, HORIZON, INHIBITION, MISS_MEMORY
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.filter.models import observe
 
-CONFIG = EkfConfig(filter="standard", association="known", huber=np.inf, recover=False)
+CONFIG = EkfConfig(errors="standard", association="known", huber=np.inf, recover=False)
 
 
 HEADING = 2.0

@@ -9,9 +9,9 @@ from scipy.stats import chi2
 
 from saccade.errors import LogError
 from saccade.slam import (
+    ERRORS,
     EkfConfig,
     EkfSlam,
-    Retraction,
     observe,
 )
 from saccade.slam.association._kernels import prefilter_landmarks, squared_distance
@@ -133,10 +133,10 @@ def test_mutual_pairs_are_the_nearest_of_each_other(distance):
             assert distance[:, distance[row].argmin()].argmin() != row
 
 
-@pytest.mark.parametrize("retraction", list(Retraction))
-def test_expectation_is_that_of_the_dense_covariance(rng, retraction):
+@pytest.mark.parametrize("errors", list(ERRORS))
+def test_expectation_is_that_of_the_dense_covariance(rng, errors):
     """Compiled gates against H P H^T of the whole covariance, with rows not yet added up."""
-    ekf = EkfSlam(np.array([0.3, -0.2, 0.4]), 1e-2 * np.eye(3), retraction=retraction)
+    ekf = EkfSlam(np.array([0.3, -0.2, 0.4]), 1e-2 * np.eye(3), errors=errors)
     for landmark in WORLD:
         ekf.augment(observe(ekf.pose, landmark)[0], R)
     for number, landmark in enumerate(WORLD):
@@ -170,13 +170,13 @@ def test_removed_landmarks_leave_the_others_as_they_were(rng):
         ekf.remove(np.array([6, 7]))
 
 
-@pytest.mark.parametrize("retraction", Retraction)
+@pytest.mark.parametrize("errors", ERRORS)
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 30.0]))
-def test_what_is_out_of_reach_is_over_the_limit(retraction, seed, away):
+def test_what_is_out_of_reach_is_over_the_limit(errors, seed, away):
     """However the error of the heading swings the map about the origin."""
     rng = np.random.default_rng(seed)
     start = np.array([away, -away, 0.5])
-    ekf = EkfSlam(start, np.diag([1e-4, 1e-4, rng.uniform(0, 0.3)]), retraction=retraction)
+    ekf = EkfSlam(start, np.diag([1e-4, 1e-4, rng.uniform(0, 0.3)]), errors=errors)
     for _ in range(6):
         ekf.augment(np.array([rng.uniform(1, 9), rng.uniform(-3, 3)]), R)
     ekf.predict(np.array([0.5, 0.3]), np.diag([1e-4, rng.uniform(0, 0.3)]))

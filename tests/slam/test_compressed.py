@@ -7,15 +7,13 @@ import pytest
 
 from saccade.errors import LogError
 from saccade.slam import (
-    INVARIANT,
-    STANDARD,
     EkfSlam,
     observe,
     turn_then_translate,
 )
 
 U, NOISE = np.diag([1e-4, 1e-5]), np.diag([0.01, 0.0004])
-every = pytest.mark.parametrize("retraction", [STANDARD, INVARIANT])
+every = pytest.mark.parametrize("errors", ["standard", "invariant"])
 
 
 def _avenue(rng, steps=240):
@@ -33,10 +31,10 @@ def _avenue(rng, steps=240):
 
 
 @every
-def test_a_submap_is_the_whole_filter(retraction, rng):
+def test_a_submap_is_the_whole_filter(errors, rng):
     """Among changing landmarks, at random, of which some are never observed and some are new."""
     start = np.zeros(3), np.diag([0.01, 0.01, 0.001])
-    whole, small = (EkfSlam(*start, retraction=retraction) for _ in range(2))
+    whole, small = (EkfSlam(*start, errors=errors) for _ in range(2))
     world, pose = rng.uniform([-5, -6], [15, 6], (50, 2)), np.zeros(3)
     for ekf in (whole, small):
         for z in observe(np.zeros(3), world)[0]:
@@ -86,13 +84,13 @@ def _numbered(seen):
 
 
 @every
-def test_a_scan_is_its_observations(retraction, rng):
+def test_a_scan_is_its_observations(errors, rng):
     """Those of no landmark are left out."""
     control, seen = _avenue(rng)
     step, z, which = _numbered(seen)
     new = np.unique(which, return_index=True)[1]
     which[np.setdiff1d(np.arange(0, len(which), 7), new)] = -1
-    one = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction)
+    one = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), errors=errors)
     two = copy.deepcopy(one)
     for i, u in enumerate(control):
         rows = np.flatnonzero(step == i)

@@ -9,7 +9,6 @@ from scipy.spatial.distance import mahalanobis
 from scipy.stats import chi2
 
 from saccade.errors import ConfigError, LogError
-from saccade.slam import INVARIANT, STANDARD
 from saccade.slam.consistency import (
     chi_square_band,
     chi_square_gate,
@@ -109,7 +108,7 @@ def test_error_of_the_invariant_filter_is_what_its_exponential_does(rng, turn):
         # e = (xi + theta J x, theta): the position's part is turned about the place.
         e = np.array([xi[0] - turn * pose[1], xi[1] + turn * pose[0], turn])
         estimate = Trajectory(np.zeros(1), pose[None], C[None])
-        found = pose_nees(estimate, Trajectory(np.zeros(1), truth[None]), INVARIANT)
+        found = pose_nees(estimate, Trajectory(np.zeros(1), truth[None]), "invariant")
         assert found[0] == pytest.approx(mahalanobis(e, np.zeros(3), np.linalg.inv(C)) ** 2)
 
 
@@ -119,8 +118,8 @@ def test_error_of_the_standard_filter_is_the_difference(rng):
     root = rng.normal(size=(3, 3))
     C = np.stack([root @ root.T + np.eye(3), np.zeros((3, 3))])
     both = Trajectory(np.arange(2.0), np.stack([pose, pose]), C)
-    found = pose_nees(both, Trajectory(np.arange(2.0), np.stack([truth, truth])), STANDARD)
+    found = pose_nees(both, Trajectory(np.arange(2.0), np.stack([truth, truth])), "standard")
     assert found[0] == pytest.approx(mahalanobis(e, np.zeros(3), np.linalg.inv(C[0])) ** 2)
     assert np.isnan(found[1])
     with pytest.raises(LogError, match="with covariance, found one without"):
-        pose_nees(Trajectory(np.zeros(1), pose[None]), both, STANDARD)
+        pose_nees(Trajectory(np.zeros(1), pose[None]), both, "standard")

@@ -20,7 +20,7 @@ each_association = pytest.mark.parametrize("association", ["known", "nearest"])
 
 
 def _config(kind, association="known"):
-    return EkfConfig(filter=kind, association=association, smooth=False)
+    return EkfConfig(errors=kind, association=association, smooth=False)
 
 
 def _is_sound(result):

@@ -49,7 +49,7 @@ def test_two_sessions_equal_one(rng, tmp_path, kind, named, pose):
     if not named:
         log = without_names(log)
     log = replace(log, odometry_bias=(0.02, 0.02, 0.0))
-    config = slam.EkfConfig(filter=kind, max_hypotheses=1)
+    config = slam.EkfConfig(errors=kind, max_hypotheses=1)
     assert_two_sessions_equal_one(log, config, pose, tmp_path / "new" / "folders" / "map.npz")
 
 
@@ -96,7 +96,7 @@ def test_another_run_in_the_map_is_consistent(mapped, mode, named, tmp_path):
         result = slam.run(log, initial=robot)
         assert mode == "continue" or len(robot.map) == landmarks
         assert position_rmse(result.trajectory, log.truth) < 0.15
-        nees.append(pose_nees(result.trajectory, log.truth, slam.INVARIANT)[300:].mean())
+        nees.append(pose_nees(result.trajectory, log.truth, "invariant")[300:].mean())
     assert np.mean(nees) < 1.3 * chi_square_band(3, 4)[1]
 
 
@@ -175,7 +175,7 @@ def test_settings_that_do_not_suit_a_map_are_named(small):
     with pytest.raises(ConfigError, match="mode: expected continue or localize, found 'lost'"):
         slam.Slam.load(small, "lost")
     with pytest.raises(ConfigError, match=r"filter: expected 'invariant'.*, found 'standard'"):
-        slam.Slam.load(small, config=slam.EkfConfig(filter="standard"))
+        slam.Slam.load(small, config=slam.EkfConfig(errors="standard"))
     localized = slam.Slam.load(small, "localize", start=(0.0, 0.0, 0.0))
     with pytest.raises(ConfigError, match=r"mode: expected continue .* found localize"):
         localized.save(small)

@@ -8,7 +8,7 @@ import pytest
 
 from saccade import slam
 from saccade.evaluation.trajectory import position_rmse
-from saccade.slam import EkfConfig, EkfSlam, Retraction, Slam
+from saccade.slam import ERRORS, EkfConfig, EkfSlam, Slam
 from saccade.slam.association.alternatives import Alternatives
 from saccade.slam.association.outcomes import NEW
 from support.clustered_world import clustered_world
@@ -178,10 +178,10 @@ def test_after_a_slip_a_landmark_far_outside_of_its_gate_costs_the_loss_of_huber
         assert found[0] == pytest.approx(loss + np.log(determinant), rel=1e-6)
 
 
-@pytest.mark.parametrize("kind", list(Retraction))
+@pytest.mark.parametrize("kind", list(ERRORS))
 def test_joining_landmarks_is_an_update_by_a_distance_of_zero(kind):
     start = np.array([0.3, -0.2, 0.1])
-    ekf = EkfSlam(start, np.diag([0.01, 0.02, 0.001]), retraction=kind)
+    ekf = EkfSlam(start, np.diag([0.01, 0.02, 0.001]), errors=kind)
     R = np.diag([0.05, 0.02]) ** 2
     for z in ([2.0, 0.3], [2.05, 0.32], [3.0, -0.5]):
         ekf.augment(np.array(z), R)

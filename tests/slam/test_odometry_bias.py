@@ -27,8 +27,8 @@ def _biased(rng, motion, noise):
 @pytest.mark.parametrize("kind", ["invariant", "standard"])
 def test_what_the_wheels_are_off_by_is_found(rng, motion, kind):
     log, truth, _ = _biased(rng, motion, noise=0.0)
-    result = slam.run(log, slam.EkfConfig(filter=kind))
-    ignored = slam.run(log, slam.EkfConfig(filter=kind, estimate_odometry_bias=False))
+    result = slam.run(log, slam.EkfConfig(errors=kind))
+    ignored = slam.run(log, slam.EkfConfig(errors=kind, estimate_odometry_bias=False))
     off = [np.hypot(*(r.trajectory.pose - truth)[:, :2].T).mean() for r in (result, ignored)]
     assert off[0] < 0.1 * off[1]
     assert ignored.odometry_bias is None

@@ -16,7 +16,7 @@ from support.logs import with_observations
 @pytest.mark.parametrize("kind", ["standard", "invariant"])
 def test_exact_log_gives_the_exact_world(rng, motion, kind):
     log, truth, world = simulate(rng, motion, noise=0.0)
-    result = slam.run(log, EkfConfig(filter=kind, smooth=False))
+    result = slam.run(log, EkfConfig(errors=kind, smooth=False))
     atol = 1e-8 if kind == "standard" else 2e-3  # means of the second-order terms of its noise
     np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=atol)
     np.testing.assert_allclose(result.dead_reckoning.pose[:, :2], truth[:, :2], atol=1e-8)

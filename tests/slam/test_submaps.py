@@ -63,7 +63,7 @@ def test_estimates_are_those_of_the_whole_map(kind, association, bias, view, see
     world = dataclasses.replace(WORLD, field_of_view_deg=view)
     log = dataclasses.replace(simulate_world(world, seed), odometry_bias=bias)
     config = EkfConfig(
-        filter=kind, association=association, confirm_after=2, submaps="never", smooth=False
+        errors=kind, association=association, confirm_after=2, submaps="never", smooth=False
     )
     whole = slam.run(log, config)
     _close(slam.run(log, dataclasses.replace(config, submaps="always")), whole)

@@ -332,7 +332,7 @@ def _locked(file: Path, path: Path) -> Iterator[None]:
 FORMATS = {
     "run": 1,  # run.json of `saccade slam` and `saccade drive`
     "look": 1,  # NAME.look.npz of `saccade look`
-    "slam_map": 6,  # of `Slam.save` and `saccade slam --save-map`
+    "slam_map": 7,  # of `Slam.save` and `saccade slam --save-map`
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
     "extraction": 2,  # the folder of `saccade extract`: in manifest.json, for all files
 }

@@ -14,7 +14,7 @@ from saccade.settings import (
     load_settings,
     preset_names,
 )
-from saccade.slam.config import RETRACTIONS
+from saccade.slam import ERRORS
 from saccade.slam.consistency import chi_square_band
 from saccade.viewing.page import web_file
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
@@ -51,7 +51,7 @@ def controls() -> dict[str, Any]:
 def playground_controls() -> dict[str, Any]:
     """The filters of the SLAM playground, and the control and default of each noise."""
     return {
-        "filters": list(RETRACTIONS),
+        "filters": list(ERRORS),
         "noise": setting_controls(PlaygroundNoise, GROUPS["playground"]),
         "values": asdict(PlaygroundNoise()),
         "nees_band": list(chi_square_band(3)),

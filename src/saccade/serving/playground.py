@@ -9,8 +9,7 @@ import numpy as np
 from saccade.errors import LogError, Settings, require, setting
 from saccade.serving.recent import Recent
 from saccade.settings import settings_from, update_settings
-from saccade.slam import EkfConfig, Slam
-from saccade.slam.config import RETRACTIONS
+from saccade.slam import ERRORS, EkfConfig, Slam
 from saccade.slam.consistency import chi_square_gate, normalized_squared, pose_nees
 from saccade.slam.filter.models import turn_then_translate, wrap
 from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, Trajectory
@@ -132,8 +131,8 @@ class Session:
         self.world = World(seed)
         self.world.add(landmarks)
         self.num_steps = 0
-        self.filters = {name: Slam(_config(name), start=START) for name in RETRACTIONS}
-        self.scores: dict[str, list[tuple[float, bool]]] = {name: [] for name in RETRACTIONS}
+        self.filters: dict[str, Slam] = {name: Slam(_config(name), start=START) for name in ERRORS}
+        self.scores: dict[str, list[tuple[float, bool]]] = {name: [] for name in ERRORS}
         """NEES of each pose by filter, NaN for a certain pose, and whether the true position was in
         the 99.7 % ellipse."""
 
@@ -148,7 +147,7 @@ class Session:
             error[2] = wrap(error[2])
             estimate = Trajectory(np.zeros(1), result.pose[None], result.covariance[None])
             true = Trajectory(np.zeros(1), truth[None])
-            nees = float(pose_nees(estimate, true, RETRACTIONS[name])[0])
+            nees = float(pose_nees(estimate, true, slam.config.errors)[0])
             inside = not np.isnan(nees) and bool(
                 normalized_squared(error[:2], result.covariance[:2, :2]) <= THREE_SIGMA_2D
             )
@@ -302,7 +301,7 @@ def _finite(value: float) -> float | None:
 
 def _config(name: str) -> EkfConfig:
     """Settings of a filter with known labels; filters differ in their kind only."""
-    values = {"filter": name, "association": "known", "recover": False, "huber": np.inf}
+    values = {"errors": name, "association": "known", "recover": False, "huber": np.inf}
     config: EkfConfig = settings_from("slam", values, "playground")
     return config
 
@@ -327,5 +326,5 @@ def _noise(request: Mapping[str, Any]) -> PlaygroundNoise:
 
 def _filter_name(request: Mapping[str, Any]) -> str:
     name = request.get("filter", "standard")
-    require(name in list(RETRACTIONS), "filter", f"one of {', '.join(RETRACTIONS)}", name)
+    require(name in list(ERRORS), "filter", f"one of {', '.join(ERRORS)}", name)
     return str(name)

@@ -11,7 +11,7 @@ from saccade.slam.filter.models import (
     turn_then_translate,
     wrap,
 )
-from saccade.slam.filter.state import INVARIANT, STANDARD, Retraction
+from saccade.slam.filter.state import ERRORS
 from saccade.slam.kidnapping import KidnappingDetector
 from saccade.slam.merging import MergedMaps, merge_maps
 from saccade.slam.online import Slam
@@ -21,8 +21,7 @@ from saccade.slam.run import Recorder, dead_reckon, find_start, run, slam_for
 from saccade.slam.smoothing import smooth
 
 __all__ = [
-    "INVARIANT",
-    "STANDARD",
+    "ERRORS",
     "Consistency",
     "EkfConfig",
     "EkfSlam",
@@ -32,7 +31,6 @@ __all__ = [
     "PoseHypotheses",
     "Recorder",
     "Relocalizer",
-    "Retraction",
     "Slam",
     "SlamMap",
     "SlamResult",

@@ -7,20 +7,14 @@ from typing import Literal, Self
 import numpy as np
 
 from saccade.errors import Settings, require, setting
-from saccade.slam.filter.state import INVARIANT, STANDARD, Retraction
-
-RETRACTIONS: dict[str, Retraction] = {
-    "invariant": INVARIANT,
-    "standard": STANDARD,
-}
-"""The error parametrization of each kind of filter."""
+from saccade.slam.filter.state import Errors
 
 
 @dataclass(frozen=True)
 class EkfConfig(Settings):
     """Parameters of the filter, of data association and of map management."""
 
-    filter: Literal["invariant", "standard"] = "invariant"
+    errors: Errors = "invariant"
     """Error parametrization: right-invariant, which stays consistent, or as published."""
     association: Literal["auto", "known", "nearest", "mutual", "hypotheses"] = "auto"
     """Data association. "auto": by label where an observation has one that agrees with the map
@@ -89,7 +83,7 @@ class EkfConfig(Settings):
         the same scan is dropped.
         """
         return cls(
-            filter="standard",
+            errors="standard",
             association="known",
             recover=False,
             huber=np.inf,

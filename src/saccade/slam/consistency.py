@@ -13,7 +13,7 @@ from scipy.special import chdtri
 from saccade.errors import LogError, require
 from saccade.slam.filter._kernels import TINY
 from saccade.slam.filter.models import wrap
-from saccade.slam.filter.state import INVARIANT, Retraction
+from saccade.slam.filter.state import Errors
 from saccade.types import FloatArray, IntArray, Trajectory
 
 REGULAR = 1e-6
@@ -132,13 +132,13 @@ def difference_covariances(C: FloatArray, i: IntArray, j: IntArray) -> FloatArra
     return np.asarray(blocks[i, i] + blocks[j, j] - cross - cross.swapaxes(-1, -2))
 
 
-def pose_nees(estimate: Trajectory, truth: Trajectory, retraction: Retraction) -> FloatArray:
+def pose_nees(estimate: Trajectory, truth: Trajectory, errors: Errors) -> FloatArray:
     """NEES of the poses of a trajectory, in the filter's error parametrization.
 
     Args:
         estimate: (t) poses with covariance.
         truth: the true poses at the same times.
-        retraction: the filter's error parametrization; the error of the invariant one is that
+        errors: the filter's error parametrization; the error of the invariant one is that
             whose exponential moves the estimate to the truth.
 
     Returns:
@@ -149,7 +149,7 @@ def pose_nees(estimate: Trajectory, truth: Trajectory, retraction: Retraction) -
         raise LogError("estimate: expected a trajectory with covariance, found one without")
     error, C = truth.pose - estimate.pose, estimate.covariance
     error[:, 2] = wrap(error[:, 2])
-    if retraction == INVARIANT:  # xi, in the coordinates of the covariance
+    if errors == "invariant":  # xi, in the coordinates of the covariance
         x, y = estimate.pose[:, 0], estimate.pose[:, 1]
         rotation = error[:, 2:] * np.stack([-y, x], 1)
         error[:, :2] = (

@@ -12,7 +12,7 @@ from saccade.landmark_names import label_array
 from saccade.slam.association.labels import LabelAssociation
 from saccade.slam.association.outcomes import DROPPED, NEW, UNUSED
 from saccade.slam.association.partial import associate_partial
-from saccade.slam.config import RETRACTIONS, EkfConfig
+from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.validation import check_covariance
@@ -83,7 +83,7 @@ class Slam:
         ekf = EkfSlam(
             np.concatenate([np.zeros(3) if start is None else start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
-            retraction=RETRACTIONS[config.filter],
+            errors=config.errors,
             huber=config.huber,
         )
         adds, all_accepted = mode == "continue", config.association == "known"
@@ -412,7 +412,7 @@ class Slam:
         Args:
             path: the map file.
             mode: "continue" mapping, or "localize", which adds and culls no landmarks.
-            config: settings in place of the saved ones, with the same `filter`.
+            config: settings in place of the saved ones, with the same `errors`.
             start: (3,) pose in the frame of the map, independent of the map; times of steps begin
                 anew. By default the robot has not moved since, and no step may be earlier than the
                 last saved step.
@@ -426,8 +426,8 @@ class Slam:
         """
         saved = read_map(path)
         settings = config or saved.config
-        same = settings.filter == saved.config.filter
-        require(same, "filter", f"{saved.config.filter!r}, as in {path}", settings.filter)
+        same = settings.errors == saved.config.errors
+        require(same, "errors", f"{saved.config.errors!r}, as in {path}", settings.errors)
         if start is None or odometry_bias is None:
             odometry_bias = saved.odometry_bias
         slam = cls(settings, start=start, odometry_bias=odometry_bias, mode=mode)

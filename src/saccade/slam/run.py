@@ -307,7 +307,7 @@ def find_start(
             used = np.searchsorted(ekf.ids, association[association >= 0])
             covariance[:2, :2] += ekf.landmark_covariances[used].mean(0)
             blind = replace(log, start=np.zeros(3), odometry_bias=(0.0, 0.0, 0.0))
-            moved = dead_reckon(blind, EkfConfig(filter="standard"))
+            moved = dead_reckon(blind, EkfConfig(errors="standard"))
             assert moved.covariance is not None
             return _before(found.pose[0], covariance, moved.pose[step], moved.covariance[step])
     raise LogError(

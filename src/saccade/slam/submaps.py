@@ -129,7 +129,7 @@ def enter(f: FilterState, inside: IntArray) -> Submap:
     rows = state_rows(inside, r)
     C, L = _block(f, rows, rows), len(rows)
     room = k + max(k // 4, MIN_SPARE)
-    local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, auxiliary=L + 1)
+    local = new_state(f.state[:r], f.P[:r, :r], room, f.errors, f.huber, auxiliary=L + 1)
     for name in ROBOT_SCALARS:
         setattr(local.now, name, getattr(f.now, name))
     local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
@@ -137,7 +137,7 @@ def enter(f: FilterState, inside: IntArray) -> Submap:
     local.P[:r, :r] = f.P[:r, :r]
     local.blocks[:k], local.ids[:k] = f.blocks[inside], f.ids[inside]
     d = auxiliary_rows(local).start
-    local.state[d], local.heading_lever[d + 1] = 1.0, float(f.error_state != STANDARD)
+    local.state[d], local.heading_lever[d + 1] = 1.0, float(f.errors != STANDARD)
     local.now.landmarks, local.now.auxiliary = k, 1
     rest, none = np.delete(np.arange(N), inside), np.zeros((L, 0))
     submap = Submap(inside, rest, C, none, none, np.zeros(L, np.bool_), local)
@@ -213,7 +213,7 @@ class _Deferred(NamedTuple):
 
         delta = local.state[points].copy()
         lever = f.heading_lever[rest]
-        if f.error_state != STANDARD:
+        if f.errors != STANDARD:
             lever = _quarter_turn(E @ delta)
         delta[0] -= 1.0
         state = f.state[rest] + E @ delta

@@ -45,7 +45,7 @@ class VisualMap:
         self._drive, self._config, self.motion = drive, config, motion
         self._scale = 1.0
         settings = EkfConfig(
-            filter="invariant",
+            errors="invariant",
             association="known",
             huber=config.huber,
             recover=False,

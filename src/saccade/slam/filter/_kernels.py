@@ -69,7 +69,7 @@ def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None
             Pxx[i, k], new[i, k] = P[i, k], 0.0
     _add_sandwich(Fu, U, new)  # C.7, Q
     now.lowest_heading_variance = min(now.lowest_heading_variance, now.heading_variance)
-    if f.error_state == INVARIANT:
+    if f.errors == INVARIANT:
         variance = new[2, 2]
         for i in range(r):  # covariance of the moved robot with the error of the turn
             turn[i] = new[i, 2]
@@ -84,7 +84,7 @@ def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None
     _add_sandwich(Fx, Pxx, new)  # C.6, Pxx
     for i in range(r):
         row = P[i, r:n]
-        if f.error_state == INVARIANT:
+        if f.errors == INVARIANT:
             _scale_and_add(row, 1.0, -turn[i], a[r:n])
         for k in range(max(i + 1, 2), r):
             if Fx[i, k] != 0:
@@ -189,7 +189,7 @@ def update_scan(
             for i in range(2):
                 for j in range(2):
                     noise[i, j] = R[k, i, j]
-            if f.error_state == INVARIANT and q > MIN_RANGE:
+            if f.errors == INVARIANT and q > MIN_RANGE:
                 _add_second_order(q, D, v[k], noise)
             nis[k] = _update(f, m, v[k], H, C, D, noise, S[k])
             if S[k, 0, 0] > 0 and S[k, 1, 1] > 0:
@@ -357,7 +357,7 @@ def retract(f: FilterState, first: float, second: float, V: FloatArray) -> None:
     s, a, r, n, invariant = f.state, f.heading_lever, f.robot_size, num_rows(f), 0.0
     sine, versine, p, q = 0.0, 0.0, 1.0, 0.0
     turn = first * V[0, 2] + second * V[1, 2]
-    if f.error_state == INVARIANT:
+    if f.errors == INVARIANT:
         invariant = 1.0
         if turn != 0:
             sine, versine = sin(turn), 2 * sin(turn / 2) ** 2

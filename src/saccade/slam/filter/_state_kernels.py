@@ -7,9 +7,9 @@ from saccade._jit import kernel, structure
 from saccade.types import FloatArray, IntArray
 
 STANDARD = 0
-"""Errors along the axes of the map, see `state.Retraction`."""
+"""Errors along the axes of the map, see `state.ERRORS`."""
 INVARIANT = 1
-"""Right-invariant errors, see `state.Retraction`."""
+"""Right-invariant errors, see `state.ERRORS`."""
 MAX_HEADING_GROWTH = 0.0025
 """Square radians by which the heading variance may grow before the covariance is inflated."""
 
@@ -47,7 +47,7 @@ class FilterState:
 
     robot_size: int
     """r."""
-    error_state: int
+    errors: int
     """Error parametrization: `STANDARD` or `INVARIANT`."""
     huber: float
     """Root of the normalized innovation squared beyond which an observation has less weight."""

@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from saccade.errors import LogError
+from saccade.errors import LogError, require
 from saccade.slam.filter._kernels import predict, retract, update_scan, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
 from saccade.slam.filter.models import observe, wrap
@@ -19,8 +19,8 @@ from saccade.slam.filter.predictions import (
     new_innovations,
 )
 from saccade.slam.filter.state import (
-    STANDARD,
-    Retraction,
+    ERRORS,
+    Errors,
     add_rows,
     augment,
     dense,
@@ -57,11 +57,12 @@ class EkfSlam:
         pose: (3,) x, y in meters, heading in radians; or (6,) with the biases of the odometry (see
             `odometry_bias`).
         covariance: (3, 3) of the pose, or (6, 6); zero where the pose defines the frame.
-        retraction: the error parametrization; by default `STANDARD`, the source's.
+        errors: the error parametrization, see `filter.state.ERRORS`; by default the source's.
         huber: root of the normalized innovation squared beyond which an observation has less
             weight, after Huber (1964): its covariance is multiplied by their ratio.
 
     Raises:
+        ConfigError: unknown `errors`.
         LogError: here and in every method, an argument of the wrong shape, one with NaN or
             infinity, an invalid covariance, or an id that is not in the map. The state stays as it
             was.
@@ -71,12 +72,13 @@ class EkfSlam:
         self,
         pose: FloatArray,
         covariance: FloatArray,
-        retraction: Retraction = STANDARD,
+        errors: Errors = "standard",
         huber: float = inf,
     ) -> None:
         robot = check_vector("pose", pose, 3 + BIASES if np.size(pose) > 3 else 3)
         P = check_covariance("covariance of the pose", covariance, len(robot))
-        self._whole = new_state(robot, P, error_state=int(Retraction(retraction)), huber=huber)
+        require(errors in ERRORS, "errors", " or ".join(ERRORS), errors)
+        self._whole = new_state(robot, P, errors=ERRORS[errors], huber=huber)
         self._whole.state[2] = wrap(robot[2])
         self.submap: Submap | None = None
         """The submap in which the filter works at present; None for the whole map."""
@@ -191,7 +193,7 @@ class EkfSlam:
         a, b = (r + 2 * self._known_rows(np.array([kept, removed]))).tolist()
         H = np.zeros((2, n))  # by eta
         H[[0, 1], [a, a + 1]], H[[0, 1], [b, b + 1]] = 1.0, -1.0
-        if f.error_state == INVARIANT:
+        if f.errors == INVARIANT:
             H[:, 2] = f.heading_lever[a : a + 2] - f.heading_lever[b : b + 2]
         HP = H @ symmetric(f.P[:n, :n])
         S = HP @ H.T + JOIN_SIGMA**2 * np.eye(2)

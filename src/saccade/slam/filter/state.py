@@ -8,17 +8,18 @@ for every row would be limited by memory bandwidth.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
-from enum import IntEnum
 from functools import cache
 from math import ceil, sqrt
+from typing import Literal, TypeAlias
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from saccade._jit import blas, share
-from saccade.slam.filter import _state_kernels
 from saccade.slam.filter._state_kernels import (
+    INVARIANT,
     MAX_HEADING_GROWTH,
+    STANDARD,
     FilterState,
     Scalars,
     bind_state,
@@ -26,24 +27,17 @@ from saccade.slam.filter._state_kernels import (
 from saccade.slam.filter.models import inverse_observe
 from saccade.types import FloatArray, IntArray
 
+Errors: TypeAlias = Literal["invariant", "standard"]
+"""Name of an error parametrization of the state."""
+ERRORS: dict[Errors, int] = {"invariant": INVARIANT, "standard": STANDARD}
+"""Error parametrizations of the state; `_kernels` has their equations.
 
-class Retraction(IntEnum):
-    """Error parametrizations of the state; `_kernels` has their equations.
-
-    The source's filter has its errors along the axes of the map. A rotation of the whole map, which
-    is unobservable, is not linear in those coordinates: Jacobians at successive estimates make the
-    filter overconfident in its heading. In the right-invariant errors of SE(2) (Barrau & Bonnabel
-    2015), xi = (e_p - J p e_theta, e_theta) for the robot and for each landmark with J a quarter
-    turn, it is linear; a correction moves every point by the exponential of xi.
-    """
-
-    STANDARD = _state_kernels.STANDARD
-    """Along the axes of the map: C.10-C.14."""
-    INVARIANT = _state_kernels.INVARIANT
-    """Right-invariant errors of SE(2)."""
-
-
-STANDARD, INVARIANT = Retraction
+"standard", the source's (C.10-C.14), has the errors along the axes of the map. A rotation of the
+whole map, which is unobservable, is not linear in those coordinates: Jacobians at successive
+estimates make the filter overconfident in its heading. In the right-invariant errors of SE(2)
+(Barrau & Bonnabel 2015), xi = (e_p - J p e_theta, e_theta) for the robot and for each landmark with
+J a quarter turn, it is linear; a correction moves every point by the exponential of xi.
+"""
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; half as much is added whenever it runs out."""
 INFLATED_ROWS = 512
@@ -69,7 +63,7 @@ def new_state(
     robot: FloatArray,
     covariance: FloatArray,
     capacity: int = FIRST_CAPACITY,
-    error_state: int = STANDARD,
+    errors: int = STANDARD,
     huber: float = np.inf,
     *,
     auxiliary: int = 0,
@@ -84,7 +78,7 @@ def new_state(
     return share(
         bind_state,
         r,
-        error_state,
+        errors,
         float(huber),
         auxiliary,
         np.zeros(capacity, np.int64),
@@ -121,7 +115,7 @@ def like(
     a = np.zeros(n) if heading_lever is None else heading_lever
     cross = np.outer(a, covariance[2] - covariance[2, 2] / 2 * a)
     P = covariance - (cross + cross.T)  # of eta = e - a e_theta
-    new = new_state(mean[:r], P[:r, :r], N + FIRST_CAPACITY, f.error_state, f.huber)
+    new = new_state(mean[:r], P[:r, :r], N + FIRST_CAPACITY, f.errors, f.huber)
     new.state[:n], new.heading_lever[:n], new.P[:n, :n], new.ids[:N] = mean, a, P, ids
     new.now.next_id = max(int(ids.max(initial=-1)) + 1, f.now.next_id)
     new.now.nonlinearity, new.now.nonlinear_updates = f.now.nonlinearity, f.now.nonlinear_updates
@@ -155,7 +149,7 @@ def with_capacity(f: FilterState, landmarks: int, rows: int) -> FilterState:
 def is_inflation_due(f: FilterState) -> bool:
     """Whether the heading has become so uncertain that `inflate_heading_covariance` is due."""
     growth = f.now.heading_variance - f.now.lowest_heading_variance
-    return f.error_state == INVARIANT and growth > MAX_HEADING_GROWTH
+    return f.errors == INVARIANT and growth > MAX_HEADING_GROWTH
 
 
 def state_rows(landmarks: IntArray, r: int) -> IntArray:
@@ -178,7 +172,7 @@ def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
         rank *= 2
     r, n, now = f.robot_size, state_size(f), f.now
     new = new_state(
-        *(f.state[:r], f.P[:r, :r], capacity, f.error_state, f.huber),
+        *(f.state[:r], f.P[:r, :r], capacity, f.errors, f.huber),
         auxiliary=f.auxiliary,
         rank=rank,
     )
@@ -200,7 +194,7 @@ def augment(f: FilterState, z: FloatArray, R: FloatArray) -> None:
     """Adds a landmark observed at z (2,) with covariance R (2, 2) (C.15-C.18)."""
     xy, Gx, Gz = inverse_observe(f.state[:3], z)  # C.15, C.18
     noise = Gz @ R @ Gz.T
-    if f.error_state == INVARIANT:
+    if f.errors == INVARIANT:
         mean, covariance = _second_order_point(f.state[2] + z[1], z[0], R)
         xy, noise = xy + mean, noise + covariance
         Gx[:, 2] = f.state[1] - xy[1], xy[0] - f.state[0]
