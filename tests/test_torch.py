@@ -12,6 +12,7 @@ import saccade
 from saccade.attention import ContrastConfig, contrast_saliency
 from saccade.attention.contrast import ContrastMaps
 from saccade.attention.maps import SaliencyMaps
+from saccade.attention.normalize import NORMALIZATIONS, keep, names_supported
 from saccade.errors import ConfigError, ImageError
 from saccade.evaluation import fixations as metrics
 from saccade.scale.pyramid import resize
@@ -141,16 +142,24 @@ def test_other_images_are_refused(images, expected):
 
 
 @pytest.mark.parametrize(
-    "config",
+    ("config", "expected"),
     [
-        ContrastConfig.kootstra2010(),
-        ContrastConfig.saliencytoolbox2(),
-        replace(DEFAULT, normalization="iterative"),
+        (ContrastConfig.kootstra2010(), 'variant: expected "mirrored"'),
+        (ContrastConfig.saliencytoolbox2(), 'variant: expected "mirrored"'),
+        (replace(DEFAULT, normalization=keep), "for the variant tensors, found 'keep'"),
+        *(
+            (replace(DEFAULT, normalization=name), f"for the variant tensors, found '{name}'")
+            for name in NORMALIZATIONS.keys() - saccade.torch.NORMALIZATIONS.keys()
+        ),
     ],
 )
-def test_other_steps_are_refused(config):
-    with pytest.raises(ConfigError, match='config: expected variant "mirrored" and a normal'):
+def test_other_steps_are_refused(config, expected):
+    with pytest.raises(ConfigError, match=expected):
         saccade.torch.contrast_saliency(torch.zeros(1, 3, 64, 64), config)
+
+
+def test_tensors_have_the_normalizations_that_name_them():
+    assert [*saccade.torch.NORMALIZATIONS] == names_supported("tensors")
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 Every message names the file, line or argument, the expected value and the value found.
 """
 
+from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from math import inf
@@ -79,6 +80,8 @@ class Range:
 
 RANGE = "range"
 """Key of the `Range` in the metadata of a field."""
+CHOICES = "choices"
+"""Key of the table of the names that a field accepts in its metadata."""
 
 
 def setting(
@@ -88,8 +91,9 @@ def setting(
     *,
     above: float = -inf,
     below: float = inf,
+    choices: Iterable[str] = (),
 ) -> Any:
-    """A field of `Settings` for a number in a range, None, or a sequence of such numbers.
+    """A field of `Settings` for a number in a range, None, a sequence of such numbers, or a name.
 
     Args:
         default: default value; without one the setting is required.
@@ -97,11 +101,14 @@ def setting(
         maximum: largest value.
         above: exclusive lower bound, in place of `minimum`.
         below: exclusive upper bound, in place of `maximum`.
+        choices: names in the table of a kind, for pages that offer them; the class checks them,
+            since functions may be accepted too.
     """
     low = above if minimum is None else minimum
     high = below if maximum is None else maximum
     closed = minimum is not None, maximum is not None
-    return field(default=default, metadata={RANGE: Range(low, high, closed)})
+    metadata = {RANGE: Range(low, high, closed), CHOICES: tuple(choices)}
+    return field(default=default, metadata=metadata)
 
 
 class Settings:

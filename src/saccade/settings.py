@@ -10,10 +10,6 @@ from saccade.errors import ConfigError, require
 from saccade.io.files import read_toml
 
 KINDS = {
-    "attention": ("saccade.attention.combined", "AttentionConfig"),
-    "contrast": ("saccade.attention.contrast", "ContrastConfig"),
-    "symmetry": ("saccade.attention.symmetry", "SymmetryConfig"),
-    "boolean": ("saccade.attention.boolean_maps", "BooleanConfig"),
     "scanpath": ("saccade.attention.scanpath", "ScanpathConfig"),
     "scanpath-model": ("saccade.attention.scanpath_model", "ScanpathModelConfig"),
     "must": ("saccade.keypoints.must_config", "MustConfig"),
@@ -24,7 +20,9 @@ KINDS = {
     "world": ("saccade.simulation", "WorldConfig"),
     "drive": ("saccade.simulation", "DriveConfig"),
 }
-"""Module and class of each kind of configuration."""
+"""Module and class of the kinds of configurations that are in no table."""
+TABLES = {"saccade.attention.models": "MODELS"}
+"""Module and name of the tables whose rows have a class of `settings`; their names are kinds."""
 
 DEFAULT = "default"
 """Name of the preset of the default settings."""
@@ -38,7 +36,7 @@ def load_settings(kind: str, preset: str | None = None, path: Path | None = None
     """A preset, updated with the settings of a file.
 
     Args:
-        kind: one of `KINDS`.
+        kind: one of `kinds()`.
         preset: name of the preset; None for the default.
         path: a TOML file, as printed by `saccade config`.
 
@@ -103,16 +101,33 @@ def presets_as_toml(kind: str) -> str:
 
 
 def _table(settings: Any) -> dict[str, Any]:
-    def without_none(items: list[tuple[str, Any]]) -> dict[str, Any]:
-        return {name: NONE if value is None else value for name, value in items}
+    def writable(items: list[tuple[str, Any]]) -> dict[str, Any]:
+        return {name: _text(value) for name, value in items}
 
-    return asdict(settings, dict_factory=without_none)
+    return asdict(settings, dict_factory=writable)
+
+
+def _text(value: Any) -> Any:
+    """The value for TOML: "none" for None, and module:function for a function."""
+    if callable(value):
+        return f"{value.__module__}:{value.__qualname__}"
+    return NONE if value is None else value
+
+
+def kinds() -> list[str]:
+    """Names of the kinds of configurations."""
+    tables = (getattr(import_module(module), name) for module, name in TABLES.items())
+    return [*(kind for table in tables for kind in table), *KINDS]
 
 
 def _configuration(kind: str) -> Any:
-    require(kind in KINDS, "kind", f"one of {', '.join(KINDS)}", kind)
-    module, name = KINDS[kind]
-    return getattr(import_module(module), name)
+    if kind in KINDS:
+        module, name = KINDS[kind]
+        return getattr(import_module(module), name)
+    for module, name in TABLES.items():
+        if kind in (table := getattr(import_module(module), name)):
+            return table[kind].settings
+    raise ConfigError(f"kind: expected one of {', '.join(kinds())}, found {kind!r}")
 
 
 def update_settings(settings: Any, values: Any, source: str) -> Any:

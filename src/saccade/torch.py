@@ -43,7 +43,8 @@ def contrast_saliency(
     Args:
         images: (B, 3, H, W) RGB in [0, 1], float32 or float64, on any device. Values are not
             checked while a CUDA graph is captured.
-        config: as for `saccade.contrast_saliency`, of the variant "mirrored", not "iterative".
+        config: as for `saccade.contrast_saliency`, of the variant "mirrored" and with a
+            normalization that supports tensors; see `saccade.attention.normalize.NORMALIZATIONS`.
         keep_features: whether the result holds the feature maps and the pyramids.
 
     Returns:
@@ -55,9 +56,8 @@ def contrast_saliency(
         ConfigError: another variant (`kootstra2010`, `saliencytoolbox2`), or normalization.
     """
     config = config or ContrastConfig()
-    steps = config.variant, config.normalization
-    possible = steps[0] == "mirrored" and steps[1] != "iterative"
-    require(possible, "config", 'variant "mirrored" and a normalization without iterations', steps)
+    require(config.variant == "mirrored", "variant", '"mirrored" for tensors', config.variant)
+    normalize.check_normalization(config.normalization, "tensors")
     kind = images.dtype, images.ndim, *images.shape[1:2]
     if kind not in ((torch.float32, 4, 3), (torch.float64, 4, 3)) or images.numel() == 0:
         found = f"{images.dtype} of shape {tuple(images.shape)}"
@@ -218,9 +218,16 @@ def sharpen(saliency: Tensor, exponent: float) -> Tensor:
 
 
 halve = partial(along_axes, pyramid.halve)
+weight_by_maxima = partial(normalize.weight_by_maxima, promotion=promotion)
+NORMALIZATIONS: dict[Any, normalize.Promote] = {
+    "local-maxima": weight_by_maxima,
+    "local-maxima-1998": partial(weight_by_maxima, without_highest=True),
+    "none": normalize.keep,
+}
+"""Normalizations of tensors, by their names in `saccade.attention.normalize`."""
 normalize_maps = partial(
     contrast_steps.normalize_map,
-    normalize=partial(normalize.normalize, rescale=rescale, promotion=promotion),
+    normalize=partial(normalize.normalize, rescale=rescale, promote_of=NORMALIZATIONS.__getitem__),
 )
 TENSORS = replace(
     MIRRORED,

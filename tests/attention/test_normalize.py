@@ -1,5 +1,3 @@
-from typing import get_args
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +6,7 @@ from hypothesis.extra.numpy import arrays
 
 from saccade.attention.normalize import (
     FLAT,
-    Normalization,
+    NORMALIZATIONS,
     inhibit_laterally,
     local_maxima,
     normalize,
@@ -29,7 +27,7 @@ def peaks(*heights, base=0.0):
     return values
 
 
-@pytest.mark.parametrize("method", get_args(Normalization))
+@pytest.mark.parametrize("method", list(NORMALIZATIONS))
 @pytest.mark.parametrize("value", [0.0, 1.0, 0.7])
 def test_a_flat_map_is_zero(method, value):
     flat = np.full((6, 7), value, np.float32)
@@ -71,7 +69,7 @@ def test_lateral_inhibition_is_its_formula(shape, seed):
     np.testing.assert_allclose(inhibit_laterally(values, 2), expected, atol=1e-9)
 
 
-@given(steps, st.sampled_from(get_args(Normalization)), st.floats(0.1, 100), st.floats(-5, 5))
+@given(steps, st.sampled_from(list(NORMALIZATIONS)), st.floats(0.1, 100), st.floats(-5, 5))
 def test_the_unit_of_a_map_does_not_matter(values, method, scale, offset):
     values = values.astype(np.float64)
     before = values.copy()

@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 import saccade
 from saccade.cli.output import names_for
-from saccade.settings import KINDS, load_settings
+from saccade.settings import kinds, load_settings
 from support.pictures import looks_like_a_picture
 
 DATA = Path(str(files("saccade") / "data"))
@@ -64,7 +64,7 @@ def test_demo_makes_a_page_of_four_results(run, tmp_path, monkeypatch):
     assert "try: saccade look" in err
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", kinds())
 def test_config_prints_every_preset_as_toml(run, tmp_path, kind):
     code, out, _ = run("config", kind, "--all")
     assert code == 0
@@ -214,13 +214,12 @@ def test_models_are_compared(run, gazes, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--model", "soup"], "model: expected attention, contrast"),
+        (["--model", "soup"], "model: expected one of attention, contrast"),
         (["--model", "absent:run"], "absent:run: cannot be imported"),
         (["--model", "numpy:pi"], "expected a function, found float"),
         (["--model", "contrast", "--model", "contrast"], "another name for each"),
         (["--model", "a=contrast", "--model", "b=symmetry", "--preset", "itti1998"], "KIND:PRESET"),
         (["--model", "absent.toml"], "absent.toml: cannot be read"),
-        (["--faces", "absent.onnx"], "absent.onnx: cannot be read"),
     ],
 )
 def test_models_that_are_none_are_named(run, gazes, options, words):
@@ -237,10 +236,10 @@ def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
             (gazes / f"{number}.jpg").write_bytes((gazes / f"{number - 2}.jpg").read_bytes())
             table.write("".join(f"{number}.jpg,{v},1,{60 + v},{40 + v}\n" for v in range(3)))
     data = ["--images", gazes, "--fixations", "gazes.csv"]
-    options = ["--out", "m.toml", "--folds", 2, "--no-people"]
+    options = ["--out", "m.toml", "--folds", 2]
     code, out, _ = run("fit", *data, *options, "--json")
     assert code == 0
-    names = ["fitted, by image", "fitted, by subject", "unfitted", "center", "shuffled"]
+    names = ["fitted, by image", "fitted, by subject", "unfitted", "center", "shuffled", "people"]
     assert list(json.loads(out)["scores"]) == names
     model = saccade.load_model("m.toml")
     assert model.fitted_to == "4 images, subjects: 5"
@@ -248,13 +247,6 @@ def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
     assert code == 0
     saliency = np.load("looked/rocket.look.npz")["saliency"]
     np.testing.assert_array_equal(saliency, model.maps(saccade.read_image(ROCKET)).saliency)
-
-
-def test_a_machine_without_a_face_detector_says_so(run, monkeypatch):
-    monkeypatch.setattr("saccade.face_detection.find_face_detector", lambda model=None: None)
-    code, _, err = run("look", ROCKET, "--faces", "auto", "--json")
-    assert code == 0
-    assert "this OpenCV bundles no detector; faces are left out" in err
 
 
 def test_evaluate_fixations_leaves_out_who_looked_away(run, gazes, tmp_path):

@@ -30,7 +30,6 @@ READS = {
     "evaluate fixations --images . --model {} --fixations fixations.csv": ("npy", "mat"),
     "fit --images . --fixations {}": ("csv", "mat"),
     "look a.png --model {}": ("toml",),
-    "look a.png --faces {}": ("onnx", "xml"),
     "evaluate scanpaths --images . --fixations {}": ("csv", "mat"),
     "evaluate scanpaths --images . --fixations fixations.csv --paths-config {}": ("toml",),
     "evaluate features --pairs {}": ("png",),

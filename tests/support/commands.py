@@ -24,7 +24,7 @@ COMMANDS = {
     "serve": "--no-browser --port {port}",
     "demo": "--out {in}/log.csv",
     "evaluate fixations": "--images {in}/seen --fixations {in}/seen/fixations.csv",
-    "fit": "--images {in}/seen --fixations {in}/seen/fixations.csv --folds 2 --no-people",
+    "fit": "--images {in}/seen --fixations {in}/seen/fixations.csv --folds 2",
     "evaluate scanpaths": "--images {in}/seen --fixations {in}/seen/people.csv --samples 2",
     "evaluate features": "--pairs {in}/pairs --points 20",
     "evaluate trajectory": "{in}/a.tum --truth {in}/a.tum",

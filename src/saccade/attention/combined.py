@@ -1,22 +1,25 @@
 """Attention saliency: the weighted sum of symmetry, Boolean map and contrast saliency.
 
-The saliency of each model is normalized by N, as the conspicuity maps are in A.14, so that a model
-with a single outstanding maximum dominates a model with many equal maxima.
+The saliency of each channel is normalized by N, as the conspicuity maps are in A.14, so that a
+channel with a single outstanding maximum dominates a channel with many equal maxima.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self, TypeAlias
+from typing import Any, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_maps
+from saccade.attention.boolean_maps import BooleanConfig, boolean_maps
 from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_maps
 from saccade.attention.contrast_config import MAX_WEIGHT
 from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import (
+    NORMALIZATIONS,
     Normalization,
+    Parameters,
+    check_normalization,
     normalize,
     position_prior,
     rescale,
@@ -29,8 +32,7 @@ from saccade.scale.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image
 
 FaceDetector: TypeAlias = Callable[[Image], FloatArray]
-"""Function from an image to (n, 4) face boxes: left, top, width, height in pixels.
-`saccade.face_detection` has detectors; any function of this form will do."""
+"""Function from an image to (n, 4) face boxes: left, top, width, height in pixels."""
 
 FACE_SPREAD = 0.35
 """Standard deviation of the Gaussian at a face, as a fraction of each side of its box."""
@@ -50,10 +52,11 @@ class AttentionConfig(Settings):
     boolean_weight: float = setting(0.6, 0, MAX_WEIGHT)
     """Weight of Boolean maps in the saliency; with 0 they are not computed and their map is 0."""
     face_weight: float = setting(1.0, 0, MAX_WEIGHT)
-    """Weight of faces relative to the sum of the models scaled to [0, 1]; it has an effect only if
-    `attention_saliency` receives a face detector."""
-    normalization: Normalization = "local-maxima"
-    """Normalization of the maps; see `saccade.attention.normalize`."""
+    """Weight of faces relative to the sum of the channels scaled to [0, 1]; it has an effect only
+    if `attention_saliency` receives a face detector."""
+    normalization: Normalization = setting("local-maxima", choices=NORMALIZATIONS)
+    """Normalization of the maps: a name of `saccade.attention.normalize.NORMALIZATIONS`, a function
+    such as those in its rows, or module:function."""
     sharpening: float = setting(1.4, above=0, maximum=100)
     """Exponent of the sum scaled to [0, 1]."""
     center_prior: float | None = setting(None, above=0)
@@ -70,6 +73,10 @@ class AttentionConfig(Settings):
     """Settings of the symmetry model."""
     boolean: BooleanConfig = field(default_factory=BooleanConfig)
     """Settings of the Boolean map model."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_normalization(self.normalization, "mirrored")
 
     @classmethod
     def free_viewing(cls) -> Self:
@@ -93,32 +100,62 @@ class AttentionConfig(Settings):
         )
 
 
+class Channel(NamedTuple):
+    """A channel of the sum."""
+
+    weight: str
+    """Field of its weight in `AttentionConfig`; a channel of weight 0 is not computed."""
+    maps: Callable[[npt.NDArray[Any], AttentionConfig, bool], SaliencyMaps]
+    """Its maps, of any size, from a validated image and the settings; the last argument is
+    `keep_features`."""
+
+
+CHANNELS = {
+    "contrast": Channel(
+        "contrast_weight",
+        lambda pixels, config, keep: contrast_maps(pixels, config.contrast, keep_features=keep),
+    ),
+    "symmetry": Channel(
+        "symmetry_weight", lambda pixels, config, _: symmetry_maps(pixels, config.symmetry)
+    ),
+    "boolean": Channel(
+        "boolean_weight", lambda pixels, config, _: boolean_maps(pixels, config.boolean)
+    ),
+}
+"""The channels of the sum by name, in the order of their layers."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class AttentionMaps(SaliencyMaps):
-    """Saliency in [0, 1], at the size of the contrast map, and the maps of the models."""
+    """Saliency in [0, 1], at the size of the contrast map, and the maps of the channels."""
 
-    contrast: ContrastMaps
-    """Contrast saliency and its conspicuity maps."""
-    symmetry: SymmetryMaps
-    """Symmetry saliency and its levels."""
-    boolean: BooleanMaps
-    """Boolean map saliency."""
+    channels: Mapping[str, SaliencyMaps]
+    """Result of each channel by its name in `CHANNELS`; a channel of weight 0 is 0 everywhere."""
     faces: FloatMap | None = None
     """(h, w) in [0, 1], 1 at the center of a face; None without a detector."""
 
     @property
+    def contrast(self) -> ContrastMaps:
+        """Contrast saliency and its conspicuity maps."""
+        return cast("ContrastMaps", self.channels["contrast"])
+
+    @property
+    def symmetry(self) -> SymmetryMaps:
+        """Symmetry saliency and its levels."""
+        return cast("SymmetryMaps", self.channels["symmetry"])
+
+    @property
+    def boolean(self) -> SaliencyMaps:
+        """Boolean map saliency."""
+        return self.channels["boolean"]
+
+    @property
     def layers(self) -> dict[str, FloatMap]:
-        """The combined saliency, the saliency of each model and the conspicuity maps, by name."""
-        models = {
-            "contrast": self.contrast.saliency,
-            "symmetry": self.symmetry.saliency,
-            "boolean": self.boolean.saliency,
-        }
-        if self.faces is not None:
-            models["faces"] = self.faces
-        return {"saliency": self.saliency, **models} | {
-            name: values for name, values in self.contrast.layers.items() if name != "saliency"
-        }
+        """The combined saliency, the saliency of each channel and the conspicuity maps, by name."""
+        channels = {name: maps.saliency for name, maps in self.channels.items()}
+        faces = {} if self.faces is None else {"faces": self.faces}
+        conspicuity = {n: each for n, each in self.contrast.layers.items() if n != "saliency"}
+        return {"saliency": self.saliency, **channels, **faces, **conspicuity}
 
 
 def attention_saliency(
@@ -163,24 +200,22 @@ def attention_maps(
 ) -> AttentionMaps:
     """Attention saliency of a validated image; see `attention_saliency`."""
     config = config or AttentionConfig()
-    contrast = contrast_maps(pixels, config.contrast, keep_features=keep_features)
-    symmetry = symmetry_maps(pixels, config.symmetry)
-    shape = contrast.saliency.shape
-    boolean = BooleanMaps(np.zeros(shape, np.float32), contrast.image_shape)
-    if config.boolean_weight > 0:
-        boolean = boolean_maps(pixels, config.boolean)
-    models = (
-        (config.contrast_weight, contrast.saliency),
-        (config.symmetry_weight, resize(symmetry.saliency, shape)),
-        (config.boolean_weight, resize(boolean.saliency, shape)),
-    )
-    N = config.normalization
+    channels = {
+        name: row.maps(pixels, config, keep_features)
+        for name, row in CHANNELS.items()
+        if getattr(config, row.weight) > 0
+    }
+    contrast = channels["contrast"]
+    shape, image_shape = contrast.saliency.shape, contrast.image_shape
     summed = np.zeros(shape, np.float64)
-    for weight, values in models:
-        summed += weight * normalize(values, N, radius=None)
+    for name, maps in channels.items():
+        at_map = resize(maps.saliency, shape)
+        normalized = normalize(at_map, config.normalization, Parameters(radius=None))
+        summed += getattr(config, CHANNELS[name].weight) * normalized
+    unused = SaliencyMaps(np.zeros(shape, np.float32), image_shape)
     found = None
     if faces is not None:
-        found = face_map(faces(pixels), contrast.image_shape, shape)
+        found = face_map(faces(pixels), image_shape, shape)
         summed = rescale(summed) + config.face_weight * found
     saliency = sharpen(rescale(summed), config.sharpening).astype(np.float32)
     prior = position_prior(
@@ -189,10 +224,8 @@ def attention_maps(
     return AttentionMaps(
         saliency=saliency * prior.astype(np.float32),
         without_center_bias=saliency,
-        contrast=contrast,
-        symmetry=symmetry,
-        boolean=boolean,
-        image_shape=contrast.image_shape,
+        channels={name: channels.get(name, unused) for name in CHANNELS},
+        image_shape=image_shape,
         faces=found,
     )
 

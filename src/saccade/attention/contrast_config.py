@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import Literal, Self
 
 from saccade.attention.channels import Color
-from saccade.attention.normalize import Normalization
+from saccade.attention.normalize import NORMALIZATIONS, Normalization, check_normalization
 from saccade.errors import Settings, require, setting
 from saccade.scale.pyramid import MAX_LEVEL, coarser_levels
 
@@ -62,8 +62,9 @@ class ContrastConfig(Settings):
     smoothing: float = setting(1.5, 0)
     """Standard deviation, in cells, of the Gaussian applied to a feature map before it is
     normalized at the size of the map; at most an eighth of the side."""
-    normalization: Normalization = "local-maxima"
-    """The operator N; see `saccade.attention.normalize`."""
+    normalization: Normalization = setting("local-maxima", choices=NORMALIZATIONS)
+    """The operator N: a name of `saccade.attention.normalize.NORMALIZATIONS` that the variant
+    supports, a function such as those in its rows, or module:function."""
     maxima_threshold: float = setting(0.1, 0, 1)
     """Minimum height of the local maxima that the normalization counts, in a map scaled to [0,
     1]."""
@@ -114,6 +115,7 @@ class ContrastConfig(Settings):
         expected = '"map" for the variant saliencytoolbox2'
         possible = self.variant != "saliencytoolbox2" or at_map
         require(possible, "normalize_at", expected, self.normalize_at)
+        check_normalization(self.normalization, self.variant)
 
     def at_size(self, shape: tuple[int, int]) -> "ContrastConfig":
         """Returns the configuration with its levels adapted to an image of (H, W) pixels.

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from saccade.attention.channels import ChannelName, intensity, opponency
 from saccade.attention.contrast_config import ContrastConfig
-from saccade.attention.normalize import normalize, rescale, sharpen, smooth
+from saccade.attention.normalize import Parameters, normalize, rescale, sharpen, smooth
 from saccade.io.image import in_unit_range, repeat_gray
 from saccade.scale.pyramid import FloatMap, deepest_level, halve, level_shape, resize
 from saccade.types import FloatArray
@@ -211,13 +211,8 @@ def normalize_map(
     normalize: Callable[..., FloatMap] = normalize,
 ) -> FloatMap:
     """The map normalized by N, with the configured settings."""
-    return normalize(
-        values,
-        config.normalization,
-        threshold=config.maxima_threshold,
-        radius=config.maxima_radius,
-        iterations=config.iterations,
-    )
+    parameters = Parameters(config.maxima_threshold, config.maxima_radius, config.iterations)
+    return normalize(values, config.normalization, parameters)
 
 
 def add(parts: Sequence[FloatMap], config: ContrastConfig) -> FloatMap:

@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention._scanpath_model_kernels import fill_logits
-from saccade.attention.boolean_maps import boolean_maps
 from saccade.attention.channels import CONSPICUITY
 from saccade.attention.combined import (
+    CHANNELS,
     AttentionConfig,
     AttentionMaps,
     FaceDetector,
@@ -52,7 +52,7 @@ EARLY = ("attention", "attention around 3", "center x", "center y", "height", "b
 
 def map_names(config: AttentionConfig) -> list[str]:
     """Names of the maps of a configuration."""
-    names = ["attention", "contrast", "symmetry", "boolean", "boolean edges"]
+    names = ["attention", *CHANNELS, "boolean edges"]
     names += ["intensity", "color", "orientation", "color distance", "skin"]
     names += [f"symmetry {i}" for i in range(len(config.symmetry.levels))]
     for channel in CONSPICUITY:
@@ -109,15 +109,17 @@ def base_maps(
     pixels = check_image(image)
     found = attention_maps(pixels, config, keep_features=True, faces=faces)
     shape = found.saliency.shape
-    boolean = found.boolean.saliency
-    if config.boolean_weight == 0:
-        boolean = boolean_maps(pixels, config.boolean).saliency
+    channels = {
+        name: row.maps(pixels, config, False).saliency
+        if getattr(config, row.weight) == 0
+        else found.channels[name].saliency
+        for name, row in CHANNELS.items()
+    }
+    boolean = channels["boolean"]
     distance, skin = color_maps(pixels, found.image_shape)
     maps = {
         "attention": found.saliency,
-        "contrast": found.contrast.saliency,
-        "symmetry": found.symmetry.saliency,
-        "boolean": boolean,
+        **channels,
         "boolean edges": np.maximum(boolean - cv2.GaussianBlur(boolean, (0, 0), 6), 0),
         "intensity": found.contrast.intensity,
         "color": found.contrast.color,

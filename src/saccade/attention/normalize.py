@@ -5,15 +5,16 @@ to [0, 1]. A flat map becomes 0.
 """
 
 from collections.abc import Callable
-from typing import Any, Literal
+from functools import cache
+from typing import Any, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 
+from saccade.errors import require
+from saccade.extras import import_function
 from saccade.scale.pyramid import FloatMap
 from saccade.types import FloatArray
-
-Normalization = Literal["local-maxima", "local-maxima-1998", "iterative", "none"]
 
 FLAT = 2e-6
 """Maximum range of a flat map: the rounding of float32 for images in [0, 1]."""
@@ -86,6 +87,21 @@ def position_prior(
     return prior
 
 
+class Parameters(NamedTuple):
+    """Parameters of the normalizations; each reads those that it needs."""
+
+    threshold: float = 0.1
+    """Minimum height of the local maxima that count, in a map scaled to [0, 1]."""
+    radius: float | None = 0.05
+    """Radius of the neighborhood of a local maximum, as a fraction of the longer side of the map,
+    at least one pixel; None for the 8 neighbors."""
+    iterations: int = 3
+    """Number of iterations of the iterative normalization."""
+
+
+DEFAULTS = Parameters()
+
+
 def promotion(values: FloatMap, threshold: float, radius: int, without_highest: bool) -> float:
     """Weight `(1 - m)^2`, with the mean m of the local maxima; 1 for one maximum, 0 without any.
 
@@ -121,42 +137,6 @@ def local_maxima(values: FloatMap, threshold: float, radius: int) -> FloatMap:
     height = np.zeros(count, values.dtype)
     height[label.ravel()[maxima]] = values.ravel()[maxima]
     return height[1:]
-
-
-def normalize(
-    values: FloatMap,
-    method: Normalization,
-    *,
-    threshold: float = 0.1,
-    radius: float | None = 0.05,
-    iterations: int = 3,
-    rescale: Callable[[FloatMap], FloatMap] = rescale,
-    promotion: Callable[[FloatMap, float, int, bool], Any] = promotion,
-) -> FloatMap:
-    """The operator N: scales the map to [0, 1] and promotes it if few maxima stand out.
-
-    Args:
-        values: (h, w).
-        method: "local-maxima" weights by `(1 - m)^2` with the mean m of all local maxima,
-            "local-maxima-1998" of all but the global one (Itti, Koch & Niebur 1998);
-            "iterative" is lateral inhibition (Itti & Koch 2000), "none" only scales.
-        threshold: minimum height of the local maxima that count.
-        radius: radius of the neighborhood of a local maximum, as a fraction of the longer side of
-            the map, at least one pixel; None for the 8 neighbors.
-        iterations: number of iterations of the iterative method.
-        rescale: function that scales the map; replaceable for other array libraries.
-        promotion: function that computes the weight; replaceable for other array libraries.
-    """
-    scaled = rescale(values)
-    if method == "iterative":
-        return inhibit_laterally(scaled, iterations)
-    if method == "none":
-        return scaled
-    pixels = 1 if radius is None else max(1, round(radius * max(values.shape[-2:])))
-    weighted: FloatMap = scaled * promotion(
-        scaled, threshold, pixels, method == "local-maxima-1998"
-    )
-    return weighted
 
 
 def inhibit_laterally(values: FloatMap, iterations: int, min_sigma: float = MIN_SIGMA) -> FloatMap:
@@ -207,3 +187,114 @@ def fraction_inside(kernel: FloatMap, side: int) -> FloatMap:
     """(side,) sum of the kernel weights that lie inside the axis, for each sample."""
     inside: FloatMap = np.convolve(np.ones(side), kernel)[len(kernel) // 2 :][:side]
     return inside
+
+
+def weight_by_maxima(
+    scaled: FloatMap,
+    parameters: Parameters,
+    *,
+    without_highest: bool = False,
+    promotion: Callable[[FloatMap, float, int, bool], Any] = promotion,
+) -> FloatMap:
+    """The map times `(1 - m)^2`, with the mean m of its local maxima.
+
+    Args:
+        scaled: (h, w) in [0, 1].
+        parameters: threshold and radius of the maxima.
+        without_highest: whether m leaves out the global maximum (Itti, Koch & Niebur 1998).
+        promotion: function that computes the weight; replaceable for other array libraries.
+    """
+    threshold, radius, _ = parameters
+    pixels = 1 if radius is None else max(1, round(radius * max(scaled.shape[-2:])))
+    weighted: FloatMap = scaled * promotion(scaled, threshold, pixels, without_highest)
+    return weighted
+
+
+def weight_by_other_maxima(scaled: FloatMap, parameters: Parameters) -> FloatMap:
+    """The map times `(1 - m)^2`, with the mean m of its local maxima without the global one."""
+    return weight_by_maxima(scaled, parameters, without_highest=True)
+
+
+def iterate(scaled: FloatMap, parameters: Parameters) -> FloatMap:
+    """Lateral inhibition of a map in [0, 1] (Itti & Koch 2000)."""
+    return inhibit_laterally(scaled, parameters.iterations)
+
+
+def keep(scaled: FloatMap, parameters: Parameters) -> FloatMap:
+    """The scaled map without promotion."""
+    del parameters
+    return scaled
+
+
+Promote: TypeAlias = Callable[[FloatMap, Parameters], FloatMap]
+"""Function from a map (h, w) in [0, 1] and the parameters to the promoted map."""
+Normalization: TypeAlias = str | Promote
+"""Name in `NORMALIZATIONS`, a function such as those in its rows, or module:function."""
+
+
+class NormalizationRow(NamedTuple):
+    """A normalization in the table."""
+
+    promote: Promote
+    """Promotes a map in [0, 1]."""
+    variants: tuple[str, ...]
+    """Variants of the contrast model that support it; "tensors" is `saccade.torch`."""
+
+
+NUMPY = ("mirrored", "kootstra2010")
+"""Variants that use the functions of the table; the others have their own."""
+NORMALIZATIONS = {
+    "local-maxima": NormalizationRow(weight_by_maxima, (*NUMPY, "saliencytoolbox2", "tensors")),
+    "local-maxima-1998": NormalizationRow(weight_by_other_maxima, (*NUMPY, "tensors")),
+    "iterative": NormalizationRow(iterate, (*NUMPY, "saliencytoolbox2")),
+    "none": NormalizationRow(keep, (*NUMPY, "saliencytoolbox2", "tensors")),
+}
+"""The normalizations by name."""
+
+
+def names_supported(variant: str) -> list[str]:
+    """Names of the normalizations that a variant supports."""
+    return [name for name, row in NORMALIZATIONS.items() if variant in row.variants]
+
+
+def check_normalization(method: Normalization, variant: str) -> None:
+    """Raises `ConfigError` unless a variant of the contrast model supports a normalization."""
+    names, own = names_supported(variant), variant in NUMPY
+    if own and (callable(method) or (isinstance(method, str) and ":" in method)):
+        promote_of(method)
+        return
+    expected = f"one of {', '.join(names)}" + ", or module:function" * own
+    named = getattr(method, "__name__", method)
+    require(method in names, "normalization", f"{expected} for the variant {variant}", named)
+
+
+def promote_of(method: Normalization) -> Promote:
+    """The function of a normalization."""
+    return method if callable(method) else _named(method)
+
+
+@cache
+def _named(name: str) -> Promote:
+    if name in NORMALIZATIONS:
+        return NORMALIZATIONS[name].promote
+    return import_function("normalization", name)
+
+
+def normalize(
+    values: FloatMap,
+    method: Normalization,
+    parameters: Parameters = DEFAULTS,
+    *,
+    rescale: Callable[[FloatMap], FloatMap] = rescale,
+    promote_of: Callable[[Normalization], Promote] = promote_of,
+) -> FloatMap:
+    """The operator N: scales the map to [0, 1] and promotes it if few maxima stand out.
+
+    Args:
+        values: (h, w).
+        method: a name in `NORMALIZATIONS`, or a function such as those in its rows.
+        parameters: parameters of the method.
+        rescale: function that scales the map; replaceable for other array libraries.
+        promote_of: function that returns the function of a method; replaceable likewise.
+    """
+    return promote_of(method)(rescale(values), parameters)

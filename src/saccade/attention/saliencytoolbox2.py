@@ -8,7 +8,7 @@ Borders are "energy-preserving": a kernel is normalized by its part inside the i
 Source: Walther & Koch (2006), *Modeling attention to salient proto-objects*.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import cv2
@@ -84,13 +84,28 @@ def difference(
 
 def normalize(values: FloatMap, config: ContrastConfig, top: float | None = None) -> FloatMap:
     """N of a map in [0, top]; without `top`, of a map of any range."""
-    if config.normalization == "iterative":
-        return inhibit_laterally(values, config.iterations, min_sigma=0)
-    if config.normalization == "none":
-        return values
+    return NORMALIZATIONS[str(config.normalization)](values, config, top)
+
+
+def normalize_by_maxima(values: FloatMap, config: ContrastConfig, top: float | None) -> FloatMap:
+    """The toolbox's `LocalMax`."""
     if top is None:
         return promote_by_maxima(values, float(values.max()), 1.0)
     return promote_by_maxima(values, top, config.maxima_threshold * top)
+
+
+def normalize_iteratively(values: FloatMap, config: ContrastConfig, top: float | None) -> FloatMap:
+    """The toolbox's `Iterative`."""
+    del top
+    return inhibit_laterally(values, config.iterations, min_sigma=0)
+
+
+NORMALIZATIONS: dict[str, Callable[[FloatMap, ContrastConfig, float | None], FloatMap]] = {
+    "local-maxima": normalize_by_maxima,
+    "iterative": normalize_iteratively,
+    "none": lambda values, config, top: values,
+}
+"""The toolbox's own normalizations, by their names in `saccade.attention.normalize`."""
 
 
 def normalize_feature(values: FloatMap, config: ContrastConfig) -> FloatMap:

@@ -7,16 +7,14 @@ from cyclopts import Parameter
 
 from saccade.cli.options import Options
 from saccade.errors import require
-from saccade.settings import as_toml, load_settings, presets_as_toml
+from saccade.settings import as_toml, kinds, load_settings, presets_as_toml
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConfigOptions(Options):
     """Options of `saccade config`."""
 
-    kind: str = field(kw_only=False)
-    """attention, contrast, symmetry, boolean, scanpath, scanpath-model, must, sift, symroid, slam,
-    visual, world or drive."""
+    kind: Annotated[str, Parameter(help=f"One of {', '.join(kinds())}.")] = field(kw_only=False)
     preset: Annotated[str | None, Parameter(("--preset", "-p"), metavar="NAME")] = None
     """Print this preset, not the default."""
     every: Annotated[bool, Parameter("--all")] = False

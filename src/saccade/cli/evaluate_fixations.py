@@ -7,39 +7,37 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from saccade.attention.models import MODEL_NAMES
+from saccade.attention.models import MODELS
 from saccade.cli.fixation_tables import SCORES, FixationOptions, score_cells
-from saccade.cli.options import (
-    DEFAULT_MODEL,
-    SEVERAL,
-    FaceOptions,
-    JsonOptions,
-)
+from saccade.cli.model_options import DEFAULT_MODEL, SaliencyOptions
+from saccade.cli.options import SEVERAL, JsonOptions
 from saccade.cli.output import Result, comparison, tracked
-from saccade.errors import ConfigError, require, setting
+from saccade.errors import require, setting
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import (
     FixationData,
     Model,
     PredictionScores,
-    checked_map,
     saliency_from_files,
     score_models,
     score_people,
 )
-from saccade.extras import import_function
 from saccade.scale.pyramid import resize
 from saccade.types import Float32Array
 
+MODEL = Parameter(
+    metavar="[NAME=]MODEL",
+    help=f"Models: {', '.join(MODELS)}, optionally with :PRESET; a file of saccade fit (.toml); "
+    "module:function; or a folder of saliency maps (.npy, .mat or images) with the names of the "
+    "images. Several with commas; attention by default.",
+)
+
 
 @dataclass(frozen=True, kw_only=True)
-class ScoreOptions(FixationOptions, FaceOptions, JsonOptions):
+class ScoreOptions(FixationOptions, SaliencyOptions, JsonOptions):
     """Options of `saccade evaluate fixations`."""
 
-    model: Annotated[list[str] | None, SEVERAL, Parameter(metavar="[NAME=]MODEL")] = None
-    """Models: attention, contrast, symmetry or boolean, optionally with :PRESET; a file of saccade
-    fit (.toml); module:function; or a folder of saliency maps (.npy, .mat or images) with the names
-    of the images. Several with commas; attention by default."""
+    model: Annotated[list[str] | None, SEVERAL, MODEL] = None
     sigma: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
     """Standard deviation of the fixation density: one degree of visual angle, .1 to 1000."""
     references: bool = False
@@ -141,21 +139,12 @@ def default_models(data: FixationData, options: ScoreOptions) -> dict[str, Model
 
 
 def _model(data: FixationData, source: str, options: ScoreOptions) -> Model:
-    if source not in MODEL_NAMES and Path(source).is_dir():
+    if source not in MODELS and Path(source).is_dir():
         return saliency_from_files(data.folder, Path(source))
-    kind, colon, rest = source.partition(":")
-    if colon and kind not in MODEL_NAMES:
-        predict = import_function("model", source)
-
-        def imported(name: str) -> Float32Array:
-            try:
-                values = predict(data.read(name))
-            except Exception as error:  # raised by the user's own function
-                raise ConfigError(f"model: {source}: failed on {name}: {error}") from error
-            return resize(checked_map(values, source), data.sizes[name])
-
-        return imported
-    attention = options.attention_model(kind if colon else source, rest)
+    kind, colon, preset = source.partition(":")
+    if not (colon and kind in MODELS):
+        kind, preset = source, ""
+    attention = options.attention_model(kind, preset)
 
     def saliency(name: str) -> Float32Array:
         return resize(attention.maps(data.read(name)).saliency, data.sizes[name])

@@ -9,7 +9,8 @@ from cyclopts import Parameter
 
 from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.cli.fixation_tables import FixationOptions
-from saccade.cli.options import INPUT, JsonOptions, ModelOptions, scanpath_network
+from saccade.cli.model_options import ModelOptions, scanpath_network
+from saccade.cli.options import INPUT, JsonOptions
 from saccade.cli.output import Result, Table, tracked
 from saccade.errors import setting
 from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary

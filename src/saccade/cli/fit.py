@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from saccade.cli.fixation_tables import SCORES, FixationOptions, score_cells
-from saccade.cli.options import OUTPUT, FaceOptions, JsonOptions
+from saccade.cli.options import OUTPUT, JsonOptions, SettingsOptions
 from saccade.cli.output import Result, comparison, print_message, tracked, write_text
 from saccade.errors import setting
 from saccade.evaluation.fitting import FITTED, FittingConfig, study
@@ -15,36 +15,30 @@ from saccade.settings import as_toml
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitOptions(FixationOptions, FaceOptions, JsonOptions):
+class FitOptions(FixationOptions, SettingsOptions, JsonOptions):
     """Options of `saccade fit`."""
 
     out: Annotated[Path, OUTPUT, Parameter(("--out", "-o"))] = Path("fitted.toml")
     """The fitted model, TOML."""
     sigma: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
     """Standard deviation of the fixation density: one degree of visual angle, .1 to 1000."""
-    people: Annotated[bool, Parameter(negative="--no-people")] = True
-    """Also score each subject against the others (the ceiling); takes some minutes."""
+    folds: int = setting(5, 2, 100)
+    """Number of folds of the cross-validation, 2 to 100."""
 
 
-def fit(
-    options: FitOptions, *, fitting: Annotated[FittingConfig, Parameter("*")] = FittingConfig()
-) -> Result:
+def fit(options: FitOptions) -> Result:
     """Fit a saliency model to your own photographs and fixations.
 
     Convex maximum-likelihood fit over the cells of the map. Features: contrast,
     symmetry and Boolean maps at several scales and their surroundings, color,
-    center, border, faces with --faces, and functions of the saccades from
-    earlier fixations. The scores are cross-validated by image and by subject.
+    center, border, and functions of the saccades from earlier fixations. The
+    scores are cross-validated by image and by subject.
     Pass the output to --model of look, evaluate fixations and extract.
 
     Example: saccade fit --images photos --fixations fixations.csv --out mine.toml
     """
     data, settings = options.data(options.sigma), options.settings("attention")
-    found = study(
-        *(data, settings, fitting, options.face_detector()),
-        ceiling=options.people,
-        progress=tracked,
-    )
+    found = study(data, settings, FittingConfig(folds=options.folds), progress=tracked)
     scores = {name: each.estimate() for name, each in found.results.items()}
     own = found.results[FITTED]
     gains = {name: own.minus(each) for name, each in found.results.items() if each is not own}

@@ -13,16 +13,14 @@ from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.cli.images import ImageArguments, Row, analyze_each
 from saccade.cli.look_video import look_at_video, video_table
+from saccade.cli.model_options import PUBLISHED, ModelOptions, scanpath_network
 from saccade.cli.options import (
     INPUT,
     OUTPUT,
-    PUBLISHED,
     SEVERAL,
     JsonOptions,
-    ModelOptions,
     OutputFolder,
     figure_formats,
-    scanpath_network,
 )
 from saccade.cli.output import (
     Result,

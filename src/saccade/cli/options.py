@@ -12,14 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
 from cyclopts import Group, Parameter, Token, convert
 
-from saccade.cli.output import print_message
 from saccade.errors import ConfigError, Settings, require, setting
-from saccade.settings import FREE_VIEWING, load_model, load_settings, preset_names
+from saccade.settings import load_model, load_settings
 
 if TYPE_CHECKING:
-    from saccade.attention.combined import FaceDetector
-    from saccade.attention.models import AttentionModel
-    from saccade.attention.scanpath import ScanpathConfig
     from saccade.datasets.drives.folder import CameraOptions as Calibration
     from saccade.frames import Drive
     from saccade.types import LandmarkLog
@@ -152,71 +148,3 @@ class SequenceOptions(Options):
 
         kind: Any = self.kind or "auto"
         return load_drive(kind, self.sequence, self.calibration())
-
-
-DEFAULT_MODEL = "attention"
-MODELS = "attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)"
-CARRIED = "auto"
-"""Value of --faces for the detector bundled with OpenCV."""
-PUBLISHED = ("kootstra2010", "itti1998", "saliencytoolbox2")
-"""Presets whose scanpath comes from the winner-take-all network."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FaceOptions(SettingsOptions):
-    """Saliency settings and a face detector."""
-
-    faces: Annotated[str | None, Parameter(metavar="FILE")] = None
-    """Include faces, found by an OpenCV detector (.onnx for YuNet, .xml for a cascade) or by
-    OpenCV's bundled detector (auto); for attention and fitted models."""
-
-    def face_detector(self) -> "FaceDetector | None":
-        """The detector named by --faces; None, with a remark, if OpenCV bundles no detector."""
-        if self.faces is None:
-            return None
-        from saccade.face_detection import find_face_detector
-
-        detector = find_face_detector(None if self.faces == CARRIED else Path(self.faces))
-        if detector is None:
-            print_message("faces: this OpenCV bundles no detector; faces are left out")
-        return detector
-
-    def attention_model(
-        self, model: str, preset: str | None = None, *, free_viewing: bool = False
-    ) -> "AttentionModel":
-        """The saliency model with these settings.
-
-        Args:
-            model: name or file.
-            preset: preset that overrides --preset.
-            free_viewing: whether the attention model defaults to the preset free_viewing.
-
-        Raises:
-            ConfigError: unknown model, preset, setting or face detector.
-        """
-        from saccade.attention.models import MODEL_NAMES, AttentionModel
-
-        preset, detector = preset or self.preset, self.face_detector()
-        if model.endswith(".toml"):
-            return AttentionModel(self.fitted_model(model), detector)
-        require(model in MODEL_NAMES, "model", MODELS, model)
-        usable = self.faces is None or model == DEFAULT_MODEL
-        require(usable, "faces", "--model attention or a fitted model", model)
-        if free_viewing and model == DEFAULT_MODEL:
-            preset = preset or FREE_VIEWING
-        return AttentionModel(load_settings(model, preset, self.config), detector)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelOptions(FaceOptions):
-    """A saliency model."""
-
-    model: Annotated[str, Parameter(metavar="MODEL")] = DEFAULT_MODEL
-    """Saliency model: attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)."""
-
-
-def scanpath_network(preset: str | None) -> "ScanpathConfig":
-    """Winner-take-all network for a model's preset, from the same source if it defines one."""
-    known = preset in preset_names("scanpath")
-    network: ScanpathConfig = load_settings("scanpath", preset if known else None)
-    return network

@@ -271,7 +271,6 @@ def study(
     config: FittingConfig,
     faces: FaceDetector | None = None,
     *,
-    ceiling: bool = True,
     progress: Callable[[Iterable[Any], str, int], Iterable[Any]] = lambda items, *_: items,
 ) -> FitStudy:
     """Fit a model to all images, and score it by cross-validation.
@@ -281,7 +280,6 @@ def study(
         attention: settings of the maps, and of the unfitted model.
         config: settings of the fit and the cross-validation.
         faces: face detector, for a model with faces; None for a model without faces.
-        ceiling: whether to score each subject against the others.
         progress: function that passes items through; it receives a description and their number.
 
     Raises:
@@ -319,7 +317,7 @@ def study(
         CENTER: scores_of(people.center),
         SHUFFLED: scores_of(people.shuffled),
     }
-    if ceiling and subjects > 1:
+    if subjects > 1:
         scored[PEOPLE] = score_people(people)
     results = {name: [*progress(each, name, count)] for name, each in scored.items()}
     return FitStudy(

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+from saccade.attention.models import checked_map
 from saccade.datasets.matlab import read_matrix
 from saccade.errors import ImageError, LogError
 from saccade.evaluation.fixations import (
@@ -41,8 +42,6 @@ ARRAYS: dict[str, Callable[[Path], npt.NDArray[Any]]] = {
     ".tiff": _read_tiff,
 }
 """Readers of maps of numbers, by suffix."""
-MAX_SALIENCY = 1e15
-"""Maximum magnitude in a map, for which sums of squares stay finite in float32."""
 
 
 Blur = float | Callable[[tuple[int, int]], float]
@@ -235,24 +234,6 @@ def fixation_rows(name: str, maps: Mapping[str, Map], data: FixationData) -> Ite
         )
         for row in zip(*(column.tolist() for column in columns), strict=True):
             yield FixationRow(name, model, *row)
-
-
-def checked_map(values: Any, name: str) -> Float32Array:
-    """Validates a map from a file or from a user's model.
-
-    Raises:
-        ImageError: not finite numbers of shape (h, w); the message names the map.
-    """
-    expected = f"{name}: expected finite numbers of shape (h, w)"
-    try:
-        array = np.asarray(values)
-    except (TypeError, ValueError) as error:
-        raise ImageError(f"{expected}: {error}") from error
-    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":
-        raise ImageError(f"{expected}, found {array.dtype} of shape {array.shape}")
-    if not (np.abs(array.astype(np.float64)) < MAX_SALIENCY).all():
-        raise ImageError(f"{expected} under {MAX_SALIENCY:g}, found NaN or others")
-    return array.astype(np.float32)
 
 
 def saliency_from_files(images: Path, maps: Path) -> Model:

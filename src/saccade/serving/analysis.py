@@ -99,6 +99,8 @@ class PhotoAnalyzer:
         kind, *parts = MODELS[model]
         settings = settings_from(model, request.get(kind, {}), kind)
         inner = {each: request[each] for each in parts if each in request}
+        for group in (request.get(kind, {}), *inner.values()):
+            names_only(group)
         attention = AttentionModel(update_settings(settings, inner, kind))
         table = SCANPATHS[method]
         config = settings_from(table, request[table], table) if table in request else None
@@ -147,3 +149,9 @@ class PhotoAnalyzer:
         analyzer.analyze({"photo": token})
         for detector in DETECTORS:
             analyzer.detect({"photo": token, "detector": detector})
+
+
+def names_only(group: Any) -> None:
+    """Raises `ConfigError` for module:function in place of a name: a page may import no module."""
+    for name, value in group.items() if isinstance(group, Mapping) else ():
+        require(not (isinstance(value, str) and ":" in value), name, "a name of the table", value)

@@ -6,6 +6,8 @@ from dataclasses import asdict, fields, is_dataclass
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+from saccade.attention import models
+from saccade.errors import CHOICES
 from saccade.serving.playground import PlaygroundNoise
 from saccade.settings import (
     DEFAULT,
@@ -22,18 +24,18 @@ from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
 DETECTORS = {"sift": "Sift", "must": "Must", "symroid": "SymRoid"}
 """The class of each detector."""
 MODELS = {
-    "attention": ("attention", "contrast", "symmetry", "boolean"),
-    "contrast": ("contrast",),
-    "symmetry": ("symmetry",),
-    "boolean": ("boolean",),
+    name: (name, *(each for each in get_type_hints(row.settings) if each in models.MODELS))
+    for name, row in models.MODELS.items()
 }
-"""Configurations of each attention model: its own, then nested configurations."""
+"""Configurations of each saliency model: its own, then nested configurations."""
 SCANPATHS = {"most-probable": "scanpath-model", "winner-take-all": "scanpath"}
 """Configuration of each kind of scanpath, the default of `saccade look` first."""
 
 
 GROUPS: dict[str, dict[str, Any]] = tomllib.loads(web_file("serving/controls.toml"))
 """Titles, order and sliders of the settings by kind; `web/controls.toml` documents them."""
+for _name in MODELS:
+    GROUPS.setdefault(_name, {"title": _name.capitalize(), "first": [], "sliders": {}})
 
 
 def controls() -> dict[str, Any]:
@@ -68,13 +70,14 @@ def setting_controls(configuration: type, group: Mapping[str, Any]) -> list[dict
         group: sliders of the configuration, and its `first` and `hidden` settings.
     """
     help_texts, hints = field_help(configuration), get_type_hints(configuration)
+    choices = {each.name: each.metadata.get(CHOICES, ()) for each in fields(configuration)}
     first, hidden = group.get("first", ()), group.get("hidden", ())
     names = (each.name for each in fields(configuration) if not _is_group(hints[each.name]))
     return [
         {
             "name": name,
             "help": help_texts.get(name, ""),
-            **_control(hints[name], group["sliders"].get(name)),
+            **_control(hints[name], group["sliders"].get(name), choices[name]),
         }
         for name in dict.fromkeys((*first, *names))
         if name not in hidden
@@ -116,8 +119,12 @@ def _is_group(hint: Any) -> bool:
     return any(is_dataclass(each) for each in (hint, *get_args(hint)))
 
 
-def _control(hint: Any, slider: Sequence[float] | None) -> dict[str, Any]:
+def _control(
+    hint: Any, slider: Sequence[float] | None, choices: Sequence[str] = ()
+) -> dict[str, Any]:
     """The control for a type; optional settings can be switched off, which gives None."""
+    if choices:
+        return {"input": "choice", "choices": list(choices)}
     if NoneType in get_args(hint):
         (inner,) = (each for each in get_args(hint) if each is not NoneType)
         return {**_control(inner, slider), "optional": True}
