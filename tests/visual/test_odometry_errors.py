@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from saccade.visual.odometry_model import OdometryErrors
 
-SECONDS, SPEED = 0.1, 10.0
+SECONDS = 0.1
 TURN_SIGMA = 0.02
 
 
@@ -18,19 +18,13 @@ def measure(errors, control, motion, sigma):
     """Update by a motion (3,) of the camera and a control (3,) of odometry."""
     expected = errors.corrected(control, SECONDS)
     J = errors.jacobian(expected, SECONDS)
-    errors.update_by(J, motion - expected, sigma**2 * np.eye(3))
-
-
-def slipping(turn_rate, angle, per_acceleration):
-    """A control without side-slip, and the meters to the left of a robot that slips."""
-    control = np.array([SPEED * SECONDS, 0.0, turn_rate * SECONDS])
-    return control, SPEED * SECONDS * (angle + per_acceleration * SPEED * turn_rate)
+    errors.update(J.T @ J / sigma**2, J.T @ (motion - expected) / sigma**2)
 
 
 def test_the_derivatives_are_finite_differences():
     errors, control = odometry_errors(), np.array([1.2, 0.1, 0.05])
-    numeric = np.empty((3, 5))
-    for i in range(5):
+    numeric = np.empty((3, 3))
+    for i in range(3):
         ends = []
         for change in (-1e-6, 1e-6):
             moved = odometry_errors()
@@ -41,29 +35,16 @@ def test_the_derivatives_are_finite_differences():
     assert_allclose(errors.jacobian(control, SECONDS), numeric, atol=1e-6)
 
 
-@pytest.mark.parametrize(("angle", "per_acceleration"), [(0.008, 0.0), (0.0, -0.012), (0.0, 0.0)])
-def test_side_slip_is_learnt_on_the_drive(angle, per_acceleration):
-    rng, errors = np.random.default_rng(1), odometry_errors()
-    control, _ = slipping(0.3, angle, per_acceleration)
-    before = errors.step_covariance(control, SECONDS)[1, 1]
-    for i in range(400):
-        control, left = slipping(0.4 * np.sin(i / 20), angle, per_acceleration)
-        motion = control + np.array([0.0, left, 0.0]) + rng.normal(0, 0.01, 3)
-        measure(errors, control, motion, 0.01)
-    control, left = slipping(0.3, angle, per_acceleration)
-    assert errors.corrected(control, SECONDS)[1] == pytest.approx(left, abs=0.003)
-    assert errors.step_covariance(control, SECONDS)[1, 1] < 0.05 * before
-
-
-def test_a_turn_rate_bias_is_learnt_and_a_lift_is_not():
+def test_a_turn_rate_bias_is_learnt():
     errors = odometry_errors()
+    before = errors.step_covariance(np.zeros(3), SECONDS)[2, 2]
     for _ in range(200):
         measure(errors, np.array([0.0, 0.0, 0.01 * SECONDS]), np.zeros(3), 0.001)
-    learnt = errors.error.copy()
-    for jump in ([0.0, 0.0, 2.0], [0.0, 0.5, 0.0]):  # lifted and turned, or set aside
-        measure(errors, np.array(jump), np.zeros(3), 0.001)
-    assert (errors.error == learnt).all()
     assert errors.error[2] == pytest.approx(0.01, rel=0.02)
+    assert errors.corrected(np.array([1.0, 0.0, 0.0]), SECONDS)[2] == pytest.approx(
+        -0.001, rel=0.02
+    )
+    assert errors.step_covariance(np.zeros(3), SECONDS)[2, 2] < 0.05 * before
 
 
 def test_a_robot_that_stands_tells_of_its_turn_alone():
@@ -75,12 +56,10 @@ def test_a_robot_that_stands_tells_of_its_turn_alone():
 
 
 def test_a_scale_error_is_divided_by_variance():
-    errors, true = (
-        odometry_errors(0.03, 0.02),
-        0.96,
-    )  # by the ground odometry is 4 per cent too long
+    errors, true = odometry_errors(0.03, 0.02), 0.96  # odometry is 4 percent too long
     for _ in range(3000):
         errors.update_scale(true / errors.factor)
+    errors.update_scale(2.0)  # an outlier
     share = 0.03**2 / (0.03**2 + 0.02**2)
     assert errors.factor == pytest.approx(1 - 0.04 * share, abs=2e-3)
     assert errors.scale_sigma == pytest.approx(0.02 * np.sqrt(share), rel=0.05)

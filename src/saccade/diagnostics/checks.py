@@ -32,7 +32,6 @@ from saccade.diagnostics.survey import (
 )
 from saccade.errors import DriveError, require
 from saccade.frames import Camera, Drive
-from saccade.visual.odometry_model import SLIP_PER_ACCELERATION
 
 MIN_DISPARITIES = 200
 """Minimum number of disparities for a check of the rectification."""
@@ -48,6 +47,9 @@ MAX_OFFSET = 0.15
 """Maximum error of the forward position in meters; a robot's center of rotation varies."""
 MAX_RELATIVE_OFFSET = 0.6
 """Maximum relative error of the forward position."""
+SLIP_PER_ACCELERATION = 0.006
+"""Standard deviation of the side-slip angle per lateral acceleration, in radians per m/s^2. The
+true poses of KITTI 00 to 09 have .003 to .008."""
 SLIP_SIGMAS = 3.0
 """Maximum side-slip in turns, in standard deviations; it has the same effect as a camera at another
 position."""

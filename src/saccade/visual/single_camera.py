@@ -85,9 +85,7 @@ class SingleCameraMotionEstimator(MotionEstimator):
                 motion = self._with_distance(motion, distance)
         self._trajectory.append(motion.rotation, motion.translation)
         self.planarity.update(motion.off_plane, self.seconds)
-        control = self.measured(motion)
-        self._learn_turn(control)
-        return control
+        return self.measured(motion)
 
     def with_depth(self, points: TrackedPoints) -> TrackedPoints:
         """The tracked points (k,) with depths triangulated from their first and current pixels."""
@@ -113,13 +111,6 @@ class SingleCameraMotionEstimator(MotionEstimator):
             translation=motion.translation * (float(np.hypot(*control[:2])) / length),
             covariance=(covariance + covariance.T) / 2,
         )
-
-    def _learn_turn(self, measured: MotionEstimate) -> None:
-        """Updates the odometry errors by the turn of a motion."""
-        control, covariance = self.corrected_odometry
-        J = self.errors.jacobian(control, self.seconds)[2:]
-        innovation, R = (measured[0] - control)[2:], (measured[1] + covariance)[2:, 2:]
-        self.errors.update_by(J, innovation, R)
 
 
 @dataclass
