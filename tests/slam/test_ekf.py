@@ -102,9 +102,9 @@ def test_covariance_stays_one_whatever_happens(errors, data):
         (lambda e: e.predict(np.array([1.0, 0]), np.eye(3)), "shape"),
         (lambda e: e.update(np.array([1.0, np.inf]), R, 0), "observation"),
         (lambda e: e.update(np.array([1.0, 0]), np.array([[1.0, 0.5], [0, 1]]), 0), "symmetric"),
-        (lambda e: e.update(np.array([1.0, 0]), R * np.nan, 0), "covariance of the observation"),
-        (lambda e: e.update(np.array([1.0, 0]), R, 1), "found 1"),
-        (lambda e: e.update(np.array([1.0, 0]), R, -1), "found -1"),
+        (lambda e: e.update(np.array([1.0, 0]), R * np.nan, 0), "covariance of observation 0"),
+        (lambda e: e.update(np.array([1.0, 0]), R, 2), "found 2"),
+        (lambda e: e.update(np.ones((2, 2)), R, [0, 0]), "covariances"),
         (lambda e: e.augment(np.array([1.0, 0, 0]), R), "2 numbers"),
         (lambda e: e.augment(np.array([1e200, 0]), R), "within"),
     ],
@@ -166,6 +166,6 @@ def test_an_outlier_has_a_covariance_that_is_as_many_times_larger(errors):
         assert robust.update(z, R, 0).nis == pytest.approx(nis)
         scale = factor or np.sqrt(nis) / 1.5
         noise = S - plain.predict_observations().covariance[0]  # with second-order terms
-        plain.update(z, R + (scale - 1) * noise, 0)
+        plain.update(z, R + (scale - 1) * noise[0], 0)
         np.testing.assert_allclose(robust.state, plain.state, atol=1e-12)
         np.testing.assert_allclose(robust.covariance, plain.covariance, atol=1e-12)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from saccade import slam
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import EkfConfig, EkfSlam, submaps
+from saccade.slam import EkfConfig, EkfSlam, submap_choice
 from support.logs import with_observations
 
 WORLD = WorldConfig(
@@ -97,8 +97,8 @@ def test_a_large_map_chooses_by_itself(monkeypatch, entries):
     log = simulate_world(WORLD, 1)
     whole = slam.run(log, EkfConfig(submaps="never", smooth=False))
     assert not entries
-    monkeypatch.setattr(submaps, "LARGE_MAP", 30)
-    monkeypatch.setattr(submaps, "MAX_FRACTION", 0.5)
+    monkeypatch.setattr(submap_choice, "LARGE_MAP", 30)
+    monkeypatch.setattr(submap_choice, "MAX_FRACTION", 0.5)
     _close(slam.run(log, EkfConfig(smooth=False)), whole)
     assert min(mapped for _, mapped in entries) >= 30
     assert all(inside <= mapped / 2 for inside, mapped in entries)

@@ -11,12 +11,13 @@ from saccade.slam.filter.models import (
     turn_then_translate,
     wrap,
 )
+from saccade.slam.filter.predictions import Innovations
 from saccade.slam.filter.state import ERRORS
 from saccade.slam.kidnapping import KidnappingDetector
 from saccade.slam.merging import MergedMaps, merge_maps
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
-from saccade.slam.results import Innovation, PoseHypotheses, SlamMap, SlamResult, StepResult
+from saccade.slam.results import PoseHypotheses, SlamMap, SlamResult, StepResult
 from saccade.slam.run import Recorder, dead_reckon, find_start, run, slam_for
 from saccade.slam.smoothing import smooth
 
@@ -25,7 +26,7 @@ __all__ = [
     "Consistency",
     "EkfConfig",
     "EkfSlam",
-    "Innovation",
+    "Innovations",
     "KidnappingDetector",
     "MergedMaps",
     "PoseHypotheses",

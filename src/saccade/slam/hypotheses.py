@@ -77,7 +77,7 @@ class Hypothesis:
     matches: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) id of the landmark of each observation of the last scan, negative if it was not used."""
     innovations: Innovations = field(default_factory=lambda: new_innovations(0))
-    """Innovations of the last scan, see `Innovation`."""
+    """Innovations of the last scan, see `Innovations`."""
     culled: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(g,) ids of landmarks that were removed after the last scan."""
     updated: bool = False
@@ -96,7 +96,7 @@ class Hypothesis:
     def predict(self, scan: Scan) -> None:
         """Moves the robot (C.5-C.9)."""
         if scan.control is not None:
-            self.ekf.move(*scan.control)
+            self.ekf.predict(*scan.control, checked=True)
         k = len(scan.z)
         self.matches, self.innovations = (np.full(k, -1), new_innovations(k)) if k else NO_MATCHES
         self.culled, self.updated = NO_MATCHES[0], False
@@ -113,7 +113,7 @@ class Hypothesis:
         ekf, table, first = self.ekf, self.table, self.ekf.next_id
         self.matches, self.updated = matches, True
         self._visible = table.predict_visible(ekf, scan.complete.z)
-        self.innovations = ekf.observe(scan.z, scan.R, matches)
+        self.innovations = ekf.update(scan.z, scan.R, matches, checked=True)
         if ekf.next_id > first:
             table.add(np.arange(first, ekf.next_id), confirmed=True)
 
@@ -121,7 +121,7 @@ class Hypothesis:
         """Adds the landmarks of new observations as candidates (C.15-C.18)."""
         if NEW in (matches := self.matches.tolist()):
             new = [k for k, match in enumerate(matches) if match == NEW]
-            self.matches[new] = [self.ekf.add(scan.z[k], scan.R[k]) for k in new]
+            self.matches[new] = [self.ekf.augment(scan.z[k], scan.R[k], checked=True) for k in new]
             self.table.add(self.matches[new], confirmed=False)
 
     def count(self) -> None:

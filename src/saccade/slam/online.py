@@ -23,7 +23,7 @@ from saccade.slam.map_file import SavedMap, read_map, write_map
 from saccade.slam.pose_search import PoseSearch
 from saccade.slam.results import PoseHypotheses, SlamMap, StepResult, check_diverged
 from saccade.slam.scans import Scan, checked_scan
-from saccade.slam.submaps import SubmapChoice
+from saccade.slam.submap_choice import SubmapChoice
 from saccade.types import FloatArray, IntArray, LandmarkMap
 
 Start: TypeAlias = Literal["given", "last", "unknown"]

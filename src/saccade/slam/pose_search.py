@@ -96,4 +96,4 @@ class PoseSearch:
         position = self._ekf.landmark_covariances[used].trace(axis1=1, axis2=2).mean()
         wide = np.diag([position, position, MIN_HEADING_SIGMA**2])
         self._ekf.reset_pose(pose, PRIOR_WEIGHT * (self.hypotheses.covariance[0] + wide))
-        self._ekf.update_scan(*self._search.observations, association)  # C.10-C.14
+        self._ekf.update(*self._search.observations, association)  # C.10-C.14

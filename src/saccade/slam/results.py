@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy.typing as npt
 
@@ -42,17 +42,6 @@ MAX_COORDINATE = 1e9
 """Largest coordinate of a pose in meters; beyond it the estimate has diverged."""
 
 
-class Innovation(NamedTuple):
-    """The innovation of one observation."""
-
-    value: FloatArray
-    """(2,) observed minus predicted range and bearing."""
-    covariance: FloatArray
-    """(2, 2) S of C.12, before the update."""
-    nis: float
-    """Normalized innovation squared; chi-square with two degrees if the filter is right."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class SlamMap:
     """The landmarks of a map."""
@@ -85,7 +74,7 @@ class StepResult:
     """(k,) id of the landmark of each observation, -1 if it was not used, in the most probable
     hypothesis; the landmark may be a candidate, or culled after this step."""
     innovations: FloatArray
-    """(k, 2) see `Innovation`; NaN for a missing range or bearing. Here and below, NaN where an
+    """(k, 2) see `Innovations`; NaN for a missing range or bearing. Here and below, NaN where an
     observation updated nothing."""
     innovation_covariances: FloatArray
     """(k, 2, 2) before the update."""
@@ -131,7 +120,7 @@ class SlamResult(Pictured):
     association: IntArray
     """(k,) row of the landmark in the map for each observation, -1 if it was not used."""
     innovation: FloatArray
-    """(k, 2) of each observation in the filter (see `Innovation`); NaN where the NIS is."""
+    """(k, 2) of each observation in the filter (see `Innovations`); NaN where the NIS is."""
     innovation_covariance: FloatArray
     """(k, 2, 2) before the update."""
     dead_reckoning: Trajectory

@@ -191,7 +191,7 @@ class Pipeline:
         self.log.add_motion(self.control if is_bridged else measured, model.drift)
         self.tracked = model.with_depth(self.tracked)
         self.map.rescale()
-        self.map.move(number, self.control)
+        self.map.predict(number, self.control)
         return motion
 
     def _update(self, number: int, kind: ObservationKind, points: TrackedPoints) -> None:

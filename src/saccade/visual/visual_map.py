@@ -72,7 +72,7 @@ class VisualMap:
         """The filter, to read."""
         return self.slam.filter
 
-    def move(self, number: int, control: MotionEstimate) -> None:
+    def predict(self, number: int, control: MotionEstimate) -> None:
         """Predict the pose of a frame by a control (3,) with covariance (3, 3)."""
         self.slam.process(Scan(float(self._drive.time[number]), control, *NO_SCAN))
         self.log.motions.append(control)

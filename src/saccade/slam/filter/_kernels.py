@@ -63,7 +63,7 @@ def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None
     r, n, P, a, now = f.robot_size, num_rows(f), f.P, f.heading_lever, f.now
     Fx, Fu = np.empty((r, r)), np.empty((r, len(u)))
     Pxx, new, turn = np.empty((r, r)), np.empty((r, r)), np.empty(r)
-    _move(f, u, D, Fx, Fu)  # C.5, C.8, C.9
+    _predict_pose(f, u, D, Fx, Fu)  # C.5, C.8, C.9
     for i in range(r):
         for k in range(r):
             Pxx[i, k], new[i, k] = P[i, k], 0.0
@@ -94,7 +94,9 @@ def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None
 
 
 @kernel()
-def _move(f: FilterState, u: FloatArray, D: FloatArray, Fx: FloatArray, Fu: FloatArray) -> None:
+def _predict_pose(
+    f: FilterState, u: FloatArray, D: FloatArray, Fx: FloatArray, Fu: FloatArray
+) -> None:
     """Move the robot (C.5); fill Fx (r, r), by eta, and Fu (r, c) (C.8, C.9)."""
     s, a, r, c = f.state, f.heading_lever, f.robot_size, len(u)
     real = np.empty(c)  # the control without biases
@@ -164,7 +166,7 @@ def _add_to_blocks(f: FilterState, y: FloatArray, sign: float) -> None:
 
 
 @kernel()
-def update_scan(
+def update(
     f: FilterState,
     z: FloatArray,
     R: FloatArray,
@@ -191,7 +193,7 @@ def update_scan(
                     noise[i, j] = R[k, i, j]
             if f.errors == INVARIANT and q > MIN_RANGE:
                 _add_second_order(q, D, v[k], noise)
-            nis[k] = _update(f, m, v[k], H, C, D, noise, S[k])
+            nis[k] = _update_landmark(f, m, v[k], H, C, D, noise, S[k])
             if S[k, 0, 0] > 0 and S[k, 1, 1] > 0:
                 range_part = (noise[0, 0] - R[k, 0, 0]) / S[k, 0, 0]
                 now.nonlinearity += max(range_part, (noise[1, 1] - R[k, 1, 1]) / S[k, 1, 1])
@@ -201,7 +203,7 @@ def update_scan(
 
 
 @kernel()
-def _update(
+def _update_landmark(
     f: FilterState,
     m: int,
     v: FloatArray,

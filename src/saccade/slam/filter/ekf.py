@@ -5,9 +5,10 @@ from math import inf
 from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import LogError, require
-from saccade.slam.filter._kernels import predict, retract, update_scan, write_pose
+from saccade.slam.filter._kernels import predict, retract, update, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
 from saccade.slam.filter.models import observe, wrap
 from saccade.slam.filter.predictions import (
@@ -37,9 +38,13 @@ from saccade.slam.filter.state import (
     symmetric,
     with_capacity,
 )
-from saccade.slam.filter.validation import check_all, check_covariance, check_vector
-from saccade.slam.results import Innovation
-from saccade.slam.submaps import Submap, enter, leave, read
+from saccade.slam.filter.submaps import Submap, enter, leave, read
+from saccade.slam.filter.validation import (
+    as_array,
+    check_all,
+    check_covariance,
+    check_vector,
+)
 from saccade.types import FloatArray, IntArray
 
 JOIN_SIGMA = 1e-4
@@ -83,95 +88,70 @@ class EkfSlam:
         self.submap: Submap | None = None
         """The submap in which the filter works at present; None for the whole map."""
 
-    def predict(self, u: FloatArray, U: FloatArray) -> None:
+    def predict(self, u: FloatArray, U: FloatArray, *, checked: bool = False) -> None:
         """Moves the robot (C.5-C.9).
 
         Args:
             u: (c,) control: distance and turn for `turn_then_translate`, or forward, left and turn
                 for `compose`.
             U: (c, c) its covariance.
+            checked: whether the arguments are known to be valid.
         """
-        u = check_vector("control", u, 3 if np.size(u) == 3 else 2)
-        U = check_covariance("covariance of the control", U, len(u))
-        self.move(u, U)
-
-    def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
-        """Updates by an observation of a landmark of the map (C.10-C.14).
-
-        Only the columns of the robot and of this landmark take part in the gain. Directions
-        without variance in a singular innovation covariance are not corrected.
-
-        Args:
-            z: (2,) range in meters and bearing in radians.
-            R: (2, 2) its covariance.
-            landmark: id of the landmark.
-
-        Returns:
-            The innovation, its covariance, and its normalized square.
-        """
-        z, R = _observation(z, R)
-        self._known_rows(np.array([landmark]))
-        v, S, nis = self.observe(z[None], R[None], np.array([landmark]))
-        return Innovation(v[0], S[0], float(nis[0]))
-
-    def update_scan(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
-        """Updates by all observations from one pose.
-
-        Args:
-            z: (k, 2).
-            R: (k, 2, 2) their covariances.
-            landmark: (k,) ids; `next_id` and those after it augment, a negative one leaves the
-                observation out.
-        """
-        z, R = (np.array(each, np.float64, order="C") for each in (z, R))
-        check_all("observation", z, R)
-        landmark = np.asarray(landmark, np.int64)
-        free = np.maximum.accumulate(np.append(self.next_id - 1, landmark))[:-1] + 1  # (k,)
-        self._known_rows(landmark[(landmark >= 0) & (landmark < self.next_id)])
-        if (landmark > free).any():
-            raise LogError(
-                f"landmark: expected ids up to {int(free[landmark > free][0])}, "
-                f"found {int(landmark[landmark > free][0])}"
-            )
-        return self.observe(z, R, landmark)
-
-    def augment(self, z: FloatArray, R: FloatArray) -> int:
-        """Adds a new landmark to the map (C.15-C.18).
-
-        Args:
-            z: (2,) range in meters and bearing in radians.
-            R: (2, 2) its covariance.
-
-        Returns:
-            The landmark's id.
-        """
-        return self.add(*_observation(z, R))
-
-    def move(self, u: FloatArray, U: FloatArray) -> None:
-        """`predict` by valid arguments."""
+        if not checked:
+            u = check_vector("control", u, 3 if np.size(u) == 3 else 2)
+            U = check_covariance("covariance of the control", U, len(u))
         if is_inflation_due(self.active):
             self.leave()
             inflate_heading_covariance(self._whole)
         f = self._reserved(0, 1)
         predict(f, u, U, control_bias(u, f.robot_size))
 
-    def observe(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
-        """`update_scan` by valid arguments."""
-        rows, f, out = (
-            self.rows(landmark),
-            self._reserved(len(z), 2 * len(z)),
-            new_innovations(len(z)),
-        )
+    def update(
+        self, z: FloatArray, R: FloatArray, landmark: npt.ArrayLike, *, checked: bool = False
+    ) -> Innovations:
+        """Updates by observations from one pose (C.10-C.14).
+
+        Only the columns of the robot and of the landmark take part in a gain. Directions without
+        variance in a singular innovation covariance are not corrected.
+
+        Args:
+            z: (k, 2) ranges in meters and bearings in radians; or (2,).
+            R: (k, 2, 2) their covariances; or (2, 2).
+            landmark: (k,) ids; `next_id` and those after it augment, a negative one leaves the
+                observation out.
+            checked: as in `predict`.
+        """
+        landmark = np.atleast_1d(np.asarray(landmark, np.int64))
+        if not checked:
+            k, one = len(landmark), np.ndim(z) == 1
+            z = as_array("observations", (k, 2), [z] if one else z).copy()
+            R = as_array("covariances of the observations", (k, 2, 2), [R] if one else R).copy()
+            check_all("observation", z, R)
+            self._check_ids(landmark)
+        rows, f = self.rows(landmark), self._reserved(len(z), 2 * len(z))
+        out = new_innovations(len(z))
         if self.submap is not None:
-            self.submap.observe(rows)
-        k = update_scan(f, z, R, rows, 0, *out)
+            self.submap.include(rows)
+        k = update(f, z, R, rows, 0, *out)
         while k < len(z):  # at a new landmark
             augment(f, z[k], R[k])
-            k = update_scan(f, z, R, rows, k + 1, *out)
+            k = update(f, z, R, rows, k + 1, *out)
         return out
 
-    def add(self, z: FloatArray, R: FloatArray) -> int:
-        """`augment` by valid arguments."""
+    def augment(self, z: FloatArray, R: FloatArray, *, checked: bool = False) -> int:
+        """Adds a new landmark to the map (C.15-C.18).
+
+        Args:
+            z: (2,) range in meters and bearing in radians.
+            R: (2, 2) its covariance.
+            checked: as in `predict`.
+
+        Returns:
+            The landmark's id.
+        """
+        if not checked:
+            z = check_vector("observation", z, 2)
+            R = check_covariance("covariance of the observation", R, 2)
         augment(self._reserved(1, 0), z, R)
         return self.next_id - 1
 
@@ -336,6 +316,16 @@ class EkfSlam:
         rows = rows + np.maximum(landmarks - next_id, 0)
         return np.where(landmarks < 0, landmarks, rows)
 
+    def _check_ids(self, landmark: IntArray) -> None:
+        """Raises unless ids (k,) are of the map, new ones in their order, or negative."""
+        free = np.maximum.accumulate(np.append(self.next_id - 1, landmark))[:-1] + 1  # (k,)
+        self._known_rows(landmark[(landmark >= 0) & (landmark < self.next_id)])
+        if (landmark > free).any():
+            raise LogError(
+                f"landmark: expected ids up to {int(free[landmark > free][0])}, "
+                f"found {int(landmark[landmark > free][0])}"
+            )
+
     def _known_rows(self, landmarks: IntArray) -> IntArray:
         """Rows in the whole map of landmarks (k,)."""
         ids = self.ids
@@ -435,9 +425,3 @@ class EkfSlam:
     def __repr__(self) -> str:
         x, y, theta = self.pose
         return f"EkfSlam({len(self)} landmarks, pose {x:.2f} {y:.2f} m {theta:.3f} rad)"
-
-
-def _observation(z: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A valid observation (2,) and its covariance (2, 2)."""
-    z = check_vector("observation", z, 2)
-    return z, check_covariance("covariance of the observation", R, 2)

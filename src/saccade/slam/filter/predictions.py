@@ -31,14 +31,14 @@ def bias_jacobian(control: FloatArray) -> FloatArray:
 
 
 class Innovations(NamedTuple):
-    """Innovations of k observations, NaN where one updated nothing; see `results.Innovation`."""
+    """Innovations of k observations, NaN where one updated nothing."""
 
     value: FloatArray
-    """(k, 2)."""
+    """(k, 2) observed minus predicted ranges and bearings."""
     covariance: FloatArray
-    """(k, 2, 2)."""
+    """(k, 2, 2) S of C.12, before the update."""
     nis: FloatArray
-    """(k,)."""
+    """(k,) normalized innovations squared; chi-square with two degrees if the filter is right."""
 
 
 class PredictedObservations(NamedTuple):

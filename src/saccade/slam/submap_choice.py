@@ -1,0 +1,102 @@
+"""The choice of the submap in which the next step is taken.
+
+A submap contains every landmark that may be observed while the robot moves a certain distance:
+all landmarks within a radius of its position, widened by twice their gate. The filter leaves it
+when the range of a scan plus the distance since the entry, with the gate of its odometry, exceeds
+the radius, or when the label of a landmark outside is observed.
+"""
+
+from math import hypot, isfinite, sqrt
+from typing import Literal
+
+import numpy as np
+
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.landmarks import LandmarkTable
+from saccade.slam.scans import Scan
+from saccade.types import IntArray
+
+LARGE_MAP = 1000
+"""Minimum number of landmarks for "auto" to use submaps."""
+MAX_FRACTION = 0.25
+"""Largest submap that "auto" enters, as a fraction of the map."""
+MARGIN = 1.5
+"""Distance that a robot can move in a submap, as a fraction of the range of its scans."""
+MAX_BIAS = 0.1
+"""Largest relative error of the distances that the odometry reports."""
+
+
+class SubmapChoice:
+    """Chooses the submap in which the next step is taken.
+
+    Args:
+        submaps: whether submaps are used "always", "never", or in large maps ("auto").
+        gate: squared Mahalanobis distance within which an observation may be of a landmark.
+    """
+
+    def __init__(self, submaps: Literal["auto", "always", "never"], gate: float) -> None:
+        self._enabled, self._always = submaps != "never", submaps == "always"
+        self._gate = sqrt(gate) if isfinite(gate) else 0.0
+        self._radius = -1.0
+        self._in_whole = False
+        self._needed = 0.0
+        self._length = self._variance = 0.0  # meters since the entry, square meters of noise
+
+    def update(self, ekf: EkfSlam, table: LandmarkTable, scan: Scan, max_range: float) -> None:
+        """Enters or leaves a submap for a step, if the present one does not suffice.
+
+        Args:
+            ekf: the filter, before the motion.
+            table: its landmarks.
+            scan: the step.
+            max_range: meters within which landmarks are expected.
+        """
+        if not self._enabled:
+            return
+        z, R = scan.complete.z, scan.complete.R
+        if not self._always and len(ekf) + (ekf.submap is None) * len(z) < LARGE_MAP:
+            self._radius = -1.0
+            ekf.leave()
+            return
+        labeled = table.landmarks_of(scan.labels)
+        labeled = labeled[labeled >= 0]
+        if len(z) > 0:
+            max_range = max(max_range, float((z[:, 0] + self._gate * np.sqrt(R[:, 0, 0])).max()))
+        if self._radius < 0 or (ekf.submap is None and not self._in_whole):
+            self._enter(ekf, scan, labeled, max_range)
+            return
+        self._advance(scan)
+        outside = ekf.submap is not None and bool((ekf.rows(labeled) < 0).any())
+        if outside or self._reach + max_range > self._radius:
+            self._enter(ekf, scan, labeled, max_range)
+        else:
+            ekf.flush_early()
+        self._needed = max(self._needed, max_range)
+
+    def _enter(self, ekf: EkfSlam, scan: Scan, labeled: IntArray, needed: float) -> None:
+        """Enters the submap around the robot for this step and later ones."""
+        ekf.leave()
+        self._length = self._variance = 0.0
+        self._advance(scan)
+        self._radius = max(needed, self._needed) * (1 + MARGIN) + self._reach
+        self._needed = needed
+        predicted, S = ekf.predict_observations()
+        q = predicted[:, 0]
+        sigma = np.sqrt(np.abs(S[:, 0, 0]) + q * q * np.abs(S[:, 1, 1]))
+        near = q - 2 * self._gate * sigma <= self._radius
+        near[ekf.rows(labeled)] = True
+        self._in_whole = not self._always and near.mean() > MAX_FRACTION
+        if not self._in_whole:
+            ekf.enter(np.flatnonzero(near))
+
+    def _advance(self, scan: Scan) -> None:
+        """Adds the motion of a scan to the path since the entry."""
+        if scan.control is not None:
+            u, U = scan.control
+            self._length += hypot(*u[:-1])
+            self._variance += float(U[:-1, :-1].trace())
+
+    @property
+    def _reach(self) -> float:
+        """Largest distance that the robot may have moved since the entry, in meters."""
+        return (1 + MAX_BIAS) * self._length + self._gate * sqrt(self._variance)
