@@ -15,13 +15,16 @@ import numpy as np
 import pytest
 
 from saccade.errors import ConfigError, ImageError
-from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
+from saccade.serving import analysis
+from saccade.serving.analysis import PhotoAnalyzer
 from saccade.serving.controls import controls
+from saccade.serving.playground import Playground
 from saccade.settings import load_settings, settings_from
 from support.limits import TIMEOUT
 from support.pictures import png
 
 pytest.importorskip("starlette", reason="the extra serve is not installed")
+import anyio
 from starlette.testclient import TestClient
 
 from saccade.serving.app import application
@@ -87,6 +90,11 @@ REJECTED = {
     "Host": ("evil.example", EVIL, "", f"user@127.0.0.1:{PORT}"),
     "Origin": ("null", "", f"https://127.0.0.1:{PORT}", f"http://{EVIL}", "http://[evil"),
     "Sec-Fetch-Site": ("cross-site", "same-site"),
+    "Upgrade": ("websocket", "h2c"),
+}
+REASONS = {
+    "Host": "the Host header does not name this server",
+    "Upgrade": "expected HTTP, found an upgrade to another protocol",
 }
 
 
@@ -94,8 +102,7 @@ REJECTED = {
     ("header", "value"), [(name, value) for name, values in REJECTED.items() for value in values]
 )
 def test_requests_of_other_pages_are_rejected(client, analyzer, header, value):
-    other = "the Host header does not name this server"
-    reason = other if header == "Host" else "cross-origin request"
+    reason = REASONS.get(header, "cross-origin request")
     for path in ("/photo", *WORK):
         answer = client.post(path, content=b"{}", headers={header: value})
         assert (answer.status_code, answer.text) == (403, f"rejected: {reason}")
@@ -168,6 +175,49 @@ def test_errors_are_one_line(client, fail, status, words):
     assert (answer.status_code, answer.text) == (status, words)
 
 
+def test_a_photograph_stays_while_others_are_opened():
+    analyzer, others = PhotoAnalyzer(), png(64, 64)
+    photo = analyzer.open(PHOTO.read_bytes(), "mine")["photo"]
+    for number in range(40):
+        analyzer.open(others, f"{number}")
+    assert analyzer.detect({"photo": photo})["count"] > 0
+
+
+@pytest.mark.parametrize("value", [[], {}, 3, None, "nosuch"])
+def test_a_choice_is_a_name(value):
+    analyzer = PhotoAnalyzer()
+    photo = analyzer.open(PHOTO.read_bytes(), "a")["photo"]
+    for key, work in (
+        ("model", analyzer.analyze),
+        ("path", analyzer.analyze),
+        ("detector", analyzer.detect),
+        ("filter", Playground().start),
+    ):
+        with pytest.raises(ConfigError, match=f"^{key}: expected one of .*, found "):
+            work({"photo": photo, key: value})
+
+
+def test_a_slow_request_ends(analyzer, monkeypatch):
+    async def sent():
+        request = {"type": "http", "method": "POST", "path": "/photo", "query_string": b""}
+        headers = [(b"host", f"127.0.0.1:{PORT}".encode())]
+        await app({**request, "headers": headers}, stalls, collect)
+
+    async def stalls():
+        await anyio.sleep(TIMEOUT)
+
+    async def collect(message):
+        messages.append(message)
+
+    messages = []
+    monkeypatch.setattr("saccade.serving.app.UPLOAD_SECONDS", 0.01)
+    app = application(analyzer, analyzer, {}, PORT, MAX_BYTES, {})
+    anyio.run(sent)
+    assert messages[0]["status"] == 408
+    assert messages[1]["body"].startswith(b"too slow: expected the whole request within")
+    assert not analyzer.done
+
+
 @pytest.mark.parametrize("side", [7000, 12_000, 65_000])
 def test_an_enormous_picture_is_refused_before_it_is_decoded(side, monkeypatch):
     monkeypatch.setattr("cv2.imdecode", lambda *_: pytest.fail("it was decoded"))
@@ -177,9 +227,12 @@ def test_an_enormous_picture_is_refused_before_it_is_decoded(side, monkeypatch):
         PhotoAnalyzer().open(png(side, 0), "bomb.png")
 
 
-def test_the_maps_of_a_photograph_are_never_those_of_one_that_is_gone():
+def test_the_maps_of_a_photograph_are_never_those_of_one_that_is_gone(monkeypatch):
     """A photograph may reuse the memory, and so the id, of an earlier one."""
-    analyzer, coffee = PhotoAnalyzer(), files("saccade") / "data" / "coffee.jpg"
+    coffee = files("saccade") / "data" / "coffee.jpg"
+    monkeypatch.setattr(analysis, "MAX_FILE_BYTES", 3 * len(coffee.read_bytes()))
+    monkeypatch.setattr(analysis, "MAX_DECODED_PIXELS", 1)
+    analyzer = PhotoAnalyzer()
     request = {"model": "contrast", "fixations": 1}
 
     def opened(photo):
@@ -189,7 +242,7 @@ def test_the_maps_of_a_photograph_are_never_those_of_one_that_is_gone():
     right = analyzer.analyze(first)["maps"]
     for _ in range(3):
         analyzer.analyze(opened(PHOTO))
-        for _ in range(MAX_PHOTOS + 1):
+        for _ in range(4):
             last = opened(coffee)
         assert analyzer.analyze(last)["maps"] == right
     with pytest.raises(KeyError, match="no longer in memory"):
@@ -283,7 +336,7 @@ def test_invalid_settings_are_one_line_errors(change, words):
         analyzer.analyze({"photo": token, **change})
 
 
-def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
+def test_it_starts_answers_only_here_and_ends_with_an_upload_in_progress(tmp_path):
     command = [sys.executable, "-m", "saccade", "serve", "--port", "0"]
     pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
     process = subprocess.Popen(command, cwd=tmp_path, text=True, **pipes)
@@ -297,13 +350,16 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
             if not each.startswith("127."):
                 with pytest.raises(OSError), socket.create_connection((each, port), timeout=1):
                     pass
-        process.send_signal(signal.SIGINT)
-        out, rest = process.communicate(timeout=TIMEOUT)
+        with socket.create_connection(("127.0.0.1", port)) as upload:
+            address = f"127.0.0.1:{port}\r\nContent-Length: 9\r\n\r\n"
+            upload.sendall(f"POST /photo HTTP/1.1\r\nHost: {address}".encode())
+            process.send_signal(signal.SIGTERM)  # ends like Ctrl-C
+            out, rest = process.communicate(timeout=TIMEOUT)
     finally:
         process.kill()
         process.communicate()
     assert process.returncode == 0, rest
     assert out == ""
-    said = [each for each in rest.splitlines() if "compiling" not in each]
-    assert said == ["saccade: stopped"]
+    assert rest.splitlines()[-1] == "saccade: stopped"
+    assert "Traceback" not in rest
     assert not list(tmp_path.iterdir())

@@ -206,7 +206,7 @@ def test_a_robot_is_driven_by_keys_and_buttons_among_landmarks_that_are_placed(o
     assert rows.first.get_attribute("class") == "chosen"
     assert "Correlations" in page.locator(".correlation").get_attribute("aria-label")
     assert_accessible(page)
-    served[2].sessions.clear()  # the server lost the session: it is started again
+    served[2].sessions = Playground().sessions  # the server lost the session: it is started again
     canvas.press(" ")
     page.wait_for_selector("#slam[data-steps='0']")
     assert page.locator("#slam .alarm").is_hidden()

@@ -38,6 +38,7 @@ def serve(options: ServeOptions = ServeOptions()) -> None:
 
     Example: saccade serve --port 8014
     """
+    import signal
     import sys
     import webbrowser
     from contextlib import suppress
@@ -61,26 +62,29 @@ def serve(options: ServeOptions = ServeOptions()) -> None:
         parts = PhotoAnalyzer(), Playground()
         app = application(*parts, samples, port, int(options.max_upload * 1e6), controls())
         config = uvicorn.Config(
-            app, log_level="warning", access_log=False, timeout_graceful_shutdown=SHUTDOWN_TIMEOUT
+            app,
+            ws="none",
+            log_level="error",
+            access_log=False,
+            timeout_graceful_shutdown=SHUTDOWN_TIMEOUT,
         )
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C
         print_message(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C stops the server")
         if options.browser and sys.stderr.isatty():
             webbrowser.open(f"http://127.0.0.1:{port}/")
         with suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listener])
     print_message("stopped")
-    _leave_warm_up()
+    _leave_computations()
 
 
-def _leave_warm_up() -> None:
-    """End the process if it is still compiling: OpenCV threads abort an exiting process."""
+def _leave_computations() -> None:
+    """End the process if a thread still computes: OpenCV threads abort an exiting process."""
     import os
     import sys
     import threading
 
-    from saccade.serving.app import WARM_UP
-
-    if any(each.name == WARM_UP and each.is_alive() for each in threading.enumerate()):
+    if threading.active_count() > 1:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(0)
@@ -94,8 +98,11 @@ def _listening(port: int) -> "socket":
     from saccade.io.files import one_line
 
     try:
-        return socket.create_server(("127.0.0.1", port), backlog=64)
+        listener = socket.create_server(("127.0.0.1", port), backlog=64)
     except OSError as error:
         raise ConfigError(
             f"port: {port} cannot be used: {one_line(error)}; try --port 0"
         ) from error
+    # Accepted connections inherit it; without it each answer waits for an acknowledgement.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listener

@@ -1,9 +1,11 @@
 """Analyzes the photographs of `saccade serve`: saliency, scanpath and interest points."""
 
+from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
 from saccade import keypoints
@@ -20,13 +22,16 @@ from saccade.serving.controls import (
     detection_file,
 )
 from saccade.serving.recent import Recent
+from saccade.serving.requests import chosen
 from saccade.settings import settings_from, update_settings
 from saccade.types import Float32Array
 from saccade.viewing.page import photograph
 from saccade.viewing.report import maps_data, points_data, scanpath_data
 
-MAX_PHOTOS = 4
-"""Maximum number of photographs in memory, least recently used dropped first."""
+MAX_FILE_BYTES = 512_000_000
+"""Maximum size of all photographs in memory, as files; least recently used dropped first."""
+MAX_DECODED_PIXELS = 80_000_000
+"""Maximum number of pixels of the decoded photographs in memory; others are decoded again."""
 MAX_PIXELS = 40_000_000
 """Maximum number of pixels of a photograph."""
 MAX_NAME = 200
@@ -39,18 +44,25 @@ MAX_POINTS = 2000
 
 @dataclass(frozen=True, eq=False)
 class Photo:
-    """A photograph and its name."""
+    """A photograph as a file, and its name."""
 
     name: str
-    pixels: Float32Array
-    """(H, W, 3) in [0, 1]."""
+    data: bytes
+    """Content of the file."""
 
 
 class PhotoAnalyzer:
-    """Keeps the most recent photographs in memory and analyzes them."""
+    """Keeps the most recent photographs in memory and analyzes them.
+
+    Files are kept, of which hundreds fit into memory, so that a photograph outlives those that
+    others open meanwhile; the last ones are kept decoded too.
+    """
 
     def __init__(self) -> None:
-        self.photos: Recent[Photo] = Recent(MAX_PHOTOS, "photograph")
+        self.photos: Recent[Photo] = Recent(
+            MAX_FILE_BYTES, "photograph", lambda photo: len(photo.data)
+        )
+        self._decoded: OrderedDict[Photo, Float32Array] = OrderedDict()
         self._cached_for: tuple[Photo, AttentionModel] | None = None
 
     def open(self, data: bytes, name: str) -> dict[str, Any]:
@@ -70,13 +82,24 @@ class PhotoAnalyzer:
                 f"{name}: expected at most {MAX_PIXELS / 1e6:g} million pixels, "
                 f"found {width} x {height}"
             )
-        pixels = decode_image(data, name)
+        photo = Photo(name, data)
+        pixels = self._pixels(photo)
         return {
-            "photo": self.photos.add(Photo(name, pixels)),
+            "photo": self.photos.add(photo),
             "name": name,
             "size": [pixels.shape[1], pixels.shape[0]],
             "image": photograph(pixels),
         }
+
+    def _pixels(self, photo: Photo) -> Float32Array:
+        """(H, W, 3) in [0, 1]: the decoded photograph."""
+        if photo not in self._decoded:
+            self._decoded[photo] = decode_image(photo.data, photo.name)
+        self._decoded.move_to_end(photo)
+        total = sum(each.size // 3 for each in self._decoded.values())
+        while total > MAX_DECODED_PIXELS and len(self._decoded) > 1:
+            total -= self._decoded.popitem(last=False)[1].size // 3
+        return self._decoded[photo]
 
     def analyze(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Saliency maps and scanpath of a photograph.
@@ -89,13 +112,11 @@ class PhotoAnalyzer:
             SaccadeError: a setting outside its range.
         """
         photo = self.photos[request.get("photo")]
-        model = request.get("model", "attention")
-        require(model in list(MODELS), "model", f"one of {', '.join(MODELS)}", model)
+        model = chosen(request, "model", MODELS)
         fixations = request.get("fixations", 10)
         is_valid = type(fixations) is int and 1 <= fixations <= MAX_FIXATIONS
         require(is_valid, "fixations", f"1 to {MAX_FIXATIONS}", fixations)
-        method = request.get("path", next(iter(SCANPATHS)))
-        require(method in list(SCANPATHS), "path", f"one of {', '.join(SCANPATHS)}", method)
+        method = chosen(request, "path", SCANPATHS)
         kind, *parts = MODELS[model]
         settings = settings_from(model, request.get(kind, {}), kind)
         inner = {each: request[each] for each in parts if each in request}
@@ -106,7 +127,7 @@ class PhotoAnalyzer:
         config = settings_from(table, request[table], table) if table in request else None
         if self._cached_for != (photo, attention):
             try:
-                found = attention.maps(photo.pixels)
+                found = attention.maps(self._pixels(photo))
             except ImageError as error:
                 raise ImageError(f"{photo.name}: {error}") from error
             self._cached, self._cached_for = (found, maps_data(found.layers)), (photo, attention)
@@ -130,10 +151,9 @@ class PhotoAnalyzer:
             SaccadeError: a setting outside its range.
         """
         photo = self.photos[request.get("photo")]
-        name = request.get("detector", "sift")
-        require(name in DETECTORS, "detector", f"one of {', '.join(DETECTORS)}", name)
+        name = chosen(request, "detector", DETECTORS)
         settings = settings_from(name, request.get(name, {}), name)
-        detected = getattr(keypoints, DETECTORS[name])(settings)(photo.pixels)
+        detected = getattr(keypoints, DETECTORS[name])(settings)(self._pixels(photo))
         points = detected.keypoints if name == "symroid" else detected
         return {
             "points": points_data(points[:MAX_POINTS]),
@@ -143,9 +163,9 @@ class PhotoAnalyzer:
 
     def warm_up(self) -> None:
         """Compiles all kernels, so that the first photograph does not have to wait."""
-        noise = np.random.default_rng(1).random((160, 160, 3), np.float32)
+        noise = np.random.default_rng(1).integers(0, 255, (160, 160, 3), np.uint8)
         analyzer = PhotoAnalyzer()
-        token = analyzer.photos.add(Photo("", noise))
+        token = analyzer.open(cv2.imencode(".png", noise)[1].tobytes(), "noise")["photo"]
         analyzer.analyze({"photo": token})
         for detector in DETECTORS:
             analyzer.detect({"photo": token, "detector": detector})

@@ -5,6 +5,7 @@ cross-origin requests (other Origin header) or DNS rebinding (other Host header)
 """
 
 import json
+from asyncio import CancelledError
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from threading import Event, Thread
@@ -31,6 +32,8 @@ WARM_UP = "saccade-warm-up"
 """Name of the thread that compiles the kernels."""
 MAX_REQUEST_BYTES = 100_000
 """Maximum size of a request without a photograph, in bytes."""
+UPLOAD_SECONDS = 60
+"""Time limit of the body of a request, in seconds."""
 CLIENT_CLOSED_REQUEST = 499
 """Status code for a client that has disconnected."""
 HOST_NAMES = ("127.0.0.1", "localhost")
@@ -184,23 +187,32 @@ class _Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """An ASGI application."""
-        app = self._app
+        app, has_started = self._app, False
         if scope["type"] == "http":
             reason = self._rejection(Headers(scope=scope), scope["method"])
             app = app if reason is None else PlainTextResponse(f"rejected: {reason}", 403)
 
         async def send_with_headers(message: Message) -> None:
+            nonlocal has_started
             if message["type"] == "http.response.start":
+                has_started = True
                 MutableHeaders(scope=message).update(SECURITY_HEADERS)
             await send(message)
 
-        await app(scope, receive, send_with_headers)
+        try:
+            await app(scope, receive, send_with_headers)
+        except CancelledError:  # the server stops
+            if scope["type"] != "http" or has_started:
+                raise
+            await PlainTextResponse("the server stops", 503)(scope, receive, send_with_headers)
 
     def _rejection(self, headers: Mapping[str, str], method: str) -> str | None:
         """Reason for the rejection of a request; None if accepted."""
         host, origin = headers.get("host", "").lower(), headers.get("origin")
         if host not in self._hosts:
             return "the Host header does not name this server"
+        if "upgrade" in headers:
+            return "expected HTTP, found an upgrade to another protocol"
         is_link = method == "GET" and headers.get("sec-fetch-mode") == "navigate"
         same_site = headers.get("sec-fetch-site", "none") in ("none", "same-origin")
         if (origin is None or origin.lower() == f"http://{host}") and (same_site or is_link):
@@ -209,16 +221,20 @@ class _Guard:
 
 
 async def _body(request: Request, max_bytes: int) -> bytes:
-    """The body of a request, limited independent of its declared length."""
+    """The body of a request, limited in size and time, whatever length it declares."""
     body = bytearray()
     try:
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > max_bytes:
-                message = f"too large: expected at most {max_bytes / 1e6:g} MB"
-                raise HTTPException(413, message, {"Connection": "close"})
+        with anyio.fail_after(UPLOAD_SECONDS):
+            async for chunk in request.stream():
+                body += chunk
+                if len(body) > max_bytes:
+                    message = f"too large: expected at most {max_bytes / 1e6:g} MB"
+                    raise HTTPException(413, message, {"Connection": "close"})
     except ClientDisconnect as error:
         raise HTTPException(CLIENT_CLOSED_REQUEST) from error
+    except TimeoutError as error:
+        message = f"too slow: expected the whole request within {UPLOAD_SECONDS} s"
+        raise HTTPException(408, message, {"Connection": "close"}) from error
     return bytes(body)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from saccade.errors import LogError, Settings, require, setting
 from saccade.serving.recent import Recent
+from saccade.serving.requests import chosen
 from saccade.settings import settings_from, update_settings
 from saccade.slam import ERRORS, EkfConfig, Slam
 from saccade.slam.consistency import chi_square_gate, normalized_squared, pose_nees
@@ -22,7 +23,7 @@ MIN_RANGE = 0.1
 """Minimum range of an observation, in meters."""
 RINGS = ((8.0, 7), (12.0, 9))
 """Radius in meters and number of landmarks of each initial ring."""
-MAX_SESSIONS = 4
+MAX_SESSIONS = 64
 """Maximum number of sessions in memory, least recently used dropped first."""
 MAX_COORDINATE = 100.0
 """Maximum coordinate of a landmark along each axis, in meters."""
@@ -217,7 +218,7 @@ class Playground:
         seed = request.get("seed", 0)
         require(type(seed) is int and 0 <= seed < 2**31, "seed", "0 to 2147483647", seed)
         landmarks = positions(request.get("landmarks", rings()), "landmarks")
-        noise, name = _noise(request), _filter_name(request)
+        noise, name = _noise(request), chosen(request, "filter", ERRORS, "standard")
         session = Session(seed, landmarks)
         steps = [session.step(None, noise)]
         return {"session": self.sessions.add(session), **_state(session, steps, name)}
@@ -238,7 +239,7 @@ class Playground:
         token = request.get("session")
         session = self.sessions[token]
         commands = commands_from(request.get("commands", []))
-        noise, name = _noise(request), _filter_name(request)
+        noise, name = _noise(request), chosen(request, "filter", ERRORS, "standard")
         added = positions(request.get("add", []), "add")
         removed = request.get("remove", [])
         is_known = isinstance(removed, list) and all(
@@ -322,9 +323,3 @@ def _state(session: Session, steps: Sequence[Mapping[str, Any]], name: str) -> d
 def _noise(request: Mapping[str, Any]) -> PlaygroundNoise:
     noise: PlaygroundNoise = update_settings(PlaygroundNoise(), request.get("noise", {}), "noise")
     return noise
-
-
-def _filter_name(request: Mapping[str, Any]) -> str:
-    name = request.get("filter", "standard")
-    require(name in list(ERRORS), "filter", f"one of {', '.join(ERRORS)}", name)
-    return str(name)

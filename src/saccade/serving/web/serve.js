@@ -103,6 +103,7 @@ function serve(element, data) {
   const errors = { photo: null, look: null, points: null };
   const running = { photo: false, look: false, points: false };
   let firstLook = true;
+  let resent = false; // the server no longer had the photograph
   let last = null; // the photograph as it was dropped, for a server that has been restarted
 
   const alarm = make("p", { class: "alarm", role: "alert", hidden: true });
@@ -134,7 +135,10 @@ function serve(element, data) {
 
   function failure(name) {
     return (error) => {
-      if (error && error.status === 404 && last) return void open(...last);
+      if (error && error.status === 404 && last) {
+        resent = true;
+        return void open(...last);
+      }
       errors[name] = error && error.message;
       const messages = [...new Set(Object.values(errors).filter(Boolean))];
       alarm.textContent = messages.join(" · ");
@@ -159,11 +163,12 @@ function serve(element, data) {
       const limited = count === drawn ? "" : `, the strongest ${drawn} drawn`;
       parts.push(`${count} points in ${short(results.points.ms, 0)} ms${limited}`);
     }
+    if (resent) parts.push("sent again: the server no longer had the photograph");
     status.textContent = parts.join(" · ");
     for (const [name, each] of Object.entries(files)) each.set(results[name].file ?? "");
   }
 
-  let numOpened = 0;
+  let numOpened = 0, sent = null;
   async function open(file, name) {
     const number = ++numOpened;
     last = [file, name];
@@ -176,6 +181,8 @@ function serve(element, data) {
       if (number !== numOpened) return;
       request.photo = opened.photo;
       results.look = results.points = {};
+      resent = resent && file === sent;
+      sent = file;
       title.textContent = `${opened.name} · ${opened.size[0]} x ${opened.size[1]} px`;
       stage.hidden = false;
       view.change({ image: opened.image, scanpath: EMPTY, points: NO_POINTS });
