@@ -20,14 +20,13 @@ from saccade.slam.association.nearest_neighbor import (
     Gates,
     associate_by_geometry,
     mahalanobis_squared,
-    mutual_pairs,
-    nearest_first,
 )
 from saccade.slam.association.outcomes import DROPPED, NEW
+from saccade.slam.association.rules import RULES
 from saccade.slam.landmarks import CullingPolicy, LandmarkTable
 
 R = np.diag([0.01, 1e-4])
-GREEDY = Gates(chi2.ppf(0.99, 2), chi2.ppf(0.9999, 2), False)
+GREEDY = Gates(chi2.ppf(0.99, 2), chi2.ppf(0.9999, 2), RULES["nearest"].pairing)
 WORLD = np.array([[5.0, 1.0], [6.0, -2.0], [8.0, 0.0], [-3.0, 4.0]])
 
 
@@ -62,7 +61,7 @@ def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too
     pair = np.array([[5.0, -0.1], [5.0, 0.12]])
 
     def rule(ekf, z, noise, confirmed=None):
-        gates = GREEDY._replace(mutual=True)
+        gates = GREEDY._replace(pairing=RULES["mutual"].pairing)
         return associate_by_geometry(ekf, z, noise, gates, confirmed=confirmed)
 
     z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
@@ -78,7 +77,7 @@ def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too
 
 @given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
 def test_pairs_exclude_each_other_and_no_better_pair_is_left(distance, limit):
-    paired = nearest_first(distance)
+    paired = RULES["nearest"].pairing(distance)
     paired[distance[np.arange(5), paired] > limit] = -1
     taken = paired[paired >= 0]
     assert len(set(taken.tolist())) == len(taken)
@@ -126,7 +125,7 @@ def test_distance_is_the_nis_of_an_update_where_range_and_bearing_correlate():
 
 @given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)))
 def test_mutual_pairs_are_the_nearest_of_each_other(distance):
-    for row, column in enumerate(mutual_pairs(distance).tolist()):
+    for row, column in enumerate(RULES["mutual"].pairing(distance).tolist()):
         if column >= 0:
             assert distance[row, column] == distance[row].min() == distance[:, column].min()
         elif len(np.unique(distance)) == distance.size:  # without ties

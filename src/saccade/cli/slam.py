@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
@@ -40,6 +40,7 @@ from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
 from saccade.errors import ConfigError, LogError
 from saccade.evaluation.runs import lost_times, summarize_run
+from saccade.extras import import_function
 from saccade.io.files import results_in
 from saccade.landmark_names import name_texts
 from saccade.plane import in_robot_frame
@@ -50,6 +51,7 @@ from saccade.slam import (
     dead_reckon,
     run,
 )
+from saccade.slam.association.rules import RULES, Pairing
 from saccade.slam.run import find_start, slam_for
 from saccade.types import (
     FloatArray,
@@ -61,6 +63,17 @@ from saccade.viewing import map_figure, map_frames
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
 from saccade.viewing.report_map import ObservedLandmarks, map_part
+
+RULES_HELP = (
+    f"Data association: {'; '.join(f'{name}, {rule.summary}' for name, rule in RULES.items())}; "
+    "or module:function, which pairs observations with landmarks."
+)
+"""Help of --association."""
+
+
+def _rule(name: str) -> str | Pairing:
+    """A rule by its name, or module:function."""
+    return import_function("association", name) if ":" in name else name
 
 
 @dataclass(frozen=True)
@@ -76,9 +89,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     """Options of `saccade slam`."""
 
     out: OutputFolder = Path("saccade-slam")
-    association: Annotated[str | None, Parameter(metavar="NAME")] = None
-    """Data association: auto (labels that agree with the map, else mutual), known (trusted labels),
-    nearest, mutual, or hypotheses (several association hypotheses)."""
+    association: Annotated[str | None, Parameter(metavar="NAME", help=RULES_HELP)] = None
     no_smooth: Annotated[bool, Parameter(negative=())] = False
     """Keep the filtered trajectory and map, without smoothing at the end."""
     map_file: Annotated[Path | None, MAP, Parameter("--map")] = None
@@ -117,7 +128,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
         """
         settings: EkfConfig = self.settings("slam")
         if self.association is not None:
-            settings = replace(settings, association=cast("Any", self.association))
+            settings = replace(settings, association=_rule(self.association))
         if self.no_smooth:
             settings = replace(settings, smooth=False)
         if self.map_file is None:

@@ -7,6 +7,7 @@ from typing import Literal, Self
 import numpy as np
 
 from saccade.errors import Settings, require, setting
+from saccade.slam.association.rules import Pairing, Rule, rule_of
 from saccade.slam.filter.state import Errors
 
 
@@ -16,29 +17,26 @@ class EkfConfig(Settings):
 
     errors: Errors = "invariant"
     """Error parametrization: right-invariant, which stays consistent, or as published."""
-    association: Literal["auto", "known", "nearest", "mutual", "hypotheses"] = "auto"
-    """Data association. "auto": by label where an observation has one that agrees with the map
-    (`label_gate`), else "mutual"; "hypotheses" while no observation has had a label. "known": by
-    label, which is never rejected. By geometry alone: to the nearest landmark, to the mutually
-    nearest one, or by several "hypotheses" while the map is small, for landmarks that are closer
-    together than the pose is certain."""
+    association: str | Rule | Pairing = "auto"
+    """Data association: a name in `association.rules.RULES`, a `Rule`, or a function that pairs
+    observations with landmarks by geometry alone (`Pairing`)."""
     gate: float = setting(0.99, above=0, below=1)
-    """Unknown association: probability with which an observation of a landmark is accepted."""
+    """Association by geometry: probability to accept an observation of a landmark."""
     new_gate: float = setting(0.9999, above=0, below=1)
-    """Unknown association: an observation outside this probability of every landmark is new."""
+    """Association by geometry: an observation outside this gate of every landmark is new."""
     confirm_after: int = setting(5, 1)
-    """Unknown association: a candidate becomes a landmark of the map at this observation; 1 for the
-    first. It is in the filter from the first on."""
+    """Association by geometry: a candidate becomes a landmark of the map at this observation; 1 for
+    the first. It is in the filter from the first on."""
     candidate_scans: int = setting(20, 1)
-    """Unknown association: scans without a re-observation after which a candidate is dropped."""
+    """Association by geometry: scans without a re-observation before a candidate is dropped."""
     culling_ratio: float | None = setting(0.4, above=0, below=1)
-    """Unknown association: least detections of a landmark, as a fraction of the usual number at the
-    same ranges and bearings; landmarks below are removed. None keeps all."""
+    """Association by geometry: least detections of a landmark, as a fraction of the usual number at
+    the same ranges and bearings; landmarks below are removed. None keeps all."""
     label_gate: float = setting(0.99999, above=0, below=1)
-    """"auto": probability with which an observation of the landmark of its label is inside its
-    gate; outside, the label is rejected."""
+    """Association by label: probability with which an observation of the landmark of its label is
+    inside its gate; outside, the label is rejected, unless the rule accepts all labels."""
     max_hypotheses: int = setting(8, 1)
-    """"auto" and "hypotheses": largest number of association hypotheses."""
+    """Largest number of association hypotheses, for rules that may have several."""
     recover: bool = True
     """Whether a kidnapped robot stops the filter, keeps its map, and searches for its pose."""
     motion_noise_scale: float = setting(1.0, above=0, below=1e6)
@@ -65,7 +63,13 @@ class EkfConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        rule_of(self.association)
         require(self.gate <= self.new_gate, "new_gate", "at least `gate`", self.new_gate)
+
+    @property
+    def rule(self) -> Rule:
+        """The association rule."""
+        return rule_of(self.association)
 
     def bias_sigmas(self, declared: tuple[float, float, float]) -> tuple[float, float, float]:
         """Standard deviations of the odometry biases; zero if they are not estimated."""

@@ -5,7 +5,7 @@ One .npz of plain arrays. Nothing in the file is executed when it is read.
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -36,8 +36,8 @@ TABLE_NUMBERS = (
 class SavedMap:
     """The content of a map file."""
 
-    config: EkfConfig
-    """Settings of the filter that made the map."""
+    settings: dict[str, Any]
+    """Settings of the filter that made the map, see `config`."""
     odometry_bias: tuple[float, float, float]
     """Standard deviations, as in `Slam`."""
     warning: str
@@ -57,6 +57,15 @@ class SavedMap:
     clock: tuple[int, int, int]
     """Numbers of the `LabelAssociation`."""
 
+    @property
+    def config(self) -> EkfConfig:
+        """The settings.
+
+        Raises:
+            ConfigError: the association rule is an own function, which is not in the file.
+        """
+        return EkfConfig(**self.settings)
+
 
 def write_map(path: str | Path, saved: SavedMap) -> None:
     """Writes a map file, whole or not at all.
@@ -66,7 +75,7 @@ def write_map(path: str | Path, saved: SavedMap) -> None:
     """
     table = saved.table
     settings = {
-        "config": asdict(saved.config),
+        "config": saved.settings,
         "odometry_bias": saved.odometry_bias,
         "warning": saved.warning,
     }
@@ -114,7 +123,7 @@ def read_map(path: str | Path) -> SavedMap:
     settings = json.loads(str(arrays["settings"]))
     settings["config"]["start_sigma"] = tuple(settings["config"]["start_sigma"])
     return SavedMap(
-        config=EkfConfig(**settings["config"]),
+        settings=settings["config"],
         odometry_bias=tuple(settings["odometry_bias"]),
         warning=settings["warning"],
         num_steps=int(arrays["num_steps"]),

@@ -1,5 +1,6 @@
 """EKF-SLAM step by step, for a live robot and for a whole log."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Literal, Self, TypeAlias
 
@@ -86,7 +87,7 @@ class Slam:
             errors=config.errors,
             huber=config.huber,
         )
-        adds, all_accepted = mode == "continue", config.association == "known"
+        adds, all_accepted = mode == "continue", config.rule.accepts_all
         policy = CullingPolicy(
             adds and not all_accepted,
             config.confirm_after,
@@ -108,9 +109,7 @@ class Slam:
         """Reason why the map may be wrong, set by `run`; empty without one."""
         gate = float("inf") if all_accepted else chi_square_gate(2, config.new_gate)
         self._submaps = SubmapChoice(config.submaps, gate)
-        several = config.association in ("auto", "hypotheses")
-        self._may_branch = several and adds and config.max_hypotheses > 1
-        self._uses_labels = config.association in ("auto", "known")
+        self._may_branch = config.rule.may_branch and adds and config.max_hypotheses > 1
         self._time = -np.inf
         self.start: Start = "given" if map is None or start is not None else "unknown"
         """Kind of the pose at the first step of the session."""
@@ -191,8 +190,8 @@ class Slam:
                 map, and adds none.
             R: (k, 2, 2) their covariances, or (2, 2) one for all.
             labels: (k,) labels of the landmarks, integers from 0 on or text, -1 or "" where
-                unknown; compared with the map, and rejected if they contradict it, unless
-                `EkfConfig.association` is "known".
+                unknown; compared with the map, and rejected if they contradict it, unless the
+                association rule accepts all.
 
         Returns:
             Pose, association and innovations.
@@ -211,7 +210,7 @@ class Slam:
         Raises:
             LogError: the estimate diverged; names the step.
         """
-        if not self._uses_labels:
+        if not self.config.rule.uses_labels:
             scan = scan._replace(labels=[None] * len(scan.z))
         if self.start == "unknown" and not self.kidnapping.lost:
             ids = self.landmarks.counts.id
@@ -244,18 +243,14 @@ class Slam:
         self._submaps.update(ekf, table, scan, max_range)
 
     def _choose_hypotheses(self, scan: Scan) -> None:
-        """Enables several hypotheses from the first scan on, while the map is small.
-
-        With "auto", also while no observation has a label.
-        """
+        """Enables several hypotheses while the map is small and no observation has a label."""
         if len(scan.z) == 0 or not self._may_branch:
             return
         hypotheses = self.hypotheses
         begins = len(self.filter) == 0 and self.landmarks.scans == 0
         if not (hypotheses.branching or begins):
             return
-        auto = self.config.association == "auto"
-        labeled = auto and any(label is not None for label in scan.labels)
+        labeled = any(label is not None for label in scan.labels)
         if hypotheses.branching and (labeled or hypotheses.is_large):
             hypotheses.settle()
         elif begins and not labeled:
@@ -383,7 +378,7 @@ class Slam:
         write_map(
             path,
             SavedMap(
-                config=self.config,
+                settings={**asdict(self.config), "association": self.config.rule.name_in_file},
                 odometry_bias=self.odometry_bias,
                 warning=self.warning,
                 num_steps=self.num_steps,
@@ -425,9 +420,8 @@ class Slam:
             ConfigError: the settings do not match the map.
         """
         saved = read_map(path)
-        settings = config or saved.config
-        same = settings.errors == saved.config.errors
-        require(same, "errors", f"{saved.config.errors!r}, as in {path}", settings.errors)
+        settings, errors = config or saved.config, saved.settings["errors"]
+        require(settings.errors == errors, "errors", f"{errors!r}, as in {path}", settings.errors)
         if start is None or odometry_bias is None:
             odometry_bias = saved.odometry_bias
         slam = cls(settings, start=start, odometry_bias=odometry_bias, mode=mode)

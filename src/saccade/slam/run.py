@@ -102,7 +102,7 @@ def run(
     if config is not None and initial is not None:
         raise ConfigError("config: expected none with `initial`, whose settings apply; found both")
     slam = initial or slam_for(log, config or EkfConfig())
-    if slam.config.association == "known" and (log.landmark < 0).all() and len(log.landmark):
+    if slam.config.rule.accepts_all and (log.landmark < 0).all() and len(log.landmark):
         raise LogError(
             "association: expected nearest for a log without labels, found known; "
             "choose another association"
@@ -170,7 +170,7 @@ def _filtered(
             progress(i + 1, poses)
 
     nis = np.where(np.isnan(innovations.value).any(1), np.nan, innovations.nis)
-    if begins and slam.config.association == "auto":
+    if begins and slam.config.rule.uses_labels and not slam.config.rule.accepts_all:
         slam.remove(_misread(slam, log, association, lost))
     found = slam.map
     row = np.searchsorted(found.id, association).clip(max=max(len(found) - 1, 0))

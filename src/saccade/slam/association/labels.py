@@ -66,7 +66,7 @@ class LabelAssociation:
         self.gates = Gates(
             chi_square_gate(2, config.gate),
             chi_square_gate(2, config.new_gate),
-            config.association != "nearest",
+            config.rule.pairing,
         )
         """Gates of observations without a label, and of observations whose label is rejected."""
         self.rejected: BoolArray = np.zeros(0, np.bool_)
@@ -79,7 +79,7 @@ class LabelAssociation:
         """Value of `clock` until a single label may override the filter."""
         self.unlabeled = 0
         """Observations since the last label."""
-        self._all_accepted = config.association == "known"
+        self._all_accepted = config.rule.accepts_all
         self._gate = chi_square_gate(2, config.label_gate)
 
     def __call__(

@@ -10,6 +10,7 @@ from saccade.slam.association._kernels import (
     prefilter_landmarks,
 )
 from saccade.slam.association.outcomes import DROPPED, NEW
+from saccade.slam.association.rules import Pairing
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.predictions import expected
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -26,8 +27,8 @@ class Gates(NamedTuple):
     """Largest squared Mahalanobis distance of an observation from the landmark of its pair."""
     new_gate: float
     """Squared Mahalanobis distance from every landmark beyond which an observation is new."""
-    mutual: bool
-    """Whether a pair must be the nearest for both."""
+    pairing: Pairing
+    """Pairs of observations and landmarks, see `rules`."""
 
 
 def compare(
@@ -63,7 +64,7 @@ def associate_by_geometry(
         ekf: the filter, predicted to the pose of the scan.
         z: (m, 2) range in meters, bearing in radians.
         R: (m, 2, 2) their covariances.
-        gates: the gates, and whether pairs must be mutually nearest.
+        gates: the gates and the pairing.
         taken: (n,) ids of the landmarks of other observations of the scan.
         confirmed: (N,) landmarks of `EkfSlam.active` that are more than candidates; by default all.
 
@@ -96,31 +97,13 @@ def select_pairs(
         return paired
     if taken.any():
         distance = np.where(taken & (distance <= gates.new_gate), gates.new_gate, distance)
-    pairs = mutual_pairs(distance) if gates.mutual else nearest_first(distance)
+    pairs = gates.pairing(distance)
     paired = np.where(distance[np.arange(len(pairs)), pairs] <= gates.gate, pairs, DROPPED)
     paired[pairs < 0] = DROPPED
     drop_ambiguous(distance, confirmed, paired)
     if taken.any():
         paired[np.isin(paired, np.flatnonzero(taken))] = DROPPED
     paired[(distance > gates.new_gate).all(1)] = NEW
-    return paired
-
-
-def mutual_pairs(distance: FloatArray) -> IntArray:
-    """(m,) column of each row that is mutually nearest to it, else -1; of ties, the first."""
-    column = distance.argmin(1)
-    mutual = distance.argmin(0)[column] == np.arange(len(distance))
-    return np.where(mutual, column, -1)
-
-
-def nearest_first(distance: FloatArray) -> IntArray:
-    """(m,) column of each row, paired greedily with the smallest distance first, else -1."""
-    paired, used = np.full(len(distance), -1), set[int]()
-    order = np.argsort(distance, axis=None, kind="stable")
-    for row, column in zip(*np.unravel_index(order, distance.shape), strict=True):
-        if paired[row] < 0 and int(column) not in used:
-            paired[row] = column
-            used.add(int(column))
     return paired
 
 

@@ -18,7 +18,7 @@ def associate_partial(
     """Associates the partial observations of a scan with landmarks of the map.
 
     An observation is of the landmark of its label, if it is inside the gate of that landmark;
-    without a label, of the mutually nearest landmark. Gates have one degree of freedom.
+    without a label, of the landmark that the rule pairs it with. Gates have one degree of freedom.
 
     Args:
         config: the gates.
@@ -33,10 +33,11 @@ def associate_partial(
     matches = table.landmarks_of(scan.labels)
     known = matches >= 0
     rejected = np.zeros(len(known), np.bool_)
-    if config.association != "known":
+    if not config.rule.accepts_all:
         nis, _ = compare(ekf, scan.z, scan.R, matches)
         rejected = known & ~(nis <= chi_square_gate(1, config.label_gate))
-        gates = Gates(chi_square_gate(1, config.gate), chi_square_gate(1, config.new_gate), True)
+        gate, new_gate = (chi_square_gate(1, p) for p in (config.gate, config.new_gate))
+        gates = Gates(gate, new_gate, config.rule.pairing)
         rest = np.array([label is None for label in scan.labels])
         confirmed = table.counts.confirmed[table.rows(ekf.active_ids)]
         used = np.append(taken, matches[known & ~rejected])
