@@ -174,7 +174,7 @@ def test_what_is_no_map_says_so(small, tmp_path):
 def test_settings_that_do_not_suit_a_map_are_named(small):
     with pytest.raises(ConfigError, match="mode: expected continue or localize, found 'lost'"):
         slam.Slam.load(small, "lost")
-    with pytest.raises(ConfigError, match=r"filter: expected 'invariant'.*, found 'standard'"):
+    with pytest.raises(ConfigError, match=r"errors: expected 'invariant'.*, found 'standard'"):
         slam.Slam.load(small, config=slam.EkfConfig(errors="standard"))
     localized = slam.Slam.load(small, "localize", start=(0.0, 0.0, 0.0))
     with pytest.raises(ConfigError, match=r"mode: expected continue .* found localize"):
