@@ -48,6 +48,7 @@ ALLOWED = {
     "batch": FOUNDATION | {"attention", "keypoints", "exchange"},
     "viewing": FOUNDATION | {"textbook", "slam"},
     "settings": {"errors", "io"},
+    "tags": {"types", "errors", "landmark_names", "frames", "plane", "io"},
     "torch": {"errors", "extras", "types", "io", "scale", "attention"},
     "serving": FOUNDATION | {"settings", "scale", "attention", "keypoints", "slam", "viewing"},
 }

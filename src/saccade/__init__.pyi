@@ -58,6 +58,9 @@ from saccade.keypoints.verification import Verification as Verification
 from saccade.keypoints.verification import verify as verify
 from saccade.pictures import show as show
 from saccade.settings import load_model as load_model
+from saccade.tags import TagConfig as TagConfig
+from saccade.tags import Tags as Tags
+from saccade.tags import TagSightings as TagSightings
 from saccade.types import Keypoints as Keypoints
 from saccade.types import LandmarkLog as LandmarkLog
 from saccade.types import LandmarkMap as LandmarkMap

@@ -10,7 +10,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from saccade.frames import AHEAD, Camera, Drive, Frame
+from saccade.frames import AHEAD
 from saccade.types import LandmarkMap, Trajectory
 
 SAMPLES = 3
@@ -318,3 +318,37 @@ class Room:
         text = tuple(f"{tag.family}:{tag.id}" for tag in self.layout)
         xy = np.array([tag.center[:2] for tag in self.layout])
         return LandmarkMap(10**18 + np.arange(len(text)), xy, text_names=text)
+
+
+def save_room(room, folder, frames=None, odometry=True):
+    """Write the recording of a room as a folder with camera.toml."""
+    (folder / "images").mkdir(parents=True)
+    width, height = room.lens.size
+    K = room.lens.matrix
+    lines = [f"width = {width}", f"height = {height}"]
+    lines += [f"fx = {K[0, 0]}", f"fy = {K[1, 1]}", f"cx = {K[0, 2]}", f"cy = {K[1, 2]}"]
+    lines += [f"distortion = {list(room.lens.distortion)}"] if room.lens.distortion else []
+    lines += [f"position = {list(map(float, room.position))}"]
+    lines += [f"rotation = {np.asarray(room.rotation).tolist()}"]
+    (folder / "camera.toml").write_text("\n".join(lines) + "\n")
+    n = frames or room.frames
+    np.savetxt(folder / "times.txt", room.truth.time[:n], fmt="%.3f")
+    control, covariance = room.odometry
+    upper = covariance[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    names = ["ahead", "left", "turn"]
+    pairs = [f"cov_{a}_{b}" for i, a in enumerate(names) for b in names[i:]]
+    header = ",".join(["ahead_m", "left_m", "turn_rad", *pairs])
+    if odometry:
+        rows = np.hstack([control, upper])[: n - 1]
+        np.savetxt(folder / "odometry.csv", rows, "%.17g", ",", header=header, comments="")
+    pose = room.poses[:n]
+    zero = np.zeros(n)
+    half = pose[:, 2] / 2
+    columns = [room.truth.time[:n], *pose[:, :2].T, zero, zero, zero, np.sin(half), np.cos(half)]
+    np.savetxt(folder / "groundtruth.tum", np.stack(columns, 1), "%.9f")
+    if room.pan:
+        turns = np.stack([room.pan[:n], zero, zero], 1)
+        header = "pan_rad,tilt_rad,sigma_rad"
+        np.savetxt(folder / "gaze.csv", turns, "%.9f", ",", header=header, comments="")
+    for i in range(n):
+        cv2.imwrite(str(folder / "images" / f"{i:06d}.png"), room.image(i))
