@@ -119,9 +119,7 @@ class TagConfig(Settings):
 
 def family_name(name: str) -> str:
     """Name of a family in `FAMILIES`, from any usual spelling."""
-    plain = (
-        name.lower().removeprefix("dict_").replace("apriltag_", "tag").replace("apriltag", "tag")
-    )
+    plain = re.sub("apriltag_?", "tag", name.lower().removeprefix("dict_"))
     plain = f"tag{plain}" if f"tag{plain}" in FAMILIES else plain
     require(plain in FAMILIES, "family", f"one of {', '.join(FAMILIES)}", name)
     return plain
@@ -359,8 +357,8 @@ def locate_center(
         pose = pose + np.linalg.solve(A, J.T @ (corners - projected[:, 0]).ravel())
     if not np.isfinite(pose).all() or pose[5] <= 0:
         return None
-    covariance: FloatArray = sigma**2 * np.linalg.inv(A)[3:, 3:]
-    return pose[3:], covariance
+    covariance = sigma**2 * np.linalg.inv(A)[3:, 3:]
+    return pose[3:], np.asarray(covariance, np.float64)
 
 
 def refined_corners(gray: Any, corners: FloatArray, cells: int) -> tuple[FloatArray, FloatArray]:
@@ -469,8 +467,7 @@ def _fitted_lines(x: FloatArray, y: FloatArray, known: Any) -> tuple[FloatArray,
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """(...) cross products of vectors (..., 2)."""
-    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 class TagLog(NamedTuple):
