@@ -12,9 +12,20 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.io.files import VIDEO_SUFFIXES, atomic_write, check_file, reading
+from saccade.io.files import VIDEO_SUFFIXES, atomic_write, check_file, open_file, reading
 from saccade.io.image import quiet_opencv
-from saccade.types import Image
+from saccade.types import FloatArray, Image
+
+USUAL_RATE = 30.0
+"""Frames per second of a camera or video without a known rate."""
+IMAGE_SIGNATURES = {
+    b"\x89PNG": "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"BM": "BMP",
+    b"II*\0": "TIFF",
+    b"MM\0*": "TIFF",
+}
+"""First bytes of images, which OpenCV would read as videos of one frame."""
 
 
 def is_video(path: str | Path) -> bool:
@@ -30,20 +41,21 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
         every: interval of the frames.
 
     Yields:
-        Seconds since the start, and the (H, W, 3) RGB frame.
+        Seconds since the first frame, and the (H, W, 3) RGB frame.
 
     Raises:
         ImageError: the file is missing, or is no video.
     """
-    rate, number = video_rate(path), 0
-    capture = open_video(path)
+    capture, number = open_video(path), 0
+    clock = FrameClock(capture)
     try:
         while capture.grab():
+            time = clock.read()
             if number % every == 0:
                 decoded, frame = capture.retrieve()
                 if not decoded:
                     break
-                yield number / rate, _as_rgb(frame)
+                yield time, _as_rgb(frame)
             number += 1
     finally:
         capture.release()
@@ -51,17 +63,48 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
         raise ImageError(f"{path}: expected a video, found no frame that can be decoded")
 
 
-def video_rate(path: str | Path) -> float:
-    """Frames per second of a video; 25 if unknown.
+class FrameClock:
+    """Times of the frames of a capture, from the time stamps of the container.
+
+    A frame without a later time stamp than the frame before it follows at the mean rate.
+    """
+
+    def __init__(self, capture: cv2.VideoCapture) -> None:
+        self._capture, self._rate = capture, capture.get(cv2.CAP_PROP_FPS) or USUAL_RATE
+        self._first = self._last = -np.inf
+
+    def read(self) -> float:
+        """Seconds since the first frame, of the frame that was grabbed last."""
+        stamp = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        if not self._last < stamp < np.inf:
+            stamp = self._last + 1 / self._rate if self._last > -np.inf else 0.0
+        if self._first == -np.inf:
+            self._first = stamp
+        self._last = stamp
+        return float(round(stamp - self._first, 9))
+
+
+def frame_times(path: str | Path) -> FloatArray:
+    """(n,) seconds since the first frame, of each frame of a video.
 
     Raises:
-        ImageError: there is no such file.
+        ImageError: the file is missing, or is no video.
     """
-    capture = open_video(path)
+    capture, times = open_video(path), list[float]()
+    clock = FrameClock(capture)
     try:
-        return capture.get(cv2.CAP_PROP_FPS) or 25.0
+        while capture.grab():
+            times.append(clock.read())
     finally:
         capture.release()
+    if not times:
+        raise ImageError(f"{path}: expected a video, found no frame that can be decoded")
+    return np.array(times)
+
+
+def rate_of(times: FloatArray) -> float:
+    """Frames per second of frames at times (n,), by their median interval."""
+    return 1 / float(np.median(np.diff(times))) if len(times) > 1 else USUAL_RATE
 
 
 @contextmanager
@@ -106,17 +149,14 @@ class VideoFrames:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.rate = video_rate(path)
-        """Frames per second."""
+        self.times = frame_times(path)
+        """(n,) seconds since the first frame, of each frame."""
+        self.rate = rate_of(self.times)
+        """Frames per second, by the median interval."""
         self._capture, self._next = open_video(path), 0
         self.declared = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
         """Number of frames in the header, which is too large in a truncated file."""
-        while self._capture.grab():
-            self._next += 1
-        self._count = self._next
-        self._next += 1  # past the end
-        if self._count == 0:
-            raise ImageError(f"{path}: expected a video, found no frame that can be decoded")
+        self._count = len(self.times)
 
     def __len__(self) -> int:
         return self._count
@@ -156,16 +196,19 @@ def open_video(path: str | Path) -> cv2.VideoCapture:
     """Opens a file safely; OpenCV alone would open devices and expand name patterns.
 
     Raises:
-        ImageError: there is no such file.
+        ImageError: there is no such file, or it is an image.
     """
     with reading(path, ImageError, "the name of a file", ValueError):
         check_file(Path(path))
+        with open_file(Path(path)) as file:
+            start = file.read(max(map(len, IMAGE_SIGNATURES)))
+        for signature, kind in IMAGE_SIGNATURES.items():
+            if start.startswith(signature):
+                raise ImageError(f"{path}: expected a video, found a {kind} image of that name")
         with quiet_opencv():
             return cv2.VideoCapture(str(path))
 
 
-USUAL_RATE = 30.0
-"""Frames per second of a camera without a known rate."""
 TIMEOUT = 10.0
 """Maximum time without a frame before a camera counts as ended, in seconds."""
 POLL = 0.1
@@ -192,7 +235,9 @@ class LiveVideo:
         """Number of frames dropped while others were processed."""
         self._is_file, self._stopped = is_video(source) and "://" not in source, stopped
         self._capture = open_video(source) if self._is_file else _open_device(source)
+        self._clock = FrameClock(self._capture)
         decoded, frame = self._capture.read()
+        self._clock.read()
         if not decoded:
             self._capture.release()
             raise ImageError(
@@ -253,7 +298,7 @@ class LiveVideo:
                 self._number += 1
                 self._frame = frame
                 seconds = monotonic() - self._begin
-                self._time = self._number / self.rate if self._is_file else seconds
+                self._time = self._clock.read() if self._is_file else seconds
             else:
                 self._ended = True
             self._arrived.notify_all()

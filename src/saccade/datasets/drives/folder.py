@@ -316,7 +316,7 @@ def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
     calibration, assumptions, is_guess = calibration_beside(
         path.parent, (width, height), options, source=path
     )
-    frames = _frame_times(path.parent, dict.fromkeys(range(len(video)), path), video.rate)
+    frames = _frame_times(path.parent, dict.fromkeys(range(len(video)), path), video.times)
     if video.declared > len(video):
         remark = (
             f"{path}: {video.declared} frames are announced, {len(video)} can be decoded: "
@@ -361,12 +361,16 @@ def assumed_increments(duration: FloatArray) -> OdometryIncrements:
 
 
 def _frame_times(
-    folder: Path, files: Mapping[int, Path], rate: float, *, is_required: bool = False
+    folder: Path,
+    files: Mapping[int, Path],
+    clock: float | FloatArray,
+    *,
+    is_required: bool = False,
 ) -> FrameTimes:
-    """Times of frames by their numbers, from times.txt or by the rate."""
+    """Times of frames by their numbers, from times.txt or by the clock: a rate, or all times."""
     available, path = np.array(sorted(files), np.int64), folder / "times.txt"
     last = int(available[-1])
-    recorded = np.arange(last + 1) / rate
+    recorded = clock if isinstance(clock, np.ndarray) else np.arange(last + 1) / clock
     if is_required or path.exists():
         recorded = read_table(path, ("seconds",))[:, 0]
     if last >= len(recorded):
