@@ -101,6 +101,7 @@ def simulate_tracks(
         time=truth.time,
         control=control,
         control_covariance=covariance,
+        has_odometry=config.odometry,
         load=load,
         start=truth.pose[0],
         truth=truth,

@@ -431,6 +431,8 @@ class Drive:
     end of a live camera."""
     start: FloatArray = field(default_factory=lambda: np.zeros(3))
     """(3,) pose at the first frame."""
+    has_odometry: bool = True
+    """Whether the controls were measured; otherwise they are unknown or assumed."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviations of systematic errors, as `LandmarkLog.odometry_bias`."""
     truth: Trajectory | None = None
@@ -457,11 +459,6 @@ class Drive:
     def aligned_truth(self) -> Trajectory | None:
         """The truth, if it is in the frame of `start`."""
         return self.truth if self.start_known else None
-
-    @property
-    def has_odometry(self) -> bool:
-        """Whether the controls were measured, rather than zero or assumed."""
-        return self.scale == "metric" and bool(self.control.any())
 
     def until(self, frames: int) -> "Drive":
         """The first frames of the drive."""

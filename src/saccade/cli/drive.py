@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
@@ -24,7 +24,6 @@ from saccade.cli.mapping import (
 )
 from saccade.cli.options import (
     INPUT,
-    MAP,
     OutputFolder,
     SequenceOptions,
     SettingsOptions,
@@ -64,11 +63,7 @@ class DriveOptions(SettingsOptions, RunOutput, SequenceOptions):
     """Map live from a device (0), an address (rtsp://...) or a video file."""
     frames: Annotated[int | None, INPUT, Parameter(metavar="N")] = setting(None, 1)
     """Process only the first N frames, at least 1."""
-    selection: Annotated[str | None, MAP, Parameter(metavar="NAME")] = None
-    """Landmark selection: strength, random, contrast, symmetry or rematch-rate-range."""
-    max_landmarks: Annotated[int | None, MAP, Parameter(metavar="N")] = setting(None, 1)
-    """Maximum number of landmarks in the map, at least 1."""
-    anyway: Annotated[bool, INPUT] = False
+    keep_repeated: Annotated[bool, INPUT] = False
     """Process repeated frames as if they were new."""
 
 
@@ -87,8 +82,6 @@ def drive(options: DriveOptions) -> Result:
     Example: saccade drive KITTI/07 --out mapped
     """
     settings: VisualConfig = options.settings("visual")
-    given: dict[str, Any] = {"selection": options.selection, "max_landmarks": options.max_landmarks}
-    settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
     recorded = load_recorded(options) if options.camera is None else None
     name = f"camera {options.camera}" if recorded is None else recorded.name
     with results_in(options.out), progress_bar(name) as progress:
@@ -165,7 +158,7 @@ def load_recorded(options: DriveOptions) -> Drive:
     recorded = options.load_drive()
     if options.frames is not None:
         recorded = recorded.until(options.frames)
-    return recorded if options.anyway else drop_repeated(recorded)
+    return recorded if options.keep_repeated else drop_repeated(recorded)
 
 
 def map_recorded(

@@ -18,10 +18,15 @@ from saccade.cli.options import (
 )
 from saccade.cli.output import Result, facts_table, progress_bar
 from saccade.errors import ConfigError, require, setting
+from saccade.extras import import_function
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
 from saccade.simulation import WorldConfig, simulate_drive, simulate_world
 from saccade.simulation.gaze_drive import gaze_drive
+
+GAZE = f"{', '.join(POLICIES)}, or module:function"
+"""Gaze policies of `--gaze`."""
+GAZE_HELP = f"Gaze policy that turns the camera during mapping: {GAZE}."
 
 
 @dataclass(frozen=True)
@@ -46,8 +51,7 @@ class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
     mirror, dark, flicker, rooms or hall)."""
     frames: int | None = setting(None, 2)
     """Number of frames of a drive, at least 2; by default two laps of 300 frames."""
-    gaze: Annotated[str | None, Parameter(metavar="POLICY")] = None
-    """Gaze policy that turns the camera during mapping: fixed, sweep, random, salient or active."""
+    gaze: Annotated[str | None, Parameter(metavar="POLICY", help=GAZE_HELP)] = None
     egomotion: Egomotion = "camera"
     """Source of odometry: camera, second-camera (fixed to the robot) or wheels."""
     color: bool = False
@@ -85,9 +89,10 @@ def simulate(options: SimulateOptions) -> Result:
     if gaze is None:
         simulated = simulate_drive(settings, seed)
     else:
-        require(gaze in POLICIES, "gaze", f"one of {', '.join(POLICIES)}", gaze)
+        require(gaze in POLICIES or ":" in gaze, "gaze", f"one of {GAZE}", gaze)
+        policy = gaze if gaze in POLICIES else import_function("gaze", gaze)
         with progress_bar("looking", settings.frames) as update:
-            simulated, _ = gaze_drive(settings, gaze, seed, update, egomotion=options.egomotion)
+            simulated, _ = gaze_drive(settings, policy, seed, update, egomotion=options.egomotion)
     out = options.out or Path("saccade-simulated-drive")
     with progress_bar("rendering", len(simulated)) as update:
         datasets.save_drive(out, simulated, update)

@@ -25,10 +25,10 @@ def drop_repeated(drive: Drive) -> Drive:
     first = Frame(float(drive.time[0]))
     with suppress(ImageError):
         first = drive.load(0)
-    moves = np.append(False, drive.control.any(1) & (drive.scale == "metric"))
+    moves = np.append(False, drive.control.any(1) & drive.has_odometry)
     if first.tracks is None:
         return replace(drive, load=_without_repeated_images(drive, moves))
-    moves[1:] |= not drive.control.any()
+    moves[1:] |= not drive.has_odometry
     copies, last, stride = dict[int, IntArray](), Tracks(), 1
     for i in range(len(drive)):
         tracks = drive.load(i).tracks or Tracks()
@@ -126,7 +126,7 @@ def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
         advice = "They yield no observations; odometry alone bridges them"
         yield Finding.in_frames("warning", "empty frames", what, advice, survey.frame[empty])
     step = np.abs(drive.control[np.maximum(survey.frame - 1, 0)]).max(1)
-    copied = survey.copied & ((step > 0) | (not drive.control.any()))
+    copied = survey.copied & ((step > 0) | (not drive.has_odometry))
     if copied.any():
         count = counted(int(copied.sum()), "frame repeats", "frames repeat")
         content = "points" if np.isnan(survey.brightness).all() else "image"

@@ -340,7 +340,7 @@ def assume_speed(drive: Drive, is_guess: bool = False) -> Drive:
     The speed is assumed for all steps if the focal length is a guess, as the error of a guess makes
     a held scale drift; otherwise for the first step.
     """
-    if drive.camera.baseline > 0 or drive.control.any() or len(drive) < 2:
+    if drive.camera.baseline > 0 or drive.has_odometry or len(drive) < 2:
         return drive
     increments = assumed_increments(np.diff(drive.time))
     return replace(

@@ -50,6 +50,8 @@ class OdometryIncrements(NamedTuple):
     """(m, 3) meters ahead, meters to the left, radians turned."""
     covariance: FloatArray
     """(m, 3, 3)."""
+    is_measured: bool = True
+    """False for a robot without odometry."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,8 @@ def unknown_increments(frame_time: FloatArray) -> OdometryIncrements:
     """
     duration = np.diff(frame_time)
     sigma = np.outer(duration, (UNKNOWN_SPEED, UNKNOWN_SPEED, UNKNOWN_TURN))
-    return OdometryIncrements(np.zeros(sigma.shape), np.square(sigma)[:, :, None] * np.eye(3))
+    covariance = np.square(sigma)[:, :, None] * np.eye(3)
+    return OdometryIncrements(np.zeros(sigma.shape), covariance, is_measured=False)
 
 
 def compose_increments(

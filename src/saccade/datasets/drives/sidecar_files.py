@@ -127,6 +127,7 @@ def assemble_drive(
         time=frames.time,
         control=increments.control,
         control_covariance=increments.covariance,
+        has_odometry=increments.is_measured,
         load=load,
         start=start,
         odometry_bias=calibration.odometry_bias,

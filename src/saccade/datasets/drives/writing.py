@@ -79,16 +79,18 @@ def require_writable(path: Path, drive: Drive) -> None:
 
 
 def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | None) -> None:
+    period = float(np.median(np.diff(drive.time))) if len(drive) > 1 else 0.0
     calibration = Calibration(
         drive.camera,
+        **({"rate": 1 / period} if period > 0 else {}),
         odometry_bias=drive.odometry_bias,
         start=(*drive.start.tolist(),) if drive.start_known else None,
     )
     write_calibration(folder / CAMERA_FILE, calibration)
     np.savetxt(folder / "times.txt", drive.time, fmt="%.9f")
-    write_increments(
-        folder / "odometry.csv", OdometryIncrements(drive.control, drive.control_covariance)
-    )
+    if drive.has_odometry:
+        increments = OdometryIncrements(drive.control, drive.control_covariance)
+        write_increments(folder / "odometry.csv", increments)
     if drive.truth is not None:
         write_tum(folder / "groundtruth.tum", drive.truth)
     tracks, turns = list[Tracks](), list[CameraTurn | None]()
@@ -195,9 +197,8 @@ class LiveDrive:
         drive.time[number:] = self.times[-1] + np.arange(len(drive) - number) / self._video.rate
         if number > 0:
             step = assumed_increments(np.diff(drive.time[number - 1 : number + 1]))
-            drive.control[number - 1], drive.control_covariance[number - 1] = (
-                each[0] for each in step
-            )
+            drive.control[number - 1] = step.control[0]
+            drive.control_covariance[number - 1] = step.covariance[0]
         return replace(frame, time=self.times[-1])
 
     def _record(self, number: int) -> SourceImage:
