@@ -1,7 +1,7 @@
 """Consistency of the filters: Monte Carlo runs in simulated worlds, with known association.
 
     uv run python benchmarks/consistency.py                               (docs/measured.md)
-    uv run python benchmarks/consistency.py --wide --errors invariant
+    uv run python benchmarks/consistency.py --wide --errors invariant --biases with
 
 NEES of the pose, averaged over poses and runs: 3 for a consistent filter, more for an overconfident
 one; in band: fraction of the poses at which the mean over the runs is inside its 95 % band.
@@ -10,6 +10,7 @@ second-order terms in the variance of the innovations; doubtful over 0.12.
 """
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -47,6 +48,8 @@ WIDE = {
     "exploring": WorldConfig(course_length=1000.0, landmarks=120),
     "radar": replace(FAR, landmark_spread=15.0, range_limits=(0.5, 20.0), range_percent=1.0),
 }
+BIASES = {"without": False, "with": True}
+"""Whether the filter estimates odometry biases."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,9 +94,16 @@ class MonteCarloRuns:
         return float(np.sqrt(self.squared_error.mean()))
 
 
-def run_monte_carlo(world: WorldConfig, errors: str, runs: int, seed: int = 0) -> MonteCarloRuns:
-    """Runs a filter with this error parametrization in a world; the seed of run i is `seed + i`."""
-    config = EkfConfig(errors=errors, association="known", smooth=False)
+def run_monte_carlo(
+    world: WorldConfig, errors: str, runs: int, seed: int = 0, *, biases: bool = True
+) -> MonteCarloRuns:
+    """Runs a filter with this error parametrization in a world; the seed of run i is `seed + i`.
+
+    `biases` tells whether the filter estimates odometry biases.
+    """
+    config = EkfConfig(
+        errors=errors, association="known", smooth=False, estimate_odometry_bias=biases
+    )
     rows = []
     for number in range(runs):
         log = simulate_world(world, seed + number)
@@ -130,19 +140,22 @@ def main() -> None:
         worlds={"nargs": "*", "default": [], "choices": [*WORLDS, *WIDE], "flags": "--worlds"},
         wide=False,
         errors=["standard", "invariant"],
+        biases={"nargs": "+", "choices": [*BIASES], "default": [*BIASES]},
         runs=50,
         seed=0,
     )
     print(f"{given.runs} runs each, band", *(f"{x:.2f}" for x in chi_square_band(3, given.runs)))
-    print(f"{'':24}   NEES  landmarks  RMSE [m]  in band  nonlinear")
-    for name in given.worlds or (WIDE if given.wide else WORLDS):
-        for errors in given.errors:
-            found = run_monte_carlo((WORLDS | WIDE)[name], errors, given.runs, given.seed)
-            print(
-                f"{f'{name}, {errors}':24} {found.anees:6.2f}  {found.landmark_anees:9.2f}"
-                f"  {found.rmse:8.3f}  {found.in_band:7.0%}  {found.nonlinearity.mean():9.3f}",
-                flush=True,
-            )
+    print(f"{'':40}   NEES  landmarks  RMSE [m]  in band  nonlinear")
+    worlds = given.worlds or (WIDE if given.wide else WORLDS)
+    for name, errors, biases in product(worlds, given.errors, given.biases):
+        world = (WORLDS | WIDE)[name]
+        found = run_monte_carlo(world, errors, given.runs, given.seed, biases=BIASES[biases])
+        print(
+            f"{f'{name}, {errors}, {biases} biases':40} {found.anees:6.2f}"
+            f"  {found.landmark_anees:9.2f}  {found.rmse:8.3f}  {found.in_band:7.0%}"
+            f"  {found.nonlinearity.mean():9.3f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -6,11 +6,15 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from cyclopts import CycloptsError
 
 from saccade import Keypoints, Scanpath, Verification
+from saccade.cli import app
 from saccade.datasets import save_drive
 from saccade.datasets.drives.calibration import read_calibration
-from support.documentation import PAGES, code_of
+from saccade.errors import SaccadeError
+from saccade.io.files import one_line
+from support.documentation import PAGES, code_of, commands_of
 from support.extraction import check_whole, extract_here, photographs
 from support.paths import ROOT
 from support.small_drive import small_drive
@@ -63,6 +67,20 @@ def test_the_code_of_a_page_runs_and_finds_something(name, tmp_path, monkeypatch
             assert len(value) > 0, found
         if isinstance(value, Verification):
             assert value.inliers.any(), found
+
+
+def test_every_command_of_a_page_can_be_pasted():
+    """The command line takes it as it stands: no prose behind it, no option that is gone."""
+    pages = [ROOT / "README.md", *PAGES]
+    commands = [(page, each) for page in pages for each in commands_of(page.read_text("utf-8"))]
+    assert len(commands) > 60
+    wrong = []
+    for page, (_, *words) in commands:
+        try:
+            app.parse_args(words, print_error=False, exit_on_error=False)
+        except (CycloptsError, SaccadeError) as error:
+            wrong.append(f"{page.name}: saccade {' '.join(words)}: {one_line(error)}")
+    assert not wrong, "\n".join(wrong)
 
 
 def test_the_code_of_the_page_on_drives_runs(tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """The pages of the documentation, as the tests read them."""
 
 import re
+import shlex
 from pathlib import Path
 
 from support.paths import ROOT
@@ -25,3 +26,13 @@ def prose_of(page: Path) -> str:
 def code_of(text: str) -> list[str]:
     """The Python of a page or a section, block by block."""
     return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+def commands_of(text: str) -> list[list[str]]:
+    """The words of each `saccade` command in the shell blocks of a page."""
+    blocks = re.findall(r"^```(\w*).*?\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    shell = "".join(block for language, block in blocks if language in ("", "bash", "sh"))
+    indented = "".join(re.findall(r"^ {4}.*\n", text, re.MULTILINE))
+    lines = map(str.strip, (shell + indented).replace("\\\n", " ").splitlines())
+    words = (shlex.split(line, comments=True) for line in lines if line.startswith("saccade "))
+    return [each for each in words if not {"|", ">", "&&"} & set(each)]
