@@ -146,7 +146,7 @@ def use_alone(session: nox.Session, package: Path, source: Path, home: Path) -> 
         session.run(saccade, "slam", log, silent=True)
         out = ("detect", str(data / "coffee.jpg"), "--format", "hdf5")
         refused = session.run(saccade, *out, success_codes=[2], silent=True)
-        if "uv sync --extra hdf5" not in refused:
+        if "pysaccade[hdf5]" not in refused:
             session.error(f"without the extra `hdf5` it says {refused}")
     session.run(*install, "pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100")
     with session.chdir(source):

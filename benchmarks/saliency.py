@@ -1,12 +1,12 @@
 # /// script
 # requires-python = ">=3.11"
-# dependencies = ["saccade", "opencv-contrib-python-headless"]
+# dependencies = ["pysaccade", "opencv-contrib-python-headless"]
 #
 # [tool.uv]
 # override-dependencies = ["opencv-python-headless; python_version < '0'"]
 #
 # [tool.uv.sources]
-# saccade = { path = "..", editable = true }
+# pysaccade = { path = "..", editable = true }
 # ///
 """Contrast saliency against OpenCV's FineGrained (docs/measured.md).
 

@@ -33,11 +33,19 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
     with zipfile.ZipFile(built[0]) as wheel:
         names = set(wheel.namelist())
         assert wheel.read("saccade/data/coffee.jpg") == (SOURCE / "data/coffee.jpg").read_bytes()
-    info = f"saccade-{saccade.__version__}.dist-info"
+    info = f"pysaccade-{saccade.__version__}.dist-info"
     assert {name for name in names if not name.startswith(info)} == shipped
     assert {"saccade/py.typed", "saccade/viewing/web/charts.js"} < shipped
     licences = {name.removeprefix(f"{info}/licenses/") for name in names if "/licenses/" in name}
     assert licences == {"LICENSE", "src/saccade/data/README.md"}
+
+
+def test_version_and_date_agree():
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    version, date = re.search(r"^## (\S+) \((.+)\)$", changelog, re.MULTILINE).groups()
+    assert version == saccade.__version__
+    assert f"\nversion: {version}\ndate-released: {date}\n" in citation
 
 
 def test_every_picture_that_is_shipped_has_its_licence():

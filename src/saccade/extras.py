@@ -22,7 +22,8 @@ def import_optional(library: str, extra: str) -> Any:
         return import_module(library)
     except ImportError as error:
         raise ConfigError(
-            f"{extra}: needs {library}, which is not installed; uv sync --extra {extra}"
+            f"{extra}: needs {library}, which is not installed; "
+            f"pip install 'pysaccade[{extra}]', or in a clone: uv sync --extra {extra}"
         ) from error
 
 
