@@ -8,8 +8,8 @@ from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from math import inf
 from numbers import Real
-from types import NoneType
-from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 
 class SaccadeError(Exception):
@@ -142,8 +142,11 @@ def _declared_types(kind: type) -> dict[str, Any]:
 def _checked(value: Any, kind: Any, name: str, allowed: Range) -> Any:
     """The value as its declared type `kind`, or a `ConfigError` that names the setting."""
     parts, origin = get_args(kind), get_origin(kind)
-    if NoneType in parts:
-        return value if value is None else _checked(value, parts[0], name, allowed)
+    if origin in (Union, UnionType):
+        others = [each for each in parts if each is not NoneType]
+        if len(others) == len(parts) or value is not None:
+            return _checked(value, others[-1], name, allowed)  # names are followed by text
+        return None
     if kind in (int, float):
         return _checked_number(value, kind, name, allowed)
     if origin is Literal:

@@ -58,23 +58,22 @@ def test_options_that_contradict_are_named(folder, options, message, tmp_path):
 
 def test_maps_are_merged(folder, tmp_path):
     out = tmp_path / "both.npz"
-    both = f"{folder / 'park.npz'},{folder / 'park.npz'}"
-    row = json_of("slam", "--merge", both, "--save-map", out)
+    both = (folder / "park.npz", folder / "park.npz")
+    row = json_of("merge", *both, "--out", out)
     (merged,) = row["merged"]
     assert row["landmarks"] == merged["common"] == len(slam.Slam.load(out).map)
     np.testing.assert_allclose(merged["transform"], 0, atol=1e-6)
-    for words in (["--merge", folder / "park.npz", "--save-map", out], ["--merge", both]):
-        with pytest.raises(ConfigError, match="--merge: expected two maps or more, --save-map"):
-            json_of("slam", *words)
+    with pytest.raises(ConfigError, match="MAPS: expected two maps or more"):
+        json_of("merge", folder / "park.npz", "--out", out)
 
 
 def test_a_map_with_a_warning_is_merged_only_if_asked(folder, tmp_path):
     doubtful, out = slam.Slam.load(folder / "park.npz"), tmp_path / "both.npz"
     doubtful.warning = "two landmarks may be one"
     doubtful.save(tmp_path / "doubtful.npz")
-    words = ("slam", "--merge", f"{folder / 'park.npz'},{tmp_path / 'doubtful.npz'}")
+    words = ("merge", folder / "park.npz", tmp_path / "doubtful.npz", "--out", out)
     with pytest.raises(LogError, match=r"doubtful.npz: .*two landmarks may be one.*--anyway"):
-        json_of(*words, "--save-map", out)
+        json_of(*words)
     assert not out.exists()
-    row = json_of(*words, "--save-map", out, "--anyway")
+    row = json_of(*words, "--anyway")
     assert "two landmarks may be one" in row["warning"]

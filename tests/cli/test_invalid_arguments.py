@@ -17,7 +17,7 @@ READS = {
     "match {} --workers 1": ("png", "txt"),
     "match . --workers 1 --pairs {}": ("txt",),
     "slam {}": ("csv", "npz", "mat", "g2o", "bag"),
-    "slam --merge {0},{0} --save-map there.npz": ("npz",),
+    "merge {0} {0} --out there.npz": ("npz",),
     "convert {} there.csv": ("csv", "g2o", "bag"),
     "check {}": ("bag", "npz", "mp4"),
     "check {} --format rosbag": ("bag",),
@@ -33,7 +33,6 @@ READS = {
     "evaluate scanpaths --images . --fixations {}": ("csv", "mat"),
     "evaluate scanpaths --images . --fixations fixations.csv --paths-config {}": ("toml",),
     "evaluate features --pairs {}": ("png",),
-    "evaluate trajectory {0} --truth {0}": ("tum",),
     "simulate world --config {}": ("toml",),
     "simulate drive --config {}": ("toml",),
 }

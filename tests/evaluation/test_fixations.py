@@ -184,7 +184,7 @@ def test_every_metric_is_found_where_the_documentation_says(rng):
         named = re.findall(r"`(\w+)` \|$", "\n".join(rows), re.MULTILINE)
         assert named
         assert all(callable(getattr(evaluation, name)) for name in named)
-    assert {"auc", "scanmatch", "score_poses"} <= set(evaluation.__all__)
+    assert {"auc", "scanmatch", "score_drive"} <= set(evaluation.__all__)
 
 
 @pytest.mark.parametrize(

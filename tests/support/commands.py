@@ -18,6 +18,7 @@ COMMANDS = {
     "match": "{in}/photos/a.png {in}/photos/b.png -o out",
     "match --workers": "1 {in}/photos -o out",
     "slam": "{in}/log.csv --no-film -o out",
+    "merge": "{in}/a.map.npz {in}/a.map.npz -o both.npz",
     "check": "{in}/drive",
     "convert": "{in}/log.csv log.g2o",
     "drive": "{in}/drive --no-film --frames 3 -o out",
@@ -27,7 +28,6 @@ COMMANDS = {
     "fit": "--images {in}/seen --fixations {in}/seen/fixations.csv --folds 2",
     "evaluate scanpaths": "--images {in}/seen --fixations {in}/seen/people.csv --samples 2",
     "evaluate features": "--pairs {in}/pairs --points 20",
-    "evaluate trajectory": "{in}/a.tum --truth {in}/a.tum",
     "simulate": "world --config {in}/world.toml -o out",
     "simulate --frames": "2 drive --config {in}/drive.toml -o out",
     "textbook": "{in}/log.csv -o out",
@@ -84,7 +84,6 @@ def make_inputs(folder):
         people.write("image,viewer,index,x,y\n")
         for image, viewer in ("a1", "a2", "b1", "b2"):
             people.writelines(f"{image}.png,{viewer},{k},{3 * k},{viewer}\n" for k in range(4))
-    (folder / "a.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n2 2 1 0 0 0 0 1\n")
     log = simulate_world(WorldConfig(steps=300))
     robot = slam.slam_for(log)
     slam.run(log, initial=robot)

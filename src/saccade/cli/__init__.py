@@ -45,6 +45,7 @@ COMMANDS = {
     },
     "Maps": {
         "slam": "Map the landmarks of a recorded log with an extended Kalman filter.",
+        "merge": "Merge maps of several runs into one, in the frame of the first.",
         "drive": "Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.",
         "check": "Check a camera drive or a landmark log for errors before mapping.",
         "simulate": "Simulate a landmark log or a camera drive, with ground truth.",
@@ -64,10 +65,6 @@ EVALUATIONS = {
         "fixations": "Score saliency maps by how well they predict human fixations.",
         "scanpaths": "Score scanpaths by their similarity to human scanpaths.",
         "features": "Score detectors and descriptors on image pairs related by a homography.",
-    },
-    "Maps": {
-        "trajectory": "Score trajectories against ground truth: absolute and relative errors "
-        "(ATE, RPE).",
     },
 }
 """Commands of `saccade evaluate` by help panel; NAME is in the module

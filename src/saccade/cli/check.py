@@ -5,21 +5,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
-
-from saccade.cli.options import INPUT, JsonOptions, LogOptions, SequenceOptions
+from saccade.cli.options import INPUT, JsonOptions
 from saccade.cli.output import Result, Table, progress_bar
-from saccade.datasets.logs.log_csv import LOG_FILE
+from saccade.cli.recordings import FORMAT, AnyKind, LogOptions, SequenceOptions
+from saccade.datasets.formats import AUTO
+from saccade.datasets.recordings import is_log, read_by
 from saccade.diagnostics import check_drive, check_log
 from saccade.diagnostics.findings import Finding
 from saccade.errors import setting
-
-LOG_KINDS = ("csv", "g2o", "isam", "mrclam")
-"""Formats of landmark logs."""
-LOG_SUFFIXES = (".csv", ".g2o", ".isam", ".graph", ".txt")
-"""Suffixes of landmark logs."""
-LOG_FILES = (LOG_FILE, "Barcodes.dat")
-"""Files that identify a folder as a landmark log."""
+from saccade.frames import Drive
+from saccade.types import LandmarkLog
 
 
 @dataclass(frozen=True)
@@ -34,19 +29,19 @@ class DriveOrLog(SequenceOptions):
 class CheckOptions(JsonOptions, LogOptions, DriveOrLog):
     """Options of `saccade check`."""
 
-    kind: Annotated[str | None, INPUT, Parameter("--format", metavar="FORMAT")] = None
-    """Format of a drive: kitti, tum-rgbd, rosbag, tracks, folder or video; of a log: csv, g2o, isam
-    or mrclam; detected by default."""
+    kind: Annotated[AnyKind | None, INPUT, FORMAT] = None
+    """Format of SEQUENCE, or module:function that reads it; detected by default."""
     frames: int = setting(300, 40)
     """Number of frames to inspect, evenly spaced over the drive; at least 40."""
 
-    @property
-    def is_log(self) -> bool:
-        """Whether a landmark log is checked."""
-        path = self.sequence
-        if self.kind is not None:
-            return self.kind in LOG_KINDS
-        return path.suffix.lower() in LOG_SUFFIXES or any((path / f).exists() for f in LOG_FILES)
+    def read(self) -> LandmarkLog | Drive:
+        """The recording; --topic reads the landmarks of a bag."""
+        kind = self.kind or AUTO
+        if ":" in kind:
+            return read_by(kind, self.sequence)
+        if not self.sequence.exists() or not (self.topic or is_log(self.sequence, kind)):
+            return self.load_drive()
+        return self.load(self.sequence)
 
 
 def check(options: CheckOptions) -> Result:
@@ -64,15 +59,15 @@ def check(options: CheckOptions) -> Result:
 
     Example: saccade check kitti/07
     """
-    if options.is_log:
-        log = options.load(options.sequence)
+    recording = options.read()
+    if isinstance(recording, LandmarkLog):
+        log = recording
         counts = {"poses": len(log.time), "observations": len(log.observation)}
         findings = check_log(log)
         row = {"log": log.name, **counts}
         return _result(log.name, row, f"{counts['observations']:,} observations", findings)
-    drive = options.load_drive()
     with progress_bar("checking") as update:
-        report = check_drive(drive, options.frames, update)
+        report = check_drive(recording, options.frames, update)
     row = {"sequence": report.name, "frames": report.frames, "inspected": report.inspected}
     count = f"{report.frames} frames, {report.inspected} inspected"
     result = _result(report.name, row, count, report.findings)

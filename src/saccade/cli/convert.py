@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 from saccade import datasets
-from saccade.cli.options import OUTPUT, JsonOptions, LogOptions, Options
+from saccade.cli.options import OUTPUT, JsonOptions, Options
 from saccade.cli.output import Result, facts_table
+from saccade.cli.recordings import LogOptions
 from saccade.errors import require
 from saccade.extras import import_optional
 
@@ -47,7 +48,7 @@ def convert(options: ConvertOptions) -> Result:
         row, name = _convert_points(source, file, to), source
     else:
         log = options.load(Path(source))
-        datasets.save(file, log, cast("datasets.Format", to or "auto"))
+        datasets.save(file, log, to or "auto")
         counts = {"poses": len(log.time), "observations": len(log.observation)}
         row, name = {"log": log.name, **counts, "file": str(file)}, log.name
     return Result(row, [facts_table(f"{name} -> {file}", row)])

@@ -62,8 +62,8 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
             matching = MatchOptions(first=str(first), second=second, out=out)
             match = match_images(Sift(), matching, second, builder)
         with progress_bar("EKF-SLAM: a car in Victoria Park") as progress:
-            mapping = SlamOptions(out=out)
-            slam = map_log(mapping.load(data / "victoria_park.txt"), mapping, progress, builder)
+            mapping = SlamOptions(data / "victoria_park.txt", out=out)
+            slam = map_log(mapping.load(mapping.log), mapping, progress, builder)
         drive = _drive(out, builder)
         page = builder.write(out / "index.html")
     print_message(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")

@@ -25,7 +25,6 @@ from saccade.cli.mapping import (
 from saccade.cli.options import (
     INPUT,
     OutputFolder,
-    SequenceOptions,
     SettingsOptions,
 )
 from saccade.cli.output import (
@@ -36,6 +35,7 @@ from saccade.cli.output import (
     progress_bar,
     stop_on_interrupt,
 )
+from saccade.cli.recordings import SequenceOptions
 from saccade.datasets import load_drive, write_landmarks, write_table, write_tum
 from saccade.datasets.drives.writing import LiveDrive
 from saccade.diagnostics import drop_repeated

@@ -18,15 +18,11 @@ from saccade.cli.mapping import (
     write_film,
     write_run,
 )
-from saccade.cli.merge_maps import merge_files
 from saccade.cli.options import (
     MAP,
-    SEVERAL,
-    LogOptions,
     Options,
     OutputFolder,
     SettingsOptions,
-    parse_pose,
 )
 from saccade.cli.output import (
     Progress,
@@ -35,6 +31,7 @@ from saccade.cli.output import (
     print_message,
     progress_bar,
 )
+from saccade.cli.recordings import LogOptions, parse_pose
 from saccade.datasets import load_map, symmetric_columns, write_landmarks, write_table, write_tum
 from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
@@ -80,7 +77,7 @@ def _rule(name: str) -> str | Pairing:
 class LogArgument(Options):
     """A landmark log."""
 
-    log: Path | None = None
+    log: Path
     """Landmark log: a file, folder or ROS bag."""
 
 
@@ -102,12 +99,6 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     """First pose in the frame of --map. last: the robot has not moved since (default for continue,
     unless the first scans contradict it); search: from the first scans (default for localize and
     .csv maps); log: as in the log; or X,Y,HEADING in meters and radians."""
-
-    merge: Annotated[list[Path] | None, MAP, SEVERAL, Parameter(metavar="MAP")] = None
-    """Instead of a LOG: merge these maps, in the frame of the first, into --save-map; several with
-    commas."""
-    anyway: Annotated[bool, MAP, Parameter(negative=())] = False
-    """Merge even maps that contradict each other or have a warning; for --merge."""
 
     @property
     def first(self) -> str:
@@ -151,7 +142,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
         return load(start=pose, covariance=covariance)
 
 
-def slam(options: SlamOptions = SlamOptions()) -> Result:
+def slam(options: SlamOptions) -> Result:
     """Map the landmarks of a recorded log: extended Kalman filter, then smoothing.
 
     Writes to --out the trajectory (trajectory.tum, for evo; poses.csv with
@@ -160,18 +151,10 @@ def slam(options: SlamOptions = SlamOptions()) -> Result:
     interactive report (report.html), and settings and scores (run.json); with
     --film also a film (map.mp4).
 
-    --map also restores the settings of the map unless others are given. With
-    --merge the common landmarks of maps are found by their labels or, without
-    labels, by their mutual distances.
+    --map also restores the settings of the map unless others are given.
 
     Example: saccade slam victoria_park.txt --out mapped
     """
-    if (options.merge is None) == (options.log is None):
-        found = "neither" if options.log is None else "both"
-        raise ConfigError(f"LOG: expected a log, or --merge with maps, found {found}")
-    if options.merge is not None:
-        return merge_files(options.merge, options.save_map, anyway=options.anyway)
-    assert options.log is not None
     log = in_robot_frame(options.load(options.log))
     with results_in(options.out), progress_bar(log.name) as progress:
         row = map_log(log, options, progress)

@@ -10,12 +10,11 @@ from saccade.datasets.drives.loading import DriveKind, load_drive
 from saccade.datasets.drives.writing import save_drive
 from saccade.datasets.landmark_maps import load_map
 from saccade.datasets.logs.conversions import OdometryNoise
-from saccade.datasets.logs.loading import Format, Kind, load, save
+from saccade.datasets.logs.loading import Kind, load, save
 from saccade.datasets.tables import symmetric_columns, write_landmarks, write_table, write_tum
 
 __all__ = [
     "DriveKind",
-    "Format",
     "Kind",
     "OdometryNoise",
     "load",

@@ -9,7 +9,7 @@ _METRICS = {
         *("score", "shuffled_auc", "similarity"),
     ),
     "scanpaths": ("GazePath", "ScanMatchConfig", "scanmatch"),
-    "trajectory": ("landmark_rmse", "position_rmse", "score_drive", "score_poses"),
+    "trajectory": ("landmark_rmse", "position_rmse", "score_drive"),
     "features": ("corner_error", "mean_precision", "score_detector", "score_pair"),
 }
 _MODULE_OF = {name: module for module, names in _METRICS.items() for name in names}

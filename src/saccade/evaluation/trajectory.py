@@ -1,7 +1,7 @@
-"""Errors of an estimated trajectory and map against ground truth.
+"""Errors of an estimated trajectory and map on the plane against ground truth.
 
-Errors of poses in SE(3) follow evo and KITTI's benchmark, after Sturm, Engelhard, Endres, Burgard &
-Cremers (2012) and Geiger, Lenz & Urtasun (2012).
+Absolute and relative errors are those of Sturm, Engelhard, Endres, Burgard & Cremers (2012); evo
+reads `trajectory.tum` and computes them in space.
 """
 
 from dataclasses import dataclass
@@ -10,12 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.errors import LogError, Settings, setting
-from saccade.frames import Poses
 from saccade.landmark_names import labels_of, number_labels
-from saccade.plane import rotations
+from saccade.plane import relative_poses
 from saccade.slam.consistency import normalized_squared
-from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, LandmarkMap, Trajectory
+from saccade.types import THREE_SIGMA_2D, FloatArray, LandmarkMap, Trajectory
 
 TRIMMED_ITERATIONS = 30
 """Iterations of the trimmed alignment."""
@@ -175,8 +173,9 @@ def score_drive(estimate: Trajectory, truth: Trajectory, *, start_known: bool = 
     covered = truth.covers(estimate.time)
     error = estimate.pose[:, :2] - true_pose[:, :2]
     first = np.flatnonzero(covered[:-1] & covered[1:])
-    poses = _in_space(estimate.time, estimate.pose)
-    steps = relative_errors(poses, _in_space(estimate.time, true_pose), first, first + 1)
+    step, true_step = (
+        relative_poses(pose[first], pose[first + 1]) for pose in (estimate.pose, true_pose)
+    )
     later = np.flatnonzero(covered[1:]) + 1  # the first pose is exact
     unaligned = end = inside = float("nan")
     if start_known and covered.any():
@@ -189,187 +188,13 @@ def score_drive(estimate: Trajectory, truth: Trajectory, *, start_known: bool = 
         poses_compared=len(common_times(estimate, truth)),
         ate_m=position_rmse(estimate, truth),
         ate_unaligned_m=unaligned,
-        rpe_m=root_mean_square(steps.translation),
+        rpe_m=root_mean_square(np.hypot(*(step - true_step)[:, :2].T)),
         end_m=end,
         inside_3sigma=inside,
     )
-
-
-def _in_space(time: FloatArray, pose: FloatArray) -> Poses:
-    """Poses on the plane (n, 3) as poses in space."""
-    rotation = np.tile(np.eye(3), (len(pose), 1, 1))
-    rotation[:, :2, :2] = rotations(pose[:, 2])
-    return Poses(time, rotation, pose * (1.0, 1.0, 0.0))
-
-
-SEGMENTS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
-"""Lengths of KITTI's segments in meters; a segment of each length starts at every tenth pose."""
-
-
-@dataclass(frozen=True)
-class PoseErrorConfig(Settings):
-    """Association of estimated with true poses, and their alignment."""
-
-    max_difference: float = setting(0.01, 0)
-    """Maximum time difference in seconds between a pose and the true pose."""
-    scale: bool = False
-    """Whether the alignment estimates the scale, as for a monocular camera."""
-
-
-class Errors(NamedTuple):
-    """Errors of n poses, pairs or segments."""
-
-    translation: FloatArray
-    """(n,) meters; for segments, percent of the length."""
-    rotation: FloatArray
-    """(n,) degrees; for segments, degrees per 100 m; NaN if the alignment leaves it undetermined
-    (see `score_poses`)."""
-
-
-class PoseScores(NamedTuple):
-    """Errors of n estimated poses with ground truth."""
-
-    poses: int
-    """Number of poses of the estimate, with and without ground truth."""
-    estimate: Poses
-    """Aligned."""
-    truth: Poses
-    """True poses at the same times, within `PoseErrorConfig.max_difference`."""
-    aligned: Errors
-    """Errors after rigid alignment, or after alignment with scale if configured."""
-    unaligned: Errors
-    """Errors without alignment, for an estimate in the frame of the truth."""
-    scale: float
-    """Scale of the alignment; 1 if not estimated."""
-    relative: Errors
-    """(n - 1,) errors of the motion from each pose to the next (RPE)."""
-    segments: Errors
-    """KITTI's errors over segments of 100 to 800 m; empty for paths shorter than 100 m."""
-
-
-class Statistics(NamedTuple):
-    """Statistics of errors, in their unit."""
-
-    rmse: float
-    mean: float
-    median: float
-    std: float
-    min: float
-    max: float
-
-
-def statistics(errors: FloatArray) -> Statistics:
-    """Statistics of errors (n,); NaN for none."""
-    if len(errors) == 0:
-        return Statistics(*[float("nan")] * len(Statistics._fields))
-    of_each = (np.mean, np.median, np.std, np.min, np.max)
-    return Statistics(root_mean_square(errors), *(float(each(errors)) for each in of_each))
-
-
-def score_poses(
-    estimate: Poses, truth: Poses, config: PoseErrorConfig = PoseErrorConfig()
-) -> PoseScores:
-    """Compares estimated poses with ground truth.
-
-    If all positions lie on a line, the alignment leaves the rotation about it undetermined, and the
-    rotation errors after alignment are NaN.
-
-    Args:
-        estimate: estimated poses; unaligned errors require the frame of the truth.
-        truth: true poses of the same body.
-        config: association and alignment.
-
-    Raises:
-        LogError: fewer than two poses have ground truth.
-    """
-    poses = len(estimate.time)
-    estimate, truth = associate(estimate, truth, config)
-    fit = umeyama(estimate.position, truth.position, config.scale)
-    moved = Poses(estimate.time, fit.rotation @ estimate.rotation, fit(estimate.position))
-    aligned = _absolute(moved, truth)
-    if fit.rank < 2:
-        aligned = aligned._replace(rotation=np.full(len(aligned.rotation), np.nan))
-    scaled = Poses(estimate.time, estimate.rotation, fit.scale * estimate.position)
-    first = np.arange(len(truth.time) - 1)
-    return PoseScores(
-        poses=poses,
-        estimate=moved,
-        truth=truth,
-        aligned=aligned,
-        unaligned=_absolute(estimate, truth),
-        scale=fit.scale,
-        relative=relative_errors(scaled, truth, first, first + 1),
-        segments=_segment_errors(scaled, truth),
-    )
-
-
-def associate(
-    estimate: Poses, truth: Poses, config: PoseErrorConfig = PoseErrorConfig()
-) -> tuple[Poses, Poses]:
-    """Corresponding poses, one for each pose of the shorter trajectory.
-
-    Raises:
-        LogError: there are fewer than two.
-    """
-    swapped = len(truth.time) > len(estimate.time)
-    few, many = (estimate, truth) if swapped else (truth, estimate)
-    after = np.searchsorted(many.time, few.time).clip(1, max(len(many.time) - 1, 1))
-    neighbors = np.stack([after - 1, after]).clip(0, len(many.time) - 1)  # (2, n)
-    distance = np.abs(many.time[neighbors] - few.time)
-    nearest = neighbors[distance.argmin(0), np.arange(len(few.time))]
-    found = distance.min(0) <= config.max_difference
-    if found.sum() < 2:
-        raise LogError(
-            f"expected at least 2 poses within {config.max_difference:g} s of a true pose, found "
-            f"{int(found.sum())}, the nearest {distance.min():.3g} s away"
-        )
-    few, many = _select(few, found), _select(many, nearest[found])
-    return (few, many) if swapped else (many, few)
 
 
 def path_length(position: FloatArray) -> FloatArray:
     """Arc length (n,) in meters along a path (n, d)."""
     steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _absolute(estimate: Poses, truth: Poses) -> Errors:
-    turn = truth.rotation.transpose(0, 2, 1) @ estimate.rotation
-    distance = np.linalg.norm(estimate.position - truth.position, axis=1)
-    return Errors(distance, np.degrees(rotation_angle(turn)))
-
-
-def relative_errors(estimate: Poses, truth: Poses, first: IntArray, second: IntArray) -> Errors:
-    """Relative pose errors (RPE) of the motions (m,) between pairs of poses."""
-    turn, shift = _motion(estimate, first, second)
-    true_turn, true_shift = _motion(truth, first, second)
-    rotation = true_turn.transpose(0, 2, 1) @ turn
-    return Errors(np.linalg.norm(shift - true_shift, axis=1), np.degrees(rotation_angle(rotation)))
-
-
-def _motion(poses: Poses, first: IntArray, second: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Rotations (m, 3, 3) and translations (m, 3) between poses, in the frames of the first."""
-    back = poses.rotation[first].transpose(0, 2, 1)
-    shift = (back @ (poses.position[second] - poses.position[first])[:, :, None])[:, :, 0]
-    return back @ poses.rotation[second], shift
-
-
-def _segment_errors(estimate: Poses, truth: Poses) -> Errors:
-    reached = path_length(truth.position)
-    start, length = (grid.ravel() for grid in np.meshgrid(np.arange(0, len(reached), 10), SEGMENTS))
-    end = np.searchsorted(reached, reached[start] + length, side="right")
-    inside = end < len(reached)
-    meters = length[inside]
-    errors = relative_errors(estimate, truth, start[inside], end[inside])
-    return Errors(100 * errors.translation / meters, 100 * errors.rotation / meters)
-
-
-def rotation_angle(rotation: FloatArray) -> FloatArray:
-    """Angles (n,) of rotations (n, 3, 3) in radians, 0 to pi, accurate for small angles."""
-    skew = rotation - rotation.transpose(0, 2, 1)
-    sine = np.linalg.norm(skew[:, [2, 0, 1], [1, 2, 0]], axis=1) / 2
-    return np.asarray(np.arctan2(sine, (np.trace(rotation, axis1=1, axis2=2) - 1) / 2))
-
-
-def _select(poses: Poses, rows: FloatArray | IntArray) -> Poses:
-    return Poses(poses.time[rows], poses.rotation[rows], poses.position[rows])

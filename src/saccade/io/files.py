@@ -122,9 +122,14 @@ def decode_text(data: bytes) -> str:
             text = data.decode(encoding)
             if not UNPRINTABLE.search(text):
                 return text
-    raise OSError(None, "expected text in UTF-8, found other bytes; save it as UTF-8")
+    found = "other bytes; save it as UTF-8"
+    if data.startswith(MATLAB):
+        found = "a MATLAB file; write its columns with writetable(table(...), 'NAME.csv')"
+    raise OSError(None, f"expected text in UTF-8, found {found}")
 
 
+MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
+"""First bytes of a MATLAB file."""
 UNPRINTABLE = re.compile("[\0-\x08\x0e-\x19]")
 """Control characters that do not occur in text; UTF-16 without a mark has zeros."""
 

@@ -63,6 +63,11 @@ def read_tracks_drive(path: Path) -> Drive:
     return assemble_drive(name, folder, calibration, frames, read)
 
 
+def is_tracks(path: Path) -> bool:
+    """Whether an .npz has tracks."""
+    return "uvlr" in Archive(path)
+
+
 def _read_tracks(file: Path) -> tuple[IntArray, Tracks]:
     """Frame numbers (k,) of the observations, ascending, and the observations."""
     archive = Archive(file)

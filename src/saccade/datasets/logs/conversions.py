@@ -37,6 +37,13 @@ ASSUMED_SENSOR = (0.05, 0.02)
 """Assumed standard deviations of observations without covariance: range, as a fraction, and bearing
 in radians."""
 
+ASSUMED = (
+    f"{ASSUMED_ODOMETRY.distance:g} m and {ASSUMED_ODOMETRY.drift:g} rad after 1 m, "
+    f"{ASSUMED_ODOMETRY.turn:g} rad after a turn by 1 rad",
+    f"{ASSUMED_SENSOR[0]:.0%} of the range, {ASSUMED_SENSOR[1]:g} rad of the bearing",
+)
+"""Assumed standard deviations of controls and of observations, as text."""
+
 
 def sensor_variances(distance: FloatArray, sigma: tuple[float, float]) -> FloatArray:
     """Variances (n, 2) of range and bearing at ranges (n,), given as `ASSUMED_SENSOR`."""

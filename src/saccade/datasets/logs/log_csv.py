@@ -14,7 +14,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from saccade.datasets.formats import first_lines
 from saccade.datasets.logs.conversions import (
+    ASSUMED,
     ASSUMED_ODOMETRY,
     ASSUMED_SENSOR,
     sensor_variances,
@@ -41,12 +43,6 @@ UNUSED_VARIANCE = 1.0
 """Placeholder variance of a component that was not measured; it is never used."""
 LOG_FILE = "log.csv"
 """Name of the log in a folder."""
-ASSUMED = (
-    f"{ASSUMED_ODOMETRY.distance:g} m and {ASSUMED_ODOMETRY.drift:g} rad after 1 m, "
-    f"{ASSUMED_ODOMETRY.turn:g} rad after a turn by 1 rad",
-    f"{ASSUMED_SENSOR[0]:.0%} of the range, {ASSUMED_SENSOR[1]:g} rad of the bearing",
-)
-"""Assumed standard deviations of controls and of observations, as text."""
 _START = ("x", "y", "heading")
 _OBSERVATION = ("range", "bearing")
 _TRUTH = ("true_x", "true_y", "true_heading")
@@ -61,6 +57,13 @@ def columns_of(motion: str) -> list[str]:
         *("time", *_START, *control, *covariance_names(control)),
         *("landmark", *_OBSERVATION, *covariance_names(_OBSERVATION)),
     ]
+
+
+def is_log_csv(path: Path) -> bool:
+    """Whether the content of a file begins with the header of a log."""
+    lines = [line for line in first_lines(path) if line.strip() and not line.startswith("#")]
+    names = {cell.strip(' "') for cell in lines[0].split(",")} if lines else set()
+    return "time" in names and bool(names & set(_OBSERVATION))
 
 
 def write_log_csv(path: str | Path, log: LandmarkLog) -> None:

@@ -28,6 +28,8 @@ MAX_BEARING = 1.0
 UTIAS_BARCODES = (5, 14, 41, 32, 23)
 """Barcodes on the robots of the published sets, used to identify these sets."""
 
+BARCODES_FILE = "Barcodes.dat"
+"""A file of every set."""
 _TABLES = {
     "barcodes": ("Barcodes", ("subject", "barcode")),
     "robot{}_odometry": ("Robot{}_Odometry", ("time", "forward velocity", "angular velocity")),

@@ -58,7 +58,7 @@ INDEX = 1 << 56
 _EDGES = {"EDGE_SE2": 12, "EDGE2": 12, "ODOMETRY": 12}
 _OBSERVATIONS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
 _POSES = {"VERTEX_SE2": 5, "VERTEX2": 5}
-_FIELDS = {**_EDGES, **_OBSERVATIONS, **_POSES, "VERTEX_XY": 4}
+FIELDS = {**_EDGES, **_OBSERVATIONS, **_POSES, "VERTEX_XY": 4}
 """Number of fields in a line of each tag."""
 
 
@@ -125,9 +125,9 @@ def _parse(path: Path) -> tuple[list[_Edge], list[_Edge], dict[int, list[float]]
             [row.integer(i, "the number of a pose", LARGEST_ID) for i in range(1, len(row.cells))]
         if tag == "FIX" or tag.startswith("PARAMS_"):
             continue
-        if tag not in _FIELDS:
-            raise row.error(", ".join(_FIELDS), repr(tag[:40]))
-        row.require_cells(_FIELDS[tag], f"fields in a line of {tag}")
+        if tag not in FIELDS:
+            raise row.error(", ".join(FIELDS), repr(tag[:40]))
+        row.require_cells(FIELDS[tag], f"fields in a line of {tag}")
         tags.add(tag)
         first = row.integer(1, "the number of a pose or landmark", LARGEST_ID)
         if tag in _POSES:

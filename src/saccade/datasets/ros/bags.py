@@ -97,6 +97,11 @@ def bag_files(path: Path) -> list[Path]:
     return sorted(files, key=natural_order)
 
 
+def is_bag(path: Path) -> bool:
+    """Whether a folder is a ROS 2 bag, or has the parts of a bag."""
+    return path.is_dir() and ((path / "metadata.yaml").exists() or bool(bag_files(path)))
+
+
 def has_word(topic: str, pattern: str) -> bool:
     """Whether a word of a topic, such as /stereo/rightCamera/image_raw, matches a pattern."""
     words = re.findall("[A-Z]?[a-z]+|[A-Z]+(?![a-z])", topic)

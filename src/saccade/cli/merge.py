@@ -1,24 +1,46 @@
-"""`saccade slam --merge`: maps of several runs as one."""
+"""`saccade merge`: maps of several runs as one."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from cyclopts import Parameter
+
+from saccade.cli.options import OUTPUT, JsonOptions, Options
 from saccade.cli.output import Result, facts_table, print_message
-from saccade.errors import ConfigError, LogError
+from saccade.errors import LogError, require
 from saccade.slam import Slam
 from saccade.slam.merging import merge_maps
 
 
-def merge_files(maps: Sequence[Path], out: Path | None, *, anyway: bool) -> Result:
-    """Merge map files into `out`, in the frame of the first.
+@dataclass(frozen=True)
+class MapArguments(Options):
+    """Maps of runs."""
 
-    Raises:
-        ConfigError: fewer than two maps, or no output.
-        LogError: a map is unreadable, or does not fit the others (see `merge_maps`).
+    maps: list[Path]
+    """Maps of saccade slam --save-map (.npz), at least two."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeOptions(JsonOptions, MapArguments):
+    """Options of `saccade merge`."""
+
+    out: Annotated[Path, OUTPUT, Parameter(("--out", "-o"), metavar="FILE")]
+    """Merged map (.npz)."""
+    anyway: Annotated[bool, Parameter(negative=())] = False
+    """Merge even maps that contradict each other or have a warning."""
+
+
+def merge(options: MergeOptions) -> Result:
+    """Merge maps of several runs into one, in the frame of the first.
+
+    The common landmarks are found by their labels or, without labels, by their
+    mutual distances. saccade slam --map continues with the merged map.
+
+    Example: saccade merge monday.npz tuesday.npz --out both.npz
     """
-    if out is None or len(maps) < 2:
-        raise ConfigError("--merge: expected two maps or more, --save-map, and no LOG")
+    maps, out, anyway = options.maps, options.out, options.anyway
+    require(len(maps) > 1, "MAPS", "two maps or more", len(maps))
     slam, merged = Slam.load(maps[0]), list[dict[str, Any]]()
     for path in maps[1:]:
         second = Slam.load(path)
