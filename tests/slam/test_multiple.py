@@ -74,7 +74,7 @@ def test_the_pose_has_the_mean_and_the_covariance_of_the_mixture():
     assert covariance == pytest.approx(np.cov(drawn.T), abs=0.002)
     best = hypotheses.best.ekf.pose
     hypotheses.branching = True
-    hypotheses.settle()
+    hypotheses.keep_best()
     pose, covariance = hypotheses.pose  # of one that was merely the most probable
     np.testing.assert_array_equal(pose, best)
     moved = means - best

@@ -144,12 +144,12 @@ class Hypothesis:
         self.ekf.remove(landmarks)
         self.table.remove(landmarks)
 
-    def split(self, count: int, size: float, new_cost: float) -> list["Hypothesis"]:
+    def split(self, count: int, point_sigma: float, new_cost: float) -> list["Hypothesis"]:
         """Joins landmarks that are probably one; the hypothesis is split where they may be two.
 
         Args:
             count: number of observations of the last scan; they include one of the two landmarks.
-            size: standard deviation of the position of an observed point, in meters.
+            point_sigma: standard deviation of the position of an observed point, in meters.
             new_cost: cost of an observation of a new landmark, see `Alternatives`.
 
         Returns:
@@ -162,7 +162,7 @@ class Hypothesis:
         self.co_observations[np.ix_(used, used)] += 1
         ids, found = self.ekf.ids, [self]
         for each in found:  # the list grows inside the loop
-            while (pair := each._duplicate(count, size, new_cost)) is not None:
+            while (pair := each._duplicate(count, point_sigma, new_cost)) is not None:
                 gain, i, j = pair
                 if len(found) < MAX_JOINED:
                     separate = each.copy()
@@ -174,7 +174,9 @@ class Hypothesis:
             each.culled = ids[~np.isin(ids, each.ekf.ids)]
         return found
 
-    def _duplicate(self, count: int, size: float, new_cost: float) -> tuple[float, int, int] | None:
+    def _duplicate(
+        self, count: int, point_sigma: float, new_cost: float
+    ) -> tuple[float, int, int] | None:
         """Log-likelihood ratio and ids of the two landmarks that are most probably one.
 
         The last `count` observations include one of the two.
@@ -182,12 +184,12 @@ class Hypothesis:
         ids, points, co_observations = self.ekf.ids, self.ekf.landmarks, self.co_observations
         seen, table, best = co_observations.diagonal(), self.table.counts, None
         deviation = np.sqrt(self.ekf.landmark_covariances.trace(0, 1, 2))  # (N,)
-        systematic = (SYSTEMATIC * size) ** 2 * np.eye(2)
+        systematic = (SYSTEMATIC * point_sigma) ** 2 * np.eye(2)
         observed = np.flatnonzero(np.isin(ids, self.history[-count:]) & table.confirmed)
         for j in observed.tolist():
             apart = co_observations[j] <= MAX_CO_OBSERVED * np.minimum(seen, seen[j])
             d = points - points[j]
-            bound = MAX_DISTANCE * (deviation + deviation[j] + SYSTEMATIC * size)
+            bound = MAX_DISTANCE * (deviation + deviation[j] + SYSTEMATIC * point_sigma)
             near = np.flatnonzero(table.confirmed & apart & (np.hypot(d[:, 0], d[:, 1]) < bound))
             if len(near) == 0:
                 continue
@@ -197,7 +199,7 @@ class Hypothesis:
             cross = blocks[k, :, -1]  # (k, 2, 2)
             S = blocks[k, :, k] + blocks[-1, :, -1] - cross - cross.transpose(0, 2, 1) + systematic
             nis = normalized_squared(d[near], S)
-            gain = (new_cost - nis - log_determinant(S) + 4 * np.log(size)) / 2
+            gain = (new_cost - nis - log_determinant(S) + 4 * np.log(point_sigma)) / 2
             gain += np.minimum(np.minimum(table.expected[near], table.expected[j]), MAX_EXPECTED)
             pairs = [(min(i, j), max(i, j)) for i in near.tolist()]
             pairs = [(int(ids[i]), int(ids[j])) for i, j in pairs]
@@ -220,10 +222,10 @@ class Hypothesis:
         self.remove(np.union1d(self._to_cull, removed))
         self._to_cull = self._to_cull[:0]
 
-    def equals(self, other: "Hypothesis", size: float) -> bool:
+    def equals(self, other: "Hypothesis", point_sigma: float) -> bool:
         """Whether the poses and the maps are nearly equal."""
         variance = np.maximum(self.ekf.pose_covariance.diagonal(), 0.0)
-        tolerance = np.maximum(EQUAL * np.sqrt(variance), [size, size, EQUAL_HEADING])
+        tolerance = np.maximum(EQUAL * np.sqrt(variance), [point_sigma, point_sigma, EQUAL_HEADING])
         if (np.abs(pose_difference(self.ekf.pose, other.ekf.pose)) > tolerance).any():
             return False
         confirmed = other.table.counts.confirmed
@@ -232,7 +234,7 @@ class Hypothesis:
             return len(one) == len(two)
         deviation = np.sqrt(other.ekf.landmark_covariances[confirmed].trace(0, 1, 2) / 2)
         distance = np.abs(one[:, None] - two).max(2)
-        equal = distance < np.maximum(EQUAL_MAP * size, EQUAL * deviation)
+        equal = distance < np.maximum(EQUAL_MAP * point_sigma, EQUAL * deviation)
         return bool(equal.any(0).all() and equal.any(1).all())
 
 
@@ -288,7 +290,7 @@ class Hypotheses:
             C += (weight * difference.T) @ difference
         return pose, C
 
-    def settle(self) -> None:
+    def keep_best(self) -> None:
         """Keeps only the best hypothesis, and gives its pose the uncertainty of all hypotheses."""
         if self.branching:
             best, weight, difference = self.best, self._weights, self._pose_differences
@@ -346,17 +348,17 @@ class Hypotheses:
             each.history = np.append(each.history, np.maximum(each.matches, -1))
         if not self.best.updated:
             return
-        size = _point_sigma(scan)
-        new_cost = self.alternatives.new_cost(size)
+        point_sigma = _point_sigma(scan)
+        new_cost = self.alternatives.new_cost(point_sigma)
         found: list[Hypothesis] = []
         for each in self.hypotheses:
-            found += each.split(len(scan.z), size, new_cost)
+            found += each.split(len(scan.z), point_sigma, new_cost)
         found.sort(key=lambda each: -each.weight)
         kept: list[Hypothesis] = []
         for each in found:
             if each.weight < found[0].weight - PRUNED or len(kept) == self.max_hypotheses:
                 break
-            if not any(each.equals(better, size) for better in kept):
+            if not any(each.equals(better, point_sigma) for better in kept):
                 kept.append(each)
         for each in reversed(kept):
             each.weight -= kept[0].weight

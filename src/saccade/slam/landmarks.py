@@ -25,7 +25,7 @@ CHECKS = 4
 PRIOR_CHECKS = 4.0
 """Initial number of checks without a detection in each bin, so that new bins expect none."""
 ESTABLISHED = 3
-"""Minimum number of accepted observations for a label to contradict the filter, with others."""
+"""Minimum number of accepted observations for a label to be known to be of its landmark."""
 DescriptorArray: TypeAlias = npt.NDArray[np.generic]
 
 
@@ -51,22 +51,20 @@ class LandmarkRows(Table):
 
 @dataclass
 class LabelRecord:
-    """Evidence on one label. Times are numbers of earlier labeled observations."""
+    """Evidence on one label."""
 
     landmark: int = -1
     """Id of its landmark, -1 for none."""
     accepted: int = 0
     """Observations that were accepted for that landmark."""
-    rejected_at: int = -1
-    """Time of the last rejected observation."""
-    votes: int = 0
+    repeated: int = 0
     """Successive rejected observations at one position."""
     target: int = UNDECIDED
     """Id of the landmark near that position, `NEW` or `UNDECIDED`."""
     closings: int = 0
     """Recent observations that would close a loop by themselves."""
     closing_at: int = -1
-    """Time of the last such observation."""
+    """Number of the scan of the last such observation."""
     xy: FloatArray = field(default_factory=lambda: np.zeros(2))
     """(2,) position in the map of the last rejected observation."""
     covariance: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
@@ -74,7 +72,7 @@ class LabelRecord:
 
     @property
     def is_established(self) -> bool:
-        """Whether the label can contradict the filter."""
+        """Whether the label is known to be of its landmark."""
         return self.accepted >= ESTABLISHED
 
 
@@ -169,7 +167,7 @@ class LandmarkTable:
             if record.landmark in gone:
                 record.landmark = -1
             if record.target in gone:
-                record.target, record.votes = UNDECIDED, 0
+                record.target, record.repeated = UNDECIDED, 0
         self.descriptors = {i: each for i, each in self.descriptors.items() if i not in gone}
 
     def join(self, kept: int, removed: int) -> None:

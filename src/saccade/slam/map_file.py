@@ -54,8 +54,6 @@ class SavedMap:
     """(n,) see `filter._kernels`."""
     table: LandmarkTable
     """Its landmarks."""
-    clock: tuple[int, int, int]
-    """Numbers of the `LabelAssociation`."""
 
     @property
     def config(self) -> EkfConfig:
@@ -86,7 +84,6 @@ def write_map(path: str | Path, saved: SavedMap) -> None:
         "num_steps": np.array(saved.num_steps),
         "time": np.array(saved.time),
         **{name: getattr(saved, name) for name in ARRAYS},
-        "clock": np.array(saved.clock),
         **{f"landmark.{name}": each for name, each in vars(table.counts).items()},
         **{f"table.{name}": np.array(getattr(table, name)) for name in TABLE_NUMBERS},
         "labels": np.array([str(label) for label in table.labels], np.str_),
@@ -130,7 +127,6 @@ def read_map(path: str | Path) -> SavedMap:
         time=float(arrays["time"]),
         **{name: arrays[name] for name in ARRAYS},
         table=_table(arrays),
-        clock=tuple(arrays["clock"].tolist()),
     )
 
 

@@ -252,7 +252,7 @@ class Slam:
             return
         labeled = any(label is not None for label in scan.labels)
         if hypotheses.branching and (labeled or hypotheses.is_large):
-            hypotheses.settle()
+            hypotheses.keep_best()
         elif begins and not labeled:
             hypotheses.branching = self.landmarks.has_unlabeled = True
 
@@ -260,7 +260,7 @@ class Slam:
         """Searches the pose of a lost robot."""
         kidnapping = self.kidnapping
         if kidnapping.lost or (kidnapping.contradicted and kidnapping.kidnapped):
-            self.hypotheses.settle()
+            self.hypotheses.keep_best()
             best = self.hypotheses.best
             found = kidnapping.relocalize(best.ekf, best.table, scan.complete)
             best.matches = _spread(found, scan)
@@ -374,7 +374,7 @@ class Slam:
         if self.mode == "localize":
             raise ConfigError("mode: expected continue for a map to be saved, found localize")
         self.filter.leave()
-        rule, mean = self.association, self.filter.state
+        mean = self.filter.state
         write_map(
             path,
             SavedMap(
@@ -387,7 +387,6 @@ class Slam:
                 covariance=self.filter.covariance,
                 heading_lever=self.filter.active.heading_lever[: len(mean)],
                 table=self.landmarks,
-                clock=(rule.clock, rule.streak, rule.overriding_until),
             ),
         )
 
@@ -431,8 +430,6 @@ class Slam:
         if start is None:
             as_saved = f"{r > 3}, as in {path}"
             require(size == r, "estimate_odometry_bias", as_saved, size > 3)
-            rule = slam.association
-            rule.clock, rule.streak, rule.overriding_until = saved.clock
             slam.num_steps, slam._time = saved.num_steps, saved.time
             ids = saved.table.counts.id
             slam.filter.set_gaussian(saved.mean, saved.covariance, ids, saved.heading_lever)

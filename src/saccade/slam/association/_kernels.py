@@ -56,7 +56,7 @@ def compare_with_landmarks(
     R: FloatArray,
     landmark: IntArray,
     nis: FloatArray,
-    looseness: FloatArray,
+    variance_ratio: FloatArray,
 ) -> None:
     """Compares each of m observations with a landmark (m,), negative for none.
 
@@ -72,7 +72,7 @@ def compare_with_landmarks(
             H, N = S[0], R[i]
             a, c, d = H[0, 0] + N[0, 0], H[0, 1] + N[0, 1], H[1, 1] + N[1, 1]
             nis[i] = squared_distance(v, u, a, c, d)
-            looseness[i] = max(H[0, 0] / N[0, 0], H[1, 1] / N[1, 1])
+            variance_ratio[i] = max(H[0, 0] / N[0, 0], H[1, 1] / N[1, 1])
 
 
 @kernel()

@@ -46,13 +46,13 @@ class Alternatives:
     max_nodes: int = 500
     """Pairs of an observation and a landmark that are tried."""
 
-    def new_cost(self, size: float) -> float:
+    def new_cost(self, point_sigma: float) -> float:
         """Cost of a new landmark, relative to an observation of one at a known position.
 
         Args:
-            size: standard deviation of the position of an observed point, in meters.
+            point_sigma: standard deviation of the position of an observed point, in meters.
         """
-        return max(self.least_new_cost, -2 * log(2 * pi * self.density * size**2))
+        return max(self.least_new_cost, -2 * log(2 * pi * self.density * point_sigma**2))
 
     def __call__(
         self, ekf: EkfSlam, z: FloatArray, R: FloatArray, new_cost: float
@@ -82,9 +82,9 @@ class Alternatives:
         noise = log_determinant(R)  # (m,)
         c = np.arange(len(columns))
         blocks = joint.reshape(len(c), 2, len(c), 2)[c, :, c]  # (c, 2, 2)
-        looseness = log_determinant(blocks + R[:, None]) - noise[:, None]  # (m, c)
-        known, square = looseness <= self.known, distance[:, columns]
-        alone = np.where(square <= np.where(known, gate, slip_gate), square + looseness, np.inf)
+        log_ratio = log_determinant(blocks + R[:, None]) - noise[:, None]  # (m, c)
+        known, square = log_ratio <= self.known, distance[:, columns]
+        alone = np.where(square <= np.where(known, gate, slip_gate), square + log_ratio, np.inf)
         if not np.isfinite(alone).any():
             return [Alternative(len(z) * new_cost, unpaired)]
         rows = np.argsort(alone.min(1), kind="stable")

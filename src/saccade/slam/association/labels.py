@@ -20,26 +20,24 @@ from saccade.slam.filter.models import inverse_observe
 from saccade.slam.landmarks import LabelRecord, LandmarkTable
 from saccade.types import BoolArray, FloatArray, IntArray
 
-TRUSTED = 10
-"""Maximum number of rejected observations that move a label, and minimum number of accepted ones
-for a single label to override the filter: the prior of a moved landmark, in labels."""
-MIN_AGREEING = 3
-"""Minimum number of rejected labels or observations that override the filter if they agree: the
-prior of a wrong pose, in labels."""
-WINDOW = 10
-"""Number of labeled observations for which a rejected label counts."""
-FAR = 100.0
-"""Largest normalized innovation squared for a wrong filter to be likelier than swapped labels. The
-gate before a long loop is closed is the same: the heading is too uncertain for a linear one."""
-LOOSE = 4.0
+MAX_REPEATED = 10
+"""Maximum number of rejected observations that move a label, however often it was accepted."""
+MIN_CLOSINGS = 3
+"""Minimum number of observations of one label that close a loop together."""
+CLOSING_SCANS = 10
+"""Largest number of scans between two of them."""
+LOOP_GATE = 100.0
+"""Gate of the normalized innovation squared before a long loop is closed: the heading is too
+uncertain for a linear one."""
+PAIRED_RATIO = 4.0
 """Minimum ratio of predicted variance to noise for labels to be checked in pairs. For a
 lower ratio, the gate of one observation is about as narrow as the gate of a distance."""
-LOOP = 100.0
+LOOP_RATIO = 100.0
 """Largest ratio of predicted variance to noise for one observation of a new label to close a loop:
 ten standard deviations of an observation."""
-LONG_LOOP = 1000.0
+LONG_LOOP_RATIO = 1000.0
 """Largest ratio of predicted variance to noise for one observation of any label to close a loop."""
-UNLABELED_LOOP = 10.0
+UNLABELED_LOOP_RATIO = 10.0
 """Largest ratio of predicted variance to noise for an observation without a label to be of a
 landmark with a label, while labels are observed: the next label closes the loop more surely."""
 MAX_UNLABELED = 20
@@ -52,11 +50,10 @@ one degree of freedom."""
 class LabelAssociation:
     """Association by label where there is one, if it agrees with the map; else by geometry.
 
-    A label is rejected if the observation is outside the gate of its landmark. Several rejected
-    labels that agree with each other override the filter. Where the pose is so uncertain that a
-    label closes a loop, two labels of a scan must agree, or one must be observed again. Several
-    rejected observations at one position move the label there: the landmark has moved, or its first
-    observation had the wrong label.
+    A label is rejected if the observation is outside the gate of its landmark. Where the pose is so
+    uncertain that a label closes a loop, two labels of a scan must agree, or one must be observed
+    again. Several rejected observations at one position move the label there: the landmark has
+    moved, or its first observation had the wrong label.
 
     With "known" association every label is accepted. Observations without a label are dropped then,
     and so is a second observation, in one scan, of a landmark that is not in the map yet.
@@ -71,12 +68,6 @@ class LabelAssociation:
         """Gates of observations without a label, and of observations whose label is rejected."""
         self.rejected: BoolArray = np.zeros(0, np.bool_)
         """(m,) whether the label of each observation of the last scan was rejected."""
-        self.clock = 0
-        """Labeled observations so far."""
-        self.streak = 0
-        """Rejected observations since the last accepted one."""
-        self.overriding_until = -1
-        """Value of `clock` until a single label may override the filter."""
         self.unlabeled = 0
         """Observations since the last label."""
         self._all_accepted = config.rule.accepts_all
@@ -143,7 +134,7 @@ class LabelAssociation:
         if not without.any():
             return
         _, ratio = compare(ekf, z, R, np.where(without, matches, -1))
-        for i in np.flatnonzero(without & (ratio > UNLABELED_LOOP)).tolist():
+        for i in np.flatnonzero(without & (ratio > UNLABELED_LOOP_RATIO)).tolist():
             if table.is_labeled(int(matches[i])):
                 matches[i] = DROPPED
 
@@ -171,56 +162,37 @@ class LabelAssociation:
         R: FloatArray,
         labels: Sequence[Label | None],
     ) -> list[int]:
-        """(m,) landmarks of the labels that are accepted, `DROPPED`, `UNDECIDED` for all others.
-
-        Labels that contradict the filter and agree with each other are accepted, too.
-        """
+        """(m,) landmarks of the labels that are accepted, `DROPPED`, `UNDECIDED` for all others."""
         landmarks, matches = table.landmarks_of(labels), [UNDECIDED] * len(labels)
         known = {i: table.labels[labels[i]] for i in np.flatnonzero(landmarks >= 0).tolist()}  # type: ignore[index]
         if not known:
             return matches
-        nis, looseness = (each.tolist() for each in compare(ekf, z, R, landmarks))
-        gate = [FAR if each > LOOP else self._gate for each in looseness]
+        nis, ratio = (each.tolist() for each in compare(ekf, z, R, landmarks))
+        gate = [LOOP_GATE if each > LOOP_RATIO else self._gate for each in ratio]
         rejected = {i for i in known if not nis[i] <= gate[i]}
-        loose = any(looseness[i] > LOOSE for i in known.keys() - rejected)
+        paired = any(ratio[i] > PAIRED_RATIO for i in known.keys() - rejected)
         seen: dict[int, _Sighting] = {}
-        if rejected or loose:
+        if rejected or paired:
             xy, _, Gz = inverse_observe(ekf.pose, z)  # C.15
             C = Gz @ R @ Gz.transpose(0, 2, 1)
             seen = {i: _Sighting(int(landmarks[i]), xy[i], C[i]) for i in known}
-        if loose:
+        if paired:
             rejected |= _inconsistent(ekf, {i: seen[i] for i in known if i not in rejected})
-        closing = sum(looseness[i] > LOOP for i in known if i not in rejected)
-        num_accepted, start = 0, self.clock
+        closing = sum(ratio[i] > LOOP_RATIO for i in known if i not in rejected)
         for i, record in known.items():
-            self.clock += 1
             few = not record.is_established
-            self.streak += i in rejected and not few
-            loose = looseness[i] > (LOOP if few else LONG_LOOP)
-            alone = loose and closing <= 1 and i not in rejected
+            loop = ratio[i] > (LOOP_RATIO if few else LONG_LOOP_RATIO)
+            alone = loop and closing <= 1 and i not in rejected
             if alone and few and _is_duplicate(ekf, table, seen[i]):
                 rejected.add(i)
             if i in rejected:
-                self._remember(seen[i], record)
-            elif alone and not self._is_repeated(record):
+                _remember(seen[i], record)
+            elif alone and not _is_repeated(record, table.scans):
                 matches[i] = DROPPED
             else:
-                num_accepted += 1
-                self.streak = 0
-        overriding = {
-            i
-            for i in rejected
-            if self._overrides(ekf, table, known[i], nis[i], num_accepted, start)
-        }
-        if overriding:
-            self.overriding_until = self.clock + WINDOW
-        elif num_accepted > 0:
-            self.overriding_until = -1
-        for i, record in known.items():
-            if (i not in rejected or i in overriding) and matches[i] != DROPPED:
                 matches[i] = record.landmark
-                record.accepted, record.votes = record.accepted + 1, 0
-        self.rejected[list(rejected - overriding)] = True
+                record.accepted, record.repeated = record.accepted + 1, 0
+        self.rejected[list(rejected)] = True
         return matches
 
     def _resolve(
@@ -245,72 +217,19 @@ class LabelAssociation:
                 if record.landmark >= 0:
                     continue  # another observation in this scan
                 j = NEW if j < 0 or table.is_labeled(j) else j
-                record.votes = 1
+                record.repeated = 1
             else:
                 if not record.is_established and (j == DROPPED or (j >= 0 and table.is_labeled(j))):
                     j = NEW  # the only landmark that the observation may not be near is its own
                 if j != DROPPED and record.target not in (UNDECIDED, DROPPED, j):
-                    record.votes = 1
+                    record.repeated = 1
                 record.target = j
-                if j == DROPPED or record.votes < min(record.accepted + 1, TRUSTED):
+                if j == DROPPED or record.repeated < min(record.accepted + 1, MAX_REPEATED):
                     continue
             if j == NEW:
                 j, next_id = next_id, next_id + 1
             _move(table, record, j)
             matches[i] = j
-
-    def _is_repeated(self, record: LabelRecord) -> bool:
-        """Counts an observation that closes a loop by itself; returns whether they suffice."""
-        if self.clock - record.closing_at > WINDOW:
-            record.closings = 0
-        record.closings += 1
-        record.closing_at = self.clock
-        return record.closings >= MIN_AGREEING
-
-    def _remember(self, seen: "_Sighting", record: LabelRecord) -> None:
-        """Records a rejected observation of a label."""
-        C = seen.covariance + record.covariance
-        if record.votes > 0 and normalized_squared(seen.xy - record.xy, C) <= PAIR_GATE:
-            record.votes += 1
-        else:
-            record.votes, record.target = 1, UNDECIDED
-        record.xy, record.covariance, record.rejected_at = seen.xy, seen.covariance, self.clock
-
-    def _overrides(
-        self,
-        ekf: EkfSlam,
-        table: LandmarkTable,
-        record: LabelRecord,
-        nis: float,
-        num_accepted: int,
-        scan_start: int,
-    ) -> bool:
-        """Whether a rejected label and others that agree with it override the filter.
-
-        Two cases suffice: agreeing labels outnumber both accepted and contradicting ones; or no
-        label was accepted since, and none contradicts. Once labels override the filter, a single
-        label suffices until a label is accepted: the filter is corrected step by step.
-        """
-        if not record.is_established:
-            return False
-        recovering = self.clock <= self.overriding_until
-        first = scan_start if recovering else self.clock - WINDOW
-        others = [
-            _agree(ekf, record, other)
-            for other in table.labels.values()
-            if (other.votes > 0 and other.rejected_at > first and other.landmark >= 0)
-            and (other is not record and other.is_established)
-        ]
-        supporting, contradicting = 1 + sum(others), len(others) - sum(others)
-        enough = recovering or supporting >= MIN_AGREEING
-        if enough and supporting > max(num_accepted, contradicting):
-            return True
-        if supporting == 1:
-            swapped = record.votes > 1 and record.target >= 0 and nis > FAR
-            if swapped or record.accepted < TRUSTED:
-                return False
-        needed = MIN_AGREEING if nis > FAR else MIN_AGREEING - 1
-        return self.streak >= needed and contradicting == 0
 
 
 class _Sighting(NamedTuple):
@@ -322,6 +241,25 @@ class _Sighting(NamedTuple):
     """(2,) meters."""
     covariance: FloatArray
     """(2, 2) of the noise of the observation."""
+
+
+def _is_repeated(record: LabelRecord, scan: int) -> bool:
+    """Counts an observation that closes a loop by itself; returns whether they suffice."""
+    if scan - record.closing_at > CLOSING_SCANS:
+        record.closings = 0
+    record.closings += 1
+    record.closing_at = scan
+    return record.closings >= MIN_CLOSINGS
+
+
+def _remember(seen: _Sighting, record: LabelRecord) -> None:
+    """Records a rejected observation of a label."""
+    C = seen.covariance + record.covariance
+    if record.repeated > 0 and normalized_squared(seen.xy - record.xy, C) <= PAIR_GATE:
+        record.repeated += 1
+    else:
+        record.repeated, record.target = 1, UNDECIDED
+    record.xy, record.covariance = seen.xy, seen.covariance
 
 
 def _inconsistent(ekf: EkfSlam, seen: dict[int, _Sighting]) -> set[int]:
@@ -350,7 +288,7 @@ def _move(table: LandmarkTable, record: LabelRecord, j: int) -> None:
         table.has_unlabeled = True
         if not record.is_established and not table.is_labeled(old):
             table.stale.append(old)
-    record.accepted, record.votes = record.votes, 0
+    record.accepted, record.repeated = record.repeated, 0
 
 
 def _is_duplicate(ekf: EkfSlam, table: LandmarkTable, seen: _Sighting) -> bool:
@@ -365,11 +303,11 @@ def _is_duplicate(ekf: EkfSlam, table: LandmarkTable, seen: _Sighting) -> bool:
     rows = ekf.rows(np.append(seen.landmark, others))
     positions = f.state[f.robot_size :].reshape(-1, 2)[rows]
     squared = ((positions[1:] - positions[0]) ** 2).sum(1)
-    near = others[squared < LOOSE * PAIR_GATE * seen.covariance.trace()].tolist()
+    near = others[squared < PAIRED_RATIO * PAIR_GATE * seen.covariance.trace()].tolist()
     return any(_agree(ekf, seen, seen._replace(landmark=j)) for j in near)
 
 
-def _agree(ekf: EkfSlam, a: _Sighting | LabelRecord, b: _Sighting | LabelRecord) -> bool:
+def _agree(ekf: EkfSlam, a: _Sighting, b: _Sighting) -> bool:
     """Whether two observed points are as far from each other as their landmarks in the map."""
     seen, C = a.xy - b.xy, a.covariance + b.covariance
     mean, joint = ekf.relative_position(a.landmark, b.landmark)

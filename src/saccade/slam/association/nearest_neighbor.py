@@ -40,9 +40,9 @@ def compare(
         (m,) NIS, infinite without a landmark; and (m,) ratios of the predicted variance to the
         noise, 0 without a landmark.
     """
-    nis, looseness = np.full(len(z), np.inf), np.zeros(len(z))
-    compare_with_landmarks(ekf.active, z, R, ekf.rows(landmarks), nis, looseness)
-    return nis, looseness
+    nis, variance_ratio = np.full(len(z), np.inf), np.zeros(len(z))
+    compare_with_landmarks(ekf.active, z, R, ekf.rows(landmarks), nis, variance_ratio)
+    return nis, variance_ratio
 
 
 def associate_by_geometry(
