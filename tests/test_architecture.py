@@ -12,6 +12,7 @@ from support.processes import run_python
 SOURCE = Path(saccade.__file__).parent
 FOUNDATION = {
     "types",
+    "motions",
     "landmark_names",
     "pictured",
     "frames",
@@ -25,9 +26,10 @@ ALLOWED = {
     "landmark_names": {"errors"},
     "pictured": set(),
     "pictures": {"types", "errors", "io", "attention", "viewing"},
-    "types": {"errors", "landmark_names", "pictured"},
+    "motions": {"errors"},
+    "types": {"errors", "landmark_names", "motions", "pictured"},
     "frames": {"types", "errors"},
-    "plane": {"types", "errors"},
+    "plane": {"types", "errors", "motions"},
     "extras": {"errors"},
     "_jit": {"errors"},
     "io": {"types", "errors", "extras"},

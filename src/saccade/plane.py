@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from saccade.errors import LogError
+from saccade.motions import MOTIONS, RelativePoses, to_relative_poses
 from saccade.types import FloatArray, LandmarkLog
 
 NEAREST = 1e-9
@@ -130,21 +131,6 @@ def in_robot_frame(log: LandmarkLog) -> LandmarkLog:
     return replace(log, observation=z, observation_covariance=R, sensor=(0.0, 0.0, 0.0))
 
 
-def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
-    """The controls of a log as relative poses (t, 3), and their covariance (t, 3, 3)."""
-    A = relative_pose_jacobian(log)
-    covariance = A @ log.control_covariance @ A.transpose(0, 2, 1)
-    if log.motion == "compose":
-        return log.control, covariance
-    return np.column_stack([to_points(log.control), log.control[:, 1]]), covariance
-
-
-def relative_pose_jacobian(log: LandmarkLog) -> FloatArray:
-    """(t, 3, c) Jacobians of the relative poses of a log by its controls."""
-    if log.motion == "compose":
-        return np.broadcast_to(np.eye(3), (len(log.control), 3, 3))
-    A = np.zeros((len(log.control), 3, 2))
-    A[:, :2] = rotations(log.control[:, 1])
-    A[:, :2, 1] *= log.control[:, :1]
-    A[:, 2, 1] = 1.0
-    return A
+def relative_poses_of(log: LandmarkLog) -> RelativePoses:
+    """The controls of a log as relative poses."""
+    return to_relative_poses(MOTIONS[log.motion], log.control, log.control_covariance)

@@ -7,13 +7,14 @@ from the x axis.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, Self, TypeAlias, cast
+from typing import Any, Self, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import DriveError, KeypointsError, LogError
 from saccade.landmark_names import name_texts, number_names
+from saccade.motions import RELATIVE, find_motion
 from saccade.pictured import Pictured
 
 
@@ -398,11 +399,8 @@ class LandmarkLog:
     """(3,) initial pose."""
     time: FloatArray
     """(t + 1,) of each pose, in seconds; the number of the pose where the log has no clock."""
-    motion: Literal["turn_then_translate", "compose"]
-    """Kind of the controls: "turn_then_translate" (distance, turn) as in C.5, or "compose"
-    (forward, left, turn), the next pose in the frame of the last."""
     control: FloatArray
-    """(t, c) from pose i to pose i + 1: c is 2 or 3."""
+    """(t, c) from pose i to pose i + 1; `motion` says what the numbers are."""
     control_covariance: FloatArray
     """(t, c, c)."""
     observation_pose: IntArray
@@ -414,6 +412,8 @@ class LandmarkLog:
     """(k, 2, 2); entries of a component that is NaN are ignored."""
     landmark: IntArray
     """(k,) name of the landmark as a number, -1 if unknown; text is numbered (see `names`)."""
+    motion: str = RELATIVE
+    """Kind of the controls, a name in `motions.MOTIONS`; by default relative poses."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviations of systematic odometry errors: the relative error of the distance, the
     turn in radians per meter of distance, and the distance in meters per radian of turn."""
@@ -431,12 +431,8 @@ class LandmarkLog:
         numbers = number_names(self.landmark, self.text_names, name=f"{self.name}: landmark")
         for field_name, value in zip(("landmark", "text_names"), numbers, strict=True):
             object.__setattr__(self, field_name, value)
-        sizes = {"turn_then_translate": 2, "compose": 3}
-        if self.motion not in sizes:
-            raise LogError(
-                f"{self.name}: motion: expected one of {', '.join(sizes)}, found {self.motion!r}"
-            )
-        t, k, c = len(self.control), len(self.observation), sizes[self.motion]
+        c = len(find_motion(self.motion, f"{self.name}: motion").columns)
+        t, k = len(self.control), len(self.observation)
         shapes = {
             "start": (3,),
             "time": (t + 1,),

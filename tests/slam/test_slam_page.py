@@ -58,9 +58,10 @@ def test_disparities_and_steering_angles_are_converted_with_their_noise(page, rn
 
 def test_the_header_of_a_csv_is_on_the_page():
     from saccade.datasets.logs.log_csv import columns_of
+    from saccade.motions import MOTIONS
 
     text = (ROOT / "docs/slam.md").read_text()
     named = set(re.findall(r"`(\w+)`", text))
-    for motion in ("compose", "turn_then_translate"):
+    for motion in MOTIONS:
         missing = {name for name in columns_of(motion) if name not in named}
         assert all(name.startswith("cov_") for name in missing), missing

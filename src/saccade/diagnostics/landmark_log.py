@@ -27,9 +27,9 @@ from saccade.plane import (
     in_robot_frame,
     path_of,
     point_covariance,
+    relative_poses_of,
     rotated,
     to_points,
-    to_relative_poses,
 )
 from saccade.slam.consistency import normalized_squared
 from saccade.types import BoolArray, FloatArray, LandmarkLog
@@ -106,7 +106,7 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
         )
     sensor, whole = log.sensor, ~np.isnan(log.observation).any(1)
     log = in_robot_frame(_observations_of(log, np.asarray(whole)))
-    control, covariance = to_relative_poses(log)
+    control, covariance, _ = relative_poses_of(log)
     readings = Readings(
         *(control, covariance, log.observation, log.observation_covariance),
         *(log.time, log.time[log.observation_pose]),

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from saccade.errors import require
 from saccade.landmark_names import parse_labels
 from saccade.slam import Slam
-from saccade.slam.filter.models import MOTIONS, observe, stack_jacobians, wrap
+from saccade.slam.filter.models import as_relative_pose, compose, observe, stack_jacobians, wrap
 from saccade.types import BoolArray, FloatArray, IntArray
 
 POLICIES = ("fixed", "sweep", "random", "salient", "active")
@@ -258,11 +258,12 @@ class Gazer:
                 poses.append(poses[-1])
                 continue
             u = u.sum(0)
-            moved, Fx, Fu = MOTIONS[len(u)](poses[-1], u)
+            sigma = np.append(np.full(len(u) - 1, self._odometry[0]), self._odometry[1])
+            step, U, _ = as_relative_pose(u, np.diag(sigma**2 * abs(u[0])))
+            moved, Fx, Fu = compose(poses[-1], step)
             poses.append(moved)
             if i < SAMPLES // 2:
-                sigma = np.append(np.full(len(u) - 1, self._odometry[0]), self._odometry[1])
-                F, Q = Fx @ F, Fx @ Q @ Fx.T + (Fu * sigma**2 * abs(u[0])) @ Fu.T
+                F, Q = Fx @ F, Fx @ Q @ Fx.T + Fu @ U @ Fu.T
         sampled, center = np.array(poses[1:]), poses[SAMPLES // 2]
         near = self._select(ids, xy, center)
         turn = self.rate * HORIZON * np.arange(1, SAMPLES + 1)[:, None] / SAMPLES

@@ -143,7 +143,6 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
         name=f"simulated {config.vehicle}, seed {seed}",
         start=truth[0],
         time=time,
-        motion="compose",
         control=control,
         control_covariance=U,
         odometry_bias=(*bias, 0.0),

@@ -145,7 +145,7 @@ class KidnappingDetector:
         search = self.search
         assert search is not None
         if scan.control is not None and not begins:
-            search.predict(*scan.control)
+            search.predict(*scan.control[:2])
         if len(scan.z) == 0:
             return none
         search.add(scan.z, scan.R, table.landmarks_of(scan.labels))

@@ -43,7 +43,7 @@ class Estimate(NamedTuple):
     landmark: FloatArray
     """(n, 2) meters."""
     bias: FloatArray
-    """(b,) odometry biases, see `bias_jacobian`; b is 0 or 3."""
+    """(b,) odometry biases, see `motions.SYSTEMATIC_ERRORS`; b is 0 or 3."""
 
     def moved(self, step: FloatArray) -> Self:
         """The estimate after a step (3 v + 2 n + b,) of poses, landmarks and biases."""

@@ -49,6 +49,8 @@ class Slam:
         map: known landmarks, as from `datasets.load_map`, with -1 in `id` for landmarks without a
             label. The start then has the standard deviations `EkfConfig.start_sigma` or, if these
             are zero, half a meter and a tenth of a radian.
+        motion: kind of the controls, a name in `saccade.motions.MOTIONS`; by default the first
+            with the number of columns of a control: relative poses, or distance and turn.
 
     Raises:
         LogError: here and in `step`, an argument is not a number, not finite or of a wrong shape.
@@ -76,11 +78,13 @@ class Slam:
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
         mode: Literal["continue", "localize"] = "continue",
         map: LandmarkMap | None = None,
+        motion: str = "",
     ) -> None:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
         sigmas = config.bias_sigmas(odometry_bias)
         bias = sigmas if any(sigmas) else ()
         self.config, self.mode, self.odometry_bias = config, mode, odometry_bias
+        self.motion = motion
         ekf = EkfSlam(
             np.concatenate([np.zeros(3) if start is None else start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
@@ -181,9 +185,8 @@ class Slam:
 
         Args:
             time: time of the pose, in any unit; not earlier than in the last step.
-            control: (c,) from the last pose to this one: distance and turn (`turn_then_translate`)
-                or forward, left and turn (`compose`); None where the robot has not moved, as at the
-                first pose.
+            control: (c,) from the last pose to this one, of the motion of the session; None where
+                the robot has not moved, as at the first pose.
             U: (c, c) its covariance.
             z: (k, 2) range in meters, bearing in radians within 2 pi; None without observations.
                 NaN for a missing range or bearing: such an observation updates a landmark of the
@@ -199,7 +202,7 @@ class Slam:
         Raises:
             LogError: the estimate diverged; or an argument is invalid, and nothing has changed.
         """
-        scan = checked_scan(self.config, time, control, U, z, R, labels)
+        scan = checked_scan(self.config, time, control, U, z, R, labels, self.motion)
         if scan.time < self._time:
             raise LogError(f"time: expected {self._time:g} or later, found {scan.time:g}")
         return self.process(scan)

@@ -18,7 +18,14 @@ from saccade.errors import require
 from saccade.plane import rotations
 from saccade.slam._relocalization_kernels import Grid, add_support
 from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
-from saccade.slam.filter.models import MOTIONS, inverse_observe, observe, pose_difference, wrap
+from saccade.slam.filter.models import (
+    as_relative_pose,
+    compose,
+    inverse_observe,
+    observe,
+    pose_difference,
+    wrap,
+)
 from saccade.slam.filter.validation import check_all
 from saccade.slam.results import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -101,15 +108,13 @@ class Relocalizer:
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
         """Moves the robot by a control (c,), as in `EkfSlam.predict`, with covariance (c, c)."""
-        motion = MOTIONS[len(u)]
-        moved, _, Fu = motion(np.zeros(3), u)
-        Q = Fu @ U @ Fu.T  # (3, 3)
+        moved, Q, _ = as_relative_pose(u, U)
         rotation = rotations(moved[2]).T
         self._points = (self._points - moved[:2]) @ rotation.T
         J = pose_jacobians(self._points)
         J[:, :, :2] = rotation
         self._covariances = rotation @ self._covariances @ rotation.T + J @ Q @ J.transpose(0, 2, 1)
-        poses = [motion(pose, u)[0] for pose in self._tracked]
+        poses = [compose(pose, moved)[0] for pose in self._tracked]
         self._tracked = np.array(poses).reshape(-1, 3)
 
     def propose(self, pose: FloatArray) -> None:

@@ -9,8 +9,10 @@ import numpy.typing as npt
 
 from saccade.errors import LogError
 from saccade.landmark_names import Label, labels_of, parse_labels
+from saccade.motions import MOTIONS, to_relative_poses
 from saccade.plane import in_robot_frame
 from saccade.slam.config import EkfConfig
+from saccade.slam.filter.models import as_relative_pose
 from saccade.slam.filter.validation import (
     MIN_SIGMA,
     as_array,
@@ -34,8 +36,9 @@ class Scan(NamedTuple):
 
     time: float
     """Time of the pose."""
-    control: tuple[FloatArray, FloatArray] | None
-    """(c,) from the last pose to this one and its covariance (c, c); None without a motion."""
+    control: tuple[FloatArray, FloatArray, FloatArray] | None
+    """Relative pose (3,) from the last pose to this one, its covariance (3, 3), and its Jacobian by
+    the systematic errors (3, 3); None without a motion."""
     z: FloatArray
     """(k, 2) range in meters, bearing in radians."""
     R: FloatArray
@@ -72,22 +75,23 @@ def checked_scan(
     z: npt.ArrayLike | None,
     R: npt.ArrayLike | None,
     labels: npt.ArrayLike | None,
+    motion: str = "",
 ) -> Scan:
     """Validated copies of the arguments of `Slam.step`, with the noise scales of the settings.
+
+    The control is of this motion; by default of the first with its number of columns.
 
     Raises:
         LogError: an argument is invalid.
     """
-    seconds, motion = as_number("time", time), None
+    seconds, moved = as_number("time", time), None
     if control is not None:
-        c = 3 if np.size(control) == 3 else 2
-        u = np.array(as_array("control", (c,), control), np.float64)
-        C = np.array(as_array("covariance of the control", (c, c), U), np.float64)
-        check_all("control", u[None], C[None], config.motion_noise_scale**2)
-        motion = u, C
+        u, C = as_numbers("control", control), as_numbers("covariance of the control", U)
+        step, C, by_error = as_relative_pose(u, C, motion)
+        moved = step, C * config.motion_noise_scale**2, by_error
     z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
     if z.size == 0:
-        return Scan(seconds, motion, *NO_SCAN)
+        return Scan(seconds, moved, *NO_SCAN)
     k = len(z)
     found = [None] * k if labels is None else parse_labels(labels)
     require_shape("labels", (k,), np.empty(len(found)))
@@ -95,7 +99,7 @@ def checked_scan(
     C = as_numbers("covariances of the observations", R)
     C = np.tile(C, (k, 1, 1)) if C.shape == (2, 2) else C.copy()
     require_shape("covariances of the observations", (k, 2, 2), C)
-    return Scan(seconds, motion, z, C, found, _check_observations(z, C, config))
+    return Scan(seconds, moved, z, C, found, _check_observations(z, C, config))
 
 
 def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
@@ -108,10 +112,11 @@ def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
     u, U = (np.array(each, np.float64, order="C") for each in (log.control, log.control_covariance))
     z, R = np.array(log.observation, np.float64), np.array(log.observation_covariance, np.float64)
     check_all("control", u, U, config.motion_noise_scale**2)
+    steps = to_relative_poses(MOTIONS[log.motion], u, U)
     missing = _check_observations(z, R, config)
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1)).tolist()
     labels = labels_of(log.landmark, log.text_names)
-    motions, bounds = [None, *zip(u, U, strict=True)], pairwise(edge)
+    motions, bounds = [None, *zip(*steps, strict=True)], pairwise(edge)
     scans = (
         NO_SCAN
         if start == end

@@ -9,15 +9,13 @@ from saccade.errors import LogError
 from saccade.plane import (
     in_robot_frame,
     path_of,
-    relative_pose_jacobian,
+    relative_poses_of,
     rotated,
     rotations,
-    to_relative_poses,
 )
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import wrap
-from saccade.slam.filter.predictions import bias_jacobian
 from saccade.slam.least_squares import (
     MAX_ITERATIONS,
     MIN_DECREASE,
@@ -235,7 +233,7 @@ def _initial_poses(
     pose = poses.copy()
     if len(cuts) == 0 or lost is None:
         return pose
-    steps, found = to_relative_poses(log)[0], np.flatnonzero(~lost)
+    steps, found = relative_poses_of(log)[0], np.flatnonzero(~lost)
     for cut in cuts.tolist():
         end = int(found[np.searchsorted(found, np.flatnonzero(lost[cut:])[0] + cut)])
         path = path_of(steps[cut + 1 : end])  # poses cut + 1 to end, relative to the first
@@ -259,12 +257,11 @@ def _measurements(
     The controls `cuts` (c,) of kidnappings carry no information.
     """
     moves, used = np.flatnonzero(np.diff(variable)), np.flatnonzero(association >= 0)
-    step, covariance = (each[moves] for each in to_relative_poses(log))
+    step, covariance, by_bias = (each[moves] for each in relative_poses_of(log))
     covariance[np.isin(moves, cuts)] += np.diag(np.square(ANYWHERE))
     turned = np.tile(np.eye(3), (len(moves), 1, 1))
     turned[:, :2, :2] = rotations(-step[:, 2])
     in_later_frame = turned @ covariance @ turned.transpose(0, 2, 1)
-    by_bias = (relative_pose_jacobian(log) @ bias_jacobian(log.control))[moves]
     missing = np.isnan(log.observation[used])  # (k, 2)
     with_missing = missing[:, :, None] | missing[:, None]
     R = np.where(with_missing, np.eye(2), log.observation_covariance[used])

@@ -92,7 +92,7 @@ class SubmapChoice:
     def _advance(self, scan: Scan) -> None:
         """Adds the motion of a scan to the path since the entry."""
         if scan.control is not None:
-            u, U = scan.control
+            u, U, _ = scan.control
             self._length += hypot(*u[:-1])
             self._variance += float(U[:-1, :-1].trace())
 

@@ -57,7 +57,6 @@ class MapLog:
             name="drive",
             start=self.start,
             time=filtered.time,
-            motion="compose",
             control=control,
             control_covariance=U,
             observation_pose=np.repeat(frame, [len(each) for each in ids]),

@@ -7,7 +7,7 @@ import numpy as np
 from saccade.frames import Camera, Drive
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import difference, stack_jacobians
+from saccade.slam.filter.models import as_relative_pose, difference, stack_jacobians
 from saccade.slam.filter.models import observe as observe_points
 from saccade.slam.filter.predictions import PredictedObservations
 from saccade.slam.online import Slam
@@ -74,7 +74,8 @@ class VisualMap:
 
     def predict(self, number: int, control: MotionEstimate) -> None:
         """Predict the pose of a frame by a control (3,) with covariance (3, 3)."""
-        self.slam.process(Scan(float(self._drive.time[number]), control, *NO_SCAN))
+        step = as_relative_pose(*control)
+        self.slam.process(Scan(float(self._drive.time[number]), step, *NO_SCAN))
         self.log.motions.append(control)
 
     def rescale(self) -> None:

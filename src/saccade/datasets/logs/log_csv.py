@@ -9,7 +9,7 @@ import re
 import warnings
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,7 @@ from saccade.datasets.tables import (
 from saccade.errors import LogError, LogWarning
 from saccade.io.files import read_text
 from saccade.landmark_names import parse_name
+from saccade.motions import MOTIONS
 from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory, invalid_range_bearing
 
 ROUNDING = 1e-9
@@ -47,12 +48,11 @@ _START = ("x", "y", "heading")
 _OBSERVATION = ("range", "bearing")
 _TRUTH = ("true_x", "true_y", "true_heading")
 _SENSOR = re.compile(r'^[ \t"]*#[ \t]*sensor[ \t]*:(.*)$', re.IGNORECASE | re.MULTILINE)
-_CONTROLS = {"compose": ("forward", "left", "turn"), "turn_then_translate": ("distance", "turn")}
 
 
 def columns_of(motion: str) -> list[str]:
-    """The header of a log with controls of the model "compose" or "turn_then_translate"."""
-    control = _CONTROLS[motion]
+    """The header of a log with controls of this motion."""
+    control = MOTIONS[motion].columns
     return [
         *("time", *_START, *control, *covariance_names(control)),
         *("landmark", *_OBSERVATION, *covariance_names(_OBSERVATION)),
@@ -71,7 +71,7 @@ def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
 
     The true trajectory is written at the times of the poses; true landmarks are not.
     """
-    control = _CONTROLS[log.motion]
+    control = MOTIONS[log.motion].columns
     poses, observations = np.arange(len(log.time)), np.arange(len(log.observation))
     pose_row = poses + np.searchsorted(log.observation_pose, poses)
     observation_row = observations + log.observation_pose + 1
@@ -113,7 +113,7 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
     table = read_csv(file, _check_header)
     _empty_nan(table)
     motion = _motion_of(table.names)
-    control = _CONTROLS[motion]
+    control = MOTIONS[motion].columns
     if not table.rows:
         raise LogError(f"{table.header.path}: expected a row for the first pose, found none")
     controls, observations = _rows_of_each(table, control)
@@ -205,8 +205,10 @@ def _truth(poses: TextTable, time: FloatArray) -> Trajectory | None:
     return Trajectory(time[known], true[known]) if known.any() else None
 
 
-def _motion_of(names: list[str]) -> Literal["turn_then_translate", "compose"]:
-    return "turn_then_translate" if "distance" in names else "compose"
+def _motion_of(names: list[str]) -> str:
+    """The motion with the most columns in a header; the first of equals."""
+    found = [len({*each.columns} & {*names}) / len(each.columns) for each in MOTIONS.values()]
+    return list(MOTIONS)[found.index(max(found))]
 
 
 def _check_header(header: Row) -> None:
@@ -215,8 +217,8 @@ def _check_header(header: Row) -> None:
     for sign, found_sign in ((";", "semicolons"), ("\t", "tabs")):
         if len(names) == 1 and sign in names[0]:
             raise header.error("commas between cells, and decimal points", found_sign)
-    required = ["time", *_CONTROLS[motion], *_OBSERVATION]
-    for group in (_CONTROLS[motion], _OBSERVATION):
+    required = ["time", *MOTIONS[motion].columns, *_OBSERVATION]
+    for group in (MOTIONS[motion].columns, _OBSERVATION):
         if set(covariance_names(group)) & set(names):
             required += [f"cov_{name}_{name}" for name in group]
     required += ["true_x", "true_y"] * bool({*_TRUTH} & set(names))

@@ -136,7 +136,6 @@ def read_mrclam(
         name=f"{path.stem}, robot {robot}",
         start=start_of(truth, float(pose_time[0]), f"{path}, robot {robot}"),
         time=pose_time,
-        motion="compose",
         control=control,
         control_covariance=control_covariance,
         observation_pose=np.searchsorted(pose_time, measurements[:, 0]).astype(np.int64),

@@ -28,10 +28,10 @@ from saccade.io.files import atomic_write
 from saccade.plane import (
     path_of,
     point_covariance,
+    relative_poses_of,
     rotated,
     to_points,
     to_range_bearing,
-    to_relative_poses,
 )
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
@@ -104,7 +104,6 @@ def read_pose_graph(path: str | Path) -> LandmarkLog:
         name=path.stem,
         start=np.array(vertices.get(poses[0], [0.0, 0.0, 0.0])),
         time=np.array([pose % INDEX for pose in poses], np.float64),
-        motion="compose",
         control=values[:, :3],
         control_covariance=_covariances(edges, values[:, 3:], form),
         observation_pose=pose_index.astype(np.int64),
@@ -215,7 +214,7 @@ def write_g2o(path: str | Path, log: LandmarkLog) -> None:
             f"{log.name}, observation {k}: expected a landmark away from the robot, found range "
             f"{log.observation[k, 0]:g}"
         )
-    control, control_covariance = to_relative_poses(log)
+    control, control_covariance, _ = relative_poses_of(log)
     covariance = point_covariance(log.observation, log.observation_covariance)
     points, number = to_points(log.observation), np.arange(len(log.time))
     pose = path_of(control)

@@ -194,7 +194,6 @@ def _log(
         name=f"{bag.path.stem}, {topics} with {odometry.source}",
         start=start_of(truth, 0.0, name),
         time=pose_time - first,
-        motion="compose",
         control=motion.control,
         control_covariance=motion.covariance,
         observation_pose=np.searchsorted(pose_time, time[usable]).astype(np.int64),

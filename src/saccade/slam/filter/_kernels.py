@@ -55,13 +55,12 @@ def _add_sandwich(A: FloatArray, C: FloatArray, out: FloatArray) -> None:
 
 @kernel(fastmath=("contract",))
 def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None:
-    """Predict the state after a control u (c,) with covariance U (c, c) (C.5-C.9).
+    """Predict the state after a relative pose u (3,) with covariance U (3, 3) (C.5-C.9).
 
-    The models of motion are `models.turn_then_translate`, u (2,), and `models.compose`, u (3,).
-    D (c, r - 3) is the Jacobian of the control by the robot's states beyond the pose.
+    D (3, r - 3) is the Jacobian of the relative pose by the robot's states beyond the pose.
     """
     r, n, P, a, now = f.robot_size, num_rows(f), f.P, f.heading_lever, f.now
-    Fx, Fu = np.empty((r, r)), np.empty((r, len(u)))
+    Fx, Fu = np.empty((r, r)), np.empty((r, 3))
     Pxx, new, turn = np.empty((r, r)), np.empty((r, r)), np.empty(r)
     _predict_pose(f, u, D, Fx, Fu)  # C.5, C.8, C.9
     for i in range(r):
@@ -97,29 +96,28 @@ def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None
 def _predict_pose(
     f: FilterState, u: FloatArray, D: FloatArray, Fx: FloatArray, Fu: FloatArray
 ) -> None:
-    """Move the robot (C.5); fill Fx (r, r), by eta, and Fu (r, c) (C.8, C.9)."""
-    s, a, r, c = f.state, f.heading_lever, f.robot_size, len(u)
-    real = np.empty(c)  # the control without biases
-    for j in range(c):
+    """Move the robot (C.5); fill Fx (r, r), by eta, and Fu (r, 3) (C.8, C.9)."""
+    s, a, r = f.state, f.heading_lever, f.robot_size
+    real = np.empty(3)  # the relative pose without biases
+    for j in range(3):
         real[j] = u[j]
         for k in range(r - 3):
             real[j] += D[j, k] * s[3 + k]
-    angle = s[2] + (real[1] if c == 2 else 0.0)
-    cosine, sine, left = cos(angle), sin(angle), real[1] if c == 3 else 0.0
-    dx, dy = cosine * real[0] - sine * left, sine * real[0] + cosine * left
+    cosine, sine = cos(s[2]), sin(s[2])
+    dx, dy = cosine * real[0] - sine * real[1], sine * real[0] + cosine * real[1]
     for i in range(r):
-        for j in range(c):
+        for j in range(3):
             Fu[i, j] = 0.0
         for k in range(r):
             Fx[i, k] = 1.0 if i == k else 0.0
-    Fu[0, 0], Fu[1, 0], Fu[2, c - 1] = cosine, sine, 1.0
-    Fu[0, 1], Fu[1, 1] = (-dy, dx) if c == 2 else (-sine, cosine)
+    Fu[0, 0], Fu[1, 0], Fu[2, 2] = cosine, sine, 1.0
+    Fu[0, 1], Fu[1, 1] = -sine, cosine
     Fx[0, 2], Fx[1, 2] = a[0] - dy, a[1] + dx
     for i in range(3):
         for k in range(3, r):
-            for j in range(c):
+            for j in range(3):
                 Fx[i, k] += Fu[i, j] * D[j, k - 3]
-    s[0], s[1], s[2] = s[0] + dx, s[1] + dy, wrapped(s[2] + real[c - 1])
+    s[0], s[1], s[2] = s[0] + dx, s[1] + dy, wrapped(s[2] + real[2])
     a[0] = a[1] = 0.0
 
 

@@ -8,14 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import LogError, require
+from saccade.motions import SYSTEMATIC_ERRORS
 from saccade.slam.filter._kernels import predict, retract, update, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
-from saccade.slam.filter.models import observe, wrap
+from saccade.slam.filter.models import as_relative_pose, observe, wrap
 from saccade.slam.filter.predictions import (
-    BIASES,
     Innovations,
     PredictedObservations,
-    control_bias,
     expected,
     new_innovations,
 )
@@ -80,7 +79,7 @@ class EkfSlam:
         errors: Errors = "standard",
         huber: float = inf,
     ) -> None:
-        robot = check_vector("pose", pose, 3 + BIASES if np.size(pose) > 3 else 3)
+        robot = check_vector("pose", pose, 3 + SYSTEMATIC_ERRORS if np.size(pose) > 3 else 3)
         P = check_covariance("covariance of the pose", covariance, len(robot))
         require(errors in ERRORS, "errors", " or ".join(ERRORS), errors)
         self._whole = new_state(robot, P, errors=ERRORS[errors], huber=huber)
@@ -88,23 +87,29 @@ class EkfSlam:
         self.submap: Submap | None = None
         """The submap in which the filter works at present; None for the whole map."""
 
-    def predict(self, u: FloatArray, U: FloatArray, *, checked: bool = False) -> None:
+    def predict(
+        self,
+        u: FloatArray,
+        U: FloatArray,
+        by_error: FloatArray | None = None,
+        *,
+        checked: bool = False,
+    ) -> None:
         """Moves the robot (C.5-C.9).
 
         Args:
-            u: (c,) control: distance and turn for `turn_then_translate`, or forward, left and turn
-                for `compose`.
+            u: (c,) control, of the first motion in `saccade.motions.MOTIONS` with c columns.
             U: (c, c) its covariance.
-            checked: whether the arguments are known to be valid.
+            by_error: (3, 3) Jacobian of a relative pose by the systematic errors of the odometry.
+            checked: whether the control is a relative pose (3,), and the arguments are valid.
         """
-        if not checked:
-            u = check_vector("control", u, 3 if np.size(u) == 3 else 2)
-            U = check_covariance("covariance of the control", U, len(u))
+        if not checked or by_error is None:
+            u, U, by_error = as_relative_pose(u, U)
         if is_inflation_due(self.active):
             self.leave()
             inflate_heading_covariance(self._whole)
         f = self._reserved(0, 1)
-        predict(f, u, U, control_bias(u, f.robot_size))
+        predict(f, u, U, by_error[:, : f.robot_size - 3])
 
     def update(
         self, z: FloatArray, R: FloatArray, landmark: npt.ArrayLike, *, checked: bool = False
@@ -365,7 +370,7 @@ class EkfSlam:
 
     @property
     def odometry_bias(self) -> FloatArray | None:
-        """(3,) see `filter.predictions.BIASES`; None where they are no part of the state."""
+        """(3,) see `motions.SYSTEMATIC_ERRORS`; None where they are no part of the state."""
         return self.robot_state[3:] if self.active.robot_size > 3 else None
 
     @property

@@ -1,13 +1,14 @@
 """Motion, observation and inverse observation models, each with its Jacobians (appendix C)."""
 
-from collections.abc import Callable
 from math import cos, sin
 
 import numpy as np
 import numpy.typing as npt
 
+from saccade.errors import LogError
+from saccade.motions import MOTIONS, find_motion, motion_of_size, to_relative_poses
 from saccade.slam.filter._kernels import MIN_RANGE, wrapped
-from saccade.slam.filter.validation import as_numbers, check_vector
+from saccade.slam.filter.validation import as_numbers, check_covariance, check_vector
 from saccade.types import FloatArray
 
 
@@ -33,13 +34,10 @@ def turn_then_translate(
     Raises:
         LogError: an argument has a wrong shape, or is not finite.
     """
-    x, y, theta = check_vector("pose", pose, 3).tolist()
-    d, phi = check_vector("control", control, 2).tolist()
-    c, s = cos(theta + phi), sin(theta + phi)
-    moved = np.array([x + d * c, y + d * s, wrapped(theta + phi)])  # C.5
-    Fx = np.array([[1.0, 0.0, -d * s], [0.0, 1.0, d * c], [0.0, 0.0, 1.0]])  # C.8, (3, 3)
-    Fu = np.array([[c, -d * s], [s, d * c], [0.0, 1.0]])  # C.9, (3, 2)
-    return moved, Fx, Fu
+    u = check_vector("control", control, 2)
+    step, J = (each[0] for each in MOTIONS["turn_then_translate"].relative_poses(u[None]))
+    moved, Fx, Fu = compose(pose, step)  # C.5, C.8
+    return moved, Fx, Fu @ J  # C.9
 
 
 def compose(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -153,8 +151,24 @@ def pose_difference(pose: FloatArray, other: FloatArray) -> FloatArray:
     return error
 
 
-MOTIONS: dict[int, Callable[..., tuple[FloatArray, FloatArray, FloatArray]]] = {
-    2: turn_then_translate,
-    3: compose,
-}
-"""Motion models by the length of the control."""
+def as_relative_pose(
+    control: FloatArray, covariance: FloatArray, motion: str = ""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Relative pose (3,) of a control, its covariance and its Jacobian by systematic errors (3, 3).
+
+    Args:
+        control: (c,).
+        covariance: (c, c).
+        motion: name in `saccade.motions.MOTIONS`; by default the first with c columns.
+
+    Raises:
+        LogError: an argument is invalid, or there is no such motion.
+    """
+    kind = find_motion(motion) if motion else motion_of_size(np.size(control))
+    if kind is None:
+        sizes = " or ".join(sorted({str(len(each.columns)) for each in MOTIONS.values()}))
+        raise LogError(f"control: expected {sizes} numbers, found shape {np.shape(control)}")
+    u = check_vector("control", control, len(kind.columns))
+    U = check_covariance("covariance of the control", covariance, len(u))
+    step, C, by_error = to_relative_poses(kind, u[None], U[None])
+    return step[0], C[0], by_error[0]

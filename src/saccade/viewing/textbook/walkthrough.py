@@ -124,7 +124,7 @@ class Walkthrough:
         system = SYSTEMS.get(appendix)
         changes = [each for each in self.changes if each.partition(".")[0] == system]
         text += f", with `{'`, `'.join(changes)}`." if changes else "."
-        if appendix == "C" and self.log.motion == "compose":
+        if appendix == "C" and self.log.motion != "turn_then_translate":
             text += (
                 " The controls of this log translate before they turn: each becomes two, (d, φ) of "
                 "the translation and of the remaining turn, without the lateral uncertainty."

@@ -1,0 +1,105 @@
+"""The table of motions: kinds of controls, and their conversion to relative poses.
+
+A relative pose is the next pose of the robot in the frame of the last: forward and left in meters,
+turn to the left in radians. The filter, smoothing and the search of a pose know relative poses
+only. Systematic errors of the odometry are errors of controls, and apply to every motion.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.errors import LogError
+
+Numbers: TypeAlias = npt.NDArray[np.float64]
+"""Array of numbers."""
+SYSTEMATIC_ERRORS = 3
+"""Number of systematic errors of the odometry: relative error of the distance; turn in radians per
+meter driven; and meters lost per radian turned."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A kind of controls."""
+
+    columns: tuple[str, ...]
+    """Names of the c numbers of a control, as in the header of a CSV log: lengths in meters, then
+    an angle in radians."""
+    relative_poses: Callable[[Numbers], tuple[Numbers, Numbers]]
+    """Converts controls (t, c) to relative poses (t, 3); also returns their Jacobians (t, 3, c)."""
+
+
+def _unchanged(control: Numbers) -> tuple[Numbers, Numbers]:
+    """Relative poses are controls already."""
+    return control, np.broadcast_to(np.eye(3), (len(control), 3, 3))
+
+
+def _turn_then_translate(control: Numbers) -> tuple[Numbers, Numbers]:
+    """A turn, then a distance straight ahead (C.5, C.9)."""
+    d, turn = control.T
+    c, s = np.cos(turn), np.sin(turn)
+    J = np.zeros((len(control), 3, 2))
+    J[:, 0, 0], J[:, 0, 1] = c, -d * s
+    J[:, 1, 0], J[:, 1, 1] = s, d * c
+    J[:, 2, 1] = 1.0
+    return np.stack([d * c, d * s, turn], 1), J
+
+
+MOTIONS: dict[str, Motion] = {
+    "compose": Motion(("forward", "left", "turn"), _unchanged),
+    "turn_then_translate": Motion(("distance", "turn"), _turn_then_translate),
+}
+"""Motions by name; of those with equal numbers of columns, the first is the default."""
+RELATIVE = next(iter(MOTIONS))
+"""Name of the motion whose controls are relative poses."""
+
+
+def find_motion(name: str, owner: str = "motion") -> Motion:
+    """The motion with this name.
+
+    Args:
+        name: name in `MOTIONS`.
+        owner: what has the motion, for the message.
+
+    Raises:
+        LogError: there is none.
+    """
+    if name not in MOTIONS:
+        raise LogError(f"{owner}: expected one of {', '.join(MOTIONS)}, found {name!r}")
+    return MOTIONS[name]
+
+
+def motion_of_size(size: int) -> Motion | None:
+    """The first motion whose controls have this number of columns; None without one."""
+    return next((each for each in MOTIONS.values() if len(each.columns) == size), None)
+
+
+class RelativePoses(NamedTuple):
+    """Relative poses of controls."""
+
+    step: Numbers
+    """(t, 3)."""
+    covariance: Numbers
+    """(t, 3, 3), to first order."""
+    by_error: Numbers
+    """(t, 3, 3) their Jacobians by the systematic errors of the odometry."""
+
+
+def to_relative_poses(motion: Motion, control: Numbers, covariance: Numbers) -> RelativePoses:
+    """Relative poses of controls (t, c) with covariances (t, c, c)."""
+    step, J = motion.relative_poses(control)
+    covariance = J @ covariance @ J.transpose(0, 2, 1)
+    return RelativePoses(step, covariance, J @ _by_systematic_errors(control))
+
+
+def _by_systematic_errors(control: Numbers) -> Numbers:
+    """Jacobian D (t, c, 3) of controls (t, c): the true control is u + D error."""
+    forward, turn = control[:, 0], control[:, -1]
+    D = np.zeros((*control.shape, SYSTEMATIC_ERRORS))
+    D[:, :-1, 0] = control[:, :-1]
+    D[:, -1, 1] = forward
+    D[:, 0, 2] = -np.sign(forward) * np.abs(turn)
+    return D

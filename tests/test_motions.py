@@ -1,0 +1,64 @@
+"""Contract over the table of motions: every row works everywhere."""
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
+from saccade.errors import LogError
+from saccade.motions import MOTIONS
+from saccade.types import LandmarkLog
+from support.oracles_slam import numerical_jacobian
+
+every = pytest.mark.parametrize("name", MOTIONS)
+
+
+def _log(name, rng):
+    c = len(MOTIONS[name].columns)
+    control = rng.normal(size=(5, c)) * [*[1.0] * (c - 1), 0.3]
+    return LandmarkLog(
+        name="log",
+        start=np.zeros(3),
+        time=np.arange(6.0),
+        motion=name,
+        control=control,
+        control_covariance=np.tile(np.diag(rng.uniform(0.01, 0.02, c)), (5, 1, 1)),
+        observation_pose=np.arange(6),
+        observation=rng.uniform([3, -1], [9, 1], (6, 2)),
+        observation_covariance=np.tile(np.diag([0.04, 0.01]), (6, 1, 1)),
+        landmark=np.arange(6) % 2,
+    )
+
+
+@every
+def test_the_jacobian_is_the_derivative(name, rng):
+    motion, size = MOTIONS[name], len(MOTIONS[name].columns)
+    control = rng.normal(size=(20, size))
+    step, J = motion.relative_poses(control)
+    assert step.shape == (20, 3)
+    for u, found in zip(control, J, strict=True):
+        numeric = numerical_jacobian(lambda at: motion.relative_poses(at[None])[0][0], u)
+        np.testing.assert_allclose(found, numeric, atol=1e-7)
+    zero = motion.relative_poses(np.zeros((1, size)))[0]
+    np.testing.assert_array_equal(zero, 0.0)
+
+
+@every
+def test_a_log_is_written_read_and_run(name, rng, tmp_path):
+    log = _log(name, rng)
+    write_log_csv(tmp_path / "log.csv", log)
+    again = read_log_csv(tmp_path / "log.csv")
+    assert again.motion == name
+    np.testing.assert_array_equal(again.control, log.control)
+    result = slam.run(again, slam.EkfConfig(association="known", smooth=False))
+    live = slam.Slam(slam.EkfConfig(association="known"), start=log.start, motion=name)
+    for i in range(len(log.time)):
+        motion = (None, None) if i == 0 else (log.control[i - 1], log.control_covariance[i - 1])
+        z, R = log.observation[[i]], log.observation_covariance[[i]]
+        step = live.step(log.time[i], *motion, z, R, log.landmark[[i]])
+        np.testing.assert_allclose(step.pose, result.filtered.pose[i], atol=1e-12)
+
+
+def test_an_unknown_motion_is_refused_with_the_known_ones(rng):
+    with pytest.raises(LogError, match="motion: expected one of compose, turn_then_translate"):
+        slam.Slam(motion="fly").step(0.0, np.zeros(3), np.eye(3))
