@@ -158,7 +158,8 @@ class EkfSlam:
             z = check_vector("observation", z, 2)
             R = check_covariance("covariance of the observation", R, 2)
         augment(self._reserved(1, 0), z, R)
-        return self.next_id - 1
+        added: int = self.next_id - 1
+        return added
 
     def remove(self, landmarks: IntArray) -> None:
         """Removes landmarks (k,), by their ids, from the map."""
