@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from measuring import DATA, arguments, peak_bytes, resized, times_in_turns
 from saccade import Sift, SiftConfig
+from saccade.settings import load_settings
 
 SIZES = {
     "VGA": (640, 480),
@@ -28,7 +29,7 @@ SIZES = {
     "12 MP": (4000, 3000),
     "100 MP": (11547, 8660),
 }
-CONTESTS = ("recommended", "equal", "opencv")
+CONTESTS = ("default", "equal", "opencv")
 SAME = 0.1
 """Pixels within which two points are the same."""
 PARITY = 0.03
@@ -43,9 +44,9 @@ def photographs(pairs: Path | None) -> list[np.ndarray]:
 def config_of(contest: str, image: np.ndarray) -> SiftConfig:
     """The configuration of a contest on an image."""
     if contest != "equal":
-        return getattr(SiftConfig, contest)()
+        return load_settings("sift", contest)
     wanted, low, high = len(cv2.SIFT.create().detect(image)), 1e-4, 0.1
-    config = SiftConfig.recommended()
+    config = SiftConfig()
     for _ in range(12):
         config = replace(config, contrast_threshold=(low * high) ** 0.5)
         found = len(Sift(config)(image, describe=False))
@@ -75,7 +76,7 @@ def contend(image: np.ndarray, contest: str, threads: int, runs: int) -> list[fl
 def memory(image: np.ndarray, contest: str) -> float:
     """Peak bytes per pixel that detection and description add."""
     peer = cv2.SIFT.create()
-    sift = Sift(SiftConfig.recommended()) if contest == "saccade" else None
+    sift = Sift(SiftConfig()) if contest == "saccade" else None
     detect = sift or (lambda picture: peer.detectAndCompute(picture, None))
     detect(image[:200, :200].copy())
     before = peak_bytes(reset=True)

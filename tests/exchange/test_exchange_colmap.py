@@ -263,14 +263,18 @@ def test_a_camera_that_does_not_fit_is_named(pycolmap, rng, tmp_path, cameras, e
 
 
 @pytest.mark.parametrize(
-    ("options", "preset"), [([], "mapping"), (["--preset", "recommended"], "recommended")]
+    ("options", "config"),
+    [
+        ([], saccade.SiftConfig.mapping()),
+        (["--preset", "default"], saccade.SiftConfig()),
+    ],
 )
-def test_matches_for_colmap_are_of_points_for_mapping(pycolmap, run, tmp_path, options, preset):
+def test_matches_for_colmap_are_of_points_for_mapping(pycolmap, run, tmp_path, options, config):
     images = str(Path(HALLWAY[0]).parent / "hallway_*.jpg")
     words = ["match", images, "--format", "colmap", "--out", tmp_path, *options]
     assert run(*words)[0] == 0
     stored = exchange.read_colmap(tmp_path / "database.db").keypoints["hallway_1.jpg"]
-    sift = saccade.Sift(getattr(saccade.SiftConfig, preset)())
+    sift = saccade.Sift(config)
     expected = sift(saccade.read_image(HALLWAY[0]))
     np.testing.assert_allclose(stored.xy, expected.xy, atol=1e-3)
 

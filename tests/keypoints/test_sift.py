@@ -66,7 +66,7 @@ def test_a_blob_is_found_at_its_center(rng, preset, sigma):
 @pytest.mark.parametrize("sigma", 1.3 * 2 ** np.linspace(0, 3, 16))
 def test_a_blob_of_any_size_is_found(rng, sigma):
     """Sparse samples leave a little more error, and a scale between two octaves is in both."""
-    sift = Sift(dataclasses.replace(SiftConfig.recommended(), upright=True))
+    sift = Sift(dataclasses.replace(SiftConfig(), upright=True))
     for x, y in [(60, 60), (60.5, 60.5), (60.5, 61), *(60 + rng.random((6, 2)))]:
         found = sift(blob((121, 122), x, y, sigma), describe=False)
         assert 1 <= len(found) <= 2
@@ -192,7 +192,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("preset", ["recommended", "opencv"])
+@pytest.mark.parametrize("preset", ["default", "opencv"])
 def test_an_image_of_any_kind_has_the_same_points(rng, kind, preset):
     gray = np.rint(texture(rng, (90, 110)) * 255).astype(np.uint8)
     sift = Sift(PRESETS[preset])
@@ -220,12 +220,12 @@ def test_positions_for_mapping_are_more_exact(degrees):
     turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), degrees, 1)
     rolled = cv2.warpAffine(image, turn, (width, height), flags=cv2.INTER_LANCZOS4)
     found = {}
-    for preset in ("recommended", "mapping"):
+    for preset in ("default", "mapping"):
         here, there = (Sift(PRESETS[preset])(each) for each in (image, rolled))
         pairs = match(here, there)
         expected = here.xy[pairs[:, 0]] @ turn[:, :2].T + turn[:, 2]
         errors = np.hypot(*(expected - there.xy[pairs[:, 1]]).T)
         right = errors < 2
         found[preset] = right.sum(), np.sqrt(np.mean(errors[right] ** 2))
-    assert found["mapping"][0] > found["recommended"][0]
-    assert found["mapping"][1] < 0.8 * found["recommended"][1]
+    assert found["mapping"][0] > found["default"][0]
+    assert found["mapping"][1] < 0.8 * found["default"][1]

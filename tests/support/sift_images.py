@@ -3,12 +3,9 @@
 import numpy as np
 from scipy import ndimage
 
-from saccade.keypoints import SiftConfig
+from saccade.settings import load_settings, preset_names
 
-PRESETS = {
-    name: getattr(SiftConfig, name)()
-    for name in ("recommended", "mapping", "lowe2004", "kootstra2010", "opencv", "colmap")
-}
+PRESETS = {name: load_settings("sift", name) for name in preset_names("sift")}
 UNBIASED = [name for name in PRESETS if name != "opencv"]
 FIELDS = ("xy", "size", "angle", "response", "octave", "descriptors")
 

@@ -36,7 +36,7 @@ class Sift:
     """
 
     def __init__(self, config: SiftConfig | None = None, threads: int | None = None) -> None:
-        self.config = config or SiftConfig.recommended()
+        self.config = config or SiftConfig()
         self._workspaces = WorkspacePool(threads)
 
     def __repr__(self) -> str:

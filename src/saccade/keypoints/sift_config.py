@@ -11,9 +11,11 @@ from saccade.scale.scale_space_config import ScaleSpaceConfig
 
 @dataclass(frozen=True)
 class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
-    """Settings of scale space, detector and descriptor; the default is `recommended`.
+    """Settings of scale space, detector and descriptor.
 
-    Thresholds are for images in [0, 1].
+    The default is unbiased and has about as many keypoints as OpenCV's SIFT, sparse samples and
+    RootSIFT; it was chosen on all eight sequences of the affine covariant regions set. Thresholds
+    are for images in [0, 1].
     """
 
     candidate_fraction: float = setting(0.7, 0, 1)
@@ -33,14 +35,6 @@ class SiftConfig(SelectionConfig, DescriptorConfig, ScaleSpaceConfig):
         ScaleSpaceConfig.__post_init__(self)  # checks the ranges of the descriptor too
         limited = self.max_keypoints is not None
         require(limited or not self.spread, "spread", "max_keypoints with it", self.max_keypoints)
-
-    @classmethod
-    def recommended(cls) -> Self:
-        """Ours: unbiased, about as many keypoints as OpenCV's, sparse samples, RootSIFT.
-
-        Its numbers were chosen on the affine covariant regions set, all eight sequences in view.
-        """
-        return cls()
 
     @classmethod
     def mapping(cls) -> Self:
