@@ -1,7 +1,9 @@
 """Optional dependencies and functions that users name."""
 
+import sys
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
@@ -28,11 +30,14 @@ def import_optional(library: str, extra: str) -> Any:
 
 
 def import_function(what: str, name: str) -> Callable[..., Any]:
-    """The function at module:function.
+    """The function at module:function; the module may lie in the current folder.
 
     Raises:
         ConfigError: there is no such function; the message begins with `what`.
     """
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.append(folder)  # also for the workers that this process starts
     try:
         found = resolve_name(name)
     except Exception as error:  # whatever the module raises
@@ -41,3 +46,11 @@ def import_function(what: str, name: str) -> Callable[..., Any]:
         raise ConfigError(f"{what}: {name}: expected a function, found {type(found).__name__}")
     function: Callable[..., Any] = found
     return function
+
+
+def name_of(function: str | Callable[..., Any]) -> str:
+    """The name of a function as module:function, or the name given."""
+    if isinstance(function, str):
+        return function
+    kind = function if hasattr(function, "__qualname__") else type(function)
+    return f"{kind.__module__}:{kind.__qualname__}"

@@ -12,16 +12,13 @@ from saccade.io.files import read_toml
 KINDS = {
     "scanpath": ("saccade.attention.scanpath", "ScanpathConfig"),
     "scanpath-model": ("saccade.attention.scanpath_model", "ScanpathModelConfig"),
-    "must": ("saccade.keypoints.must_config", "MustConfig"),
-    "sift": ("saccade.keypoints.sift_config", "SiftConfig"),
-    "symroid": ("saccade.keypoints.must_config", "SymRoidConfig"),
     "slam": ("saccade.slam", "EkfConfig"),
     "visual": ("saccade.visual", "VisualConfig"),
     "world": ("saccade.simulation", "WorldConfig"),
     "drive": ("saccade.simulation", "DriveConfig"),
 }
 """Module and class of the kinds of configurations that are in no table."""
-TABLES = {"saccade.attention.models": "MODELS"}
+TABLES = {"saccade.attention.models": "MODELS", "saccade.keypoints.detectors": "DETECTORS"}
 """Module and name of the tables whose rows have a class of `settings`; their names are kinds."""
 
 DEFAULT = "default"

@@ -25,23 +25,6 @@ def rows_of(table):
         return list(csv.DictReader(lines))
 
 
-@pytest.mark.parametrize("detector", ["must", "symroid"])
-def test_detect_by_symmetry(run, tmp_path, detector):
-    code, out, _ = run("detect", HALLWAY[0], "--detector", detector, "--max", 12, "--json")
-    assert code == 0
-    (row,) = json.loads(out)["images"]
-    assert row["points"] == 12
-    assert looks_like_a_picture(row["picture"])
-    image = saccade.read_image(HALLWAY[0])
-    if detector == "must":
-        expected = saccade.Must(saccade.MustConfig(max_keypoints=12))(image)
-    else:
-        regions = saccade.SymRoid(saccade.SymRoidConfig(max_keypoints=12))(image)
-        np.testing.assert_allclose(row["boxes"], regions.boxes)
-        expected = regions.keypoints
-    assert_same(exchange.read_npz(row["arrays"]), expected)
-
-
 @pytest.mark.parametrize("command", ["detect", "look"])
 def test_a_name_that_is_too_long_for_results_loses_that_image_alone(run, tmp_path, command):
     (tmp_path / "in").mkdir()

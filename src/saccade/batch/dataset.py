@@ -6,16 +6,16 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from saccade.batch.job import POINTS, What
+from saccade.batch.job import MAPS, SCANPATH, Job
 from saccade.batch.storage import Store
 from saccade.errors import ConfigError, KeypointsError
 from saccade.exchange import write_colmap, write_hdf5
-from saccade.exchange.arrow import POINT_SCHEMA, points_of, read_metadata, read_rows
+from saccade.exchange.arrow import points_of, read_metadata, read_rows, schema_in
 from saccade.io.files import LARGEST_TEXT, check_format, reading
 from saccade.types import Keypoints
 
@@ -78,10 +78,10 @@ def read_points(location: str) -> Iterator[ImageKeypoints]:
     """
     store = Store(location)
     manifest = read_manifest(store)
-    if manifest is None or manifest["what"] not in POINTS:
+    if manifest is None or manifest["what"] in (*MAPS, SCANPATH):
         found = f"no {MANIFEST}" if manifest is None else manifest["what"]
         raise ConfigError(f"{location}: expected extracted points, found {found}")
-    for file in block_files(store, manifest["what"]):
+    for file in block_files(store, Job(manifest["what"]).folder):
         yield from read_block_points(store, file)
 
 
@@ -92,7 +92,7 @@ def read_block_points(store: Store, file: str) -> list[ImageKeypoints]:
         KeypointsError: the file is broken.
     """
     path = f"{store.location}/{file}"
-    records, table = read_block(store, file, POINT_SCHEMA)
+    records, table = read_block(store, file, schema_in)
     points = points_of(path, table, [record.rows for record in records])
     found = []
     for record, each in zip(records, points, strict=True):
@@ -121,7 +121,7 @@ def read_manifest(store: Store) -> dict[str, Any] | None:
     ):
         manifest = dict(json.loads(file.read(LARGEST_TEXT)))
         check_format("extraction", manifest.get("format"), path, ConfigError)
-        if manifest.get("what") not in get_args(What) or "settings" not in manifest:
+        if not isinstance(manifest.get("what"), str) or "settings" not in manifest:
             raise ValueError("found other names")
         return manifest
     return None
@@ -132,13 +132,25 @@ def block_files(store: Store, folder: str) -> list[str]:
     return [name for name in store.list_files(folder) if name.endswith(SUFFIX)]
 
 
-NO_COLUMNS = pa.schema([])
+def no_columns(file: pq.ParquetFile) -> pa.Schema:
+    """A schema without columns."""
+    return pa.schema([])
+
+
+def all_columns(file: pq.ParquetFile) -> pa.Schema:
+    """The schema of a file."""
+    return file.schema_arrow.remove_metadata()
 
 
 def read_block(
-    store: Store, file: str, schema: pa.Schema = NO_COLUMNS
+    store: Store, file: str, schema: Callable[[pq.ParquetFile], pa.Schema] = no_columns
 ) -> tuple[list[ImageRecord], pa.Table]:
-    """The images of a file, and the columns of a schema.
+    """The images of a file, and its columns.
+
+    Args:
+        store: the data set.
+        file: name of the file.
+        schema: function from the opened file to the columns that are read.
 
     Raises:
         KeypointsError: the file is broken, or something else.
@@ -151,7 +163,7 @@ def read_block(
         pq.ParquetFile(opened) as parquet,
     ):
         images = read_metadata(parquet, path)["images"]
-        table = read_rows(parquet, opened.seek(0, os.SEEK_END), schema)
+        table = read_rows(parquet, opened.seek(0, os.SEEK_END), schema(parquet))
         return [ImageRecord(**image) for image in images], table
 
 

@@ -12,9 +12,11 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import chain
 from operator import itemgetter
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 from pyarrow import compute
 
@@ -23,12 +25,13 @@ from saccade.batch.dataset import (
     MANIFEST,
     SUFFIX,
     ImageRecord,
+    all_columns,
     block_files,
     read_block,
     read_manifest,
 )
-from saccade.batch.job import MAPS, POINTS, Job
-from saccade.batch.schemas import feature_rows, schema_of
+from saccade.batch.job import MAPS, SCANPATH, Job
+from saccade.batch.schemas import empty_schema, feature_rows
 from saccade.batch.sources import (
     Item,
     Source,
@@ -39,11 +42,19 @@ from saccade.batch.sources import (
 )
 from saccade.batch.storage import Store
 from saccade.batch.workers import DIED, run_blocks
-from saccade.errors import ConfigError, ImageError, SaccadeError
+from saccade.errors import ConfigError, ImageError, KeypointsError, SaccadeError
 from saccade.exchange.arrow import column, rows_of, write_rows
 from saccade.exchange.maps import encode_png
+from saccade.extras import name_of
 from saccade.io.files import FORMATS
-from saccade.types import Image
+from saccade.keypoints.detectors import (
+    as_detections,
+    call,
+    described,
+    make_detector,
+    own_function,
+)
+from saccade.types import Image, Regions
 
 MAX_BLOCK = 256
 """Images in a block: minutes of work, and a file of about 30 MB."""
@@ -121,7 +132,7 @@ def extract(
             done += len(block) - len(reasons)
             failed |= reasons
             on_progress(done, len(failed), total)
-        files = block_files(store, job.what)
+        files = block_files(store, job.folder)
         records = [record for file in files for record in read_block(store, file)[0]]
         _write_summary(store, records, failed)
     return Extraction(
@@ -154,7 +165,7 @@ def remove_outdated(store: Store, source: Source, job: Job) -> set[str]:
         except ImageError:
             return True
 
-    for file in block_files(store, job.what):
+    for file in block_files(store, job.folder):
         records, _ = read_block(store, file)
         kept = [record for record in records if is_current(record)]
         names = [record.image for record in kept]
@@ -162,11 +173,12 @@ def remove_outdated(store: Store, source: Source, job: Job) -> set[str]:
         if not kept:
             store.remove(file)
         elif len(kept) < len(records):
-            schema = schema_of(job.what)
-            _, table = read_block(store, file, schema)
+            _, table = read_block(store, file, all_columns)
             rows = table.filter(compute.is_in(table["image"], column(names, pa.string())))
             with store.writing(file) as path:
-                write_rows(path, rows.to_batches(), schema, [asdict(record) for record in kept])
+                write_rows(
+                    path, rows.to_batches(), table.schema, [asdict(record) for record in kept]
+                )
     return done
 
 
@@ -194,12 +206,14 @@ def extract_block(job: Job, location: str, block: Sequence[Item]) -> dict[str, s
     """
     store = Store(location)
     digest = hashlib.blake2b("\n".join(item.name for item in block).encode(), digest_size=12)
-    file = f"{job.what}/{digest.hexdigest()}{SUFFIX}"
+    file = f"{job.folder}/{digest.hexdigest()}{SUFFIX}"
     records: list[dict[str, Any]] = []
     failed: dict[str, str] = {}
-    rows = _extract_images(job, store, block, records, failed)
+    batches = _extract_images(job, store, block, records, failed)
+    first = next(batches, None)
+    schema, begin = (empty_schema(job), []) if first is None else (first.schema, [first])
     with store.writing(file) as path:
-        write_rows(path, rows, schema_of(job.what), records)
+        write_rows(path, chain(begin, batches), schema, records)
     if not records:
         store.remove(file)
     return failed
@@ -212,18 +226,22 @@ def _extract_images(
     records: list[dict[str, Any]],
     failed: dict[str, str],
 ) -> Iterator[pa.RecordBatch]:
-    """The rows of each image; fills the records, and the reasons of images that failed."""
+    """The rows of each image that has any; fills the records, and the reasons of failures."""
     read, analyze = content_reader(), make_analyzer(job)
+    schema: pa.Schema | None = None
     for item in block:
         try:
             start = time.perf_counter()
             content = read(item)
             image = decode(content, item.name)
             found = analyze(image)
-            if job.what in MAPS:
+            if isinstance(found, np.ndarray):
                 with store.writing(f"{MAP_FOLDER}/{item.name}.png") as path:
                     path.write_bytes(encode_png(found))
-            batch = feature_rows(job, item.name, image.shape, found)
+            batch = feature_rows(item.name, image.shape, found)
+            if batch.num_rows:
+                schema = schema or batch.schema
+                check_schema(batch, schema, item.name)
         except (SaccadeError, MemoryError) as error:
             failed[item.name] = str(error) or "not enough memory"
             continue
@@ -243,7 +261,19 @@ def _extract_images(
             orientation=orientation_of(content),
         )
         records.append(asdict(record))
-        yield batch
+        if batch.num_rows:
+            yield batch
+
+
+def check_schema(batch: pa.RecordBatch, schema: pa.Schema, name: str) -> None:
+    """Raises `KeypointsError` if the rows of an image have other columns than those before."""
+    for field in schema:
+        found = batch.schema.field(field.name).type if field.name in batch.schema.names else "none"
+        if found != field.type:
+            raise KeypointsError(
+                f"{name}: {field.name}: expected {field.type} as for the images before, "
+                f"found {found}"
+            )
 
 
 def make_analyzer(job: Job) -> Callable[[Image], Any]:
@@ -251,13 +281,10 @@ def make_analyzer(job: Job) -> Callable[[Image], Any]:
 
     The features are `Keypoints`, `Regions`, a `Scanpath`, or a map (h, w) in [0, 1].
     """
-    if job.what in POINTS:
-        from saccade import keypoints
-
-        detectors: dict[str, Any]
-        detectors = {"sift": keypoints.Sift, "must": keypoints.Must, "symroid": keypoints.SymRoid}
-        detector: Callable[[Image], Any] = detectors[job.what](job.settings, threads=1)
-        return detector
+    if not job.is_own and job.what not in (*MAPS, SCANPATH):
+        return make_detector(job.what, job.settings, threads=1)
+    if job.is_own:
+        return partial(own_features, own_function(job.what), name_of(job.what))
     from saccade.attention import scanpath
     from saccade.attention.models import AttentionModel
 
@@ -265,6 +292,21 @@ def make_analyzer(job: Job) -> Callable[[Image], Any]:
     if job.what in MAPS:
         return lambda image: model.maps(image).saliency
     return lambda image: scanpath(model.maps(image), job.network, fixations=job.fixations)
+
+
+def own_features(function: Callable[..., Any], name: str, image: Image) -> Any:
+    """The features that a user's function finds in an image, validated.
+
+    Raises:
+        ConfigError: the function fails, or returns neither points nor a map in [0, 1].
+    """
+    found = call(function, image, name)
+    if not isinstance(found, np.ndarray):
+        points = as_detections(found, name)
+        return points if isinstance(points, Regions) else described(points, image)
+    if found.ndim != 2 or found.size == 0 or not ((found >= 0) & (found <= 1)).all():
+        raise ConfigError(f"{name}: expected a map (h, w) in [0, 1], found shape {found.shape}")
+    return found.astype(np.float32)
 
 
 def _prepare(store: Store, job: Job) -> None:

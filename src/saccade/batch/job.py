@@ -1,28 +1,43 @@
 """A job: the features to extract from every image, and their settings."""
 
 import hashlib
+import inspect
 import json
+import re
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
+from saccade.attention.models import MODELS
 from saccade.errors import Settings, require, setting
+from saccade.extras import name_of
+from saccade.keypoints.detectors import DETECTORS, OWN, own_function
 
-What: TypeAlias = Literal["saliency", "contrast", "symmetry", "scanpath", "sift", "must", "symroid"]
+SALIENCY = "saliency"
+"""Name of the maps of the attention model."""
+SCANPATH = "scanpath"
+MAPS = tuple(SALIENCY if name == "attention" else name for name in MODELS)
+"""Saliency models that can be extracted."""
+ATTENTION = (SALIENCY, SCANPATH)
+"""Features of the attention model, or of a fitted model."""
 
-POINTS = ("sift", "must", "symroid")
-MAPS = ("saliency", "contrast", "symmetry")
+
+def features() -> list[str]:
+    """Names of the features, besides those of users' functions."""
+    return [*DETECTORS, *MAPS, SCANPATH]
 
 
 @dataclass(frozen=True)
 class Job(Settings):
     """Features to extract from every image, and their settings."""
 
-    what: What
-    """Detector or model; also the folder of its table."""
-    settings: Any
-    """The configuration of the algorithm: AttentionConfig or FittedModel for saliency and
-    scanpath, ContrastConfig, SymmetryConfig, SiftConfig, MustConfig or SymRoidConfig."""
+    what: str | Callable[..., Any]
+    """A name in `features()`; or a function, or its name as module:function, from an image to
+    points as for `saccade.keypoints.detectors.make_detector`, or to a map (h, w) in [0, 1]."""
+    settings: Any = None
+    """The configuration of the algorithm, or the `FittedModel` of saliency and scanpath; None for
+    the default, and for a function."""
     network: Any = None
     """ScanpathConfig of a scanpath; None for the default."""
     fixations: int = setting(10, 1)
@@ -30,14 +45,30 @@ class Job(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for settings in (self.settings, getattr(self.settings, "descriptor", None)):
-            dtype = getattr(settings, "descriptor_dtype", "uint8")
-            require(dtype == "uint8", "descriptor_dtype", "uint8, as the table has it", dtype)
+        known = not self.is_own or not isinstance(self.what, str) or ":" in self.what
+        require(known, "what", f"one of {', '.join(features())} or {OWN}", self.what)
+        if self.is_own:
+            require(self.settings is None, "settings", "none for a function", self.settings)
+        elif self.settings is None and self.what in DETECTORS:
+            object.__setattr__(self, "settings", DETECTORS[str(self.what)].settings())
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the features are those of a user's function."""
+        return self.what not in features()
+
+    @property
+    def folder(self) -> str:
+        """Name of the folder of the table."""
+        return re.sub(r"[^\w.-]", ".", name_of(self.what))
 
     def describe(self) -> dict[str, Any]:
-        """All settings that the result depends on, for JSON."""
-        description: dict[str, Any] = {"what": self.what, "settings": asdict(self.settings)}
-        if self.what == "scanpath":
+        """All settings that the result depends on, for JSON; of a function its source."""
+        settings = None if self.settings is None else asdict(self.settings)
+        if self.is_own:
+            settings = {"source": source_of(own_function(self.what))}
+        description: dict[str, Any] = {"what": name_of(self.what), "settings": settings}
+        if self.what == SCANPATH:
             network = None if self.network is None else asdict(self.network)
             description |= {"network": network, "fixations": self.fixations}
         return description
@@ -47,3 +78,12 @@ class Job(Settings):
         """Hash of the description, as 16 hexadecimal digits."""
         text = json.dumps(self.describe(), sort_keys=True, default=str)
         return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+
+
+def source_of(function: Callable[..., Any]) -> str:
+    """Hash of the source of a function; empty where Python has none."""
+    try:
+        text = inspect.getsource(function if inspect.isroutine(function) else type(function))
+    except (OSError, TypeError):
+        return ""
+    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()

@@ -29,17 +29,18 @@ from saccade.batch.dataset import (
     read_points,
 )
 from saccade.batch.extraction import MIN_BLOCKS, Extraction, extract
-from saccade.batch.job import POINTS, Job
+from saccade.batch.job import MAPS, SCANPATH, Job
 from saccade.batch.sources import Source, open_source
 from saccade.batch.storage import Store
 from saccade.batch.workers import DIED, count_workers, run_blocks
 from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
 from saccade.exchange.colmap import Cameras, check_cameras
-from saccade.exchange.fields import check_name
 from saccade.extras import import_optional
 from saccade.io.files import atomic_write, locked, read_text, reading
+from saccade.io.keypoint_fields import check_name
 from saccade.io.npz import read_arrays, save_arrays
+from saccade.keypoints.detectors import DETECTORS
 from saccade.keypoints.matching import match
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.two_view_fit import Geometry
@@ -150,7 +151,8 @@ def match_images(
     preset = SiftConfig.mapping() if "colmap" in formats else SiftConfig()
     config, job = config or MatchConfig(), job or Job("sift", preset)
     require(len(formats) > 0, "formats", "hdf5 or colmap", formats)
-    require(job.what in POINTS, "job", f"one of {', '.join(POINTS)}", job.what)
+    points = job.what not in (*MAPS, SCANPATH)
+    require(points, "job", f"one of {', '.join(DETECTORS)} or a function", job.what)
     if "colmap" in formats:  # to fail before any work is done
         check_cameras(cameras)
     if "hdf5" in formats:
@@ -194,7 +196,7 @@ def plan_pairs(
     """Blocks of the pairs that are wanted, without images that failed."""
     file_of: dict[str, str] = {}
     content_of: dict[str, str] = {}
-    for file in block_files(features, job.what):
+    for file in block_files(features, job.folder):
         for record in read_block(features, file)[0]:
             file_of[record.image], content_of[record.image] = file, record.content
     possible = [pair for pair in wanted if file_of.keys() >= {*pair}]

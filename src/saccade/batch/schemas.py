@@ -1,19 +1,16 @@
 """Rows of the tables of a data set as Arrow record batches."""
 
-from dataclasses import replace
-
 import numpy as np
 import pyarrow as pa
 
-from saccade.batch.job import MAPS, Job
-from saccade.exchange.arrow import DESCRIPTOR_SIZE, POINT_SCHEMA, rows_of_image
-from saccade.exchange.fields import columns_of
+from saccade.batch.job import MAPS, SCANPATH, Job
+from saccade.exchange.arrow import POINT_SCHEMA, descriptor_type, point_schema, rows_of_image
+from saccade.io.keypoint_fields import columns_of
+from saccade.keypoints.detectors import DETECTORS, keypoints_of
 from saccade.types import Float32Array, Keypoints, Regions, Scanpath
 
-REGION_SCHEMA = pa.schema(
-    [*POINT_SCHEMA, *((name, pa.float32()) for name in ("left", "top", "right", "bottom"))]
-)
-"""The columns of points, and the box of each region in image pixels."""
+BOX = tuple((name, pa.float32()) for name in ("left", "top", "right", "bottom"))
+"""Columns of the box of a region in image pixels."""
 FIXATION_SCHEMA = pa.schema(
     [
         ("image", pa.string()),
@@ -33,16 +30,16 @@ MAP_SCHEMA = pa.schema(
 """Shape of the map of an image, and its maximum at x and y in image pixels."""
 
 
-def schema_of(what: str) -> pa.Schema:
-    """The columns of the table of a kind of features."""
-    if what in MAPS:
+def empty_schema(job: Job) -> pa.Schema:
+    """The columns of a table without rows."""
+    if job.what in MAPS:
         return MAP_SCHEMA
-    others = {"symroid": REGION_SCHEMA, "scanpath": FIXATION_SCHEMA}
-    return others.get(what, POINT_SCHEMA)
+    if job.what in DETECTORS and DETECTORS[str(job.what)].gives_regions:
+        return pa.schema([*POINT_SCHEMA, *BOX])
+    return FIXATION_SCHEMA if job.what == SCANPATH else POINT_SCHEMA
 
 
 def feature_rows(
-    job: Job,
     name: str,
     shape: tuple[int, ...],
     found: Keypoints | Regions | Scanpath | Float32Array,
@@ -54,12 +51,13 @@ def feature_rows(
         return rows_of_image(name, fixations, FIXATION_SCHEMA)
     if isinstance(found, np.ndarray):
         return _map_row(name, shape, found)
-    boxes = list(found.boxes.T) if isinstance(found, Regions) else []
-    points = found.keypoints if isinstance(found, Regions) else found
-    if points.descriptors is None:
-        points = replace(points, descriptors=np.zeros((len(points), DESCRIPTOR_SIZE), np.uint8))
+    points, schema, boxes = keypoints_of(found), POINT_SCHEMA, []
+    if points.descriptors is not None:
+        schema = point_schema(descriptor_type(points.descriptors))
+    if isinstance(found, Regions):
+        schema, boxes = pa.schema([*schema, *BOX]), list(found.boxes.T)
     columns = [*columns_of(points).values(), points.descriptors, *boxes]
-    return rows_of_image(name, columns, schema_of(job.what))
+    return rows_of_image(name, columns, schema)
 
 
 def _map_row(name: str, shape: tuple[int, ...], values: Float32Array) -> pa.RecordBatch:

@@ -26,11 +26,18 @@ from saccade.exchange.colmap import Cameras, check_cameras, parse_cameras
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.io.image import read_image
-from saccade.keypoints import Must, Sift, SymRoid
+from saccade.keypoints.detectors import (
+    DEFAULT_DETECTOR,
+    DETECTORS,
+    Detect,
+    keypoints_of,
+    make_detector,
+    own_function,
+    summaries,
+)
 from saccade.types import Keypoints, Regions
 from saccade.viewing import keypoint_figure, region_figure, save_figures
 
-DETECTORS: dict[str, Any] = {"sift": Sift, "must": Must, "symroid": SymRoid}
 Format = Literal["npz", "csv", "hdf5", "colmap", "png", "svg", "pdf"]
 """File formats of keypoints and of figures."""
 
@@ -39,32 +46,30 @@ Format = Literal["npz", "csv", "hdf5", "colmap", "png", "svg", "pdf"]
 class DetectorOptions(SettingsOptions):
     """A detector and its settings."""
 
-    detector: Literal["sift", "must", "symroid"] = "sift"
-    """SIFT, points of symmetry (must), or regions of symmetry (symroid)."""
+    detector: Annotated[str, Parameter(metavar="NAME", help=f"{summaries()}.")] = DEFAULT_DETECTOR
     max_keypoints: Annotated[int | None, Parameter("--max", metavar="N")] = setting(None, 1)
     """Keep only the N strongest keypoints, at least 1."""
-    spread: bool = False
-    """Distribute the keypoints of --max evenly over the image."""
 
-    def detector_of_settings(self) -> Any:
-        """A `Sift`, `Must` or `SymRoid`.
+    def detector_settings(self) -> Any:
+        """Settings of a detector in the table; None for a user's function, which takes none.
 
         Raises:
-            ConfigError: the detector lacks a setting.
+            ConfigError: unknown detector, preset or setting; or settings for a function.
         """
+        if self.detector not in DETECTORS:
+            own_function(self.detector)
+            given = self.preset or self.config
+            require(given is None, "detector", "no --preset and --config with a function", given)
+            return None
         settings = self.settings(self.detector)
         if self.max_keypoints is not None:
             settings = replace(settings, max_keypoints=self.max_keypoints)
-        if self.spread:
-            points = self.detector != "symroid"
-            require(points, "spread", "a detector of points", self.detector)
-            settings = replace(settings, spread=True)
-        return DETECTORS[self.detector](settings)
+        return settings
 
-
-def keypoints_of(detections: Keypoints | Regions) -> Keypoints:
-    """The detections as keypoints; regions are reduced to their centers' keypoints."""
-    return detections.keypoints if isinstance(detections, Regions) else detections
+    def make_detector(self) -> Detect:
+        """The detector with its settings; raises as `detector_settings`."""
+        settings = self.detector_settings()
+        return make_detector(self.detector, settings, max_keypoints=self.max_keypoints)
 
 
 CameraModel: TypeAlias = Annotated[
@@ -101,7 +106,7 @@ def detect(options: DetectOptions) -> Result:
     Exit code 1: some images could not be read; --out has the results of the
     others. Ctrl-C stops after the image in progress.
 
-    Example: saccade detect photos --max 500 --spread --format hdf5
+    Example: saccade detect photos --max 500 --format hdf5
     """
     out = options.out
     chosen = list(dict.fromkeys(options.formats or []))
@@ -110,7 +115,7 @@ def detect(options: DetectOptions) -> Result:
     cameras = parse_cameras(options.camera)
     require(cameras is None or "colmap" in chosen, "camera", "--format colmap", chosen)
     require_libraries(chosen, cameras)
-    find = options.detector_of_settings()
+    find = options.make_detector()
     shared = [each for each in chosen if each in SHARED_FILES]
     detections: dict[Path, Detections] = {}
 

@@ -11,7 +11,7 @@ from saccade.cli.options import INPUT, SEVERAL, JsonOptions, SettingsOptions
 from saccade.cli.output import Result, comparison, progress_bar
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import setting
-from saccade.evaluation.detectors import OURS, find_detector
+from saccade.evaluation.detectors import PEERS, find_detector
 from saccade.evaluation.features import (
     RADIUS,
     Degradation,
@@ -20,6 +20,7 @@ from saccade.evaluation.features import (
     score_detector,
 )
 from saccade.evaluation.intervals import Estimate
+from saccade.keypoints.detectors import DEFAULT_DETECTOR, DETECTORS, OWN
 
 SCORES = {
     "rep.": ("repeatability",),
@@ -40,9 +41,14 @@ class FeatureOptions(SettingsOptions, JsonOptions):
 
     pairs: Annotated[Path, INPUT, Parameter(metavar="DIR")]
     """Folder of sequences with 1.png, 2.png, H_1_2.txt and so on."""
-    detector: Annotated[list[str] | None, SEVERAL, Parameter(metavar="NAME")] = None
-    """Detectors: sift (the default), must, symroid, opencv, opencv-root (RootSIFT), colmap or
-    module:callable; several with commas."""
+    detector: Annotated[
+        list[str] | None,
+        SEVERAL,
+        Parameter(
+            metavar="NAME",
+            help=f"Detectors: {', '.join((*DETECTORS, *PEERS))} or {OWN}; several with commas.",
+        ),
+    ] = None
     points: Annotated[list[int] | None, SEVERAL, Parameter(metavar="N")] = setting(None, 1)
     """Number of keypoints per image, at least 1: the strongest (COLMAP: the largest); several with
     commas."""
@@ -59,8 +65,8 @@ def features(options: FeatureOptions) -> Result:
 
     With --points the detectors of this package use no contrast threshold, which
     yields enough keypoints at low contrast; OpenCV and COLMAP keep theirs. A
-    module:callable takes an (H, W, 3) image in [0, 1] and returns an object
-    with xy and descriptors, strongest first.
+    module:function takes an (H, W, 3) image in [0, 1] and returns an object
+    with xy and perhaps descriptors, strongest first; SIFT describes the others.
 
     docs/evaluation.md defines the figures.
 
@@ -68,7 +74,7 @@ def features(options: FeatureOptions) -> Result:
     """
     found = homography_pairs(options.pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))
-    names, preset = options.detector or ["sift"], options.preset
+    names, preset = options.detector or [DEFAULT_DETECTOR], options.preset
     degradations = [
         None if text == CLEAN else Degradation.parse(text) for text in options.degrade or [CLEAN]
     ]
@@ -77,11 +83,11 @@ def features(options: FeatureOptions) -> Result:
     first: dict[tuple[int | None, Degradation | None], FeatureScores] = {}
     counts: list[int | None] = [*options.points] if options.points else [None]
     for name, degradation, count in product(names, degradations, counts):
-        settings = options.settings(name) if name in OURS else None
+        settings = options.settings(name) if name in DETECTORS else None
         detect = find_detector(name, settings, count)
         with progress_bar(f"{name} {degradation or ''}", len(found)) as progress:
             scores = score_detector(detect, found, degradation, progress=progress)
-        words = f"{name} {preset}" if name in OURS and preset else name
+        words = f"{name} {preset}" if name in DETECTORS and preset else name
         row = ", ".join(
             filter(None, [words, f"{count} points" if count else "", str(degradation or "")])
         )

@@ -4,11 +4,19 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from saccade.cli.options import EXECUTION, INPUT, OUTPUT, JsonOptions, Options, SettingsOptions
+from saccade.cli.model_options import DEFAULT_MODEL
+from saccade.cli.options import (
+    EXECUTION,
+    INPUT,
+    OUTPUT,
+    JsonOptions,
+    Options,
+    SettingsOptions,
+)
 from saccade.cli.output import (
     INTERRUPTED,
     Result,
@@ -19,11 +27,7 @@ from saccade.cli.output import (
 )
 from saccade.errors import require, setting
 from saccade.extras import import_optional
-
-What: TypeAlias = Literal["sift", "must", "symroid", "saliency", "contrast", "symmetry", "scanpath"]
-"""Features that can be extracted."""
-KINDS = {"saliency": "attention", "scanpath": "attention"}
-"""Configuration kinds, for features of a different name."""
+from saccade.keypoints.detectors import DEFAULT_DETECTOR
 
 
 @dataclass(frozen=True)
@@ -38,8 +42,9 @@ class SourceArgument(Options):
 class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     """Options of `saccade extract`."""
 
-    what: What = "sift"
-    """Features to extract."""
+    what: Annotated[str, Parameter(metavar="NAME")] = DEFAULT_DETECTOR
+    """Features to extract: a detector (see saccade detect), a saliency model (see saccade look),
+    scanpath, or module:function of your own."""
     out: Annotated[str, OUTPUT, Parameter(("--out", "-o"), metavar="DIR")] = "saccade-extract"
     """Folder or URL of the data set."""
     model: Path | None = None
@@ -55,12 +60,19 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     scheduler: Annotated[str | None, EXECUTION, Parameter(metavar="ADDRESS")] = None
     """Address of a Dask scheduler: tcp://host:8786."""
 
-    def settings_of(self, what: What) -> Any:
-        """The configuration of a kind of features, or the fitted model."""
-        if self.model is None:
-            return self.settings(KINDS.get(what, what))
-        require(what in KINDS, "model", "--what saliency or scanpath", what)
-        return self.fitted_model(self.model)
+    def settings_of(self, what: str) -> Any:
+        """The configuration of a kind of features, or the fitted model; None for a function."""
+        from saccade.batch.job import ATTENTION, Job
+
+        by_attention = what in ATTENTION
+        if self.model is not None:
+            require(by_attention, "model", f"--what {' or '.join(ATTENTION)}", what)
+            return self.fitted_model(self.model)
+        if not by_attention and Job(what).is_own:
+            given = self.preset or self.config
+            require(given is None, "what", "no --preset and --config with a function", given)
+            return None
+        return self.settings("attention" if by_attention else what)
 
 
 def extract(options: ExtractOptions) -> Result:
@@ -78,10 +90,12 @@ def extract(options: ExtractOptions) -> Result:
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
+    from saccade.batch.job import SALIENCY
     from saccade.batch.storage import ANONYMOUS
     from saccade.batch.workers import count_workers
 
     out, what, source = options.out, options.what, options.source
+    what = SALIENCY if what == DEFAULT_MODEL else what
     settings = options.settings_of(what)
     job = Job(what, settings, fixations=options.fixations)
     if options.anonymous:

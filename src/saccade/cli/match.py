@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 import numpy as np
 from cyclopts import Parameter
 
-from saccade.cli.detect import CameraModel, DetectorOptions, keypoints_of
+from saccade.cli.detect import CameraModel, DetectorOptions
 from saccade.cli.extract import batch_progress
 from saccade.cli.options import (
     EXECUTION,
@@ -38,6 +38,7 @@ from saccade.io.files import results_in
 from saccade.io.image import read_image
 from saccade.keypoints import Verification, verify
 from saccade.keypoints import match as nearest_matches
+from saccade.keypoints.detectors import DEFAULT_DETECTOR, keypoints_of
 from saccade.keypoints.two_view_fit import Geometry
 from saccade.viewing import Section, match_figure, save_figures
 from saccade.viewing.report import ReportBuilder, match_part
@@ -70,8 +71,6 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     out: OutputFolder = Path("saccade-match")
     ratio: float = setting(0.8, 0, 1)
     """Ratio test: maximum nearest / second nearest distance, 0 to 1."""
-    mutual: Annotated[bool, Parameter(negative="--no-mutual")] = True
-    """Keep only mutual nearest neighbors."""
     geometry: Literal["fundamental", "homography", "none"] = "fundamental"
     """Geometric verification: fundamental matrix (any rigid scene), homography (a plane or a
     rotating camera), or none."""
@@ -123,7 +122,7 @@ def match(options: MatchOptions) -> Result:
     require(not given, "pairs", expected, str(options.second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
-        row = match_images(options.detector_of_settings(), options, options.second, builder)
+        row = match_images(options.make_detector(), options, options.second, builder)
         row["report"] = str(builder.write(options.out / "report.html"))
     shared = [str(row["matches"])] + ([str(row["inliers"])] if "inliers" in row else [])
     columns = ["image", "points", "matched", "inliers"][: 2 + len(shared)]
@@ -146,7 +145,7 @@ def match_images(
     figures = figure_formats(options.formats)
     images = (read_image(first), read_image(second))
     keypoints = (keypoints_of(detector(images[0])), keypoints_of(detector(images[1])))
-    pairs = nearest_matches(*keypoints, ratio=options.ratio, mutual=options.mutual)
+    pairs = nearest_matches(*keypoints, ratio=options.ratio)
     verified = None
     if geometry is not None:
         verified = verify(*keypoints, pairs, geometry, options.tolerance)
@@ -202,9 +201,11 @@ def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None
 def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
     """Match many images, with progress bars for images and pairs."""
     given = options.preset or options.config
-    if "colmap" in formats and options.detector == "sift" and given is None:
+    if "colmap" in formats and options.detector == DEFAULT_DETECTOR and given is None:
         options = replace(options, preset="mapping")
-    find = options.detector_of_settings()
+    settings = options.detector_settings()
+    limited = settings is None and options.max_keypoints is not None
+    require(not limited, "max", "a detector in the table for many images", options.detector)
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, MatchConfig
     from saccade.batch.matching import FEATURES, match_images
@@ -222,9 +223,9 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
             options.first,
             options.out,
             pairs=options.pairs,
-            job=Job(options.detector, find.config),
+            job=Job(options.detector, settings),
             config=MatchConfig(
-                options.ratio, options.mutual, options.verification, options.tolerance
+                options.ratio, geometry=options.verification, tolerance=options.tolerance
             ),
             formats=cast("Sequence[ManyFormat]", formats),
             cameras=parse_cameras(options.camera),

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from saccade.datasets.homography_pairs import HomographyPair
 from saccade.errors import ConfigError, require
-from saccade.evaluation.detectors import Detector
+from saccade.evaluation.detectors import EvaluatedDetector
 from saccade.evaluation.intervals import ScoreSet
 from saccade.io.image import read_image
 from saccade.keypoints.matching import nearest_neighbors
@@ -267,7 +267,7 @@ class FeatureScores(ScoreSet[tuple[str, str], PairScores]):
 
 
 def score_detector(
-    detect: Detector,
+    detect: EvaluatedDetector,
     pairs: Sequence[HomographyPair],
     degradation: Degradation | None = None,
     ratio: float = 0.8,

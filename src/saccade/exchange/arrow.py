@@ -14,13 +14,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from saccade.errors import KeypointsError
-from saccade.exchange.fields import FIELDS, keypoints_from
 from saccade.io.files import FORMATS, check_format
+from saccade.io.keypoint_fields import FIELDS, keypoints_from
 from saccade.io.npz import check_unpacked
 from saccade.types import Keypoints
 
+DESCRIPTOR = "descriptor"
+"""Name of the column of descriptors."""
 DESCRIPTOR_SIZE = 128
-"""Length of a descriptor."""
+"""Length of SIFT's descriptor."""
 METADATA = b"saccade"
 """Key of the metadata."""
 ROW_GROUP = 1 << 16
@@ -35,10 +37,30 @@ POINT_SCHEMA = pa.schema(
         ("x", pa.float32()),
         ("y", pa.float32()),
         *((name, pa.from_numpy_dtype(field.dtype)) for name, field in FIELDS.items()),
-        ("descriptor", pa.binary(DESCRIPTOR_SIZE)),
+        (DESCRIPTOR, pa.binary(DESCRIPTOR_SIZE)),
     ]
 )
-"""Schema with one row per point, in the units of `Keypoints`; a descriptor is stored as bytes."""
+"""Schema with one row per point, in the units of `Keypoints`, and SIFT's descriptors as bytes."""
+
+
+def point_schema(kind: pa.DataType) -> pa.Schema:
+    """`POINT_SCHEMA` with another type of descriptors."""
+    return POINT_SCHEMA.set(len(POINT_SCHEMA) - 1, pa.field(DESCRIPTOR, kind))
+
+
+def descriptor_type(descriptors: npt.NDArray[Any]) -> pa.DataType:
+    """Type of a column of descriptors (n, d): bytes, or lists of float32."""
+    size = descriptors.shape[1]
+    return pa.binary(size) if descriptors.dtype == np.uint8 else pa.list_(pa.float32(), size)
+
+
+def schema_in(file: pq.ParquetFile) -> pa.Schema:
+    """`POINT_SCHEMA` with the type of the descriptors in a file."""
+    index = file.schema_arrow.get_field_index(DESCRIPTOR)
+    kind = file.schema_arrow.field(index).type if index >= 0 else pa.null()
+    floats = pa.types.is_fixed_size_list(kind) and kind.value_type == pa.float32()
+    usable = floats or pa.types.is_fixed_size_binary(kind)
+    return point_schema(kind) if usable else POINT_SCHEMA
 
 
 def rows_of_image(
@@ -56,6 +78,11 @@ def rows_of_image(
     for field, values in zip(list(schema)[1:], columns, strict=True):
         if values is None:
             arrays.append(pa.nulls(n, field.type))
+            continue
+        if pa.types.is_fixed_size_list(field.type):
+            flat = pa.py_buffer(np.ascontiguousarray(values, np.float32))
+            floats = pa.Array.from_buffers(pa.float32(), values.size, [None, flat])
+            arrays.append(pa.FixedSizeListArray.from_arrays(floats, type=field.type))
             continue
         is_bytes = pa.types.is_fixed_size_binary(field.type)
         dtype = np.uint8 if is_bytes else field.type.to_pandas_dtype()
@@ -144,7 +171,7 @@ def read_rows(file: pq.ParquetFile, size: int, schema: pa.Schema) -> pa.Table:
     table.validate(full=True)
     table = table.select(schema.names).cast(schema)
     for name in schema.names:
-        if table[name].null_count and name != "descriptor":
+        if table[name].null_count and name != DESCRIPTOR:
             raise ValueError(f"{name}: expected no empty cell, found one")
     return table
 
@@ -154,7 +181,7 @@ def points_of(source: object, table: pa.Table, counts: Sequence[int]) -> list[Ke
 
     Args:
         source: name of the table, for error messages.
-        table: table with `POINT_SCHEMA`.
+        table: table with the columns of `POINT_SCHEMA`.
         counts: number of rows of each image.
 
     Raises:
@@ -164,10 +191,8 @@ def points_of(source: object, table: pa.Table, counts: Sequence[int]) -> list[Ke
         raise KeypointsError(f"{source}: expected {sum(counts)} rows, found {len(table)}")
     xy = np.stack([table["x"].to_numpy(), table["y"].to_numpy()], 1)
     columns = {name: table[name].to_numpy() for name in FIELDS}
-    described = table["descriptor"].is_valid().to_numpy()
-    cells = table["descriptor"].combine_chunks()
-    packed = np.frombuffer(cells.buffers()[1] or b"", np.uint8).reshape(-1, DESCRIPTOR_SIZE)
-    descriptors, found, start = packed[cells.offset :], [], 0
+    described = table[DESCRIPTOR].is_valid().to_numpy()
+    descriptors, found, start = _descriptors(table), [], 0
     for count in counts:
         rows = slice(start, start + count)
         start += count
@@ -179,6 +204,21 @@ def points_of(source: object, table: pa.Table, counts: Sequence[int]) -> list[Ke
         chosen = descriptors[rows] if described[rows].all() else None
         found.append(keypoints_from(str(source), xy[rows], chosen, **fields))
     return found
+
+
+def _descriptors(table: pa.Table) -> npt.NDArray[Any]:
+    """(n, d) descriptors; rows without one are not defined."""
+    cells = table[DESCRIPTOR].combine_chunks()
+    if isinstance(cells, pa.ChunkedArray):
+        cells = pa.concat_arrays(cells.chunks) if cells.num_chunks else pa.array([], cells.type)
+    if pa.types.is_fixed_size_list(cells.type):
+        size = cells.type.list_size
+        values = cells.values.to_numpy(zero_copy_only=False).reshape(-1, size)
+    else:
+        size = cells.type.byte_width
+        values = np.frombuffer(cells.buffers()[1] or b"", np.uint8).reshape(-1, size)
+    rows: npt.NDArray[Any] = values[cells.offset :]
+    return rows
 
 
 def _grouped(batches: Iterable[pa.RecordBatch]) -> Iterator[list[pa.RecordBatch]]:
@@ -212,4 +252,6 @@ def _options(schema: pa.Schema) -> dict[str, Any]:
 
 def _width(kind: pa.DataType) -> int:
     """Size of a cell in bytes; 0 for types of variable length."""
+    if pa.types.is_fixed_size_list(kind):
+        return int(kind.list_size * _width(kind.value_type))
     return 0 if pa.types.is_string(kind) or pa.types.is_binary(kind) else kind.bit_width // 8

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ConfigError, KeypointsError, OutputError, require
-from saccade.exchange.fields import check_name, checked, keypoints_from
 from saccade.exchange.orientation import (
     orientation_of,
     stored_keypoints,
@@ -25,6 +24,7 @@ from saccade.exchange.orientation import (
 )
 from saccade.extras import import_optional
 from saccade.io.files import atomic_write, check_file, read_text, reading
+from saccade.io.keypoint_fields import check_name, checked, keypoints_from
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 PIXEL_CENTER = np.float32(0.5)

@@ -7,13 +7,13 @@ import csv
 from pathlib import Path
 
 from saccade.errors import KeypointsError
-from saccade.exchange.fields import (
+from saccade.io.files import FORMATS, atomic_write, check_format, reading
+from saccade.io.keypoint_fields import (
     FIELDS,
     checked,
     columns_of,
     keypoints_from,
 )
-from saccade.io.files import FORMATS, atomic_write, check_format, reading
 from saccade.io.npz import read_arrays, save_arrays
 from saccade.types import Keypoints
 

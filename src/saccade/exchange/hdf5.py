@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError
-from saccade.exchange.fields import check_name, checked, keypoints_from
 from saccade.exchange.orientation import (
     UPRIGHT,
     orientation_of,
@@ -29,12 +28,16 @@ from saccade.exchange.orientation import (
 )
 from saccade.extras import import_optional
 from saccade.io.files import FORMATS, atomic_write, check_file, check_format, reading
+from saccade.io.keypoint_fields import MAX_BYTE, check_name, checked, keypoints_from
 from saccade.io.npz import check_unpacked
 from saccade.types import Float32Array, IntArray, Keypoints, check_pairs
 
 VERSION_ATTRIBUTE = "saccade_format"
+SIFT_LENGTH = 128
 UNIT = 512
-"""Norm of an 8-bit descriptor, for files without `norms`."""
+"""Norm of SIFT's descriptors in bytes, for files without `norms`."""
+MAX_ROUNDING = 0.01
+"""Largest rounding error of bytes that are stored with unit length."""
 
 
 def write_hdf5(
@@ -120,14 +123,13 @@ class _DeferringFile(FileIO):
 
 
 def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
-    """Reads features written by `write_hdf5` or by hloc with SIFT.
+    """Reads features written by `write_hdf5` or by hloc, also learned ones.
 
     Returns:
         Points by image name, sorted by name.
 
     Raises:
-        KeypointsError: the file is missing or has another format, an image has no keypoints, or
-            descriptors have negative entries and are not SIFT's.
+        KeypointsError: the file is missing or has another format, or an image has no keypoints.
         ConfigError: h5py is not installed.
     """
     path = Path(path)
@@ -170,7 +172,7 @@ def _datasets(points: Keypoints) -> dict[str, npt.NDArray[Any]]:
     if points.descriptors is not None:
         rows = points.descriptors.astype(np.float32)
         norms = np.linalg.norm(rows, axis=1)
-        fields["descriptors"] = (rows / np.maximum(norms, 1)[:, None]).T
+        fields["descriptors"] = (rows / np.where(norms > 0, norms, 1)[:, None]).T
         fields["norms"] = norms
     return fields
 
@@ -183,13 +185,7 @@ def _read_group(source: str, group: Any) -> Keypoints:
     }
     descriptors = None
     if "descriptors" in fields:
-        units = fields["descriptors"].T.astype(np.float32)
-        if units.size and not units.min() >= 0:
-            raise KeypointsError(
-                f"{source}: descriptors: expected SIFT's, at least 0, found {units.min()}"
-            )
-        norms = fields["norms"][:, None] if "norms" in fields else UNIT
-        descriptors = np.minimum(np.rint(units * norms), 255)
+        descriptors = _descriptors(fields["descriptors"].T.astype(np.float32), fields.get("norms"))
     return keypoints_from(
         source,
         fields["keypoints"],
@@ -199,6 +195,24 @@ def _read_group(source: str, group: Any) -> Keypoints:
         response=fields.get("scores"),
         octave=fields.get("octaves"),
     )
+
+
+def _descriptors(
+    units: npt.NDArray[np.float32], norms: npt.NDArray[Any] | None
+) -> npt.NDArray[np.float32]:
+    """(n, d) descriptors of a file: whole numbers up to 255 of SIFT's, else as they are.
+
+    Args:
+        units: (n, d) of unit length.
+        norms: (n,) their norms; None in files of other programs.
+    """
+    if norms is None:
+        is_sift = units.shape[1:] == (SIFT_LENGTH,) and units.min(initial=0) >= 0
+        return np.minimum(np.rint(units * UNIT), MAX_BYTE) if is_sift else units
+    rows = units * norms.astype(np.float32)[:, None]
+    whole = np.rint(rows)
+    are_bytes = whole.min(initial=0) >= 0 and whole.max(initial=0) <= MAX_BYTE
+    return whole if are_bytes and np.abs(rows - whole).max(initial=0) < MAX_ROUNDING else rows
 
 
 NONE = -1

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.exchange.fields import checked, keypoints_from
+from saccade.io.keypoint_fields import checked, keypoints_from
 from saccade.types import Float32Array, Keypoints
 
 INTERVALS = 3

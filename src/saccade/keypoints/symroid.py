@@ -1,9 +1,10 @@
 """SymRoID, the symmetrical region-of-interest detector: few regions, as landmarks."""
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.io.image import as_gray
-from saccade.keypoints.detection import by_strength, to_keypoints
+from saccade.keypoints.detection import by_strength, check_mask, to_keypoints
 from saccade.keypoints.must import symmetric_points
 from saccade.keypoints.must_config import SymRoidConfig
 from saccade.scale.workspace import WorkspacePool
@@ -31,26 +32,30 @@ class SymRoid:
     def __repr__(self) -> str:
         return f"SymRoid({self.config})"
 
-    def __call__(self, image: Image) -> Regions:
+    def __call__(self, image: Image, mask: npt.ArrayLike | None = None) -> Regions:
         """Find regions of local symmetry and describe them.
 
         Args:
             image: (H, W), (H, W, 3) or (H, W, 4); uint8, uint16, bool, or float in [0, 1].
+            mask: (H, W), regions are kept whose center lies where it is not zero; None keeps all.
 
         Returns:
             The regions, the most symmetric first, once for each orientation; none where nothing is
             symmetric, or where the image is too small.
 
         Raises:
-            ImageError: not an image, empty, not finite, or outside [0, 1].
+            ImageError: not an image, empty, not finite, outside [0, 1], or the mask does not have
+                its shape.
 
         Source: after Kootstra & Schomaker, *Using symmetrical regions of interest to improve
         visual SLAM* (IROS 2009), who describe the bounding boxes of regions grown in one map.
         """
         gray, must = as_gray(image), self.config.must()
         sift = must.sift()
+        inside = check_mask(mask, gray.shape)
         with self._workspaces.workspace() as workspace:
             points, space = symmetric_points(gray, must, workspace)
+            points = points.inside(inside, space)
             points = points.take(by_strength(points, space, sift))
             seed_response = self.config.seed_threshold * points.response.max(initial=0)
             points = points.take(points.response >= seed_response)

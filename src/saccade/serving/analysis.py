@@ -8,14 +8,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from saccade import keypoints
 from saccade.attention.models import AttentionModel
 from saccade.attention.scanpath import scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath
 from saccade.errors import ImageError, require
 from saccade.io.image import decode_image, read_header
+from saccade.keypoints.detectors import DETECTORS, keypoints_of, make_detector
 from saccade.serving.controls import (
-    DETECTORS,
     MODELS,
     SCANPATHS,
     attention_file,
@@ -153,8 +152,7 @@ class PhotoAnalyzer:
         photo = self.photos[request.get("photo")]
         name = chosen(request, "detector", DETECTORS)
         settings = settings_from(name, request.get(name, {}), name)
-        detected = getattr(keypoints, DETECTORS[name])(settings)(self._pixels(photo))
-        points = detected.keypoints if name == "symroid" else detected
+        points = keypoints_of(make_detector(name, settings)(self._pixels(photo)))
         return {
             "points": points_data(points[:MAX_POINTS]),
             "count": len(points),

@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from saccade.attention import models
 from saccade.errors import CHOICES
+from saccade.keypoints.detectors import DETECTORS
 from saccade.serving.playground import PlaygroundNoise
 from saccade.settings import (
     DEFAULT,
@@ -21,8 +22,6 @@ from saccade.slam.consistency import chi_square_band
 from saccade.viewing.page import web_file
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
 
-DETECTORS = {"sift": "Sift", "must": "Must", "symroid": "SymRoid"}
-"""The class of each detector."""
 MODELS = {
     name: (name, *(each for each in get_type_hints(row.settings) if each in models.MODELS))
     for name, row in models.MODELS.items()
@@ -36,6 +35,8 @@ GROUPS: dict[str, dict[str, Any]] = tomllib.loads(web_file("serving/controls.tom
 """Titles, order and sliders of the settings by kind; `web/controls.toml` documents them."""
 for _name in MODELS:
     GROUPS.setdefault(_name, {"title": _name.capitalize(), "first": [], "sliders": {}})
+for _name, _row in DETECTORS.items():
+    GROUPS.setdefault(_name, {"title": _row.summary, "sliders": {}})
 
 
 def controls() -> dict[str, Any]:

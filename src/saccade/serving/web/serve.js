@@ -98,7 +98,7 @@ function pages(elements, changed) {
 }
 
 function serve(element, data) {
-  const request = { photo: null, model: "attention", detector: "sift", fixations: 10, path: Object.keys(data.scanpaths)[0] };
+  const request = { photo: null, model: "attention", detector: data.detectors[0], fixations: 10, path: Object.keys(data.scanpaths)[0] };
   const results = { look: {}, points: {} };
   const errors = { photo: null, look: null, points: null };
   const running = { photo: false, look: false, points: false };

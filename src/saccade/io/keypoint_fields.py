@@ -18,6 +18,7 @@ class Field(NamedTuple):
     """Default value if the field is missing."""
 
 
+MAX_BYTE = 255
 FIELDS = {
     "size": Field(np.float32, 2.0),  # COLMAP's scale of 1
     "angle": Field(np.float32, 0),
@@ -38,7 +39,8 @@ def keypoints_from(
     Args:
         source: file and image, for error messages.
         xy: (n, 2) image pixels.
-        descriptors: (n, d) integers from 0 to 255, or None.
+        descriptors: (n, d) numbers, or None. Whole numbers from 0 to 255 become bytes, other
+            numbers float32.
         fields: (n,) size, angle, response and octave as in `Keypoints`. Missing fields, or None,
             take the defaults of `FIELDS`.
 
@@ -57,7 +59,10 @@ def keypoints_from(
     if descriptors is not None:
         rows = np.asarray(descriptors)
         shape = (n, rows.shape[1] if rows.ndim == 2 else 128)
-        columns["descriptors"] = _convert(source, "descriptors", rows, shape, np.uint8)
+        numeric = rows.dtype.kind in "fiu" and rows.dtype != np.uint8
+        whole = not numeric or bool(((rows >= 0) & (rows <= MAX_BYTE) & (rows % 1 == 0)).all())
+        kind: type[Any] = np.uint8 if whole else np.float32
+        columns["descriptors"] = _convert(source, "descriptors", rows, shape, kind)
     return Keypoints(xy=_convert(source, "xy", positions, (n, 2), np.float32), **columns)
 
 
@@ -96,6 +101,6 @@ def _convert(
     # A float that overflows float32 becomes infinite; an integer wraps around.
     lost = ~np.isfinite(converted) if dtype is np.float32 else converted != values
     if lost.any():
-        expected = "whole numbers from 0 to 255" if dtype is np.uint8 else np.dtype(dtype)
-        raise KeypointsError(f"{source}: {name}: expected {expected}, found {values[lost].flat[0]}")
+        found = values[lost].flat[0]
+        raise KeypointsError(f"{source}: {name}: expected {np.dtype(dtype)}, found {found}")
     return converted
