@@ -19,8 +19,7 @@ def test_every_command_has_help_with_an_example(run, name):
         (["-f", "png", "--format", " csv , npz"], None),
         (["--format", "png,xml"], 'Invalid value "xml" for --format. Choose from: "npz"'),
         (["--max", "0"], "max_keypoints: expected at least 1, found 0"),
-        (["--spread"], "spread: expected max_keypoints with it"),
-        (["--spred"], "Unknown option: --spred. Did you mean --spread?"),
+        (["--presett"], "Unknown option: --presett. Did you mean --preset?"),
     ],
 )
 def test_values_may_be_separated_by_commas_and_are_checked(run, words, expected):

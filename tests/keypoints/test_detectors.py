@@ -43,7 +43,9 @@ def name(request, monkeypatch):
         config = DETECTORS["sift"].settings
         row = Detector("corners", f"{OWN}:harris", config, "contrast_threshold")
         monkeypatch.setitem(DETECTORS, request.param, row)
-        monkeypatch.setitem(GROUPS, request.param, {"title": row.summary, "sliders": {}})
+        monkeypatch.setitem(
+            GROUPS, request.param, {"title": row.summary, "first": [], "sliders": {}}
+        )
     return request.param
 
 

@@ -36,7 +36,7 @@ GROUPS: dict[str, dict[str, Any]] = tomllib.loads(web_file("serving/controls.tom
 for _name in MODELS:
     GROUPS.setdefault(_name, {"title": _name.capitalize(), "first": [], "sliders": {}})
 for _name, _row in DETECTORS.items():
-    GROUPS.setdefault(_name, {"title": _row.summary, "sliders": {}})
+    GROUPS.setdefault(_name, {"title": _row.summary, "first": [], "sliders": {}})
 
 
 def controls() -> dict[str, Any]:
