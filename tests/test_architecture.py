@@ -36,7 +36,7 @@ ALLOWED = {
     "scale": {"types", "errors", "_jit"},
     "textbook": {"types", "errors", "io"},
     "attention": {"types", "pictured", "errors", "extras", "_jit", "io", "scale"},
-    "keypoints": {"types", "errors", "_jit", "io", "scale", "textbook"},
+    "keypoints": {"types", "errors", "extras", "frames", "_jit", "io", "scale", "textbook"},
     "slam": FOUNDATION | {"_jit"},
     "gaze": FOUNDATION | {"slam"},
     "visual": FOUNDATION | {"_jit", "scale", "attention", "keypoints", "slam", "gaze"},
