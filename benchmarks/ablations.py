@@ -1,0 +1,146 @@
+"""What each mechanism is worth: one table of mechanisms, each switched off over worlds and logs.
+
+    uv run python benchmarks/ablations.py [--logs DATA/logs --seeds 4 --only NAME ...]
+
+A row is a mechanism, how to switch it off, and the worlds and logs in which it pays. Its figures
+with it and without it are printed, which are better when smaller, and their ratio. A mechanism
+whose ratios are all 1 goes.
+"""
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from measuring import ROBOT, arguments, without_labels
+from recorded_logs import read_dlr
+from reliability import Rooms, simulate_rooms
+from saccade import datasets, slam
+from saccade.evaluation.trajectory import position_rmse
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam.consistency import pose_nees
+from saccade.types import LandmarkLog
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A mechanism, and how to switch it off."""
+
+    cases: tuple[str, ...]
+    """Names in `CASES`."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of `EkfConfig` without it."""
+    constants: Mapping[str, Any] = field(default_factory=dict)
+    """Values by "module:name", such as a threshold that is never reached, or a function."""
+
+    @contextmanager
+    def off(self) -> Iterator[slam.EkfConfig]:
+        """Switches the mechanism off; yields the settings."""
+        with ExitStack() as stack:
+            for place, value in self.constants.items():
+                module, name = place.split(":")
+                stack.enter_context(patch.object(import_module(module), name, value))
+            yield slam.EkfConfig(**self.settings)
+
+
+def rmse(log: LandmarkLog, config: slam.EkfConfig) -> float:
+    """Position RMSE of the smoothed trajectory in meters."""
+    return position_rmse(slam.run(log, config).trajectory, log.truth)
+
+
+def inconsistency(log: LandmarkLog, config: slam.EkfConfig) -> float:
+    """Mean NEES of the filtered poses over the 3 that is expected; at least 1."""
+    found = slam.run(log, replace(config, smooth=False)).filtered
+    return max(float(np.nanmean(pose_nees(found, log.truth, config.errors))) / 3, 1.0)
+
+
+def cpu_seconds(log: LandmarkLog, config: slam.EkfConfig) -> float:
+    """CPU seconds of the filter."""
+    start = time.process_time()
+    slam.run(log, replace(config, smooth=False))
+    return time.process_time() - start
+
+
+Figure = Callable[[LandmarkLog, slam.EkfConfig], float]
+
+
+def worlds(world: WorldConfig | Rooms, figure: Figure = rmse, *, labels: bool = True) -> Any:
+    """A figure over simulated logs of a world."""
+
+    def measure(given: Any, config: slam.EkfConfig) -> list[float]:
+        make = simulate_rooms if isinstance(world, Rooms) else simulate_world
+        logs = [make(world, seed) for seed in range(1, given.seeds + 1)]
+        return [figure(log if labels else without_labels(log), config) for log in logs]
+
+    return measure
+
+
+def recorded(file: str, figure: Figure = rmse, **options: Any) -> Any:
+    """A figure on a recorded log; nothing without its file."""
+
+    def measure(given: Any, config: slam.EkfConfig) -> list[float]:
+        path = given.logs / file
+        if not path.exists():
+            return []
+        log = read_dlr(path) if "dlr" in file else datasets.load("auto", path, **options)
+        return [figure(log, config)]
+
+    return measure
+
+
+CASES: dict[str, Callable[[Any, slam.EkfConfig], list[float]]] = {
+    "rooms": worlds(Rooms()),
+    "rooms, odometry turns": worlds(Rooms(wheels=0.01)),
+    "rooms, ranges 3 % long": worlds(Rooms(stretch=1.03)),
+    "robot, no labels": worlds(ROBOT, labels=False),
+    "slippery, NEES": worlds(WorldConfig.slippery(), inconsistency),
+    "cityTrees, CPU s": recorded("citytrees/cityTrees10000.txt", cpu_seconds),
+    "DLR, CPU s": recorded("dlr/dlr_3298.npz", cpu_seconds),
+    **{f"MRCLAM 6.{n}": recorded("mrclam/mrclam6.npz", robot=n) for n in (1, 3)},
+}
+"""Figures by name: lists over seeds, better when smaller."""
+MECHANISMS: dict[str, Mechanism] = {
+    "invariant errors": Mechanism(("slippery, NEES",), {"errors": "standard"}),
+    "systematic odometry errors": Mechanism(
+        ("rooms", "rooms, odometry turns", "MRCLAM 6.1"), {"estimate_odometry_bias": False}
+    ),
+    "robust weights": Mechanism(("MRCLAM 6.3", "rooms"), {"huber": np.inf}),
+    "smoothing": Mechanism(("rooms", "MRCLAM 6.1"), {"smooth": False}),
+    "submaps": Mechanism(("DLR, CPU s", "cityTrees, CPU s"), {"submaps": "never"}),
+    "several hypotheses": Mechanism(("robot, no labels",), {"max_hypotheses": 1}),
+    "culling": Mechanism(("robot, no labels",), {"culling_ratio": None}),
+}
+"""All mechanisms, by name; whoever adds one adds its row."""
+
+
+def main() -> None:
+    given = arguments(
+        __doc__, logs={"type": Path, "default": Path("data/logs")}, seeds=4, only=[""]
+    )
+    chosen = {name: row for name, row in MECHANISMS.items() if not any(given.only)} or {
+        name: MECHANISMS[name] for name in given.only
+    }
+    known: dict[str, list[float]] = {}
+    print(f"{'mechanism':28} {'case':24} {'on':>8} {'off':>8} {'off / on':>9}")
+    for name, mechanism in chosen.items():
+        for case in mechanism.cases:
+            if case not in known:
+                known[case] = CASES[case](given, slam.EkfConfig())
+            with mechanism.off() as config:
+                off = CASES[case](given, config)
+            if not off:
+                print(f"{name:28} {case:24} no data in {given.logs}", file=sys.stderr)
+                continue
+            a, b = float(np.median(known[case])), float(np.median(off))
+            print(f"{name:28} {case:24} {a:8.3f} {b:8.3f} {b / a:9.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
