@@ -81,6 +81,6 @@ def test_wheels_that_differ_are_found_by_a_log_that_declares_nothing(rng):
     assert one < two
     assert ignored.consistency.mean > result.consistency.mean
     assert (
-        f"{np.degrees(result.odometry_bias[1]):+.2f} +- {np.degrees(sigma):.2f} degrees"
+        f"{np.degrees(result.odometry_bias[1]):+.2f} ± {np.degrees(sigma):.2f} degrees"
         in (summarize_run(log, result)["odometry_correction"])
     )

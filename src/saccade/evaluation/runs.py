@@ -92,7 +92,7 @@ def _odometry_biases(result: SlamResult) -> dict[str, Any]:
         (100.0, "cm per radian"),
     )
     words = (
-        f"{factor * mean:+.2f} +- {factor * std:.2f} {unit}"
+        f"{factor * mean:+.2f} ± {factor * std:.2f} {unit}"
         for (mean, std), (factor, unit) in zip(pairs.tolist(), units, strict=True)
     )
     return {

@@ -193,7 +193,7 @@ class Session:
             "nees": _finite(last),
             "mean_nees": float(nees.mean()) if len(nees) else None,
             "inside_percent": 100 * float(inside.mean()) if len(nees) else None,
-            "wrong": bool(last > chi_square_gate(3, SURE_AND_WRONG)),
+            "wrong": None if np.isnan(last) else bool(last > chi_square_gate(3, SURE_AND_WRONG)),
             "landmarks": len(known),
             "inside_landmarks": int((squared <= THREE_SIGMA_2D).sum()),
         }

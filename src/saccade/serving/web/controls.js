@@ -20,7 +20,7 @@ function setting(field, changed) {
   const classes = `setting ${field.input}`, title = field.help || null;
   const outputs = output ? [output] : [];
   if (!field.optional) {
-    const name = make("span", { class: "name" }, field.name);
+    const name = make("span", { class: "name" }, field.label ?? field.name);
     const children = field.input === "check" ? [input, name] : [name, ...outputs, input];
     return { element: make("label", { class: classes, title }, ...children), show };
   }
@@ -54,14 +54,15 @@ function slider(field, changed) {
     const position = Number(input.value);
     return Number((logarithmic ? low * (high / low) ** (position / steps) : position).toPrecision(3));
   };
+  const unit = field.unit ? ` ${field.unit}` : "";
   const input = make("input", {
     type: "range", min: logarithmic ? 0 : low, max: logarithmic ? steps : high,
     step: logarithmic ? 1 : step, oninput: () => { write(read()); changed(read()); },
   });
   const output = make("span", { class: "value" });
   function write(value) {
-    output.textContent = formatNumber(value);
-    input.setAttribute("aria-valuetext", formatNumber(value));
+    output.textContent = formatNumber(value) + unit;
+    input.setAttribute("aria-valuetext", output.textContent);
   }
   return {
     input, output, read,

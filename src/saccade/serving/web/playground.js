@@ -114,7 +114,7 @@ function playground(element, data) {
     counter.textContent = `${time.length - 1} steps, ${state.labels.length} landmarks, ${state.map.labels.length} in the map of the filter`;
     element.dataset.steps = time.length - 1;
     element.dataset.filter = state.filter;
-    const isWrong = state.summary[filter].wrong;
+    const isWrong = state.summary[filter].wrong === true;
     if (isWrong !== wasWrong) {
       status.textContent = isWrong ? `The filter ${filter} is sure and wrong: the true pose is far outside of what it says is possible.`
         : `The filter ${filter} is no longer sure and wrong.`;

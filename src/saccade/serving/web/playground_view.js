@@ -117,6 +117,7 @@ function scoreTable() {
   const element = make("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Consistency of the filters" },
     make("table", {}, make("thead", {}, make("tr", {}, ...heads.map((each) => make("th", { scope: "col" }, each)))), body));
   const percent = (value) => (value === null ? "–" : `${short(value, 0)} % of the steps`);
+  const verdict = (wrong) => (wrong === null ? "–" : wrong ? "sure and wrong" : "consistent"); // none before the first step
   const decimal = (value) => (value === null ? "–" : short(value, 1));
   return {
     element,
@@ -125,7 +126,7 @@ function scoreTable() {
         "tr", { class: name === chosen ? "chosen" : null },
         make("th", { scope: "row" }, name), make("td", {}, decimal(each.nees)), make("td", {}, decimal(each.mean_nees)),
         make("td", {}, percent(each.inside_percent)), make("td", {}, `${each.inside_landmarks} of ${each.landmarks}`),
-        make("td", { class: each.wrong ? "wrong" : null }, each.wrong ? "sure and wrong" : "consistent"))));
+        make("td", { class: each.wrong ? "wrong" : null }, verdict(each.wrong)))));
     },
   };
 }

@@ -175,7 +175,10 @@ const columnsOf = (data) => [...(data.band || []), data.values, ...(data.mean ? 
 function verticalRange(data, from, to) {
   const [low, high] = extentOf(columnsOf(data), from, to);
   if (data.logarithmic && low <= 0) return [0.1, 10];
-  if (data.logarithmic) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high))];
+  if (data.logarithmic) {
+    const first = Math.floor(Math.log10(low)), last = Math.ceil(Math.log10(high));
+    return [10 ** first, 10 ** Math.max(last, first + 1)];
+  }
   const margin = 0.08 * (high - low);
   return [low === 0 ? 0 : low - margin, high + margin];
 }
@@ -247,13 +250,14 @@ function trace(context, time, values, from, to, x, y) {
   }
 }
 
-/** Multiples of 1, 2 or 5 times a power of ten, at most `count` or 2 of them, with their labels. */
+/** Multiples of 1, 2 or 5 times a power of ten, about `count` and at least two of them, with their labels. */
 function ticks(low, high, count) {
   const rough = (high - low) / Math.max(2, count), power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].find((each) => each * power >= rough * (1 - 1e-9)) * power;
   const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   const numbers = [];
   for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) numbers.push(i * step);
+  if (numbers.length < 2) return ticks(low, high, 2 * Math.max(2, count));
   const isPlain = digits < 5 && Math.max(...numbers.map(Math.abs)) < 1e6;
   return numbers.map((value) => ({ value, label: isPlain ? value.toFixed(digits) : value.toExponential(1) }));
 }

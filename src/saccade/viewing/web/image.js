@@ -146,7 +146,7 @@ function mapChoice(element, heat) {
 
 /**
  * Shows `data.image` with its `maps`, `scanpath` and `points`, and `samples` where there are any (see
- * samples.js); `data.map` is shown first. `change` of what it returns replaces any of them; `side` and `layers` take more elements.
+ * samples.js); `data.map`, or else the first map, is shown first. `change` of what it returns replaces any of them; `side` and `layers` take more elements.
  */
 kinds.image = (element, data) => {
   let { image, scanpath: path, points } = data;
@@ -223,6 +223,6 @@ kinds.image = (element, data) => {
     show(fixation);
   }
   new ResizeObserver(draw).observe(canvas);
-  change(data);
+  change({ ...data, map: data.map ?? data.maps[0]?.name });
   return { side, layers, change, showPoints };
 };
