@@ -66,10 +66,9 @@ def textbook(options: TextbookOptions) -> Result:
     else:
         log, appendices = datasets.load("auto", source), "C"
     walkthrough = Walkthrough(log, image, _default_saliency, options.scan, options.changes or ())
-    sections, results = [], {}
+    sections, results = {}, {}
     for appendix in appendices:
-        section, results[appendix] = walkthrough.section(appendix)
-        sections.append(section)
+        sections[appendix], results[appendix] = walkthrough.section(appendix)
     page, lead = options.out / "report.html", LEAD.format(source=source.name)
     write_text(page, walkthrough_page(f"saccade textbook: {source.name}", lead, sections))
     row = {"source": str(source), "report": str(page), "results": results}

@@ -68,7 +68,8 @@ def setting_controls(configuration: type, group: Mapping[str, Any]) -> list[dict
 
     Args:
         configuration: a dataclass; the type of a setting chooses its control.
-        group: sliders of the configuration, its labels and units, and its `first` and `hidden` settings.
+        group: sliders of the configuration, its labels and units, and its `first` and `hidden`
+            settings.
     """
     help_texts, hints = field_help(configuration), get_type_hints(configuration)
     choices = {each.name: each.metadata.get(CHOICES, ()) for each in fields(configuration)}

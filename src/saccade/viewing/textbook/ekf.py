@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
 from saccade.errors import LogError
@@ -218,7 +219,7 @@ def _transition_figure(transition: Transition) -> Figure:
     ground.set_title(f"{ELLIPSE_LABEL}{magnified}", fontsize=10)
     size = len(after.s)
     _draw_correlations(left, before.P, size, "correlations before")
-    _draw_correlations(right, after.P, size, "and after")
+    _draw_scale(figure, _draw_correlations(right, after.P, size, "and after"), right)
     if size > len(before.s):
         low = len(before.s) - 0.5
         new = Rectangle((-0.5, low), size, 2, fill=False, edgecolor=RED, linewidth=2, clip_on=False)
@@ -236,16 +237,25 @@ def _correlation_figure(scans: Sequence[tuple[str, State]]) -> Figure:
         axes.set_axis_off()
     size = max(len(state.s) for _, state in scans)
     for axes, (title, state) in zip(panels, scans, strict=False):
-        _draw_correlations(axes, state.P, size, title)
+        drawn = _draw_correlations(axes, state.P, size, title)
+    _draw_scale(figure, drawn, panels.tolist())
     return figure
 
 
-def _draw_correlations(axes: Axes, P: FloatArray, size: int, title: str) -> None:
+def _draw_scale(figure: Figure, drawn: AxesImage, beside: Axes | list[Axes]) -> None:
+    """The color bar of correlations."""
+    bar = figure.colorbar(drawn, ax=beside, ticks=[-1, 0, 1], fraction=0.05, aspect=30)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(length=0, labelsize=8)
+    bar.set_label("correlation", fontsize=9)
+
+
+def _draw_correlations(axes: Axes, P: FloatArray, size: int, title: str) -> AxesImage:
     """The correlation matrix of a covariance, in the corner of a size x size grid."""
     sigma = np.sqrt(np.diagonal(P).clip(1e-300))
     correlation = P / sigma / sigma[:, None]
     correlation[:, np.diagonal(P) <= 0] = 0
-    axes.imshow(correlation, cmap=DIVERGING, vmin=-1, vmax=1, interpolation="nearest")
+    drawn = axes.imshow(correlation, cmap=DIVERGING, vmin=-1, vmax=1, interpolation="nearest")
     axes.set_xlim(-0.5, size - 0.5)
     axes.set_ylim(size - 0.5, -0.5)
     hide_ticks(axes)
@@ -258,6 +268,7 @@ def _draw_correlations(axes: Axes, P: FloatArray, size: int, title: str) -> None
         axes.set_yticklabels(["pose", *(f"m{i + 1}" for i in range(landmarks))], fontsize=8)
         axes.tick_params(length=0)
     axes.set_title(title, fontsize=10, loc="left")
+    return drawn
 
 
 def _draw_state(

@@ -3,7 +3,7 @@
 import json
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from io import BytesIO
@@ -48,6 +48,8 @@ Results = dict[str, dict[str, str]]
 """Results by step and name."""
 WIDE_TEX = 36
 """Maximum number of characters of TeX for a formula that fits a phone."""
+WIDE_CODE = 40
+"""Maximum number of characters of a line of code that fits a phone."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,8 @@ class Walkthrough:
                 "the translation and of the remaining turn, without the lateral uncertainty."
             )
         code = self.code(appendix)
-        parts = [f"<section>\n<h2>{TITLES[appendix]}</h2>\n<p>{_prose_html(text)}</p>"]
+        heading = f'<h2 id="{appendix}">{TITLES[appendix]}</h2>'
+        parts = [f"<section>\n{heading}\n<p>{_prose_html(text)}</p>"]
         values = dict[str, str]()
         if appendix == "C":
             steps, drawn = self.trace.steps, self.trace.drawn
@@ -145,15 +148,30 @@ def load_steps(appendix: str) -> list[dict[str, Any]]:
     return [step for step in steps if step["appendix"] == appendix]
 
 
-def walkthrough_page(title: str, lead: str, sections: Sequence[str]) -> str:
-    """The page as the text of one HTML file.
+def walkthrough_page(title: str, lead: str, sections: Mapping[str, str]) -> str:
+    """The page as the text of one HTML file, with a list of its contents.
 
     Args:
         title: of the page.
         lead: its first paragraph.
-        sections: HTML, one for each appendix.
+        sections: HTML by appendix.
     """
-    return html_page(title, lead, "\n".join(sections), ["page.css", "steps.css"], ["steps.js"])
+    body = "\n".join([_contents_html(sections), *sections.values()])
+    return html_page(title, lead, body, ["page.css", "steps.css"], ["steps.js"])
+
+
+def _contents_html(appendices: Iterable[str]) -> str:
+    """Links to the appendices and their steps."""
+    lists = (
+        f'<li><a href="#{each}">{TITLES[each]}</a><ol>'
+        + "".join(
+            f'<li><a href="#{each}-{step["name"]}">{escape(step["title"])}</a></li>'
+            for step in load_steps(each)
+        )
+        + "</ol></li>"
+        for each in appendices
+    )
+    return f'<nav class="contents" aria-label="Contents"><ul>{"".join(lists)}</ul></nav>'
 
 
 def save_webp(figure: Figure, file: BytesIO | Path) -> None:
@@ -199,7 +217,8 @@ def _step_html(
 ) -> str:
     """Heading, text, equations beside code, figure, matrices, results and remark."""
     name = step["name"]
-    parts = [f"<h3>{escape(step['title'])}</h3>\n<p>{_prose_html(step['text'])}</p>"]
+    heading = f'<h3 id="{step["appendix"]}-{name}">{escape(step["title"])}</h3>'
+    parts = [f"{heading}\n<p>{_prose_html(step['text'])}</p>"]
     if step["equations"]:
         parts.append(equations_html(step["equations"], code))
     if name in figures:
@@ -219,10 +238,12 @@ def _step_html(
 def _equation_html(number: str, tex: str, code: Code) -> str:
     formula, number = mathml()[tex], escape(number)
     name = f"equation {number}" if number else "formula"
-    scrollable = f' tabindex="0" role="group" aria-label="{name}"'
-    wide = scrollable if "<mtable" in formula or len(tex) > WIDE_TEX else ""
+    scrollable = ' tabindex="0" role="group" aria-label="{}"'.format
+    wide = scrollable(name) if "<mtable" in formula or len(tex) > WIDE_TEX else ""
+    is_long = max(map(len, code.text.splitlines())) > WIDE_CODE
+    long = scrollable(f"code of {name}") if is_long else ""
     lines = (
-        f"<pre><code>{escape(code.text)}</code></pre>"
+        f"<pre{long}><code>{escape(code.text)}</code></pre>"
         f'<p class="where">{escape(code.file)}, line {code.line}</p>'
     )
     return (
