@@ -477,7 +477,7 @@ class FixationTable(Table):
     """Human fixations, one row each."""
 
     image: npt.NDArray[np.str_]
-    """(n,) file name of the image."""
+    """(n,) file of the image, relative to the folder of the images, with slashes."""
     subject: IntArray
     """(n,) number of the subject."""
     index: IntArray
@@ -488,6 +488,8 @@ class FixationTable(Table):
     """(n,) in seconds; None if unknown."""
     trial: IntArray | None = None
     """(n,) number of the trial of a subject on an image, from 0; None if each has one."""
+    name: npt.NDArray[np.str_] | None = None
+    """(n,) name of the subject in the file; None if unknown."""
 
     @property
     def scanpath(self) -> IntArray:

@@ -224,7 +224,7 @@ DEFECTS = [
         "expected odometry over the time of the frames, 0.000 to 0.400 s",
     ),
     ("tum", "2 rgb/0.png", "2", "line 2: expected 2 cells (time, file), found 1: '2'"),
-    ("table", FORMATS["table"].text, "", "image is missing"),
+    ("table", FORMATS["table"].text, "", "image, subject, x and y are missing"),
     ("table", ",y", ",z", "y is missing"),
     ("table", "a,0,0,1,2\na,0,1,3,2\n", "", "found none"),
     ("table", "3,2", "one,2", "line 3"),

@@ -1,6 +1,6 @@
 """Options for fixation tables, which several commands score."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
 from math import inf
 from pathlib import Path
@@ -11,10 +11,20 @@ from cyclopts import Parameter
 from saccade.cli.options import INPUT, Options
 from saccade.cli.output import print_message
 from saccade.datasets.fixations import FixationFormat, read_fixations
+from saccade.datasets.fixations.placement import UNITS
+from saccade.datasets.tables import is_number
 from saccade.errors import ConfigError, LogError, setting
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import FixationData
 
+PLACE = "native, centered, fit or stretch, with the WIDTH,HEIGHT of the screen"
+PLACEMENT = Parameter(
+    consume_multiple=True,
+    metavar="PLACE WIDTH,HEIGHT",
+    help="Place of each image on a screen, by its own size: native (in the upper left corner), "
+    "centered, fit (scaled to the screen with its aspect, in the middle) or stretch, and the size "
+    "of the screen in pixels, unless the recording has it; x and y are positions on the screen.",
+)
 LARGEST = 1e6
 """Maximum number of pixels along a side of a screen."""
 SCORES = ("AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)")
@@ -41,8 +51,10 @@ class FixationOptions(Options):
     """Names of columns that differ from image, subject, index, trial, time, x, y, eye, duration.
     Example: subject=code,x=gx"""
     xy: Annotated[str | None, INPUT, Parameter(metavar="UNIT")] = None
-    """Units of x and y: normalized; WIDTH,HEIGHT, the size of the images on the screen; or pixels
-    of the images, unchecked."""
+    """Units of x and y: normalized; WIDTH,HEIGHT, the size of the images on the screen; norm,
+    height, pix or deg, PsychoPy's units about the center, with y up; or pixels of the images,
+    unchecked."""
+    placement: Annotated[list[str] | None, INPUT, PLACEMENT] = None
     offset: Annotated[str | None, INPUT, Parameter(metavar="X,Y")] = None
     """Upper left corner of the images on the screen, if x and y are screen positions."""
     axes: Annotated[Literal["x,y", "y,x", "x,-y", "-x,y"], INPUT] = "x,y"
@@ -67,7 +79,9 @@ class FixationOptions(Options):
         """
         per_degree = self.pixels_per_degree
         blur = sigma if per_degree is None else degree_sizes(per_degree)
-        form = fixation_format(self.columns, self.xy, self.offset)
+        form = fixation_format(
+            self.columns, self.xy, self.offset, self.placement or (), self.pixels_per_degree
+        )
         form = replace(form, axes=self.axes, eye=self.eye, trials=self.trials)
         table = read_fixations(
             self.fixations, self.images, form, only_present=self.only_present, say=print_message
@@ -114,8 +128,14 @@ def degree_sizes(text: str) -> Callable[[tuple[int, int]], float]:
     return of_size
 
 
-def fixation_format(columns: str | None, xy: str | None, offset: str | None) -> FixationFormat:
-    """Fixation format from --columns, --xy and --offset.
+def fixation_format(
+    columns: str | None,
+    xy: str | None = None,
+    offset: str | None = None,
+    placement: Sequence[str] = (),
+    pixels_per_degree: str | None = None,
+) -> FixationFormat:
+    """Fixation format from --columns, --xy, --offset, --placement and --pixels-per-degree.
 
     Raises:
         ConfigError: an option is malformed.
@@ -124,13 +144,28 @@ def fixation_format(columns: str | None, xy: str | None, offset: str | None) -> 
     if not all(key and name for key, _, name in pairs):
         raise ConfigError(f"--columns: expected KEY=NAME,KEY=NAME, found {columns!r}")
     named = {key.strip(): name.strip() for key, _, name in pairs}
-    shown = None
+    shown, unit, degree = None, None, None
     if xy == "normalized":
         shown = (1.0, 1.0)
-    elif xy not in (None, "pixels"):
-        shown = _two_numbers(xy, "--xy", "normalized, pixels or WIDTH,HEIGHT")
+    elif xy in UNITS:
+        unit, number = xy, (pixels_per_degree or "").strip()
+        degree = float(number) if is_number(number) else None
+    elif xy is not None and xy != "pixels":
+        shown = _two_numbers(xy, "--xy", f"normalized, {', '.join(UNITS)}, pixels or WIDTH,HEIGHT")
     corner = None if offset is None else _two_numbers(offset, "--offset", "X,Y")
-    return FixationFormat(named, shown, corner, checked=xy != "pixels")
+    place, *size = " ".join(placement).replace(":", " ").split() or [""]
+    if len(size) > 1:
+        raise ConfigError(f"--placement: expected {PLACE}, found {' '.join(placement)!r}")
+    return FixationFormat(
+        named,
+        shown,
+        corner,
+        unit=unit,
+        placement=place or None,
+        screen=_two_numbers(size[0], "--placement", PLACE) if size else None,
+        pixels_per_degree=degree,
+        checked=xy != "pixels",
+    )
 
 
 def _two_numbers(text: str, option: str, expected: str) -> tuple[float, float]:

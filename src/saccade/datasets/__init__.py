@@ -6,6 +6,7 @@ the file, the line or row, the expected content and the found content. All write
 `OutputError`, and `ConfigError` for an unknown suffix.
 """
 
+from saccade.datasets import fixations
 from saccade.datasets.drives.loading import DriveKind, load_drive
 from saccade.datasets.drives.writing import save_drive
 from saccade.datasets.landmark_maps import load_map
@@ -17,6 +18,7 @@ __all__ = [
     "DriveKind",
     "Kind",
     "OdometryNoise",
+    "fixations",
     "load",
     "load_drive",
     "load_map",

@@ -42,9 +42,10 @@ def read_variables(path: Path) -> dict[str, Any]:
     """Variables of a .mat file of version 5 or 7.3: real numbers, text, cells and structs.
 
     Returns:
-        Values by name: an array of float64, a text, a list of the cells of a cell array (a list of
-            rows if it has several rows and columns), or the fields of a struct by name; a list of
-            such fields for a struct array. Variables of other types are left out.
+        Values by name: an array of float64, a text (a list of texts for a matrix of characters), a
+            list of the cells of a cell array (a list of rows if it has several rows and columns),
+            or the fields of a struct by name; a list of such fields for a struct array. Variables
+            of other types are left out.
 
     Source: MathWorks, "MAT-File Format", the level 5 format.
     """
@@ -80,7 +81,7 @@ def _read_hdf5(path: Path) -> dict[str, Any]:
             cells = [[value(node.file[each], depth + 1) for each in row] for row in stored.T]
             return cells if min(stored.shape) > 1 else [each for row in cells for each in row]
         if kind == b"char":
-            return "".join(map(chr, stored.ravel().tolist()))
+            return _text(["".join(map(chr, row)) for row in np.atleast_2d(stored.T).tolist()])
         return np.asarray(stored, np.float64).T
 
     foreign = (OSError, ValueError, KeyError, TypeError, RuntimeError)
@@ -180,9 +181,17 @@ def _variable(matrix: bytes, order: str, depth: int = 0) -> dict[str, Any]:
     if stored not in (_TEXT if kind == _CHAR else _TYPES) and prod(shape) > 0:
         raise ValueError(f"{name} holds no numbers")
     if kind == _CHAR:
-        return {name: content.decode(_TEXT.get(stored, "latin-1"), "replace").replace("\0", "")}
+        text = content.decode(_TEXT.get(stored, "latin-1"), "replace")
+        rows = shape[0] if len(shape) == 2 and len(text) == prod(shape) else 1
+        return {name: _text([text[row::rows] for row in range(rows)])}
     values = np.frombuffer(content, order + _TYPES.get(stored, "u1"))
     return {name: values.astype(np.float64).reshape(shape, order="F")}
+
+
+def _text(rows: list[str]) -> str | list[str]:
+    """A text, or the texts of a matrix of several rows, which MATLAB pads with blanks."""
+    texts = [row.replace("\0", "") for row in rows]
+    return "".join(texts) if len(rows) < 2 else [text.rstrip() for text in texts]
 
 
 def _structs(

@@ -1,4 +1,4 @@
-"""Fixations in tables, EyeLink and Tobii recordings, and `.mat` files such as OSIE's."""
+"""Fixations of any format as one table, in pixels of their images."""
 
 import warnings
 from collections import Counter
@@ -10,32 +10,34 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from saccade.datasets.eyelink import read_eyelink
-from saccade.datasets.fixation_mat import read_mat_fixations
-from saccade.datasets.fixation_positions import (
-    AXES,
-    check_positions,
+from saccade.datasets.fixations.checks import AXES, check_positions, is_outside, matrix_of
+from saccade.datasets.fixations.formats import read_recording
+from saccade.datasets.fixations.placement import (
+    PLACEMENTS,
+    UNITS,
+    from_center,
     image_sizes,
-    is_outside,
-    list_folder,
+    placed,
+    require_aspect,
     resolve_images,
     to_image_pixels,
 )
-from saccade.datasets.fixation_tables import (
+from saccade.datasets.fixations.tables import (
     ROLES,
     FixationList,
     RawFixations,
-    read_fixation_table,
+    Texts,
     rows_by,
 )
-from saccade.datasets.fixation_trials import merge_eyes, number_trials
+from saccade.datasets.fixations.trials import merge_eyes, number_trials
 from saccade.datasets.tables import write_table
 from saccade.errors import LogError, LogWarning, require
 from saccade.io.files import is_file, natural_order
-from saccade.types import BoolArray, FixationTable, IntArray
+from saccade.types import BoolArray, FixationTable, FloatArray, IntArray
 
 DURATION = "duration_ms"
-TABLES = (".csv", ".tsv", ".txt")
+DIGITS = {"x": 3, "y": 3, DURATION: 3}
+"""Number of decimals in written tables."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,18 @@ class FixationFormat:
     None for the size of the image files in pixels."""
     offset: tuple[float, float] | None = None
     """x and y of the images' upper left corner; None for (0, 0)."""
+    unit: str | None = None
+    """Unit of x and y about the center of the screen, with y up, by PsychoPy's name: "norm" (-1 to
+    1), "height" (of the screen), "pix" or "deg"; None for positions as `shown` describes them."""
+    placement: str | None = None
+    """Place of each image on the screen, by its own size: "native" (in the upper left corner),
+    "centered", "fit" (scaled to the screen with its aspect) or "stretch"; see `placed`. None if x
+    and y are relative to the image; with `unit`, for an image in the middle, which has the size of
+    the screen for "norm", and its height for "height"."""
+    screen: tuple[float, float] | None = None
+    """Width and height of the screen in pixels, for `placement`; None for that of the recording."""
+    pixels_per_degree: float | None = None
+    """Image pixels per degree of visual angle, for the unit "deg"."""
     axes: str = "x,y"
     """Order and signs of the columns x and y: "y,x" if they are exchanged, "x,-y" or "-x,y" if an
     axis is reversed."""
@@ -68,8 +82,17 @@ class FixationFormat:
         known = self.trials in (None, "separate", "first", "joined")
         require(known, "--trials", "separate, first or joined", self.trials)
         require(not unknown, "--columns", f"names of {', '.join(ROLES)}", ", ".join(unknown))
-        if self.shown is not None:
-            require(min(self.shown) > 0, "--xy", "a width and a height", self.shown)
+        require(self.unit in (None, *UNITS), "--xy", f"one of {', '.join(UNITS)}", self.unit)
+        places = f"one of {', '.join(PLACEMENTS)}"
+        require(self.placement in (None, *PLACEMENTS), "--placement", places, self.placement)
+        for name, size in (("--xy", self.shown), ("--placement", self.screen)):
+            if size is not None:
+                require(min(size) > 0, name, "a width and a height", size)
+        given = self.placement is not None and (self.shown is not None or self.offset is not None)
+        require(not given, "--placement", "no --offset and no WIDTH,HEIGHT in --xy", self.placement)
+        degrees = self.unit != "deg" or (self.pixels_per_degree or 0) > 0
+        expected = "a number of pixels, for --xy deg"
+        require(degrees, "--pixels-per-degree", expected, self.pixels_per_degree)
 
 
 def _warn(message: str) -> None:
@@ -88,9 +111,9 @@ def read_fixations(
 
     Rows with an empty cell, for example blinks, and repeated rows are left out and counted in a
     remark. `FixationTable.subject` is the subject's number or, for named subjects, the rank of the
-    name. `FixationTable.index` counts from 0 for the first fixation of a scanpath, which is a trial
-    of a subject on an image; for files with times, or with indices that continue from image to
-    image, it is the rank within the scanpath.
+    name, which is in `FixationTable.name`. `FixationTable.index` counts from 0 for the first
+    fixation of a scanpath, which is a trial of a subject on an image; for files with times, or with
+    indices that continue from image to image, it is the rank within the scanpath.
 
     Args:
         path: a table separated by commas, semicolons or tabs, with columns for image, subject, x
@@ -118,7 +141,8 @@ def read_fixations(
         ImageError: an image cannot be read.
     """
     path, form = Path(path), form or FixationFormat()
-    raw, order, remarks = _recording(path, form.columns)
+    recording = read_recording(path, form.columns)
+    raw, order, remarks, _ = recording
     known = np.asarray(np.isfinite(raw.xy).all(axis=1))
     remarks["fixations with an empty cell, as of a blink, are left out"] += int((~known).sum())
     raw = merge_eyes(raw[known], order, form.eye and form.eye[0].upper(), remarks)
@@ -126,49 +150,25 @@ def read_fixations(
     raw = _distinct(raw, order, remarks)
     if order == "row":
         say(f"{path}: neither index nor time is a column; the order is that of the rows")
+    if order == "none":
+        say(f"{path}: the fixations have no order; --drop 0 leaves out none")
     for remark, count in (+remarks).items():
         say(f"{path}: {count} {remark}")
     if len(raw) == 0:
         raise LogError(f"{path}: expected at least one fixation, found none")
-    raw = replace(raw, xy=raw.xy @ np.array(AXES[form.axes]).T)
     outside = np.zeros(len(raw), bool)
     if images is not None:
-        raw, outside = _on_images(path, raw, Path(images), form, only_present, say)
-    subject = _subject_numbers(path, raw.subject.tolist(), say)
+        found = recording._replace(fixations=raw)
+        raw, outside = _on_images(path, found, Path(images), form, only_present, say)
+    else:
+        raw = replace(raw, xy=raw.xy @ matrix_of(form.axes))
+    subject, names = _subject_numbers(raw.subject.tolist())
     index = _indices(path, raw, order, say)
     seconds = None if np.isnan(raw.milliseconds).all() else raw.milliseconds / 1000
     trial = raw.trial if raw.trial.any() else None
-    table = FixationTable(raw.image, subject, index, raw.xy, seconds, trial)
+    table = FixationTable(raw.image, subject, index, raw.xy, seconds, trial, names)
     rows = np.lexsort((raw.order, raw.trial, subject, raw.image))
     return table[rows[~outside[rows]]]
-
-
-def _recording(path: Path, columns: Mapping[str, str], subject: str = "") -> FixationList:
-    """The fixations of a file, or of all files in a folder."""
-    suffix = path.suffix.lower()
-    if suffix == ".mat":
-        return FixationList(read_mat_fixations(path), "index", Counter())
-    if suffix == ".asc":
-        foreign = ", ".join(sorted(columns.keys() - {"image"}))
-        require(not foreign, "--columns", "image alone of an EyeLink recording", foreign)
-        return read_eyelink(path, columns)
-    if not path.is_dir():
-        return read_fixation_table(path, columns, subject)
-    files = [each for each in list_folder(path) if each.suffix.lower() in (".asc", *TABLES)]
-    if not files:
-        raise LogError(f"{path}: expected tables or recordings ({', '.join(TABLES)}, .asc)")
-    lists = [_recording(each, columns, each.stem) for each in files]
-    orders = sorted({each.order for each in lists})
-    if len(orders) > 1:
-        found = " and some with ".join(orders)
-        raise LogError(f"{path}: expected files of one kind, found some with {found}")
-    parts = [
-        replace(found, trial=np.array([f"{file.name} {name}" for name in found.trial.tolist()]))
-        for file, (found, *_) in zip(files, lists, strict=True)
-        if len(found)
-    ]
-    every = RawFixations.concatenate(parts) if parts else RawFixations.of([])
-    return FixationList(every, orders[0], sum((each.remarks for each in lists), Counter()))
 
 
 def _choose_trials(
@@ -208,13 +208,14 @@ def _distinct(raw: RawFixations, order: str, remarks: Counter[str]) -> RawFixati
 
 def _on_images(
     path: Path,
-    raw: RawFixations,
+    recording: FixationList,
     folder: Path,
     form: FixationFormat,
     only_present: bool,
     say: Callable[[str], None],
 ) -> tuple[RawFixations, BoolArray]:
     """The fixations in pixels of the images of a folder, and (n,) True if outside."""
+    raw = recording.fixations
     raw = replace(raw, image=resolve_images(raw.image, folder))
     names = np.unique(raw.image).tolist()
     absent = [name for name in names if not is_file(folder / name)]
@@ -225,30 +226,64 @@ def _on_images(
             raise LogError(f"{found}, {absent[0][:80]} first{cure}")
         say(f"{found} and are left out")
         raw = raw[~np.isin(raw.image, absent)]
-    sizes, boxes = image_sizes(raw.image, folder), raw.box
-    if form.shown is not None or form.offset is not None:
-        box = (*(form.offset or (0, 0)), *(form.shown or (np.nan, np.nan)), 0)
-        boxes = np.tile(box, (len(raw), 1))
-    raw = replace(raw, xy=to_image_pixels(raw.xy, boxes, sizes))
+    sizes, given, unplaced = image_sizes(raw.image, folder), raw.xy, np.isnan(raw.box[:, 0]).all()
+    raw = replace(raw, xy=_in_images(path, recording._replace(fixations=raw), sizes, form))
     if not form.checked:
         return raw, np.zeros(len(raw), bool)
-    if remark := check_positions(str(path), raw.xy, sizes):
+    screen = form.screen or recording.screen
+    if remark := check_positions(str(path), given, raw.xy, sizes, screen):
         say(remark)
+    elif (
+        unplaced
+        and recording.screen
+        and form
+        == replace(FixationFormat(), eye=form.eye, trials=form.trials, columns=form.columns)
+        and (sizes != recording.screen).any()
+    ):
+        width, height = recording.screen
+        say(
+            f"{path}: positions on the screen of {width:.0f} x {height:.0f} are taken as pixels of "
+            "the images; --placement centered or fit moves them"
+        )
     outside = is_outside(raw.xy, sizes)
     if outside.any():
         say(f"{path}: {outside.sum()} fixations outside their images are left out")
     return raw, outside
 
 
-def _subject_numbers(path: Path, subjects: Sequence[str], say: Callable[[str], None]) -> IntArray:
-    """(n,) numbers of subjects; for names, their rank in natural sort order."""
+def _in_images(
+    path: Path, recording: FixationList, sizes: FloatArray, form: FixationFormat
+) -> FloatArray:
+    """(n, 2) positions in pixels of images of width and height (n, 2)."""
+    raw, screen = recording.fixations, form.screen or recording.screen
+    xy, boxes = raw.xy @ matrix_of(form.axes), raw.box
+    if form.placement is not None and screen is None:
+        centered = form.placement == "centered" and form.unit in ("pix", "deg")
+        expected = f"--placement {form.placement} WIDTH,HEIGHT, the size of the screen"
+        require(centered, "--placement", expected, f"{form.placement} alone")
+    if form.unit is not None:
+        factor = (form.pixels_per_degree or 1.0) if form.unit == "deg" else 1.0
+        own = form.placement is None or screen is None
+        screens = sizes if own else np.broadcast_to(np.array(screen), sizes.shape)
+        xy, boxes = from_center(xy * factor, form.unit, screens), np.full_like(boxes, np.nan)
+    if form.placement is not None and screen is not None:
+        boxes = placed(form.placement, screen, sizes)
+    elif form.shown is not None or form.offset is not None:
+        if form.shown is not None and form.checked:
+            require_aspect(form.shown, sizes, str(path))
+        box = (*(form.offset or (0, 0)), *(form.shown or (np.nan, np.nan)), 0)
+        boxes = np.tile(box, (len(raw), 1))
+    return to_image_pixels(xy, boxes, sizes)
+
+
+def _subject_numbers(subjects: Sequence[str]) -> tuple[IntArray, Texts]:
+    """(n,) number of each subject, and its name; names are numbered in natural sort order."""
     names = sorted(set(subjects), key=natural_order)
     if all(name.isascii() and name.isdecimal() and len(name) < 19 for name in names):
-        return np.array([int(subject) for subject in subjects])
-    numbers = {name: number for number, name in enumerate(names)}
-    shown = ", ".join(names if len(names) <= 20 else [*names[:3], "...", names[-1]])
-    say(f"{path}: the subjects are numbered from 0 in this order: {shown}")
-    return np.array([numbers[subject] for subject in subjects])
+        numbers = {name: int(name) for name in names}
+    else:
+        numbers = {name: number for number, name in enumerate(names)}
+    return np.array([numbers[subject] for subject in subjects]), np.array(subjects, np.str_)
 
 
 def _indices(path: Path, raw: RawFixations, kind: str, say: Callable[[str], None]) -> IntArray:
@@ -282,8 +317,15 @@ def write_fixations(path: str | Path, table: FixationTable, **columns: npt.NDArr
     require(Path(path).suffix == ".csv", "path", "a .csv", str(path))
     x, y = table.xy.T
     unknown = np.full(len(table), np.nan)
-    keys = {"image": table.image, "subject": table.subject, "index": table.index}
+    subject = table.subject if table.name is None else table.name
+    keys = {"image": table.image, "subject": subject, "index": table.index}
     if table.trial is not None:
         keys["trial"] = table.trial
     milliseconds = unknown if table.duration is None else 1000 * table.duration
-    write_table(path, keys | {"x": x, "y": y, DURATION: milliseconds} | columns)
+    values = keys | {"x": x, "y": y, DURATION: milliseconds} | columns
+    digits = DIGITS | dict.fromkeys(columns, 6)
+    rounded = {
+        name: np.asarray(np.round(each, digits[name])) if name in digits else each
+        for name, each in values.items()
+    }
+    write_table(path, rounded)

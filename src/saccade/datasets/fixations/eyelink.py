@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from saccade.datasets.fixation_tables import (
+from saccade.datasets.fixations.tables import (
     NO_BOX,
     Box,
     FixationList,
@@ -21,7 +21,7 @@ from saccade.datasets.fixation_tables import (
     number_in,
 )
 from saccade.datasets.tables import Row, is_number, read_rows
-from saccade.errors import LogError
+from saccade.errors import LogError, require
 from saccade.io.files import IMAGE_SUFFIXES
 
 
@@ -44,8 +44,10 @@ class _Trial:
     """Rows of EFIX, eye, start, end, duration, x, y."""
 
 
-def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> FixationList:
-    """The fixations of a recording; the subject is the file name.
+def read_eyelink(
+    path: Path, columns: Mapping[str, str] | None = None, subject: str = ""
+) -> FixationList:
+    """The fixations of a recording.
 
     A fixation is assigned to the image on the screen at its end, since the first fixation of a
     trial often begins before its image. The message `!V IMGLOAD` names the image and its position
@@ -55,9 +57,13 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Fixati
     Args:
         path: the .asc file.
         columns: "image": name of the trial variable that holds the image name.
+        subject: name of the subject; by default the name of the file.
     """
+    foreign = ", ".join(sorted((columns or {}).keys() - {"image"}))
+    require(not foreign, "--columns", "image alone of an EyeLink recording", foreign)
     found, early = list[tuple[Any, ...]](), 0
-    for number, trial in enumerate(_trials(path)):
+    trials, screen = _trials(path)
+    for number, trial in enumerate(trials):
         shown = _images(trial, (columns or {}).get("image"))
         ends = [row.numbers(slice(3, 4))[0] for row in trial.fixations]
         if len(shown) == 1 and max(ends, default=np.inf) < shown[0].time:
@@ -69,7 +75,7 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Fixati
                 continue
             image = shown[order - 1]
             start, milliseconds, x, y = (number_in(row, i) for i in (2, 4, 5, 6))
-            of_image = (image.name, path.stem, start, x, y, milliseconds, image.box)
+            of_image = (image.name, subject or path.stem, start, x, y, milliseconds, image.box)
             found.append((*of_image, f"{number}.{order}", row.cells[1]))
     if not found:
         raise LogError(
@@ -78,11 +84,12 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Fixati
             "--columns image=VARIABLE selects another variable"
         )
     remarks = Counter({"fixations with no image on the screen are left out": early})
-    return FixationList(RawFixations.of(found), "time", remarks)
+    size = None if np.isnan(screen[0]) else (screen[2], screen[3])
+    return FixationList(RawFixations.of(found), "time", remarks, size)
 
 
-def _trials(path: Path) -> list[_Trial]:
-    """The trials of a file; the first has the lines before any TRIALID."""
+def _trials(path: Path) -> tuple[list[_Trial], Box]:
+    """The trials of a file, the first with the lines before any TRIALID, and the screen."""
     trials, screen = [_Trial()], NO_BOX
     for row in read_rows(path):
         kind = row.cells[0]
@@ -94,7 +101,7 @@ def _trials(path: Path) -> list[_Trial]:
             raise row.error("events of GAZE, positions on the screen", " ".join(row.cells[1:2]))
         elif kind == "MSG" and len(row.cells) > 2:
             screen = _read_message(row, trials, screen)
-    return trials
+    return trials, screen
 
 
 def _read_message(row: Row, trials: list[_Trial], screen: Box) -> Box:
@@ -128,7 +135,7 @@ def _loaded(command: Row, screen: Box) -> tuple[str, Box]:
             "IMGLOAD with FILL PATH, or CENTER or TOP_LEFT, PATH, X, Y, WIDTH and HEIGHT",
             " ".join(command.cells),
         )
-    name = PureWindowsPath(" ".join(words)).name  # accepts both kinds of slashes
+    name = PureWindowsPath(" ".join(words)).as_posix()  # accepts both kinds of slashes
     if kind == "FILL" or not numbers:
         return name, screen if kind == "FILL" else NO_BOX
     x, y, *size = Row(command.path, command.line, numbers).numbers()
@@ -146,4 +153,4 @@ def _images(trial: _Trial, wanted: str | None) -> list[_Shown]:
         if (name == wanted if wanted else is_named("image", name))
     ]
     names = names or [word for word in trial.label.split() if word.lower().endswith(IMAGE_SUFFIXES)]
-    return [_Shown(-np.inf, PureWindowsPath(name).name, NO_BOX) for name in names[:1]]
+    return [_Shown(-np.inf, PureWindowsPath(name).as_posix(), NO_BOX) for name in names[:1]]

@@ -1,18 +1,28 @@
 """Fixations in MATLAB files: structs, cells and matrices, identified by shape and name.
 
 OSIE's `fixations.mat` is a cell array of image structs (`img`). Each has a cell array of subject
-structs with the vectors `fix_x`, `fix_y` and `fix_duration`.
+structs with the vectors `fix_x`, `fix_y` and `fix_duration`. SALICON has a file for each image,
+with a struct `gaze` for each subject, whose `fixations` are a matrix (n, 2). MIT1003 and CAT2000
+have a file for each image with a binary map of the fixated pixels.
 """
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from saccade.datasets.fixation_tables import NO_BOX, ROLES, RawFixations, is_named
+from saccade.datasets.fixations.tables import (
+    NO_BOX,
+    ROLES,
+    FixationList,
+    RawFixations,
+    is_named,
+)
 from saccade.datasets.matlab import read_variables
-from saccade.errors import LogError
+from saccade.errors import LogError, require
 
 EXPECTED = (
     "structs or columns with x, y, image and subject, or cells {image, subject} of matrices (n, 2)"
@@ -22,7 +32,17 @@ Rows = list[tuple[Any, ...]]
 """Rows of `RawFixations.of`."""
 
 
-def read_mat_fixations(path: Path) -> RawFixations:
+BINARY_NAME = re.compile(r"[_-]?fix(ation)?s?[_-]?(locs?|pts|points|maps?)?$", re.IGNORECASE)
+"""End of the name of a file with a binary map, after the name of its image."""
+SMALLEST_MAP = 32
+"""Minimum side of a binary map of fixations."""
+MOST_FIXATED = 0.05
+"""Maximum fraction of the pixels that are fixated."""
+
+
+def read_mat_fixations(
+    path: Path, columns: Mapping[str, str] | None = None, name: str = ""
+) -> FixationList:
     """The fixations of a MATLAB file.
 
     Positions are in vectors x and y with their usual names, or in the first two columns of
@@ -30,10 +50,20 @@ def read_mat_fixations(path: Path) -> RawFixations:
     structs: images, then subjects. A cell of as many texts as images holds their names; without it,
     images are numbered from 1.
 
+    Args:
+        path: the file.
+        columns: none; the names of fields are usual ones.
+        name: name of the image if the file names none; by default the name of the file.
+
     Raises:
         LogError: the file is broken or has another layout; the message lists its variables.
     """
-    variables = read_variables(path)
+    require(not columns, "--columns", "none for a MATLAB file", columns)
+    variables, name = read_variables(path), name or path.stem
+    if rows := _of_gaze(variables, name):
+        return FixationList(RawFixations.of(rows), "index", Counter())
+    if rows := _of_binary_map(variables, BINARY_NAME.sub("", name) or name):
+        return FixationList(RawFixations.of(rows), "none", Counter())
     fixations: Rows = []
     texts = [each for each in variables.values() if _is_texts(each)]
     try:
@@ -45,7 +75,39 @@ def read_mat_fixations(path: Path) -> RawFixations:
     if not fixations:
         found = ", ".join(f"{name} ({_described(each)})" for name, each in variables.items())
         raise LogError(f"{path}: expected {EXPECTED}, found {found[:300] or 'nothing'}")
-    return RawFixations.of(fixations)
+    return FixationList(RawFixations.of(fixations), "index", Counter())
+
+
+def _of_gaze(variables: Mapping[str, Any], name: str) -> Rows:
+    """Rows of SALICON's layout; empty for another."""
+    gaze, image = variables.get("gaze"), variables.get("image", name)
+    subjects = gaze if isinstance(gaze, list) else [gaze]
+    if not (isinstance(image, str) and all(isinstance(each, dict) for each in subjects)):
+        return []
+    rows: Rows = []
+    for number, each in enumerate(subjects):
+        xy = each.get("fixations", np.empty((0, 2)))
+        if isinstance(xy, np.ndarray) and xy.ndim == 2 and xy.shape[1] == 2:
+            rows += [
+                (image.strip(), str(number), float(index), x, y, np.nan, NO_BOX, "", "")
+                for index, (x, y) in enumerate(xy.tolist())
+            ]
+    return rows
+
+
+def _of_binary_map(variables: Mapping[str, Any], name: str) -> Rows:
+    """Rows of a single map of zeros and ones, which has no subjects; empty for another content."""
+    maps = [each for each in variables.values() if isinstance(each, np.ndarray) and each.size > 1]
+    if len(maps) != 1 or maps[0].ndim != 2 or min(maps[0].shape) < SMALLEST_MAP:
+        return []
+    fixated = maps[0] > 0
+    is_binary = len(np.unique(maps[0])) == 2 and maps[0].min() == 0
+    if not is_binary or fixated.mean() > MOST_FIXATED:
+        return []
+    return [
+        (name, "0", float(index), float(x), float(y), np.nan, NO_BOX, "", "")
+        for index, (y, x) in enumerate(np.argwhere(fixated).tolist())
+    ]
 
 
 def _collect(value: Any, known: Mapping[str, Any], texts: Sequence[list[str]], out: Rows) -> None:
