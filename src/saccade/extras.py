@@ -42,7 +42,7 @@ def import_function(what: str, name: str) -> Callable[..., Any]:
         found = resolve_name(name)
     except Exception as error:  # whatever the module raises
         raise ConfigError(f"{what}: {name}: cannot be imported: {error}") from error
-    if not callable(found):
+    if not callable(found) and not hasattr(found, "log_density"):
         raise ConfigError(f"{what}: {name}: expected a function, found {type(found).__name__}")
     function: Callable[..., Any] = found
     return function

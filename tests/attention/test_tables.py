@@ -115,7 +115,7 @@ def test_a_function_is_a_model():
     assert maps.image_shape == IMAGE.shape[:2]
     with pytest.raises(ConfigError, match="model: <lambda>: failed: no"):
         AttentionModel(lambda image: (_ for _ in ()).throw(ValueError("no"))).maps(IMAGE)
-    with pytest.raises(ImageError, match="expected finite numbers of shape"):
+    with pytest.raises(ImageError, match="expected a map of one channel, found a picture"):
         AttentionModel(lambda image: image).maps(IMAGE)
     with pytest.raises(ConfigError, match=r"expected AttentionConfig, .* found ScanpathConfig"):
         AttentionModel(saccade.ScanpathConfig()).maps(IMAGE)

@@ -290,9 +290,14 @@ def test_what_ends_a_run_is_one_line(run, monkeypatch, error, code, words):
     assert run("detect", ROCKET) == (code, "", f"saccade: {words}\n")
 
 
-def test_names_for_results_are_numbered_where_they_would_meet():
-    paths = [Path(name) for name in ("a.png", "b/a.jpg", "a-2.png", "a.png", "c/a.png")]
-    names = names_for(paths)
-    assert list(names) == [*dict.fromkeys(paths)]
-    assert len(set(names.values())) == 4
-    assert names[Path("a.png")] == "a"
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["x/a.png", "y/b.jpg"], ["a", "b"]),
+        (["x/a.png", "y/a.jpg", "x/a.png"], ["x/a", "y/a"]),
+        (["z/x/a.png", "z/y/a.jpg", "z/c.png"], ["x/a", "y/a", "c"]),
+        (["a.png", "a.jpg"], ["a.png", "a.jpg"]),
+    ],
+)
+def test_names_of_results_are_the_paths_of_images_where_stems_repeat(paths, names):
+    assert [*names_for([Path(path) for path in paths]).values()] == names

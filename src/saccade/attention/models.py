@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,9 @@ from saccade.attention.contrast_config import ContrastConfig
 from saccade.attention.fitted import FittedModel
 from saccade.attention.maps import SaliencyMaps
 from saccade.attention.symmetry import SymmetryConfig, symmetric_pairs_at, symmetry_saliency
-from saccade.errors import ConfigError, ImageError, Settings
+from saccade.attention.values import as_saliency
+from saccade.errors import ConfigError, Settings
+from saccade.io.image import in_unit_range, repeat_gray
 from saccade.types import Float32Array, SymmetricPairs
 
 
@@ -40,8 +42,6 @@ REFERENCE_SIZE = 800
 """Longer side in pixels of the image for which `PAIR_RADIUS` is given."""
 PAIR_RADIUS = 12.0
 """Search radius in pixels for symmetric pairs around a fixation."""
-MAX_SALIENCY = 1e15
-"""Maximum magnitude in a map, for which sums of squares stay finite in float32."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,8 @@ class AttentionModel:
 
     settings: Settings | Saliency
     """Settings of a model in `MODELS`, a `FittedModel`, or a user's function."""
+    kind: str | None = None
+    """Kind of a function's values, one of `values.KINDS`; None for that which it declares."""
 
     def maps(self, image: npt.NDArray[Any]) -> SaliencyMaps:
         """The maps of an image.
@@ -63,8 +65,8 @@ class AttentionModel:
         for row in MODELS.values():
             if type(self.settings) is row.settings:
                 return row.function(image, self.settings)
-        if callable(self.settings):
-            return maps_of(self.settings, image)
+        if callable(self.settings) or hasattr(self.settings, "log_density"):
+            return maps_of(cast("Saliency", self.settings), image, self.kind)
         names = ", ".join(row.settings.__name__ for row in MODELS.values())
         found = type(self.settings).__name__
         raise ConfigError(f"model: expected {names}, FittedModel or a function, found {found}")
@@ -83,32 +85,24 @@ class AttentionModel:
         return symmetric_pairs_at(image, positions, settings, radius=radius, max_pairs=2)
 
 
-def maps_of(function: Saliency, image: npt.NDArray[Any]) -> SaliencyMaps:
-    """The map of a user's function, with its minimum at 0."""
+def maps_of(function: Saliency, image: npt.NDArray[Any], kind: str | None = None) -> SaliencyMaps:
+    """The map of a user's function, or of a model of pysaliency, with its minimum at 0.
+
+    A model of pysaliency has a method `log_density` or `saliency_map`, which gets (H, W, 3) uint8.
+    A function may declare its values by an attribute `kind`, one of `values.KINDS`.
+    """
     name = getattr(function, "__name__", type(function).__name__)
+    kind, predict = kind or getattr(function, "kind", None), function
+    for method, of_method in (("log_density", "log-density"), ("saliency_map", "saliency")):
+        if hasattr(function, method):
+            levels = np.rint(255 * repeat_gray(in_unit_range(image))).astype(np.uint8)
+            predict, kind, image = getattr(function, method), of_method, levels
+            break
     try:
-        values = function(image)
+        values = predict(image)
     except Exception as error:  # raised by the user's own function
         raise ConfigError(f"model: {name}: failed: {error}") from error
     if isinstance(values, SaliencyMaps):
         return values
-    saliency = checked_map(values, name)
+    saliency = as_saliency(values, name, image.shape[:2], kind)
     return SaliencyMaps(saliency - min(saliency.min(), np.float32(0)), image.shape[:2])
-
-
-def checked_map(values: Any, name: str) -> Float32Array:
-    """Validates a map from a file or from a user's model.
-
-    Raises:
-        ImageError: not finite numbers of shape (h, w); the message names the map.
-    """
-    expected = f"{name}: expected finite numbers of shape (h, w)"
-    try:
-        array = np.asarray(values)
-    except (TypeError, ValueError) as error:
-        raise ImageError(f"{expected}: {error}") from error
-    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":
-        raise ImageError(f"{expected}, found {array.dtype} of shape {array.shape}")
-    if not (np.abs(array.astype(np.float64)) < MAX_SALIENCY).all():
-        raise ImageError(f"{expected} under {MAX_SALIENCY:g}, found NaN or others")
-    return array.astype(np.float32)

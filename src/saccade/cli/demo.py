@@ -54,9 +54,9 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
     with results_in(out), as_file(files("saccade") / "data") as data:
         with progress_bar("attention: saliency and scanpath"):
             photo = data / "chelsea.jpg"
-            looking = LookOptions(images=[str(photo)], keypoints=True)
+            looking = LookOptions(images=[str(photo)], keypoints=True, out=out)
             attention = looking.attention_model(looking.model, free_viewing=True)
-            look, _ = analyze_image(photo, out / "look", attention, looking, builder)
+            look, _ = analyze_image(photo, photo.stem, attention, looking, builder)
         with progress_bar("interest points: two views of a hallway"):
             first, second = (data / f"hallway_{number}.jpg" for number in (1, 2))
             matching = MatchOptions(first=str(first), second=second, out=out)

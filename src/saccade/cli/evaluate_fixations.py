@@ -1,18 +1,20 @@
 """`saccade evaluate fixations`: fixation prediction by saliency maps."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from math import isnan
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from saccade.attention.models import MODELS
+from saccade.attention.values import KINDS
 from saccade.cli.fixation_tables import SCORES, FixationOptions, score_cells
 from saccade.cli.model_options import DEFAULT_MODEL, SaliencyOptions
 from saccade.cli.options import SEVERAL, JsonOptions
 from saccade.cli.output import Result, comparison, tracked
-from saccade.errors import require, setting
+from saccade.errors import require
 from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import (
     FixationData,
@@ -28,8 +30,9 @@ from saccade.types import Float32Array
 MODEL = Parameter(
     metavar="[NAME=]MODEL",
     help=f"Models: {', '.join(MODELS)}, optionally with :PRESET; a file of saccade fit (.toml); "
-    "module:function; or a folder of saliency maps (.npy, .mat or images) with the names of the "
-    "images. Several with commas; attention by default.",
+    "module:function; or a folder of saliency maps (.npy, .mat or images) with the paths of the "
+    f"images. Before a function or folder, {': or '.join(KINDS)}: declares its values. Several "
+    "with commas; attention by default.",
 )
 
 
@@ -38,8 +41,6 @@ class ScoreOptions(FixationOptions, SaliencyOptions, JsonOptions):
     """Options of `saccade evaluate fixations`."""
 
     model: Annotated[list[str] | None, SEVERAL, MODEL] = None
-    sigma: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
-    """Standard deviation of the fixation density: one degree of visual angle, .1 to 1000."""
     references: bool = False
     """Also score three references: a center Gaussian, fixations on other images, and each subject
     predicted by the others (the ceiling). Takes a few minutes."""
@@ -57,7 +58,7 @@ def fixations(options: ScoreOptions) -> Result:
 
     Example: saccade evaluate fixations --images photos --fixations fixations.csv
     """
-    data = options.data(options.sigma)
+    data = options.data()
     results = score(data, chosen_models(data, options), references=options.references)
     first, *others = results
     gains = {name: results[name].minus(results[first]) for name in others}
@@ -69,9 +70,9 @@ def fixations(options: ScoreOptions) -> Result:
         SCORES,
         score_cells,
     )
-    rows = {
+    rows: dict[str, dict[str, Any]] = {
         name: result.estimate().as_dict()
-        | {"images": dict(zip(result.name, map(asdict, result.scores), strict=True))}
+        | {"images": dict(zip(result.name, map(known_scores, result.scores), strict=True))}
         for name, result in results.items()
     }
     row = rows[first]
@@ -79,6 +80,11 @@ def fixations(options: ScoreOptions) -> Result:
         of_others = {name: each.as_dict() for name, each in gains.items()}
         row = row | {"models": rows, "differences": of_others}
     return Result(row, tables)
+
+
+def known_scores(scores: FixationScores) -> dict[str, float | None]:
+    """Scores by name; None for those that a single image does not have."""
+    return {name: None if isnan(value) else value for name, value in asdict(scores).items()}
 
 
 CENTER = "center"
@@ -139,12 +145,15 @@ def default_models(data: FixationData, options: ScoreOptions) -> dict[str, Model
 
 
 def _model(data: FixationData, source: str, options: ScoreOptions) -> Model:
+    declared, colon, rest = source.partition(":")
+    values = declared if colon and declared in KINDS else None
+    source = rest if values else source
     if source not in MODELS and Path(source).is_dir():
-        return saliency_from_files(data.folder, Path(source))
-    kind, colon, preset = source.partition(":")
-    if not (colon and kind in MODELS):
-        kind, preset = source, ""
-    attention = options.attention_model(kind, preset)
+        return saliency_from_files(data.folder, Path(source), values)
+    name, colon, preset = source.partition(":")
+    if not (colon and name in MODELS):
+        name, preset = source, ""
+    attention = replace(options.attention_model(name, preset), kind=values)
 
     def saliency(name: str) -> Float32Array:
         return resize(attention.maps(data.read(name)).saliency, data.sizes[name])
@@ -157,7 +166,8 @@ def score(
 ) -> dict[str, PredictionScores]:
     """Scores of each model and, with `references`, of each reference."""
     if references:
-        models |= {CENTER: data.center, SHUFFLED: data.shuffled}
+        models |= {CENTER: data.center}
+        models |= {SHUFFLED: data.shuffled} if len(data.sizes) > 1 else {}
     scored: dict[str, list[tuple[str, FixationScores]]] = {name: [] for name in models}
     count = len(data.sizes)
     for image, by_model in tracked(score_models(models, data, (BY_METRIC,)), "scoring", count):

@@ -1,11 +1,9 @@
 """`saccade evaluate scanpaths`: similarity of model scanpaths to human scanpaths."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
-
-from cyclopts import Parameter
 
 from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.cli.fixation_tables import FixationOptions
@@ -14,6 +12,7 @@ from saccade.cli.options import INPUT, JsonOptions
 from saccade.cli.output import Result, Table, tracked
 from saccade.errors import setting
 from saccade.evaluation.conditional import FixationRow, Summary, score_fixations, summary
+from saccade.evaluation.prediction import FixationData
 from saccade.evaluation.scanpaths import (
     PathRow,
     PathSettings,
@@ -44,8 +43,6 @@ class ScanpathOptions(FixationOptions, ModelOptions, JsonOptions):
     mean."""
     samples: int = setting(15, 1, 1000)
     """Number of paths drawn for each image, 1 to 1000."""
-    degree: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
-    """Pixels per degree of visual angle, .1 to 1000; also the blur of the fixations."""
     seed: int = setting(0, 0)
     """Seed of the random number generator, at least 0."""
 
@@ -59,8 +56,8 @@ def scanpaths(options: ScanpathOptions) -> Result:
 
     Example: saccade evaluate scanpaths --images photos --fixations fixations.csv
     """
-    model, preset, config, degree = options.model, options.preset, options.config, options.degree
-    data = options.data(degree)
+    model, preset, config = options.model, options.preset, options.config
+    data = options.data()
     people = viewings(data)
     chosen: ScanpathModelConfig = load_settings("scanpath-model", None, options.paths_config)
     settings = PathSettings(
@@ -78,20 +75,25 @@ def scanpaths(options: ScanpathOptions) -> Result:
         path_rows += score_paths(name, people, saliency, settings)
         fixation_rows += score_fixations(name, data, saliency, chosen)
     paths, predicted = summary(path_rows), summary(fixation_rows)
+    shown = summary(in_degrees(row, data) for row in path_rows)
     title = f"{len(people)} images, {model}, {preset or config or 'default settings'}"
     similarity = f"{title}: paths of {settings.fixations} fixations"
     tables = [
-        Table(similarity, ["", *PATHS.values()], _cells(paths, PATHS, degree)),
-        Table(
-            "Each next fixation", ["", *FIXATIONS.values()], _cells(predicted, FIXATIONS, degree)
-        ),
+        Table(similarity, ["", *PATHS.values()], _cells(shown, PATHS)),
+        Table("Each next fixation", ["", *FIXATIONS.values()], _cells(predicted, FIXATIONS)),
     ]
     return Result({"paths": _as_dict(paths), "fixations": _as_dict(predicted)}, tables)
 
 
-def _cells(summary: Summary, columns: dict[str, str], degree: float) -> Sequence[Sequence[str]]:
+def in_degrees(row: PathRow, data: FixationData) -> PathRow:
+    """The row with its amplitude in degrees of visual angle."""
+    degrees = row.scores.amplitude / data.sigma_of(row.image)
+    return row._replace(scores=replace(row.scores, amplitude=degrees))
+
+
+def _cells(summary: Summary, columns: dict[str, str]) -> Sequence[Sequence[str]]:
     """One row per source; the first score has its interval."""
-    scale = {"amplitude": 1 / degree, "seconds": 1000.0}
+    scale = {"seconds": 1000.0}
     digits = {"seconds": 0, "fixations": 1, "amplitude": 1, "nss": 2}
     rows = []
     for name, scores in summary.items():

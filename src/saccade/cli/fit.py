@@ -20,8 +20,6 @@ class FitOptions(FixationOptions, SettingsOptions, JsonOptions):
 
     out: Annotated[Path, OUTPUT, Parameter(("--out", "-o"))] = Path("fitted.toml")
     """The fitted model, TOML."""
-    sigma: Annotated[float, Parameter(metavar="PX")] = setting(24.0, 0.1, 1000)
-    """Standard deviation of the fixation density: one degree of visual angle, .1 to 1000."""
     folds: int = setting(5, 2, 100)
     """Number of folds of the cross-validation, 2 to 100."""
 
@@ -37,7 +35,7 @@ def fit(options: FitOptions) -> Result:
 
     Example: saccade fit --images photos --fixations fixations.csv --out mine.toml
     """
-    data, settings = options.data(options.sigma), options.settings("attention")
+    data, settings = options.data(), options.settings("attention")
     found = study(data, settings, FittingConfig(folds=options.folds), progress=tracked)
     scores = {name: each.estimate() for name, each in found.results.items()}
     own = found.results[FITTED]

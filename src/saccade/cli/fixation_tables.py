@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
-from math import inf
+from math import inf, isnan
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -25,6 +25,8 @@ PLACEMENT = Parameter(
     "centered, fit (scaled to the screen with its aspect, in the middle) or stretch, and the size "
     "of the screen in pixels, unless the recording has it; x and y are positions on the screen.",
 )
+DEGREE = 24.0
+"""Pixels per degree of visual angle by default: that of OSIE."""
 LARGEST = 1e6
 """Maximum number of pixels along a side of a screen."""
 SCORES = ("AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)")
@@ -33,7 +35,7 @@ SCORES = ("AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)")
 
 def score_cells(scores: FixationScores) -> list[str]:
     """A row of `SCORES`."""
-    return [f"{value:.3f}" for value in astuple(scores)]
+    return ["" if isnan(value) else f"{value:.3f}" for value in astuple(scores)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,16 +71,14 @@ class FixationOptions(Options):
     """Ignore fixations on images that are missing."""
 
     pixels_per_degree: Annotated[str | None, INPUT, Parameter(metavar="N")] = None
-    """Image pixels per degree of visual angle, the blur of the fixations: a number, WIDTHxHEIGHT=N
-    for each image size, separated by commas, or a percentage of the width (3%)."""
+    """Image pixels per degree of visual angle, by default 24, which is also the blur of the
+    fixations: a number, WIDTHxHEIGHT=N for each image size, separated by commas, or a percentage of
+    the width (3%)."""
 
-    def data(self, sigma: float = 24.0) -> FixationData:
-        """Fixations inside their images, with the density blur `sigma`; prints remarks.
-
-        --pixels-per-degree overrides `sigma`, which is in pixels.
-        """
+    def data(self) -> FixationData:
+        """Fixations inside their images, blurred by a degree of visual angle; prints remarks."""
         per_degree = self.pixels_per_degree
-        blur = sigma if per_degree is None else degree_sizes(per_degree)
+        blur = DEGREE if per_degree is None else degree_sizes(per_degree)
         form = fixation_format(
             self.columns, self.xy, self.offset, self.placement or (), self.pixels_per_degree
         )
@@ -94,7 +94,7 @@ class FixationOptions(Options):
         sizes = len(set(found.sizes.values()))
         if sizes > 1 and per_degree is None:
             print_message(
-                f"fixations are blurred by {sigma:g} pixels on images of {sizes} sizes; "
+                f"fixations are blurred by {DEGREE:g} pixels on images of {sizes} sizes; "
                 "--pixels-per-degree sets one degree for each size"
             )
         if found.outside:

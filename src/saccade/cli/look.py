@@ -109,10 +109,9 @@ def look(options: LookOptions) -> Result:
     paths = dict[Path, tuple[Scanpath, ScanpathSamples]]()
 
     def of_image(path: Path, name: str) -> Row:
-        file = out / f"{name}.look"
         if is_video(path):
-            return look_at_video(path, file, attention, options.every)
-        row, paths[path] = analyze_image(path, file, attention, options, builder, network)
+            return look_at_video(path, out / f"{name}.look", attention, options.every)
+        row, paths[path] = analyze_image(path, name, attention, options, builder, network)
         return row
 
     with results_in(out):
@@ -150,17 +149,17 @@ SAMPLES = 100
 
 def analyze_image(
     path: Path,
-    out: Path,
+    name: str,
     attention: AttentionModel,
     options: LookOptions,
     builder: ReportBuilder,
     network: ScanpathConfig | None = None,
 ) -> tuple[dict[str, Any], tuple[Scanpath, ScanpathSamples]]:
-    """Write the requested outputs for an image to files that begin with `out`, and to a report.
+    """Write the requested outputs for an image to files, and to a report.
 
     Args:
         path: the image.
-        out: path of the files, without suffix.
+        name: name of the results in the output folder.
         attention: the model.
         options: formats, and length of the scanpath.
         builder: builder of the report.
@@ -169,7 +168,7 @@ def analyze_image(
     Returns:
         The row for --json, and the scanpath with samples of the scanpath model.
     """
-    image = read_image(path)
+    image, out = read_image(path), options.out / f"{name}.look"
     try:
         maps = attention.maps(image)
     except ImageError as error:
@@ -200,9 +199,8 @@ def analyze_image(
     if "csv" not in (options.formats or ()) or "npz" in (options.formats or ()):
         row["arrays"] = f"{out}.npz"
         write_arrays(Path(f"{out}.npz"), layers | scanpath_arrays | {"format": FORMATS["look"]})
-    name = out.name.removesuffix(".look")
     if options.maps:
-        row["maps"] = write_maps(out.parent / "maps", name, maps.upsampled, options)
+        row["maps"] = write_maps(options.out / "maps", name, maps.upsampled, options)
     section = Section(path.name, "" if len(builder) else TEXT)
 
     def part() -> Part:
@@ -227,10 +225,12 @@ def write_maps(
     chosen = options.layers or list(layers)
     for each in chosen:
         require(each in layers, "layers", f"names of {', '.join(layers)}", each)
-    files = [out / each / f"{name}.{kind}" for kind in options.maps or () for each in chosen]
-    for path in files:
-        write_map(path, layers[path.parent.name])
-    return [str(path) for path in files]
+    files = list[str]()
+    for kind in options.maps or ():
+        for each in chosen:
+            files.append(str(out / each / f"{name}.{kind}"))
+            write_map(files[-1], layers[each])
+    return files
 
 
 def write_scanpaths(

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from threading import Event
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
@@ -235,16 +235,21 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 
 
 def names_for(paths: Sequence[Path]) -> dict[Path, str]:
-    """Unique result names for the inputs: the stem, with a number if already taken."""
-    names: dict[Path, str] = {}
-    taken: set[str] = set()
-    for path in dict.fromkeys(paths):
-        name, number = path.stem, 2
-        while name in taken:
-            name, number = f"{path.stem}-{number}", number + 1
-        names[path] = name
-        taken.add(name)
-    return names
+    """Unique result names for the inputs.
+
+    The stem; if stems repeat, the path relative to the common folder without suffix, or with it if
+    that repeats too. The maps of images in several folders are thus found by their images' paths.
+    """
+    unique = list(dict.fromkeys(paths))
+    relative = relative_names(unique)
+    for name_of in (
+        lambda path: path.stem,
+        lambda path: PurePosixPath(relative[path]).with_suffix("").as_posix(),
+    ):
+        names = {path: name_of(path) for path in unique}
+        if len({*names.values()}) == len(unique):
+            return names
+    return relative
 
 
 def relative_names(paths: Sequence[Path]) -> dict[Path, str]:

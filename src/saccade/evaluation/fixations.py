@@ -64,7 +64,7 @@ def score(
         saliency: (H, W) map at the size of the image.
         fixations: (n, 2) x and y in pixels of this image.
         others: (m, 2) fixations on other images, scaled to this image: the negatives of the
-            shuffled AUC and, blurred, the baseline of the information gain.
+            shuffled AUC and, blurred, the baseline of the information gain; both are NaN without.
         sigma: standard deviation of the blur in pixels; about one degree of visual angle.
         baseline: (H, W) precomputed fixation density of `others`, for scoring many maps.
         density: whether the map is a nonnegative density, of any scale.
@@ -81,22 +81,27 @@ def score(
         raise ImageError("saliency map: expected finite values, found NaN or infinity")
     height, width = saliency.shape
     if baseline is None:
-        baseline = fixation_density(others, (height, width), sigma)
+        baseline = np.zeros((0, 0))
+        if len(others):
+            baseline = fixation_density(others, (height, width), sigma)
     observed = fixation_density(fixations, (height, width), sigma)
     relative: Map = saliency
     blurred: Map = saliency
     if density:
         p = distribution(saliency)
-        relative = p / (distribution(baseline) + BASELINE_FLOOR / p.size)
+        if len(others):
+            relative = p / (distribution(baseline) + BASELINE_FLOOR / p.size)
         blurred = gaussian_filter(p, sigma, mode="constant", truncate=4.0)
     return FixationScores(
         auc=auc(saliency, fixations),
-        shuffled_auc=shuffled_auc(relative, fixations, others),
+        shuffled_auc=shuffled_auc(relative, fixations, others) if len(others) else np.nan,
         nss=nss(saliency, fixations),
         cc=correlation(blurred, observed),
         sim=similarity(blurred, observed),
         kl=divergence(blurred, observed),
-        information_gain=information_gain(saliency, baseline, fixations),
+        information_gain=(
+            information_gain(saliency, baseline, fixations) if len(others) else np.nan
+        ),
     )
 
 

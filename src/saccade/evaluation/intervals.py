@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass
+from math import isnan
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -30,9 +31,12 @@ class Estimate(NamedTuple, Generic[Scores]):
     low: Scores
     high: Scores
 
-    def as_dict(self) -> dict[str, dict[str, float]]:
-        """The scores by name, for the mean and both limits."""
-        return {name: asdict(scores) for name, scores in self._asdict().items()}
+    def as_dict(self) -> dict[str, dict[str, float | None]]:
+        """The scores by name, for the mean and both limits; None for unknown scores."""
+        return {
+            name: {key: None if isnan(value) else value for key, value in asdict(scores).items()}
+            for name, scores in self._asdict().items()
+        }
 
 
 @dataclass(frozen=True, eq=False)

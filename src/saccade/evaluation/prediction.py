@@ -2,15 +2,15 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
-from saccade.attention.models import checked_map
-from saccade.datasets.matlab import read_matrix
+from saccade.attention.values import as_saliency
+from saccade.datasets.fixations.placement import image_shape, list_files
+from saccade.datasets.saliency_maps import MapFiles, read_map
 from saccade.errors import ImageError, LogError
 from saccade.evaluation.fixations import (
     TINY,
@@ -24,25 +24,10 @@ from saccade.evaluation.fixations import (
     values_at,
 )
 from saccade.evaluation.intervals import ScoreSet
-from saccade.io.image import as_gray, read_image, read_stored
-from saccade.io.npz import map_array
+from saccade.io.files import IMAGE_SUFFIXES
+from saccade.io.image import read_image
 from saccade.scale.pyramid import resize
-from saccade.types import FixationTable, Float32Array, FloatArray
-
-
-def _read_tiff(path: Path) -> npt.NDArray[Any]:
-    """A map of any numbers, or an image in gray."""
-    stored = read_stored(path)
-    return stored if stored.ndim == 2 else as_gray(stored)
-
-
-ARRAYS: dict[str, Callable[[Path], npt.NDArray[Any]]] = {
-    ".npy": map_array,
-    ".mat": read_matrix,
-    ".tiff": _read_tiff,
-}
-"""Readers of maps of numbers, by suffix."""
-
+from saccade.types import FixationTable, Float32Array, FloatArray, IntArray
 
 Blur = float | Callable[[tuple[int, int]], float]
 """Standard deviation in pixels, or a function that returns it for the (H, W) of an image."""
@@ -86,17 +71,17 @@ class FixationData:
 
         Raises:
             ImageError: an image cannot be read.
-            LogError: there is only one image, so that the shuffled AUC is undefined.
+            LogError: no fixation is inside its image.
         """
         order = np.lexsort((table.index, table.scanpath))
         table = table[order[table.index[order] >= skip]]
         names, index = np.unique(table.image, return_inverse=True)
-        sizes = [read_image(folder / name).shape[:2] for name in names.tolist()]
+        sizes = [image_shape(folder / name) for name in names.tolist()]
         visible = inside(table.xy, np.array(sizes)[index])
         table = table[visible]
         kept = {n: s for n, s in zip(names.tolist(), sizes, strict=True) if n in table.image}
-        if len(kept) < 2:
-            raise LogError(f"fixations: expected at least two images, found {len(kept)}")
+        if not kept:
+            raise LogError("fixations: expected some inside their images, found none")
         blur = {n: sigma(s) for n, s in kept.items()} if callable(sigma) else sigma
         return cls(folder, table, kept, blur, int((~visible).sum()))
 
@@ -116,20 +101,28 @@ class FixationData:
     def elsewhere(self, name: str) -> FloatArray:
         """The fixations (m, 2) on all other images, scaled to the size of this image."""
         here = self.table.image == name
-        sizes = np.array([self.sizes[each] for each in self.table.image[~here].tolist()])
         height, width = self.sizes[name]
-        scaled = (self.table.xy[~here] + 0.5) / sizes[:, ::-1] * (width, height) - 0.5
+        scaled = (self.table.xy[~here] + 0.5) / self._shapes[~here, ::-1] * (width, height) - 0.5
         return np.asarray(scaled.clip(0, (width - 1, height - 1)))
 
     def density(self, name: str, xy: FloatArray) -> FloatArray:
         """The fixation density (H, W) of fixations (n, 2) on an image."""
         return fixation_density(xy, self.sizes[name], self.sigma_of(name))
 
+    @cached_property
+    def _shapes(self) -> IntArray:
+        """(n, 2) height and width of the image of each fixation."""
+        names, index = np.unique(self.table.image, return_inverse=True)
+        return np.array([self.sizes[name] for name in names.tolist()])[index.reshape(-1)]
+
     @lru_cache(maxsize=2)  # noqa: B019 - the data live as long as the run
     def negatives(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Fixations on other images, and their density: the baseline of the information gain."""
+        """Fixations on other images, and their density: the baseline of the information gain.
+
+        For a single image there are none, and the density is empty.
+        """
         others = self.elsewhere(name)
-        return others, self.density(name, others)
+        return others, self.density(name, others) if len(others) else np.zeros((0, 0))
 
     def score(
         self, name: str, saliency: Map, xy: FloatArray, *, density: bool = False
@@ -236,45 +229,31 @@ def fixation_rows(name: str, maps: Mapping[str, Map], data: FixationData) -> Ite
             yield FixationRow(name, model, *row)
 
 
-def saliency_from_files(images: Path, maps: Path) -> Model:
+def saliency_from_files(images: Path, maps: Path, kind: str | None = None) -> Model:
     """A model that reads saliency maps from files, resized to their images.
 
     Args:
         images: folder of the images.
-        maps: folder with a map for each image: NAME.npy, NAME.mat, NAME.png, NAME.tiff or a file
-            with the image's own name.
+        maps: folder with a map for each image: its path with the suffix of an image, .npy or .mat.
+        kind: kind of the values; see `saccade.attention.values.as_saliency`.
 
     Returns:
         A function from the name of an image to its (H, W) map; it raises ImageError if there is no
         valid map.
     """
+    files = MapFiles(maps, list_files(images, IMAGE_SUFFIXES))
 
     def read(name: str) -> Float32Array:
-        height, width = read_image(images / name).shape[:2]
-        stem = Path(name).stem
-        for array in (maps / f"{stem}{suffix}" for suffix in ARRAYS):
-            if array.is_file():
-                return resize(read_saliency_array(array), (height, width))
-        for path in (maps / name, maps / f"{stem}.png"):
-            if path.is_file():
-                return resize(as_gray(read_image(path)), (height, width))
-        raise ImageError(
-            f"{maps}: expected a map for {name} (.npy, .mat, .png, .tiff or its own name)"
-        )
+        path, shape = files.find(name), image_shape(images / name)
+        return resize(as_saliency(read_map(path), str(path), shape, kind), shape)
 
     return read
 
 
 def read_saliency_array(path: Path) -> Float32Array:
-    """Reads an (h, w) saliency map from .npy or .tiff of any type, or the only map in a .mat file.
+    """Reads an (h, w) saliency map from .npy or an image, or the only map in a .mat file.
 
     Raises:
         ImageError: the file does not hold finite numbers of shape (h, w).
     """
-    try:
-        array = ARRAYS[path.suffix](path)
-    except LogError as error:
-        raise ImageError(str(error)) from error
-    except (OSError, ValueError) as error:
-        raise ImageError(f"{path}: expected a map as .npy, found another file") from error
-    return checked_map(array, str(path))
+    return as_saliency(read_map(path), str(path))

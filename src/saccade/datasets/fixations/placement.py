@@ -36,7 +36,7 @@ class FileNames:
     def __init__(self, folder: Path, suffixes: Collection[str]) -> None:
         self._folder, self._of_end = folder, dict[str, list[str]]()
         for name in list_files(folder, suffixes):
-            for key in {_parts(name)[-1], _parts(_stem(name))[-1]}:
+            for key in {name_parts(name)[-1], name_parts(without_suffix(name))[-1]}:
                 self._of_end.setdefault(key, []).append(name)
 
     def find(self, name: str) -> str | None:
@@ -45,12 +45,13 @@ class FileNames:
         Raises:
             LogError: several files have this name.
         """
-        wanted = _parts(name)
+        wanted = name_parts(name)
         known = self._of_end.get(wanted[-1], [])
-        fits = [each for each in known if _agree(wanted, _parts(each), _parts(_stem(each)))]
+        stems = {each: without_suffix(each) for each in known}
+        fits = [each for each in known if ends_agree(wanted, *map(name_parts, (each, stems[each])))]
         for same in (str, str.casefold):
-            exact = [each for each in fits if same(each) in (same(name), same(_stem(name)))]
-            exact = exact or [each for each in fits if same(_stem(each)) == same(name)]
+            exact = [each for each in fits if same(name) == same(each)]
+            exact = exact or [each for each in fits if same(name) == same(stems[each])]
             fits = exact if len(exact) == 1 else fits
         if len(fits) > 1:
             raise LogError(
@@ -59,17 +60,18 @@ class FileNames:
         return fits[0] if fits else None
 
 
-def _parts(name: str) -> tuple[str, ...]:
+def name_parts(name: str) -> tuple[str, ...]:
     """Folders and file of a name with either kind of slashes, without case."""
     path = PureWindowsPath(name)
     return tuple(part.casefold() for part in path.parts if part not in (path.anchor, "..")) or ("",)
 
 
-def _stem(name: str) -> str:
+def without_suffix(name: str) -> str:
+    """A path without the suffix of its file."""
     return PurePosixPath(name).with_suffix("").as_posix() if PurePosixPath(name).suffix else name
 
 
-def _agree(wanted: Sequence[str], *names: Sequence[str]) -> bool:
+def ends_agree(wanted: Sequence[str], *names: Sequence[str]) -> bool:
     """Whether the shorter of two names is the end of the longer."""
     counts = (min(len(wanted), len(name)) for name in names)
     return any(wanted[-n:] == name[-n:] for n, name in zip(counts, names, strict=True))
@@ -96,7 +98,7 @@ def resolve_images(names: Texts, folder: Path) -> Texts:
     first = dict[str, str]()
     for name, file in zip(unique.tolist(), resolved, strict=True):
         other = first.setdefault(file, name)
-        one, two = _parts(_stem(other))[:-1], _parts(_stem(name))[:-1]
+        one, two = name_parts(without_suffix(other))[:-1], name_parts(without_suffix(name))[:-1]
         n = min(len(one), len(two))
         if n and one[-n:] != two[-n:]:
             raise LogError(f"{folder}: {other} and {name} are two images, found {file} alone")
