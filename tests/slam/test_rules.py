@@ -21,7 +21,7 @@ def in_map(association):
     """A robot at the origin of a given map with the labels 0, 1 and 2."""
     known = LandmarkMap(np.arange(3), POINTS)
     config = slam.EkfConfig(association=association, start_sigma=(0.01, 0.01, 0.005))
-    return slam.Slam(config, map=known, start=np.zeros(3), mode="localize")
+    return slam.Slam(config, map=known, start=np.zeros(3))
 
 
 @each_rule

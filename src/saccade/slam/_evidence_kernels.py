@@ -1,6 +1,6 @@
 """Comparison of a scan with the landmarks that are expected in view."""
 
-from math import exp, hypot, inf, log2, pi, sqrt
+from math import exp, hypot, log2, pi, sqrt
 
 import numpy as np
 
@@ -27,7 +27,6 @@ def compare_scan(
     confirmed: BoolArray,
     max_range: float,
     gate: float,
-    scale: float,
     rate: FloatArray,
     cell: IntArray,
     observer: IntArray,
@@ -43,12 +42,11 @@ def compare_scan(
         confirmed: (N,) whether a landmark is expected without a label.
         max_range: meters to the most distant landmark in view.
         gate: squared Mahalanobis distance within which an observation may be of a landmark.
-        scale: factor on innovation covariances.
         rate: (cells,) detection rates.
         cell: (N,) is filled with the cell of each landmark in view.
         observer: (N,) is filled with the observation of which it is the likeliest landmark, or -1.
-        sums: (k, 3) is filled with the least normalized innovation squared, the sum of densities,
-            and the sum of densities times detection rates.
+        sums: (k, 2) is filled with the sum of densities, and the sum of densities times detection
+            rates.
 
     Returns:
         c, the number of landmarks in view.
@@ -74,12 +72,11 @@ def compare_scan(
         observer[j] = -1
     likelihood = np.zeros(count)
     for k in range(len(z)):
-        sums[k, 0], sums[k, 1], sums[k, 2] = inf, 0.0, 0.0
+        sums[k, 0] = sums[k, 1] = 0.0
         likeliest, most = -1, 0.0
         for j in range(count):
             if not square[k, j] <= gate:
                 continue
-            sums[k, 0] = min(sums[k, 0], square[k, j])
             if rows[k] >= 0 and rows[k] != landmark[j]:
                 continue
             a, b, d = (
@@ -87,10 +84,10 @@ def compare_scan(
                 S[j, 0, 1] + R[k, 0, 1],
                 S[j, 1, 1] + R[k, 1, 1],
             )
-            area = 2 * pi * min(scale * sqrt(a * d - b * b), max_range)
-            density = exp(-square[k, j] / 2 / scale) / area
-            sums[k, 1] += density
-            sums[k, 2] += rate[cell[j]] * density
+            area = 2 * pi * min(sqrt(a * d - b * b), max_range)
+            density = exp(-square[k, j] / 2) / area
+            sums[k, 0] += density
+            sums[k, 1] += rate[cell[j]] * density
             if density > most:
                 likeliest, most = j, density
         if likeliest >= 0 and most > likelihood[likeliest]:

@@ -3,13 +3,17 @@
 A scan is compared with the landmarks that are expected in view, with detection rates of earlier
 scans. When the scans of a few steps contradict the estimated pose, the filter stops, and hypotheses
 of the pose are tracked until one is left.
+
+A label that contradicts the estimated pose has two explanations: its landmark has moved, or the
+robot has. Landmarks of a given map stand still, so that the robot has moved. While mapping the
+landmark has moved, until another pose explains two labels of this and other scans.
 """
 
 import numpy as np
 
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.landmark_evidence import LandmarkEvidence
+from saccade.slam.landmark_evidence import LandmarkEvidence, ScanComparison
 from saccade.slam.landmarks import LandmarkTable
 from saccade.slam.pose_search import PoseSearch
 from saccade.slam.results import PoseHypotheses
@@ -31,8 +35,8 @@ MIN_CUMULATIVE = 4.0
 """Minimum cumulative evidence for a scan without labels to contradict the estimated pose: gates
 protect the filter from most of a single wrong scan."""
 MIN_CONTRADICTED_LABELS = 3
-"""Minimum number of contradicted labels for a scan to contradict the estimated pose; fewer are
-rejected one by one."""
+"""Minimum number of contradicted labels for a scan to contradict the estimated pose, if landmarks
+may have moved; fewer are rejected one by one."""
 
 
 class KidnappingDetector:
@@ -52,10 +56,13 @@ class KidnappingDetector:
         enabled: whether scans of landmarks are tested.
         gate: probability with which an observation of a landmark is inside its gate.
         limit: minimum evidence for the robot to be kidnapped.
+        standing: whether the landmarks are known not to move.
     """
 
-    def __init__(self, enabled: bool, gate: float, limit: float = LIMIT) -> None:
-        self.enabled, self.limit = enabled, limit
+    def __init__(
+        self, enabled: bool, gate: float, limit: float = LIMIT, *, standing: bool = False
+    ) -> None:
+        self.enabled, self.limit, self._standing = enabled, limit, standing
         self.search: PoseSearch | None = None
         """The search for the pose of a lost robot."""
         self.contradicted = False
@@ -67,6 +74,7 @@ class KidnappingDetector:
         self.landmark_evidence = LandmarkEvidence(chi_square_gate(2, gate))
         """Evidence of landmarks."""
         self._agreeing = 0  # successive scans that agree with the estimated pose
+        self._doubt: PoseSearch | None = None  # search since a label contradicts the estimated pose
 
     @property
     def kidnapped(self) -> bool:
@@ -93,7 +101,7 @@ class KidnappingDetector:
 
     def reset(self) -> None:
         """Forgets the evidence."""
-        self.evidence, self.contradicted = 0.0, False
+        self.evidence, self.contradicted, self._doubt = 0.0, False, None
         self.landmark_evidence.points.clear()
 
     def update(self, ekf: EkfSlam, table: LandmarkTable, scan: Scan) -> None:
@@ -102,23 +110,56 @@ class KidnappingDetector:
         A scan that does not contradict the estimated pose updates the detection rates.
         """
         self.contradicted, self.blocks_update = False, self.lost
-        if not self.enabled or len(scan.z) == 0 or len(ekf) < MIN_LANDMARKS:
+        if self._doubt is not None and scan.control is not None:
+            self._doubt.predict(*scan.control[:2])
+        labeled = table.landmarks_of(scan.labels)
+        small = len(ekf) < MIN_LANDMARKS and not (self._standing and (labeled >= 0).any())
+        if not self.enabled or len(scan.z) == 0 or small:
             return
         f, confirmed, landmarks = ekf.active, table.counts.confirmed, self.landmark_evidence
         if ekf.submap is not None:
             confirmed = confirmed[table.rows(ekf.active_ids)]
-        compared = landmarks.compare(f, scan, confirmed, ekf.rows(table.landmarks_of(scan.labels)))
-        latest = landmarks.evaluate(f, compared)
+        compared = landmarks.compare(f, scan, confirmed, ekf.rows(labeled))
+        standing = self._are_labels_evidence(ekf, table, scan, compared)
+        latest = landmarks.evaluate(f, compared, standing=standing)
         self.add(latest)
         if self.evidence == 0:
             landmarks.points.clear()
+            self._doubt = None
         enough = self.evidence >= MIN_CUMULATIVE
         if compared.labeled.any():
-            enough = compared.num_contradicted_labels >= MIN_CONTRADICTED_LABELS
+            enough = standing or compared.num_contradicted_labels >= MIN_CONTRADICTED_LABELS
         self.contradicted = latest >= MIN_CONTRADICTION and enough
-        if not self.contradicted:
+        if not self.contradicted and not self.lost:
             landmarks.learn(compared)
         self.blocks_update = self.contradicted or self.lost
+
+    def _are_labels_evidence(
+        self, ekf: EkfSlam, table: LandmarkTable, scan: Scan, compared: ScanComparison
+    ) -> bool:
+        """Whether the contradicting labels of a scan are of landmarks that stand still.
+
+        They must outnumber those that agree. While mapping, another pose must explain two labels.
+        """
+        wrong, labeled = compared.num_contradicted_labels, np.count_nonzero(compared.labeled)
+        doubtful = bool(2 * wrong > labeled)
+        if self.lost:
+            return doubtful and self._standing
+        if doubtful and self._doubt is None:
+            self._doubt = self._search_in(ekf, table)
+        if self._doubt is None:
+            return doubtful and self._standing
+        self._doubt.add(scan.z, scan.R, table.landmarks_of(scan.labels))
+        elsewhere = self._doubt.is_sure and self._doubt.is_elsewhere()
+        return doubtful and (self._standing or elsewhere)
+
+    def _search_in(self, ekf: EkfSlam, table: LandmarkTable) -> PoseSearch | None:
+        """A search of the pose in the map, from the estimated pose on; None without a map."""
+        landmarks = table.counts.id[table.in_map]
+        if len(landmarks) < (1 if self._standing else MIN_LANDMARKS):
+            return None
+        wrong = self.landmark_evidence.wrong_label
+        return PoseSearch(ekf, landmarks, anywhere=False, wrong_label=wrong)
 
     def begin(self, search: PoseSearch) -> None:
         """Begins the search for the pose."""
@@ -141,17 +182,24 @@ class KidnappingDetector:
         none = np.full(len(scan.z), -1)
         begins = not self.lost
         if begins:
-            self.begin(PoseSearch(ekf, table.counts.id[table.in_map], anywhere=False))
+            search = self._doubt or self._search_in(ekf, table)
+            if search is None:  # no map: nothing that the scan could contradict
+                self.reset()
+                return none
+            if self._doubt is None and len(scan.z) > 0:
+                search.add(scan.z, scan.R, table.landmarks_of(scan.labels))
+            self.begin(search)
+            self._doubt = None
+            self.evidence = min(self.evidence, self.limit)
+            return none
         search = self.search
         assert search is not None
-        if scan.control is not None and not begins:
+        if scan.control is not None:
             search.predict(*scan.control[:2])
         if len(scan.z) == 0:
             return none
         search.add(scan.z, scan.R, table.landmarks_of(scan.labels))
         self.evidence = min(self.evidence, self.limit)
-        if begins:
-            return none
         self._agreeing = 0 if self.contradicted else self._agreeing + 1
         agrees = self.evidence < REGAINED or self._agreeing > MAX_AGREEING_SCANS
         if agrees and not search.anywhere:

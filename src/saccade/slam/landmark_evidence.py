@@ -16,22 +16,24 @@ UNTRIED = 10.0
 MEMORY = 500.0
 """Largest number of expected landmarks in a cell; then its counts are halved, so that they follow
 changes."""
-WRONG_LABEL = 0.05
-"""Probability that a labeled observation is not of its landmark."""
-SCALE_MEMORY = 200.0
-"""Length of the average of the normalized innovation squared, in observations."""
+WRONG_LABELS = 1.0
+"""Initial number of labels that are not of their landmarks."""
+LABELS = 100.0
+"""Initial number of labels."""
 MAX_UNEXPLAINED = 1.5
 """Largest evidence of an observation that no landmark explains."""
 SCAN_MEMORY = 50.0
-"""Length of the averages of unexplained observations and of misses, in scans."""
+"""Length of the average of unexplained observations, in scans."""
 RAREST = 0.01
-"""Least expected number of unexplained observations, and of squared misses, in a scan."""
+"""Least expected number of unexplained observations in a scan."""
 MAX_OBSERVATIONS = 2.0
 """Largest number of observations of an unexplained point that count."""
 MAX_POINTS = 32
 """Largest number of unexplained points."""
 MAX_EVIDENCE = 3.0
 """Largest evidence of one scan, of either sign: its misses have common causes."""
+MAX_LABEL_EVIDENCE = 7.0
+"""Largest evidence of one scan by labels of landmarks that did not move."""
 
 
 class ScanComparison(NamedTuple):
@@ -43,8 +45,6 @@ class ScanComparison(NamedTuple):
     """(k, 2, 2) their covariances."""
     labeled: BoolArray
     """(k,) whether an observation has the label of a landmark."""
-    nis: FloatArray
-    """(k,) least normalized innovation squared, infinite outside all gates."""
     density: FloatArray
     """(k,) sum of the densities for all landmarks that an observation may be of, else zero."""
     expected_density: FloatArray
@@ -97,9 +97,7 @@ class LandmarkEvidence:
         )  # landmarks that were expected in each cell
         self._observed = np.zeros(RANGE_CELLS * BEARING_CELLS)  # of these, how many were observed
         self._clutter = 1.0  # mean number of unexplained observations in a scan
-        self._scale = 4.0  # mean of half the normalized innovation squared
-        self._squares = 10.0  # mean of the square of excess misses in a scan
-        self._variance = 1.0  # mean of its variance if they were independent
+        self._wrong_labels, self._labels = WRONG_LABELS, LABELS
 
     def compare(
         self, f: FilterState, scan: Scan, confirmed: BoolArray, rows: IntArray
@@ -111,9 +109,9 @@ class LandmarkEvidence:
         k, N = len(scan.z), f.now.landmarks
         rates = self._observed / (self._expected + UNTRIED)
         max_range = max(self.max_range, *scan.z[:, 0].tolist())
-        cell, observer, sums = np.empty(N, np.int64), np.empty(N, np.int64), np.empty((k, 3))
+        cell, observer, sums = np.empty(N, np.int64), np.empty(N, np.int64), np.empty((k, 2))
         count = compare_scan(
-            *(f, scan.z, scan.R, rows, confirmed, max_range, self._gate, self._scale, rates),
+            *(f, scan.z, scan.R, rows, confirmed, max_range, self._gate, rates),
             *(cell, observer, sums),
         )
         cell, observer = cell[:count], observer[:count]
@@ -124,9 +122,8 @@ class LandmarkEvidence:
             z=scan.z,
             R=scan.R,
             labeled=rows >= 0,
-            nis=sums[:, 0],
-            density=sums[:, 1],
-            expected_density=sums[:, 2],
+            density=sums[:, 0],
+            expected_density=sums[:, 1],
             explained=explained,
             cell=cell,
             observed=observer >= 0,
@@ -135,24 +132,31 @@ class LandmarkEvidence:
             view=2 * pi * max_range,
         )
 
-    def evaluate(self, f: FilterState, compared: ScanComparison) -> float:
+    @property
+    def wrong_label(self) -> float:
+        """Probability that a labeled observation is not of its landmark."""
+        return self._wrong_labels / self._labels
+
+    def evaluate(self, f: FilterState, compared: ScanComparison, *, standing: bool) -> float:
         """Log-likelihood ratio of a lost robot to a localized one, limited by unexplained points.
 
         An observation of a localized robot is of an expected landmark, with the density of the
         filter, or of clutter, uniform in the view; their prior is their numbers in a scan.
-        Observations of a lost robot are uniform in the view. Missed landmarks have the weight with
-        which earlier misses were independent: one occluder may hide many.
+        Observations of a lost robot are uniform in the view. Labels of landmarks that are known to
+        be `standing` where they are in the map have no such limit.
         """
-        clutter, num_expected = self._clutter, compared.num_expected
+        clutter, num_expected, wrong = self._clutter, compared.num_expected, self.wrong_label
         ratio = np.where(
             compared.labeled,
-            WRONG_LABEL + (1 - WRONG_LABEL) * compared.view * compared.density,
+            wrong + (1 - wrong) * compared.view * compared.density,
             (clutter + compared.view * compared.expected_density) / (clutter + num_expected),
         )
+        if standing:
+            labels = -float(np.log(ratio[compared.labeled]).sum())
+            return max(min(labels, MAX_LABEL_EVIDENCE), -MAX_EVIDENCE)
         value = float(np.minimum(-np.log(ratio), MAX_UNEXPLAINED).sum())
         information = np.log1p(-compared.rate)  # of each miss, negative
-        misses = float(information @ (compared.observed - compared.rate))
-        value += misses * min(1.0, self._variance / self._squares)
+        value += float(information @ (compared.observed - compared.rate))
         rarity = min(log((clutter + num_expected) / clutter), MAX_UNEXPLAINED)
         return max(self._limit(value, f, compared, rarity), -MAX_EVIDENCE)
 
@@ -196,25 +200,16 @@ class LandmarkEvidence:
 
     def learn(self, compared: ScanComparison) -> None:
         """Updates detection rates and averages by a scan that does not contradict the pose."""
-        p, cell = compared.rate, compared.cell
-        explained = compared.explained
-        misses = compared.num_expected - np.count_nonzero(explained)
-        self._squares = max(_averaged(self._squares, misses**2, SCAN_MEMORY), RAREST)
-        self._variance = _averaged(self._variance, float(p @ (1 - p)), SCAN_MEMORY)
-        for nis in compared.nis[explained].tolist():
-            self._scale = _averaged(self._scale, nis / 2, SCALE_MEMORY)
-        self._scale = max(self._scale, 1.0)
+        cell, explained = compared.cell, compared.explained
+        self._wrong_labels += compared.num_contradicted_labels
+        self._labels += int(np.count_nonzero(compared.labeled))
         self.max_range = max(self.max_range, float(compared.z[explained, 0].max(initial=0.0)))
         unexplained = int(np.count_nonzero(~explained))
-        self._clutter = max(_averaged(self._clutter, unexplained, SCAN_MEMORY), RAREST)
+        clutter = self._clutter + (unexplained - self._clutter) / SCAN_MEMORY
+        self._clutter = max(clutter, RAREST)
         full = cell[self._expected[cell] >= MEMORY]
         if len(full) > 0:
             self._expected[full] /= 2
             self._observed[full] /= 2
         np.add.at(self._expected, cell, 1)
         np.add.at(self._observed, cell[compared.observed], 1)
-
-
-def _averaged(mean: float, value: float, memory: float) -> float:
-    """Exponential average over `memory` values, updated by `value`."""
-    return mean + (value - mean) / memory

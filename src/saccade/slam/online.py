@@ -105,7 +105,9 @@ class Slam:
         """Association hypotheses; `filter` and `landmarks` belong to the most probable one."""
         self.association = LabelAssociation(config)
         """Association rule of a single hypothesis."""
-        self.kidnapping = KidnappingDetector(config.recover, config.new_gate)
+        self.kidnapping = KidnappingDetector(
+            config.recover, config.new_gate, standing=mode == "localize"
+        )
         """Test of the estimated pose, and search for the pose of a lost robot."""
         self.num_steps = 0
         """Number of steps so far."""
@@ -216,14 +218,18 @@ class Slam:
         if not self.config.rule.uses_labels:
             scan = scan._replace(labels=[None] * len(scan.z))
         if self.start == "unknown" and not self.kidnapping.lost:
-            ids = self.landmarks.counts.id
-            self.kidnapping.begin(PoseSearch(self.filter, ids, anywhere=True))
+            self.kidnapping.begin(self._search_anywhere(self.landmarks.counts.id))
         self.start = "given"
         self._prepare(scan)
         result = self._step(scan)
         check_diverged(result.pose, self.num_steps)
         self._time, self.num_steps = scan.time, self.num_steps + 1
         return result
+
+    def _search_anywhere(self, landmarks: IntArray) -> PoseSearch:
+        """A search of an unknown pose among landmarks, by their ids."""
+        wrong = self.kidnapping.landmark_evidence.wrong_label
+        return PoseSearch(self.filter, landmarks, anywhere=True, wrong_label=wrong)
 
     def _step(self, scan: Scan) -> StepResult:
         """One step of EKF-SLAM, in the order of appendix C."""
@@ -361,8 +367,7 @@ class Slam:
         table = self.landmarks
         require(bool(table.in_map.any()), "map", "landmarks to find the robot among", "none")
         if self.kidnapping.search is None:
-            ids = table.counts.id[table.in_map]
-            self.kidnapping.begin(PoseSearch(self.filter, ids, anywhere=True))
+            self.kidnapping.begin(self._search_anywhere(table.counts.id[table.in_map]))
         assert self.kidnapping.search is not None
         seen = scan.complete
         return self.kidnapping.search.add(seen.z, seen.R, table.landmarks_of(seen.labels))

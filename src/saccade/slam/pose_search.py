@@ -16,6 +16,8 @@ PRIOR_WEIGHT = 9.0
 enough for later observations to dominate, narrow enough for linear updates."""
 MIN_HEADING_SIGMA = 0.03
 """Least standard deviation of the heading of this prior, in radians."""
+MIN_LABELED = 2
+"""Minimum number of matched points with labels."""
 SAME_POSE = chi_square_gate(3, 0.999)
 """Largest squared Mahalanobis distance of equal poses."""
 
@@ -26,6 +28,8 @@ class PoseSearch:
     The search uses the landmarks with ids `landmarks` (n,), ascending, and does not change the map.
     Unless the robot may be `anywhere`, the pose of the filter is one hypothesis. The robot is found
     when a hypothesis has `min_probability` and `min_matched` points in `scans` successive scans.
+    Two points suffice if they have labels, whose probability of being wrong is `wrong_label`, see
+    `Relocalizer`; the labels of descriptors do not.
     """
 
     def __init__(
@@ -37,14 +41,16 @@ class PoseSearch:
         min_matched: int = 3,
         scans: int = 3,
         min_probability: float = 0.999,
+        wrong_label: float = 1.0,
     ) -> None:
         self._ekf, self.landmarks, self.anywhere = ekf, landmarks, anywhere
         self._min_matched, self._scans = min_matched, scans
         self._min_probability = min_probability
+        self._min_labeled = MIN_LABELED if wrong_label < 1 else min_matched
         self._agreeing = 0
         covariance, r = ekf.marginal(landmarks), len(ekf.robot_state)
         positions = ekf.landmarks[np.searchsorted(ekf.ids, landmarks)]
-        self._search = Relocalizer(positions, covariance[r:, r:])
+        self._search = Relocalizer(positions, covariance[r:, r:], wrong_label=wrong_label)
         if not anywhere:
             self._search.propose(ekf.pose)
         self.hypotheses: PoseHypotheses | None = None
@@ -61,10 +67,18 @@ class PoseSearch:
         found = self._search.add(z, R, rows)
         ids = np.append(self.landmarks, -1)  # the last element stands for no landmark
         self.hypotheses = found = replace(found, association=ids[found.association])
-        sure = len(found) > 0 and found.probability[0] >= self._min_probability
-        sure = sure and np.count_nonzero(found.association[0] >= 0) >= self._min_matched
-        self._agreeing = self._agreeing + 1 if sure else 0
+        self._agreeing = self._agreeing + 1 if self.is_sure else 0
         return found
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the last scan leaves one hypothesis, with enough points."""
+        found = self.hypotheses
+        if found is None or len(found) == 0 or found.probability[0] < self._min_probability:
+            return False
+        matched = found.association[0] >= 0
+        labeled = matched & self._search.labeled
+        return bool(matched.sum() >= self._min_matched or labeled.sum() >= self._min_labeled)
 
     @property
     def is_found(self) -> bool:
@@ -92,6 +106,7 @@ class PoseSearch:
         """
         assert self.hypotheses is not None
         pose, association = self.hypotheses.pose[0], self.hypotheses.association[0]
+        association = np.where(np.isin(association, self._ekf.ids), association, -1)
         used = np.searchsorted(self._ekf.ids, association[association >= 0])
         position = self._ekf.landmark_covariances[used].trace(axis1=1, axis2=2).mean()
         wide = np.diag([position, position, MIN_HEADING_SIGMA**2])

@@ -40,8 +40,13 @@ MAX_PAIRS = 12
 """Largest number of pairs of observed points that propose poses; distant pairs come first."""
 MEMORY = 10
 """Number of scans for which an observed point counts."""
+LABELED_MEMORY = 200
+"""Number of scans for which an observed point with the label of a landmark counts: a camera that
+sees one tag at a time must drive from one to the next."""
 UNMAPPED = 0.2
 """Prior probability that an observed point is not a landmark of the map."""
+WRONG_LABEL = 0.01
+"""Prior probability that a label is wrong."""
 ELSEWHERE = 0.05
 """Prior probability that the robot is outside of the map."""
 SETTLED = 0.999
@@ -67,6 +72,8 @@ class Relocalizer:
             common errors of neighboring landmarks.
         max_proposals: largest number of proposed poses, except from the first `MIN_PAIRS` pairs.
         max_hypotheses: largest number of refined poses.
+        wrong_label: probability that a label of a landmark is observed elsewhere. It is 1 for
+            descriptors: the most similar landmark is then the label of every observation.
 
     Raises:
         ConfigError: the shapes do not agree.
@@ -90,6 +97,7 @@ class Relocalizer:
         covariance: FloatArray,
         max_proposals: int = 50_000,
         max_hypotheses: int = 50,
+        wrong_label: float = WRONG_LABEL,
     ) -> None:
         n = len(landmarks)
         require(landmarks.shape == (n, 2), "landmarks", "(N, 2)", landmarks.shape)
@@ -97,6 +105,7 @@ class Relocalizer:
         require(known, "covariance", f"({n}, 2, 2) or ({2 * n}, {2 * n})", covariance.shape)
         self._landmarks = landmarks
         self._max_proposals, self._max_hypotheses = max_proposals, max_hypotheses
+        self._wrong_label, self._has_labels = wrong_label, wrong_label < 1
         self._tree = cKDTree(landmarks)
         self._errors = _local_errors(self._tree, landmarks, covariance)
         self._points, self._covariances = np.empty((0, 2)), np.empty((0, 2, 2))
@@ -136,7 +145,15 @@ class Relocalizer:
             LogError: an observation or covariance is not finite.
         """
         check_all("observation", z, R.copy())
-        self._remember(z, R, np.full(len(z), -1) if landmark is None else landmark)
+        xy, _, Gz = inverse_observe(np.zeros(3), z)
+        return self.add_points(xy, Gz @ R @ Gz.transpose(0, 2, 1), landmark)
+
+    def add_points(
+        self, xy: FloatArray, covariance: FloatArray, landmark: IntArray | None = None
+    ) -> PoseHypotheses:
+        """`add` with points (k, 2) in the frame of the robot and covariances (k, 2, 2)."""
+        none = np.full(len(xy), -1)
+        self._remember(xy, covariance, none if landmark is None else landmark)
         proposals = self._tracked
         if self._total < SETTLED:
             proposals = np.concatenate([proposals, self._proposals()])
@@ -161,13 +178,19 @@ class Relocalizer:
         J = H[..., 3:]
         return z, J @ self._covariances @ J.swapaxes(-1, -2)
 
-    def _remember(self, z: FloatArray, R: FloatArray, labeled: IntArray) -> None:
-        """Merges the points of a scan with points of earlier scans, and drops old points."""
-        kept = self._age < MEMORY
+    @property
+    def labeled(self) -> BoolArray:
+        """(k,) whether each of the observed points has the label of a landmark."""
+        return self._labeled >= 0
+
+    def _remember(self, xy: FloatArray, C: FloatArray, labeled: IntArray) -> None:
+        """Merges the points of a scan with points of earlier scans, and drops old points.
+
+        The last position of a label replaces an earlier one.
+        """
+        kept = self._age < np.where(self.labeled & self._has_labels, LABELED_MEMORY, MEMORY)
         points, covariances = self._points[kept], self._covariances[kept]
         old, age = self._labeled[kept], self._age[kept] + 1
-        xy, _, Gz = inverse_observe(np.zeros(3), z)
-        C = Gz @ R @ Gz.transpose(0, 2, 1)
         differ = (labeled[:, None] != old) & (labeled[:, None] >= 0) & (old >= 0)
         same = _same_points(points, covariances, xy, C, differ)
         new = same < 0
@@ -176,11 +199,13 @@ class Relocalizer:
         points[k] += (K @ (xy[m] - points[k])[..., None])[..., 0]
         covariances[k] -= K @ covariances[k]
         age[k], old[k] = 0, np.maximum(labeled[m], old[k])
-        self.latest = np.where(new, len(points) + np.cumsum(new) - 1, same)
-        self._points = np.concatenate([points, xy[new]])
-        self._covariances = np.concatenate([covariances, C[new]])
-        self._labeled = np.concatenate([old, labeled[new]])
-        self._age = np.concatenate([age, np.zeros(new.sum(), np.int64)])
+        left = (age == 0) | ~(self._has_labels & np.isin(old, labeled[labeled >= 0]))
+        numbers = np.append(np.cumsum(left), 0) - 1  # of the points that are left
+        self.latest = np.where(new, left.sum() + np.cumsum(new) - 1, numbers[same])
+        self._points = np.concatenate([points[left], xy[new]])
+        self._covariances = np.concatenate([covariances[left], C[new]])
+        self._labeled = np.concatenate([old[left], labeled[new]])
+        self._age = np.concatenate([age[left], np.zeros(new.sum(), np.int64)])
 
     def _proposals(self) -> FloatArray:
         """(h, 3) poses that map two observed points to two landmarks, by decreasing support."""
@@ -290,9 +315,10 @@ class Relocalizer:
         v, S, _, _ = self._residuals(pose)
         reach, xy = self._reach, pose[:, :2]
         around = np.maximum(self._tree.query_ball_point(xy, reach, return_length=True), 1)
-        visible = np.where(self._labeled >= 0, 1, around[:, None])
+        visible = np.where(self.labeled, 1, around[:, None])
         density = np.exp(-normalized_squared(v, S) / 2) / (2 * pi * np.sqrt(np.linalg.det(S)))
-        mixture = UNMAPPED / (pi * reach**2) + (1 - UNMAPPED) / visible * density
+        chance = np.where(self.labeled, min(UNMAPPED, self._wrong_label), UNMAPPED)
+        mixture = chance / (pi * reach**2) + (1 - chance) / visible * density
         volume = (2 * pi) ** 1.5 * np.sqrt(np.linalg.det(covariance))
         low, high = self._landmarks.min(0), self._landmarks.max(0)
         prior = 1 / (float(np.prod(high - low + 2 * reach)) * 2 * pi)
@@ -302,6 +328,7 @@ class Relocalizer:
         self, pose: FloatArray, covariance: FloatArray, association: IntArray
     ) -> PoseHypotheses:
         outside = log(ELSEWHERE) - len(self._points) * log(pi * self._reach**2)
+        outside += np.count_nonzero(self.labeled) * log(self._wrong_label)
         inside = self._log_evidence(pose, covariance) if len(pose) > 0 else np.empty(0)
         inside += log(1 - ELSEWHERE)
         probability = np.exp(inside - logsumexp(np.append(inside, outside)))

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from itertools import compress
 from typing import Protocol
@@ -285,9 +286,9 @@ def find_start(
     """
     log = in_robot_frame(log)
     ekf, scans, best = slam.filter, 0, 0.0
-    search = PoseSearch(ekf, ekf.ids, anywhere=False)
-    if anywhere:
-        search = PoseSearch(ekf, ekf.ids, anywhere=True, min_probability=START_PROBABILITY, scans=1)
+    wrong = slam.kidnapping.landmark_evidence.wrong_label
+    new_search = partial(PoseSearch, ekf, ekf.ids, anywhere=anywhere, wrong_label=wrong)
+    search = new_search(min_probability=START_PROBABILITY, scans=1) if anywhere else new_search()
     labels = slam.landmarks.landmarks_of(labels_of(log.landmark, log.text_names))
     whole = ~np.isnan(log.observation).any(1)
     for step in range(len(log.time)):

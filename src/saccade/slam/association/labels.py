@@ -206,7 +206,8 @@ class LabelAssociation:
         """Associates the other observations, given the landmark that each is near to.
 
         The first observation of a label is of a new landmark, or of a landmark without a label. A
-        rejected observation is not used; after several at one position the label moves there.
+        rejected observation is not used; after several at one position the label moves there, but
+        not in a map that is given.
         """
         for i, j in near.items():
             label, matches[i] = labels[i], j if labels[i] is None else DROPPED
@@ -224,7 +225,8 @@ class LabelAssociation:
                 if j != DROPPED and record.target not in (UNDECIDED, DROPPED, j):
                     record.repeated = 1
                 record.target = j
-                if j == DROPPED or record.repeated < min(record.accepted + 1, MAX_REPEATED):
+                few = record.repeated < min(record.accepted + 1, MAX_REPEATED)
+                if few or j == DROPPED or not table.policy.enabled:
                     continue
             if j == NEW:
                 j, next_id = next_id, next_id + 1
