@@ -28,6 +28,7 @@ COMMANDS = {
     "fit": "--images {in}/seen --fixations {in}/seen/fixations.csv --folds 2",
     "evaluate scanpaths": "--images {in}/seen --fixations {in}/seen/people.csv --samples 2",
     "evaluate features": "--pairs {in}/pairs --points 20",
+    "tags": "--ids 0 tags.pdf",
     "simulate": "world --config {in}/world.toml -o out",
     "simulate --frames": "2 drive --config {in}/drive.toml -o out",
     "textbook": "{in}/log.csv -o out",

@@ -49,6 +49,7 @@ COMMANDS = {
         "drive": "Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.",
         "check": "Check a camera drive or a landmark log for errors before mapping.",
         "simulate": "Simulate a landmark log or a camera drive, with ground truth.",
+        "tags": "Write tags to print, for robots with a camera.",
     },
     "More": {
         "convert": "Convert a landmark log or extracted keypoints to another format.",

@@ -6,6 +6,7 @@ OpenCV finds and decodes the tags; their corners are refined, and located by the
 from saccade.tags.config import FAMILIES, TagConfig, parse_ids, parse_sizes
 from saccade.tags.detector import Tags, TagSightings
 from saccade.tags.drive_log import TagLog, observe_tags
+from saccade.tags.markers import tag_cells
 
 __all__ = [
     "FAMILIES",
@@ -16,4 +17,5 @@ __all__ = [
     "observe_tags",
     "parse_ids",
     "parse_sizes",
+    "tag_cells",
 ]

@@ -71,7 +71,9 @@ def _length(value: Any) -> float:
     """A side in meters."""
     known = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
     require(known and value > 0, "size", "the side of the black square in meters, above 0", value)
-    hint = f"in meters, at most {LARGEST_SIZE:g}; {value:g} mm are {value / 1000:g}"
+    hint = (
+        f"meters, at most {LARGEST_SIZE:g}, not millimeters ({value:g} mm are {value / 1000:g} m)"
+    )
     require(value <= LARGEST_SIZE, "size", hint, value)
     return float(value)
 

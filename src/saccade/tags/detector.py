@@ -14,8 +14,9 @@ from saccade.errors import ImageError
 from saccade.frames import Camera
 from saccade.io.image import as_gray
 from saccade.plane import to_range_bearing
-from saccade.tags.config import FAMILIES, TagConfig
+from saccade.tags.config import TagConfig
 from saccade.tags.corners import cross, refined_corners
+from saccade.tags.markers import dictionary_of
 from saccade.types import BoolArray, FloatArray, Image, IntArray
 
 TILT_SIGMA = 1.0
@@ -81,9 +82,9 @@ class Tags:
         import cv2  # slow to import
 
         self.config = config = config or TagConfig()
-        kind = getattr(cv2.aruco, f"DICT_{FAMILIES[config.family]}")
-        self._detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(kind))
-        self._cells = cv2.aruco.getPredefinedDictionary(kind).markerSize + 2
+        dictionary = dictionary_of(config.family)
+        self._detector = cv2.aruco.ArucoDetector(dictionary)
+        self._cells = dictionary.markerSize + 2
 
     def __repr__(self) -> str:
         return f"Tags({self.config})"
