@@ -40,7 +40,7 @@ ALLOWED = {
     "slam": FOUNDATION | {"_jit"},
     "gaze": FOUNDATION | {"slam"},
     "visual": FOUNDATION | {"_jit", "scale", "attention", "keypoints", "slam", "gaze"},
-    "simulation": FOUNDATION | {"slam", "gaze", "visual"},
+    "simulation": FOUNDATION | {"slam", "gaze", "visual", "tags"},
     "datasets": FOUNDATION,
     "evaluation": FOUNDATION
     | {"_jit", "scale", "attention", "keypoints", "slam", "visual", "gaze"}

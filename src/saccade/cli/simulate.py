@@ -21,7 +21,7 @@ from saccade.errors import ConfigError, require, setting
 from saccade.extras import import_function
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
-from saccade.simulation import WorldConfig, simulate_drive, simulate_world
+from saccade.simulation import WorldConfig, simulate_drive, simulate_world, tag_layout
 from saccade.simulation.gaze_drive import gaze_drive
 
 GAZE = f"{', '.join(POLICIES)}, or module:function"
@@ -58,6 +58,10 @@ class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
     """Render a drive in color."""
     depth: bool = False
     """Also render depth images."""
+    tags: int | None = setting(None, 1)
+    """Number of tags (tag36h11) on the outer walls of a drive."""
+    tag_size: Annotated[float | None, Parameter(metavar="METERS")] = None
+    """Side of the black square of these tags; 0.4 by default."""
 
 
 def simulate(options: SimulateOptions) -> Result:
@@ -71,7 +75,8 @@ def simulate(options: SimulateOptions) -> Result:
     saccade drive, the images of the left (image_0) and right camera (image_1),
     the calibration (calib.txt, camera.toml), times.txt, odometry with its
     covariance (odometry.csv) and the true trajectory (groundtruth.tum); with
-    --gaze also the camera's rotation (gaze.csv). The seed determines the noise,
+    --gaze also the camera's rotation (gaze.csv), with --tags also the true
+    positions of the tags (tags.csv). The seed determines the noise,
     the walls and the posters.
 
     Example: saccade simulate drive --preset repeated --seed 7 --out ring
@@ -80,12 +85,15 @@ def simulate(options: SimulateOptions) -> Result:
     frames, gaze, seed = options.frames, options.gaze, options.seed
     color, depth = options.color, options.depth
     if options.kind == "world":
-        if frames or gaze or color or depth:
-            raise ConfigError("--frames, --gaze, --color, --depth: expected a drive, found world")
+        if frames or gaze or color or depth or options.tags:
+            names = "--frames, --gaze, --color, --depth, --tags"
+            raise ConfigError(f"{names}: expected a drive, found world")
         return _simulate_world(options.out or Path("saccade-world"), settings, seed)
     if frames is not None:
         settings = replace(settings, frames=frames)
     settings = replace(settings, color=settings.color or color, depth=settings.depth or depth)
+    given = {"tags": options.tags, "tag_size": options.tag_size}
+    settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
     if gaze is None:
         simulated = simulate_drive(settings, seed)
     else:
@@ -96,11 +104,15 @@ def simulate(options: SimulateOptions) -> Result:
     out = options.out or Path("saccade-simulated-drive")
     with progress_bar("rendering", len(simulated)) as update:
         datasets.save_drive(out, simulated, update)
+    if settings.tags > 0:
+        datasets.write_landmarks(out / "tags.csv", tag_layout(settings, seed))
     row = {
         "sequence": str(out),
         "frames": len(simulated),
         "cameras": 2 if simulated.camera.baseline > 0 else 1,
         "truth": repr(simulated.truth),
+        "tags": settings.tags or None,
+        "tag_size_m": settings.tag_size if settings.tags else None,
     }
     return Result(row, [facts_table(f"{simulated.name} -> {out}", row)])
 

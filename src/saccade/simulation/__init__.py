@@ -1,6 +1,6 @@
 """Simulated worlds and camera drives with ground truth."""
 
-from saccade.simulation.drive import PanCamera, simulate_drive
+from saccade.simulation.drive import PanCamera, simulate_drive, tag_layout
 from saccade.simulation.drive_config import DriveConfig, LightConfig, OdometryConfig
 from saccade.simulation.world import WorldConfig, simulate_world
 
@@ -12,4 +12,5 @@ __all__ = [
     "WorldConfig",
     "simulate_drive",
     "simulate_world",
+    "tag_layout",
 ]

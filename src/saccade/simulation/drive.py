@@ -14,12 +14,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from saccade.errors import ConfigError
 from saccade.frames import Camera, CameraTurn, Drive, Frame, Gaze, GazeLimits
 from saccade.plane import steps_between
 from saccade.simulation.drive_config import DriveConfig, LightConfig, OdometryConfig
 from saccade.simulation.floor_plan import drive_course
 from saccade.simulation.scene import ACROSS, DOWN, GROUND, Scene, floor_scene
-from saccade.types import Float32Array, FloatArray, Image, IntArray, Trajectory
+from saccade.types import Float32Array, FloatArray, Image, IntArray, LandmarkMap, Trajectory
 
 SAMPLES = (3, 2)
 """Samples per pixel, across and down, which are averaged."""
@@ -353,6 +354,19 @@ def simulate_drive(
         odometry_bias=(bias[0], float(bias[1]), 0.0),
         truth=Trajectory(time, pose),
     )
+
+
+def tag_layout(config: DriveConfig, seed: int = 0) -> LandmarkMap:
+    """True positions of the tags of a simulated drive.
+
+    Raises:
+        ConfigError: the drive has none.
+    """
+    scene_seed = np.random.SeedSequence(seed).spawn(4)[0]
+    tags = floor_scene(config, scene_seed).tags
+    if tags is None:
+        raise ConfigError("tags: expected at least 1, found none on the walls")
+    return tags
 
 
 def _odometry(

@@ -75,6 +75,10 @@ class DriveConfig(Settings):
     """Number of distinct images on the posters; None for all available ones."""
     mirrored_posters: bool = False
     """Whether each poster is symmetric about its vertical axis."""
+    tags: int = setting(0, 0, 500)
+    """Number of tags (tag36h11) on the outer walls."""
+    tag_size: float = setting(0.4, 0.05, 0.8)
+    """Side of the black square of a tag, in meters."""
     turning_radius: float = 1.8
     """Radius of the four turns of the course, in meters."""
     sway: float = 0.08

@@ -1,7 +1,7 @@
 """The scene of a simulated drive: floor plan, walls with posters, ground, mipmaps in one atlas."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
 from itertools import cycle
@@ -14,7 +14,8 @@ import numpy.typing as npt
 from saccade.io.image import read_image
 from saccade.simulation.drive_config import DriveConfig
 from saccade.simulation.floor_plan import wall_outlines
-from saccade.types import Float32Array, FloatArray, IntArray
+from saccade.simulation.wall_tags import paint_tag, place_tags, tag_map
+from saccade.types import Float32Array, FloatArray, IntArray, LandmarkMap
 
 Texture = npt.NDArray[np.uint8]
 
@@ -241,6 +242,8 @@ class Scene:
     """Mipmaps of the ground; only isotropic levels are filled."""
     atlas: npt.NDArray[np.uint8]
     """(H, W) gray or (H, W, 3) RGB: all textures at all levels."""
+    tags: LandmarkMap | None = None
+    """True positions of the tags on the walls; None without tags."""
 
 
 def build_scene(
@@ -327,7 +330,8 @@ def _put(
 
 def floor_scene(config: DriveConfig, seed: np.random.SeedSequence) -> Scene:
     """The scene of a configuration; a ring's drive starts at the origin along the x axis."""
-    outer, inner, floor, posters, plan = (np.random.default_rng(s) for s in seed.spawn(5))
+    streams = [np.random.default_rng(each) for each in seed.spawn(6)]
+    outer, inner, floor, posters, plan, placed = streams
     outlines, bands = wall_outlines(config, plan), []
     indoors, smooth = config.world != "ring", partial(painted_surface, color=PAINT)
     walls = (smooth, smooth) if indoors else (brick_wall, plaster_wall)
@@ -336,7 +340,10 @@ def floor_scene(config: DriveConfig, seed: np.random.SeedSequence) -> Scene:
         length = float(np.hypot(*np.diff(corners, axis=0).T).sum())
         shape = (round(config.wall_height * TEXELS), round(length * TEXELS))
         bands.append(Walls(corners, wall(shape, TEXELS, rng)))
-    _paint_posters(config, bands, posters)
+    taken = _paint_posters(config, bands, posters)
+    tags = place_tags(config, outlines[0], taken, placed)
+    for tag in tags:
+        paint_tag(bands[0].texture, tag, config.tag_size, TEXELS)
     low, high = outlines[0].min(0), outlines[0].max(0)
     width, depth = high - low
     shape = (round(depth * GROUND_TEXELS), round(width * GROUND_TEXELS))
@@ -346,7 +353,8 @@ def floor_scene(config: DriveConfig, seed: np.random.SeedSequence) -> Scene:
     else:
         texture = gravel_floor(shape, floor)
     ground = Ground(corner, texture, GROUND_TEXELS)
-    return build_scene(bands, ground, config.wall_height, TEXELS, config.color)
+    scene = build_scene(bands, ground, config.wall_height, TEXELS, config.color)
+    return replace(scene, tags=tag_map(tags, outlines[0])) if tags else scene
 
 
 def poster_images(config: DriveConfig, rng: np.random.Generator) -> list[Texture]:
@@ -356,14 +364,21 @@ def poster_images(config: DriveConfig, rng: np.random.Generator) -> list[Texture
     return [mirror(images[k]) if config.mirrored_posters else images[k] for k in order]
 
 
-def _paint_posters(config: DriveConfig, bands: list[Walls], rng: np.random.Generator) -> None:
-    """Paint posters onto the walls, cycling through the images."""
-    images = cycle(poster_images(config, rng))
+def _paint_posters(
+    config: DriveConfig, bands: list[Walls], rng: np.random.Generator
+) -> list[tuple[float, float]]:
+    """Paint posters onto the walls, cycling through the images.
+
+    Returns the positions and largest widths of those on the first walls, in meters.
+    """
+    images, first = cycle(poster_images(config, rng)), list[tuple[float, float]]()
     for k, walls in enumerate(bands):
         groups = k == 0 and config.world == "hall"
         places = _grouped_posters(config, rng) if groups else _spaced_posters(config, walls, rng)
         for center, width in places:
             _paint(config, walls.texture, next(images), center, width, rng)
+            first += [(center, width)] * (k == 0)
+    return first
 
 
 def _spaced_posters(

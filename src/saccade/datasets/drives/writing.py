@@ -32,7 +32,7 @@ from saccade.io.video import LiveVideo
 from saccade.types import Image
 
 DRIVE_FILES = (
-    *("calib.txt", CAMERA_FILE, "times.txt", "odometry.csv", "groundtruth.tum"),
+    *("calib.txt", CAMERA_FILE, "times.txt", "odometry.csv", "groundtruth.tum", "tags.csv"),
     *("image_0", "image_1", "depth", TRACK_FILES[-1], GAZE_FILE),
 )
 """Files of a drive, which a new drive may replace."""
