@@ -39,7 +39,7 @@ ALLOWED = {
     "keypoints": {"types", "errors", "extras", "frames", "_jit", "io", "scale", "textbook"},
     "slam": FOUNDATION | {"_jit"},
     "gaze": FOUNDATION | {"slam"},
-    "visual": FOUNDATION | {"_jit", "scale", "attention", "keypoints", "slam", "gaze"},
+    "visual": FOUNDATION | {"_jit", "scale", "attention", "keypoints", "slam", "gaze", "tags"},
     "simulation": FOUNDATION | {"slam", "gaze", "visual", "tags"},
     "datasets": FOUNDATION,
     "evaluation": FOUNDATION

@@ -79,14 +79,13 @@ def paint_tag(
     x, y = ((grid - start) / side * len(cells) for start in (left - column, top - row))
     inside = [(each >= 0) & (each < len(cells)) for each in (x, y)]
     i, j = (each.clip(0, len(cells) - 1).astype(int) for each in (x, y))
-    color = image[j[:, None], i]
-    alpha = (inside[1][:, None] & inside[0]).astype(np.float32)
+    covers = (inside[1][:, None] & inside[0]).astype(np.float32)
     color, alpha = (
-        cv2.resize(each, (count, count), interpolation=cv2.INTER_AREA)
-        for each in (color * alpha, alpha)
+        np.asarray(cv2.resize(each, (count, count), interpolation=cv2.INTER_AREA))[:, :, None]
+        for each in (image[j[:, None], i] * covers, covers)
     )
     target = wall[row : row + count, column : column + count]
-    blended = target * (1 - alpha[:, :, None]) + color[:, :, None]
+    blended = target * (1 - alpha) + color
     target[:] = np.rint(blended).astype(np.uint8)
 
 

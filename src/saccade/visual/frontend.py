@@ -15,6 +15,7 @@ from saccade.errors import ImageError
 from saccade.frames import Camera, Drive, Frame
 from saccade.keypoints.sift import Sift
 from saccade.keypoints.sift_config import SiftConfig
+from saccade.tags import Tags, TagSightings
 from saccade.types import Float32Array, Image, Keypoints
 from saccade.visual.camera import is_inside, move_pixels
 from saccade.visual.config import VisualConfig
@@ -49,13 +50,15 @@ class FrameFeatures:
     """(h, w) contrast saliency, if points are detected and a gaze policy is used; else None."""
     remarks: tuple[str, ...] = ()
     """Reasons why the frame could not be read."""
+    tags: TagSightings | None = None
+    """Tags in the image; None if none are searched, and in blank frames."""
 
 
 class FeatureExtractor:
     """Reads the frames of a drive, and detects points in every `detect_interval`-th frame.
 
     `read` are frames that have been read already, by number. With `attends` the saliency of frames
-    with detected points is computed.
+    with detected points is computed. `tags` detects the tags of every frame.
     """
 
     def __init__(
@@ -64,8 +67,9 @@ class FeatureExtractor:
         config: VisualConfig,
         read: Mapping[int, Frame] | None = None,
         attends: bool = False,
+        tags: Tags | None = None,
     ) -> None:
-        self._drive, self._config, self._attends = drive, config, attends
+        self._drive, self._config, self._attends, self._tags = drive, config, attends, tags
         self._read = dict(read or {})
         upsampled = drive.camera.width * drive.camera.height <= MAX_UPSAMPLED
         self._sift = Sift(
@@ -86,6 +90,9 @@ class FeatureExtractor:
             blank = PreparedFrame(Frame(float(self._drive.time[number])))
             return FrameFeatures(blank, remarks=(str(error),))
         features = FrameFeatures(prepare_frame(frame, self._drive.camera))
+        if self._tags is not None and features.frame.left is not None:
+            found = self._tags(features.frame.left, self._drive.camera.turned(frame.turn))
+            features = replace(features, tags=found)
         scheduled = number % self._config.detect_interval == 0
         return self.detect(features, number) if scheduled or frame.tracks is not None else features
 

@@ -12,6 +12,7 @@ from saccade.frames import Drive, EndOfDrive, Frame
 from saccade.slam import Recorder
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter.predictions import PredictedObservations
+from saccade.tags import TagConfig, Tags, TagSightings
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import first_frame, measures_depth
@@ -27,6 +28,7 @@ from saccade.visual.relocalization import Relocalization
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.single_camera import SingleCameraMotionEstimator
+from saccade.visual.tag_landmarks import TagLandmarks, require_tags, with_labels
 from saccade.visual.visual_map import VisualMap
 
 MIN_POINTS = 0.4
@@ -46,6 +48,7 @@ def run(
     *,
     recorder: Recorder | None = None,
     gaze: GazeControl | None = None,
+    tags: TagConfig | None = None,
 ) -> VisualResult:
     """Run visual SLAM on a drive.
 
@@ -55,6 +58,7 @@ def run(
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
         gaze: turns the camera after each frame.
+        tags: family and size of tags that are landmarks, too.
 
     Returns:
         Trajectory, map and observations.
@@ -63,7 +67,7 @@ def run(
         DriveError: no frame can be used, or images have another size than the calibration.
     """
     config = config or VisualConfig()
-    with Pipeline(drive, config, gaze) as pipeline:
+    with Pipeline(drive, config, gaze, tags) as pipeline:
         for number in range(len(drive)):
             try:
                 pipeline.step(number)
@@ -87,7 +91,15 @@ class Pipeline:
     A context manager: the thread that reads the next frames and detects their points ends with it.
     """
 
-    def __init__(self, drive: Drive, config: VisualConfig, gaze: GazeControl | None = None) -> None:
+    def __init__(
+        self,
+        drive: Drive,
+        config: VisualConfig,
+        gaze: GazeControl | None = None,
+        tags: TagConfig | None = None,
+    ) -> None:
+        if tags is not None:
+            require_tags(drive, tags)
         first = first_frame(drive)
         self.drive, self.config = drive, config
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
@@ -104,7 +116,10 @@ class Pipeline:
         self.control: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         """The control that led to the last frame, and its covariance."""
         self.log = RunLog(drive)
-        self._extract = FeatureExtractor(drive, config, first, gaze is not None)
+        detector = None if tags is None else Tags(tags)
+        self._extract = FeatureExtractor(drive, config, first, gaze is not None, detector)
+        self.tags = TagLandmarks(self.map)
+        """Tags in the map."""
         ahead = config.detect_interval if gaze is None else 0
         self._features = Prefetcher(self._extract, len(drive), ahead)
         self._gaze = gaze
@@ -130,6 +145,8 @@ class Pipeline:
             features = self._detect_if_few(number, features)
         self.features, detected = features, features.detected
         self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
+        if features.tags is not None:
+            self._observe_tags(number, features.tags)
         scheduled = number % self.config.detect_interval == 0
         if detected is not None:
             has_descriptor = np.asarray(detected.descriptor.any(1))
@@ -163,7 +180,9 @@ class Pipeline:
     def result(self) -> VisualResult:
         """The result of the frames so far, smoothed by `VisualConfig.smooth`."""
         result = self.log.result(self.map)
-        return self.log.smoothed(result, self.map) if self.config.smooth else result
+        if self.config.smooth:
+            result = self.log.smoothed(result, self.map)
+        return with_labels(result, self.tags.labels)
 
     def _detect_if_few(self, number: int, features: FrameFeatures) -> FrameFeatures:
         """Detect points ahead of time if a turning camera has lost most of its points."""
@@ -192,6 +211,7 @@ class Pipeline:
         self.tracked = model.with_depth(self.tracked)
         self.map.rescale()
         self.map.predict(number, self.control)
+        self.tags.predict(self.control)
         return motion
 
     def _update(self, number: int, kind: ObservationKind, points: TrackedPoints) -> None:
@@ -205,6 +225,16 @@ class Pipeline:
         expected = PredictedObservations(expected.z[usable], expected.covariance[usable])
         innovation = self.map.update(points, observations, expected, number)
         self.log.add_observations(number, kind, points, observations, innovation)
+
+    def _observe_tags(self, number: int, seen: TagSightings) -> None:
+        """Observe the tags in a frame, or search a lost robot by them."""
+        if not self.relocalization.lost:
+            if self.tags.observe(number, seen, self.log):
+                self.relocalization.contradict()
+                self.tracked = self.tracked.without_landmarks()
+        elif (found := self.tags.locate(seen)) is not None:
+            self.relocalization.locate(*found)
+            self.tags.end_search()
 
     def _release(
         self, points: TrackedPoints, observations: RangeBearings, expected: PredictedObservations

@@ -105,6 +105,8 @@ class Landmarks(Table):
     """(n,) numbers of frames in which each was expected in view and not re-identified."""
     last_observed: IntArray = column(dtype=np.int64)
     """(n,) numbers of the last frames in which each was observed."""
+    is_tag: BoolArray = column(dtype=np.bool_)
+    """(n,) whether each is a tag, which has no descriptor."""
 
     def rows(self, ids: IntArray) -> IntArray:
         """(k,) rows of landmark ids (k,); -1 for ids that are not in the map."""
@@ -128,4 +130,5 @@ class Landmarks(Table):
         miss_rate = (self.missed + 1) / (self.observations + self.missed + 2)
         rows = self.rows(tracked)
         miss_rate[rows[rows >= 0]] = -1.0
+        miss_rate[self.is_tag] = -1.0
         return np.sort(np.lexsort((self.last_observed, -miss_rate))[:count])

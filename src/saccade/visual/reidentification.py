@@ -123,6 +123,7 @@ def _expected_in_view(visual_map: VisualMap, config: VisualConfig) -> IntArray:
     border = -camera.fx * np.tan(slack.clip(0, 1.5))
     inside = is_inside(camera, xy, np.maximum(border, -camera.width))
     inside &= r < config.range_limits[1] + 3 * np.sqrt(S[:, 0, 0])
+    inside &= ~landmarks.is_tag
     return np.flatnonzero(inside)
 
 

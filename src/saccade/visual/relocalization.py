@@ -4,7 +4,7 @@ import numpy as np
 
 from saccade.plane import steps_between
 from saccade.slam.kidnapping import KidnappingDetector
-from saccade.slam.pose_search import PoseSearch
+from saccade.slam.pose_search import PRIOR_WEIGHT, PoseSearch
 from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
@@ -114,8 +114,10 @@ class Relocalization:
         search, landmarks = self._detector.search, self._map.landmarks
         assert search is not None
         observations, usable = self._map.observe(points)
-        pairs = descriptor_matches(points.keypoints, landmarks.descriptor, self._config.ratio)
-        index, rows = pairs.T
+        natural = np.flatnonzero(~landmarks.is_tag)
+        descriptors = landmarks.descriptor[natural]
+        index, matched = descriptor_matches(points.keypoints, descriptors, self._config.ratio).T
+        rows = natural[matched]
         keep = usable[index] & has_same_height(observations[index], landmarks.height[rows])
         index, rows = index[keep], rows[keep]
         z, R = observations.z[index], observations.covariance[index]
@@ -123,6 +125,17 @@ class Relocalization:
         if search.is_found:
             search.reset_pose()
             self._end()
+
+    def contradict(self) -> None:
+        """Begins the search, since tags agree on another pose."""
+        if self._config.recover and not self.lost:
+            self._detector.add(LIMIT)
+            self._begin()
+
+    def locate(self, pose: FloatArray, covariance: FloatArray) -> None:
+        """Ends the search at a pose (3,) with covariance (3, 3) that was found by tags."""
+        self._map.ekf.reset_pose(pose, PRIOR_WEIGHT * covariance)
+        self._end()
 
     def _mark_landmarks(self) -> None:
         """Marks the landmarks that are initialized from now on, unless there is evidence."""
@@ -137,6 +150,11 @@ class Relocalization:
         if np.count_nonzero(ids < self._first_doubtful) < MIN_LANDMARKS:
             self._evidence.reset()
             return
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begins the search in the landmarks that were initialized without evidence."""
+        ids = self._map.landmarks.id
         self._map.remove(np.flatnonzero(ids >= self._first_doubtful))
         ekf = self._map.ekf
         self._extent = float(np.ptp(np.vstack([ekf.landmarks, ekf.pose[:2]]), axis=0).max()) / 2

@@ -1,5 +1,6 @@
 """Results of visual SLAM, and the log of a run."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import accumulate
@@ -95,6 +96,8 @@ class VisualResult(Pictured):
     """Estimated calibration errors; None if no sliding window is adjusted."""
     remarks: tuple[str, ...]
     """Warnings, one sentence each."""
+    tags: Mapping[int, str] = field(default_factory=dict)
+    """Labels of the landmarks that are tags, by the ids of `observations`."""
     estimate: Literal["smoothed", "filtered"] = "filtered"
     """Kind of the trajectory and the map: "smoothed" over the whole drive, or "filtered"."""
 

@@ -6,16 +6,21 @@ another pose, the robot has.
 """
 
 from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from saccade.errors import DriveError, require
+from saccade.frames import Drive
+from saccade.landmark_names import FIRST_TEXT
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.predictions import PredictedObservations
-from saccade.tags import TagSightings
+from saccade.tags import TagConfig, TagSightings
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.points import RangeBearings, TrackedPoints
-from saccade.visual.result import ObservationKind, RunLog
+from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.tag_pose import LatestTags
 from saccade.visual.visual_map import VisualMap
 
@@ -25,6 +30,33 @@ CONFIRM_AFTER = 2
 """Sightings of a tag that make it a landmark; fewer may be of a phantom."""
 MOVED_AFTER = 10
 """Contradicting sightings in a row after which a tag has moved."""
+
+
+def require_tags(drive: Drive, config: TagConfig) -> None:
+    """Raises an error unless tags can be landmarks of a drive.
+
+    Raises:
+        ConfigError: their size is unknown.
+        DriveError: the unit of lengths of the drive is unknown.
+    """
+    require(config.size is not None, "size", "the side of the tags in meters", None)
+    if drive.scale != "metric":
+        raise DriveError(
+            f"{drive.name}: expected lengths in meters for tags, found a single camera without "
+            "odometry, whose scale is unknown; add odometry.csv, or a second camera or depth"
+        )
+
+
+def with_labels(result: VisualResult, labels: Mapping[int, str]) -> VisualResult:
+    """The result with the labels of tags as the names of their landmarks."""
+    rows = [row for row, id_ in enumerate(result.map.id.tolist()) if id_ in labels]
+    if not rows:
+        return result
+    ids = result.map.id.copy()
+    names = tuple(labels[id_] for id_ in ids[rows].tolist())
+    ids[rows] = FIRST_TEXT + np.arange(len(rows))
+    named = replace(result.map, id=ids, text_names=names)
+    return replace(result, map=named, tags=dict(labels))
 
 
 class TagLandmarks:
@@ -77,7 +109,7 @@ class TagLandmarks:
         return False
 
     def locate(self, seen: TagSightings) -> tuple[FloatArray, FloatArray] | None:
-        """Pose (3,) of a lost robot by the latest sightings, and its covariance; None if unknown."""
+        """Pose (3,) of a lost robot by its latest sightings, with covariance; None if unknown."""
         labels, observations, _ = _unique(seen)
         self._latest.add(labels, observations)
         return self._pose() if labels else None
