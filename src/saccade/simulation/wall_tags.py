@@ -1,12 +1,14 @@
 """Tags on the walls of a simulated drive."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from saccade.simulation.drive_config import DriveConfig
+from saccade.simulation.floor_plan import drive_course
 from saccade.tags import tag_cells
 from saccade.types import FloatArray, LandmarkMap
 
@@ -20,6 +22,12 @@ MAX_ABOVE = 0.4
 """Maximum height of a tag above the camera, in meters."""
 INK = (28.0, 238.0)
 """Gray levels of black and white."""
+MIN_FACING = 0.4
+"""Minimum cosine of the angle of incidence at which a tag is seen well."""
+MIN_PIXELS = 18.0
+"""Minimum side of a tag that is seen well, in pixels."""
+MAX_POSES = 100
+"""Maximum number of poses of a lap from which tags are viewed."""
 FINE = 16
 """Samples per texel along each side of a tag before it is averaged."""
 
@@ -42,6 +50,8 @@ def place_tags(
 ) -> list[WallTag]:
     """Places tags along connected walls, one in each of `config.tags` sections of equal length.
 
+    In its section a tag hangs where the robot sees it most often.
+
     Args:
         config: settings of the drive.
         corners: (k, 2) of the walls in meters.
@@ -50,6 +60,8 @@ def place_tags(
     """
     ends = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
     half = config.tag_size * 0.625 + CLEARANCE  # with the border of a cell on each side
+    poses = drive_course(replace(config, sway=0.0), np.random.SeedSequence(0))
+    poses = poses[: config.frames_per_lap : max(1, config.frames_per_lap // MAX_POSES)]
     found = []
     for k in range(config.tags):
         along = (k + rng.random(CANDIDATES)) / config.tags * ends[-1]
@@ -57,12 +69,32 @@ def place_tags(
         to_corner = np.abs(along[:, None] - ends).min(1) - half
         to_poster = [np.abs(along - center) - width / 2 - half for center, width in posters]
         free = np.minimum(to_corner, np.min([np.full(CANDIDATES, 1.0), *to_poster], axis=0))
-        best = int(np.argmax(free > 0)) if (free > 0).any() else int(np.argmax(to_corner))
+        seen = _views(config, _on_walls(corners, ends, along), poses)
+        best = int(np.argmax(np.where(free > 0, seen, np.where(to_corner > 0, seen, -2) - 1)))
         if to_corner[best] > 0:
             low, high = half, config.wall_height - half
             height = float(np.clip(config.camera_height + above, low, high))
             found.append(WallTag(k, float(along[best]), height))
     return found
+
+
+def _on_walls(corners: FloatArray, ends: FloatArray, along: FloatArray) -> FloatArray:
+    """Positions (n, 2) and directions (n, 2) of walls, as columns (n, 4), at lengths (n,)."""
+    wall = np.searchsorted(ends, along, side="right").clip(1, len(ends) - 1) - 1
+    direction = np.diff(corners, axis=0)[wall] / np.diff(ends)[wall, None]
+    return np.hstack([corners[wall] + (along - ends[wall])[:, None] * direction, direction])
+
+
+def _views(config: DriveConfig, places: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n,) number of poses (m, 3) that see a tag well at places (n, 4); see `_on_walls`."""
+    offset = places[:, None, :2] - poses[:, :2]  # (n, m, 2)
+    distance = np.maximum(np.hypot(offset[..., 0], offset[..., 1]), 1e-6)
+    bearing = np.arctan2(offset[..., 1], offset[..., 0]) - poses[:, 2]
+    is_ahead = np.abs(np.angle(np.exp(1j * bearing))) < np.deg2rad(config.field_of_view_deg / 2.2)
+    x, y = places[:, None, 2], places[:, None, 3]
+    facing = (offset[..., 0] * y - offset[..., 1] * x) / -distance  # front is to the right
+    pixels = config.camera.fx * config.tag_size / distance
+    return np.asarray((is_ahead & (facing > MIN_FACING) & (pixels > MIN_PIXELS)).sum(1))
 
 
 def paint_tag(

@@ -6,9 +6,10 @@ neither range nor bearing.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import ImageError
 from saccade.frames import Camera
@@ -19,6 +20,9 @@ from saccade.tags.corners import cross, refined_corners
 from saccade.tags.markers import dictionary_of
 from saccade.types import BoolArray, FloatArray, Image, IntArray
 
+MAX_ENLARGED = 160_000
+"""Largest image in pixels that is enlarged for detection."""
+ByteArray: TypeAlias = npt.NDArray[np.uint8]
 TILT_SIGMA = 1.0
 """Standard deviation of the orientation of a tag before it is observed, in radians."""
 STEPS = 3
@@ -110,12 +114,12 @@ class Tags:
                 f"image: expected {camera.width} x {camera.height} px as in the calibration, "
                 f"found {gray.shape[1]} x {gray.shape[0]}"
             )
-        found, ids, _ = self._detector.detectMarkers(gray)
+        found, ids, scale = *self._detector.detectMarkers(_enlarged(gray))[:2], 1 + _is_small(gray)
         if ids is None or len(found) == 0:
             none = np.zeros((0, 4, 2))
             seen = TagSightings(np.zeros(0, np.int64), self.config.family, none, np.zeros(0))
         else:
-            corners = np.array(found, np.float64).reshape(-1, 4, 2)
+            corners = (np.array(found, np.float64).reshape(-1, 4, 2) + 0.5) / scale - 0.5
             order = np.argsort(np.asarray(ids).ravel(), kind="stable")
             corners, sigma = refined_corners(gray, corners[order], self._cells)
             id_ = np.asarray(ids, np.int64).ravel()[order]
@@ -172,11 +176,25 @@ class Tags:
         return z, R, above + camera.position[2], away
 
 
-def gray_bytes(image: Image) -> Any:
+def _is_small(gray: ByteArray) -> bool:
+    return gray.size <= MAX_ENLARGED
+
+
+def _enlarged(gray: ByteArray) -> ByteArray:
+    """The image, or twice the image if it is small: more of its tags are then found."""
+    if not _is_small(gray):
+        return gray
+    import cv2  # slow to import
+
+    size = 2 * gray.shape[1], 2 * gray.shape[0]
+    return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def gray_bytes(image: Image) -> ByteArray:
     """(H, W) gray levels of an image as bytes."""
     if image.ndim == 2 and image.dtype == np.uint8:
         return np.ascontiguousarray(image)
-    return np.rint(as_gray(image) * 255).astype(np.uint8)
+    return np.asarray(np.rint(as_gray(image) * 255), np.uint8)
 
 
 def locate_center(

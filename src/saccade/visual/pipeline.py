@@ -232,6 +232,8 @@ class Pipeline:
             if self.tags.observe(number, seen, self.log):
                 self.relocalization.contradict()
                 self.tracked = self.tracked.without_landmarks()
+            elif self.tags.agree:
+                self.relocalization.confirm()
         elif (found := self.tags.locate(seen)) is not None:
             self.relocalization.locate(*found)
             self.tags.end_search()

@@ -132,6 +132,11 @@ class Relocalization:
             self._detector.add(LIMIT)
             self._begin()
 
+    def confirm(self) -> None:
+        """Forgets the evidence, since tags agree with the pose."""
+        self._detector.reset()
+        self._blind = 0.0
+
     def locate(self, pose: FloatArray, covariance: FloatArray) -> None:
         """Ends the search at a pose (3,) with covariance (3, 3) that was found by tags."""
         self._map.ekf.reset_pose(pose, PRIOR_WEIGHT * covariance)

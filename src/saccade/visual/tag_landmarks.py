@@ -69,6 +69,8 @@ class TagLandmarks:
         self._contradicted = Counter[str]()  # sightings in a row
         self._unmatched = set[str]()  # contradicted labels since a tag agreed
         self._latest = LatestTags()
+        self.agree = False
+        """Whether a tag in the last frame agrees with the pose."""
 
     @property
     def labels(self) -> dict[int, str]:
@@ -87,6 +89,7 @@ class TagLandmarks:
         """
         labels, observations, xy = _unique(seen)
         self._latest.add(labels, observations)
+        self.agree = False
         rows = self._rows(labels)
         known = np.flatnonzero(rows >= 0)
         expected = self._map.predict_observations(rows[known])
@@ -103,6 +106,7 @@ class TagLandmarks:
             log.add_observations(
                 number, ObservationKind.REIDENTIFIED, points, observations[chosen], innovation
             )
+            self.agree = True
         if not self._unmatched:
             new = [i for i in np.flatnonzero(rows < 0).tolist() if self._is_confirmed(labels[i])]
             self._initialize(number, np.array(new, np.int64), labels, observations, xy, log)
