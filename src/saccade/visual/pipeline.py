@@ -228,6 +228,7 @@ class Pipeline:
 
     def _observe_tags(self, number: int, seen: TagSightings) -> None:
         """Observe the tags in a frame, or search a lost robot by them."""
+        self.relocalization.by_tags = len(self.tags.labels) > 1
         if not self.relocalization.lost:
             if self.tags.observe(number, seen, self.log):
                 self.relocalization.contradict()

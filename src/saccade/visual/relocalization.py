@@ -3,8 +3,10 @@
 import numpy as np
 
 from saccade.plane import steps_between
+from saccade.slam.consistency import normalized_squared
+from saccade.slam.filter.models import pose_difference
 from saccade.slam.kidnapping import KidnappingDetector
-from saccade.slam.pose_search import PRIOR_WEIGHT, PoseSearch
+from saccade.slam.pose_search import PRIOR_WEIGHT, SAME_POSE, PoseSearch
 from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
@@ -45,6 +47,8 @@ class Relocalization:
         self._blind = 0.0  # seconds without sight and motion
         self._first_doubtful = 0  # id of the first landmark that was initialized with evidence
         self._extent = 0.0  # meters, of the map of a lost robot
+        self.by_tags = False
+        """Whether tags alone begin a search: they contradict the pose more reliably than images."""
 
     @property
     def lost(self) -> bool:
@@ -135,16 +139,22 @@ class Relocalization:
     def confirm(self) -> None:
         """Forgets the evidence, since tags agree with the pose."""
         self._detector.reset()
-        self._blind = 0.0
+        self._blind, self._first_doubtful = 0.0, self._map.next_id
 
     def locate(self, pose: FloatArray, covariance: FloatArray) -> None:
-        """Ends the search at a pose (3,) with covariance (3, 3) that was found by tags."""
-        self._map.ekf.reset_pose(pose, PRIOR_WEIGHT * covariance)
+        """Ends the search at a pose (3,) with covariance (3, 3) that was found by tags.
+
+        The filter keeps its own pose if it agrees.
+        """
+        ekf = self._map.ekf
+        error = pose_difference(pose, ekf.pose)
+        if normalized_squared(error, ekf.pose_covariance + covariance) > SAME_POSE:
+            ekf.reset_pose(pose, PRIOR_WEIGHT * covariance)
         self._end()
 
     def _mark_landmarks(self) -> None:
         """Marks the landmarks that are initialized from now on, unless there is evidence."""
-        if self._detector.evidence == 0.0:
+        if self._detector.evidence == 0.0 and not self.by_tags:
             self._first_doubtful = self._map.next_id
 
     def _begin_if_lost(self) -> None:
@@ -152,7 +162,7 @@ class Relocalization:
         if not self._detector.kidnapped or not self._config.recover:
             return
         ids = self._map.landmarks.id
-        if np.count_nonzero(ids < self._first_doubtful) < MIN_LANDMARKS:
+        if self.by_tags or np.count_nonzero(ids < self._first_doubtful) < MIN_LANDMARKS:
             self._evidence.reset()
             return
         self._begin()

@@ -28,6 +28,9 @@ GATE = chi_square_gate(2, 0.9999)
 """Largest normalized innovation squared of a tag that agrees with the map."""
 CONFIRM_AFTER = 2
 """Sightings of a tag that make it a landmark; fewer may be of a phantom."""
+MAX_SIGMA = (1.0, 0.3)
+"""Largest standard deviations of an expected range and bearing, in meters and radians, of a tag
+that confirms the pose of a robot that counts as lost."""
 MOVED_AFTER = 10
 """Contradicting sightings in a row after which a tag has moved."""
 
@@ -116,7 +119,16 @@ class TagLandmarks:
         """Pose (3,) of a lost robot by its latest sightings, with covariance; None if unknown."""
         labels, observations, _ = _unique(seen)
         self._latest.add(labels, observations)
-        return self._pose() if labels else None
+        rows = self._rows(labels)
+        known = np.flatnonzero(rows >= 0)
+        if len(known) == 0:
+            return None
+        ekf, expected = self._map.ekf, self._map.predict_observations(rows[known])
+        squared = normalized_squared(*self._map.innovations(observations[known], expected))
+        sharp = np.sqrt(np.diagonal(expected.covariance, axis1=1, axis2=2)) < MAX_SIGMA
+        if (squared[sharp.all(1)] <= GATE).any():
+            return ekf.pose, ekf.pose_covariance
+        return self._pose()
 
     def end_search(self) -> None:
         """Forgets contradictions, after the robot was found."""
