@@ -5,9 +5,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+from cyclopts import Parameter
+
 from saccade.cli.options import INPUT, JsonOptions
 from saccade.cli.output import Result, Table, progress_bar
 from saccade.cli.recordings import FORMAT, AnyKind, LogOptions, SequenceOptions
+from saccade.datasets import load_map
 from saccade.datasets.formats import AUTO
 from saccade.datasets.recordings import is_log, read_by
 from saccade.diagnostics import check_drive, check_log
@@ -34,6 +38,9 @@ class CheckOptions(JsonOptions, LogOptions, DriveOrLog):
     frames: int = setting(300, 40)
     """Number of frames to inspect, evenly spaced over the drive; at least 40."""
 
+    map_file: Annotated[Path | None, INPUT, Parameter("--map")] = None
+    """True positions of the tags of --tags, a table of landmarks."""
+
     def read(self) -> LandmarkLog | Drive:
         """The recording; --topic reads the landmarks of a bag."""
         kind = self.kind or AUTO
@@ -55,10 +62,15 @@ def check(options: CheckOptions) -> Result:
     under alternative units, signs, axes, sensor mountings, orders of motion and
     clocks.
 
+    With --tags: compares the tags in the images with odometry and with the
+    survey of --map, to find a wrong tag size, focal length or mounting.
+
     Exit code 0: no problem found; 1: at least one problem found.
 
     Example: saccade check kitti/07
     """
+    if options.tag_config is not None:
+        return _check_tags(options)
     recording = options.read()
     if isinstance(recording, LandmarkLog):
         log = recording
@@ -72,6 +84,18 @@ def check(options: CheckOptions) -> Result:
     count = f"{report.frames} frames, {report.inspected} inspected"
     result = _result(report.name, row, count, report.findings)
     return Result({**result.row, "figures": report.figures}, result.tables, code=result.code)
+
+
+def _check_tags(options: CheckOptions) -> Result:
+    """Check the tags of a camera drive, and the calibration of the camera."""
+    survey = None if options.map_file is None else load_map(options.map_file)
+    ride = options.load_ride(options.sequence)
+    log = ride.tags.log
+    tags, seen = len(np.unique(log.landmark)), len(log.observation)
+    row = {"sequence": log.name, "frames": len(ride.drive), "tags": tags, "observations": seen}
+    findings = ride.findings(survey) or check_log(log)  # ranges of a wrong scale mislead it
+    count = f"{len(ride.drive)} frames, {seen:,} observations of {tags} tags"
+    return _result(log.name, row, count, findings)
 
 
 def _result(name: str, row: dict[str, Any], count: str, findings: Sequence[Finding]) -> Result:

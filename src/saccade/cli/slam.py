@@ -31,7 +31,7 @@ from saccade.cli.output import (
     print_message,
     progress_bar,
 )
-from saccade.cli.recordings import LogOptions, parse_pose
+from saccade.cli.recordings import LogOptions, TagRide, parse_pose
 from saccade.datasets import load_map, symmetric_columns, write_landmarks, write_table, write_tum
 from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
@@ -111,6 +111,11 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
         """Whether the map is a table of landmarks."""
         return self.map_file is not None and self.map_file.suffix.lower() == ".csv"
 
+    @property
+    def survey(self) -> LandmarkMap | None:
+        """The map, if it is a table of landmarks."""
+        return load_map(self.map_file) if self.map_file is not None and self.has_survey else None
+
     def filter_of(self, log: LandmarkLog) -> Slam:
         """The filter for a log; --map supplies the map, and the settings unless others are given.
 
@@ -151,13 +156,15 @@ def slam(options: SlamOptions) -> Result:
     interactive report (report.html), and settings and scores (run.json); with
     --film also a film (map.mp4).
 
-    --map also restores the settings of the map unless others are given.
+    --map also restores the settings of the map unless others are given. With
+    --tags, LOG is a camera drive with odometry, whose tags are the landmarks.
 
     Example: saccade slam victoria_park.txt --out mapped
     """
-    log = in_robot_frame(options.load(options.log))
+    ride = None if options.tag_config is None else options.load_ride(options.log)
+    log = in_robot_frame(options.load(options.log)) if ride is None else ride.tags.log
     with results_in(options.out), progress_bar(log.name) as progress:
-        row = map_log(log, options, progress)
+        row = map_log(log, options, progress, ride=ride)
     if row["warning"]:
         print_message(f"warning: {row['warning']}")
     if row["remark"]:
@@ -174,10 +181,12 @@ def map_log(
     options: SlamOptions,
     progress: Progress,
     report: ReportBuilder | None = None,
+    ride: TagRide | None = None,
 ) -> dict[str, Any]:
     """Run the filter over a log, write the results, and return the content of run.json.
 
-    The run is added to `report`; None writes a report for this run alone.
+    The run is added to `report`; None writes a report for this run alone. `ride` is the camera
+    drive of a log of tags.
     """
     causes = check_log(log)
     out, slam = options.out, options.filter_of(log)
@@ -217,7 +226,9 @@ def map_log(
     if options.save_map is not None:
         slam.save(options.save_map)
         files["map"] = options.save_map
-    findings = check_run(log, result, causes)
+    findings = list(check_run(log, result, causes))
+    if ride is not None:
+        findings += ride.findings(options.survey)
     summary = summarize_run(log, result) | _map_figures(options, slam, result)
     found = filter(None, (*map(str, findings), summary["warning"]))
     summary |= {"warning": " ".join(found), "findings": [asdict(each) for each in findings]}
@@ -225,7 +236,7 @@ def map_log(
         out,
         f"saccade slam: {log.name}",
         LEAD,
-        lambda: slam_part(log, result, snapshots, summary, _num_loaded(slam)),
+        lambda: slam_part(log, result, snapshots, summary, _num_loaded(slam), ride),
         files,
         {**summary, "settings": asdict(slam.config)},
         report,
@@ -272,6 +283,8 @@ SLAM_TEXT = (
     "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; click a "
     "landmark to see the poses from which it was observed; click a chart to go to that time."
 )
+REOBSERVED = 2
+"""Kind of an observation of a landmark that is in the map; see `ObservedLandmarks`."""
 LOADED = " Blue landmarks belong to the loaded map, black landmarks are new."
 
 
@@ -281,6 +294,7 @@ def slam_part(
     snapshots: Sequence[MapSnapshot],
     summary: Mapping[str, Any],
     loaded: int,
+    ride: TagRide | None = None,
 ) -> Part:
     """The map of a log as a part of a report; landmarks with an id below `loaded` were loaded."""
     truth = log.aligned_truth
@@ -291,6 +305,11 @@ def slam_part(
     texts = result.map.text_names and dict(
         zip(ids.tolist(), map(str, result.map.names), strict=True)
     )
+    observed = ObservedLandmarks(log.observation_pose[used], ids[result.association[used]])
+    if ride is not None:
+        kind = np.full(len(observed.id), REOBSERVED)
+        kind[np.unique(observed.id, return_index=True)[1]] = 0
+        observed = replace(observed, xy=ride.tags.xy[used], kind=kind)
     return map_part(
         Section(
             f"{log.name}: the growing map",
@@ -299,7 +318,7 @@ def slam_part(
         ),
         trajectories,
         snapshots,
-        ObservedLandmarks(log.observation_pose[used], ids[result.association[used]]),
+        observed,
         time_charts(
             result.trajectory,
             log.aligned_truth,
@@ -309,6 +328,7 @@ def slam_part(
             result.consistency.dof,
         ),
         log.landmark_truth,
+        image_at=None if ride is None else ride.image_at,
         loaded=loaded,
         lost=lost_times(result.trajectory, result.lost),
         names=texts or None,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.errors import DriveError, ImageError, LogError, require
-from saccade.frames import Drive, Frame
+from saccade.frames import Camera, Drive, Frame
 from saccade.landmark_names import number_names
 from saccade.plane import path_of, steps_between
 from saccade.tags.config import TagConfig
@@ -38,6 +38,9 @@ class TagLog(NamedTuple):
     """(t + 1,) number of the frame of the first camera at each pose; -1 for other cameras."""
     xy: FloatArray
     """(k, 2) centers of the observed tags in image pixels."""
+    axis: FloatArray
+    """(k, 3) position of the camera in the robot's frame in meters, and heading of its optical axis
+    in radians, at each observation."""
     remarks: tuple[str, ...] = ()
     """Frames that could not be used, one line each."""
 
@@ -77,19 +80,22 @@ def observe_tags(
     )
     time = np.unique([each[0] for each in frames])
     pose, labels, seen, remarks = list[int](), list[str](), list[TagSightings](), list[str]()
+    axes = list[FloatArray]()
     frame_of = np.full(len(time), -1)
     for done, (at, camera, number) in enumerate(frames, start=1):
         row = int(np.searchsorted(time, at))
         if camera == 0:
             frame_of[row] = number
         try:
-            found = _sightings(detector, cameras[camera], number)
+            found, mounted = _sightings(detector, cameras[camera], number)
         except ImageError as error:
             remarks.append(str(error))
             continue
         pose += [row] * len(found)
         labels += found.labels
         seen.append(found)
+        x, y = mounted.rotation[:2, 2]
+        axes += [np.array([*mounted.position[:2], np.arctan2(y, x)])] * len(found)
         if progress is not None:
             progress(done, len(frames))
     if not labels:
@@ -111,15 +117,17 @@ def observe_tags(
         truth=drive.truth,
         text_names=text_names,
     )
-    return TagLog(log, frame_of, np.concatenate([each.xy for each in seen]), tuple(remarks))
+    xy = np.concatenate([each.xy for each in seen])
+    return TagLog(log, frame_of, xy, np.array(axes), tuple(remarks))
 
 
-def _sightings(detector: Tags, drive: Drive, number: int) -> TagSightings:
-    """The tags in a frame; none without an image."""
+def _sightings(detector: Tags, drive: Drive, number: int) -> tuple[TagSightings, Camera]:
+    """The tags in a frame, and the camera as it is turned."""
     frame: Frame = drive.load(number)
     if frame.image is None:
         raise ImageError(f"{drive.name}, frame {number}: expected an image, found none")
-    return detector(frame.image, drive.camera.turned(frame.turn))
+    camera = drive.camera.turned(frame.turn)
+    return detector(frame.image, camera), camera
 
 
 def _known(array: FloatArray | None) -> FloatArray:
@@ -150,7 +158,7 @@ def _nothing_found(drive: Drive, config: TagConfig, frames: int) -> str:
         detector, count = Tags(replace(config, family=family, size=None)), 0
         for number in sample:
             with suppress(ImageError):
-                count += len(_sightings(detector, drive, number))
+                count += len(_sightings(detector, drive, number)[0])
         if family != config.family and count >= MIN_SIGHTINGS:
             hint = f"some are of the family {family}"
     return f"{message}frames; {hint}"
