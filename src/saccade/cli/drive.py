@@ -35,7 +35,7 @@ from saccade.cli.output import (
     progress_bar,
     stop_on_interrupt,
 )
-from saccade.cli.recordings import SequenceOptions
+from saccade.cli.recordings import SequenceOptions, TagOptions
 from saccade.datasets import load_drive, write_landmarks, write_table, write_tum
 from saccade.datasets.drives.writing import LiveDrive
 from saccade.diagnostics import drop_repeated
@@ -45,6 +45,7 @@ from saccade.evaluation.trajectory import coverage_remarks
 from saccade.frames import Drive, Frame
 from saccade.io.files import results_in
 from saccade.io.video import LiveVideo
+from saccade.tags import TagConfig
 from saccade.types import Float32Array, Image, MapSnapshot
 from saccade.viewing import drive_frames, map_figure
 from saccade.viewing.film import Eye
@@ -55,7 +56,7 @@ from saccade.visual import VisualConfig, VisualResult
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveOptions(SettingsOptions, RunOutput, SequenceOptions):
+class DriveOptions(SettingsOptions, RunOutput, TagOptions, SequenceOptions):
     """Options of `saccade drive`."""
 
     out: OutputFolder = Path("saccade-drive")
@@ -76,6 +77,8 @@ def drive(options: DriveOptions) -> Result:
     report (report.html), and settings and scores (run.json); with --film also a
     film (drive.mp4).
 
+    With --tags the tags in the images are landmarks, too.
+
     --camera maps a live camera and records it in the folder SEQUENCE, whose
     camera.toml has the calibration; Ctrl-C ends the drive.
 
@@ -88,7 +91,7 @@ def drive(options: DriveOptions) -> Result:
         mapped, result, snapshots = (
             map_camera(settings, options, progress)
             if recorded is None
-            else map_recorded(recorded, settings, options, progress)
+            else map_recorded(recorded, settings, options, progress, options.tag_config)
         )
         row = write_results(mapped, settings, options, progress, result, snapshots)
     for remark in row["remarks"]:
@@ -162,12 +165,17 @@ def load_recorded(options: DriveOptions) -> Drive:
 
 
 def map_recorded(
-    drive: Drive, settings: VisualConfig, output: RunOutput, progress: Progress
+    drive: Drive,
+    settings: VisualConfig,
+    output: RunOutput,
+    progress: Progress,
+    tags: TagConfig | None = None,
 ) -> Mapped:
-    """Map a recorded drive."""
+    """Map a recorded drive, with tags of a family and size, if any."""
     show = output.recorder(drive.name, drive.time, image_at=partial(image_of, drive))
     with show as recorder, visual.dedicated_process():
-        result = visual.run(drive, settings, partial(progress, stage="map"), recorder=recorder)
+        report = partial(progress, stage="map")
+        result = visual.run(drive, settings, report, recorder=recorder, tags=tags)
     return drive, result, recorder.snapshots
 
 
@@ -188,7 +196,8 @@ def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress
         visual.dedicated_process(),
     ):
         report = partial(progress, stage="map")
-        result = visual.run(recording.drive, settings, report, recorder=recorder)
+        tags = options.tag_config
+        result = visual.run(recording.drive, settings, report, recorder=recorder, tags=tags)
     if video.dropped:
         print_message(f"{video.name}: {video.dropped} frames dropped while others were processed")
     return load_drive("folder", options.sequence), result, recorder.snapshots
@@ -318,6 +327,7 @@ def drive_part(
         ),
         image_at=partial(image_of, drive),
         lost=summary["lost"],
+        names=result.tags or None,
     )
 
 
