@@ -19,6 +19,8 @@ from unittest.mock import patch
 
 import numpy as np
 
+import surveyed_tags
+from kidnapped import kidnapped
 from measuring import ROBOT, arguments, without_labels
 from recorded_logs import read_dlr
 from reliability import Rooms, simulate_rooms
@@ -95,12 +97,33 @@ def recorded(file: str, figure: Figure = rmse, **options: Any) -> Any:
     return measure
 
 
+def moved(given: Any, config: slam.EkfConfig) -> list[float]:
+    """Position RMSE of a robot that is moved by 15 m."""
+    logs = [kidnapped(ROBOT, seed, 15.0, turned=False) for seed in range(1, given.seeds + 1)]
+    return [rmse(log, replace(config, smooth=False)) for log in logs]
+
+
+def among_tags(fault: str) -> Any:
+    """Median error among surveyed tags in meters, in the last quarter of a drive."""
+
+    def measure(given: Any, config: slam.EkfConfig) -> list[float]:
+        drives = [surveyed_tags.drive(seed, fault) for seed in range(given.seeds)]
+        starts = [None if fault == surveyed_tags.LOST else each.truth[0] for each in drives]
+        found = (surveyed_tags.follow(*each, config) for each in zip(drives, starts, strict=True))
+        return [float(np.median(each.error[-len(each.error) // 4 :])) for each in found]
+
+    return measure
+
+
 CASES: dict[str, Callable[[Any, slam.EkfConfig], list[float]]] = {
     "rooms": worlds(Rooms()),
     "rooms, odometry turns": worlds(Rooms(wheels=0.01)),
     "rooms, ranges 3 % long": worlds(Rooms(stretch=1.03)),
     "robot, no labels": worlds(ROBOT, labels=False),
     "slippery, NEES": worlds(WorldConfig.slippery(), inconsistency),
+    "robot, moved": moved,
+    "surveyed tags, pushed": among_tags("pushed"),
+    "surveyed tags, unknown start": among_tags(surveyed_tags.LOST),
     "cityTrees, CPU s": recorded("citytrees/cityTrees10000.txt", cpu_seconds),
     "DLR, CPU s": recorded("dlr/dlr_3298.npz", cpu_seconds),
     **{f"MRCLAM 6.{n}": recorded("mrclam/mrclam6.npz", robot=n) for n in (1, 3)},
@@ -116,6 +139,15 @@ MECHANISMS: dict[str, Mechanism] = {
     "submaps": Mechanism(("DLR, CPU s", "cityTrees, CPU s"), {"submaps": "never"}),
     "several hypotheses": Mechanism(("robot, no labels",), {"max_hypotheses": 1}),
     "culling": Mechanism(("robot, no labels",), {"culling_ratio": None}),
+    "kidnapping test": Mechanism(("robot, moved", "surveyed tags, pushed"), {"recover": False}),
+    "labels as evidence": Mechanism(
+        ("surveyed tags, pushed",),
+        constants={"saccade.slam.landmark_evidence:MAX_LABEL_EVIDENCE": 0.0},
+    ),
+    "memory of labels": Mechanism(
+        ("surveyed tags, unknown start",),
+        constants={"saccade.slam.relocalization:LABELED_MEMORY": 10},
+    ),
 }
 """All mechanisms, by name; whoever adds one adds its row."""
 

@@ -13,6 +13,7 @@ root mean square of the poses that do not count as lost, from then on: median an
 more than four standard deviations, from the third scan with a tag on.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap
 FIELD, TAGS, STEPS, PUSH = (16.5, 8.0), 16, 600, 11.0
 STEP_SIGMA, RANGE_SIGMA, BEARING_SIGMA = np.array([0.003, 0.003, 0.003]), 0.03, 0.01
 FAULTS = ("none", "pushed", "1% wrong", "5% wrong", "moved tag", "repeated tag")
+LOST = "unknown start"
 
 
 class Drive(NamedTuple):
@@ -106,10 +108,10 @@ class Followed(NamedTuple):
     observed: BoolArray
 
 
-def follow(driven: Drive, association: str, start: FloatArray | None) -> Followed:
+def follow(driven: Drive, start: FloatArray | None, config: slam.EkfConfig) -> Followed:
     """Localizes a drive step by step."""
     known = LandmarkMap(np.arange(TAGS), driven.tags, np.tile(1e-4 * np.eye(2), (TAGS, 1, 1)))
-    config = slam.EkfConfig(association=association, start_sigma=(0.05, 0.05, 0.02))
+    config = replace(config, start_sigma=(0.05, 0.05, 0.02))
     robot = slam.Slam(config, map=known, start=start, mode="localize")
     rows, U = [], np.diag(STEP_SIGMA**2)
     for k, (z, R, labels) in enumerate(driven.scans):
@@ -143,13 +145,13 @@ def main() -> None:
     print(
         "fault         rule   runs  noticed  found  scans  worst  error  worst  sure, wrong   lost"
     )
-    for fault in (*FAULTS, "unknown start"):
+    for fault in (*FAULTS, LOST):
         for rule in ("auto", "known"):
             begin, rows = STEPS // 2 if fault == "pushed" else 0, []
             for seed in range(options.first, options.first + options.seeds):
                 driven = drive(seed, fault)
-                start = None if fault == "unknown start" else driven.truth[0]
-                found = follow(driven, rule, start)
+                start = None if fault == LOST else driven.truth[0]
+                found = follow(driven, start, slam.EkfConfig(association=rule))
                 scans, at = scans_until_found(driven, found, begin)
                 error = found.error[at:][~found.lost[at:]]
                 wrong = (found.wrong & found.observed)[np.cumsum(found.observed) > 2]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from saccade import slam
+from saccade.diagnostics import check_run
 from saccade.simulation import simulate_world
 from saccade.slam.run import slam_for
 from support.kidnapping import STEP, WORLD, kidnapped
@@ -25,6 +26,10 @@ def test_a_kidnapped_robot_is_found_and_its_map_is_kept(named, seed):
     log, clean = kidnapped(seed, named), kidnapped(seed, named, jump=0)
     result, undisturbed = slam.run(log, RECOVER), slam.run(clean, RECOVER)
     assert not undisturbed.lost.any()
+    (moved,) = (each for each in check_run(log, result) if each.check == "moved")
+    true = np.hypot(*(log.truth.pose[STEP + 1] - log.truth.pose[STEP])[:2])
+    assert moved.value == pytest.approx(true, abs=2.0)
+    assert moved.severity == "warning"
     lost = np.flatnonzero(result.lost)
     assert STEP < lost[0] < STEP + 20
     assert len(lost) < 10

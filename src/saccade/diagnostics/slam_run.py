@@ -1,6 +1,7 @@
 """Checks of a SLAM run: labels, unused observations, innovations, scale and duplicates."""
 
 from collections.abc import Iterator, Sequence
+from math import hypot
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -87,10 +88,28 @@ def _symptoms(log: LandmarkLog, result: SlamResult, known: bool) -> Iterator[Fin
         seconds = float(log.time[-1] - log.time[last])
         what = f"the run ends lost: the last {seconds:.1f} s rely on odometry alone"
         yield Finding("warning", "lost", what, advice, seconds, "s")
+    yield from _check_moved(log, result)
     yield from _check_innovations(log, result, advice, known)
     if not known:
         yield from _check_scale(log, result)
     yield from _check_duplicates(log, result, advice)
+
+
+def _check_moved(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
+    """Reports each time that the robot was lost and found again."""
+    lost = np.zeros(0, np.bool_) if result.lost is None else result.lost
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(np.int64)))
+    for first, end in edges.reshape(-1, 2).tolist():
+        if first == 0 or end == len(lost):  # an unknown start, or an end that is lost
+            continue
+        x, y = (result.filtered.pose[end] - result.filtered.pose[end - 1])[:2].tolist()
+        begin, found = (float(log.time[i] - log.time[0]) for i in (first, end))
+        what = (
+            f"the robot was moved, or its pose was wrong: from {begin:.1f} s on the observations "
+            f"contradict it, and at {found:.1f} s it was found {hypot(x, y):.1f} m away"
+        )
+        advice = "Check what happened there; the trajectory in between is uncertain"
+        yield Finding("warning", "moved", what, advice, hypot(x, y), "m")
 
 
 def _check_innovations(

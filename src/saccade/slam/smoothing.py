@@ -289,6 +289,8 @@ def _root(covariance: FloatArray, min_sigma: FloatArray | float = MIN_SIGMA) -> 
 
 def _undetermined(landmarks: LandmarkMap, measured: Measurements, at: Estimate) -> str:
     """Message with the label of the least determined landmark."""
+    if len(landmarks) == 0:
+        return "expected observations of landmarks, found none that are used"
     B = measured.observations(at).by_second
     information = np.zeros((len(at.landmark), 2, 2))
     np.add.at(information, measured.landmark, B.transpose(0, 2, 1) @ B)

@@ -14,6 +14,9 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import difference
 from saccade.types import FloatArray, IntArray
 
+ROUNDING = 1e-15
+"""Least ratio of the determinant of a covariance to the product of its variances."""
+
 
 @dataclass(frozen=True)
 class Alternatives:
@@ -135,4 +138,5 @@ class Alternative(NamedTuple):
 
 def log_determinant(C: FloatArray) -> FloatArray:
     """Logarithms of the determinants of covariances (..., 2, 2)."""
-    return np.asarray(np.log(C[..., 0, 0] * C[..., 1, 1] - C[..., 0, 1] * C[..., 1, 0]))
+    square = C[..., 0, 0] * C[..., 1, 1]
+    return np.asarray(np.log(np.maximum(square - C[..., 0, 1] * C[..., 1, 0], ROUNDING * square)))
