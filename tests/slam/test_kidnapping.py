@@ -8,7 +8,7 @@ import pytest
 from saccade import slam
 from saccade.diagnostics import check_run
 from saccade.simulation import simulate_world
-from saccade.slam.run import slam_for
+from saccade.slam.recorded_log import slam_for
 from support.kidnapping import STEP, WORLD, kidnapped
 from support.logs import between, scan_of
 

@@ -10,7 +10,7 @@ from saccade.errors import ConfigError, LogError
 from saccade.evaluation.trajectory import position_rmse
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.consistency import chi_square_band, pose_nees
-from saccade.slam.run import find_start, slam_for
+from saccade.slam.recorded_log import find_start, slam_for
 from support.circular_log import simulate
 from support.logs import between, with_observations, without_names
 

@@ -7,11 +7,12 @@ from typing import Any
 
 from saccade.cli.drive import write_results
 from saccade.cli.look import LookOptions, analyze_image
-from saccade.cli.mapping import RunOutput
 from saccade.cli.match import MatchOptions, match_images
 from saccade.cli.options import JsonOptions, OutputFolder
 from saccade.cli.output import Result, Table, print_message, progress_bar
-from saccade.cli.slam import SlamOptions, map_log
+from saccade.cli.run_output import RunOutput
+from saccade.cli.slam_options import SlamOptions
+from saccade.cli.slam_run import map_log
 from saccade.io.files import results_in
 from saccade.keypoints import Sift
 from saccade.simulation import DriveConfig

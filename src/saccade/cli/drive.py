@@ -13,8 +13,6 @@ from cyclopts import Parameter
 from saccade import visual
 from saccade.attention import attention_saliency
 from saccade.cli.mapping import (
-    SNAPSHOTS,
-    RunOutput,
     pose_table,
     run_facts,
     time_charts,
@@ -36,6 +34,7 @@ from saccade.cli.output import (
     stop_on_interrupt,
 )
 from saccade.cli.recordings import SequenceOptions, TagOptions
+from saccade.cli.run_output import SNAPSHOTS, RunOutput
 from saccade.datasets import load_drive, write_landmarks, write_table, write_tum
 from saccade.datasets.drives.writing import LiveDrive
 from saccade.diagnostics import drop_repeated

@@ -13,8 +13,6 @@ from saccade.datasets import load, load_drive
 from saccade.datasets.drives.folder import CameraOptions, parse_intrinsics
 from saccade.datasets.drives.formats import DRIVE_FORMATS
 from saccade.datasets.logs.formats import LOG_FORMATS
-from saccade.diagnostics.findings import Finding
-from saccade.diagnostics.tag_calibration import check_tags
 from saccade.errors import ConfigError, ImageError, require, setting
 from saccade.frames import Drive
 from saccade.tags import TagConfig, TagLog, observe_tags, parse_sizes
@@ -24,6 +22,8 @@ MAX_REMARKS = 5
 """Maximum number of remarks on frames that could not be read."""
 FORMAT = Parameter("--format", metavar="FORMAT")
 if TYPE_CHECKING:
+    from saccade.diagnostics.findings import Finding
+
     LogKind: TypeAlias = str
     DriveKind: TypeAlias = str
     AnyKind: TypeAlias = str
@@ -71,8 +71,10 @@ class TagRide(NamedTuple):
         except ImageError:
             return None
 
-    def findings(self, survey: LandmarkMap | None) -> tuple[Finding, ...]:
+    def findings(self, survey: LandmarkMap | None) -> "tuple[Finding, ...]":
         """Findings on tag size and camera, by the surveyed tags or the odometry."""
+        from saccade.diagnostics.tag_calibration import check_tags
+
         size = self.config.size
         one = size if isinstance(size, float) else None
         return check_tags(self.tags.log, self.tags.axis, one, survey)
