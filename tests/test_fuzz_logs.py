@@ -10,7 +10,7 @@ import pytest
 
 from saccade import slam
 from saccade.diagnostics import check_log, check_run
-from saccade.slam.run import slam_for
+from saccade.slam.recorded_log import slam_for
 from support.broken_logs import broken_log
 from support.error_checks import result_or_refusal
 from support.logs import scan_of
