@@ -27,15 +27,9 @@ from saccade.errors import ConfigError, LogError
 from saccade.evaluation.runs import lost_times, summarize_run
 from saccade.extras import import_function
 from saccade.landmark_names import name_texts
-from saccade.slam import (
-    EkfConfig,
-    Slam,
-    SlamResult,
-    dead_reckon,
-    run,
-)
+from saccade.slam import EkfConfig, Slam, SlamResult, dead_reckon
 from saccade.slam.association.rules import Pairing
-from saccade.slam.recorded_log import find_start, slam_for
+from saccade.slam.recorded_log import find_start, run, slam_for
 from saccade.types import (
     FloatArray,
     LandmarkLog,

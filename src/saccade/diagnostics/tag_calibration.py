@@ -22,7 +22,8 @@ from saccade.plane import (
     rotations,
     to_points,
 )
-from saccade.slam import EkfConfig, Slam, run
+from saccade.slam import EkfConfig, Slam
+from saccade.slam.recorded_log import run
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap
 
 STEPS = 6
