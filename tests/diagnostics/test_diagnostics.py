@@ -267,7 +267,7 @@ def test_repeated_tracks_are_dropped_and_begin_anew(drive):
     assert all(not ids[i] for i in numbers)
     assert not set.union(*ids[:20]) & set.union(*ids[20:57])
     assert "repeated frames" not in found(check_drive(repaired))
-    without_odometry = replace(repeating(drive, numbers), control=0 * drive.control)
+    without_odometry = replace(repeating(drive, numbers), has_odometry=False)
     assert drop_repeated(without_odometry).remarks == repaired.remarks
     assert drop_repeated(drive).load is drive.load
 

@@ -24,6 +24,7 @@ def filmed():
         camera=Camera(160, 120, 120.0, 120.0, 79.5, 59.5, 0.1),
         time=np.arange(n) / 10,
         control=np.zeros((n - 1, 3)),
+        has_odometry=False,
         control_covariance=np.zeros((n - 1, 3, 3)),
         load=load,
     )
