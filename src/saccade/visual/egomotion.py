@@ -102,12 +102,14 @@ def estimate_motion(
     pixel_sigma: float,
     prior: MotionEstimate | None,
     before: Camera | None = None,
+    kernel: tuple[float, ...] | None = None,
 ) -> Egomotion | None:
     """Maximum-likelihood motion of k correspondences: RANSAC, then robust Gauss-Newton.
 
     The `prior`, an expected control, is part of the estimate; with measured depths none is needed.
     `camera` is the camera in the second frame, `before` the camera in the first, if it was turned.
-    Returns None if the motion has too few inliers.
+    `kernel` are the widths of the robust kernel (see `KERNEL_WIDTHS`). Returns None if the motion
+    has too few inliers.
     """
     if len(points.previous) < MIN_INLIERS:
         return None
@@ -123,7 +125,7 @@ def estimate_motion(
     if prior is not None:
         J = robot_motion(camera, R, np.zeros(3), before).jacobian
         weight = J.T @ np.linalg.solve(with_off_plane(prior[1]), J)
-    widths = KERNEL_WIDTHS[-2:] if prior is None else KERNEL_WIDTHS
+    widths = kernel or (KERNEL_WIDTHS[-2:] if prior is None else KERNEL_WIDTHS)
     for i in range(MAX_ITERATIONS):
         offset = np.append(cv2.Rodrigues(R @ initial[0].T)[0], t - initial[1])
         width = widths[min(i, len(widths) - 1)]

@@ -19,12 +19,12 @@ from saccade.tags import Tags, TagSightings
 from saccade.types import Float32Array, Image, Keypoints
 from saccade.visual.camera import is_inside, move_pixels
 from saccade.visual.config import VisualConfig
+from saccade.visual.contradictions import StepSource, choose_motion
 from saccade.visual.depth import depth_of, depth_sigma, measure_depth, measures_depth
 from saccade.visual.egomotion import (
     Egomotion,
     MotionEstimate,
     correspondences_of,
-    estimate_motion,
 )
 from saccade.visual.optical_flow import ByteArray, PreparedFrame, prepare_frame, track_frame
 from saccade.visual.points import FIRST_ID, TrackedPoints
@@ -185,15 +185,29 @@ def track(
     tracked: TrackedPoints,
     prior: MotionEstimate,
     config: VisualConfig,
-) -> tuple[TrackedPoints, Egomotion | None]:
+    expected: MotionEstimate | None,
+    *,
+    has_odometry: bool,
+    objects_seen: bool,
+) -> tuple[TrackedPoints, Egomotion | None, StepSource]:
     """Tracks the points of the last frame that was not blank, and estimates the egomotion.
 
-    `camera` is the camera as mounted, `prior` the expected control.
+    Args:
+        camera: the camera as mounted.
+        previous: the last frame that was not blank.
+        current: the frame to track into.
+        tracked: points in `previous`.
+        prior: control from there by odometry.
+        config: the settings.
+        expected: control that the motion is compared with, see `choose_motion`.
+        has_odometry: whether `expected` is measured.
+        objects_seen: see `choose_motion`.
 
     Returns:
-        The points in `current` that agree with the motion, with depths if measured, and the motion.
-        Without a motion there are no points, since nothing verifies them.
+        The points in `current` that agree with the motion, with depths if measured; the motion; and
+        its source. Without a motion there are no points, since nothing verifies them.
     """
+    none = StepSource.ODOMETRY if has_odometry else StepSource.UNKNOWN
     before, camera = (camera.turned(each.frame.turn) for each in (previous, current))
     if current.frame.tracks is not None:
         tracks = current.frame.tracks
@@ -211,16 +225,22 @@ def track(
         tracked, xy = tracked[ok], xy[ok]
         depth, sigma = measure_depth(camera, current, xy, config, tracked.depth)
     else:
-        return TrackedPoints(), None
+        return TrackedPoints(), None, none
     has_depth = measures_depth(camera, current.frame)
     previous_depth = tracked.depth if has_depth else np.full(len(tracked), np.nan)
     points = correspondences_of(tracked.xy, xy, previous_depth, tracked.depth_sigma, depth, sigma)
-    expected = None if has_depth and current.frame.turn is None else prior
-    motion = estimate_motion(camera, points, config.pixel_sigma, expected, before)
+    motion, source = choose_motion(
+        *(camera, points, config.pixel_sigma),
+        None if has_depth and current.frame.turn is None else prior,
+        expected,
+        before,
+        has_odometry=has_odometry,
+        objects_seen=objects_seen,
+    )
     if motion is None:
-        return TrackedPoints(), None
+        return TrackedPoints(), None, source
     tracked = replace(tracked, xy=xy, depth=depth, depth_sigma=sigma)
-    return tracked[motion.inliers], motion
+    return tracked[motion.inliers], motion, source
 
 
 def extend(

@@ -59,6 +59,10 @@ class MotionEstimator:
         """The last step by odometry."""
         self.corrected_odometry = self.declared_odometry
         """The same without its estimated systematic errors."""
+        self.velocity: FloatArray | None = None
+        """(3,) last step by the camera, per second; None if unknown."""
+        self.unknown_steps = 0
+        """Number of steps since then that neither the camera nor odometry measured."""
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
         """Sets the turn of the camera in the current frame."""
@@ -79,6 +83,22 @@ class MotionEstimator:
         self.corrected_odometry = self.errors.corrected(control, self.seconds), covariance
         return self.corrected_odometry
 
+    @property
+    def expectation(self) -> MotionEstimate | None:
+        """The last step by odometry, or else by the velocity before; None if neither is known.
+
+        The covariance includes all systematic errors.
+        """
+        if self._drive.has_odometry:
+            control, covariance = self.corrected_odometry
+            J = self.errors.jacobian(control, self.seconds)
+            return control, covariance + J @ self.errors.covariance @ J.T
+        if self.velocity is None:
+            return None
+        speed, turn_rate = self._config.acceleration_sigma
+        sigma = np.array([speed, speed, turn_rate]) * self.seconds * (1 + self.unknown_steps)
+        return self.velocity * self.seconds, np.diag(np.square(sigma * self.seconds))
+
     def measured(self, motion: Egomotion | None) -> MotionEstimate:
         """The last step by the camera, or by odometry where there is no egomotion.
 
@@ -98,10 +118,25 @@ class MotionEstimator:
         """The egomotion, with a length from triangulated points where nothing measures it."""
         return motion
 
+    def step(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
+        """The control of the last step, by odometry and the egomotion, if any.
+
+        The errors of successive steps without either are those of a velocity that changes at
+        random, and add up: the k-th step counts with k times its variance, so that the sum of the
+        steps has the covariance of the integral.
+        """
+        control, covariance = self.combine(motion, points, frames)
+        if motion is not None or self._drive.has_odometry:
+            self.unknown_steps = 0
+            self.velocity = control / self.seconds if self.seconds > 0 else self.velocity
+            return control, covariance
+        self.unknown_steps += 1
+        return control, covariance * self.unknown_steps
+
     def combine(
         self, motion: Egomotion | None, points: PointPair, frames: Frames
     ) -> MotionEstimate:
-        """Combines odometry with the egomotion, if any; returns the control of the last step."""
+        """Combines odometry with the egomotion, if any."""
         return self.declared_odometry
 
     def with_depth(self, points: TrackedPoints) -> TrackedPoints:
@@ -110,6 +145,7 @@ class MotionEstimator:
 
     def restart(self) -> None:
         """Discards past motions, which do not predict the motion after a gap."""
+        self.velocity = None
 
     def constant_errors(self, pose: FloatArray) -> FloatArray:
         """Covariance (3, 3) of a pose (3,) by errors that are constant over the drive."""
@@ -167,6 +203,7 @@ class StereoMotionEstimator(MotionEstimator):
 
     def restart(self) -> None:
         """Discards all frames but the last."""
+        super().restart()
         self._window.restart()
 
     def constant_errors(self, pose: FloatArray) -> FloatArray:

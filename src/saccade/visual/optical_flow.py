@@ -34,6 +34,10 @@ VIEW_WIDTH = 40
 """Width of the reduced image by which views and brightness are compared, in pixels."""
 MIN_VIEW_HEIGHT = 12
 """Minimum height of the reduced image, in pixels."""
+MAX_VIEW_SHIFT = 0.2
+"""Maximum shift between two related views, as a fraction of their size."""
+MIN_VIEW_CORRELATION = 0.5
+"""Minimum correlation of two related views after the best shift."""
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
 """Termination of Lucas-Kanade tracking: 20 iterations, or a step of 0.02 pixels."""
 
@@ -85,6 +89,17 @@ def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
     prepared = PreparedFrame(frame, gray, right)
     _ = prepared.view  # computed where frames are read ahead
     return prepared
+
+
+def is_unrelated(previous: PreparedFrame, current: PreparedFrame) -> bool:
+    """Whether the images of two frames have nothing in common, as where one is garbled."""
+    if previous.view is None or current.view is None:
+        return False
+    height, width = previous.view.shape
+    rows, columns = round(height * MAX_VIEW_SHIFT), round(width * MAX_VIEW_SHIFT)
+    inner = previous.view[rows : height - rows, columns : width - columns]
+    correlation = cv2.matchTemplate(current.view, inner, cv2.TM_CCOEFF_NORMED)
+    return float(correlation.max()) < MIN_VIEW_CORRELATION
 
 
 def gray_bytes(image: Image) -> ByteArray:

@@ -11,21 +11,24 @@ from saccade.errors import require
 from saccade.frames import Drive, EndOfDrive, Frame
 from saccade.slam import Recorder
 from saccade.slam.consistency import normalized_squared
+from saccade.slam.filter.models import compose
 from saccade.slam.filter.predictions import PredictedObservations
 from saccade.tags import TagConfig, Tags, TagSightings
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.config import VisualConfig
+from saccade.visual.contradictions import StepSource
 from saccade.visual.depth import first_frame, measures_depth
 from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.frontend import FeatureExtractor, FrameFeatures, Prefetcher, extend, track
 from saccade.visual.gaze_control import GazeControl
 from saccade.visual.motion_errors import TOTAL_RELATIVE_SIGMA
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
-from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.optical_flow import PreparedFrame, is_unrelated
 from saccade.visual.points import RangeBearings, TrackedPoints
 from saccade.visual.reidentification import ClosureTest, count_rematches, reidentify
 from saccade.visual.relocalization import Relocalization
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
+from saccade.visual.robot_motion import camera_motion, robot_motion
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.single_camera import SingleCameraMotionEstimator
 from saccade.visual.tag_landmarks import TagLandmarks, require_tags, with_labels
@@ -37,6 +40,10 @@ new points are detected ahead of time."""
 MIN_TURN = 0.05
 """Minimum turn of a camera between two frames for an early detection, in radians."""
 
+MAX_HELD = 3
+"""Maximum number of successive frames that are left out while points are held."""
+MIN_HELD_POINTS = 20
+"""Minimum number of points that are held."""
 SLIP_GATE = 20.0
 """Largest normalized innovation squared of a tracked landmark; others slipped off theirs."""
 
@@ -124,6 +131,7 @@ class Pipeline:
         self._features = Prefetcher(self._extract, len(drive), ahead)
         self._gaze = gaze
         self._previous = self.features.frame  # the last one that was not blank
+        self._skipped = list[MotionEstimate]()  # controls since then, while its points are held
 
     def __enter__(self) -> Self:
         return self
@@ -140,14 +148,18 @@ class Pipeline:
         self.motion.turn_camera(frame.frame.turn)
         if number > 0:
             points, motion = len(self.tracked), self._move(number, frame)
+            if self._skipped and not frame.is_blank:  # the image is dropped
+                features = FrameFeatures(PreparedFrame(replace(frame.frame, image=None)))
+                frame = features.frame
             if self.relocalization.add_motion(frame, motion, points, previous_pose):
                 self.tracked = self.tracked.without_landmarks()
             features = self._detect_if_few(number, features)
         self.features, detected = features, features.detected
-        self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
+        if not self._skipped:
+            self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
         if features.tags is not None:
             self._observe_tags(number, features.tags)
-        scheduled = number % self.config.detect_interval == 0
+        scheduled = number % self.config.detect_interval == 0 and not self._skipped
         if detected is not None:
             has_descriptor = np.asarray(detected.descriptor.any(1))
             reidentified, described = TrackedPoints(), detected[has_descriptor]
@@ -197,22 +209,67 @@ class Pipeline:
         return self._extract.detect(features, number)
 
     def _move(self, number: int, frame: PreparedFrame) -> Egomotion | None:
-        """Track points into a frame, and predict its pose; returns the egomotion."""
-        expected, before, model = self.motion.predict(number), self.tracked, self.motion
-        self.tracked, motion = track(
-            self.drive.camera, self._previous, frame, before, expected, self.config
+        """Track points into a frame, and predict its pose; returns the egomotion.
+
+        The points are held over a few frames that are blank or contradict their neighbors, and
+        tracked into the next frame.
+        """
+        odometry, before, model = self.motion.predict(number), self.tracked, self.motion
+        self.tracked, motion, source = track(
+            *(self.drive.camera, self._previous, frame, before),
+            self._since_previous(odometry),
+            self.config,
+            None if model.expectation is None else self._since_previous(model.expectation),
+            has_odometry=self.drive.has_odometry,
+            objects_seen=self.log.objects_seen,
         )
+        last = before if not self._skipped else TrackedPoints()  # recorded when they were tracked
         if motion is not None:
-            motion = model.scaled(motion, before, self.tracked)
+            motion = self._since_last(model.scaled(motion, before, self.tracked))
         measured, is_bridged = model.measured(motion), motion is None and model.drift is not None
-        points, frames = (before, self.tracked), (self._previous, frame)
-        self.control = model.combine(motion, points, frames)
+        self.control = model.step(motion, (last, self.tracked), (self.features.frame, frame))
         self.log.add_motion(self.control if is_bridged else measured, model.drift)
-        self.tracked = model.with_depth(self.tracked)
+        if motion is None and self._holds(frame, before):
+            source = source if frame.is_blank else StepSource.DROPPED
+            self._skipped.append(self.control)
+            self.tracked = before
+        else:
+            self._skipped.clear()
+            self.tracked = model.with_depth(self.tracked)
+        self.log.sources.append(source)
         self.map.rescale()
         self.map.predict(number, self.control)
         self.tags.predict(self.control)
         return motion
+
+    def _since_previous(self, step: MotionEstimate) -> MotionEstimate:
+        """The control from the frame of the held points, given the last step."""
+        total, covariance = np.zeros(3), np.zeros((3, 3))
+        for control, noise in (*self._skipped, step):
+            total, Fx, Fu = compose(total, control)
+            covariance = Fx @ covariance @ Fx.T + Fu @ noise @ Fu.T
+        return total, covariance
+
+    def _since_last(self, motion: Egomotion) -> Egomotion:
+        """The egomotion from the last frame, given that from the frame of the held points."""
+        if not self._skipped:
+            return motion
+        between = self._since_previous((np.zeros(3), np.zeros((3, 3))))[0]
+        start = self.drive.camera.turned(self._previous.frame.turn)
+        last, now = self.motion.cameras
+        R, t = camera_motion(last, between, start)
+        rotation = motion.rotation @ R.T
+        translation = motion.translation - rotation @ t
+        control, off_plane, _ = robot_motion(now, rotation, translation, last)
+        return motion._replace(
+            control=control, off_plane=off_plane, rotation=rotation, translation=translation
+        )
+
+    def _holds(self, frame: PreparedFrame, points: TrackedPoints) -> bool:
+        """Whether the points of the last frame are tracked into the next frame instead."""
+        if len(self._skipped) >= MAX_HELD or len(points) < MIN_HELD_POINTS:
+            return False
+        return frame.is_blank or is_unrelated(self._previous, frame)
 
     def _update(self, number: int, kind: ObservationKind, points: TrackedPoints) -> None:
         """Observe landmarks, and update the filter."""

@@ -21,6 +21,7 @@ from saccade.types import (
     Trajectory,
     column,
 )
+from saccade.visual.contradictions import OBJECT_MEMORY, StepSource
 from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.points import RangeBearings, TrackedPoints
@@ -92,6 +93,8 @@ class VisualResult(Pictured):
     """(n,) computation times of the frames, in seconds."""
     lost: BoolArray
     """(n,) whether the robot was known to be lost after each frame."""
+    sources: IntArray
+    """(n,) `StepSource` of the step to each frame; 0 for the first."""
     calibration: CalibrationReport | None
     """Estimated calibration errors; None if no sliding window is adjusted."""
     remarks: tuple[str, ...]
@@ -115,6 +118,8 @@ class RunLog:
     drive: Drive
     remarks: list[str] = field(default_factory=list)
     missed: int = 0
+    sources: list[StepSource] = field(default_factory=lambda: [StepSource.CAMERA])
+    """Sources of the steps to the frames."""
     poses: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, bool]] = field(
         default_factory=list
     )
@@ -128,6 +133,12 @@ class RunLog:
         none = np.zeros((3, 3))
         # poses by visual odometry, and their covariances without and by the calibration
         self._visual = [(compose(self.drive.start, np.zeros(3))[0], none, none)]
+
+    @property
+    def objects_seen(self) -> bool:
+        """Whether a part of a recent image contradicted odometry."""
+        recent = self.sources[-OBJECT_MEMORY:]
+        return StepSource.PART in recent or StepSource.REJECTED in recent
 
     def add_observations(
         self,
@@ -191,6 +202,7 @@ class RunLog:
             missed=self.missed,
             frame_seconds=seconds,
             lost=lost,
+            sources=np.array(self.sources[:n], np.int64),
             calibration=motion.drift.report() if motion.drift else None,
             remarks=(*self.remarks[:MAX_REMARKS], *others, *motion.planarity.remarks()),
         )
