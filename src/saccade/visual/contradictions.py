@@ -52,6 +52,8 @@ class StepSource(IntEnum):
     """Odometry: the images determine no motion."""
     UNKNOWN = 5
     """The steps before: the images determine no motion, and there is no odometry."""
+    STILL = 7
+    """Images that do not move, of a camera without odometry."""
     DROPPED = 6
     """As `ODOMETRY` or `UNKNOWN`: the image contradicts both of its neighbors, and is dropped."""
 

@@ -61,6 +61,8 @@ class MotionEstimator:
         """The same without its estimated systematic errors."""
         self.velocity: FloatArray | None = None
         """(3,) last step by the camera, per second; None if unknown."""
+        self.is_still = False
+        """Whether a camera without odometry did not move in the last step."""
         self.unknown_steps = 0
         """Number of steps since then that neither the camera nor odometry measured."""
 
@@ -138,6 +140,11 @@ class MotionEstimator:
     ) -> MotionEstimate:
         """Combines odometry with the egomotion, if any."""
         return self.declared_odometry
+
+    @property
+    def scale_drift(self) -> float:
+        """Relative standard deviation of the present scale, where nothing measures lengths."""
+        return 0.0
 
     def with_depth(self, points: TrackedPoints) -> TrackedPoints:
         """The tracked points, with triangulated depths if the camera measures none."""

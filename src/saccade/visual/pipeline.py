@@ -32,6 +32,7 @@ from saccade.visual.robot_motion import camera_motion, robot_motion
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.single_camera import SingleCameraMotionEstimator
 from saccade.visual.tag_landmarks import TagLandmarks, require_tags, with_labels
+from saccade.visual.unscaled_camera import UnscaledCameraMotionEstimator
 from saccade.visual.visual_map import VisualMap
 
 MIN_POINTS = 0.4
@@ -112,8 +113,7 @@ class Pipeline:
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
         by_camera, found = config.egomotion == "camera", config.egomotion
         require(has_depth or by_camera, "egomotion", "camera where depth is not measured", found)
-        by_camera_estimator = StereoMotionEstimator if has_depth else SingleCameraMotionEstimator
-        self.motion = (by_camera_estimator if by_camera else MotionEstimator)(drive, config)
+        self.motion = motion_estimator(drive, has_depth, by_camera)(drive, config)
         self.map = VisualMap(drive, config, self.motion)
         self.relocalization = Relocalization(self.map, config)
         self._closures = ClosureTest(config.gate)
@@ -198,7 +198,8 @@ class Pipeline:
 
     def _detect_if_few(self, number: int, features: FrameFeatures) -> FrameFeatures:
         """Detect points ahead of time if a turning camera has lost most of its points."""
-        if features.detected is not None or features.frame.frame.turn is None:
+        is_unscaled = self.drive.scale != "metric"  # each lost point makes its scale drift
+        if features.detected is not None or (features.frame.frame.turn is None and not is_unscaled):
             return features
         before, now = (camera.rotation[:, 2] for camera in self.motion.cameras)
         turned = np.linalg.norm(now - before) > MIN_TURN
@@ -236,7 +237,9 @@ class Pipeline:
         else:
             self._skipped.clear()
             self.tracked = model.with_depth(self.tracked)
-        self.log.sources.append(source)
+        is_still = motion is not None and model.is_still
+        self.log.sources.append(StepSource.STILL if is_still else source)
+        self.log.scale_drift.append(model.scale_drift)
         self.map.rescale()
         self.map.predict(number, self.control)
         self.tags.predict(self.control)
@@ -348,6 +351,16 @@ class Pipeline:
         removed = (landmark >= 0) & (self.map.landmarks.rows(landmark) < 0)
         self.tracked = replace(self.tracked, landmark=landmark)[~removed]
         self.log.add_observations(number, ObservationKind.INITIALIZED, points, observations)
+
+
+def motion_estimator(drive: Drive, has_depth: bool, by_camera: bool) -> type[MotionEstimator]:
+    """The kind of motion estimator for a drive, whose camera measures depth or does not."""
+    if not by_camera:
+        return MotionEstimator
+    if has_depth:
+        return StereoMotionEstimator
+    is_scaled = drive.scale == "metric"
+    return SingleCameraMotionEstimator if is_scaled else UnscaledCameraMotionEstimator
 
 
 def measure_odometry(drive: Drive, second: Drive, config: VisualConfig | None = None) -> Drive:

@@ -95,6 +95,9 @@ class VisualResult(Pictured):
     """(n,) whether the robot was known to be lost after each frame."""
     sources: IntArray
     """(n,) `StepSource` of the step to each frame; 0 for the first."""
+    scale_drift: FloatArray
+    """(n,) relative standard deviations of the scale, compared with that of the first steps; 0
+    where lengths are measured."""
     calibration: CalibrationReport | None
     """Estimated calibration errors; None if no sliding window is adjusted."""
     remarks: tuple[str, ...]
@@ -120,6 +123,8 @@ class RunLog:
     missed: int = 0
     sources: list[StepSource] = field(default_factory=lambda: [StepSource.CAMERA])
     """Sources of the steps to the frames."""
+    scale_drift: list[float] = field(default_factory=lambda: [0.0])
+    """Relative standard deviations of the scale in the frames."""
     poses: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, bool]] = field(
         default_factory=list
     )
@@ -203,6 +208,7 @@ class RunLog:
             frame_seconds=seconds,
             lost=lost,
             sources=np.array(self.sources[:n], np.int64),
+            scale_drift=np.array(self.scale_drift[:n]),
             calibration=motion.drift.report() if motion.drift else None,
             remarks=(*self.remarks[:MAX_REMARKS], *others, *motion.planarity.remarks()),
         )

@@ -1,7 +1,7 @@
 """Motion of a single camera, and depths triangulated over this motion.
 
 A single camera measures no lengths. Steps have the length of odometry, with its scale corrected by
-the height of the camera above the ground; without odometry, lengths fit the triangulated depths.
+the height of the camera above the ground; see `unscaled_camera` for a camera without odometry.
 """
 
 from dataclasses import dataclass, field, replace
@@ -15,18 +15,12 @@ from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE, GroundTracker
 from saccade.visual.motion_estimator import Frames, MotionEstimator, PointPair
 from saccade.visual.points import TrackedPoints
-from saccade.visual.robot_motion import camera_motion, robot_motion
+from saccade.visual.robot_motion import camera_motion
 
 STEP_SIGMA = 0.05
 """Relative standard deviation of the length of a step."""
 MIN_PARALLAX = 1e-4
 """Minimum angle between two rays that are triangulated, in radians."""
-MIN_POINTS = 8
-"""Minimum number of triangulated points for the length of a step."""
-MAX_DEPTH_SIGMA = 0.2
-"""Maximum relative standard deviation of the depths that determine a length."""
-LENGTH_RATIOS = (0.2, 5.0)
-"""Minimum and maximum ratio of the measured and expected length of a step."""
 
 
 class SingleCameraMotionEstimator(MotionEstimator):
@@ -43,32 +37,6 @@ class SingleCameraMotionEstimator(MotionEstimator):
         """Covariance (3, 3) of a pose (3,) by the scale of the whole trajectory."""
         by_scale = self.scale_sigma * np.append(pose[:2] - self._drive.start[:2], 0.0)
         return np.outer(by_scale, by_scale)
-
-    def scaled(self, motion: Egomotion, before: TrackedPoints, after: TrackedPoints) -> Egomotion:
-        """The motion; without odometry, with the length that fits the depths of the last frame.
-
-        The length is the median over all points of known depth, weighted by their parallax. The
-        motion is unchanged if there are too few such points.
-        """
-        known = before.depth_sigma < MAX_DEPTH_SIGMA * before.depth
-        _, i, j = np.intersect1d(before.id[known], after.id, return_indices=True)
-        if self._drive.scale != "held" or len(i) < MIN_POINTS:
-            return motion
-        earlier, camera = self.cameras
-        points, depth = before[known].xy[i].astype(np.float64), before[known].depth[i]
-        rotated = (directions(camera, points) * depth[:, None]) @ motion.rotation.T
-        rays = directions(camera, after.xy[j].astype(np.float64))
-        offset, slope = np.cross(rays, rotated), np.cross(rays, motion.translation)
-        squared = np.maximum(np.square(slope).sum(1), 1e-12)
-        factor = -(offset * slope).sum(1) / squared
-        order, weight = np.argsort(factor), np.sqrt(squared) / depth
-        total = np.cumsum(weight[order])
-        median = float(factor[order[np.searchsorted(total, total[-1] / 2)]])
-        if median <= 0:
-            return motion
-        translation = motion.translation * np.clip(median, *LENGTH_RATIOS)
-        control, off_plane, _ = robot_motion(camera, motion.rotation, translation, earlier)
-        return motion._replace(control=control, off_plane=off_plane, translation=translation)
 
     def combine(
         self, motion: Egomotion | None, points: PointPair, frames: Frames
