@@ -202,6 +202,7 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
         "sequence": drive.name,
         "frames": n,
         "estimate": result.estimate,
+        "alignment": "SE2" if drive.scale == "metric" else "Sim2, with scale",
         **_errors(drive, result.trajectory),
         "filtered": _errors(drive, result.filtered),
         "odometry": _errors(drive, result.odometry if drive.has_odometry else None),
@@ -221,5 +222,6 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
 def _errors(drive: Drive, estimate: Trajectory | None) -> dict[str, float | None]:
     if drive.truth is None or estimate is None:
         return dict.fromkeys(field.name for field in fields(DriveScore))
-    score = asdict(score_drive(estimate, drive.truth, start_known=drive.start_known))
+    known = {"start_known": drive.start_known, "scale_known": drive.scale == "metric"}
+    score = asdict(score_drive(estimate, drive.truth, **known))
     return {name: none_if_nan(value) for name, value in score.items()}

@@ -4,7 +4,7 @@ Absolute and relative errors are those of Sturm, Engelhard, Endres, Burgard & Cr
 reads `trajectory.tum` and computes them in space.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import NamedTuple
 
@@ -158,9 +158,17 @@ class DriveScore:
     inside_3sigma: float
     """Fraction of frames with the true position inside the 99.7 % ellipse; NaN without
     covariances."""
+    alignment_scale: float = 1.0
+    """Scale of the alignment; 1 where the scale of the estimate is known."""
 
 
-def score_drive(estimate: Trajectory, truth: Trajectory, *, start_known: bool = True) -> DriveScore:
+def score_drive(
+    estimate: Trajectory,
+    truth: Trajectory,
+    *,
+    start_known: bool = True,
+    scale_known: bool = True,
+) -> DriveScore:
     """Compares poses with interpolated ground truth, where available (`Trajectory.covers`).
 
     Args:
@@ -168,7 +176,17 @@ def score_drive(estimate: Trajectory, truth: Trajectory, *, start_known: bool = 
         truth: true poses in the same frame.
         start_known: whether the estimate starts at the true pose; otherwise errors without
             alignment are NaN.
+        scale_known: whether the estimate is in meters; otherwise it is aligned with scale (Sim3),
+            and errors without alignment are NaN.
     """
+    scale = 1.0
+    if not scale_known:
+        time = common_times(estimate, truth)
+        if len(time) >= 2:
+            points, true = (each.interpolate(time)[:, :2] for each in (estimate, truth))
+            scale = umeyama(points, true, with_scale=True).scale
+        estimate = replace(estimate, pose=estimate.pose * (scale, scale, 1.0), covariance=None)
+        start_known = False
     true_pose = truth.at(estimate.time)
     covered = truth.covers(estimate.time)
     error = estimate.pose[:, :2] - true_pose[:, :2]
@@ -191,6 +209,7 @@ def score_drive(estimate: Trajectory, truth: Trajectory, *, start_known: bool = 
         rpe_m=root_mean_square(np.hypot(*(step - true_step)[:, :2].T)),
         end_m=end,
         inside_3sigma=inside,
+        alignment_scale=scale,
     )
 
 

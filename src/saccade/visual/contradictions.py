@@ -24,7 +24,8 @@ GRID = (8, 6)
 MIN_EXPLAINED = 0.7
 """Minimum fraction of the cells with points that a motion explains if it contradicts odometry."""
 MIN_PART = 0.15
-"""Minimum fraction of the cells with points in the part of an image that agrees with odometry."""
+"""Minimum fraction of the points, and of the cells with points, in the part of an image that agrees
+with odometry."""
 MIN_PART_POINTS = 12
 """Minimum number of points in this part."""
 MIN_EXCLUSIVE = 8
@@ -113,7 +114,7 @@ def is_large(
     Some of them, `exclusive` (k,), must contradict the motion of the others: far points agree with
     any translation.
     """
-    enough = np.count_nonzero(inliers) >= MIN_PART_POINTS
+    enough = np.count_nonzero(inliers) >= max(MIN_PART_POINTS, MIN_PART * len(inliers))
     enough = enough and np.count_nonzero(exclusive) >= MIN_EXCLUSIVE
     return bool(enough and explained(camera, points, inliers) >= MIN_PART)
 

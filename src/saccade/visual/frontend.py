@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from saccade.attention.contrast import contrast_saliency
 from saccade.errors import ImageError
-from saccade.frames import Camera, Drive, Frame
+from saccade.frames import Camera, Drive, EndOfDrive, Frame
 from saccade.keypoints.sift import Sift
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.tags import Tags, TagSightings
@@ -153,6 +153,14 @@ class Prefetcher:
             if i not in self._pending:
                 self._pending[i] = self._thread.submit(self._compute, i)
         return self._pending.pop(number).result()
+
+    def ahead(self, number: int) -> Iterator[FrameFeatures]:
+        """The frames after a number that are computed in advance, up to the end of the drive."""
+        for i in range(number + 1, min(number + 1 + self._ahead, self._count)):
+            try:
+                yield self._pending[i].result()
+            except EndOfDrive:
+                return
 
     def __enter__(self) -> Self:
         return self

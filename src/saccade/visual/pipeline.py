@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 from time import perf_counter
 from typing import Self
 
@@ -230,7 +231,7 @@ class Pipeline:
         measured, is_bridged = model.measured(motion), motion is None and model.drift is not None
         self.control = model.step(motion, (last, self.tracked), (self.features.frame, frame))
         self.log.add_motion(self.control if is_bridged else measured, model.drift)
-        if motion is None and self._holds(frame, before):
+        if motion is None and self._holds(number, frame, before):
             source = source if frame.is_blank else StepSource.DROPPED
             self._skipped.append(self.control)
             self.tracked = before
@@ -268,11 +269,20 @@ class Pipeline:
             control=control, off_plane=off_plane, rotation=rotation, translation=translation
         )
 
-    def _holds(self, frame: PreparedFrame, points: TrackedPoints) -> bool:
-        """Whether the points of the last frame are tracked into the next frame instead."""
-        if len(self._skipped) >= MAX_HELD or len(points) < MIN_HELD_POINTS:
+    def _holds(self, number: int, frame: PreparedFrame, points: TrackedPoints) -> bool:
+        """Whether the points of the last frame are tracked into the next frame instead.
+
+        An image is left out if it contradicts the images before and after, which are related.
+        """
+        left = MAX_HELD - len(self._skipped)
+        if left <= 0 or len(points) < MIN_HELD_POINTS:
             return False
-        return frame.is_blank or is_unrelated(self._previous, frame)
+        if frame.is_blank or not is_unrelated(self._previous, frame):
+            return frame.is_blank
+        return any(
+            not each.frame.is_blank and not is_unrelated(self._previous, each.frame)
+            for each in islice(self._features.ahead(number), left)
+        )
 
     def _update(self, number: int, kind: ObservationKind, points: TrackedPoints) -> None:
         """Observe landmarks, and update the filter."""

@@ -1,0 +1,113 @@
+"""Findings on a mapped drive: where neither images nor odometry determined its motion or scale."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from saccade.diagnostics.findings import Finding, counted
+from saccade.frames import Drive
+from saccade.types import BoolArray
+from saccade.visual import VisualResult
+from saccade.visual.contradictions import StepSource
+
+MIN_SECONDS = 0.5
+"""Minimum duration without images that determine the motion, in seconds."""
+MIN_FRACTION = 0.05
+"""Minimum fraction of such steps in a drive, if all of them are short."""
+MIN_CONTRADICTIONS = 0.02
+"""Minimum fraction of steps in which images and odometry contradict each other."""
+MAX_SCALE_DRIFT = 0.1
+"""Maximum relative standard deviation of a scale that is held."""
+MIN_INSIDE = 0.9
+"""Minimum fraction of true positions inside the 99.7 % ellipses."""
+STANDING = 0.95
+"""Minimum fraction of steps of a camera that does not move."""
+
+
+def check_mapping(drive: Drive, result: VisualResult, inside: float | None) -> Iterator[Finding]:
+    """Findings on a run.
+
+    Args:
+        drive: the drive.
+        result: its map and trajectory.
+        inside: fraction of true positions inside the 99.7 % ellipses; None without truth.
+    """
+    sources = result.sources
+    dropped = sources == StepSource.DROPPED
+    if dropped.any():
+        what = f"{counted(int(dropped.sum()), 'image contradicts', 'images contradict')} "
+        what += "the images before and after"
+        advice = "They are left out; check the recording for garbled frames"
+        yield Finding.in_frames("warning", "dropped frames", what, advice, np.flatnonzero(dropped))
+    blind = np.isin(sources, (StepSource.ODOMETRY, StepSource.UNKNOWN)) | dropped
+    yield from _check_blind(drive, blind)
+    if drive.has_odometry:
+        yield from _check_contradictions(drive, result)
+    yield from _check_standstill(drive, result)
+    drift = float(result.scale_drift.max(initial=0.0))
+    if drift > MAX_SCALE_DRIFT:
+        first = int(np.argmax(result.scale_drift > MAX_SCALE_DRIFT))
+        seconds = float(drive.time[first] - drive.time[0])
+        what = (
+            f"the scale is not held: after {seconds:.1f} s its standard deviation exceeds "
+            f"{100 * MAX_SCALE_DRIFT:.0f} %, at the end it is {100 * result.scale_drift[-1]:.0f} %"
+        )
+        advice = "Turn more slowly, at a higher frame rate; odometry or stereo measures the scale"
+        yield Finding("warning", "scale drift", what, advice, 100 * drift, "%")
+    if inside is not None and inside < MIN_INSIDE:
+        what = f"only {100 * inside:.0f} % of the true positions are inside the 99.7 % ellipses"
+        advice = "The covariances are too small, or the truth belongs to another drive or clock"
+        yield Finding("warning", "ellipses", what, advice, 100 * inside, "%")
+
+
+def _check_blind(drive: Drive, blind: BoolArray) -> Iterator[Finding]:
+    """Steps whose motion the images do not determine."""
+    duration = np.append(0.0, np.diff(drive.time))[: len(blind)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], blind, [False]])))
+    spans = [float(duration[a:b].sum()) for a, b in edges.reshape(-1, 2)]
+    longest = max(spans, default=0.0)
+    fraction = float(blind[1:].mean()) if len(blind) > 1 else 0.0
+    if longest < MIN_SECONDS and fraction < MIN_FRACTION:
+        return
+    name, rest = "motion unknown", "there is no odometry: the last speed is assumed to go on"
+    advice = "Check for a covered lens, blank walls, or a focal length that is wrong"
+    if drive.has_odometry:
+        name, rest = "motion by odometry", "odometry alone bridges them"
+    what = (
+        f"the images do not determine the motion for {sum(spans):.1f} s, {longest:.1f} s at a "
+        f"time, and {rest}"
+    )
+    numbers = tuple(np.flatnonzero(blind).tolist())
+    yield Finding("warning", name, what, advice, sum(spans), "s", numbers)
+
+
+def _check_contradictions(drive: Drive, result: VisualResult) -> Iterator[Finding]:
+    """Steps in which images and odometry contradict each other."""
+    part = np.isin(result.sources, (StepSource.PART, StepSource.REJECTED))
+    if part.mean() > MIN_CONTRADICTIONS:
+        what = (
+            f"a part of the image contradicts odometry in {100 * part.mean():.0f} % of the steps: "
+            "something moves in it, such as a vehicle ahead"
+        )
+        advice = "Only what agrees with odometry is used there"
+        numbers = np.flatnonzero(part)
+        yield Finding.in_frames("warning", "moving objects", what, advice, numbers)
+    contradicted = result.sources == StepSource.CONTRADICTED
+    if contradicted.mean() > MIN_CONTRADICTIONS:
+        what = f"images and odometry contradict each other in {100 * contradicted.mean():.0f} % "
+        what += "of the steps, and the images are used"
+        advice = "Check for slipping wheels, the clocks, the axes and the focal length"
+        numbers = np.flatnonzero(contradicted)
+        yield Finding.in_frames("warning", "contradiction", what, advice, numbers)
+
+
+def _check_standstill(drive: Drive, result: VisualResult) -> Iterator[Finding]:
+    """A camera that does not move, or not all the time."""
+    still = result.sources[1:] == StepSource.STILL
+    if drive.has_odometry:
+        still = ~drive.control[: len(still)].any(1)
+    if len(still) and still.mean() > STANDING:
+        by = "odometry" if drive.has_odometry else "the images"
+        what = f"the camera does not move, by {by}: there is no trajectory"
+        advice = "Without motion a single camera maps no landmarks"
+        yield Finding("warning", "no motion", what, advice, 100 * float(still.mean()), "%")
