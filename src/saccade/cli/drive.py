@@ -37,7 +37,7 @@ from saccade.cli.recordings import SequenceOptions, TagOptions
 from saccade.cli.run_output import SNAPSHOTS, RunOutput
 from saccade.datasets import load_drive, write_landmarks, write_table, write_tum
 from saccade.datasets.drives.writing import LiveDrive
-from saccade.diagnostics import Finding, check_drive, check_mapping, drop_repeated
+from saccade.diagnostics import drop_repeated, mapping_findings
 from saccade.errors import ImageError, setting
 from saccade.evaluation.runs import summarize_drive
 from saccade.evaluation.trajectory import coverage_remarks
@@ -230,7 +230,7 @@ def write_results(
         frames = film_frames(drive, snapshots, result)
         files |= write_film(out / "drive.mp4", frames, len(snapshots), progress)
     summary = summarize_drive(drive, result)
-    findings = run_findings(drive, result, summary["inside_3sigma"])
+    findings = mapping_findings(drive, result, summary["inside_3sigma"])
     return write_run(
         out,
         f"saccade drive: {drive.name}",
@@ -253,19 +253,6 @@ def write_results(
         },
         report,
     )
-
-
-CHECKED_FRAMES = 80
-"""Number of images that are checked after a drive is mapped."""
-
-
-def run_findings(drive: Drive, result: VisualResult, inside: float | None) -> list[Finding]:
-    """Errors and warnings of the run and of `saccade check`, each in one sentence."""
-    found = [*check_mapping(drive, result, inside)]
-    if len(drive) > 1:
-        found += check_drive(drive, CHECKED_FRAMES).findings
-    remarks = {*drive.remarks}
-    return [each for each in found if each.severity != "note" and each.what not in remarks]
 
 
 def write_figure(output: RunOutput, drive: Drive, result: VisualResult) -> dict[str, Path]:

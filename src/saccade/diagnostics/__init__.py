@@ -1,7 +1,7 @@
 """Diagnostics of camera drives, landmark logs and SLAM runs."""
 
 from saccade.diagnostics.checks import check_drive
-from saccade.diagnostics.drive_run import check_mapping
+from saccade.diagnostics.drive_run import mapping_findings
 from saccade.diagnostics.findings import CheckReport, Finding
 from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.recording import drop_repeated
@@ -12,7 +12,7 @@ __all__ = [
     "Finding",
     "check_drive",
     "check_log",
-    "check_mapping",
     "check_run",
     "drop_repeated",
+    "mapping_findings",
 ]

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from saccade.diagnostics.checks import check_drive
 from saccade.diagnostics.findings import Finding, counted
 from saccade.frames import Drive
 from saccade.types import BoolArray
@@ -22,6 +23,17 @@ MIN_INSIDE = 0.9
 """Minimum fraction of true positions inside the 99.7 % ellipses."""
 STANDING = 0.95
 """Minimum fraction of steps of a camera that does not move."""
+
+CHECKED_FRAMES = 80
+"""Number of images that are checked after a drive is mapped."""
+
+
+def mapping_findings(drive: Drive, result: VisualResult, inside: float | None) -> list[Finding]:
+    """Errors and warnings of a mapped drive and of `check_drive`; see `check_mapping`."""
+    found = [*check_mapping(drive, result, inside)]
+    if len(drive) > 1:
+        found += check_drive(drive, CHECKED_FRAMES).findings
+    return [each for each in found if each.severity != "note" and each.what not in drive.remarks]
 
 
 def check_mapping(drive: Drive, result: VisualResult, inside: float | None) -> Iterator[Finding]:
