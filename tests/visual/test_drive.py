@@ -17,6 +17,7 @@ from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.models import wrap
 from saccade.visual import VisualConfig
+from saccade.visual.contradictions import StepSource
 from support.short_ring import short_ring
 
 FRAMES = 48
@@ -102,16 +103,21 @@ def test_the_map_keeps_to_its_budget(drive):
     assert (np.diff(few.map.id) > 0).all()
 
 
-def test_blank_frames_are_bridged_and_enlarge_the_covariance(drive, mapped):
+def test_blank_and_garbled_frames_are_bridged(drive, mapped, rng):
     def hidden(number, frame):
         if number in (9, 10, 11):
             return replace(frame, image=np.zeros_like(frame.image), right=None)
         if number == 20:
             raise ImageError("20.png: cannot be read: no such file")
+        if number == 30:
+            pixels = rng.integers(0, 256, frame.image.shape, np.uint8)
+            return replace(frame, image=pixels, right=pixels)
         return frame
 
     result = visual.run(changed(drive, hidden))
     assert len(result.trajectory) == len(drive)
+    assert np.flatnonzero(result.sources == StepSource.DROPPED).tolist() == [30]
+    assert not result.lost.any()
     assert result.remarks == ("20.png: cannot be read: no such file",)
     spread = np.linalg.det(result.filtered.covariance[:, :2, :2])
     assert spread[11] > 1.2 * np.linalg.det(mapped.filtered.covariance[11, :2, :2])

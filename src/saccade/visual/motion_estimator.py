@@ -123,9 +123,10 @@ class MotionEstimator:
     def step(self, motion: Egomotion | None, points: PointPair, frames: Frames) -> MotionEstimate:
         """The control of the last step, by odometry and the egomotion, if any.
 
-        The errors of successive steps without either are those of a velocity that changes at
-        random, and add up: the k-th step counts with k times its variance, so that the sum of the
-        steps has the covariance of the integral.
+        The errors of successive steps without either are not independent, and add up: those of a
+        velocity that changes at random, by which the k-th step counts with k times its variance;
+        and those of a constant acceleration a, of which k steps of t seconds have the variance
+        (a t^2 k^2 / 2)^2, k^3 times that of one step more than before.
         """
         control, covariance = self.combine(motion, points, frames)
         if motion is not None or self._drive.has_odometry:
@@ -133,7 +134,9 @@ class MotionEstimator:
             self.velocity = control / self.seconds if self.seconds > 0 else self.velocity
             return control, covariance
         self.unknown_steps += 1
-        return control, covariance * self.unknown_steps
+        k, (speed, turn_rate) = self.unknown_steps, self._config.acceleration_sigma
+        by_acceleration = np.array([speed, speed / 4, turn_rate]) * self.seconds**2
+        return control, covariance * k + np.diag(np.square(by_acceleration)) * k**3
 
     def combine(
         self, motion: Egomotion | None, points: PointPair, frames: Frames
