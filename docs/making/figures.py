@@ -18,7 +18,8 @@ from saccade import datasets, slam, viewing
 from saccade.attention.normalize import normalize
 from saccade.frames import Frame
 from saccade.scale.pyramid import halve
-from saccade.simulation import DriveConfig, LightConfig, simulate_drive
+from saccade.simulation import DriveConfig, LightConfig, simulate_drive, tag_layout
+from saccade.tags import TagConfig, Tags, observe_tags
 from saccade.viewing.attention import draw_scanpath
 from saccade.viewing.charts import Chart, innovation_charts, uncertainty_charts
 from saccade.viewing.keypoints import draw_keypoints
@@ -349,6 +350,33 @@ def _ring(config: DriveConfig, **changed: object) -> Frame:
     return simulate_drive(replace(config, **changed), seed=3).load(140)
 
 
+def tags() -> Figure:
+    """An image of a hall with tags, and the map of the tags."""
+    config = replace(DriveConfig.hall(), tags=6, image_size=(480, 360), color=True)
+    drive, seen = simulate_drive(config, seed=3), TagConfig(size=0.4)
+    log = observe_tags(drive, seen).log
+    run, layout = slam.run(log), tag_layout(config, 3)
+    image = drive.load(60).image
+    figure = Figure((9.6, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.imshow(image)
+    found = Tags(seen)(image, drive.camera)
+    for label, corners, z in zip(found.labels, found.corners, found.z, strict=True):
+        left.plot(*np.vstack([corners, corners[:1]]).T, color=ORANGE, linewidth=2)
+        text = f"{label.partition(':')[2]}: {z[0]:.2f} m"
+        left.annotate(text, corners.min(0) - (0, 14), color="black", va="bottom", fontsize=10)
+    picture_axes(left, "tags and their ranges")
+    right.plot(*run.dead_reckoning.pose[:, :2].T, color=GRAY, linewidth=0.9, label="odometry")
+    right.plot(*run.trajectory.pose[:, :2].T, color=BLUE, linewidth=1.2, label="estimate")
+    right.plot(*layout.xy.T, "o", color=GREEN, markersize=10, fillstyle="none", label="true tags")
+    right.plot(*run.map.xy.T, ".", color="black", label="tags of the map")
+    right.set_aspect("equal")
+    right.set_xlabel("x [m]")
+    right.set_ylabel("y [m]")
+    right.legend(fontsize=8, loc="center")
+    return figure
+
+
 PAGES: "dict[str, Callable[[], Figure]]" = {
     "pyramid": pyramid,
     "attention-steps": attention_steps,
@@ -363,5 +391,6 @@ PAGES: "dict[str, Callable[[], Figure]]" = {
     "park": park,
     "innovations": innovations,
     "simulated-frames": simulated_frames,
+    "tags": tags,
 }
 """Figures by file name."""

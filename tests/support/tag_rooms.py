@@ -4,13 +4,13 @@ A camera on a robot films a convex room. Surfaces and tags are warped at several
 distorted by OpenCV's model of a lens, averaged, blurred, and given noise.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
 
-from saccade.frames import AHEAD
+from saccade.frames import AHEAD, Camera, CameraTurn, Drive, Frame
 from saccade.types import LandmarkMap, Trajectory
 
 SAMPLES = 3
@@ -276,8 +276,18 @@ class Room:
     def painter(self):
         return Painter(self.lens)
 
+    @cached_property
+    def images(self):
+        """Rendered images by number."""
+        return {}
+
     def image(self, number):
-        """Image of a frame."""
+        """Image of a frame, rendered once."""
+        if number not in self.images:
+            self.images[number] = self._rendered(number)
+        return self.images[number]
+
+    def _rendered(self, number):
         turn = self.pan[number] if self.pan else 0.0
         c, s = np.cos(turn), np.sin(turn)
         rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ self.rotation
@@ -352,3 +362,53 @@ def save_room(room, folder, frames=None, odometry=True):
         np.savetxt(folder / "gaze.csv", turns, "%.9f", ",", header=header, comments="")
     for i in range(n):
         cv2.imwrite(str(folder / "images" / f"{i:06d}.png"), room.image(i))
+
+
+def camera_of(room):
+    """The camera of a room, with its lens."""
+    return Camera.from_matrix(
+        room.lens.matrix,
+        room.lens.size,
+        distortion=room.lens.distortion,
+        position=np.array(room.position),
+        rotation=np.asarray(room.rotation),
+    )
+
+
+def drive_of(room, camera=None):
+    """The drive of a room for `observe_tags`, with images as recorded, rendered when loaded."""
+    control, covariance = room.odometry
+
+    def load(number):
+        turn = CameraTurn(room.pan[number]) if room.pan else None
+        return Frame(room.truth.time[number], image=room.image(number), turn=turn)
+
+    return Drive(
+        name=f"room {room.seed}",
+        camera=camera or camera_of(room),
+        time=room.truth.time,
+        control=control,
+        control_covariance=covariance,
+        load=load,
+        start=room.poses[0],
+        truth=room.truth,
+    )
+
+
+def carried(log, last, first):
+    """A log whose robot is carried from pose `last` to pose `first`, unknown to its odometry."""
+    kept = np.r_[0 : last + 1, first : len(log.time)]
+    seen = np.isin(log.observation_pose, kept)
+    steps = np.r_[0:last, last, first : len(log.control)]
+    time = log.time[: len(kept)]
+    return replace(
+        log,
+        time=time,
+        control=log.control[steps],
+        control_covariance=log.control_covariance[steps],
+        observation_pose=np.searchsorted(kept, log.observation_pose[seen]),
+        observation=log.observation[seen],
+        observation_covariance=log.observation_covariance[seen],
+        landmark=log.landmark[seen],
+        truth=Trajectory(time, log.truth.pose[kept]),
+    )

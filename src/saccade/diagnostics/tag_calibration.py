@@ -2,7 +2,7 @@
 
 Poses, errors of the odometry and errors of the calibration are estimated jointly, by sparse least
 squares over the observations of tags and the odometry. Tags at surveyed positions determine all;
-without a survey the positions are estimated too, and odometry alone tells the scale.
+without a survey the positions are estimated too, and the scale follows from the odometry.
 """
 
 from collections.abc import Iterator

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from saccade.frames import Camera, directions
 from saccade.types import BoolArray, FloatArray
 
-SHARED_SIGMA = 0.025
+SHARED_SIGMA = 0.02
 """Standard deviation in pixels of a corner of a large, sharp tag."""
-BLUR_FACTOR = 1.0
+BLUR_FACTOR = 0.7
 """Standard deviation in pixels of a corner of a tag whose cells are as wide as its blur."""
 POINTS = 16
 """Number of positions along a side at which its edge is located."""
@@ -28,7 +29,9 @@ MAX_CORRECTION = 3.0
 """Maximum distance between a corner as detected and as refined, in pixels."""
 
 
-def refined_corners(gray: Any, corners: FloatArray, cells: int) -> tuple[FloatArray, FloatArray]:
+def refined_corners(
+    gray: Any, corners: FloatArray, cells: int, camera: Camera | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Corners (k, 4, 2) of tags to a fraction of a pixel, and their standard deviations (k,).
 
     A line is fitted to the edge on each side; the corners are the intersections.
@@ -37,10 +40,11 @@ def refined_corners(gray: Any, corners: FloatArray, cells: int) -> tuple[FloatAr
         gray: (H, W) gray levels.
         corners: as detected.
         cells: number of cells along a side.
+        camera: whose lens bends the sides of tags; None for a lens without distortion.
     """
-    found = corners
+    found, bent = corners, camera if camera is not None and camera.is_distorted else None
     for _ in range(2):
-        found, noise, blur = _intersect_edges(gray, found, cells)
+        found, noise, blur = _intersect_edges(gray, found, cells, bent)
         apart = np.linalg.norm(found - corners, axis=2).max(1)
         found = np.where((apart <= MAX_CORRECTION)[:, None, None], found, corners)
     narrow = _side_widths(found).min(1) / cells  # pixels, of the smallest cell
@@ -59,15 +63,13 @@ def _side_widths(corners: FloatArray) -> FloatArray:
 
 
 def _intersect_edges(
-    gray: Any, corners: FloatArray, cells: int
+    gray: Any, corners: FloatArray, cells: int, camera: Camera | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Intersections (k, 4, 2) of the lines along the sides of tags with given corners (k, 4, 2).
 
     Also (k,) the standard deviation of the lines by their residuals, and (k,) the blur, in pixels.
     """
-    along = np.roll(corners, -1, 1) - corners  # (k, 4, 2), clockwise in the image
-    length = np.maximum(np.linalg.norm(along, axis=2), 1e-9)
-    outward = np.stack([along[..., 1], -along[..., 0]], -1) / length[..., None]
+    along, length, outward = _sides(corners)
     half = np.clip(0.9 * _side_widths(corners).min(1) / cells, *HALF_WIDTH)  # (k,)
     fraction = np.linspace(ENDS, 1 - ENDS, POINTS)
     offset = np.linspace(-1, 1, PROFILE) * half[:, None]  # (k, m)
@@ -80,6 +82,12 @@ def _intersect_edges(
     step = slope.sum(-1)
     edge = (slope * middle).sum(-1) / np.maximum(step, 1e-9)  # (k, 4, n)
     variance = (slope * np.square(middle - edge[..., None])).sum(-1) / np.maximum(step, 1e-9)
+    if camera is not None:  # its sides are straight without distortion
+        at_edge = points + edge[..., None] * outward[:, :, None]
+        corners = _undistorted(camera, corners)
+        along, length, outward = _sides(corners)
+        offset = _undistorted(camera, at_edge) - corners[:, :, None]
+        edge = np.nan_to_num((offset * outward[:, :, None]).sum(-1))
     line, spread = _fitted_lines(fraction, edge, step > MIN_STEP)
     independent = np.clip((1 - 2 * ENDS) * length, 3, POINTS)
     shift = line @ np.array([[1.0, 1.0], [0.0, 1.0]])  # offsets at both ends
@@ -90,11 +98,27 @@ def _intersect_edges(
     with np.errstate(divide="ignore", invalid="ignore"):
         position = cross(before - first, other) / cross(direction, other)
     found = first + position[..., None] * direction
+    found = np.where(np.isfinite(found), found, corners)
+    if camera is not None:
+        rays = directions(camera.undistorted, found.reshape(-1, 2))
+        found = camera.project(rays).reshape(found.shape)
     return (
-        np.where(np.isfinite(found), found, corners),
+        found,
         np.sqrt((4 * spread / independent).mean(1)),
         np.sqrt(np.median(variance, axis=2).mean(1)),
     )
+
+
+def _sides(corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Vectors (k, 4, 2) along the sides, clockwise; lengths (k, 4); outward normals (k, 4, 2)."""
+    along = np.roll(corners, -1, 1) - corners
+    length = np.maximum(np.linalg.norm(along, axis=2), 1e-9)
+    return along, length, np.stack([along[..., 1], -along[..., 0]], -1) / length[..., None]
+
+
+def _undistorted(camera: Camera, xy: FloatArray) -> FloatArray:
+    """Pixels (..., 2) of the camera without distortion."""
+    return camera.undistort(xy.reshape(-1, 2)).reshape(xy.shape)
 
 
 def _sampled(gray: Any, xy: FloatArray) -> FloatArray:

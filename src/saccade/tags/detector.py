@@ -121,7 +121,7 @@ class Tags:
         else:
             corners = (np.array(found, np.float64).reshape(-1, 4, 2) + 0.5) / scale - 0.5
             order = np.argsort(np.asarray(ids).ravel(), kind="stable")
-            corners, sigma = refined_corners(gray, corners[order], self._cells)
+            corners, sigma = refined_corners(gray, corners[order], self._cells, camera)
             id_ = np.asarray(ids, np.int64).ravel()[order]
             seen = TagSightings(id_, self.config.family, corners, sigma)
         return seen if camera is None or self.config.size is None else self._located(seen, camera)
