@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from saccade.plane import in_robot_frame, rotations
-from saccade.slam.filter.models import observe, wrap
-from saccade.slam.relocalization import Relocalizer
+from saccade.slam.filter.models import wrap
+from saccade.slam.relocalization import locate
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MIN_EXPECTED = 8.0
@@ -22,6 +22,11 @@ RARE = 0.75
 """Largest fraction of its expected observations for a landmark that may be a duplicate."""
 MAX_RARE = 0.15
 """Largest fraction of landmarks that may be duplicates in a right map."""
+MAX_FEW = 2
+"""Largest number of landmarks that may be duplicates in a right map, however few are judged."""
+MIN_TOGETHER = 0.1
+"""Least fraction of their stretches with both of two landmarks that may be confused; a landmark
+that is in the map twice is observed as one or the other."""
 FIRST = 80
 """Number of observations at the beginning, most of which a right map uses."""
 MAX_UNUSED = 0.4
@@ -66,7 +71,8 @@ def map_warning(
     if complete.all():
         again = reobserved(log, trajectory.pose, found.xy, association)
         rare = np.sum(again <= RARE)
-        if (again <= MISSED).any() or rare > MAX_RARE * np.isfinite(again).sum():
+        many = rare > max(MAX_RARE * np.isfinite(again).sum(), MAX_FEW)
+        if (again <= MISSED).any() or many:
             reasons.append(f"{rare} of {len(again)} landmarks are missing where the robot returns")
     pairs, copied = copied_landmarks(log, found.xy, association)
     if copied > MIN_COPIED and pairs >= MIN_PAIRS:
@@ -84,7 +90,9 @@ def reobserved(
 
     Every observation has a range and a bearing. The scans of a short stretch count as one. A
     landmark is expected there if it is in the field of view and was observed from another stretch
-    nearby, so that no wall hides it; how often, depends on its detection rate within a visit.
+    nearby, so that no wall hides it; how often, depends on its detection rate within a visit. It
+    counts as observed, too, where a landmark beside it is, as close as a stretch is long, if both
+    are observed together at times: the two may be confused, which moves the map by no more.
 
     Returns:
         (n,) along poses (t + 1, 3); NaN for a landmark that is expected too rarely.
@@ -115,10 +123,15 @@ def reobserved(
     in_view &= (bearing > right) & (bearing < left) | (left - right > ALL_AROUND)
     pairs = cKDTree(pose[middle, :2]).query_pairs(near, output_type="ndarray")
     distance = np.abs(np.diff(traveled[middle][pairs], axis=1)[:, 0])
+    either = seen.copy()
+    for i, j in cKDTree(xy).query_pairs(length):
+        together = np.count_nonzero(seen[:, i] & seen[:, j])
+        if together > MIN_TOGETHER * min(seen[:, i].sum(), seen[:, j].sum()):
+            either[:, [i, j]] |= seen[:, [j, i]]
     within = in_view & _seen_nearby(seen, pairs[distance <= 2 * near])
     later = in_view & _seen_nearby(seen, pairs[distance > reach])
-    rate = (seen & within).sum(0) / np.maximum(within.sum(0), 1)  # of each landmark in a visit
-    expected, again = (later * rate).sum(0), (later & seen).sum(0)
+    rate = (either & within).sum(0) / np.maximum(within.sum(0), 1)  # of each landmark in a visit
+    expected, again = (later * rate).sum(0), (later & either).sum(0)
     return np.where(expected < MIN_EXPECTED, np.nan, again / np.maximum(expected, MIN_EXPECTED))
 
 
@@ -169,11 +182,9 @@ def copied_landmarks(log: LandmarkLog, xy: FloatArray, association: IntArray) ->
         if len(older) < MIN_PAIRS or len(newer) < MIN_PAIRS:
             continue
         center = xy[group].mean(0)
-        z, H = observe(np.zeros(3), xy[group] - center)
-        J = H[..., 3:]
-        search = Relocalizer(older, np.tile(R_xy, (len(older), 1, 1)), 5000, 10)
+        located = locate(xy[group] - center, R_xy, older, np.tile(R_xy, (len(older), 1, 1)))
         tree = cKDTree(older)
-        for pose in search.add(z, J @ R_xy @ J.transpose(0, 2, 1)).pose[:5]:
+        for pose in located.pose[:5]:
             moved = (newer - center) @ rotations(pose[2]).T + pose[:2]
             distance, at = tree.query(moved, distance_upper_bound=tolerance)
             count = len(np.unique(np.asarray(at)[np.isfinite(distance)]))

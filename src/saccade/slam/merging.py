@@ -1,9 +1,9 @@
 """Merging: two maps of the same landmarks, in different frames, as one.
 
 The correspondence is given by labels, or it is searched: groups of neighboring landmarks of one map
-are located in the other by their mutual distances (`Relocalizer`). The transform of a group is an
-initial guess, and the correspondence grows by joint compatibility. Both maps and the transform are
-then one Gaussian, under the constraint that common landmarks are equal.
+are located in the other by their mutual distances (`relocalization.locate`). The transform of a
+group is an initial guess, and the correspondence grows by joint compatibility. Both maps and the
+transform are then one Gaussian, under the constraint that common landmarks are equal.
 """
 
 import copy
@@ -18,10 +18,10 @@ from scipy.special import logsumexp
 from saccade.errors import LogError
 from saccade.plane import rotations
 from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
-from saccade.slam.filter.models import observe, pose_difference, wrap
+from saccade.slam.filter.models import pose_difference, wrap
 from saccade.slam.landmarks import ESTABLISHED, LabelRecord
 from saccade.slam.online import Slam
-from saccade.slam.relocalization import Relocalizer, pose_jacobians
+from saccade.slam.relocalization import locate, pose_jacobians
 from saccade.types import FloatArray, IntArray
 
 GATE = chi_square_gate(2, 0.99)
@@ -291,11 +291,7 @@ def _search(maps: _Maps) -> list[_Fused]:
             continue
         center = b[group].mean(0)
         points = b[group] - center
-        z, H = observe(np.zeros(3), points)
-        J = H[..., 3:]
-        R = J @ _shape_errors(points, Q, group) @ J.transpose(0, 2, 1)
-        search = Relocalizer(a, P[maps.r :, maps.r :], max_proposals=5000, max_hypotheses=10)
-        located = search.add(z, R)
+        located = locate(points, _shape_errors(points, Q, group), a, P[maps.r :, maps.r :])
         for pose, p, to in zip(located.pose, located.probability, located.association, strict=True):
             pairs = np.column_stack([to, group])[to >= 0]
             pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]

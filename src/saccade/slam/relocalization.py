@@ -38,6 +38,10 @@ MIN_PAIRS = 4
 """Number of pairs of observed points that always propose poses."""
 MAX_PAIRS = 12
 """Largest number of pairs of observed points that propose poses; distant pairs come first."""
+MAX_LAYOUT_PROPOSALS = 5000
+"""Largest number of proposed transforms of a layout of points."""
+MAX_LAYOUTS = 10
+"""Largest number of refined transforms of a layout of points."""
 MEMORY = 10
 """Number of scans for which an observed point counts."""
 LABELED_MEMORY = 200
@@ -341,6 +345,21 @@ class Relocalizer:
     def _reach(self) -> float:
         """Meters to the most distant point observed."""
         return float(np.linalg.norm(self._points, axis=1).max(initial=1e-6))
+
+
+def locate(
+    points: FloatArray, errors: FloatArray, landmarks: FloatArray, covariance: FloatArray
+) -> PoseHypotheses:
+    """Finds a layout of points among landmarks: transforms of its frame into the map.
+
+    Args:
+        points: (k, 2) meters, in any frame.
+        errors: (k, 2, 2) their covariances, or (2, 2) one for all.
+        landmarks: (N, 2), as in `Relocalizer`.
+        covariance: (N, 2, 2) or (2 N, 2 N).
+    """
+    search = Relocalizer(landmarks, covariance, MAX_LAYOUT_PROPOSALS, MAX_LAYOUTS)
+    return search.add_points(points, np.broadcast_to(errors, (len(points), 2, 2)))
 
 
 class _LandmarkPairs(NamedTuple):
