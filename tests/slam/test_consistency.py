@@ -68,10 +68,12 @@ def test_a_model_that_is_too_sure_is_warned_of_and_a_cautious_one_is_remarked_on
     right = chi2.ppf((np.arange(1000) + 0.5) / 1000, 2)
     said = summarize(right)
     assert (said.warning, said.remark) == ("", "")
+    assert said.verdict.startswith("consistent: innovations ")
     assert "are 3.0 times as large" in summarize(right * 9).warning
     cautious = summarize(right / 4)
     assert cautious.warning == ""
     assert "conservative: the innovations are 0.50 times" in cautious.remark
+    assert cautious.verdict == "conservative: innovations 0.50 times as large as predicted"
     outliers = np.where(rng.random(1000) < 0.2, 100.0, right)
     assert "% of the observations are impossible" in summarize(outliers).warning
     few = np.where(np.arange(1000) % 300 == 0, 1000.0, right)

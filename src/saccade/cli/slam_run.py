@@ -40,6 +40,7 @@ from saccade.viewing import map_figure, map_frames
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, ReportBuilder
 from saccade.viewing.report_map import ObservedLandmarks, map_part
+from saccade.viewing.snapshots import at_end
 
 LEAD = "The trajectory of a robot and the map of its landmarks, filtered and smoothed."
 
@@ -87,7 +88,7 @@ def map_log(
         lost=result.lost,
     )
     files["picture"] = options.save_figure(figure, "map")
-    snapshots = recorder.snapshots
+    snapshots = at_end(recorder.snapshots, result.ids)
     if options.film:
         frames = map_frames(snapshots, log.time, odometry)
         files |= write_film(out / "map.mp4", frames, len(snapshots), progress)
@@ -173,6 +174,7 @@ def slam_part(
     texts = result.map.text_names and dict(
         zip(ids.tolist(), map(str, result.map.names), strict=True)
     )
+    verdict = {"consistency": result.consistency.verdict or "too few observations for a verdict"}
     observed = ObservedLandmarks(log.observation_pose[used], ids[result.association[used]])
     if ride is not None:
         kind = np.full(len(observed.id), REOBSERVED)
@@ -182,7 +184,7 @@ def slam_part(
         Section(
             f"{log.name}: the growing map",
             SLAM_TEXT + LOADED * (loaded > 0),
-            facts=run_facts(summary),
+            facts=run_facts(summary) | verdict,
         ),
         trajectories,
         snapshots,

@@ -68,6 +68,18 @@ class Consistency:
         return "; ".join(found)
 
     @property
+    def verdict(self) -> str:
+        """Whether the innovations fit their covariances; empty with few observations."""
+        if self._count < MIN_OBSERVATIONS:
+            return ""
+        name = "consistent"
+        if self._factor > TOLERATED_FRACTION:
+            name = "overconfident"
+        elif self._factor < 1 / TOLERATED_FRACTION:
+            name = "conservative"
+        return f"{name}: innovations {self._factor:.2f} times as large as predicted"
+
+    @property
     def remark(self) -> str:
         """Signs of a conservative filter and of few outliers; empty if there are none."""
         found = []

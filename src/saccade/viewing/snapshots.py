@@ -1,6 +1,7 @@
 """Snapshots of the map while it grows, for a film or a live view."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -74,3 +75,20 @@ class SnapshotRecorder:
         self._path, self._observed = [], set()
         if self._on_snapshot is not None:
             self._on_snapshot(self.snapshots)
+
+
+def at_end(snapshots: Sequence[MapSnapshot], ids: IntArray) -> list[MapSnapshot]:
+    """The snapshots, the last without landmarks that are not among those of the result."""
+    if not snapshots:
+        return []
+    *others, last = snapshots
+    kept = np.isin(last.ids, ids)
+    row = np.cumsum(kept) - 1
+    last = replace(
+        last,
+        landmarks=last.landmarks[kept],
+        landmark_covariance=last.landmark_covariance[kept],
+        ids=last.ids[kept],
+        observed=row[last.observed[kept[last.observed]]],
+    )
+    return [*others, last]
