@@ -132,7 +132,7 @@ CASES: dict[str, Callable[[Any, slam.EkfConfig], list[float]]] = {
 MECHANISMS: dict[str, Mechanism] = {
     "invariant errors": Mechanism(("slippery, NEES",), {"errors": "standard"}),
     "systematic odometry errors": Mechanism(
-        ("rooms", "rooms, odometry turns", "MRCLAM 6.1"), {"estimate_odometry_bias": False}
+        ("rooms", "rooms, odometry turns", "MRCLAM 6.1"), {"estimate_systematic_errors": False}
     ),
     "robust weights": Mechanism(("MRCLAM 6.3", "rooms"), {"huber": np.inf}),
     "smoothing": Mechanism(("rooms", "MRCLAM 6.1"), {"smooth": False}),

@@ -102,7 +102,7 @@ def run_monte_carlo(
     `biases` tells whether the filter estimates odometry biases.
     """
     config = EkfConfig(
-        errors=errors, association="known", smooth=False, estimate_odometry_bias=biases
+        errors=errors, association="known", smooth=False, estimate_systematic_errors=biases
     )
     rows = []
     for number in range(runs):

@@ -261,7 +261,7 @@ def print_merges(seeds: Iterator[int]) -> None:
             other = simulate_rooms(world, seed + 1000, seed)
             other = without_labels(other) if name == "labels withheld" else other
             first = mapped(log)
-            second = mapped(other, estimate_odometry_bias=name != "wheels 1 %")
+            second = mapped(other, estimate_systematic_errors=name != "wheels 1 %")
             before = rmse(first, log, first.map.label)
             try:
                 merged = slam.merge_maps(first, second).slam

@@ -89,7 +89,7 @@ def main() -> None:
     print("log                    as it is  no bias  no names   map  found      wrong  used")
     for path in given.logs:
         for log in robots(path):
-            plain = slam.EkfConfig(estimate_odometry_bias=False)
+            plain = slam.EkfConfig(estimate_systematic_errors=False)
             result = slam.run(without_labels(log), config)
             found, wrong = associated(log, result)
             errors = [rmse(log, each) for each in (slam.run(log), slam.run(log, plain), result)]

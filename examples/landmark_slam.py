@@ -13,7 +13,7 @@ print(log)
 
 for errors in ("standard", "invariant"):
     config = slam.EkfConfig(
-        errors=errors, association="known", estimate_odometry_bias=False, smooth=False
+        errors=errors, association="known", estimate_systematic_errors=False, smooth=False
     )
     run = slam.run(log, config)
     nees = pose_nees(run.trajectory, log.truth, errors)

@@ -417,6 +417,9 @@ class LandmarkLog:
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviations of systematic odometry errors: the relative error of the distance, the
     turn in radians per meter of distance, and the distance in meters per radian of turn."""
+    range_errors: tuple[float, float] = (0.0, 0.0)
+    """Standard deviations of systematic errors of the ranges: relative error, and offset in
+    meters. The range of a landmark at distance q is (1 + relative error) q + offset."""
     sensor: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose of the sensor in the frame of the robot: meters ahead and to the left, radians to the
     left (see `plane.in_robot_frame`)."""

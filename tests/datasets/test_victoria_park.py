@@ -22,7 +22,7 @@ def filtered(text_log):
     """Without weights: the loss of GTSAM's graphs here is the plain one."""
     log = load("isam", text_log)
     return log, slam.run(
-        log, slam.EkfConfig(huber=np.inf, association="known", estimate_odometry_bias=False)
+        log, slam.EkfConfig(huber=np.inf, association="known", estimate_systematic_errors=False)
     )
 
 

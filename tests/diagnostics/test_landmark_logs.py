@@ -188,7 +188,7 @@ def veer(log):
 )
 @pytest.mark.parametrize("seed", range(2))
 def test_an_inconsistent_run_warns_with_the_side_of_its_innovations(spoil, hint, seed):
-    config = slam.EkfConfig(estimate_odometry_bias=False, smooth=False)
+    config = slam.EkfConfig(estimate_systematic_errors=False, smooth=False)
     log = simulate_world(PRECISE, seed)
     assert check_run(log, slam.run(log, config)) == ()
     wrong = spoil(log)

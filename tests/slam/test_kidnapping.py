@@ -74,7 +74,7 @@ def test_a_lost_robot_leaves_its_map_alone():
 @pytest.mark.parametrize("kind", ["invariant", "standard"])
 def test_a_replaced_pose_leaves_the_landmarks_and_depends_on_none(kind):
     log = kidnapped(2, named=True)
-    live = slam_for(log, slam.EkfConfig(errors=kind, estimate_odometry_bias=False))
+    live = slam_for(log, slam.EkfConfig(errors=kind, estimate_systematic_errors=False))
     for i in range(100):
         live.step(*scan_of(log, i))
     ekf = live.filter

@@ -14,7 +14,7 @@ from saccade.slam.association.outcomes import NEW
 from support.clustered_world import clustered_world
 from support.logs import scan_of, without_names
 
-SEVERAL = EkfConfig(association="hypotheses", estimate_odometry_bias=False)
+SEVERAL = EkfConfig(association="hypotheses", estimate_systematic_errors=False)
 """The odometry of the clustered worlds has no systematic errors."""
 
 

@@ -29,7 +29,7 @@ def _biased(rng, motion, noise):
 def test_what_the_wheels_are_off_by_is_found(rng, motion, kind):
     log, truth, _ = _biased(rng, motion, noise=0.0)
     result = slam.run(log, slam.EkfConfig(errors=kind))
-    ignored = slam.run(log, slam.EkfConfig(errors=kind, estimate_odometry_bias=False))
+    ignored = slam.run(log, slam.EkfConfig(errors=kind, estimate_systematic_errors=False))
     off = [np.hypot(*(r.trajectory.pose - truth)[:, :2].T).mean() for r in (result, ignored)]
     assert off[0] < 0.1 * off[1]
     assert ignored.odometry_bias is None
@@ -71,7 +71,7 @@ def test_wheels_that_differ_are_found_by_a_log_that_declares_nothing(rng):
     said = log.control - log.control[:, :1] * [0.0, 0.0, 0.03]
     log = dataclasses.replace(log, control=said)
     result = slam.run(log)
-    ignored = slam.run(log, slam.EkfConfig(estimate_odometry_bias=False))
+    ignored = slam.run(log, slam.EkfConfig(estimate_systematic_errors=False))
     sigma = np.sqrt(result.bias_covariance[1, 1])
     assert 0 < sigma < 0.01
     assert abs(result.odometry_bias[1] - 0.03) < 3 * sigma

@@ -19,7 +19,7 @@ WORLD = np.array([[4.0, 1.0], [5.0, -2.0], [2.0, 3.0]])
 
 def _mapped():
     """A robot that has seen the world and moved; the labels are 0, 1 and 2."""
-    slam = Slam(EkfConfig(errors="standard", huber=np.inf, estimate_odometry_bias=False))
+    slam = Slam(EkfConfig(errors="standard", huber=np.inf, estimate_systematic_errors=False))
     z = observe(np.zeros(3), WORLD)[0]
     for i in range(3):
         slam.step(float(i), z=z, R=R, labels=[0, 1, 2])

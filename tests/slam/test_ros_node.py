@@ -21,7 +21,7 @@ node = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(node)
 
 ODOMETRY, DETECTIONS = "nav_msgs/msg/Odometry", "vision_msgs/msg/Detection3DArray"
-KNOWN = slam.EkfConfig(association="known", smooth=False, estimate_odometry_bias=False)
+KNOWN = slam.EkfConfig(association="known", smooth=False, estimate_systematic_errors=False)
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from support.gtsam_smoothing import smooth_by_gtsam
 from support.kidnapping import STEP, kidnapped
 from support.logs import between, with_observations, without_names
 
-FILTER = EkfConfig(smooth=False, estimate_odometry_bias=False)
+FILTER = EkfConfig(smooth=False, estimate_systematic_errors=False)
 
 
 def _rmse(position, truth):

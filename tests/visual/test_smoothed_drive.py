@@ -11,7 +11,7 @@ from saccade.types import Trajectory
 from saccade.visual.smoothing import MapLog
 from support.circular_log import simulate
 
-CONFIG = EkfConfig(association="known", smooth=False, estimate_odometry_bias=False)
+CONFIG = EkfConfig(association="known", smooth=False, estimate_systematic_errors=False)
 
 
 def recorded(log):

@@ -49,11 +49,17 @@ class EkfConfig(Settings):
     efficiency where all noise is Gaussian; infinite gives every observation its full weight."""
     start_sigma: tuple[float, float, float] = setting((0.0, 0.0, 0.0), 0, below=1e6)
     """Standard deviation of the first pose: meters, meters, radians."""
-    estimate_odometry_bias: bool = True
-    """Whether systematic odometry errors (`LandmarkLog.odometry_bias`) are estimated."""
-    odometry_bias: tuple[float, float, float] = setting((0.05, 0.05, 0.05), 0, below=1e6)
-    """Standard deviations of these errors for a log that declares none: relative error of the
-    distance, turn in radians per meter of distance, and distance in meters per radian of turn."""
+    estimate_systematic_errors: bool = True
+    """Whether systematic errors of odometry and ranges are estimated, as states of the filter and
+    variables of smoothing."""
+    odometry_bias: tuple[float, float, float] = setting((0.018, 0.05, 0.05), 0, below=1e6)
+    """Standard deviations of the systematic odometry errors of a log that declares none: relative
+    error of the distance, turn in radians per meter of distance, and distance in meters per radian
+    of turn."""
+    range_errors: tuple[float, float] = setting((0.03, 0.05), 0, below=1e6)
+    """Standard deviations of the systematic errors of the ranges of a log that declares none:
+    relative error, and offset in meters. Without known distances, a common scale of odometry and
+    ranges is not observable; these values share a disagreement."""
     smooth: bool = True
     """Whether the trajectory and the map of a recorded log are smoothed at its end
     (`saccade.slam.smooth`). `Slam.step` is causal anyway."""
@@ -71,11 +77,20 @@ class EkfConfig(Settings):
         """The association rule."""
         return rule_of(self.association)
 
-    def bias_sigmas(self, declared: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Standard deviations of the odometry biases; zero if they are not estimated."""
-        if not self.estimate_odometry_bias:
-            return 0.0, 0.0, 0.0
-        return declared if any(declared) else self.odometry_bias
+    def systematic_sigmas(
+        self, odometry: tuple[float, float, float], ranges: tuple[float, float]
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Standard deviations of the systematic errors of odometry and ranges; empty without.
+
+        Args:
+            odometry: as a log declares them; zeros if it does not.
+            ranges: as a log declares them; zeros if it does not.
+        """
+        if not self.estimate_systematic_errors:
+            return (), ()
+        by_odometry = odometry if any(odometry) else self.odometry_bias
+        by_range = ranges if any(ranges) else self.range_errors
+        return by_odometry if any(by_odometry) else (), by_range if any(by_range) else ()
 
     @classmethod
     def kootstra2010(cls) -> Self:
@@ -91,6 +106,6 @@ class EkfConfig(Settings):
             association="known",
             recover=False,
             huber=np.inf,
-            estimate_odometry_bias=False,
+            estimate_systematic_errors=False,
             smooth=False,
         )

@@ -43,7 +43,18 @@ class Estimate(NamedTuple):
     landmark: FloatArray
     """(n, 2) meters."""
     bias: FloatArray
-    """(b,) odometry biases, see `motions.SYSTEMATIC_ERRORS`; b is 0 or 3."""
+    """(b,) systematic errors: of the odometry (3), see `motions.SYSTEMATIC_ERRORS`, then scale
+    error and offset of the ranges (2); b is 0, 2, 3 or 5."""
+
+    @property
+    def distance_scale(self) -> float:
+        """True distance per measured distance of the odometry."""
+        return 1.0 + float(self.bias[0]) if len(self.bias) >= 3 else 1.0
+
+    @property
+    def range_errors(self) -> FloatArray:
+        """(2,) scale error and offset of the ranges; zeros where they are not estimated."""
+        return self.bias[-2:] if len(self.bias) in (2, 5) else np.zeros(2)
 
     def moved(self, step: FloatArray) -> Self:
         """The estimate after a step (3 v + 2 n + b,) of poses, landmarks and biases."""
@@ -103,7 +114,11 @@ class Measurements:
         return np.asarray(self.prior_root @ error)
 
     def steps(self, at: Estimate) -> Factors:
-        """The steps between successive poses."""
+        """The steps between successive poses.
+
+        The noise is that of the measured distance, which is 1 + scale error times shorter than the
+        true one. Constant noise of the true distance would make a smaller map more probable.
+        """
         first, second = at.pose[:-1], at.pose[1:]
         expected = self.step + self.step_by_bias @ at.bias
         between = relative_poses(first, second)
@@ -120,19 +135,26 @@ class Measurements:
         by_expected[:, :2, :2] = -turned
         by_expected[:, :2, 2] = _perpendicular(error[:, :2])
         by_expected[:, 2, 2] = -1.0
-        W = self.step_root
-        return Factors(
-            (W @ error[:, :, None])[:, :, 0],
-            *(W @ by_first, W @ by_second, W @ by_expected @ self.step_by_bias),
-        )
+        W, by_bias = self.step_root, by_expected @ self.step_by_bias
+        if (scale := at.distance_scale) != 1:
+            for each in (error, by_first, by_second, by_bias):
+                each[:, :2] /= scale
+        if by_bias.shape[2] >= 3:
+            by_bias[:, :2, 0] -= error[:, :2] / scale
+        return Factors((W @ error[:, :, None])[:, :, 0], W @ by_first, W @ by_second, W @ by_bias)
 
     def observations(self, at: Estimate) -> Factors:
         """The observations of landmarks (C.14)."""
         z, H = observe(at.pose[self.observer].T, at.landmark[self.landmark])
+        scale, offset = at.range_errors
+        by_bias = np.zeros((len(z), 2, len(at.bias)))
+        if len(at.bias) in (2, 5):
+            by_bias[:, 0, -2], by_bias[:, 0, -1] = z[:, 0], 1.0
+        z[:, 0] = (1 + scale) * z[:, 0] + offset
+        H[:, 0] *= 1 + scale
         error, W = difference(z, self.observation), self.observation_root
         whitened = (W @ error[:, :, None])[:, :, 0]
-        none = np.zeros((len(z), 2, len(at.bias)))
-        return Factors(whitened, W @ H[:, :, :3], W @ H[:, :, 3:], none)
+        return Factors(whitened, W @ H[:, :, :3], W @ H[:, :, 3:], W @ by_bias)
 
     def weights(self, observations: Factors) -> FloatArray:
         """(k,) robust weight of each observation (Huber 1964)."""
@@ -163,7 +185,11 @@ class NormalEquations:
         rows = (  # of the Jacobian, by kind of measurement: blocks with their first columns
             tuple(zip(known, (pose[:1], np.array([3 * pose.size]), bias), strict=True)),
             ((steps.by_first, pose[:-1]), (steps.by_second, pose[1:]), (steps.by_bias, bias)),
-            ((W * seen.by_first, observer), (W * seen.by_second, landmark[measured.landmark])),
+            (
+                (W * seen.by_first, observer),
+                (W * seen.by_second, landmark[measured.landmark]),
+                (W * seen.by_bias, bias),
+            ),
         )
         J = _sparse(rows, pose.size * 3 + landmark.size * 2 + len(at.bias))
         J.eliminate_zeros()  # between landmarks that are independent before

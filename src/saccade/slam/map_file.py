@@ -40,6 +40,8 @@ class SavedMap:
     """Settings of the filter that made the map, see `config`."""
     odometry_bias: tuple[float, float, float]
     """Standard deviations, as in `Slam`."""
+    range_errors: tuple[float, float]
+    """Standard deviations, as in `Slam`."""
     warning: str
     """Reason why the map may be wrong; empty without one."""
     num_steps: int
@@ -75,6 +77,7 @@ def write_map(path: str | Path, saved: SavedMap) -> None:
     settings = {
         "config": saved.settings,
         "odometry_bias": saved.odometry_bias,
+        "range_errors": saved.range_errors,
         "warning": saved.warning,
     }
     arrays: Arrays = {
@@ -122,6 +125,7 @@ def read_map(path: str | Path) -> SavedMap:
     return SavedMap(
         settings=settings["config"],
         odometry_bias=tuple(settings["odometry_bias"]),
+        range_errors=tuple(settings["range_errors"]),
         warning=settings["warning"],
         num_steps=int(arrays["num_steps"]),
         time=float(arrays["time"]),

@@ -44,6 +44,8 @@ class Slam:
             unknown: then the robot is lost until its scans determine the pose.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`;
             by default `EkfConfig.odometry_bias`.
+        range_errors: standard deviations of systematic errors of the ranges, see `LandmarkLog`;
+            by default `EkfConfig.range_errors`.
         mode: "localize" adds and culls no landmarks; the estimates of mapped landmarks still
             change, according to their covariance.
         map: known landmarks, as from `datasets.load_map`, with -1 in `id` for landmarks without a
@@ -76,14 +78,16 @@ class Slam:
         *,
         start: FloatArray | tuple[float, float, float] | None = None,
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        range_errors: tuple[float, float] = (0.0, 0.0),
         mode: Literal["continue", "localize"] = "continue",
         map: LandmarkMap | None = None,
         motion: str = "",
     ) -> None:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
-        sigmas = config.bias_sigmas(odometry_bias)
-        bias = sigmas if any(sigmas) else ()
+        by_odometry, by_range = config.systematic_sigmas(odometry_bias, range_errors)
+        bias = by_odometry + by_range
         self.config, self.mode, self.odometry_bias = config, mode, odometry_bias
+        self.range_errors = range_errors
         self.motion = motion
         ekf = EkfSlam(
             np.concatenate([np.zeros(3) if start is None else start, np.zeros(len(bias))]),
@@ -388,6 +392,7 @@ class Slam:
             SavedMap(
                 settings={**asdict(self.config), "association": self.config.rule.name_in_file},
                 odometry_bias=self.odometry_bias,
+                range_errors=self.range_errors,
                 warning=self.warning,
                 num_steps=self.num_steps,
                 time=self._time,
@@ -408,6 +413,7 @@ class Slam:
         start: FloatArray | tuple[float, float, float] | None = None,
         covariance: FloatArray | None = None,
         odometry_bias: tuple[float, float, float] | None = None,
+        range_errors: tuple[float, float] | None = None,
     ) -> Self:
         """Loads a map that `save` wrote, and begins a session in it.
 
@@ -421,6 +427,7 @@ class Slam:
             covariance: (3, 3) of the start; by default from `EkfConfig.start_sigma` or, if this is
                 zero, half a meter and a tenth of a radian.
             odometry_bias: with a start, as in `Slam`; by default as saved.
+            range_errors: with a start, as in `Slam`; by default as saved.
 
         Raises:
             LogError: the file is unreadable, damaged, not a map, or has a different format version.
@@ -431,13 +438,21 @@ class Slam:
         require(settings.errors == errors, "errors", f"{errors!r}, as in {path}", settings.errors)
         if start is None or odometry_bias is None:
             odometry_bias = saved.odometry_bias
-        slam = cls(settings, start=start, odometry_bias=odometry_bias, mode=mode)
+        if start is None or range_errors is None:
+            range_errors = saved.range_errors
+        slam = cls(
+            settings,
+            start=start,
+            odometry_bias=odometry_bias,
+            range_errors=range_errors,
+            mode=mode,
+        )
         size, r = len(slam.filter.robot_state), len(saved.mean) - 2 * len(saved.table)
         slam.landmarks.adopt(saved.table)
         slam.warning = saved.warning
         if start is None:
             as_saved = f"{r > 3}, as in {path}"
-            require(size == r, "estimate_odometry_bias", as_saved, size > 3)
+            require(size == r, "estimate_systematic_errors", as_saved, size > 3)
             slam.num_steps, slam._time = saved.num_steps, saved.time
             ids = saved.table.counts.id
             slam.filter.set_gaussian(saved.mean, saved.covariance, ids, saved.heading_lever)

@@ -110,6 +110,7 @@ def run(
         )
     remark = locate_start(slam, log)
     log = replace(log, start=slam.filter.pose, odometry_bias=slam.odometry_bias)
+    log = replace(log, range_errors=slam.range_errors)
     begins, remarks = len(slam.filter) == 0, [remark]
     known = slam.filter.ids
     prior = Prior.of_filter(slam.filter) if slam.config.smooth else None
@@ -191,7 +192,11 @@ def _filtered(
         removed=slam.landmarks.culled - culled_before,
         warning=slam.landmarks.warning(association),
         odometry_bias=(bias := slam.filter.odometry_bias),
-        bias_covariance=None if bias is None else slam.filter.marginal(found.id[:0])[3:, 3:],
+        bias_covariance=None if bias is None else slam.filter.marginal(found.id[:0])[3:6, 3:6],
+        range_errors=(errors := slam.filter.range_errors),
+        range_error_covariance=(
+            None if errors is None else slam.filter.marginal(found.id[:0])[-2:, -2:]
+        ),
         nonlinearity=slam.filter.nonlinearity,
         lost=lost,
         session=slam.landmarks.counts.session[slam.landmarks.in_map],
@@ -223,13 +228,17 @@ def _misread(slam: Slam, log: LandmarkLog, association: IntArray, lost: BoolArra
 
 
 def slam_for(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Slam:
-    """A `Slam` for `run` on a log, with its start and odometry biases."""
-    return Slam(config, start=log.start, odometry_bias=log.odometry_bias)
+    """A `Slam` for `run` on a log, with its start and systematic errors."""
+    return Slam(
+        config, start=log.start, odometry_bias=log.odometry_bias, range_errors=log.range_errors
+    )
 
 
 def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory:
     """Dead reckoning: the trajectory by the controls alone, with its growing covariance."""
-    config = replace(config, odometry_bias=(0.0, 0.0, 0.0))  # declared biases only
+    config = replace(
+        config, odometry_bias=(0.0, 0.0, 0.0), range_errors=(0.0, 0.0)
+    )  # declared biases only
     slam = slam_for(log, config)
     results = [
         slam.process(Scan(scan.time, scan.control, *NO_SCAN)) for scan in scans_of(log, config)

@@ -144,6 +144,11 @@ class SlamResult(Pictured):
     weight: FloatArray | None = None
     """(k,) robust weight of each observation in the smoothing, from 0 to 1; NaN where it was not
     used. None without smoothing."""
+    range_errors: FloatArray | None = None
+    """(2,) estimated systematic errors of the ranges: relative error, and offset in meters; None if
+    they are not estimated."""
+    range_error_covariance: FloatArray | None = None
+    """(2, 2) its covariance."""
     nonlinearity: float = 0.0
     """Root of the mean fraction of second-order terms in the variance of the innovations; above
     `MAX_NONLINEARITY` the filter is overconfident. Zero for the standard filter."""

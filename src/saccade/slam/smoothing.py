@@ -62,8 +62,7 @@ class Prior(NamedTuple):
     @classmethod
     def without_map(cls, log: LandmarkLog, config: EkfConfig) -> Self:
         """The start of a log that begins a map."""
-        sigma = np.array(config.bias_sigmas(log.odometry_bias))
-        sigma = sigma if sigma.any() else sigma[:0]
+        sigma = np.concatenate(config.systematic_sigmas(log.odometry_bias, log.range_errors))
         mean = Estimate(np.array(log.start)[None], np.empty((0, 2)), np.zeros(len(sigma)))
         return cls(mean, np.diag(np.square([*config.start_sigma, *sigma])))
 
@@ -111,6 +110,10 @@ class Smoothed(NamedTuple):
     """(3,) odometry biases; None if they are not estimated."""
     bias_covariance: FloatArray | None
     """(3, 3) its covariance."""
+    range_errors: FloatArray | None
+    """(2,) scale error and offset of the ranges; None if they are not estimated."""
+    range_error_covariance: FloatArray | None
+    """(2, 2) its covariance."""
 
 
 def smooth(
@@ -202,13 +205,15 @@ def smooth_log(
         raise LogError(f"smoothing: {_undetermined(landmarks, measured, best)}")
     weight = np.full(len(log.observation), np.nan)
     weight[association >= 0] = measured.weights(measured.observations(best))
-    estimated = len(best.bias) > 0
+    of_odometry, of_ranges = len(best.bias) >= 3, len(best.bias) in (2, 5)
     return Smoothed(
         trajectory=Trajectory(log.time, best.pose[variable], pose_covariance[variable]),
         map=replace(landmarks, xy=best.landmark, covariance=covariance),
         weight=weight,
-        odometry_bias=best.bias if estimated else None,
-        bias_covariance=others[2 * n :, 2 * n :] if estimated else None,
+        odometry_bias=best.bias[:3] if of_odometry else None,
+        bias_covariance=others[2 * n : 2 * n + 3, 2 * n : 2 * n + 3] if of_odometry else None,
+        range_errors=best.bias[-2:] if of_ranges else None,
+        range_error_covariance=others[-2:, -2:] if of_ranges else None,
     )
 
 
@@ -272,7 +277,9 @@ def _measurements(
         prior_root=_root(prior.covariance, min_sigma),
         step=step,
         step_root=_root(in_later_frame * config.motion_noise_scale**2),
-        step_by_bias=by_bias[:, :, :b],
+        step_by_bias=np.concatenate(
+            [by_bias[:, :, : 3 * (b >= 3)], np.zeros((len(step), 3, 2 * (b in (2, 5))))], 2
+        ),
         observer=variable[log.observation_pose[used]],
         landmark=association[used],
         observation=np.where(missing, 0.0, log.observation[used]),

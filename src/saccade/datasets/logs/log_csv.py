@@ -47,7 +47,12 @@ LOG_FILE = "log.csv"
 _START = ("x", "y", "heading")
 _OBSERVATION = ("range", "bearing")
 _TRUTH = ("true_x", "true_y", "true_heading")
-_SENSOR = re.compile(r'^[ \t"]*#[ \t]*sensor[ \t]*:(.*)$', re.IGNORECASE | re.MULTILINE)
+_COMMENTS = {
+    "sensor": "x, y, yaw in meters and radians",
+    "odometry_bias": "relative error of the distance, radians per meter, meters per radian",
+    "range_errors": "relative error, meters",
+}
+"""Fields of a log that a comment "# NAME: numbers" declares, and the meaning of their numbers."""
 
 
 def columns_of(motion: str) -> list[str]:
@@ -95,8 +100,13 @@ def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
         truth = np.full((n, 3), np.nan)
         truth[pose_row] = log.truth.at(log.time)
         table |= zip(_TRUTH, truth.T, strict=True)
-    comment = f"sensor: {', '.join(map(repr, map(float, log.sensor)))}" if any(log.sensor) else ""
-    write_table(path, table, comment)
+    declared = {name: [*map(float, getattr(log, name))] for name in _COMMENTS}
+    comments = [
+        f"{name}: {', '.join(map(repr, values))}"
+        for name, values in declared.items()
+        if any(values)
+    ]
+    write_table(path, table, "\n# ".join(comments))
 
 
 def read_log_csv(path: str | Path) -> LandmarkLog:
@@ -148,7 +158,7 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
             observed, _OBSERVATION, sensor_variances(observation[:, 0], ASSUMED_SENSOR)
         ),
         landmark=_landmarks(observed),
-        sensor=_sensor(file),
+        **_declared(file),
         truth=truth,
     )
 
@@ -163,18 +173,21 @@ def _empty_nan(table: TextTable) -> None:
                 row.cells[column] = ""
 
 
-def _sensor(path: Path) -> tuple[float, float, float]:
-    """The pose of the sensor from the file's comment; by default the robot's origin."""
-    text = read_text(path)
-    match = _SENSOR.search(text)
-    if match is None:
-        return 0.0, 0.0, 0.0
-    cells = match[1].strip(' ,;"\r').split(",")
-    if len(cells) != 3 or not all(map(is_number, cells)):
-        row = Row(path, text.count("\n", 0, match.start()) + 1, cells)
-        raise row.error("# sensor: x, y, yaw in meters and radians", repr(match[1].strip()[:60]))
-    x, y, yaw = map(float, cells)
-    return x, y, yaw
+def _declared(path: Path) -> dict[str, Any]:
+    """Fields of the log that the file's comments declare."""
+    text, found = read_text(path), {}
+    for name, meaning in _COMMENTS.items():
+        pattern = rf'^[ \t"]*#[ \t]*{name.replace("_", "[ _-]")}[ \t]*:(.*)$'
+        match = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
+        if match is None:
+            continue
+        cells, size = match[1].strip(' ,;"\r').split(","), meaning.count(",") + 1
+        valid = len(cells) == size and all(map(is_number, cells))
+        if not valid or (name != "sensor" and min(map(float, cells)) < 0):
+            row = Row(path, text.count("\n", 0, match.start()) + 1, cells)
+            raise row.error(f"# {name}: {meaning}", repr(match[1].strip()[:60]))
+        found[name] = tuple(map(float, cells))
+    return found
 
 
 def _start(first: TextTable, truth: Trajectory | None) -> FloatArray:

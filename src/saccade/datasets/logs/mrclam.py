@@ -54,9 +54,17 @@ class Platform:
     distance."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """See `LandmarkLog.odometry_bias`."""
+    range_errors: tuple[float, float] = (0.0, 0.0)
+    """See `LandmarkLog.range_errors`."""
 
 
-UTIAS = Platform(latency=0.2, turn=0.93, depth=1.035, odometry_bias=(0.1, 0.1, 0.1))
+UTIAS = Platform(
+    latency=0.2,
+    turn=0.93,
+    depth=1.035,
+    odometry_bias=(0.1, 0.1, 0.1),
+    range_errors=(0.005, 0.01),
+)
 """The robots of the published sets.
 
 Estimated from the ground truth of set 6, with equal results for all five robots: the logged range
@@ -143,6 +151,7 @@ def read_mrclam(
         observation_covariance=np.tile(np.diag(np.square(sensor_sigma)), (len(subject), 1, 1)),
         landmark=subject,
         odometry_bias=platform.odometry_bias,
+        range_errors=platform.range_errors,
         truth=truth,
         landmark_truth=landmark_truth,
     )

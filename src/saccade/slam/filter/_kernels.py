@@ -179,7 +179,7 @@ def update(
     Fills v (n, 2), S (n, 2, 2) and the normalized innovations squared (n,). A negative landmark
     leaves an observation out; returns the index of the first one that is not in the map, or n.
     """
-    H, C, D, noise = np.empty((3, 5)), np.empty((5, 5)), np.empty((3, 3)), np.empty((2, 2))
+    H, C, D, noise = np.empty((3, 7)), np.empty((7, 7)), np.empty((3, 3)), np.empty((2, 2))
     now = f.now
     while k < len(z) and landmark[k] < now.landmarks:
         if landmark[k] >= 0:
@@ -218,12 +218,12 @@ def _update_landmark(
     by their ratio.
     """
     r, n, P, now = f.robot_size, num_rows(f), f.P, f.now
-    A, B, x = np.empty((2, 2)), np.empty((2, 5)), np.empty(2)
+    A, B, x = np.empty((2, 2)), np.empty((2, 7)), np.empty(2)
     nis = _whiten(v, H, C, D, noise, 1.0, S, A, x)
     if nis > f.huber * f.huber:
         _whiten(v, H, C, D, noise, sqrt(nis) / f.huber, np.empty((2, 2)), A, x)
     for k in range(2):
-        for i in range(5):
+        for i in range(7):
             B[k, i] = A[k, 0] * H[0, i] + A[k, 1] * H[1, i]
     V = f.downdates[now.downdates : now.downdates + 2]
     _multiply_covariance(f, m, B, V)  # C.13
@@ -245,24 +245,38 @@ def _expect(
 ) -> float:
     """Fill the expected observation z (2,) of the landmark at row m, and its Jacobian (C.14).
 
-    H (3, 5) is of range, bearing and heading by eta of x, y, theta and the landmark; C (5, 5) is
-    the covariance of these, and D = H C H^T. Returns the range.
+    H (3, 7) is of range, bearing and heading by eta of x, y, theta, the landmark, and the scale
+    error and offset of the ranges; C (7, 7) is the covariance of these, and D = H C H^T. Returns
+    the distance q, whose range is (1 + scale error) q + offset.
     """
     s, a, P, blocks = f.state, f.heading_lever, f.P, f.blocks[(m - f.robot_size) // 2]
-    dx, dy = s[m] - s[0], s[m + 1] - s[1]
+    dx, dy, e = s[m] - s[0], s[m + 1] - s[1], f.range_errors
     q = hypot(dx, dy)
+    scale, offset = (1 + s[e], s[e + 1]) if e > 0 else (1.0, 0.0)
+    for i in range(7):
+        for j in range(5, 7):
+            C[i, j] = C[j, i] = 0.0
     for i in range(3):
-        for j in range(5):
+        for j in range(7):
             H[i, j] = 0.0
         for j in range(3):
             C[i, j], D[i, j] = P[i, j], 0.0
         C[i, 3] = C[3, i] = P[i, m]
         C[i, 4] = C[4, i] = P[i, m + 1]
     C[3, 3], C[3, 4], C[4, 3], C[4, 4] = blocks[0], blocks[1], blocks[1], blocks[2]
-    z[0], z[1], H[2, 2] = q, 0.0, 1.0
+    z[0], z[1], H[2, 2] = scale * q + offset, 0.0, 1.0
+    if e > 0:
+        H[0, 5], H[0, 6] = q, 1.0
+        for j in range(2):
+            for i in range(3):
+                C[i, 5 + j] = C[5 + j, i] = P[e + j, i]
+            C[3, 5 + j] = C[5 + j, 3] = P[e + j, m]
+            C[4, 5 + j] = C[5 + j, 4] = P[e + j, m + 1]
+            for i in range(2):
+                C[5 + i, 5 + j] = P[e + i, e + j]
     if q > MIN_RANGE:
         z[1] = wrapped(atan2(dy, dx) - s[2])
-        H[0, 3], H[0, 4], H[1, 3], H[1, 4] = dx / q, dy / q, -dy / q**2, dx / q**2
+        H[0, 3], H[0, 4], H[1, 3], H[1, 4] = scale * dx / q, scale * dy / q, -dy / q**2, dx / q**2
         H[1, 2] = -1.0
         for i in range(2):
             H[i, 0], H[i, 1] = -H[i, 3], -H[i, 4]
@@ -289,7 +303,7 @@ def _whiten(
     terms that it is the sum of is rounding.
     """
     s0, s1 = 0.0, 0.0
-    for i in range(5):
+    for i in range(7):
         deviation = sqrt(abs(C[i, i]))
         s0 += abs(H[0, i]) * deviation
         s1 += abs(H[1, i]) * deviation
@@ -381,7 +395,7 @@ def retract(f: FilterState, first: float, second: float, V: FloatArray) -> None:
 @kernel()
 def expected_observations(f: FilterState, landmark: IntArray, z: FloatArray, S: FloatArray) -> None:
     """Fill range and bearing z (c, 2) of landmarks (c,), and S = H P H^T (c, 2, 2)."""
-    H, C, D = np.empty((3, 5)), np.empty((5, 5)), np.empty((3, 3))
+    H, C, D = np.empty((3, 7)), np.empty((7, 7)), np.empty((3, 3))
     for i in range(len(landmark)):
         _expect(f, f.robot_size + 2 * landmark[i], z[i], H, C, D)
         for j in range(2):

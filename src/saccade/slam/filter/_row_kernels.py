@@ -54,11 +54,16 @@ def _add_delayed_rows(
 
 @kernel(fastmath=("contract",))
 def _multiply_covariance(f: FilterState, m: int, B: FloatArray, V: FloatArray) -> None:
-    """Fill V (2, n) = B P, B (2, 5) by x, y, theta and the landmark at row m, P of eta."""
-    r, n, P = f.robot_size, num_rows(f), f.P
+    """Fill V (2, n) = B P, P of eta.
+
+    B (2, 7) is by x, y, theta, the landmark at row m, and the systematic errors of the ranges.
+    """
+    r, n, P, e = f.robot_size, num_rows(f), f.P, f.range_errors
     for k in range(2):
         _scale_and_add(V[k, :n], 0.0, B[k, 0], P[0, :n])
         _add_two_rows(V[k, :n], B[k, 1], P[1, :n], B[k, 2], P[2, :n])
+        if e > 0:
+            _add_two_rows(V[k, :n], B[k, 5], P[e, :n], B[k, 6], P[e + 1, :n])
     for j in range(m + 1):  # the landmark's columns; then its rows, of the upper triangle
         x, y = P[j, m], P[j, m + 1]
         V[0, j] += B[0, 3] * x + B[0, 4] * y

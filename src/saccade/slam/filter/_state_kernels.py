@@ -51,6 +51,9 @@ class FilterState:
     """Error parametrization: `STANDARD` or `INVARIANT`."""
     huber: float
     """Root of the normalized innovation squared beyond which an observation has less weight."""
+    range_errors: int
+    """First row of the scale error and the offset of the ranges, which are the robot's last states;
+    0 where they are not estimated."""
     auxiliary: int
     """Capacity for points behind the landmarks that are corrected with them and never observed, see
     `submaps`; without diagonal blocks."""

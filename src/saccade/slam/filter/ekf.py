@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import LogError, require
-from saccade.motions import SYSTEMATIC_ERRORS
 from saccade.slam.filter._kernels import predict, retract, update, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
 from saccade.slam.filter.models import as_relative_pose, observe, wrap
@@ -46,6 +45,8 @@ from saccade.slam.filter.validation import (
 )
 from saccade.types import FloatArray, IntArray
 
+RANGE_ERRORS = 2
+"""Number of systematic errors of the ranges: scale error and offset."""
 JOIN_SIGMA = 1e-4
 """Standard deviation of the constraint that two landmarks are one, in meters."""
 
@@ -59,8 +60,9 @@ class EkfSlam:
 
     Args:
         pose: (3,) x, y in meters, heading in radians; or (6,) with the biases of the odometry (see
-            `odometry_bias`).
-        covariance: (3, 3) of the pose, or (6, 6); zero where the pose defines the frame.
+            `odometry_bias`), (5,) with the systematic errors of the ranges (see `range_errors`), or
+            (8,) with both.
+        covariance: (r, r) of the pose with these; zero where the pose defines the frame.
         errors: the error parametrization, see `filter.state.ERRORS`; by default the source's.
         huber: root of the normalized innovation squared beyond which an observation has less
             weight, after Huber (1964): its covariance is multiplied by their ratio.
@@ -79,10 +81,12 @@ class EkfSlam:
         errors: Errors = "standard",
         huber: float = inf,
     ) -> None:
-        robot = check_vector("pose", pose, 3 + SYSTEMATIC_ERRORS if np.size(pose) > 3 else 3)
+        size = np.size(pose)
+        robot = check_vector("pose", pose, size if size in (3, 5, 6, 8) else 3)
         P = check_covariance("covariance of the pose", covariance, len(robot))
         require(errors in ERRORS, "errors", " or ".join(ERRORS), errors)
-        self._whole = new_state(robot, P, errors=ERRORS[errors], huber=huber)
+        first = size - RANGE_ERRORS if size in (5, 8) else 0
+        self._whole = new_state(robot, P, errors=ERRORS[errors], huber=huber, range_errors=first)
         self._whole.state[2] = wrap(robot[2])
         self.submap: Submap | None = None
         """The submap in which the filter works at present; None for the whole map."""
@@ -109,7 +113,16 @@ class EkfSlam:
             self.leave()
             inflate_heading_covariance(self._whole)
         f = self._reserved(0, 1)
-        predict(f, u, U, by_error[:, : f.robot_size - 3])
+        predict(f, u, U, self._by_systematic_errors(by_error))
+
+    def _by_systematic_errors(self, by_error: FloatArray) -> FloatArray:
+        """(3, r - 3) Jacobian of a relative pose by the robot's states beyond the pose."""
+        size, ranges = self.active.robot_size - 3, self.active.range_errors
+        if ranges == 0:
+            return by_error[:, :size]
+        D = np.zeros((3, size))
+        D[:, : ranges - 3] = by_error[:, : ranges - 3]
+        return D
 
     def update(
         self, z: FloatArray, R: FloatArray, landmark: npt.ArrayLike, *, checked: bool = False
@@ -251,6 +264,10 @@ class EkfSlam:
         r, P = len(robot), self.marginal(landmarks)
         points = self._whole.state[r:].reshape(-1, 2)[self.rows(landmarks)]
         predicted, H = observe(robot, points)
+        if (errors := self.range_errors) is not None:
+            H[:, 0, r - 2], H[:, 0, r - 1] = predicted[:, 0], 1.0
+            H[:, 0, [0, 1, 2, r, r + 1]] *= 1 + errors[0]
+            predicted[:, 0] = (1 + errors[0]) * predicted[:, 0] + errors[1]
         J = np.zeros((c, 2, r + 2 * c))
         J[..., :r] = H[..., :r]
         for k in range(c):
@@ -372,7 +389,15 @@ class EkfSlam:
     @property
     def odometry_bias(self) -> FloatArray | None:
         """(3,) see `motions.SYSTEMATIC_ERRORS`; None where they are no part of the state."""
-        return self.robot_state[3:] if self.active.robot_size > 3 else None
+        return self.robot_state[3:6] if self.active.robot_size > 5 else None
+
+    @property
+    def range_errors(self) -> FloatArray | None:
+        """(2,) scale error and offset of the ranges in meters; None where they are not estimated.
+
+        The range of a landmark at distance q is expected as (1 + scale error) q + offset.
+        """
+        return self.robot_state[-2:] if self.active.range_errors > 0 else None
 
     @property
     def nonlinearity(self) -> float:

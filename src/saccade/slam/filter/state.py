@@ -66,6 +66,7 @@ def new_state(
     errors: int = STANDARD,
     huber: float = np.inf,
     *,
+    range_errors: int = 0,
     auxiliary: int = 0,
     rank: int = 0,
 ) -> FilterState:
@@ -80,6 +81,7 @@ def new_state(
         r,
         errors,
         float(huber),
+        range_errors,
         auxiliary,
         np.zeros(capacity, np.int64),
         state,
@@ -115,7 +117,9 @@ def like(
     a = np.zeros(n) if heading_lever is None else heading_lever
     cross = np.outer(a, covariance[2] - covariance[2, 2] / 2 * a)
     P = covariance - (cross + cross.T)  # of eta = e - a e_theta
-    new = new_state(mean[:r], P[:r, :r], N + FIRST_CAPACITY, f.errors, f.huber)
+    new = new_state(
+        *(mean[:r], P[:r, :r], N + FIRST_CAPACITY, f.errors, f.huber), range_errors=f.range_errors
+    )
     new.state[:n], new.heading_lever[:n], new.P[:n, :n], new.ids[:N] = mean, a, P, ids
     new.now.next_id = max(int(ids.max(initial=-1)) + 1, f.now.next_id)
     new.now.nonlinearity, new.now.nonlinear_updates = f.now.nonlinearity, f.now.nonlinear_updates
@@ -173,6 +177,7 @@ def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
     r, n, now = f.robot_size, state_size(f), f.now
     new = new_state(
         *(f.state[:r], f.P[:r, :r], capacity, f.errors, f.huber),
+        range_errors=f.range_errors,
         auxiliary=f.auxiliary,
         rank=rank,
     )
@@ -192,7 +197,12 @@ def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
 
 def augment(f: FilterState, z: FloatArray, R: FloatArray) -> None:
     """Adds a landmark observed at z (2,) with covariance R (2, 2) (C.15-C.18)."""
+    e = f.range_errors
+    scale, offset = (1 + f.state[e], f.state[e + 1]) if e > 0 else (1.0, 0.0)
+    z = np.array([(z[0] - offset) / scale, z[1]])
     xy, Gx, Gz = inverse_observe(f.state[:3], z)  # C.15, C.18
+    Gz[:, 0] /= scale
+    by_error = -Gz[:, :1] * [z[0], 1.0]
     noise = Gz @ R @ Gz.T
     if f.errors == INVARIANT:
         mean, covariance = _second_order_point(f.state[2] + z[1], z[0], R)
@@ -202,6 +212,8 @@ def augment(f: FilterState, z: FloatArray, R: FloatArray) -> None:
     new, points, a = slice(n, n + 2), auxiliary_rows(f), f.heading_lever
     G = np.zeros((2, r))
     G[:, :3] = Gx
+    if e > 0:
+        G[:, e : e + 2] = by_error
     G[:, 2] += Gx[:, :2] @ a[:2]  # by eta
     P[:n, new] = (G @ P[:r, :n]).T  # C.17, Gx Pxx and Gx Pxm
     P[new, points] = G @ P[:r, points]

@@ -110,7 +110,15 @@ def enter(f: FilterState, inside: IntArray) -> Submap:
     rows = state_rows(inside, r)
     C, L = _block(f, rows, rows), len(rows)
     room = k + max(k // 4, MIN_SPARE)
-    local = new_state(f.state[:r], f.P[:r, :r], room, f.errors, f.huber, auxiliary=L + 1)
+    local = new_state(
+        f.state[:r],
+        f.P[:r, :r],
+        room,
+        f.errors,
+        f.huber,
+        range_errors=f.range_errors,
+        auxiliary=L + 1,
+    )
     for name in ROBOT_SCALARS:
         setattr(local.now, name, getattr(f.now, name))
     local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
