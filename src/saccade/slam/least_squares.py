@@ -31,6 +31,10 @@ STRETCH = 48
 """Number of successive poses whose covariances are computed together."""
 NEGLIGIBLE = 1e-12
 """Largest derivative of a pose by a landmark that is neglected."""
+MAX_NATURAL_FLOPS = 2e10
+"""Largest number of operations for an elimination of the poses in their order, before the
+landmarks; beyond it, the order of elimination is searched, at a cost that grows faster than the
+number of poses where each landmark is observed from many."""
 MAX_DAMPING = 1e6
 """Largest damping of a step."""
 
@@ -207,7 +211,9 @@ class NormalEquations:
         damped = csc_array(self._H + damping * diags_array(self._H.diagonal()))
         n, g = self._sparse, -self._gradient
         others, B = csc_array(damped[:n, :n]), damped[:n, n:].toarray()
-        factors = splu(others, "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
+        flops = self._poses * (n - self._poses) ** 2
+        order = "NATURAL" if flops < MAX_NATURAL_FLOPS else "MMD_AT_PLUS_A"
+        factors = splu(others, order, 0.0, options={"SymmetricMode": True})
         x = factors.solve(np.column_stack([g[:n], B]))
         S = damped[n:, n:].toarray() - B.T @ x[:, 1:]
         bias = np.linalg.solve(S, g[n:] - B.T @ x[:, 0])
