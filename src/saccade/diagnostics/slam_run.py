@@ -43,9 +43,9 @@ ONE_SIDED_NIS = 1.05
 """Maximum mean NIS over its degrees of freedom without a warning, for one-sided innovations."""
 MIN_SIDE = 0.1
 """Minimum mean of one-sided innovations, in standard deviations."""
-MAX_SCALE_ERROR = 0.03
+MAX_DISAGREEMENT = 0.02
 """Maximum relative error of odometry distances without a warning."""
-SCALE_SIGMAS = 5.0
+SCALE_SIGMAS = 4.0
 """Minimum ratio of that error to its standard deviation."""
 MIN_SEPARATION = 4.0
 """Minimum distance of two positions of a label, relative to their spread and uncertainty."""
@@ -144,18 +144,22 @@ def _check_innovations(
 
 def _check_scale(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     """Checks the scale of ranges against odometry, if the log declares no odometry bias."""
-    bias, covariance = result.odometry_bias, result.bias_covariance
-    if bias is None or covariance is None or log.odometry_bias[0] > 0:
+    found, bias, errors = result.scale_disagreement, result.odometry_bias, result.range_errors
+    if found is None or bias is None or errors is None or log.odometry_bias[0] > 0:
         return
-    scale, sigma = float(bias[0]), float(np.sqrt(covariance[0, 0]))
-    if abs(scale) > max(MAX_SCALE_ERROR, SCALE_SIGMAS * sigma):
-        side = "longer" if scale > 0 else "shorter"
+    difference, sigma = found
+    if abs(difference) > max(MAX_DISAGREEMENT, SCALE_SIGMAS * sigma):
+        side = "longer" if difference > 0 else "shorter"
         what = (
-            f"ranges are {100 * abs(scale):.1f} +- {100 * sigma:.1f} % {side} than expected "
-            "from odometry; the map has the scale of the ranges"
+            f"ranges are {100 * abs(difference):.1f} +- {100 * sigma:.1f} % {side} than expected "
+            f"from odometry: either they are wrong (estimated {100 * errors[0]:+.1f} %), or the "
+            f"distances of odometry are (true ones {100 * bias[0]:+.1f} %)"
         )
-        advice = "Compare both with a known length"
-        yield Finding("warning", "scale", what, advice, 100 * scale, "%")
+        advice = (
+            "Give a known distance: a surveyed map (--map); or declare the usual errors of the "
+            'sensor in the log, as "# range_errors: 0.01, 0.02"'
+        )
+        yield Finding("warning", "scale", what, advice, 100 * difference, "%")
 
 
 def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ factorization gives the covariances.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
@@ -212,6 +212,7 @@ class NormalEquations:
         n, g = self._sparse, -self._gradient
         others, B = csc_array(damped[:n, :n]), damped[:n, n:].toarray()
         flops = self._poses * (n - self._poses) ** 2
+        order: Literal["NATURAL", "MMD_AT_PLUS_A"]
         order = "NATURAL" if flops < MAX_NATURAL_FLOPS else "MMD_AT_PLUS_A"
         factors = splu(others, order, 0.0, options={"SymmetricMode": True})
         x = factors.solve(np.column_stack([g[:n], B]))

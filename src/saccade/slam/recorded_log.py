@@ -22,7 +22,7 @@ from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch
 from saccade.slam.results import PoseHypotheses, SlamResult
 from saccade.slam.scans import NO_SCAN, Scan, scans_of
-from saccade.slam.smoothing import Prior, smooth
+from saccade.slam.smoothing import Prior, scale_disagreement, smooth
 from saccade.types import (
     BoolArray,
     FloatArray,
@@ -196,6 +196,9 @@ def _filtered(
         range_errors=(errors := slam.filter.range_errors),
         range_error_covariance=(
             None if errors is None else slam.filter.marginal(found.id[:0])[-2:, -2:]
+        ),
+        scale_disagreement=scale_disagreement(
+            slam.filter.robot_state[3:], slam.filter.marginal(found.id[:0])[3:, 3:]
         ),
         nonlinearity=slam.filter.nonlinearity,
         lost=lost,

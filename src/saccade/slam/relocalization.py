@@ -323,10 +323,10 @@ class Relocalizer:
         density = np.exp(-normalized_squared(v, S) / 2) / (2 * pi * np.sqrt(np.linalg.det(S)))
         chance = np.where(self.labeled, min(UNMAPPED, self._wrong_label), UNMAPPED)
         mixture = chance / (pi * reach**2) + (1 - chance) / visible * density
-        volume = (2 * pi) ** 1.5 * np.sqrt(np.linalg.det(covariance))
+        log_volume = 1.5 * log(2 * pi) + np.linalg.slogdet(covariance)[1] / 2
         low, high = self._landmarks.min(0), self._landmarks.max(0)
         prior = 1 / (float(np.prod(high - low + 2 * reach)) * 2 * pi)
-        return np.asarray(np.log(mixture).sum(1) + np.log(volume * prior))
+        return np.asarray(np.log(mixture).sum(1) + log_volume + log(prior))
 
     def _posterior(
         self, pose: FloatArray, covariance: FloatArray, association: IntArray

@@ -149,6 +149,9 @@ class SlamResult(Pictured):
     they are not estimated."""
     range_error_covariance: FloatArray | None = None
     """(2, 2) its covariance."""
+    scale_disagreement: tuple[float, float] | None = None
+    """Fraction by which ranges are longer than expected from odometry, and its standard deviation;
+    None if the two are not estimated."""
     nonlinearity: float = 0.0
     """Root of the mean fraction of second-order terms in the variance of the innovations; above
     `MAX_NONLINEARITY` the filter is overconfident. Zero for the standard filter."""

@@ -6,6 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from saccade.errors import LogError
+from saccade.motions import SYSTEMATIC_ERRORS
 from saccade.plane import (
     in_robot_frame,
     path_of,
@@ -114,6 +115,8 @@ class Smoothed(NamedTuple):
     """(2,) scale error and offset of the ranges; None if they are not estimated."""
     range_error_covariance: FloatArray | None
     """(2, 2) its covariance."""
+    scale_disagreement: tuple[float, float] | None
+    """As in `SlamResult`."""
 
 
 def smooth(
@@ -214,7 +217,24 @@ def smooth_log(
         bias_covariance=others[2 * n : 2 * n + 3, 2 * n : 2 * n + 3] if of_odometry else None,
         range_errors=best.bias[-2:] if of_ranges else None,
         range_error_covariance=others[-2:, -2:] if of_ranges else None,
+        scale_disagreement=scale_disagreement(best.bias, others[2 * n :, 2 * n :]),
     )
+
+
+def scale_disagreement(bias: FloatArray, covariance: FloatArray) -> tuple[float, float] | None:
+    """Sum of the scale errors of distances and ranges, and its standard deviation.
+
+    Args:
+        bias: (b,) systematic errors, as in `Estimate.bias`.
+        covariance: (b, b).
+
+    Returns:
+        None unless both are estimated.
+    """
+    if len(bias) < SYSTEMATIC_ERRORS + 2:
+        return None
+    scales = np.ix_((0, SYSTEMATIC_ERRORS), (0, SYSTEMATIC_ERRORS))
+    return float(bias[0] + bias[SYSTEMATIC_ERRORS]), float(np.sqrt(covariance[scales].sum()))
 
 
 def _kidnappings(log: LandmarkLog, association: IntArray, lost: BoolArray | None) -> IntArray:

@@ -16,7 +16,7 @@ from saccade.slam.landmarks import LandmarkTable
 from saccade.slam.scans import Scan
 from saccade.types import IntArray
 
-LARGE_MAP = 1000
+LARGE_MAP = 200
 """Minimum number of landmarks for "auto" to use submaps."""
 MAX_FRACTION = 0.25
 """Largest submap that "auto" enters, as a fraction of the map."""
