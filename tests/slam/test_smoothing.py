@@ -124,7 +124,7 @@ def test_a_map_whose_heading_is_uncertain_is_filtered_only(rng):
     P = 0.2**2 * np.outer(turned, turned) + 0.1**2 * np.eye(40)
     robot = slam.Slam(EkfConfig(association="known"), map=LandmarkMap(np.arange(20), world))
     mean, covariance = robot.filter.state, robot.filter.covariance
-    covariance[6:, 6:] = P
+    covariance[-len(P) :, -len(P) :] = P
     robot.filter.set_gaussian(mean, covariance, robot.filter.ids)
     spread = np.square(world - world.mean(0)).sum()
     expected = np.sqrt(0.2**2 + 0.1**2 / spread)

@@ -29,6 +29,7 @@ def simulate(rng, motion="compose", steps=300, noise=1.0, reach=8.0):
         name="circle",
         start=truth[0],
         time=np.arange(steps + 1.0),
+        range_errors=(1e-3, 1e-3),
         motion=motion,
         control=np.array(controls[:-1]),
         control_covariance=np.tile(U, (steps, 1, 1)),

@@ -13,6 +13,9 @@ from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajec
 LAYOUT_SEED = 2010
 """Seed of the landmark positions, by default; they are equal in all runs."""
 
+CALIBRATED = (0.001, 0.001)
+"""Declared systematic errors of the ranges: the simulated sensor has none."""
+
 
 @dataclass(frozen=True)
 class WorldConfig(Settings):
@@ -146,6 +149,7 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
         control=control,
         control_covariance=U,
         odometry_bias=(*bias, 0.0),
+        range_errors=CALIBRATED,
         observation_pose=pose,
         observation=z,
         observation_covariance=sigma[:, :, None] ** 2 * np.eye(2),
