@@ -6,6 +6,7 @@ pandas does in columns with empty cells. Any other name is text, as tags have it
 """
 
 import re
+from collections.abc import Iterable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -129,3 +130,48 @@ def label_array(labels: list[Label | None]) -> npt.NDArray[Any]:
     if any(isinstance(label, str) for label in labels):
         return np.array(["" if label is None else str(label) for label in labels], object)
     return np.array([-1 if label is None else label for label in labels], np.int64)
+
+
+_TAG = re.compile(r"(?:(.+):)?0*(\d{1,15})", re.ASCII)
+"""A tag: optionally its family and a colon, then its number."""
+
+
+class TagSpelling:
+    """Spellings of the tags of a map: `5`, `05` and `FAMILY:5` are one tag of one family.
+
+    If several families are in use, or two labels of the map have one number, labels stay as they
+    are.
+
+    Args:
+        labels: labels of the map.
+    """
+
+    def __init__(self, labels: Iterable[Label]) -> None:
+        self._known = frozenset(labels)
+        tags = [(label, *_tag(label)) for label in self._known]
+        families = {family for _, family, number in tags if number is not None and family}
+        self._family = next(iter(families), "")
+        self._by_number = {number: label for label, _, number in tags if number is not None}
+        numbers = sum(number is not None for _, _, number in tags)
+        if len(families) > 1 or len(self._by_number) < numbers:
+            self._by_number = {}
+
+    def resolve(self, labels: Sequence[Label | None]) -> list[Label | None]:
+        """Labels (k,) as the map spells them; labels that it does not have are unchanged."""
+        return [
+            each if each is None or each in self._known or not self._by_number else self._find(each)
+            for each in labels
+        ]
+
+    def _find(self, label: Label) -> Label:
+        family, number = _tag(label)
+        if number is None or (family and self._family and family != self._family):
+            return label
+        self._family = self._family or family
+        return self._by_number.get(number, label)
+
+
+def _tag(label: Label) -> tuple[str, int | None]:
+    """Family, empty if unknown, and number of a tag; None if the label has no such form."""
+    found = _TAG.fullmatch(str(label))
+    return ("", None) if found is None else (found[1] or "", int(found[2]))

@@ -7,7 +7,7 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.motions import MOTIONS, RelativePoses, to_relative_poses
-from saccade.types import FloatArray, LandmarkLog
+from saccade.types import BoolArray, FloatArray, LandmarkLog
 
 NEAREST = 1e-9
 """Minimum distance in meters for a defined bearing."""
@@ -134,3 +134,37 @@ def in_robot_frame(log: LandmarkLog) -> LandmarkLog:
 def relative_poses_of(log: LandmarkLog) -> RelativePoses:
     """The controls of a log as relative poses."""
     return to_relative_poses(MOTIONS[log.motion], log.control, log.control_covariance)
+
+
+MIN_STEPS = 20
+"""Minimum number of steps for a comparison of their lengths."""
+MIN_JUMP = 1.0
+"""Minimum length in meters of a jump of odometry."""
+SPEED_RATIO = 8.0
+"""Minimum speed of a jump, relative to the 95th percentile of speeds."""
+RESET_RATIO = 3.0
+"""The same for a reset, which also returns to the origin."""
+MAX_RETURN = 0.1
+"""Maximum distance from the origin after a reset, relative to the distance before it."""
+
+
+def long_steps(time: FloatArray, path: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """(t,) True for steps that are jumps, and for steps that are resets to the origin.
+
+    Args:
+        time: (t + 1,) times of the poses in seconds.
+        path: (t + 1, 3) poses of odometry; the first is the origin.
+    """
+    length = np.hypot(*steps_between(path)[:, :2].T)
+    if len(length) < MIN_STEPS:
+        return np.zeros(len(length), bool), np.zeros(len(length), bool)
+    duration = np.diff(time)
+    usual = float(np.median(duration[duration > 0])) if (duration > 0).any() else 1.0
+    speed = length / np.maximum(duration, usual)
+    common = float(np.quantile(speed, 0.95))
+    distance = np.hypot(*(path[:, :2] - path[0, :2]).T)
+    returns = distance[1:] < MAX_RETURN * distance[:-1]
+    is_long = length > MIN_JUMP
+    return is_long & (speed > SPEED_RATIO * common), (
+        is_long & returns & (speed > RESET_RATIO * common)
+    )

@@ -3,7 +3,9 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from fuzz.targets import TARGETS
 from saccade.datasets import load_drive
 from saccade.io.video import video_writer
 
@@ -143,3 +145,73 @@ class TestFolder:
         cut = load_drive("auto", tmp_path / "cut.avi")
         assert 5 < len(cut) < 25
         np.testing.assert_array_equal(cut.load(4).image, forth[4])
+
+
+def euroc_rig(folder, turned):
+    """EuRoC's layout: a checkered wall at 4 m, from two cameras that converge by `turned` rad."""
+    K = np.array([[60.0, 0, 40], [0, 60, 30], [0, 0, 1]])
+    for side in (0, 1):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_rotvec((0, -turned * side, 0)).as_matrix()
+        pose[0, 3] = 0.2 * side
+        (folder / f"cam{side}" / "data").mkdir(parents=True)
+        (folder / f"cam{side}" / "sensor.yaml").write_text(
+            f"T_BS:\n  cols: 4\n  rows: 4\n  data: {pose.ravel().tolist()}\nrate_hz: 20\n"
+            "resolution: [80, 60]\ncamera_model: pinhole\nintrinsics: [60, 60, 40, 30]\n"
+            "distortion_model: radial-tangential\ndistortion_coefficients: [0, 0, 0, 0]\n"
+        )
+        x, y = np.meshgrid(np.arange(80), np.arange(60))
+        rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(K).T @ pose[:3, :3].T
+        wall = pose[0, 3] + 4 * rays[..., 0] / rays[..., 2], 4 * rays[..., 1] / rays[..., 2]
+        pixels = 128 + 60 * np.sin(5 * wall[0]) + 60 * np.sin(6 * wall[1])
+        for i in range(3):
+            name = f"{1403636579763555584 + i * 50_000_000}.png"
+            cv2.imwrite(str(folder / f"cam{side}" / "data" / name), pixels.astype(np.uint8))
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.05])
+def test_a_pair_in_the_layout_of_euroc_is_rectified(tmp_path, turned):
+    euroc_rig(tmp_path / "V1" / "mav0", turned)
+    truth = tmp_path / "V1" / "mav0" / "state_groundtruth_estimate0"
+    truth.mkdir()
+    rows = [f"{1403636579763555584 + i * 50_000_000},0,0,{i},1,0,0,0,0" for i in range(3)]
+    (truth / "data.csv").write_text("\n".join(["#timestamp,x,y,z,qw,qx,qy,qz,v", *rows]))
+    drive = load_drive("auto", tmp_path / "V1")
+    assert drive.name == "V1"
+    assert (drive.camera.fx, drive.camera.cy) == (60, 30)
+    assert drive.camera.baseline == pytest.approx(0.2)
+    np.testing.assert_allclose(np.diff(drive.time), 0.05, atol=1e-6)
+    np.testing.assert_allclose(drive.truth.pose[:, 0], (0, 1, 2), atol=0.01)
+    frame = drive.load(1)
+    disparity = 60 * 0.2 / 4
+    left, right = (each[15:45].astype(float) for each in (frame.image, frame.right))
+    errors = [np.abs(left[:, 30:60] - right[:, 30 - d : 60 - d]).mean() for d in range(8)]
+    assert np.argmin(errors) == round(disparity)
+    assert min(errors) < 4
+
+
+@pytest.mark.parametrize("text", ["focal_length: 60\npp: 40 30\n", "focal_length = 60, pp = 40 30"])
+def test_calib_may_name_focal_length_and_principal_point(tmp_path, text):
+    (tmp_path / "image_0").mkdir()
+    cv2.imwrite(str(tmp_path / "image_0" / "000000.png"), np.zeros((60, 80), np.uint8))
+    (tmp_path / "calib.txt").write_text(text.replace(", ", "\n"))
+    camera = load_drive("auto", tmp_path).camera
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (60, 60, 40, 30)
+
+
+def test_the_camera_of_tum_is_in_the_header_of_its_list(tmp_path):
+    TARGETS["tum-list"].make(tmp_path)
+    (tmp_path / "camera.toml").unlink()
+    rows = (tmp_path / "rgb.txt").read_text()
+    (tmp_path / "rgb.txt").write_text(f"# file: 'rgbd_dataset_freiburg2_desk.bag'\n{rows}")
+    assert load_drive("auto", tmp_path).camera.fx == 520.9
+
+
+def test_colors_and_depth_may_lie_side_by_side(tmp_path):
+    for name, value in (("rgb", 90), ("depth", 2000)):
+        (tmp_path / name).mkdir()
+        pixels = np.full((60, 80), value, np.uint16 if name == "depth" else np.uint8)
+        cv2.imwrite(str(tmp_path / name / "0.png"), pixels)
+    frame = load_drive("auto", tmp_path).load(0)
+    assert frame.image[0, 0] == 90
+    assert frame.depth[0, 0] == 2.0

@@ -33,7 +33,7 @@ def test_a_stereo_bag(bag):
     ahead = drive.camera.rotation @ [0, 0, 1]  # the optical axis looks to the robot's left
     np.testing.assert_allclose(ahead, [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(drive.camera.rotation @ [0, 1, 0], [0, 0, -1], atol=1e-12)
-    np.testing.assert_allclose(drive.time, np.arange(FRAMES) / 10, atol=1e-6)
+    np.testing.assert_allclose(drive.time, 100 + np.arange(FRAMES) / 10, atol=1e-6)
     for i in (3, 0, 5):
         np.testing.assert_array_equal(drive.load(i).image, pictures()[0, i])
         np.testing.assert_array_equal(drive.load(i).right, pictures()[1, i])
@@ -238,7 +238,7 @@ def test_parts_of_a_bag_are_one_and_bags_are_not(tmp_path):
         next(path.glob("*.mcap")).rename(tmp_path / f"parts/way_{number}.mcap")
         shutil.rmtree(path)
     drive = load_drive("auto", tmp_path / "parts")
-    np.testing.assert_allclose(drive.time, np.arange(FRAMES) / 10, atol=1e-6)
+    np.testing.assert_allclose(drive.time, 100 + np.arange(FRAMES) / 10, atol=1e-6)
     (tmp_path / "parts/way_9.mcap").rename(tmp_path / "parts/other.mcap")
     with refuses(DriveError, "parts: expected one bag, found other.mcap, way_10.mcap"):
         load_drive("auto", tmp_path / "parts")

@@ -23,6 +23,7 @@ LOGS = {
     "rosbag": "rosbag1-log",
 }
 DRIVES = {
+    "euroc": "euroc",
     "kitti": "kitti-odometry",
     "tum-rgbd": "tum-list",
     "rosbag": "rosbag1",
@@ -40,7 +41,7 @@ def make(folder, kind, table):
         return folder / "sensor_data.dat"
     target = TARGETS[(LOGS if table is LOG_FORMATS else DRIVES)[kind]]
     target.make(folder)
-    if kind in ("mrclam", "kitti", "tum-rgbd", "tracks", "folder"):
+    if kind in ("mrclam", "kitti", "tum-rgbd", "tracks", "folder", "euroc"):
         return (folder / target.file).parent if kind == "mrclam" else folder
     return folder / target.file
 

@@ -28,7 +28,7 @@ def check_observations(log, scans=8, step=0.5, names=NAMES, atol=1e-9):
     np.testing.assert_allclose(log.observation[:, 0], expected[:, 0], atol=atol)
     turn = np.exp(1j * (log.observation[:, 1] - expected[:, 1]))
     np.testing.assert_allclose(turn, 1, atol=atol)
-    seen = log.time[log.observation_pose]
+    seen = log.time[log.observation_pose] - START
     np.testing.assert_allclose(seen, np.repeat(np.arange(scans) * step, len(names)), atol=1e-6)
     np.testing.assert_array_equal(log.landmark, np.tile(names, scans))
 

@@ -36,7 +36,7 @@ FILES = [
 """Targets of the fuzzer with a reader of recorded data."""
 OPTIONAL = [
     *("kitti-calib", "kitti-odometry", "tum-truth", "folder-times", "folder-odometry"),
-    *("camera-toml", "camera-yaml", "rosbag2-metadata"),
+    *("camera-toml", "camera-yaml", "rosbag2-metadata", "tum-list"),
 ]
 """Files without which a recording is read otherwise."""
 TABLES = [

@@ -181,6 +181,19 @@ def _tum(folder: Path) -> None:
     _camera_file(folder, 640, 480)
 
 
+def _euroc(folder: Path) -> None:
+    for side in (0, 1):
+        camera = folder / f"cam{side}"
+        names = [f"{1403636579763555584 + i * 50_000_000}.png" for i in range(2)]
+        write_pictures(camera / "data", *names)
+        pose = [*(1.0, 0.0, 0.0, 0.1 * side), *(0.0, 1.0, 0.0, 0.0), *(0.0, 0.0, 1.0, 0.0)]
+        (camera / "sensor.yaml").write_text(
+            f"T_BS:\n  cols: 4\n  rows: 4\n  data: {[*pose, 0.0, 0.0, 0.0, 1.0]}\n"
+            "resolution: [32, 24]\nintrinsics: [20.0, 20.0, 16.0, 12.0]\n"
+            "distortion_model: radial-tangential\ndistortion_coefficients: [0.1, 0, 0, 0]\n"
+        )
+
+
 def _camera_file(folder: Path, width: int = 32, height: int = 24) -> None:
     (folder / "camera.toml").write_text(
         f"width = {width}\nheight = {height}\nfx = 20.0\nfy = 20.0\ncx = 16.0\ncy = 12.0\n"
@@ -360,6 +373,7 @@ TARGETS = {
     ),
     "tum-list": _drive(_tum, "rgb.txt"),
     "tum-truth": _drive(_tum, "groundtruth.txt"),
+    "euroc": _drive(_euroc, "cam0/sensor.yaml"),
     "camera-toml": _drive(_folder, "camera.toml"),
     "camera-yaml": _drive(_camera_info, "camera_info.yaml"),
     "folder-times": _drive(_folder, "times.txt"),

@@ -11,6 +11,7 @@ from saccade import slam
 from saccade.datasets import load_map, save, write_landmarks
 from saccade.errors import ConfigError, LogError, LogWarning
 from saccade.evaluation.trajectory import position_rmse
+from saccade.landmark_names import TagSpelling, parse_name
 from saccade.simulation import WorldConfig, simulate_world
 from support.logs import between, without_names
 
@@ -129,9 +130,36 @@ def test_the_command_takes_a_survey(run, tmp_path, survey, log):
     assert summary["filtered_position_unaligned_rmse_m"] < 0.15
     code, _, err = run(*words, "--start", "last")
     assert code == 2
-    assert "--start: expected search, log or X,Y,HEADING with a .csv" in err
+    assert "--start: expected search, log or X,Y,HEADING with a survey" in err
 
 
 def test_a_map_without_landmarks_is_refused(log):
     with pytest.raises(ConfigError, match="map: expected landmarks, found 'none'"):
         slam.Slam(map=replace(log.landmark_truth, id=np.empty(0, int), xy=np.empty((0, 2))))
+
+
+@pytest.mark.filterwarnings("ignore::saccade.LogWarning")
+def test_surveys_of_other_programs_are_maps(tmp_path):
+    tag = '{"ID": 4, "pose": {"translation": {"x": 1.5, "y": 2, "z": 1}, "rotation": {}}}'
+    (tmp_path / "field.json").write_text('{"field": {"length": 16}, "tags": [' + tag + "]}")
+    (tmp_path / "world.dat").write_text("4 1.5 2\n")
+    (tmp_path / "c.csv").write_text(
+        "label,x,y,z,c00,c01,c02,c11,c12,c22\n4,1.5,2,1,1,0.1,0,2,0,3\n"
+    )
+    for name in ("field.json", "world.dat", "c.csv"):
+        landmarks = load_map(tmp_path / name)
+        assert landmarks.id.tolist() == [4]
+        np.testing.assert_array_equal(landmarks.xy, [[1.5, 2.0]])
+    np.testing.assert_array_equal(landmarks.covariance, [[[1, 0.1], [0.1, 2]]])
+    (tmp_path / "field.json").write_text('{"tags": [{"ID": 4}]}')
+    with pytest.raises(LogError, match=r"field.json: expected a field layout with tags"):
+        load_map(tmp_path / "field.json")
+
+
+@pytest.mark.parametrize("name", ["5", "05", "tag36h11:5"])
+@pytest.mark.parametrize("live", [5, "05", "tag36h11:5"])
+def test_a_tag_has_several_spellings(name, live):
+    spelling = TagSpelling([parse_name(name), "exit"])
+    assert spelling.resolve([live, None, "exit", 6]) == [parse_name(name), None, "exit", 6]
+    two = TagSpelling(["tag36h11:5", "tag25h9:5"])
+    assert two.resolve([5]) == [5]

@@ -20,9 +20,11 @@ def slam(options: SlamOptions) -> Result:
     """
     from saccade.cli.mapping import run_facts
     from saccade.cli.slam_run import map_log
-    from saccade.io.files import results_in
+    from saccade.io.files import check_writable, results_in
     from saccade.plane import in_robot_frame
 
+    if options.save_map is not None:
+        check_writable(options.save_map)
     ride = None if options.tag_config is None else options.load_ride(options.log)
     log = in_robot_frame(options.load(options.log)) if ride is None else ride.tags.log
     with results_in(options.out), progress_bar(log.name) as progress:

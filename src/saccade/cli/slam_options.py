@@ -37,7 +37,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     no_smooth: Annotated[bool, Parameter(negative=())] = False
     """Keep the filtered trajectory and map, without smoothing at the end."""
     map_file: Annotated[Path | None, MAP, Parameter("--map")] = None
-    """Start from a map: of an earlier run (.npz), or a table of landmarks (.csv)."""
+    """Start from a map: of an earlier run (.npz), or a survey (.csv, WPILib's .json, text)."""
     save_map: Annotated[Path | None, MAP] = None
     """Save the map and the filter, for --map of a later run."""
     mode: Annotated[Literal["continue", "localize"], MAP] = "continue"
@@ -45,7 +45,7 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
     start: Annotated[str | None, MAP, Parameter(metavar="WHERE")] = None
     """First pose in the frame of --map. last: the robot has not moved since (default for continue,
     unless the first scans contradict it); search: from the first scans (default for localize and
-    .csv maps); log: as in the log; or X,Y,HEADING in meters and radians."""
+    surveys); log: as in the log; or X,Y,HEADING in meters and radians."""
 
     @property
     def first(self) -> str:
@@ -55,8 +55,8 @@ class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
 
     @property
     def has_survey(self) -> bool:
-        """Whether the map is a table of landmarks."""
-        return self.map_file is not None and self.map_file.suffix.lower() == ".csv"
+        """Whether the map is a survey, in a format of `MAP_FORMATS`, not a saved filter."""
+        return self.map_file is not None and self.map_file.suffix.lower() != ".npz"
 
     @property
     def survey(self) -> LandmarkMap | None:

@@ -23,6 +23,7 @@ from saccade.cli.slam_options import SlamOptions
 from saccade.datasets import load_map, symmetric_columns, write_landmarks, write_table, write_tum
 from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.slam_run import check_run
+from saccade.diagnostics.truth import with_usable_truth
 from saccade.errors import ConfigError, LogError
 from saccade.evaluation.runs import lost_times, summarize_run
 from saccade.extras import import_function
@@ -58,6 +59,7 @@ def map_log(
     drive of a log of tags.
     """
     causes = check_log(log)
+    log = with_usable_truth(log)
     out, slam = options.out, filter_of(options, log)
     try:
         odometry, filtered = dead_reckon(log, slam.config), partial(progress, stage="filter")
@@ -255,7 +257,7 @@ def filter_of(options: SlamOptions, log: LandmarkLog) -> Slam:
     load: Callable[..., Slam] = partial(Slam.load, options.map_file, options.mode, own)
     if options.has_survey:
         if options.first == "last":
-            raise ConfigError("--start: expected search, log or X,Y,HEADING with a .csv map")
+            raise ConfigError("--start: expected search, log or X,Y,HEADING with a survey")
         load = partial(_surveyed, settings, load_map(options.map_file), options.mode)
     elif options.first == "last":
         robot = load()

@@ -20,6 +20,8 @@ from saccade.types import BoolArray, FloatArray, LandmarkMap, Trajectory
 
 LARGEST = 1e100
 """Maximum magnitude of numbers read; the square is still finite."""
+MAX_SHOWN = 40
+"""Maximum number of characters of a cell in a message."""
 DETECTED = "detected"
 """Delimiter detected from the first line: tab, semicolon or comma."""
 
@@ -50,13 +52,12 @@ class Row:
             if not cell and blank is not None:
                 values.append(blank)
                 continue
-            try:
-                value = float(cell)
-            except ValueError:
-                value = np.inf
+            value = plain_number(cell)
             if not abs(value) < LARGEST:
                 comma = ", with a decimal comma" * (cell.count(",") == 1)
-                raise self.error(f"a finite number under {LARGEST:g}", f"{cell!r}{comma}")
+                raise self.error(
+                    f"a finite number under {LARGEST:g}", f"{cell[:MAX_SHOWN]!r}{comma}"
+                )
             values.append(value)
         return values
 
@@ -88,12 +89,22 @@ def one_of(*headers: tuple[str, ...]) -> Callable[[Row], None]:
     return check
 
 
+def plain_number(text: str) -> float:
+    """A number in ASCII digits without separators; infinite for other text.
+
+    Python's own conversion also accepts 4_8 and digits of other scripts.
+    """
+    if not text.isascii() or "_" in text:
+        return np.inf
+    try:
+        return float(text)
+    except ValueError:
+        return np.inf
+
+
 def is_number(text: str) -> bool:
     """Whether a text represents a finite number."""
-    try:
-        return bool(np.isfinite(float(text)))
-    except ValueError:
-        return False
+    return bool(np.isfinite(plain_number(text)))
 
 
 def read_rows(path: Path, delimiter: str | None = None, comment: str | None = "#") -> Iterator[Row]:

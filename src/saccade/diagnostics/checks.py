@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from saccade.diagnostics.findings import CheckReport, Finding, Severity
+from saccade.diagnostics.findings import CheckReport, Finding
 from saccade.diagnostics.odometry import (
     TURNING,
     check_direction,
@@ -64,16 +64,13 @@ def check_intrinsics(camera: Camera) -> Iterator[Finding]:
     field_of_view = float(2 * np.rad2deg(np.arctan(camera.width / 2 / camera.fx)))
     if offset > 15:
         what = f"the principal point is {offset:.0f} % of the image away from its center"
-        advice = "Check whether the calibration is for images of a different size or crop"
-        yield Finding("warning", "principal point", what, advice, offset, "%")
+        yield Finding.of("principal point", what, offset)
     if not 20 < field_of_view < 140:
         what = f"the focal length gives a field of view of {field_of_view:.0f} deg"
-        advice = "Check whether the calibration is for images of a different size"
-        yield Finding("warning", "field of view", what, advice, field_of_view, "deg")
+        yield Finding.of("field of view", what, field_of_view)
     if abs(camera.fx / camera.fy - 1) > 0.1:
         what = f"the focal lengths in x and y differ: {camera.fx:.0f} and {camera.fy:.0f} px"
-        advice = "Check whether the images were resized in one direction"
-        yield Finding("warning", "focal lengths", what, advice, camera.fx / camera.fy, "ratio")
+        yield Finding.of("focal lengths", what, camera.fx / camera.fy)
 
 
 def check_rectification(survey: Survey) -> Iterator[Finding]:
@@ -83,23 +80,22 @@ def check_rectification(survey: Survey) -> Iterator[Finding]:
     negative = float(np.mean(survey.disparity < -1.0))
     if negative > MAX_NEGATIVE:
         swapped = negative > 0.5
-        severity: Severity = "error" if swapped else "warning"
         what = (
             f"{100 * negative:.0f} % of the points have a negative disparity: they are further "
             "right in the right image"
         )
-        advice = (
-            "Swap the left and the right images"
-            if swapped
-            else "Check the rectification, and whether both images are synchronous"
-        )
-        yield Finding(severity, "disparity sign", what, advice, 100 * negative, "%")
+        if swapped:
+            advice = "Swap the left and the right images"
+            yield Finding.of(
+                "disparity sign", what, 100 * negative, advice=advice, severity="error"
+            )
+        else:
+            yield Finding.of("disparity sign", what, 100 * negative)
     rows = survey.row_offset[np.isfinite(survey.row_offset)]
     offset = float(np.median(np.abs(rows))) if len(rows) >= MIN_DISPARITIES else 0.0
     if offset > MAX_ROW_OFFSET:
         what = f"the same points are {offset:.1f} px higher or lower in the right image (median)"
-        advice = "Rectify the images, or calibrate again"
-        yield Finding("warning", "rows", what, advice, offset, "px")
+        yield Finding.of("rows", what, offset)
 
 
 def check_rotation(moving: MotionSeries) -> Iterator[Finding]:
@@ -118,11 +114,7 @@ def check_rotation(moving: MotionSeries) -> Iterator[Finding]:
             f"when the robot moves ahead, the camera moves {np.rad2deg(angle):.0f} deg away from "
             f"it: along ({vector}) ahead, left, up"
         )
-        advice = (
-            "Check camera.rotation: it rotates vectors of the camera (x right, y down, z along "
-            "the optical axis) into the robot's frame (x ahead, y left, z up)"
-        )
-        yield Finding("error", "camera rotation", what, advice, float(np.rad2deg(angle)), "deg")
+        yield Finding.of("camera rotation", what, float(np.rad2deg(angle)))
 
 
 def check_extrinsics(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
@@ -139,7 +131,7 @@ def check_extrinsics(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
             side = sides[1] if angle > 0 else sides[0]
             what = f"the camera is turned {abs(angle):.1f} deg further {side} than camera.rotation"
             advice = f"Turn camera.rotation {side} by this angle"
-            yield Finding("warning", check, what, advice, angle, "deg")
+            yield Finding.of(check, what, angle, advice=advice)
     speed = moving.odometry[:, 0] / moving.duration
     turning = np.abs(turn) > TURNING * moving.duration  # outside turns the errors are correlated
     if turning.sum() < MIN_STEPS:
@@ -152,11 +144,7 @@ def check_extrinsics(moving: MotionSeries, camera: Camera) -> Iterator[Finding]:
             f"in turns the camera moves as if it were {fitted.value[0]:.2f} m ahead of the robot's "
             f"origin (within {2 * fitted.error[0]:.2f}), camera.position is {position:.2f} m"
         )
-        advice = (
-            "Check camera.position: it is the position of the camera in the robot's frame, not of "
-            "the robot in the camera's"
-        )
-        yield Finding("warning", "camera position", what, advice, float(fitted.value[0]), "m")
+        yield Finding.of("camera position", what, float(fitted.value[0]))
 
 
 ORDER = ("error", "warning", "note")
@@ -205,8 +193,7 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
         findings += check_truth(drive, survey, agree)
     if not drive.control[:, :2].any():
         what = "odometry has no translations to compare with the images"
-        advice = "Provide odometry.csv if odometry was recorded"
-        findings.append(Finding("note", "no odometry", what, advice, 0.0, "steps"))
+        findings.append(Finding.of("no odometry", what, 0.0))
     findings.sort(key=lambda finding: ORDER.index(finding.severity))
     figures = _figures(survey, series, lag)
     return CheckReport(drive.name, len(drive), len(survey), tuple(findings), figures)

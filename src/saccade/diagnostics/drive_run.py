@@ -49,8 +49,7 @@ def check_mapping(drive: Drive, result: VisualResult, inside: float | None) -> I
     if dropped.any():
         what = f"{counted(int(dropped.sum()), 'image contradicts', 'images contradict')} "
         what += "the images before and after"
-        advice = "They are left out; check the recording for garbled frames"
-        yield Finding.in_frames("warning", "dropped frames", what, advice, np.flatnonzero(dropped))
+        yield Finding.in_frames("dropped frames", what, np.flatnonzero(dropped))
     blind = np.isin(sources, (StepSource.ODOMETRY, StepSource.UNKNOWN)) | dropped
     yield from _check_blind(drive, blind)
     if drive.has_odometry:
@@ -64,12 +63,10 @@ def check_mapping(drive: Drive, result: VisualResult, inside: float | None) -> I
             f"the scale is not held: after {seconds:.1f} s its standard deviation exceeds "
             f"{100 * MAX_SCALE_DRIFT:.0f} %, at the end it is {100 * result.scale_drift[-1]:.0f} %"
         )
-        advice = "Turn more slowly, at a higher frame rate; odometry or stereo measures the scale"
-        yield Finding("warning", "scale drift", what, advice, 100 * drift, "%")
+        yield Finding.of("scale drift", what, 100 * drift)
     if inside is not None and inside < MIN_INSIDE:
         what = f"only {100 * inside:.0f} % of the true positions are inside the 99.7 % ellipses"
-        advice = "The covariances are too small, or the truth belongs to another drive or clock"
-        yield Finding("warning", "ellipses", what, advice, 100 * inside, "%")
+        yield Finding.of("ellipses", what, 100 * inside)
 
 
 def _check_blind(drive: Drive, blind: BoolArray) -> Iterator[Finding]:
@@ -82,7 +79,6 @@ def _check_blind(drive: Drive, blind: BoolArray) -> Iterator[Finding]:
     if longest < MIN_SECONDS and fraction < MIN_FRACTION:
         return
     name, rest = "motion unknown", "there is no odometry: the last speed is assumed to go on"
-    advice = "Check for a covered lens, blank walls, or a focal length that is wrong"
     if drive.has_odometry:
         name, rest = "motion by odometry", "odometry alone bridges them"
     what = (
@@ -90,7 +86,7 @@ def _check_blind(drive: Drive, blind: BoolArray) -> Iterator[Finding]:
         f"time, and {rest}"
     )
     numbers = tuple(np.flatnonzero(blind).tolist())
-    yield Finding("warning", name, what, advice, sum(spans), "s", numbers)
+    yield Finding.of(name, what, sum(spans), frames=numbers)
 
 
 def _check_contradictions(drive: Drive, result: VisualResult) -> Iterator[Finding]:
@@ -101,16 +97,12 @@ def _check_contradictions(drive: Drive, result: VisualResult) -> Iterator[Findin
             f"a part of the image contradicts odometry in {100 * part.mean():.0f} % of the steps: "
             "something moves in it, such as a vehicle ahead"
         )
-        advice = "Only what agrees with odometry is used there"
-        numbers = np.flatnonzero(part)
-        yield Finding.in_frames("warning", "moving objects", what, advice, numbers)
+        yield Finding.in_frames("moving objects", what, np.flatnonzero(part))
     contradicted = result.sources == StepSource.CONTRADICTED
     if contradicted.mean() > MIN_CONTRADICTIONS:
         what = f"images and odometry contradict each other in {100 * contradicted.mean():.0f} % "
         what += "of the steps, and the images are used"
-        advice = "Check for slipping wheels, the clocks, the axes and the focal length"
-        numbers = np.flatnonzero(contradicted)
-        yield Finding.in_frames("warning", "contradiction", what, advice, numbers)
+        yield Finding.in_frames("contradiction", what, np.flatnonzero(contradicted))
 
 
 def _check_standstill(drive: Drive, result: VisualResult) -> Iterator[Finding]:
@@ -121,5 +113,4 @@ def _check_standstill(drive: Drive, result: VisualResult) -> Iterator[Finding]:
     if len(still) and still.mean() > STANDING:
         by = "odometry" if drive.has_odometry else "the images"
         what = f"the camera does not move, by {by}: there is no trajectory"
-        advice = "Without motion a single camera maps no landmarks"
-        yield Finding("warning", "no motion", what, advice, 100 * float(still.mean()), "%")
+        yield Finding.of("no motion", what, 100 * float(still.mean()))

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from saccade.diagnostics.findings import Finding, counted
+from saccade.diagnostics.findings import AXES, Finding, counted
 from saccade.diagnostics.observation_pairs import (
     FACTORS,
     MIN_PAIRS,
@@ -21,6 +21,8 @@ from saccade.diagnostics.observation_pairs import (
     pairs,
 )
 from saccade.diagnostics.sensor_mounting import Mounting
+from saccade.diagnostics.steps import check_steps
+from saccade.diagnostics.truth import check_truth_of_log
 from saccade.errors import LogError
 from saccade.landmark_names import name_texts
 from saccade.plane import (
@@ -58,7 +60,6 @@ DEGREE = np.pi / 180
 """One degree in radians."""
 MILLIMETER = 1e-3
 """One millimeter in meters."""
-AHEAD = "Bearings are 0 straight ahead and positive to the left: "
 
 
 class Rival(NamedTuple):
@@ -66,8 +67,9 @@ class Rival(NamedTuple):
 
     check: str
     what: str
-    advice: str
     readings: Readings
+    advice: str | None = None
+    """Advice in place of the usual one."""
     min_gain: float = MIN_GAIN
 
 
@@ -81,8 +83,7 @@ def shared_name_finding(
     if len(names) > 1:
         others = ", ".join(names[1:7])
         what += f" ({counted(len(names) - 1, 'more is', 'more are')} shared: {others})"
-    advice = "Give each landmark a unique label, or leave uncertain labels empty"
-    return Finding("error", "shared label", what, advice, distance, "m")
+    return Finding.of("shared label", what, distance)
 
 
 def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
@@ -113,12 +114,37 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
     )
     findings = [*_check_readings(log, readings, sensor), *_check_gap(log)]
     findings += _check_repeated_names(log, control)
+    path = path_of(control)
+    findings += [*check_steps(log.time, path), *check_truth_of_log(log, path)]
     median = float(np.median(log.observation[:, 0])) if whole.any() else 0.0
     if median > FAR and not any("millimeters" in finding.check for finding in findings):
         what = f"half of the ranges exceed {median:.0f} m, which is far for a sensor"
-        advice = "If ranges and odometry are in millimeters, divide both by 1000"
-        findings.append(Finding("warning", "millimeters", what, advice, median, "m"))
-    return tuple(findings)
+        findings.append(Finding.of("far ranges", what, median))
+    return (*findings, *_not_compared(log, np.asarray(whole), len(pairs(log)[0])))
+
+
+def _not_compared(log: LandmarkLog, whole: BoolArray, compared: int) -> Iterator[Finding]:
+    """Lists the comparisons that the log does not allow.
+
+    `whole` is True for observations with range and bearing, `compared` the number of pairs of
+    observations of one landmark.
+    """
+    reasons = []
+    if len(whole) and not whole.any():
+        reasons.append("no observation has both range and bearing")
+    elif compared < MIN_PAIRS:
+        reasons.append(
+            f"only {compared} pairs of observations show the same landmark from different positions"
+        )
+    if reasons:
+        reasons[0] += (
+            ": units, signs, axes, order of motion, clock, mounting of the sensor and noise were "
+            "not compared"
+        )
+    if len(log.landmark) and not (log.landmark >= 0).any():
+        reasons.append("no observation has a label: labels were not compared")
+    if reasons:
+        yield Finding.of("not compared", "; ".join(reasons), len(reasons))
 
 
 def _observations_of(log: LandmarkLog, kept: BoolArray) -> LandmarkLog:
@@ -140,8 +166,7 @@ def _check_gap(log: LandmarkLog) -> Iterator[Finding]:
             f"steps are lost: there is no pose from {start:.1f} to {end:.1f} s after the first, "
             "and only one step of odometry covers this time"
         )
-        advice = "Record odometry without gaps, or map the parts separately"
-        yield Finding("warning", "lost steps", what, advice, float(duration[longest]), "s")
+        yield Finding.of("odometry gap", what, float(duration[longest]))
 
 
 def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Finding]:
@@ -195,7 +220,7 @@ def _check_readings(
         )
         noun = "log" if of_odometry == factor else "observations"
         what = f"the standard deviations of the {noun} are about {times:.0f} times too {word}"
-        yield Finding("error", "noise", what, f"{verb} them by {times:.0f}", factor, "times")
+        yield Finding.of("noise", what, factor, advice=f"{verb} them by {times:.0f}")
 
 
 def _likeliest(found: dict[str, tuple[float, Rival]], mounted: float, where: str) -> Finding:
@@ -215,8 +240,8 @@ def _likeliest(found: dict[str, tuple[float, Rival]], mounted: float, where: str
         size, best = (by_order, order) if by_order > SIMILAR_GAIN * size else (size, best)
     if best.check == "motion order" and mounted > SIMILAR_GAIN * size:
         what = f"{best.what}, or {where}"
-        return Finding("warning", best.check, what, best.advice, size, "nats")
-    return Finding("error", best.check, best.what, best.advice, size, "nats")
+        return Finding.of(best.check, what, size, advice=best.advice, severity="warning")
+    return Finding.of(best.check, best.what, size, advice=best.advice)
 
 
 def _mounting_rival(
@@ -227,7 +252,7 @@ def _mounting_rival(
         x, y, yaw = mounting.after(sensor)
         advice = f"Give its pose, --sensor {x:.2f},{y:.2f},{yaw:.3f} or `LandmarkLog.sensor`"
         what = _mounted_at(mounting, sensor)
-        yield Rival("sensor mounting", what, advice, mounting.apply(log), min_gain=0.05)
+        yield Rival("sensor mounting", what, mounting.apply(log), advice, min_gain=0.05)
 
 
 def _mounted_at(mounting: Mounting, sensor: tuple[float, float, float]) -> str:
@@ -244,53 +269,46 @@ def _mounted_at(mounting: Mounting, sensor: tuple[float, float, float]) -> str:
 def _rivals(log: Readings) -> Iterator[Rival]:
     """Yields alternative conventions with their descriptions."""
     mm, (distance, bearing) = MILLIMETER, log.observation.T
-    what, advice = "turns of odometry are in degrees", "Multiply them by pi / 180"
-    yield Rival("degrees", what, advice, log.scaled((1, 1, DEGREE), (1, 1)))
+    what = "turns of odometry are in degrees"
+    yield Rival("degrees", what, log.scaled((1, 1, DEGREE), (1, 1)))
     for readings in (log.scaled((1, 1, 1), (mm, 1)), log.observing(mm * distance, bearing)):
-        yield Rival("millimeters", "ranges are in millimeters", "Divide them by 1000", readings)
+        yield Rival("millimeters", "ranges are in millimeters", readings)
     what, readings = (
         "odometry is in millimeters and ranges are not",
         log.scaled((mm, mm, 1), (1, 1)),
     )
-    yield Rival("odometry in millimeters", what, "Divide its distances by 1000", readings)
+    yield Rival("odometry in millimeters", what, readings)
     what, readings = "bearings and turns have opposite signs", log.scaled((1, 1, 1), (1, -1))
-    advice = "Both are positive to the left (counter-clockwise): change the sign of the bearings"
-    yield Rival("mirrored bearings", what, advice, readings)
+    yield Rival("mirrored bearings", what, readings)
     what = "the axes of the observations are swapped: bearings are clockwise from the left"
     readings = log.observing(distance, np.pi / 2 - bearing)
-    yield Rival("swapped axes", what, f"{AHEAD}pi / 2 minus these", readings)
+    yield Rival("swapped axes", what, readings)
     for degrees in (90, -90, 180):
         what = f"the frame of the observations is turned by {degrees} degrees"
-        advice = f"{AHEAD}{'subtract' if degrees > 0 else 'add'} {abs(degrees)} degrees"
+        advice = f"{AXES}: {'subtract' if degrees > 0 else 'add'} {abs(degrees)} degrees"
         readings = log.observing(distance, bearing - np.deg2rad(degrees))
-        yield Rival("turned sensor", what, advice, readings)
+        yield Rival("turned sensor", what, readings, advice)
     what = "turn and translation of a step are in the wrong order"
-    advice = (
-        "The columns distance, turn turn first and then drive; forward, left are in the frame "
-        "of the previous pose, before the turn"
-    )
     for turns in (-1.0, 1.0):
         xy = rotated(log.control[:, :2], turns * log.control[:, 2])
         readings = replace(log, control=np.column_stack([xy, log.control[:, 2]]))
-        yield Rival("motion order", what, advice, readings, min_gain=0.16)
+        yield Rival("motion order", what, readings, min_gain=0.16)
     what = "bearings are relative to the map, not to the heading of the robot"
     heading = np.interp(log.observed, log.time, path_of(log.control)[:, 2])
     readings = log.observing(distance, bearing - heading)
-    advice = "Subtract the heading of the robot"
-    yield Rival("absolute bearings", what, advice, readings, min_gain=1.0)
+    yield Rival("absolute bearings", what, readings, min_gain=1.0)
     what = (
         "steps are lost with their odometry: across gaps in time the robot moves farther than "
         "odometry indicates"
     )
-    advice = "Keep every step of odometry, or sum the steps between two poses"
-    yield Rival("lost steps", what, advice, _filled(log), min_gain=0.08)
+    yield Rival("lost steps", what, _filled(log), min_gain=0.08)
     spacing = max(0.5, float(np.median(np.diff(log.time))))
     for delay in np.outer(spacing * np.arange(1, 11), (1, -1)).ravel():
         late, cure = ("late", "Subtract") if delay > 0 else ("early", "Add")
         what = f"the clock of the observations is {abs(delay):g} s {late} against that of odometry"
         advice = f"{cure} {abs(delay):g} s {'from' if delay > 0 else 'to'} the times of the "
         readings = replace(log, observed=log.observed - delay)
-        yield Rival("clock offset", what, f"{advice}observations", readings, min_gain=0.3)
+        yield Rival("clock offset", what, readings, f"{advice}observations", min_gain=0.3)
 
 
 def _filled(log: Readings) -> Readings:

@@ -47,7 +47,7 @@ def check_turns(series: MotionSeries, lag: Lag | None) -> Iterator[Finding]:
         return
     turns = fit(np.stack([series.rotation[:, 2], series.duration], 1), series.odometry[:, 2])
     if turns is not None and turns.differs(0, 1.0, MAX_SCALE_ERROR):
-        advice = "Check the unit of the turn, the wheel base, and the focal length"
+        advice = None
         if abs(np.log(abs(float(turns.value[0])) / np.rad2deg(1.0))) < 0.1:
             advice = "It is in degrees: turns are in radians"
         yield _scale_finding("turn scale", "odometry turns", turns, "images", advice)
@@ -57,8 +57,7 @@ def check_turns(series: MotionSeries, lag: Lag | None) -> Iterator[Finding]:
         severity: Severity = "warning" if abs(bias) > MAX_TURN_BIAS else "note"
         side = "left" if bias > 0 else "right"
         what = f"odometry constantly turns {abs(bias):.2f} deg/s to the {side} of the images"
-        advice = "This is the bias of a gyroscope; subtract it if it is known"
-        yield Finding(severity, "turn bias", what, advice, bias, "deg/s")
+        yield Finding.of("turn bias", what, bias, severity=severity)
     yield from _check_noise(series, turns, 2, "turn", "rad")
 
 
@@ -78,16 +77,11 @@ def _check_correlation(
     """
     if lag.correlation < MIN_CORRELATION:
         name, relation = names[0], "unrelated"
-        advice = "Check camera.rotation, the axes, and whether both belong to the same drive"
         if lag.correlation < -MIN_CORRELATION:
             name, relation = names[1], "opposite"
-            advice = (
-                "Turns are positive to the left; change the sign of the turn, or check whether "
-                "the images are mirrored"
-            )
         what = f"the turns of {source} and of the images are {relation}: "
         what += f"their correlation is {lag.correlation:.2f}"
-        yield Finding("error", name, what, advice, lag.correlation, "correlation")
+        yield Finding.of(name, what, lag.correlation)
     elif lag.frames != 0 and (1 - lag.correlation_without**2) > 1.2 * (1 - lag.correlation**2):
         seconds = lag.frames * float(np.median(series.duration))
         late, frames = seconds > 0, counted(abs(lag.frames), "frame", "frames")
@@ -97,13 +91,15 @@ def _check_correlation(
             f"by {lag.correlation:.3f}, unshifted by {lag.correlation_without:.3f}"
         )
         advice = f"{'Subtract this from' if late else 'Add this to'} the times of {source}"
-        yield Finding("warning", names[2], what, advice, seconds, "s")
+        yield Finding.of(names[2], what, seconds, advice=advice)
 
 
-def _scale_finding(name: str, moves: str, fitted: Fit, other: str, advice: str) -> Finding:
+def _scale_finding(
+    name: str, moves: str, fitted: Fit, other: str, advice: str | None = None
+) -> Finding:
     scale, error = float(fitted.value[0]), 2 * fitted.error[0]
     what = f"{moves} {scale:.2f} times (within {error:.2f}) as far as the {other}"
-    return Finding("warning", name, what, advice, scale, "times")
+    return Finding.of(name, what, scale, advice=advice)
 
 
 def _check_noise(
@@ -119,7 +115,7 @@ def _check_noise(
         advice = (
             f"Make the standard deviations {fitted.sigma / max(sigma, 1e-12):.1f} times as large"
         )
-        yield Finding("warning", f"{name} noise", what, advice, float(fitted.sigma), unit)
+        yield Finding.of(f"{name} noise", what, float(fitted.sigma), advice=advice)
 
 
 def check_direction(moving: MotionSeries) -> Iterator[Finding]:
@@ -129,15 +125,10 @@ def check_direction(moving: MotionSeries) -> Iterator[Finding]:
     same_sign = float(np.mean(np.sign(camera[:, 0]) == np.sign(odometry)))
     if still > 100 * MAX_SLIP:
         what = f"the images stand still in {still:.0f} % of the steps in which odometry moves"
-        advice = "Check for frozen images, slipping wheels, or frames from a different time"
-        yield Finding("warning", "standstill", what, advice, still, "%")
+        yield Finding.of("standstill", what, still)
     elif same_sign < 0.25:
         what = f"the images move opposite to odometry in {100 * (1 - same_sign):.0f} % of the steps"
-        advice = (
-            "Check whether the camera faces backward (camera.rotation), whether the frames are in "
-            "reverse, and the sign of the translation"
-        )
-        yield Finding("error", "translation sign", what, advice, same_sign, "fraction")
+        yield Finding.of("translation sign", what, same_sign)
 
 
 def check_translations(series: MotionSeries) -> Iterator[Finding]:
@@ -150,11 +141,7 @@ def check_translations(series: MotionSeries) -> Iterator[Finding]:
     moving = series.moving
     fitted = fit(moving.translation[:, :1], moving.odometry[:, 0])
     if fitted is not None and fitted.differs(0, 1.0, MAX_SCALE_ERROR):
-        advice = (
-            "Check the baseline or the unit of depth, the focal length, and the diameter of the "
-            "wheels"
-        )
-        yield _scale_finding("translation scale", "odometry moves", fitted, "images", advice)
+        yield _scale_finding("translation scale", "odometry moves", fitted, "images")
 
 
 def check_jumps(drive: Drive) -> Iterator[Finding]:
@@ -176,9 +163,8 @@ def check_jumps(drive: Drive) -> Iterator[Finding]:
         steps = np.flatnonzero(jumps) + 1
         what = f"odometry jumps in {counted(len(steps), 'step', 'steps')}, the longest of "
         what += f"{longest:.2f} m"
-        advice = "Leave these steps out, or give them large covariances"
         count = float(len(steps))
-        yield Finding("error", "odometry jump", what, advice, count, "steps", tuple(steps.tolist()))
+        yield Finding.of("odometry jump", what, count, frames=tuple(steps.tolist()))
 
 
 MAX_LENGTH_ERROR = 0.05
@@ -206,8 +192,4 @@ def check_truth(drive: Drive, survey: Survey, agree: bool) -> Iterator[Finding]:
         return
     fitted = fit(moving.odometry[:, :1], moving.translation[:, 0])  # turns move it sideways
     if fitted is not None and fitted.differs(0, 1.0, MAX_LENGTH_ERROR):
-        advice = (
-            "Check the baseline or the unit of depth, the focal length, camera.rotation, and the "
-            "scale of the truth"
-        )
-        yield _scale_finding("truth length", "the images move", fitted, "truth", advice)
+        yield _scale_finding("truth length", "the images move", fitted, "truth")

@@ -108,34 +108,26 @@ def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
     if unreadable := survey.unreadable:
         first = next(iter(unreadable.values()))
         what = f"{counted(len(unreadable), 'frame', 'frames')} cannot be read; {first}"
-        advice = "Replace the files or the calibration, or leave the frames out"
         numbers = np.array(list(unreadable))
-        yield Finding.in_frames("error", "unreadable frames", what, advice, numbers)
+        yield Finding.in_frames("unreadable frames", what, numbers)
     if black.any():
         what = f"{counted(int(black.sum()), 'frame is', 'frames are')} black or uniformly gray"
-        advice = "Check for a covered lens or a camera dropout; odometry alone bridges these frames"
-        yield Finding.in_frames("warning", "black frames", what, advice, survey.frame[black])
+        yield Finding.in_frames("black frames", what, survey.frame[black])
     if blurred.sum() > MAX_BAD_FRACTION * len(survey):
         count = counted(int(blurred.sum()), "frame has", "frames have")
         what = f"{count} less than {MIN_SHARPNESS:g} of the median sharpness"
-        advice = "Use a shorter exposure, or drive more slowly"
-        yield Finding.in_frames("warning", "blurred frames", what, advice, survey.frame[blurred])
+        yield Finding.in_frames("blurred frames", what, survey.frame[blurred])
     if empty.sum() > MAX_BAD_FRACTION * len(survey):
         count = counted(int(empty.sum()), "frame has", "frames have")
         what = f"{count} fewer than {MIN_POINTS} points to track"
-        advice = "They yield no observations; odometry alone bridges them"
-        yield Finding.in_frames("warning", "empty frames", what, advice, survey.frame[empty])
+        yield Finding.in_frames("empty frames", what, survey.frame[empty])
     step = np.abs(drive.control[np.maximum(survey.frame - 1, 0)]).max(1)
     copied = survey.copied & ((step > 0) | (not drive.has_odometry))
     if copied.any():
         count = counted(int(copied.sum()), "frame repeats", "frames repeat")
         content = "points" if np.isnan(survey.brightness).all() else "image"
         what = f"{count} the {content} of the previous frame exactly"
-        advice = (
-            "A step is lost in each, and tracks may continue at other points: remove the copies, "
-            "start new tracks after them, and let odometry bridge the step"
-        )
-        yield Finding.in_frames("error", "repeated frames", what, advice, survey.frame[copied])
+        yield Finding.in_frames("repeated frames", what, survey.frame[copied])
 
 
 def check_egomotion(survey: Survey) -> Iterator[Finding]:
@@ -149,21 +141,15 @@ def check_egomotion(survey: Survey) -> Iterator[Finding]:
             f"the images determine the camera's motion in only {100 * known:.0f} % of the steps: "
             "there are too few points, or they do not move like a rigid scene"
         )
-        advice = (
-            "Check that the frames belong to one drive and are in order; check frame rate, "
-            "exposure, blur and focal length"
-        )
-        yield Finding("warning", "motion", what, advice, 100 * known, "%")
+        yield Finding.of("motion", what, 100 * known)
 
 
 def check_timestamps(drive: Drive) -> Iterator[Finding]:
     """Checks for gaps, jitter, and repairs made when the files were read."""
     for remark in drive.remarks:
-        advice = "It was repaired on reading; check the recording for other errors"
-        yield Finding("warning", "files", remark, advice, 1.0, "remark")
+        yield Finding.of("files", remark, 1.0)
     for assumption in drive.assumptions:
-        advice = "Provide the assumed values, if they are known"
-        yield Finding("note", "assumptions", assumption, advice, 1.0, "remark")
+        yield Finding.of("assumptions", assumption, 1.0)
     period = np.diff(drive.time)
     if len(period) < 5:
         return
@@ -175,10 +161,8 @@ def check_timestamps(drive: Drive) -> Iterator[Finding]:
             f"frames are missing: {counted(len(gaps), 'gap', 'gaps')}, the longest of "
             f"{longest:.2f} s, the median period is {median:.3f} s"
         )
-        advice = "Odometry alone bridges them; check for a camera dropout"
-        yield Finding("warning", "gaps", what, advice, longest, "s", tuple((gaps + 1).tolist()))
+        yield Finding.of("gaps", what, longest, frames=tuple((gaps + 1).tolist()))
     jitter = 100 * float(period[period <= GAP_RATIO * median].std() / max(median, 1e-9))
     if jitter > 100 * MAX_JITTER:
         what = f"the time between frames varies by {jitter:.0f} % (one standard deviation)"
-        advice = "Use the times of exposure instead of arrival"
-        yield Finding("warning", "uneven clock", what, advice, jitter, "%")
+        yield Finding.of("uneven clock", what, jitter)

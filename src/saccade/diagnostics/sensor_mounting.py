@@ -27,6 +27,9 @@ CAUCHY = 2.5
 BIAS_SIGMA = 0.05
 """Prior standard deviation of undeclared odometry errors: scale factor, radians per meter and
 meters per radian."""
+MOUNTING_SIGMA = (100.0, 100.0, 10.0)
+"""Prior standard deviations of the mounting in meters and radians: a log without turns leaves it
+undetermined."""
 TURN_SIGMA = 0.1
 """Prior standard deviation of the scale of turns."""
 MIN_SIGMAS = 5.0
@@ -67,7 +70,7 @@ class Mounting:
         _, (factor, of_odometry) = gains(log, a, b)
         W = np.linalg.inv(np.linalg.cholesky(factor**2 * sensor + of_odometry**2 * odometry))
         sigma = np.array([*np.maximum(bias, BIAS_SIGMA), TURN_SIGMA])
-        prior = np.diag([0.0, 0.0, 0.0, *sigma**-2.0])
+        prior = np.diag([*np.power(MOUNTING_SIGMA, -2.0), *sigma**-2.0])
         x = np.zeros(7)  # u, yaw, distance scale, turn per distance, distance per turn, turn scale
         for _ in range(ITERATIONS):
             ahead = rotated(moved, np.full(len(a), -x[2]))

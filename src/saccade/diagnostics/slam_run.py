@@ -75,24 +75,23 @@ def check_run(
 
 def _symptoms(log: LandmarkLog, result: SlamResult, known: bool) -> Iterator[Finding]:
     """Symptoms of a defective run; hints at a cause only if no cause is known."""
-    advice = "See the page 'My map is wrong' of the documentation"
     observations, used = len(result.association), int((result.association >= 0).sum())
     if result.warning:
         unused = float(observations - used)
-        yield Finding("warning", "map", result.warning, advice, unused, "observations")
+        yield Finding.of("map", result.warning, unused)
     elif observations - used > MAX_UNUSED * observations:
         what = f"{observations - used} of {observations} observations are not used"
-        yield Finding("warning", "unused", what, advice, float(observations - used), "observations")
+        yield Finding.of("unused", what, float(observations - used))
     if result.lost is not None and len(result.lost) and result.lost[-1]:
         last = np.flatnonzero(~result.lost).max(initial=0)
         seconds = float(log.time[-1] - log.time[last])
         what = f"the run ends lost: the last {seconds:.1f} s rely on odometry alone"
-        yield Finding("warning", "lost", what, advice, seconds, "s")
+        yield Finding.of("lost", what, seconds)
     yield from _check_moved(log, result)
-    yield from _check_innovations(log, result, advice, known)
+    yield from _check_innovations(log, result, known)
     if not known:
         yield from _check_scale(log, result)
-    yield from _check_duplicates(log, result, advice)
+    yield from _check_duplicates(log, result)
 
 
 def _check_moved(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
@@ -108,13 +107,10 @@ def _check_moved(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
             f"the robot was moved, or its pose was wrong: from {begin:.1f} s on the observations "
             f"contradict it, and at {found:.1f} s it was found {hypot(x, y):.1f} m away"
         )
-        advice = "Check what happened there; the trajectory in between is uncertain"
-        yield Finding("warning", "moved", what, advice, hypot(x, y), "m")
+        yield Finding.of("moved", what, hypot(x, y))
 
 
-def _check_innovations(
-    log: LandmarkLog, result: SlamResult, advice: str, known: bool
-) -> Iterator[Finding]:
+def _check_innovations(log: LandmarkLog, result: SlamResult, known: bool) -> Iterator[Finding]:
     """Checks for innovations that are too large or one-sided, without outliers."""
     what, dof, nis = result.consistency.warning, result.consistency.dof, result.consistency.nis
     used = nis < chi_square_gate(dof, POSSIBLE)  # False for NaN
@@ -128,6 +124,7 @@ def _check_innovations(
         )
     if not what:
         return
+    advice = None
     if known:
         advice = "First correct the cause above"
     elif abs(sides[1]) > max(MIN_SIDE, abs(sides[0])):
@@ -139,7 +136,7 @@ def _check_innovations(
         side = ("shorter", "longer")[int(percent > 0)]
         what += f"; ranges are on average {abs(percent):.1f} % {side} than predicted"
         advice = "Check the scale of the ranges and of the distances of odometry"
-    yield Finding("warning", "consistency", what, advice, mean, "NIS")
+    yield Finding.of("consistency", what, mean, advice=advice)
 
 
 def _check_scale(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
@@ -155,14 +152,10 @@ def _check_scale(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
             f"from odometry: either they are wrong (estimated {100 * errors[0]:+.1f} %), or the "
             f"distances of odometry are (true ones {100 * bias[0]:+.1f} %)"
         )
-        advice = (
-            "Give a known distance: a surveyed map (--map); or declare the usual errors of the "
-            'sensor in the log, as "# range_errors: 0.01, 0.02"'
-        )
-        yield Finding("warning", "scale", what, advice, 100 * difference, "%")
+        yield Finding.of("scale", what, 100 * difference)
 
 
-def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iterator[Finding]:
+def _check_duplicates(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     """Checks for landmarks with the same label or at the same position."""
     landmarks, count = result.map, len(result.map)
     if count < 2:
@@ -177,7 +170,7 @@ def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iter
         twice = len(winners) - len(np.unique(winners))
         if twice > max(2.0, MAX_DUPLICATES * count):
             what = f"{twice} of {count} landmarks have the label of another landmark"
-            yield Finding("warning", "duplicate labels", what, advice, float(twice), "landmarks")
+            yield Finding.of("duplicate labels", what, float(twice))
         return
     if not used.any():
         return
@@ -186,9 +179,7 @@ def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iter
     near = nearest < np.nanmedian(noise) / 2
     if near.sum() > max(2.0, 2 * MAX_DUPLICATES * count):
         what = f"{near.sum()} of {count} landmarks are at the position of another landmark"
-        yield Finding(
-            "warning", "duplicate positions", what, advice, float(near.sum()), "landmarks"
-        )
+        yield Finding.of("duplicate positions", what, float(near.sum()))
 
 
 def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
@@ -204,8 +195,7 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
                 f"labels change, or the robot was carried away, about {time:.0f} s after the first "
                 f"pose: {after:.0f} % of the labels are unused after it, {before:.1f} % before"
             )
-            advice = "Give a landmark the same label in all of the log, or map its parts separately"
-            yield Finding("error", "labels change", what, advice, time, "s")
+            yield Finding.of("labels change", what, time)
             return
     shared = sorted(_shared_names(log, result), key=lambda each: -each[1])
     if shared:

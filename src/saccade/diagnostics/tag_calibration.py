@@ -247,30 +247,22 @@ def _findings(found: TagCalibration, size: float | None) -> Iterator[tuple[float
         percent = f"{100 * abs(value):.1f} +- {100 * sigma:.1f} %"
         if number == 0:
             what = f"the tags are {percent} {'larger' if value > 0 else 'smaller'} than declared"
-            advice = "Measure the side of the black square"
             if size is not None:
-                advice += (
-                    f"; it is probably {size * (1 + value):.4f} m, not {size:g} m (--tag-size)"
-                )
-            finding = Finding("warning", "tag size", what, advice, 100 * value, "%")
+                what += f": probably {size * (1 + value):.4f} m, not {size:g} m (--tag-size)"
+            finding = Finding.of("tag size", what, 100 * value)
         elif number == 1:
             what = f"the focal length is {percent} {'longer' if value > 0 else 'shorter'} than "
-            advice = "Calibrate the camera"
-            finding = Finding(
-                "warning", "focal length", f"{what}declared", advice, 100 * value, "%"
-            )
+            finding = Finding.of("focal length", f"{what}declared", 100 * value)
         elif number == 2:
             side = "left" if value > 0 else "right"
             degrees = f"{np.degrees(abs(value)):.1f} +- {np.degrees(sigma):.1f} degrees"
             what = f"the camera is turned {degrees} further to the {side} than declared"
             advice = "Correct the rotation in camera.toml"
             value = float(np.degrees(value))
-            finding = Finding("warning", "camera yaw", what, advice, value, "deg")
+            finding = Finding.of("camera yaw", what, value, advice=advice)
         else:
             way = (("ahead", "back"), ("to the left", "to the right"))[number - 3][int(value < 0)]
             what = f"the camera is mounted {abs(value):.2f} +- {sigma:.2f} m further {way} "
             advice = "Correct the position in camera.toml"
-            finding = Finding(
-                "warning", "camera position", f"{what}than declared", advice, value, "m"
-            )
+            finding = Finding.of("camera position", f"{what}than declared", value, advice=advice)
         yield significance, finding

@@ -123,6 +123,9 @@ def decode_text(data: bytes) -> str:
             if not UNPRINTABLE.search(text):
                 return text
     found = "other bytes; save it as UTF-8"
+    zero = data.find(b"\0")
+    if zero >= 0 and any(data[zero + 2 : zero + 6 : 2]):  # every other byte is zero in UTF-16
+        found = f"a zero at byte {zero}: the file is damaged, or no text; copy it again"
     if data.startswith(MATLAB):
         found = "a MATLAB file; write its columns with writetable(table(...), 'NAME.csv')"
     raise OSError(None, f"expected text in UTF-8, found {found}")
@@ -277,6 +280,20 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
             except BaseException:
                 temporary.unlink(missing_ok=True)
                 raise
+
+
+class _Probe(Exception):  # noqa: N818 - never leaves `check_writable`
+    """Ends an attempt to write."""
+
+
+def check_writable(path: str | Path) -> None:
+    """Checks that a file can be written, before the work whose result it will have.
+
+    Raises:
+        ConfigError, OutputError: see `atomic_write`.
+    """
+    with suppress(_Probe), atomic_write(path):
+        raise _Probe
 
 
 def one_line(error: Exception) -> str:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -288,6 +289,10 @@ def _too_large(name: str, found: str) -> str:
     )
 
 
+LARGEST_SEARCH = 10_000
+"""Maximum number of files that are looked at for the hint of a message."""
+
+
 def find_images(source: str | Path) -> list[Path]:
     """Images given by a file, a folder or a glob pattern, in natural order of names.
 
@@ -311,7 +316,9 @@ def find_images(source: str | Path) -> list[Path]:
             return [path]
         files = sorted((each for each in paths if not each.is_dir()), key=natural_order)
     if not files:
-        hint = f"; for those of its folders: '{source}/**/*.jpg'" if path.is_dir() else ""
+        below = islice(path.rglob("*"), LARGEST_SEARCH) if path.is_dir() else ()
+        kinds = {each.suffix for each in below if each.suffix.lower() in IMAGE_SUFFIXES}
+        hint = f"; for those of its folders: '{source}/**/*{min(kinds)}'" if kinds else ""
         expected = ", ".join(IMAGE_SUFFIXES)
         raise ImageError(f"{source}: expected images ({expected}), found none{hint}")
     return files

@@ -1,5 +1,6 @@
 """EKF-SLAM step by step, for a live robot and for a whole log."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Literal, Self, TypeAlias
@@ -9,7 +10,7 @@ import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from saccade.errors import ConfigError, LogError, require
-from saccade.landmark_names import label_array
+from saccade.landmark_names import Label, TagSpelling, label_array
 from saccade.slam.association.labels import LabelAssociation
 from saccade.slam.association.outcomes import DROPPED, NEW, UNUSED
 from saccade.slam.association.partial import associate_partial
@@ -121,6 +122,7 @@ class Slam:
         self._submaps = SubmapChoice(config.submaps, gate)
         self._may_branch = config.rule.may_branch and adds and config.max_hypotheses > 1
         self._time = -np.inf
+        self._spelling: TagSpelling | None = None
         self.start: Start = "given" if map is None or start is not None else "unknown"
         """Kind of the pose at the first step of the session."""
         if map is not None:
@@ -219,8 +221,8 @@ class Slam:
         Raises:
             LogError: the estimate diverged; names the step.
         """
-        if not self.config.rule.uses_labels:
-            scan = scan._replace(labels=[None] * len(scan.z))
+        labels = self.spell(scan.labels) if self.config.rule.uses_labels else [None] * len(scan.z)
+        scan = scan._replace(labels=labels)
         if self.start == "unknown" and not self.kidnapping.lost:
             self.kidnapping.begin(self._search_anywhere(self.landmarks.counts.id))
         self.start = "given"
@@ -374,7 +376,14 @@ class Slam:
             self.kidnapping.begin(self._search_anywhere(table.counts.id[table.in_map]))
         assert self.kidnapping.search is not None
         seen = scan.complete
-        return self.kidnapping.search.add(seen.z, seen.R, table.landmarks_of(seen.labels))
+        landmarks = table.landmarks_of(self.spell(seen.labels))
+        return self.kidnapping.search.add(seen.z, seen.R, landmarks)
+
+    def spell(self, labels: Sequence[Label | None]) -> list[Label | None]:
+        """Labels (k,) as the given or loaded map spells them; see `TagSpelling`."""
+        if self._spelling is None:
+            self._spelling = TagSpelling(self.landmarks.labels)
+        return self._spelling.resolve(labels)
 
     def save(self, path: str | Path) -> None:
         """Saves the map of the most probable hypothesis as one file, for `load`.

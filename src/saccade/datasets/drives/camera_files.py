@@ -118,6 +118,38 @@ def find_cameras(folder: Path, size: tuple[int, int]) -> list[CameraFile]:
     return [each for each in cameras if each is not None]
 
 
+def read_camera_file(path: Path, size: tuple[int, int]) -> CameraFile:
+    """The only camera of a file; `size` is that of the images, for a file without it.
+
+    Raises:
+        DriveError: the file is no calibration, or has another lens model.
+    """
+    try:
+        camera = _camera(str(path), _parse(path), "", size)
+    except UNREADABLE as error:
+        reason = one_line(error) if isinstance(error, OSError) else "found other text"
+        raise DriveError(f"{path}: expected a calibration of a camera: {reason}") from error
+    if camera is None:
+        raise DriveError(f"{path}: expected intrinsics of a camera, found none")
+    return camera
+
+
+def sensor_pose(path: Path) -> FloatArray:
+    """The pose (4, 4) of a sensor in the body: `T_BS` of EuRoC's sensor.yaml.
+
+    Raises:
+        DriveError: the file has no such pose.
+    """
+    try:
+        pose = np.reshape(np.array(_parse(path)["T_BS"]["data"], np.float64), (4, 4))
+    except UNREADABLE as error:
+        raise DriveError(f"{path}: expected T_BS with a (4, 4) matrix, found none") from error
+    R = pose[:3, :3]
+    if not (np.isfinite(pose).all() and np.abs(R @ R.T - np.eye(3)).max() < 1e-3):
+        raise DriveError(f"{path}: expected T_BS with a rotation, found {pose.tolist()}")
+    return pose
+
+
 def _parse(path: Path) -> Any:
     """The content of a file, read by OpenCV; YAML is adapted to its parser.
 

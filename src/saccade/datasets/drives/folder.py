@@ -5,8 +5,9 @@
     calib.txt                one or more (3, 4) projections, a (3, 3) matrix, or fx, fy, cx, cy and
                              optionally a baseline; rows may begin with a name; from KITTI's P0 to
                              P3, the projections of the cameras in use are read
-    the images               in the folder or its subfolder images/, sorted by the numbers in their
-                             names or by name; or a video, in the folder of the other files
+    the images               in the folder or its subfolder images/, rgb/ or color/, sorted by the
+                             numbers in their names or by name; or a video, in the folder of the
+                             other files
     right/, depth/           optional, with the same names as the images; not with a video
     times.txt                optional: seconds, one line per frame; else `rate` of camera.toml, or
                              the frame rate of the video
@@ -50,7 +51,7 @@ from saccade.datasets.drives.frames import (
 )
 from saccade.datasets.drives.odometry import OdometryIncrements
 from saccade.datasets.drives.sidecar_files import assemble_drive
-from saccade.datasets.tables import is_number, read_rows, read_table
+from saccade.datasets.tables import Row, is_number, read_rows, read_table
 from saccade.errors import ConfigError, DriveError
 from saccade.frames import Camera, Drive
 from saccade.io.files import IMAGE_SUFFIXES
@@ -68,6 +69,8 @@ PAIR_NAMES = (
     *(("l", "r"), ("left_images", "right_images"), ("camera_left", "camera_right")),
 )
 """Names of the folders of the left and right images."""
+IMAGE_FOLDERS = ("images", "rgb", "color", "image")
+"""Names of the folder of the images of one camera."""
 PROJECTIONS = {"image_0": ("P0", "P1"), "image_2": ("P2", "P3")}
 """Names of KITTI's projections by the folder of the left images."""
 FOCAL_FACTOR = 1.2
@@ -118,7 +121,8 @@ def image_folders(path: Path) -> tuple[Path, Path | None]:
         folder = _with_images(path / left)
         if folder is not None:
             return folder, _with_images(path / right)
-    folder = path / "images" if (path / "images").is_dir() else path
+    beside = (_with_images(path / name) for name in IMAGE_FOLDERS)
+    folder = next((each for each in beside if each is not None), path)
     return folder, _with_images(path / "right")
 
 
@@ -240,6 +244,8 @@ def read_calib(path: Path, size: tuple[int, int], names: tuple[str, ...] = ()) -
                 "a camera without distortion",
                 f"the lens {row.cells[0]!r}; write {CAMERA_FILE}, or undistort the images first",
             )
+    if any(row.cells[0].lower().startswith("focal") for row in rows):
+        return _focal_and_center(path, size, rows)
     rows = [row for row in rows if row.cells[0].removesuffix(":") in names] or rows
     parts = [row.numbers(slice(0 if is_number(row.cells[0]) else 1, None)) for row in rows]
     is_table = len({len(part) for part in parts}) == 1
@@ -259,6 +265,22 @@ def read_calib(path: Path, size: tuple[int, int], names: tuple[str, ...] = ()) -
         offset = matrices[:2, 0, 3] / matrices[:2, 0, 0].clip(1e-9)
         baseline = max(float(offset[0] - offset[1]), 0.0)
     return _camera(path, size, (fx, fy, cx, cy), baseline)
+
+
+def _focal_and_center(path: Path, size: tuple[int, int], rows: Sequence[Row]) -> Camera:
+    """The camera of rows `focal_length: f`, `pp: cx cy` and optionally `baseline: b`."""
+    found: dict[str, list[float]] = {}
+    for row in rows:
+        name, *words = re.split(r"[\s:=,;()\[\]]+", " ".join(row.cells).strip(" ()[],;"))
+        if not all(is_number(word) for word in words):
+            raise row.error("a name and numbers, such as focal_length: 718.9", repr(row.cells))
+        found[name.lower()[:5]] = [float(word) for word in words]
+    focal = found["focal"]
+    center = found.get("pp") or found.get("princ") or [(size[0] - 1) / 2, (size[1] - 1) / 2]
+    if len(focal) not in (1, 2) or len(center) != 2:
+        raise DriveError(f"{path}: expected focal_length: f and pp: cx cy, found {found}")
+    values = focal[0], focal[-1], center[0], center[1]
+    return _camera(path, size, values, sum(found.get("basel", [])))
 
 
 ASSUMED_SPEED = 1.0

@@ -4,6 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from saccade.datasets.drives.calibration import CAMERA_FILE
+from saccade.datasets.drives.euroc import ROOT, is_euroc, read_euroc_drive
 from saccade.datasets.drives.folder import (
     PROJECTIONS,
     has_images,
@@ -29,6 +30,7 @@ def _is_kitti(path: Path) -> bool:
 
 
 DRIVE_FORMATS = {
+    "euroc": Format(read_euroc_drive, files=(ROOT, "cam0"), recognizes=is_euroc),
     "kitti": Format(
         partial(read_folder_drive, is_kitti=True), files=(*PROJECTIONS,), recognizes=_is_kitti
     ),

@@ -2,17 +2,19 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from saccade.datasets.drives.calibration import Calibration
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Frame
-from saccade.io.files import read_bytes, reading
-from saccade.io.image import find_images, read_header, read_stored
+from saccade.io.files import IMAGE_SUFFIXES, read_bytes, reading
+from saccade.io.image import LARGEST_SEARCH, find_images, read_header, read_stored
 from saccade.types import FloatArray, Image, IntArray
 
 
@@ -102,12 +104,17 @@ def image_files(path_of: Callable[[int], Path | None]) -> ImageSource:
     return read
 
 
+Maps: TypeAlias = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+"""Maps of `cv2.remap`, see `Camera.maps_to`."""
+
+
 def frame_reader(
     calibration: Calibration,
     recorded: FloatArray,
     left: ImageSource,
     right: ImageSource | None = None,
     depth: ImageSource | None = None,
+    maps: tuple[Maps, Maps] | None = None,
 ) -> Callable[[int], Frame]:
     """A function that reads and undistorts the images of a recorded frame.
 
@@ -118,11 +125,16 @@ def frame_reader(
         right: images of the right camera.
         depth: depth of the left camera, 0 where unknown: integers in steps of
             `calibration.depth_unit`, or floats in meters.
+        maps: maps of the left and right images, which rectify them; by default both are
+            undistorted by the calibration.
     """
     camera = calibration.camera
-    maps = camera.maps_to(camera.undistorted) if camera.is_distorted else None
+    own = camera.maps_to(camera.undistorted) if camera.is_distorted else None
+    of_left, of_right = (own, own) if maps is None else maps
 
-    def undistort(image: SourceImage, interpolation: int = cv2.INTER_LINEAR) -> Image:
+    def undistort(
+        image: SourceImage, maps: Maps | None, interpolation: int = cv2.INTER_LINEAR
+    ) -> Image:
         height, width = image.pixels.shape[:2]
         if (width, height) != (camera.width, camera.height):
             raise ImageError(
@@ -136,7 +148,7 @@ def frame_reader(
             raise ImageError(
                 f"{image.name}: expected depth, one number per pixel, found a color image"
             )
-        steps = undistort(image, cv2.INTER_NEAREST)
+        steps = undistort(image, of_left, cv2.INTER_NEAREST)
         unit = 1.0 if steps.dtype.kind == "f" else calibration.depth_unit
         return np.where(np.nan_to_num(steps) == 0, np.nan, steps * np.float64(unit))
 
@@ -144,8 +156,8 @@ def frame_reader(
         one, other, steps = (source and source(number) for source in (left, right, depth))
         return Frame(
             time=float(recorded[number]),
-            image=one and undistort(one),
-            right=other and undistort(other),
+            image=one and undistort(one, of_left),
+            right=other and undistort(other, of_right),
             depth=steps and meters(steps),
         )
 
@@ -162,4 +174,11 @@ def list_images(folder: Path) -> list[Path]:
     """The images of a folder, sorted by the numbers in their names."""
     if not folder.is_dir():
         raise DriveError(f"{folder}: expected a folder of images, found none")
+    with reading(folder, DriveError):
+        names = [each.name for each in folder.iterdir() if each.suffix.lower() in IMAGE_SUFFIXES]
+        if not names:
+            below = islice(folder.rglob("*"), LARGEST_SEARCH)
+            found = sorted({f.parent for f in below if f.suffix.lower() in IMAGE_SUFFIXES})
+            hint = f"none; there are some in {', '.join(map(str, found[:3]))}" if found else "none"
+            raise DriveError(f"{folder}: expected images, found {hint}")
     return find_images(folder)

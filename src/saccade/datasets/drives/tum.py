@@ -3,8 +3,8 @@
 rgb.txt                  lines of `time file`, the color images
 depth.txt                the same for the depth images, 16 bit, 5000 steps per meter
 groundtruth.txt          optional: `time x y z qx qy qz qw` of the color camera
-camera.toml              optional, see `calibration`; not required where the folder's name
-contains freiburg1, 2 or 3
+camera.toml              optional, see `calibration`; not required where the header of
+rgb.txt or the folder's name has freiburg1, 2 or 3
 odometry.csv             optional, see `odometry`; without it the motion is unknown
 """
 
@@ -20,6 +20,7 @@ from saccade.datasets.drives.sidecar_files import (
     camera_truth,
     read_tum_poses,
 )
+from saccade.datasets.formats import first_lines
 from saccade.datasets.tables import read_rows
 from saccade.errors import DriveError
 from saccade.frames import Camera, Drive
@@ -70,11 +71,12 @@ def _read_list(path: Path) -> tuple[FloatArray, list[Path]]:
 def _tum_calibration(path: Path) -> Calibration:
     if (path / CAMERA_FILE).exists():
         return read_calibration(path / CAMERA_FILE)
-    number = re.search(r"(?:freiburg|fr)([123])", path.resolve().name)
+    header = " ".join(line for line in first_lines(path / "rgb.txt", 5) if line.startswith("#"))
+    number = re.search(r"(?:freiburg|fr)([123])", f"{header} {path.resolve().name}")
     if number is None:
         raise DriveError(
-            f"{path}: expected {CAMERA_FILE}, or freiburg1, 2 or 3 in the folder's name, "
-            "found neither"
+            f"{path}: expected {CAMERA_FILE}, or freiburg1, 2 or 3 in the header of rgb.txt or in "
+            "the folder's name, found neither"
         )
     (fx, fy, cx, cy), distortion = CAMERAS[int(number[1])]
     camera = Camera(width=640, height=480, fx=fx, fy=fy, cx=cx, cy=cy, distortion=distortion)

@@ -224,7 +224,16 @@ def _motion_of(names: list[str]) -> str:
     return list(MOTIONS)[found.index(max(found))]
 
 
+def _name_covariances(cells: list[str]) -> None:
+    """Renames columns such as c01 to the covariances of the control, in place."""
+    control = MOTIONS[_motion_of(cells)].columns
+    names = {f"c{i}{j}": f"cov_{a}_{b}" for j, b in enumerate(control)
+             for i, a in enumerate(control[: j + 1])}  # fmt: skip
+    cells[:] = [names.get(cell.lower(), cell) for cell in cells]
+
+
 def _check_header(header: Row) -> None:
+    _name_covariances(header.cells)
     motion, names = _motion_of(header.cells), header.cells
     known = [*columns_of(motion), *_TRUTH]
     for sign, found_sign in ((";", "semicolons"), ("\t", "tabs")):
@@ -239,7 +248,8 @@ def _check_header(header: Row) -> None:
     found += [f"no {name}" for name in required if name not in names]
     found += ["one twice"] if len(set(names)) < len(names) else []
     if found:
-        raise header.error(f"the columns {', '.join(known)}, each once", found[0])
+        columns = f"the columns {', '.join(known)}, each once (see Logs in docs/slam.md)"
+        raise header.error(columns, found[0])
 
 
 def _rows_of_each(table: TextTable, control: tuple[str, ...]) -> tuple[IntArray, IntArray]:

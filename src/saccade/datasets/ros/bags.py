@@ -1,6 +1,7 @@
 """ROS 1 bags (.bag) and ROS 2 bags (.mcap, .db3 or their folder), and the transforms in them."""
 
 import re
+import warnings
 import weakref
 from array import array
 from collections.abc import Iterator, Sequence
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from saccade.datasets.tables import LARGEST
-from saccade.errors import ImageError, LogError
+from saccade.errors import ImageError, LogError, LogWarning
 from saccade.extras import import_optional
 from saccade.frames import Poses
 from saccade.io.files import LARGEST_TEXT, check_file, natural_order, open_file, reading
@@ -206,9 +207,9 @@ class Bag:
         """The ground-truth topic, or None."""
         return next((each for each in self.topics(POSES) if _is_truth(each)), None)
 
-    def poses(self, topic: str, zero: float) -> Poses:
-        """Poses of a topic, sorted by time in seconds since `zero`."""
-        rows = sorted((stamp_of(m.header) - zero, *pose_of(m)) for _, m in self.messages(topic))
+    def poses(self, topic: str) -> Poses:
+        """Poses of a topic, sorted by the times of their headers in seconds."""
+        rows = sorted((stamp_of(m.header), *pose_of(m)) for _, m in self.messages(topic))
         return poses_from(rows, f"{self.path}, {topic}")
 
 
@@ -266,20 +267,34 @@ class Transforms:
 
     @classmethod
     def read(cls, bag: Bag) -> "Transforms":
-        """All transforms of a bag; topics that end in "static" are constant."""
+        """All transforms of a bag; topics that end in "static" are constant.
+
+        A frame has one constant parent: the last of several, with a `LogWarning`.
+        """
         edges: dict[tuple[str, str], Poses] = {}
+        parents: dict[str, str] = {}
         for topic in sorted(bag.topics(TRANSFORMS), key=lambda topic: not topic.endswith("static")):
             rows: dict[tuple[str, str], array[float]] = {}
             for _, message in bag.messages(topic):
                 for each in message.transforms:
                     pair = bare(each.header.frame_id), bare(each.child_frame_id)
-                    time = 0.0 if topic.endswith("static") else stamp_of(each.header)
+                    time = stamp_of(each.header)
+                    if topic.endswith("static"):
+                        time, parents[pair[1]] = 0.0, pair[0]
                     rows.setdefault(pair, array("d")).extend((time, *pose_of(each)))
             for (parent, child), numbers in rows.items():
                 table = np.reshape(numbers, (-1, 8))[::-1]  # the last of several with equal times
                 table = table[np.unique(table[:, 0], return_index=True)[1]]
                 name = f"{bag.path}, {topic}, from {parent} to {child}"
                 edges[parent, child] = poses_from(table, name)
+        for parent, child in [pair for pair in edges if parents.get(pair[1], pair[0]) != pair[0]]:
+            del edges[parent, child]
+            warnings.warn(
+                f"{bag.path}: frame {child!r} has the parents {parent!r} and then "
+                f"{parents[child]!r}; the last one is used",
+                LogWarning,
+                stacklevel=4,
+            )
         return cls(edges)
 
     @property

@@ -15,8 +15,8 @@ Topics are selected by type and, among several, by name:
                                             image and odometry are connected; the turn at each
                                             image, if the camera pans and tilts
 
-A camera.toml in the folder of the bag takes precedence over CameraInfo and transforms. Times come
-from the message headers and start at the first image. Without odometry the motion is unknown (see
+A camera.toml in the folder of the bag takes precedence over CameraInfo and transforms. Times are
+those of the message headers. Without odometry the motion is unknown (see
 `unknown_increments`). Needs the extra `ros`.
 """
 
@@ -98,8 +98,7 @@ def read_rosbag_drive(path: Path) -> Drive:
         bag = Bag(path)
         left, right, depth = _image_topics(bag)
         stamps, seconds = bag.stamps(left)
-        zero = float(seconds.min())
-        frames = FrameTimes.sort(seconds - zero, f"{path}, {left}")
+        frames = FrameTimes.sort(seconds, f"{path}, {left}")
         calibration, turns, assumptions = _mounted_calibration(bag, left, right, seconds)
         read = frame_reader(
             calibration,
@@ -112,7 +111,7 @@ def read_rosbag_drive(path: Path) -> Drive:
         truth, odometry = bag.truth_topic(), bag.odometry_topic()
         increments = unknown_increments(frames.time)
         if odometry is not None:
-            poses = bag.poses(odometry, zero).on_plane
+            poses = bag.poses(odometry).on_plane
             increments = increments_from_poses(poses, frames.time, f"{path}, {odometry}")
         return assemble_drive(
             path.stem,
@@ -121,7 +120,7 @@ def read_rosbag_drive(path: Path) -> Drive:
             frames,
             read,
             increments,
-            None if truth is None else bag.poses(truth, zero).on_plane,
+            None if truth is None else bag.poses(truth).on_plane,
             turns,
             assumptions,
         )

@@ -6,7 +6,7 @@ observation, and projected to the ground. Odometry is nav_msgs Odometry, or the 
 to the robot. Ground truth of the robot is a topic with "truth", "vicon", "mocap" or the word "gt"
 in its name.
 
-Times come from the message headers and start at the first odometry. The log has a pose at the time
+Times are those of the message headers. The log has a pose at the time
 of every observation, and additional poses in between. Needs the extra `ros`.
 """
 
@@ -31,7 +31,7 @@ from saccade.datasets.tables import LARGEST
 from saccade.errors import LogError, LogWarning
 from saccade.frames import Poses
 from saccade.io.files import reading
-from saccade.plane import path_of, steps_between, to_range_bearing
+from saccade.plane import long_steps, path_of, steps_between, to_range_bearing
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 MAX_STEP = 0.5
@@ -117,6 +117,7 @@ def _odometry(
     is_known = ((twist >= 0) & (twist < MAX_RATE_VARIANCE)).all(1) & (twist > 0).any(1)
     variance[is_known] = (np.square(duration) * twist)[is_known]
     is_reset = np.maximum(distance, turn) > MAX_SPEED * duration[:, 0]
+    is_reset |= long_steps(path.time, path.pose)[1]
     motion[is_reset], variance[is_reset] = 0.0, np.square(UNKNOWN_SPEED * duration)[is_reset]
     if is_reset.any():
         count = int(is_reset.sum())
@@ -189,11 +190,11 @@ def _log(
     pose_time = np.union1d(grid, time[usable])
     motion = odometry.between(pose_time)
     truth_name = bag.truth_topic()
-    truth = None if truth_name is None else bag.poses(truth_name, first).on_plane
+    truth = None if truth_name is None else bag.poses(truth_name).on_plane
     return LandmarkLog(
         name=f"{bag.path.stem}, {topics} with {odometry.source}",
-        start=start_of(truth, 0.0, name),
-        time=pose_time - first,
+        start=start_of(truth, first, name),
+        time=pose_time,
         control=motion.control,
         control_covariance=motion.covariance,
         observation_pose=np.searchsorted(pose_time, time[usable]).astype(np.int64),
