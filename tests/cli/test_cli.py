@@ -21,7 +21,7 @@ HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
 
 
 def test_look(run, tmp_path):
-    path = "--without-center-bias", "--scanpath", "winner-take-all", "--fixations", 4
+    path = "--without-center-bias", "--scanpath", "winner-take-all", "--length", 4
     code, out, _ = run("look", ROCKET, *path, "--out", "looked", "--json")
     assert code == 0
     (row,) = json.loads(out)["images"]

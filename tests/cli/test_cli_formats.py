@@ -81,7 +81,7 @@ def test_progress_is_printed_in_lines_where_stderr_is_no_terminal(capsys, monkey
 def looked(photos, tmp_path_factory):
     """The folder and the rows of `look` with both tables."""
     out = tmp_path_factory.mktemp("looked")
-    words = ["look", photos, "--format", "csv", "--fixations", 4]
+    words = ["look", photos, "--format", "csv", "--length", 4]
     return out, json_of(*words, "--out", out)
 
 

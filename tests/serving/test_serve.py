@@ -289,7 +289,7 @@ def test_the_page_opens_with_the_scanpath_of_look(tmp_path, run):
     found = analyzer.analyze({"photo": photo, **tables})
     xy = found["scanpath"]["xy"].reshape(-1, 2)
     assert np.allclose(xy, [row[:2] for row in expected], atol=1)
-    assert "--scanpath most-probable --fixations 10" in found["file"]
+    assert "--scanpath most-probable --length 10" in found["file"]
     network = analyzer.analyze({"photo": photo, "path": "winner-take-all", **tables})
     assert not np.array_equal(network["scanpath"]["xy"], found["scanpath"]["xy"])
 

@@ -11,7 +11,7 @@ from saccade.cli import EVALUATIONS, app, run_command
 from saccade.simulation import WorldConfig, simulate_world
 
 COMMANDS = {
-    "look": "{in}/photos/a.png --fixations 2 -f csv -f svg --maps npy --maps tiff",
+    "look": "{in}/photos/a.png --length 2 -f csv -f svg --maps npy --maps tiff",
     "detect": "{in}/photos/a.png --max 5 -f npz -f csv -f hdf5 -o out",
     "extract": "{in}/photos --workers 1 -o out",
     "convert --to": "hdf5 {in}/points x.h5",

@@ -1,14 +1,15 @@
 """Images named on the command line, analyzed one by one."""
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from saccade.cli.options import Options
 from saccade.cli.output import INTERRUPTED, names_for, print_message, stop_on_interrupt, tracked
-from saccade.errors import OutputError, SaccadeError
-from saccade.io.files import is_invalid_name
+from saccade.errors import ImageError, OutputError, SaccadeError
+from saccade.io.files import is_invalid_name, natural_order
 from saccade.io.image import find_images
 
 Row: TypeAlias = dict[str, Any]
@@ -20,7 +21,44 @@ class ImageArguments(Options):
     """Images."""
 
     images: list[str]
-    """Images, folders or quoted patterns."""
+    """Images, folders with their subfolders, or quoted patterns."""
+
+
+RESULTS = (".look.", ".keypoints.", ".match.")
+"""Parts of the names of figures that the commands write."""
+
+
+def images_of(source: str, out: Path) -> list[Path]:
+    """The images of a file, a folder with its subfolders, or a pattern, without own results.
+
+    Args:
+        source: file, folder or pattern.
+        out: the output folder, whose figures and maps are no images to analyze.
+
+    Raises:
+        ImageError: as `find_images`.
+    """
+    folder = Path(source)
+    if not (source and folder.is_dir()):
+        found = find_images(source)
+        return found if found == [folder] else [each for each in found if not is_own(each, out)]
+    inside = [each for each in folder.rglob("*") if each.is_dir()]
+    visible = [each for each in inside if not each.relative_to(folder).as_posix().startswith(".")]
+    found = []
+    for each in sorted(visible, key=natural_order):
+        with suppress(ImageError):
+            found += find_images(each)
+    with suppress(ImageError) if found else nullcontext():
+        found = [*find_images(folder), *found]
+    return [each for each in found if not is_own(each, out)]
+
+
+def is_own(path: Path, out: Path) -> bool:
+    """Whether an image is a figure or a map that a command wrote to its output folder."""
+    path, out = path.absolute(), out.absolute()
+    if not path.is_relative_to(out):
+        return False
+    return path.relative_to(out).parts[0] == "maps" or any(each in path.name for each in RESULTS)
 
 
 def analyze_each(
@@ -41,7 +79,7 @@ def analyze_each(
     Raises:
         SaccadeError: no file could be processed, or the results cannot be written.
     """
-    paths = [path for each in images for path in find_images(each)]
+    paths = [path for each in images for path in images_of(each, out)]
     if len(paths) == 1:
         return [analyze(paths[0], paths[0].stem)], 0
     rows: list[Row] = []

@@ -62,8 +62,8 @@ class LookOptions(ModelOptions, JsonOptions, ImageArguments):
     without_center_bias: bool = False
     """Saliency of the content alone, without the position prior (people prefer the center of a
     photograph and avoid its border)."""
-    fixations: int = setting(10, 1, 1000)
-    """Length of the scanpath, 1 to 1000."""
+    length: int = setting(10, 1, 1000)
+    """Number of fixations of the scanpath, 1 to 1000."""
     scanpath: Literal["most-probable", "winner-take-all"] | None = None
     """Most probable path of the scanpath model (the default), or the path of the winner-take-all
     network (the default with --preset kootstra2010, itti1998 and saliencytoolbox2)."""
@@ -99,7 +99,7 @@ def look(options: LookOptions) -> Result:
     Exit code 1: some images could not be read; --out has the results of the
     others. Ctrl-C stops after the image in progress.
 
-    Example: saccade look photo.jpg --fixations 5 --out looked
+    Example: saccade look photo.jpg --length 5 --out looked
     """
     attention = options.attention_model(options.model, free_viewing=not options.without_center_bias)
     out, published = options.out, options.scanpath is None and options.preset in PUBLISHED
@@ -174,10 +174,10 @@ def analyze_image(
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
     if network is None:
-        scan = most_probable_scanpath(maps, fixations=options.fixations)
+        scan = most_probable_scanpath(maps, fixations=options.length)
     else:
-        scan = scanpath(maps, network, fixations=options.fixations)
-    samples = sample_scanpaths(maps, count=SAMPLES, fixations=options.fixations)
+        scan = scanpath(maps, network, fixations=options.length)
+    samples = sample_scanpaths(maps, count=SAMPLES, fixations=options.length)
     layers = maps.layers
     pairs = attention.pairs(image, scan.xy)
     figure = attention_figure(image, layers, scan, pairs)

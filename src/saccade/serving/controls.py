@@ -141,7 +141,7 @@ def _control(
 
 def attention_file(model: str, settings: Any, fixations: int, scanpath: str) -> str:
     """The settings of a model as a configuration file for `saccade look`."""
-    options = f"--model {model} --scanpath {scanpath} --fixations {fixations}"
+    options = f"--model {model} --scanpath {scanpath} --length {fixations}"
     return f"# saccade look PHOTO {options} --config {model}.toml\n{as_toml(settings)}"
 
 
