@@ -18,9 +18,9 @@ import saccade
 from measuring import DATA, arguments
 from saccade.textbook import contrast_saliency, sift
 from saccade.textbook.contrast_saliency import ContrastSaliency
+from saccade.textbook.pop_out import pop_out_display, target_rank
 from saccade.types import Float32Array, Keypoints
 from saccade.viewing.textbook.parameters import load_module
-from saccade.viewing.textbook.pop_out import pop_out_display, target_rank
 
 MAPS = ("saliency", "intensity", "color", "orientation")
 PHOTOGRAPHS = ("coffee", "chelsea", "rocket", "astronaut", "hallway_1")

@@ -6,9 +6,15 @@ import re
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 import saccade
+from saccade.pictures import result_figure
 from saccade.slam import run
+from saccade.types import FixationTable
+from saccade.viewing.attention import apart
 from support.circular_log import simulate
 from support.processes import run_python
 from support.saliency_images import noise
@@ -43,3 +49,29 @@ maps._repr_html_()
 print(before, "matplotlib" in sys.modules)
 """
     assert run_python("-c", code, check=True).stdout.split() == ["False", "True"]
+
+
+def test_fixations_are_drawn_with_their_density_beside_the_maps():
+    image, xy = noise(1, (60, 90)), np.array([[20.0, 30.0], [21.0, 30.0], [200.0, 5.0]])
+    maps = saccade.contrast_saliency(image)
+    figure = result_figure(image, maps, fixations=xy, sigma=4.0, dpi=50)
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[1:3] == ["3 fixations, blurred by 4 px", "saliency"]
+    density = figure.axes[1].images[0].get_array()
+    assert np.unravel_index(density.argmax(), density.shape)[0] == 30
+    assert density.sum() == pytest.approx(2, abs=0.01)
+    assert figure.dpi == 50
+    assert len(figure.axes) == 7 + 5  # each map has a color bar
+    table = FixationTable(np.array(["a", "a", "b"]), np.zeros(3, int), np.arange(3), xy)
+    assert len(result_figure(image, fixations=table[:2]).axes) > 1
+    with pytest.raises(saccade.ConfigError, match="fixations: expected those on one image"):
+        result_figure(image, fixations=table)
+
+
+@given(arrays(np.float64, (7, 2), elements=st.floats(0, 90)))
+def test_labels_of_fixations_do_not_hide_each_other(xy):
+    placed = apart(xy, np.full(7, 5.0), np.array([90.0, 60.0]))
+    distance = np.hypot(*np.moveaxis(placed[:, None] - placed, 2, 0)) + 100 * np.eye(7)
+    assert distance.min() > 8
+    assert (placed >= 0).all()
+    assert (placed <= (90, 60)).all()

@@ -96,7 +96,7 @@ def test_scanpaths_are_a_tidy_table(looked):
         expected = np.array(row["scanpath"])
         np.testing.assert_allclose(own[["x", "y"]], expected[:, :2])
         np.testing.assert_allclose(own.onset_ms, 1000 * expected[:, 2])
-        np.testing.assert_allclose(own.saliency, expected[:, 3])
+        np.testing.assert_allclose(own.saliency, expected[:, 3], atol=1e-6)  # six decimals
         np.testing.assert_allclose(own.duration_ms[:-1], 1000 * np.diff(expected[:, 2]))
         assert np.isnan(own.duration_ms.iloc[-1])
     samples = pandas.read_csv(out / "samples.csv")

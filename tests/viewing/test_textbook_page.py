@@ -14,8 +14,8 @@ import pytest
 import saccade
 from saccade import textbook
 from saccade.errors import LogError
+from saccade.textbook.pop_out import pop_out_display, target_rank
 from saccade.viewing.textbook.ekf import simulated_log, trace_filter
-from saccade.viewing.textbook.pop_out import pop_out_display, target_rank
 from saccade.viewing.textbook.walkthrough import Walkthrough, load_steps
 from support.accessibility import assert_accessible
 from support.commands import json_of

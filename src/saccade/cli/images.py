@@ -50,7 +50,10 @@ def images_of(source: str, out: Path) -> list[Path]:
             found += find_images(each)
     with suppress(ImageError) if found else nullcontext():
         found = [*find_images(folder), *found]
-    return [each for each in found if not is_own(each, out)]
+    images = [each for each in found if not is_own(each, out)]
+    if not images:
+        raise ImageError(f"{source}: expected images, found figures of an earlier run alone")
+    return images
 
 
 def is_own(path: Path, out: Path) -> bool:

@@ -11,10 +11,13 @@ The rest of `saccade` is faster and more general, and is tested against these fi
 
 from saccade.textbook.contrast_saliency import contrast_saliency
 from saccade.textbook.ekf_slam import EkfSlam
+from saccade.textbook.pop_out import pop_out_display, target_rank
 from saccade.textbook.sift import sift
 
 __all__ = [
     "EkfSlam",
     "contrast_saliency",
+    "pop_out_display",
     "sift",
+    "target_rank",
 ]

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from saccade.types import Float32Array, Image, Scanpath, SymmetricPairs
+from saccade.types import Float32Array, FloatArray, Image, Scanpath, SymmetricPairs
 from saccade.viewing.style import (
     BLUE,
     HEAT,
@@ -42,8 +42,13 @@ def attention_figure(
     maps: Any,
     path: Scanpath | None = None,
     pairs: Sequence[SymmetricPairs] = (),
+    fixations: FloatArray | None = None,
+    sigma: float = 24.0,
+    dpi: float = 110.0,
 ) -> Figure:
     """The image with its scanpath, each map as a heat map, and the image weighted by the first map.
+
+    Every map has a color bar from 0 to its own maximum.
 
     Args:
         image: (H, W, 3) in [0, 1].
@@ -52,24 +57,36 @@ def attention_figure(
         path: fixations in image pixels, numbered in their order, the first in white; None for the
             image alone.
         pairs: symmetric pairs of each fixation, drawn in a separate panel.
+        fixations: (n, 2) human fixations in image pixels, drawn on the image, with their density
+            before the maps; None for none.
+        sigma: standard deviation of the density in pixels.
+        dpi: resolution in pixels per inch.
     """
     layers: Mapping[str, Float32Array] = getattr(maps, "layers", maps)
     height, width = image.shape[:2]
+    if fixations is not None:
+        density = blurred_counts(fixations, (height, width), sigma)
+        layers = {f"{len(fixations)} fixations, blurred by {sigma:g} px": density, **layers}
     count = 1 + len(layers) + bool(layers) + bool(pairs)
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
-    figure = figure_for(width, height, columns, rows)
+    figure = figure_for(width, height, columns, rows, dpi=dpi)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     title = "image" if path is None else f"scanpath, {len(path)} fixations"
     draw_panel(panels[0], image, title, interpolation="antialiased")
+    if fixations is not None:
+        dots = {"color": BLUE, "markersize": 5, "markeredgecolor": "white", "markeredgewidth": 0.5}
+        panels[0].plot(*fixations.T, "o", **dots)
+        panels[0].set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     if path is not None:
         draw_scanpath(panels[0], path)
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
     options: dict[str, Any] = {"cmap": HEAT, "extent": extent, "interpolation": "bilinear"}
     for axes, (title, values) in zip(panels[1:], layers.items(), strict=False):
         draw_panel(axes, values, title, vmin=0, **options)
+        add_color_bar(axes, float(np.max(values, initial=0)))
     if layers:
-        title, saliency = next(iter(layers.items()))
+        title, saliency = [*layers.items()][int(fixations is not None and len(layers) > 1)]
         weighted, title = weighted_by(image, saliency), f"image weighted by {title}"
         draw_panel(panels[1 + len(layers)], weighted, title, interpolation="antialiased")
     if pairs:
@@ -138,30 +155,97 @@ def axis_of(pairs: SymmetricPairs) -> float | None:
     return float(np.angle(doubled) / 2 + np.pi / 2)
 
 
+def add_color_bar(axes: Axes, top: float) -> None:
+    """A color bar of the map in a panel, labeled at 0 and at its maximum."""
+    if top <= 0 or axes.figure is None:
+        return
+    bar = axes.figure.colorbar(axes.images[0], ax=axes, fraction=0.04, pad=0.02, ticks=[0, top])
+    bar.ax.set_yticklabels(["0", f"{top:.2g}"], fontsize=7)
+    bar.outline.set_visible(False)
+
+
+def blurred_counts(xy: FloatArray, shape: tuple[int, int], sigma: float) -> Float32Array:
+    """(H, W) density of fixations (n, 2) per square pixel; those outside are left out."""
+    counts = np.zeros(shape, np.float32)
+    columns, rows = np.floor(np.asarray(xy, np.float64).reshape(-1, 2) + 0.5).astype(np.int64).T
+    inside = (columns >= 0) & (columns < shape[1]) & (rows >= 0) & (rows < shape[0])
+    np.add.at(counts, (rows[inside], columns[inside]), 1.0)
+    blurred = cv2.GaussianBlur(counts, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blurred, np.float32)
+
+
 def draw_scanpath(axes: Axes, path: Scanpath) -> None:
     """Fixations numbered in order, the first in white, joined by lines.
 
-    Fixations at the same position share a label with all their numbers.
+    Fixations at the same position share a label with all their numbers. Labels that would hide each
+    other are moved apart, each with a line to its fixation.
     """
     outline = [patheffects.withStroke(linewidth=3, foreground="black")]
     axes.plot(*path.xy.T, color=ORANGE, linewidth=1.5, path_effects=outline)
     places: dict[tuple[float, ...], list[int]] = {}
     for number, xy in enumerate(path.xy.tolist(), start=1):
         places.setdefault(tuple(xy), []).append(number)
-    for (x, y), numbers in places.items():
-        color = "white" if numbers[0] == 1 else ORANGE
-        style = "circle" if len(numbers) == 1 else "round"
+    texts = [", ".join(map(str, numbers)) for numbers in places.values()]
+    if not texts:
+        return
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    size = np.abs([right - left, bottom - top])
+    point = float(size.max()) / PANEL_POINTS
+    radii = np.array([point * (LABEL_POINTS + 2 * (len(text) - 1)) for text in texts])
+    labels = apart(np.array([*places]), radii, size)
+    for (place, numbers), text, label, radius in zip(
+        places.items(), texts, labels, radii, strict=True
+    ):
+        if np.hypot(*(label - place)) > radius:
+            axes.plot(*np.stack([place, label], 1), color="black", linewidth=0.8)
+            axes.plot(*place, ".", color="black", markersize=4)
         axes.text(
-            x,
-            y,
-            ", ".join(map(str, numbers)),
+            float(label[0]),
+            float(label[1]),
+            text,
             color="black",
             fontsize=8,
             ha="center",
             va="center",
-            bbox={"boxstyle": f"{style},pad=0.25", "facecolor": color, "edgecolor": "black"},
+            bbox={
+                "boxstyle": f"{'circle' if len(numbers) == 1 else 'round'},pad=0.25",
+                "facecolor": "white" if numbers[0] == 1 else ORANGE,
+                "edgecolor": "black",
+            },
             in_layout=False,  # numbers at the border are neither clipped nor part of the layout
         )
+
+
+PANEL_POINTS = 288.0
+"""Longer side of a panel, in points."""
+LABEL_POINTS = 7.5
+"""Radius of the label of a fixation, in points."""
+ROUNDS = 200
+"""Maximum number of rounds in which labels are moved apart."""
+
+
+def apart(xy: FloatArray, radii: FloatArray, size: npt.NDArray[Any]) -> FloatArray:
+    """(n, 2) positions near given ones, whose discs do not overlap if there is room.
+
+    Args:
+        xy: (n, 2) positions in image pixels.
+        radii: (n,) radii of the discs.
+        size: width and height of the image, which positions do not leave.
+    """
+    placed, n = xy.astype(np.float64).copy(), len(xy)
+    turn = 2.399963 * np.arange(n)  # golden angle, which separates equal positions
+    placed += 0.01 * radii[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+    needed = radii[:, None] + radii
+    np.fill_diagonal(needed, 0)
+    for _ in range(ROUNDS):
+        offset = placed[:, None] - placed
+        distance = np.hypot(*np.moveaxis(offset, 2, 0))
+        overlap = np.maximum(needed - distance, 0)
+        if overlap.max() < 1e-3 * radii.max():
+            break
+        direction = offset / np.maximum(distance, 1e-9)[..., None]
+        placed = (placed + 0.5 * (overlap[..., None] * direction).sum(axis=1)).clip(0, size)
+    return placed
 
 
 def weighted_by(image: Float32Array, values: Float32Array) -> Float32Array:

@@ -83,7 +83,12 @@ def faded(image: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
 
 
 def figure_for(
-    width: int, height: int, columns: int = 1, rows: int = 1, panel: float = 4.0
+    width: int,
+    height: int,
+    columns: int = 1,
+    rows: int = 1,
+    panel: float = 4.0,
+    dpi: float = 110.0,
 ) -> Figure:
     """Figure of `columns` x `rows` panels with the aspect ratio of an image.
 
@@ -93,10 +98,11 @@ def figure_for(
         columns: panels side by side.
         rows: panels stacked vertically.
         panel: the longer side of one panel, in inches.
+        dpi: resolution in pixels per inch.
     """
     scale = panel / max(width, height)
     size = (columns * max(width * scale, 1.2) + 0.2, rows * (max(height * scale, 0.6) + 0.35))
-    return Figure(figsize=size, layout="compressed", dpi=110)
+    return Figure(figsize=size, layout="compressed", dpi=dpi)
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from saccade import textbook
 from saccade.io.files import read_text
+from saccade.textbook.pop_out import pop_out_display, target_rank
 from saccade.types import Float32Array, Image, LandmarkLog
 from saccade.viewing.page import data_uri, escape, html_page, picture_html, web_file
 from saccade.viewing.textbook.ekf import (
@@ -30,7 +31,7 @@ from saccade.viewing.textbook.images import (
     sift_results,
 )
 from saccade.viewing.textbook.parameters import changed_source, load_module, parse_changes
-from saccade.viewing.textbook.pop_out import pop_out_display, pop_out_figure, target_rank
+from saccade.viewing.textbook.pop_out import pop_out_figure
 from saccade.viewing.textbook.values import chooser_html
 
 FILES = {"A": "contrast_saliency.py", "B": "sift.py", "C": "ekf_slam.py"}
