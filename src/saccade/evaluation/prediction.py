@@ -59,7 +59,7 @@ class FixationData:
     """Number of fixations left out because they are outside their images."""
 
     @classmethod
-    def of(cls, table: FixationTable, folder: Path, skip: int, sigma: Blur = 24.0) -> Self:
+    def of(cls, table: FixationTable, folder: str | Path, skip: int, sigma: Blur = 24.0) -> Self:
         """Builds the data from a table of fixations and a folder of images.
 
         Args:
@@ -73,6 +73,7 @@ class FixationData:
             ImageError: an image cannot be read.
             LogError: no fixation is inside its image.
         """
+        folder = Path(folder)
         order = np.lexsort((table.index, table.scanpath))
         table = table[order[table.index[order] >= skip]]
         names, index = np.unique(table.image, return_inverse=True)

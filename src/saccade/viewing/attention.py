@@ -237,13 +237,20 @@ def apart(xy: FloatArray, radii: FloatArray, size: npt.NDArray[Any]) -> FloatArr
     placed += 0.01 * radii[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
     needed = radii[:, None] + radii
     np.fill_diagonal(needed, 0)
+    number = np.arange(n)
+    angle = 2.399963 * (number[:, None] + number)
+    spare = np.sign(number[:, None] - number)[..., None] * np.stack(
+        [np.cos(angle), np.sin(angle)], axis=2
+    )  # directions of equal positions
     for _ in range(ROUNDS):
         offset = placed[:, None] - placed
         distance = np.hypot(*np.moveaxis(offset, 2, 0))
         overlap = np.maximum(needed - distance, 0)
         if overlap.max() < 1e-3 * radii.max():
             break
-        direction = offset / np.maximum(distance, 1e-9)[..., None]
+        direction = np.where(
+            (distance > 1e-6)[..., None], offset / np.maximum(distance, 1e-6)[..., None], spare
+        )
         placed = (placed + 0.5 * (overlap[..., None] * direction).sum(axis=1)).clip(0, size)
     return placed
 
