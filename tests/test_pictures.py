@@ -6,6 +6,7 @@ import re
 import cv2
 import numpy as np
 import pytest
+
 import saccade
 from saccade.pictures import result_figure
 from saccade.slam import run

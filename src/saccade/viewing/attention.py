@@ -251,7 +251,7 @@ def apart(xy: FloatArray, radii: FloatArray, size: npt.NDArray[Any]) -> FloatArr
         direction = np.where(
             (distance > 1e-6)[..., None], offset / np.maximum(distance, 1e-6)[..., None], spare
         )
-        placed = (placed + 0.5 * (overlap[..., None] * direction).sum(axis=1)).clip(0, size)
+        placed = (placed + 0.3 * (overlap[..., None] * direction).sum(axis=1)).clip(0, size)
     return placed
 
 
