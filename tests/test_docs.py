@@ -62,6 +62,7 @@ def marks_of(text):
 )
 def test_the_code_of_a_page_runs_and_finds_something(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("PIL.Image.Image.show", lambda image, title: None)
     for found, value in run_code(TEXTS[name], tmp_path).items():
         if isinstance(value, Keypoints | Scanpath):
             assert len(value) > 0, found
