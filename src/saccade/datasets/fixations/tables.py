@@ -393,9 +393,7 @@ def read_event_list(
     header: list[str] = []
     for row in read_rows(path, "\t", comment="##"):
         kind, *cells = row.cells
-        if kind.startswith("Table Header"):
-            header = []
-        elif kind == "Event Type" and "Location X" in cells:
+        if kind == "Event Type" and "Location X" in cells:
             header = cells
         elif kind.rstrip(":") == "Subject" and cells:
             subject = cells[0]
