@@ -12,11 +12,17 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 
+def printable(text: str) -> str:
+    """The text in one line, with control characters escaped, as of a file name."""
+    line = " ".join(text.splitlines())
+    return "".join(c if c.isprintable() or c == " " else ascii(c)[1:-1] for c in line)
+
+
 class SaccadeError(Exception):
     """Invalid input or failed output; the message is one line, whatever it quotes."""
 
     def __str__(self) -> str:
-        return " ".join(super().__str__().splitlines())
+        return printable(super().__str__())
 
 
 class ImageError(SaccadeError, ValueError):

@@ -26,3 +26,11 @@ def test_values_may_be_separated_by_commas_and_are_checked(run, words, expected)
     code, out, err = run("detect", "absent.png", *words)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert (expected or "absent.png") in err
+
+
+def test_control_characters_of_file_names_are_escaped(run, tmp_path):
+    (tmp_path / "red\x1b[31m\x07\n.png").write_bytes(b"x")
+    code, out, err = run("look", "red\x1b[31m\x07\n.png")
+    assert code != 0
+    assert (out + err).rstrip("\n").isprintable()
+    assert "red\\x1b[31m\\x07" in err

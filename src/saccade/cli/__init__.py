@@ -21,7 +21,7 @@ from cyclopts import App, CycloptsError, Group, Parameter, UnknownCommandError
 
 from saccade import __version__
 from saccade.cli.output import INTERRUPTED, Result, emit, print_data_warnings
-from saccade.errors import OutputError, SaccadeError
+from saccade.errors import OutputError, SaccadeError, printable
 from saccade.io.files import LARGEST_IMAGE, one_line
 
 TRACEBACK = "SACCADE_TRACEBACK"
@@ -191,7 +191,7 @@ def _usage_error(error: CycloptsError) -> str:
 
 def _end(message: str, code: int) -> NoReturn:
     with suppress(OSError):  # stderr may be on a full disk too
-        print(f"saccade: {message}", file=sys.stderr)
+        print(f"saccade: {printable(message)}", file=sys.stderr)
     sys.exit(code)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from threading import Event
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
-from saccade.errors import ImageWarning, LogWarning
+from saccade.errors import ImageWarning, LogWarning, printable
 from saccade.io.files import atomic_write
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Progress(Protocol):
 
 def print_message(message: str) -> None:
     """Print a message for the user on stderr."""
-    print(f"saccade: {message}", file=sys.stderr)
+    print(f"saccade: {printable(message)}", file=sys.stderr)
 
 
 def print_data_warnings() -> None:
@@ -128,13 +128,16 @@ def print_table(table: Table) -> None:
 
     title, columns, rows = table
     shown = RichTable(
-        title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_header=any(columns)
+        title=Text(printable(title)),
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        show_header=any(columns),
     )
     for heading, *cells in zip(columns, *rows, strict=True):
         is_text = not shown.columns or max(map(len, cells), default=0) > MAX_CELL
         shown.add_column(Text(heading), justify="left" if is_text else "right", overflow="fold")
     for row in rows:
-        shown.add_row(*map(Text, row))  # brackets are not markup
+        shown.add_row(*(Text(printable(cell)) for cell in row))  # brackets are not markup
     Console().print(shown)
 
 
