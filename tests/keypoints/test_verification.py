@@ -14,7 +14,7 @@ from saccade.keypoints.two_view_fit import (
     sampson_distances,
     tangents,
 )
-from saccade.keypoints.verification import position_sigma, verify_positions
+from saccade.keypoints.verification import position_sigma, verify_positions, views_of
 
 HOMOGRAPHY = np.array([[0.9, -0.3, 80], [0.25, 0.95, -40], [2e-4, -1e-4, 1]])
 CORNERS = np.array([[0, 0], [639, 0], [0, 479], [639, 479]], float)
@@ -197,7 +197,7 @@ def covariance_of_pose(rng, wrong):
         matched += rng.normal(size=matched.shape) * np.repeat(sigma, 2, axis=1)
         count = round(wrong * 200)
         matched[:count, 2:] = rng.uniform([0, 0], [640, 480], (count, 2))
-        pose = verify_positions(matched, sigma, "essential", 2.0, 15, CAMERA).pose
+        pose = verify_positions(matched, sigma, "essential", 2.0, 15, views_of(CAMERA)).pose
         turn = cv2.Rodrigues(R @ pose.rotation.T)[0].ravel()
         error = np.concatenate([turn, t / np.linalg.norm(t) - pose.translation])
         values, vectors = np.linalg.eigh(pose.covariance)
@@ -244,7 +244,10 @@ def test_the_true_geometry_is_found(rng, geometry):
     assert found.inliers[60:].mean() < 0.15
     matrix = found.H if geometry == "homography" else found.F
     np.testing.assert_allclose(of_unit_length(matrix), of_unit_length(relation), atol=0.05)
-    assert str(found) == f"Verification({geometry}: {found.inliers.sum()} of 120 matches agree)"
+    model = "planar" if geometry == "homography" else "general"
+    assert found.model == model
+    agree = f"{found.inliers.sum()} of 120 matches agree"
+    assert str(found) == f"Verification({geometry}, {model}: {agree})"
 
 
 @pytest.mark.parametrize("geometry", ["fundamental", "homography"])

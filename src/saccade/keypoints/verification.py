@@ -1,29 +1,59 @@
 """Geometric verification of matches by a fundamental or essential matrix, or a homography."""
 
-from dataclasses import dataclass
-from typing import Any
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from saccade.errors import KeypointsError, require
+from saccade.errors import ConfigError, ImageWarning, KeypointsError, require
+from saccade.frames import Camera
 from saccade.io.image import quiet_opencv
+from saccade.keypoints.relative_pose import (
+    RelativePose,
+    Triangulation,
+    beyond_infinity,
+    corrected_covariance,
+    is_plausibly_near,
+    planar_pose,
+    pose_of,
+    triangulated,
+    turned_pose,
+)
 from saccade.keypoints.two_view_fit import (
     Fit,
     Geometry,
-    homogeneous,
     project,
     projection_derivatives,
     refine,
     residuals_of,
     sampson_distances,
 )
+from saccade.keypoints.two_view_models import (
+    MIN_NOISE,
+    Matches,
+    Model,
+    Selection,
+    is_watermark,
+    noise_of,
+    select_model,
+)
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 SAMPLE_SIZE = {"fundamental": 7, "homography": 4, "essential": 5}
 """Correspondences that determine each geometry."""
+PARAMETERS = {"fundamental": 7, "essential": 5}
+"""Number of parameters of a general motion."""
 CONFIDENCE = 0.9999
 MAX_ITERATIONS = 10_000
+MIN_INLIERS = 15
+"""Smallest number of distinct inliers of an accepted geometry, COLMAP's default."""
+MAX_SHARED = 2
+"""Largest number of distinct partners of a position whose matches take part in the estimation: at
+most one of them is right, and a geometry may agree with all of them by that position alone."""
 REFINED_TOLERANCES = 2.0
 """Largest error of a match in the refinement, in tolerances: the Cauchy loss discounts wrong
 matches, and inliers missed by the first estimate are recovered."""
@@ -32,47 +62,41 @@ REFINEMENTS = {"fundamental": 2, "homography": 1, "essential": 2}
 matches near an epipolar line bias the estimate; a homography has few of these, and gets worse."""
 REFINED_SIGMAS = 3.5
 """Largest residual of a match in the second round, in robust standard deviations."""
+RESTARTS = (0.5, 0.25)
+"""Tolerances of further estimates of an essential matrix, in tolerances."""
+MOSTLY_RIGHT = 0.8
+"""Fraction of matches near the first estimate above which no further one is made."""
 MIN_SIGMA = 0.02
 """Smallest error of a position, in pixels."""
 SCALE_ERROR = 0.064
 """Error of a position in each axis, in scales of its keypoint."""
 NOISE_ERROR = 0.0028
 """Error of a position in pixels due to the noise of the image, times |D|."""
+MIRROR = np.array([-1.0, 1, 1])
+"""Signs of homogeneous coordinates in an image that is mirrored left and right."""
 
-CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
-"""(3, 3, 3) matrices of the cross products with the unit vectors."""
+Intrinsics: TypeAlias = npt.ArrayLike | Camera | Sequence[npt.ArrayLike | Camera]
+"""A (3, 3) camera matrix or a camera of both images, or a pair of these."""
 
 
 @dataclass(frozen=True, eq=False)
-class RelativePose:
-    """Pose of the second camera: a point X of the first one's frame is `rotation` X + translation.
+class View:
+    """Calibration of one of two images."""
 
-    The frames of cameras are x right, y down, z ahead.
-    """
-
-    rotation: FloatArray
+    matrix: FloatArray
     """(3, 3)."""
-    translation: FloatArray
-    """(3,) of length 1, since two images do not determine the distance."""
-    covariance: FloatArray | None
-    """(6, 6) of the rotation vector, in radians along the axes of the second camera, and of
-    `translation`; None where the matches do not determine it. Errors of the calibration are not
-    in it."""
+    camera: Camera | None = None
+    """Camera with a lens model; None without distortion."""
 
     @property
-    def rotation_sigma(self) -> float:
-        """Standard deviation of the rotation in degrees; infinite if unknown."""
-        return self._sigma(slice(3))
+    def pixel(self) -> float:
+        """Size of a pixel in the plane z = 1."""
+        return float(1 / np.sqrt(self.matrix[0, 0] * self.matrix[1, 1]))
 
-    @property
-    def direction_sigma(self) -> float:
-        """Standard deviation of the translation's direction in degrees; infinite if unknown."""
-        return self._sigma(slice(3, 6))
-
-    def _sigma(self, rows: slice) -> float:
-        if self.covariance is None:
-            return float("inf")
-        return float(np.degrees(np.sqrt(np.trace(self.covariance[rows, rows]))))
+    def rays(self, xy: FloatArray) -> FloatArray:
+        """(m, 2) positions in the plane z = 1 of pixels (m, 2); NaN outside the lens model."""
+        ideal = xy if self.camera is None else self.camera.undistort(xy)
+        return project(np.asarray(np.linalg.inv(self.matrix), np.float64), ideal)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,6 +115,21 @@ class Verification:
     determine it, and in stored runs."""
     pose: RelativePose | None = None
     """Pose of the second camera, for an essential matrix."""
+    model: Model | None = None
+    """Model that the matches support, whatever `geometry` was asked for: "general" (a scene of any
+    shape), "planar" (a plane), "panoramic" (the camera only turned), "still" (no motion), or
+    "watermark" (unmoved matches in a small part of the images). None without a matrix, and where it
+    was not determined."""
+    homography: FloatArray | None = None
+    """(3, 3) homography in pixels of a model that is not general."""
+    scale: float = 1.0
+    """Robust standard deviation of the residuals, in those that `position_sigma` expects."""
+    min_inliers: int = MIN_INLIERS
+    """Number of distinct inliers that was required."""
+    mirrored: bool = False
+    """Whether the homography mirrors the image."""
+    views: tuple[View, View] | None = None
+    """Calibration of both images, for an essential matrix."""
 
     @property
     def F(self) -> FloatArray | None:  # noqa: N802
@@ -104,8 +143,12 @@ class Verification:
 
     @property
     def H(self) -> FloatArray | None:  # noqa: N802
-        """(3, 3) homography from (x, y, 1) in the first image to the second."""
-        return self.matrix if self.geometry == "homography" else None
+        """(3, 3) homography from (x, y, 1) in the first image to the second.
+
+        Its last entry is 1, as OpenCV has it, unless it is 0. A model that is not general has one
+        too.
+        """
+        return self.matrix if self.geometry == "homography" else self.homography
 
     def projection_covariance(self, xy: FloatArray) -> FloatArray:
         """(n, 2, 2) covariance in the second image of (n, 2) points that the homography projects.
@@ -120,10 +163,10 @@ class Verification:
         return covariance
 
     def __repr__(self) -> str:
-        return (
-            f"Verification({self.geometry}: "
-            f"{self.inliers.sum()} of {len(self.inliers)} matches agree)"
-        )
+        words = [self.geometry] + ([] if self.model is None else [self.model])
+        agree = f"{self.inliers.sum()} of {len(self.inliers)} matches agree"
+        required = f", {self.min_inliers} are required" if self.matrix is None else ""
+        return f"Verification({', '.join(words)}: {agree}{required})"
 
 
 def verify(
@@ -132,13 +175,16 @@ def verify(
     pairs: IntArray,
     geometry: Geometry = "fundamental",
     tolerance: float = 2.0,
-    min_inliers: int = 15,
-    intrinsics: FloatArray | None = None,
+    min_inliers: int = MIN_INLIERS,
+    intrinsics: Intrinsics | None = None,
+    distortion: Sequence[Any] | None = None,
+    mirrored: bool | None = None,
 ) -> Verification:
     """Estimate the geometry of two views from matches, with its covariance and inliers.
 
     MAGSAC's estimate is refined by robust least squares, in which each match weighs as much as
-    the positions of its keypoints are exact (see `position_sigma`).
+    the positions of its keypoints are exact (see `position_sigma`). Torr's criterion GRIC then
+    selects the model that the matches support: `Verification.model`.
 
     A fundamental matrix holds for any rigid scene, but only constrains a keypoint to a line. A
     homography constrains it to a point; it holds for a plane, or for a camera that only rotates. An
@@ -150,29 +196,163 @@ def verify(
         pairs: (m, 2) indices into both, as `match` returns them.
         geometry: "fundamental", "homography" or "essential".
         tolerance: inlier threshold in pixels, over 0.
-        min_inliers: smallest number of distinct inliers of an accepted geometry; COLMAP's default
-            is the same.
-        intrinsics: (3, 3) camera matrix of both images without distortion, for "essential".
+        min_inliers: smallest number of distinct inliers of an accepted geometry: positions in the
+            first image or in the second, whichever are fewer.
+        intrinsics: for "essential": a (3, 3) camera matrix or a `saccade.frames.Camera` of both
+            images, or a pair of these.
+        distortion: OpenCV's coefficients of a pinhole camera, for camera matrices; a pair of
+            lists for a pair of cameras.
+        mirrored: whether a homography may mirror the image, as a map whose y points up: True for
+            mirrored ones alone, False for none; None tries them where no other is found, and
+            warns.
 
     Returns:
         The same for the same matches in any order. Keypoints that share a position and differ in
         their angle count once.
 
     Raises:
-        ConfigError: another geometry, a tolerance that is not over 0, or an essential matrix
-            without intrinsics.
+        ConfigError: another geometry, a tolerance that is not over 0, an essential matrix without
+            intrinsics, or invalid ones.
         KeypointsError: pairs that are not indices, or positions that are not finite.
 
     Source: OpenCV's USAC with the score of MAGSAC++; Barath et al. (2020).
     """
     require(geometry in SAMPLE_SIZE, "geometry", " or ".join(SAMPLE_SIZE), geometry)
     require(0 < tolerance < np.inf, "tolerance", "pixels over 0", tolerance)
+    require(min_inliers >= 1, "min_inliers", "at least 1", min_inliers)
+    views = None if geometry != "essential" else views_of(intrinsics, distortion)
+    matched, sigma = matched_positions(first, second, pairs)
+    keypoints = np.concatenate([first.xy, second.xy]).astype(np.float64)
+    options = (geometry, tolerance, min_inliers, views)
+    if not mirrored:
+        found = verify_positions(matched, sigma, *options, keypoints=keypoints)
+        if found.matrix is not None or mirrored is False or geometry != "homography":
+            return found
+    require(geometry == "homography", "mirrored", "a homography", geometry)
+    mirror = matched * [-1, 1, 1, 1]
+    found = verify_positions(mirror, sigma, *options, keypoints=keypoints)
+    if found.matrix is None:
+        return found
+    if mirrored is None:
+        warnings.warn(
+            f"verify: {found.inliers.sum()} matches agree with a mirrored homography, and with no "
+            "other; mirrored=True confirms it, mirrored=False refuses it",
+            ImageWarning,
+            stacklevel=2,
+        )
+    return unmirrored(found)
+
+
+def unmirrored(found: Verification) -> Verification:
+    """The homography of the image itself, of one of its mirror image."""
+    assert found.matrix is not None
+    signs, covariance = np.tile(MIRROR, 3), found.covariance
+    if covariance is not None:
+        covariance = covariance * np.outer(signs, signs)
+    matrix = found.matrix * MIRROR
+    model: Model | None = "planar" if found.model == "panoramic" else found.model
+    return replace(found, matrix=matrix, covariance=covariance, mirrored=True, model=model,
+                   homography=matrix)  # fmt: skip
+
+
+def triangulate(
+    first: Keypoints, second: Keypoints, pairs: IntArray, verification: Verification
+) -> Triangulation:
+    """Points in space of the matches of two calibrated views, with covariances.
+
+    Args:
+        first: keypoints of the first image.
+        second: of the second.
+        pairs: (m, 2) indices into both, as they were verified.
+        verification: by an essential matrix.
+
+    Returns:
+        (m, 3) points in the frame of the first camera, in baselines, and (m, 3, 3) covariances,
+        of the errors of the positions and of the pose. NaN for matches that are no inliers, and
+        for points whose rays do not meet in front of both cameras.
+
+    Raises:
+        ConfigError: the verification is not by an essential matrix, or the direction of motion is
+            unknown.
+        KeypointsError: pairs that are not indices, or not those that were verified.
+    """
+    pose, views = verification.pose, verification.views
+    if pose is None or views is None or not np.isfinite(pose.direction_sigma):
+        found = str(verification.model or verification.geometry)
+        raise ConfigError(f"verification: expected an essential matrix with a pose, found {found}")
+    if len(pairs) != len(verification.inliers):
+        found = f"{len(pairs)} and {len(verification.inliers)}"
+        raise KeypointsError(f"pairs: expected those that were verified, found {found}")
+    matched, sigma = matched_positions(first, second, pairs)
+    matches = matches_in(matched, sigma * max(verification.scale, 1e-6), views)
+    points, inliers = triangulated(pose, matches), verification.inliers
+    return Triangulation(
+        np.where(inliers[:, None], points.xyz, np.nan),
+        np.where(inliers[:, None, None], points.covariance, np.nan),
+    )
+
+
+def views_of(
+    intrinsics: Intrinsics | None, distortion: Sequence[Any] | None = None
+) -> tuple[View, View]:
+    """The calibration of both images.
+
+    Raises:
+        ConfigError: no camera matrices (3, 3), or other numbers of cameras and of coefficients.
+    """
+    expected = "a (3, 3) camera matrix, a Camera, or a pair of these"
+    require(intrinsics is not None, "intrinsics", expected, None)
+    both: list[Any]
+    if isinstance(intrinsics, list | tuple) and len(intrinsics) == 2:
+        both, coefficients = [*intrinsics], [None, None] if distortion is None else [*distortion]
+    else:
+        both, coefficients = [intrinsics] * 2, [distortion] * 2
+    require(len(coefficients) == 2, "distortion", "one list for each camera", distortion)
+    first, second = map(view_of, both, coefficients)
+    return first, second
+
+
+def view_of(intrinsics: Any, distortion: Any = None) -> View:
+    """The calibration of an image; see `views_of`."""
+    if isinstance(intrinsics, Camera):
+        require(distortion is None, "distortion", "none beside a Camera", distortion)
+        return View(intrinsics.matrix, intrinsics if intrinsics.is_distorted else None)
+    expected = "a (3, 3) camera matrix, a Camera, or a pair of these"
+    try:
+        K = np.asarray(intrinsics, np.float64)
+    except (TypeError, ValueError):
+        K = np.zeros(0)
+    valid = K.shape == (3, 3) and bool(np.isfinite(K).all()) and K[0, 0] * K[1, 1] > 0
+    require(valid and bool(np.linalg.det(K) != 0), "intrinsics", expected, intrinsics)
+    if distortion is None or not np.any(distortion):
+        return View(K)
+    coefficients = tuple(np.asarray(distortion, np.float64).ravel().tolist())
+    return View(K, Camera.from_matrix(K, (1, 1), distortion=coefficients))
+
+
+def matched_positions(
+    first: Keypoints, second: Keypoints, pairs: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """(m, 4) rows x1, y1, x2, y2 of matches, and (m, 2) standard deviations of both positions."""
     check_pairs(pairs, (len(first), len(second)), "pairs")
     matched = np.hstack([first.xy[pairs[:, 0]], second.xy[pairs[:, 1]]]).astype(np.float64)
     if not np.isfinite(matched).all():
         raise KeypointsError("keypoints: expected finite positions, found NaN or infinity")
-    sigma = np.stack([position_sigma(first)[pairs[:, 0]], position_sigma(second)[pairs[:, 1]]], 1)
-    return verify_positions(matched, sigma, geometry, tolerance, min_inliers, intrinsics)
+    sigma = [
+        position_sigma(each)[index] for each, index in zip((first, second), pairs.T, strict=True)
+    ]
+    return matched, np.stack(sigma, 1)
+
+
+def matches_in(matched: FloatArray, sigma: FloatArray, views: tuple[View, View] | None) -> Matches:
+    """Matches in the planes z = 1 of calibrated views, else in pixels."""
+    if views is None:
+        return Matches(matched, sigma)
+    rays = [
+        view.rays(matched[:, part])
+        for view, part in zip(views, (slice(2), slice(2, 4)), strict=True)
+    ]
+    return Matches(np.hstack(rays), sigma * [view.pixel for view in views])
 
 
 def verify_positions(
@@ -181,31 +361,265 @@ def verify_positions(
     geometry: Geometry,
     tolerance: float,
     min_inliers: int,
-    intrinsics: FloatArray | None = None,
+    views: tuple[View, View] | None = None,
+    *,
+    keypoints: FloatArray | None = None,
 ) -> Verification:
-    """`verify` of (m, 4) rows x1, y1, x2, y2 and (m, 2) standard deviations of both positions."""
-    if geometry == "essential":  # in the planes z = 1
-        K = np.zeros(0) if intrinsics is None else np.asarray(intrinsics, np.float64)
-        require(K.shape == (3, 3), "intrinsics", "a (3, 3) camera matrix", intrinsics)
-        focal, inverse = np.sqrt(K[0, 0] * K[1, 1]), np.asarray(np.linalg.inv(K), np.float64)
-        matched = np.hstack([project(inverse, matched[:, :2]), project(inverse, matched[:, 2:])])
-        sigma, tolerance = sigma / focal, tolerance / focal
-    none = Verification(geometry, None, np.zeros(len(matched), np.bool_))
-    matched, row = np.unique(matched, axis=0, return_inverse=True)
-    smallest = np.full((len(matched), 2), np.inf)
-    np.minimum.at(smallest, row.ravel(), sigma)
-    matrix, inliers = sample_consensus(matched, geometry, tolerance)
-    if matrix is None or inliers.sum() < min_inliers:
+    """`verify` of (m, 4) rows x1, y1, x2, y2 and (m, 2) standard deviations of both positions.
+
+    Args:
+        matched: in pixels.
+        sigma: in pixels.
+        geometry: see `verify`.
+        tolerance: see `verify`.
+        min_inliers: see `verify`.
+        views: calibration, for an essential matrix.
+        keypoints: (n, 2) positions of all keypoints of both images; None for no selection of a
+            model.
+    """
+    none = Verification(geometry, None, np.zeros(len(matched), np.bool_), min_inliers=min_inliers)
+    given = matches_in(matched, sigma, views)
+    rows, row = np.unique(given.positions, axis=0, return_inverse=True)
+    row = row.ravel()
+    smallest = np.full((len(rows), 2), np.inf)
+    np.minimum.at(smallest, row, given.sigma)
+    matches = Matches(rows, smallest)
+    usable = is_finite(rows)
+    usable[usable] = is_unshared(rows[usable])
+    pixels = np.ones(2) if views is None else np.array([view.pixel for view in views])
+    estimator = Estimator(geometry, tolerance, pixels)
+    found = estimator.estimate(matches.take(usable))
+    if found is None:
         return none
-    fit = refine_repeatedly(matrix, geometry, matched, smallest, tolerance)
-    if fit is not None:
-        matrix = fit.matrix
-        inliers = match_errors(matrix, geometry, matched) < tolerance
-    if inliers.sum() < min_inliers:
+    matrix, fit = found
+    inliers = np.zeros(len(rows), np.bool_)
+    finite = is_finite(rows)
+    scale = 1.0 if fit is None else fit.scale
+    inliers[finite] = estimator.inliers(matrix, matches.take(finite))
+    if count_distinct(rows[inliers]) < min_inliers:
         return none
     covariance = None if fit is None else fit.covariance
-    pose = pose_of(matrix, matched[inliers], covariance) if geometry == "essential" else None
-    return Verification(geometry, matrix, inliers[row.ravel()], covariance, pose)
+    if geometry == "homography":
+        matrix, covariance = scaled_homography(matrix, covariance)
+    verified = Verification(
+        geometry,
+        matrix,
+        inliers[row],
+        covariance,
+        scale=scale,
+        min_inliers=min_inliers,
+        views=views,
+    )
+    if geometry == "essential":
+        verified = replace(verified, pose=pose_of(matrix, rows[inliers], covariance))
+    if keypoints is None:
+        return verified
+    positions = np.full((len(rows), 2), np.nan)
+    positions[row] = matched[:, :2]
+    return with_model(verified, matches.take(usable), inliers[usable], positions[usable], keypoints)
+
+
+def with_model(
+    verified: Verification,
+    matches: Matches,
+    inliers: BoolArray,
+    positions: FloatArray,
+    keypoints: FloatArray,
+) -> Verification:
+    """The verification with the model that the matches support, and the pose of that model.
+
+    Args:
+        verified: by a geometry.
+        matches: those that took part in the estimation.
+        inliers: (m,) which of them agree.
+        positions: (m, 2) their pixels in the first image.
+        keypoints: (n, 2) positions of all keypoints.
+    """
+    geometry, matrix = verified.geometry, verified.matrix
+    assert matrix is not None
+    general: FloatArray | None = matrix
+    parameters = PARAMETERS.get(geometry, PARAMETERS["fundamental"])
+    scale = verified.scale
+    if geometry == "homography":
+        pixels = np.ones(2)
+        estimator = Estimator(
+            "fundamental", 2 * scale * float(np.median(matches.sigma)) + 1, pixels
+        )
+        found = estimator.estimate(matches)
+        general = None if found is None else found[0]
+    z = np.full(len(matches.positions), np.inf)
+    if general is not None:
+        z = sampson_distances(general, matches.positions, matches.sigma)
+        scale = noise_of(z[inliers], parameters)
+    pixel = 1.0 if verified.views is None else verified.views[0].pixel
+    scale = max(scale, MIN_NOISE * pixel / float(np.median(matches.sigma)))
+    scaled = Matches(matches.positions, matches.sigma * scale)
+    selection = select_model(scaled, z / scale, parameters, calibrated=verified.views is not None)
+    model: Model = selection.model
+    if selection.homography is None:
+        return with_covariance(replace(verified, model=model), matches.take(inliers))
+    if model == "still" and is_watermark(positions[inliers], keypoints):
+        model = "watermark"
+    pixels_to = selection.homography
+    if verified.views is not None:
+        K1, K2 = (view.matrix for view in verified.views)
+        pixels_to = K2 @ selection.homography @ np.linalg.inv(K1)
+    homography, _ = scaled_homography(pixels_to, None)
+    result = replace(verified, model=model, homography=homography)
+    if verified.views is None:
+        return result
+    return replace(result, pose=pose_of_selection(selection, scaled, verified))
+
+
+def pose_of_selection(
+    selection: Selection, matches: Matches, verified: Verification
+) -> RelativePose | None:
+    """The pose of a camera that is still, turned, or viewed a plane."""
+    H = selection.homography
+    assert H is not None
+    near = matches.take(matches.squared(H) < REFINED_SIGMAS**2 * 2)
+    if selection.model != "planar":
+        return turned_pose(H, near)
+    fit = refine(H, "homography", near.positions, near.sigma)
+    if fit is None:
+        return verified.pose
+    return planar_pose(fit.matrix, fit.covariance, near.positions) or verified.pose
+
+
+def with_covariance(verified: Verification, matches: Matches) -> Verification:
+    """The verification of a general motion with the covariance of its pose."""
+    matrix, covariance = verified.matrix, verified.covariance
+    if verified.geometry != "essential" or matrix is None or covariance is None:
+        return verified
+    if not verified.scale > 0:
+        return verified
+    corrected = corrected_covariance(matrix, covariance, matches, verified.scale)
+    pose = pose_of(matrix, matches.positions, corrected)
+    if verified.pose is not None and pose.direction_sigma < verified.pose.direction_sigma:
+        return verified
+    return replace(verified, covariance=corrected, pose=pose)
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """Estimation of a geometry from matches."""
+
+    geometry: Geometry
+    tolerance: float
+    """In pixels."""
+    pixels: FloatArray
+    """(2,) size of a pixel of both images in the coordinates of the matches."""
+
+    def estimate(self, matches: Matches) -> tuple[FloatArray, Fit | None] | None:
+        """The (3, 3) matrix, and its refinement if there is one; None without a matrix."""
+        tolerance = self.tolerance * float(np.sqrt(self.pixels.prod()))
+        matrix, _ = sample_consensus(matches.positions, self.geometry, tolerance)
+        if matrix is None:
+            return None
+        starts = [matrix] + (
+            self._restarts(matrix, matches) if self.geometry == "essential" else []
+        )
+        fits = [fit for start in starts if (fit := self.refine_repeatedly(start, matches))]
+        if not fits:
+            return matrix, None
+        fit = min(fits, key=lambda fit: self._cost(fit.matrix, matches))
+        return fit.matrix, fit
+
+    def _restarts(self, matrix: FloatArray, matches: Matches) -> list[FloatArray]:
+        """Further estimates from the matches near a matrix, where many of all are wrong.
+
+        Least squares from an estimate among many wrong matches may end in a local minimum.
+        """
+        near = replace(self, tolerance=REFINED_TOLERANCES * self.tolerance).inliers(matrix, matches)
+        if near.mean() > MOSTLY_RIGHT:
+            return []
+        tolerances = (ratio * self.tolerance * self.pixels.mean() for ratio in RESTARTS)
+        found = (
+            sample_consensus(matches.positions[near], self.geometry, tolerance)[0]
+            for tolerance in tolerances
+        )
+        return [each for each in found if each is not None]
+
+    def _cost(self, matrix: FloatArray, matches: Matches) -> float:
+        """Sum of squared errors, each at most that of half the tolerance."""
+        z = sampson_distances(matrix, matches.positions, self.pixels) / (self.tolerance / 2)
+        return float(np.minimum(z**2, 1).sum())
+
+    def refine_repeatedly(self, matrix: FloatArray, matches: Matches) -> Fit | None:
+        """The model refined by the matches near it, and again by those near the refined one."""
+        wide = replace(self, tolerance=REFINED_TOLERANCES * self.tolerance)
+        near = wide.inliers(matrix, matches)
+        fit: Fit | None = None
+        for _ in range(REFINEMENTS[self.geometry]):
+            if near.sum() <= SAMPLE_SIZE[self.geometry]:
+                break
+            chosen = matches.take(near)
+            better = refine(matrix, self.geometry, chosen.positions, chosen.sigma)
+            if better is None:
+                break
+            fit, matrix = better, better.matrix
+            near = wide.inliers(matrix, matches)
+            residuals = residuals_of(self.geometry, matrix, matches.positions, matches.sigma)
+            near &= np.linalg.norm(residuals(matrix)[0], axis=1) <= REFINED_SIGMAS * fit.scale
+        if self.geometry == "essential" and fit is not None:
+            chosen = matches.take(near)
+            chosen = chosen.take(is_plausibly_near(pose_of(matrix, chosen.positions), chosen))
+            if len(chosen.positions) > SAMPLE_SIZE[self.geometry]:
+                fit = refine(matrix, self.geometry, chosen.positions, chosen.sigma) or fit
+        return fit
+
+    def inliers(self, matrix: FloatArray, matches: Matches) -> BoolArray:
+        """(m,) which matches are consistent with a matrix.
+
+        The error is that in the second image of a homography, else that from epipolar lines; of
+        calibrated cameras from the half of the line in front of both.
+        """
+        positions = matches.positions
+        if self.geometry == "homography":
+            gap = project(matrix, positions[:, :2]) - positions[:, 2:]
+            errors = np.nan_to_num(np.hypot(*gap.T), nan=np.inf)
+        else:
+            errors = np.abs(sampson_distances(matrix, positions, self.pixels))
+        if self.geometry == "essential":
+            pose = pose_of(matrix, positions[errors < self.tolerance])
+            beyond = beyond_infinity(pose.rotation, pose.translation, positions)
+            errors = np.hypot(errors, beyond / float(np.hypot(*self.pixels) / np.sqrt(2)))
+        return np.asarray(errors < self.tolerance)
+
+
+def is_finite(rows: FloatArray) -> BoolArray:
+    """(m,) whether all numbers of a row are finite."""
+    return np.asarray(np.isfinite(rows).all(axis=1))
+
+
+def is_unshared(matched: FloatArray) -> BoolArray:
+    """(m,) whether both positions of a match have at most `MAX_SHARED` partners."""
+    unshared = np.ones(len(matched), np.bool_)
+    for part in (slice(2), slice(2, 4)):
+        _, index, counts = np.unique(
+            matched[:, part], axis=0, return_inverse=True, return_counts=True
+        )
+        unshared &= counts[index.ravel()] <= MAX_SHARED
+    return unshared
+
+
+def count_distinct(matched: FloatArray) -> int:
+    """Number of distinct positions of matches (m, 4), in the image that has fewer."""
+    return min(len(np.unique(matched[:, part], axis=0)) for part in (slice(2), slice(2, 4)))
+
+
+def scaled_homography(
+    H: FloatArray, covariance: FloatArray | None
+) -> tuple[FloatArray, FloatArray | None]:
+    """A homography with the last entry 1, as OpenCV's, unless it is 0; and its covariance."""
+    last = float(H[2, 2])
+    if abs(last) < 1e-12 * float(np.linalg.norm(H)):
+        return H, covariance
+    scaled: FloatArray = H / last
+    if covariance is None:
+        return scaled, None
+    J = (np.eye(9) - np.outer(scaled.ravel(), np.eye(9)[8])) / last
+    return scaled, J @ covariance @ J.T
 
 
 def position_sigma(keypoints: Keypoints) -> FloatArray:
@@ -219,45 +633,6 @@ def position_sigma(keypoints: Keypoints) -> FloatArray:
     noise = np.divide(NOISE_ERROR, response, out=np.zeros(len(scale)), where=response > 0)
     sigma: FloatArray = np.maximum(np.hypot(SCALE_ERROR * scale, noise), MIN_SIGMA)
     return sigma
-
-
-def refine_repeatedly(
-    matrix: FloatArray,
-    geometry: Geometry,
-    matched: FloatArray,
-    sigma: FloatArray,
-    tolerance: float,
-) -> Fit | None:
-    """The model refined by the matches near it, and again by those near the refined one."""
-    near = match_errors(matrix, geometry, matched) < REFINED_TOLERANCES * tolerance
-    fit: Fit | None = None
-    for _ in range(REFINEMENTS[geometry]):
-        if near.sum() <= SAMPLE_SIZE[geometry]:
-            break
-        better = refine(matrix, geometry, matched[near], sigma[near])
-        if better is None:
-            break
-        fit, matrix = better, better.matrix
-        near = match_errors(matrix, geometry, matched) < REFINED_TOLERANCES * tolerance
-        z, _ = residuals_of(geometry, matrix, matched, sigma)(matrix)
-        near &= np.linalg.norm(z, axis=1) <= REFINED_SIGMAS * fit.scale
-    return fit
-
-
-def match_errors(matrix: FloatArray, geometry: Geometry, matched: FloatArray) -> FloatArray:
-    """(m,) errors of matches: in the second image of a homography, else from epipolar lines.
-
-    They are infinite where rays of calibrated cameras do not meet in front of both.
-    """
-    if geometry == "homography":
-        gap = project(matrix, matched[:, :2]) - matched[:, 2:]
-        errors: FloatArray = np.nan_to_num(np.hypot(*gap.T), nan=np.inf)
-        return errors
-    distances: FloatArray = np.abs(sampson_distances(matrix, matched))
-    if geometry == "essential":
-        pose = pose_of(matrix, matched)
-        distances[~in_front(pose.rotation, pose.translation, matched)] = np.inf
-    return distances
 
 
 def sample_consensus(
@@ -284,37 +659,3 @@ def sample_consensus(
     if np.shape(matrix) != (3, 3):  # None where every sample is degenerate
         return None, none
     return np.asarray(matrix, np.float64), np.asarray(mask).ravel() != 0
-
-
-def pose_of(
-    essential: FloatArray, rays: FloatArray, covariance: FloatArray | None = None
-) -> RelativePose:
-    """The pose of an essential matrix that has most points in front of both cameras.
-
-    Args:
-        essential: (3, 3).
-        rays: (m, 4) rows x1, y1, x2, y2, points in the planes z = 1 of the cameras.
-        covariance: (9, 9) of the entries of `essential`, row by row.
-    """
-    *rotations, t = (np.asarray(each, float) for each in cv2.decomposeEssentialMat(essential))
-    poses = [(R, sign * t.ravel()) for R in rotations for sign in (1, -1)]
-    R, t = max(poses, key=lambda pose: int(in_front(pose[0], pose[1], rays).sum()))
-    if covariance is None:
-        return RelativePose(R, t, None)
-    cross = np.tensordot(t, CROSS, 1)  # E is [t]x R times a scale
-    scale = (cross @ R * essential).sum() / 2
-    by_rotation = cross @ CROSS @ R  # (3, 3, 3)
-    by_translation = np.tensordot(np.eye(3) - np.outer(t, t), CROSS @ R, 1)
-    J = np.linalg.pinv(scale * np.concatenate([by_rotation, by_translation]).reshape(6, 9).T)
-    return RelativePose(R, t, J @ covariance @ J.T)
-
-
-def in_front(R: FloatArray, t: FloatArray, rays: FloatArray) -> BoolArray:
-    """(m,) whether the rays of matches meet in front of both cameras, in a pose (R, t)."""
-    first, second = homogeneous(rays[:, :2]) @ R.T, homogeneous(rays[:, 2:])
-    normal = np.cross(first, second)
-    # a first + t = b second, solved by products with the two rays.
-    a = -(np.cross(t, second) * normal).sum(axis=1)
-    b = -(np.cross(t, first) * normal).sum(axis=1)
-    ahead: BoolArray = (a > 0) & (b > 0)
-    return ahead

@@ -1,0 +1,317 @@
+"""Selection of the model of two views that matches support, by Torr's criterion.
+
+A match is a point in the space of its four coordinates. A general motion confines it to a manifold
+of three dimensions; a plane, a turn of the camera and no motion to one of two dimensions each.
+
+Source: GRIC, the geometric robust information criterion; Torr (1998), *Geometric motion
+segmentation and model selection*, Phil. Trans. R. Soc. A 356.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import log
+from typing import Literal, NamedTuple, TypeAlias
+
+import cv2
+import numpy as np
+
+from saccade.io.image import quiet_opencv
+from saccade.keypoints.two_view_fit import (
+    NORMAL_MAD,
+    Residuals,
+    homogeneous,
+    normalization,
+    project,
+    residuals_of,
+)
+from saccade.types import BoolArray, FloatArray
+
+Model: TypeAlias = Literal["general", "planar", "panoramic", "still", "watermark"]
+"""Models of two views: any rigid scene, a plane, a camera that only turns, no motion, and unmoved
+matches in a small part of the images."""
+
+SPACE = 4
+"""Number of coordinates of a match."""
+CAP = 2.0
+"""Largest squared residual of a match per free dimension, Torr's lambda 3."""
+INLIER_SIGMAS = 3.0
+"""Largest residual of an inlier in standard deviations."""
+MIN_NOISE = 0.005
+"""Smallest noise of the positions in pixels, for exact matches."""
+MIN_FRACTION = 0.4
+"""Fraction of matches near a homography below which no model with two dimensions can win: its
+costs per match then exceed those of a general motion."""
+NOISE_STEPS = 3
+KEPT_VARIANCE = 0.9733
+"""Variance of a standard normal variable that is at most `INLIER_SIGMAS`."""
+DOMINANT = 0.8
+"""Fraction of matches near a plane from which their residuals may raise the noise."""
+MAX_FACTOR = 1.3
+"""Largest ratio of that noise to the noise of the general model."""
+SEARCH_SIGMAS = 6.0
+"""Tolerance of the search for a homography, in standard deviations of both positions."""
+SEARCH_ITERATIONS = 300
+POLISH_STEPS = 5
+"""Number of steps of reweighted least squares."""
+FOCAL_LENGTHS = np.geomspace(0.4, 5, 10)
+"""Focal lengths from which a turn of an uncalibrated camera is fitted, in widths of the images."""
+CENTER_SIGMA = 0.1
+"""Standard deviation of the principal point about the middle of the keypoints, in widths."""
+LOG_FOCAL_SIGMA = 0.8
+"""Standard deviation of the logarithm of the focal length about the width of the images."""
+PARAMETERS = {"still": 0, "turn": 3, "turn, uncalibrated": 6, "plane": 8}
+"""Number of parameters of the models with two dimensions."""
+CELLS = (4, 8)
+"""Cells per side of the grid that holds the keypoints: for few, and for many inliers."""
+MANY = 64
+"""Number of inliers from which the finer grid is used."""
+WATERMARK_CELLS = 0.3
+"""Largest fraction of the cells with keypoints that a watermark covers."""
+
+
+class Selection(NamedTuple):
+    """The selected model."""
+
+    model: Model
+    homography: FloatArray | None = None
+    """(3, 3) of a model with two dimensions, in the coordinates of the matches."""
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Matches of two views with their noise."""
+
+    positions: FloatArray
+    """(m, 4) rows x1, y1, x2, y2, in pixels or in the planes z = 1."""
+    sigma: FloatArray
+    """(m, 2) standard deviations of both positions."""
+
+    def take(self, index: BoolArray) -> "Matches":
+        """The matches of a mask."""
+        return Matches(self.positions[index], self.sigma[index])
+
+    def squared(self, homography: FloatArray) -> FloatArray:
+        """(m,) squared residuals of a homography in variances; infinite beyond its horizon."""
+        with np.errstate(all="ignore"):
+            z, _ = residuals_of("homography", homography, self.positions, self.sigma)(homography)
+            total: FloatArray = np.nan_to_num((z**2).sum(axis=1), nan=np.inf)
+        return total
+
+
+def gric(squared: FloatArray, dimensions: int, parameters: int) -> float:
+    """Geometric robust information criterion; the model with the least value is selected.
+
+    Args:
+        squared: (m,) squared residuals of the matches in variances.
+        dimensions: of the manifold of the model.
+        parameters: number of parameters of the model.
+    """
+    robust = np.minimum(squared, CAP * (SPACE - dimensions)).sum()
+    m = max(len(squared), 1)
+    return float(robust + m * dimensions * log(SPACE) + parameters * log(SPACE * m))
+
+
+def noise_of(z: FloatArray, parameters: int) -> float:
+    """Robust standard deviation of residuals of a fit: that of the inliers, by their number.
+
+    Args:
+        z: (m,) residuals, a few of wrong matches.
+        parameters: number of parameters of the fit.
+    """
+    scale = NORMAL_MAD * float(np.median(np.abs(z))) if len(z) else 0.0
+    for _ in range(NOISE_STEPS):
+        kept = z[np.abs(z) <= INLIER_SIGMAS * scale]
+        if len(kept) <= parameters:
+            break
+        scale = float(np.sqrt((kept**2).sum() / (len(kept) - parameters) / KEPT_VARIANCE))
+    return scale
+
+
+def select_model(
+    matches: Matches, general: FloatArray, parameters: int, *, calibrated: bool
+) -> Selection:
+    """The model that matches support.
+
+    Args:
+        matches: those near the general model or a homography; wrong ones may be among them.
+        general: (m,) residuals of a general model in standard deviations.
+        parameters: of the general model.
+        calibrated: whether positions are in the planes z = 1 of the cameras.
+    """
+    none = Selection("general")
+    found = search_homography(matches)
+    if found is None:
+        return none
+    near = matches.squared(found) < INLIER_SIGMAS**2 * 2
+    chosen = (np.abs(general) < INLIER_SIGMAS) | near
+    if near.sum() < MIN_FRACTION * chosen.sum():
+        return none
+    matches, general = matches.take(chosen), general[chosen]
+    plane = polished(found, matches)
+    if near.sum() >= DOMINANT * chosen.sum():
+        # A general model among wrong matches on a plane underestimates the noise.
+        on_plane = np.sort(matches.squared(plane))[: int(near.sum())]
+        factor = float(np.clip(np.sqrt(on_plane.mean() / 2), 1, MAX_FACTOR))
+        matches, general = Matches(matches.positions, matches.sigma * factor), general / factor
+    cost = gric(general**2, 3, parameters)
+    candidates: list[tuple[Model, int, Callable[[], FloatArray]]] = [
+        ("still", PARAMETERS["still"], lambda: np.eye(3)),
+        ("planar", PARAMETERS["plane"], lambda: plane),
+    ]
+    if calibrated:
+        candidates.append(("panoramic", PARAMETERS["turn"], lambda: rotation_of(matches)))
+    costs = [
+        (gric(matches.squared(model), 2, count), name, model)
+        for name, count, fit in candidates
+        for model in [fit()]
+    ]
+    least, name, model = min(costs, key=lambda each: each[0])
+    if least >= cost:
+        return none
+    if not calibrated and name == "planar":
+        turn = uncalibrated_turn(plane, matches)
+        if gric(matches.squared(turn), 2, PARAMETERS["turn, uncalibrated"]) < least:
+            return Selection("panoramic", turn)
+    return Selection(name, model)
+
+
+def search_homography(matches: Matches) -> FloatArray | None:
+    """(3, 3) homography of most matches, by sampling; None without one."""
+    first = np.ascontiguousarray(matches.positions[:, :2])
+    second = np.ascontiguousarray(matches.positions[:, 2:])
+    if len(first) < SPACE:
+        return None
+    tolerance = SEARCH_SIGMAS * float(np.median(np.hypot(*matches.sigma.T)))
+    try:
+        with quiet_opencv():
+            found, _ = cv2.findHomography(
+                first, second, cv2.USAC_FAST, tolerance, maxIters=SEARCH_ITERATIONS
+            )
+    except cv2.error:
+        return None
+    return None if np.shape(found) != (3, 3) else np.asarray(found, np.float64)
+
+
+def polished(homography: FloatArray, matches: Matches) -> FloatArray:
+    """The homography after a few steps of least squares with Cauchy weights."""
+    T1, T2 = normalization(matches.positions[:, :2]), normalization(matches.positions[:, 2:])
+    scaled = np.hstack([project(T1, matches.positions[:, :2]),
+                        project(T2, matches.positions[:, 2:])])  # fmt: skip
+    sigma = matches.sigma * [T1[0, 0], T2[0, 0]]
+    model = T2 @ homography @ np.linalg.inv(T1)
+    model /= np.linalg.norm(model)
+    residuals = residuals_of("homography", model, scaled, sigma)
+    for _ in range(POLISH_STEPS):
+        z, J = residuals(model)
+        weight = 1 / (1 + (z**2).sum(axis=1, keepdims=True) / INLIER_SIGMAS)
+        rows = (J * weight[:, :, None]).reshape(-1, 9)
+        step = np.linalg.lstsq(rows, -(z * weight).ravel(), rcond=1e-9)[0]
+        if not np.isfinite(step).all():
+            break
+        model = model + step.reshape(3, 3)
+        model /= np.linalg.norm(model)
+    result: FloatArray = np.linalg.inv(T2) @ model @ T1
+    return result
+
+
+def rotation_of(matches: Matches, camera: FloatArray | None = None) -> FloatArray:
+    """(3, 3) rotation from the rays of the first view to those of the second, robust.
+
+    Args:
+        matches: rays in the planes z = 1; pixels with a camera.
+        camera: (3, 3) camera matrix of both views; None for the planes z = 1.
+
+    Source: Kabsch (1976), with Cauchy weights.
+    """
+    back = np.eye(3) if camera is None else np.asarray(np.linalg.inv(camera), np.float64)
+    rays = [homogeneous(matches.positions[:, part]) @ back.T for part in (slice(2), slice(2, 4))]
+    first, second = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in rays)
+    noise = np.hypot(*matches.sigma.T) * back[0, 0]
+    weight = 1 / noise**2
+    for _ in range(POLISH_STEPS):
+        U, _, Vt = np.linalg.svd((second * weight[:, None]).T @ first)
+        R: FloatArray = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+        gap = np.linalg.norm(second - first @ R.T, axis=1)
+        width = max(NORMAL_MAD * float(np.median(gap)), 1e-12)
+        weight = 1 / noise**2 / (1 + (gap / width) ** 2)
+    return R
+
+
+def uncalibrated_turn(plane: FloatArray, matches: Matches) -> FloatArray:
+    """(3, 3) homography of a turning camera of unknown focal length and principal point.
+
+    Both views are taken to be of one camera with square pixels. Its focal length and principal
+    point are estimated with a prior: the middle of the keypoints, and their width.
+
+    Args:
+        plane: (3, 3) homography of the matches without constraints.
+        matches: in pixels.
+    """
+    xy = matches.positions.reshape(-1, 2)
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    center, width = (low + high) / 2, float((high - low).max())
+    near = matches.take(matches.squared(plane) < INLIER_SIGMAS**2 * 2)
+    if len(near.positions) < SPACE:
+        return plane
+
+    def camera(p: FloatArray) -> FloatArray:
+        f = width * float(np.exp(p[0]))
+        return np.array([[f, 0, center[0] + p[1] * width], [0, f, center[1] + p[2] * width],
+                         [0, 0, 1]])  # fmt: skip
+
+    def model(p: FloatArray, R: FloatArray) -> FloatArray:
+        K = camera(p)
+        turned: FloatArray = K @ cv2.Rodrigues(p[3:])[0] @ R @ np.linalg.inv(K)
+        return turned
+
+    prior = np.array([LOG_FOCAL_SIGMA, CENTER_SIGMA, CENTER_SIGMA])
+
+    def start(focal: float) -> tuple[float, FloatArray, FloatArray]:
+        p = np.array([log(focal), 0, 0, 0, 0, 0])
+        R = rotation_of(near, camera(p))
+        return float(near.squared(model(p, R)).sum()), p, R
+
+    _, p, R = min((start(each) for each in FOCAL_LENGTHS), key=lambda each: each[0])
+    residuals = residuals_of("homography", plane, near.positions, near.sigma)
+    return _least_squares(lambda q: model(q, R), p, residuals, prior)
+
+
+def _least_squares(
+    model: Callable[[FloatArray], FloatArray], p: FloatArray, residuals: Residuals,
+    prior: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """The homography `model(p)` after Levenberg-Marquardt steps with a prior of the first p."""
+
+    def stacked(q: FloatArray) -> FloatArray:
+        return np.concatenate([residuals(model(q))[0].ravel(), q[: len(prior)] / prior])
+
+    damping, z = 1e-3, stacked(p)
+    for _ in range(2 * POLISH_STEPS):
+        step = 1e-6
+        J = np.stack([(stacked(p + step * e) - z) / step for e in np.eye(len(p))], axis=1)
+        A = J.T @ J
+        change = np.linalg.lstsq(A + damping * np.diag(np.diag(A)), -J.T @ z)[0]
+        trial = stacked(p + change)
+        if trial @ trial < z @ z:
+            p, z, damping = p + change, trial, damping / 10
+        else:
+            damping *= 10
+    return model(p)
+
+
+def is_watermark(inliers: FloatArray, keypoints: FloatArray) -> bool:
+    """Whether unmoved matches lie in a small part of the images, as of a caption or time stamp.
+
+    Args:
+        inliers: (k, 2) positions of the matches.
+        keypoints: (n, 2) positions of all keypoints of both images.
+    """
+    low = keypoints.min(axis=0)
+    span = np.maximum(keypoints.max(axis=0) - low, 1e-9)
+    side = CELLS[len(inliers) >= MANY]
+
+    def cells(xy: FloatArray) -> int:
+        x, y = np.minimum((xy - low) / span * side, side - 1).astype(np.int64).T
+        return len(np.unique(y * side + x))
+
+    return cells(inliers) <= WATERMARK_CELLS * cells(keypoints)
