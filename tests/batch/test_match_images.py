@@ -158,7 +158,7 @@ def test_the_command_leaves_out_images_that_fail(run, photos, tmp_path):
         (["."], ".: expected images"),
         (["one.png", "--format", "svg"], "expected hdf5 or colmap for many images, found 'svg'"),
         (["one.png", "one.png", "--format", "hdf5"], "expected png or svg or pdf for two images"),
-        (["one.png", "one.png", "--pairs", "x"], "--pairs, --camera and --workers"),
+        (["one.png", "one.png", "--pairs", "x"], "--camera-mode and --workers"),
         (["b", "--pairs", "absent.txt"], "absent.txt: cannot be read"),
         (["b", "--pairs", "one.txt"], "one.txt, line 2: expected two images, found 'one.png'"),
         (

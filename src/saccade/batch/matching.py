@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import combinations
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -30,21 +30,21 @@ from saccade.batch.dataset import (
 )
 from saccade.batch.extraction import MIN_BLOCKS, Extraction, extract
 from saccade.batch.job import MAPS, SCANPATH, Job
-from saccade.batch.sources import Source, open_source
+from saccade.batch.sources import Source, is_local_file, open_source
 from saccade.batch.storage import Store
 from saccade.batch.workers import DIED, count_workers, run_blocks
 from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
-from saccade.exchange.colmap import Cameras, check_cameras
+from saccade.exchange.colmap import CameraMode, Cameras, check_cameras
 from saccade.extras import import_optional
 from saccade.io.files import atomic_write, locked, read_text, reading
 from saccade.io.keypoint_fields import check_name
 from saccade.io.npz import read_arrays, save_arrays
 from saccade.keypoints.detectors import DETECTORS
-from saccade.keypoints.matching import match
+from saccade.keypoints.matching import Metric, match
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.two_view_fit import Geometry
-from saccade.keypoints.verification import Verification, verify
+from saccade.keypoints.verification import MIN_INLIERS, Verification, verify
 from saccade.types import Float32Array, IntArray, Keypoints
 
 Pair: TypeAlias = tuple[str, str]
@@ -55,6 +55,8 @@ FEATURES = "features"
 """Folder of the data set of keypoints."""
 MAX_IMAGES = 32
 """Images in a block of features: a worker has two such blocks in memory."""
+STORED = ("matrix", "model", "homography")
+"""Fields of a verification that are stored with its inliers."""
 MAX_PAIRS = 256
 """Pairs in a block of matches."""
 
@@ -71,6 +73,10 @@ class MatchConfig(Settings):
     """See `saccade.verify`; None for no verification."""
     tolerance: float = setting(2.0, above=0)
     """Inlier threshold in pixels."""
+    min_inliers: int = setting(MIN_INLIERS, 1)
+    """Smallest number of distinct inliers of an accepted geometry."""
+    metric: Metric | None = None
+    """See `saccade.match`."""
 
 
 class PairBlock(NamedTuple):
@@ -124,6 +130,7 @@ def match_images(
     config: MatchConfig | None = None,
     formats: Sequence[Format] = ("hdf5",),
     cameras: Cameras = None,
+    camera_mode: CameraMode | None = None,
     workers: int | None = 1,
     should_stop: Callable[[], bool] = lambda: False,
     on_progress: Callable[[str, int, int, int], None] = lambda stage, done, failed, total: None,
@@ -138,6 +145,7 @@ def match_images(
         config: settings of matching and verification; None for the default.
         formats: hdf5 for hloc, colmap for a database.
         cameras: of the database; see `write_colmap`.
+        camera_mode: images that share a camera; see `write_colmap`.
         workers: see `extract`; None for as many as cores and memory allow.
         should_stop: see `extract`.
         on_progress: see `extract`; its first argument is "images" or "pairs".
@@ -186,7 +194,8 @@ def match_images(
             return MatchRun(extraction, len(wanted), done, unchanged, (), False, {})
         found = {each.pair: each for block in blocks for each in read_matches(out, block, config)}
         matched = [found[pair] for pair in wanted if pair in found]
-        files = write_files(out, features, matched, formats, cameras)
+        local = {item.name: Path(item.location) for item in images if is_local_file(item)}
+        files = write_files(out, features, matched, formats, cameras, camera_mode, local)
     return MatchRun(extraction, len(wanted), done, unchanged, matched, True, files)
 
 
@@ -284,14 +293,18 @@ def match_block(config: MatchConfig, features: str, out: str, block: PairBlock) 
     arrays: dict[str, npt.ArrayLike] = {}
     for number, (first, second) in enumerate(block.pairs):
         both = points[first], points[second]
-        indices = match(*both, config.ratio, config.mutual)
+        indices = match(*both, config.ratio, config.mutual, config.metric)
         arrays[f"{number} indices"] = indices
         arrays[f"{number} similarity"] = _similarity(*both, indices)
         if config.geometry is not None:
-            verified = verify(*both, indices, config.geometry, config.tolerance)
+            verified = verify(
+                *(*both, indices, config.geometry, config.tolerance, config.min_inliers),
+                mirrored=False,
+            )
             arrays[f"{number} inliers"] = verified.inliers
-            if verified.matrix is not None:
-                arrays[f"{number} matrix"] = verified.matrix
+            for field in STORED:
+                if getattr(verified, field) is not None:
+                    arrays[f"{number} {field}"] = getattr(verified, field)
     with atomic_write(Path(out, block.file)) as path:
         save_arrays(path, arrays, compressed=False)
     return len(block.pairs)
@@ -309,8 +322,14 @@ def read_matches(out: Path, block: PairBlock, config: MatchConfig) -> list[Match
         for number, pair in enumerate(block.pairs):
             verified = None
             if config.geometry is not None:
-                matrix = arrays.get(f"{number} matrix")
-                verified = Verification(config.geometry, matrix, arrays[f"{number} inliers"])
+                fields = {field: arrays.get(f"{number} {field}") for field in STORED}
+                if fields["model"] is not None:
+                    fields["model"] = fields["model"].item()
+                inliers, stored = arrays[f"{number} inliers"], cast("dict[str, Any]", fields)
+                required = config.min_inliers
+                verified = Verification(
+                    config.geometry, inliers=inliers, min_inliers=required, **stored
+                )
             indices, similarity = arrays[f"{number} indices"], arrays[f"{number} similarity"]
             found.append(MatchedPair(pair, indices, similarity, verified))
     return found
@@ -332,6 +351,8 @@ def write_files(
     matched: Sequence[MatchedPair],
     formats: Sequence[Format],
     cameras: Cameras = None,
+    camera_mode: CameraMode | None = None,
+    local: Mapping[str, Path] | None = None,
 ) -> dict[str, Path]:
     """Writes pairs.txt, pairs.csv and the files of the formats; returns them by name."""
     names = {name for each in matched for name in each.pair}
@@ -353,16 +374,21 @@ def write_files(
         files["database"] = out / "database.db"
         verified = {each.pair: each.verification for each in matched}
         geometries = {pair: each for pair, each in verified.items() if each is not None}
-        write_colmap(files["database"], points, shapes, matches, geometries, turned, cameras)
+        write_colmap(
+            *(files["database"], points, shapes, matches, geometries, turned, cameras),
+            camera_mode=camera_mode,
+            files=local,
+        )
     return files
 
 
 def _write_table(path: Path, matched: Sequence[MatchedPair]) -> None:
-    """Writes the numbers of matches and inliers of each pair."""
+    """Writes the numbers of matches and inliers and the model of each pair."""
     with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["first", "second", "matches", "inliers"])
+        writer.writerow(["first", "second", "matches", "inliers", "model"])
         for each in matched:
             verified = each.verification
             inliers = "" if verified is None else int(verified.inliers.sum())
-            writer.writerow([*each.pair, len(each.indices), inliers])
+            model = "" if verified is None else verified.model or ""
+            writer.writerow([*each.pair, len(each.indices), inliers, model])

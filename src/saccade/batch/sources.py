@@ -82,6 +82,11 @@ def stamp_of(info: fs.FileInfo) -> str:
     return f"{info.size} {info.mtime_ns}" if info.is_file else ""
 
 
+def is_local_file(item: Item) -> bool:
+    """Whether an image is a file of its own on this machine."""
+    return item.frame is None and not is_url(item.location)
+
+
 def content_reader() -> Callable[[Item], Content]:
     """A function that reads images for one thread; raises `ImageError` where it cannot.
 

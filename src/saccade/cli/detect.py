@@ -22,6 +22,7 @@ from saccade.cli.options import (
 )
 from saccade.cli.output import Result, Table, relative_names
 from saccade.errors import require, setting
+from saccade.exchange.colmap import CameraMode as ColmapMode
 from saccade.exchange.colmap import Cameras, check_cameras, parse_cameras
 from saccade.extras import import_optional
 from saccade.io.files import results_in
@@ -79,7 +80,17 @@ CameraModel: TypeAlias = Annotated[
         metavar="MODEL,...",
         help="Camera of all images, for --format colmap: a model of COLMAP with parameters in "
         "pixels, such as PINHOLE,fx,fy,cx,cy; a model alone, with guessed parameters; or a file "
-        "with lines NAME MODEL WIDTH HEIGHT PARAMETER ... By default each image has its own.",
+        "with lines NAME MODEL WIDTH HEIGHT PARAMETER ... By default COLMAP chooses.",
+    ),
+]
+CameraMode: TypeAlias = Annotated[
+    ColmapMode | None,
+    INPUT,
+    Parameter(
+        "--camera-mode",
+        help="Images that share a camera, for --format colmap: by EXIF data as COLMAP (auto), "
+        "those of a folder (folder), all (single) or none (image). By default auto, and single "
+        "with a --camera of all images.",
     ),
 ]
 
@@ -93,6 +104,7 @@ class DetectOptions(DetectorOptions, JsonOptions, ImageArguments):
     """Output formats for keypoints (npz by default) and figures (png by default), separated by
     commas."""
     camera: CameraModel = None
+    camera_mode: CameraMode = None
 
 
 def detect(options: DetectOptions) -> Result:
@@ -127,7 +139,7 @@ def detect(options: DetectOptions) -> Result:
 
     with results_in(out):
         rows, code = analyze_each(options.images, out, of_image)
-        files = write_shared(detections, out, shared, cameras)
+        files = write_shared(detections, out, shared, cameras, options.camera_mode)
     cells = [[row["image"], str(row["points"]), f"{row['median_size']:.1f}"] for row in rows]
     table = Table(f"keypoints -> {out}", ["image", "points", "median size [px]"], cells)
     return Result({"images": rows} | ({"files": files} if files else {}), [table], code)
@@ -177,7 +189,11 @@ def detect_in(
 
 
 def write_shared(
-    detections: Mapping[Path, Detections], out: Path, formats: Sequence[str], cameras: Cameras
+    detections: Mapping[Path, Detections],
+    out: Path,
+    formats: Sequence[str],
+    cameras: Cameras,
+    camera_mode: ColmapMode | None = None,
 ) -> dict[str, str]:
     """Write the keypoints of all images to one file per format; return the paths."""
     names = relative_names(list(detections))
@@ -189,6 +205,8 @@ def write_shared(
         exchange.write_hdf5(files["hdf5"], keypoints, shapes, turned)
     if "colmap" in formats:
         exchange.write_colmap(
-            files["colmap"], keypoints, shapes, orientations=turned, cameras=cameras
+            *(files["colmap"], keypoints, shapes, None, None, turned, cameras),
+            camera_mode=camera_mode,
+            files={names[path]: path for path in detections},
         )
     return files

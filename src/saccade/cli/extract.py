@@ -1,6 +1,6 @@
 """`saccade extract`: features of many images, on one machine or a cluster."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +28,9 @@ from saccade.cli.output import (
 from saccade.errors import require, setting
 from saccade.extras import import_optional
 from saccade.keypoints.detectors import DEFAULT_DETECTOR
+
+MAX_REASONS = 10
+"""Largest number of failed images whose reasons are printed."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,7 @@ def extract(options: ExtractOptions) -> Result:
     elif failed:
         code = 1
         print_message(f"{failed} of {len(images)} images failed; see {out}/images.parquet")
+        print_failures(result.failed)
     row = {
         "out": out,
         "done": result.done,
@@ -129,6 +133,14 @@ def extract(options: ExtractOptions) -> Result:
     }
     title = f"{what} -> {Path(out) if '://' not in out else out}"
     return Result(row, [facts_table(title, row)], code)
+
+
+def print_failures(failed: Mapping[str, str]) -> None:
+    """Print the reasons of the first failed images."""
+    for name, reason in [*failed.items()][:MAX_REASONS]:
+        print_message(reason if name in reason else f"{name}: {reason}")
+    if len(failed) > MAX_REASONS:
+        print_message(f"... and {len(failed) - MAX_REASONS} more")
 
 
 @contextmanager

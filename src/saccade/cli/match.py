@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 import numpy as np
 from cyclopts import Parameter
 
-from saccade.cli.detect import CameraModel, DetectorOptions
-from saccade.cli.extract import batch_progress
+from saccade.cli.detect import CameraMode, CameraModel, DetectorOptions
+from saccade.cli.extract import batch_progress, print_failures
 from saccade.cli.options import (
     EXECUTION,
     INPUT,
@@ -40,6 +40,7 @@ from saccade.keypoints import Verification, verify
 from saccade.keypoints import match as nearest_matches
 from saccade.keypoints.detectors import DEFAULT_DETECTOR, keypoints_of
 from saccade.keypoints.two_view_fit import Geometry
+from saccade.keypoints.verification import MIN_INLIERS
 from saccade.viewing import Section, match_figure, save_figures
 from saccade.viewing.report import ReportBuilder, match_part
 
@@ -84,7 +85,10 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     ] = None
     """Output format for the figure of two images: png (the default), svg or pdf; for many images:
     hdf5 (for hloc, the default) or colmap; several with commas."""
+    min_inliers: int = setting(MIN_INLIERS, 1)
+    """Smallest number of distinct inliers of an accepted geometry."""
     camera: CameraModel = None
+    camera_mode: CameraMode = None
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as many as cores and memory allow."""
 
@@ -117,8 +121,8 @@ def match(options: MatchOptions) -> Result:
         require(each in FORMATS[words], "format", expected, each)
     if options.second is None:
         return match_many(options, chosen)
-    given = options.pairs or options.workers or options.camera
-    expected = "--pairs, --camera and --workers with many images"
+    given = options.pairs or options.workers or options.camera or options.camera_mode
+    expected = "--pairs, --camera, --camera-mode and --workers with many images"
     require(not given, "pairs", expected, str(options.second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
@@ -126,6 +130,11 @@ def match(options: MatchOptions) -> Result:
         row["report"] = str(builder.write(options.out / "report.html"))
     shared = [str(row["matches"])] + ([str(row["inliers"])] if "inliers" in row else [])
     columns = ["image", "points", "matched", "inliers"][: 2 + len(shared)]
+    if row.get("matrix", ()) is None:
+        print_message(
+            f"{row['inliers']} of {row['matches']} matches agree with a geometry; "
+            f"{options.min_inliers} are required (--min-inliers)"
+        )
     cells = [[row[name], str(row[f"{name}_points"]), *shared] for name in ("first", "second")]
     return Result(row, [Table(f"matches -> {options.out}", columns, cells)])
 
@@ -148,7 +157,7 @@ def match_images(
     pairs = nearest_matches(*keypoints, ratio=options.ratio)
     verified = None
     if geometry is not None:
-        verified = verify(*keypoints, pairs, geometry, options.tolerance)
+        verified = verify(*keypoints, pairs, geometry, options.tolerance, options.min_inliers)
     inliers = None if verified is None else verified.inliers
     figure = match_figure(images, keypoints, pairs, inliers)
     picture = save_figures(figure, out / "matches", figures)
@@ -166,6 +175,8 @@ def match_images(
         header += ",inlier"
         lines = [f"{line},{inlier:d}" for line, inlier in zip(lines, inliers, strict=True)]
         facts["inliers"] = f"{inliers.sum():,} ({inliers.mean() if len(pairs) else 0:.0%})"
+    if verified is not None:
+        facts["model"] = verified.model or f"none: {options.min_inliers} inliers are required"
     table = out / "matches.csv"
     write_text(table, "\n".join([header, *lines]) + "\n")
     section = Section(f"{first.name} and {second.name}", TEXT, facts=facts)
@@ -183,6 +194,7 @@ def match_images(
         row |= {
             "inliers": int(verified.inliers.sum()),
             "geometry": verified.geometry,
+            "model": verified.model,
             "matrix": None if verified.matrix is None else verified.matrix.tolist(),
             "corner_sigma_px": corner_sigma(verified, images[0].shape),
         }
@@ -225,10 +237,14 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
             pairs=options.pairs,
             job=Job(options.detector, settings),
             config=MatchConfig(
-                options.ratio, geometry=options.verification, tolerance=options.tolerance
+                options.ratio,
+                geometry=options.verification,
+                tolerance=options.tolerance,
+                min_inliers=options.min_inliers,
             ),
             formats=cast("Sequence[ManyFormat]", formats),
             cameras=parse_cameras(options.camera),
+            camera_mode=options.camera_mode,
             workers=options.workers,
             should_stop=stack.enter_context(stop_on_interrupt()),
             on_progress=show,
@@ -243,6 +259,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
             f"{len(run.extraction.failed)} images failed, and {run.pairs - len(run.matched)} pairs "
             f"are left out; see {options.out / FEATURES}/images.parquet"
         )
+        print_failures(run.extraction.failed)
     table = facts_table(f"{options.first} -> {options.out}", row | row["files"])
     return Result(row, [table], code)
 

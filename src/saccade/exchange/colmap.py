@@ -5,13 +5,16 @@ COLMAP centers the first pixel at (0.5, 0.5), `Keypoints` at (0, 0). COLMAP's sc
 """
 
 import sqlite3
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, Self, TypeAlias
+from typing import Any, Literal, NamedTuple, Protocol, Self, TypeAlias
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -34,8 +37,17 @@ CENTERED = np.array([[1, 0, PIXEL_CENTER], [0, 1, PIXEL_CENTER], [0, 0, 1]])
 TABLES = ("images", "cameras", "keypoints", "descriptors", "matches")
 MAX_IMAGES = 2147483647
 """Factor with which COLMAP combines two image ids into a pair id."""
-FOCAL_LENGTH = 1.2
-"""COLMAP's default focal length, as a multiple of the longer side of the image."""
+CameraMode: TypeAlias = Literal["auto", "folder", "single", "image"]
+"""Images that share a camera: COLMAP's choice by EXIF data, those of a folder, all, or none."""
+CAMERA_MODES = {"auto": "AUTO", "folder": "PER_FOLDER", "single": "SINGLE", "image": "PER_IMAGE"}
+"""COLMAP's names of the modes."""
+CONFIGURATIONS = {
+    "planar": "PLANAR",
+    "panoramic": "PANORAMIC",
+    "still": "PANORAMIC",
+    "watermark": "WATERMARK",
+}
+"""COLMAP's configurations of the models of two views that are not general."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,7 +83,7 @@ class ColmapCamera(NamedTuple):
 
 
 Cameras: TypeAlias = ColmapCamera | Mapping[str, ColmapCamera] | None
-"""A camera for all images, a camera per image, or None for a guessed camera per image."""
+"""A camera for all images, a camera per image, or None for COLMAP's guess."""
 
 
 def read_cameras(path: Path) -> dict[str, ColmapCamera]:
@@ -119,8 +131,14 @@ def parse_cameras(text: str | None) -> Cameras:
 def check_cameras(cameras: Cameras) -> None:
     """Raises `ConfigError` if a camera model is unknown to COLMAP, or pycolmap is missing."""
     pycolmap = import_pycolmap()
-    for each in [cameras] if isinstance(cameras, ColmapCamera) else (cameras or {}).values():
-        make_camera(pycolmap, each, 1, 1)
+    models = pycolmap.CameraModelId.__members__
+    known = [name for name in models if name != "INVALID"]
+    for each in {cameras} if isinstance(cameras, ColmapCamera) else {*(cameras or {}).values()}:
+        require(each.model in known, "camera", f"one of {', '.join(known)}", each.model)
+        if each.params:
+            camera = pycolmap.Camera.create_from_model_id(0, models[each.model], 1, 1, 1)
+            valid = len(each.params) == len(camera.params)
+            require(valid, "camera", f"{each.model},{camera.params_info}", each.params)
 
 
 class TwoViews(Protocol):
@@ -138,6 +156,14 @@ class TwoViews(Protocol):
     def inliers(self) -> BoolArray:
         """(m,) True for inliers."""
 
+    @property
+    def model(self) -> str | None:
+        """Model that the matches support: general, or one of `CONFIGURATIONS`; None if unknown."""
+
+    @property
+    def homography(self) -> FloatArray | None:
+        """(3, 3) homography of a model that is not general."""
+
 
 def write_colmap(
     path: str | Path,
@@ -147,12 +173,15 @@ def write_colmap(
     geometries: Mapping[tuple[str, str], TwoViews] | None = None,
     orientations: Mapping[str, int] | None = None,
     cameras: Cameras = None,
+    *,
+    camera_mode: CameraMode | None = None,
+    files: Mapping[str, Path] | None = None,
 ) -> None:
     """Writes a new database with the installed version of pycolmap.
 
-    Without `cameras` every image gets its own SIMPLE_RADIAL camera with a guessed focal length. A
-    shared or known camera is a better start for COLMAP's mapper. Without `geometries`, verify the
-    matches (`pycolmap.geometric_verification`) before mapping.
+    COLMAP itself imports the images, with its cameras and GPS positions. A shared or known camera
+    is a better start for its mapper. Without `geometries`, verify the matches
+    (`pycolmap.geometric_verification`) before mapping.
 
     Args:
         path: the file, written atomically; an existing file is replaced.
@@ -162,11 +191,16 @@ def write_colmap(
         geometries: results of `saccade.verify` for the matches, by image names.
         orientations: EXIF orientations of the files (`saccade.exchange.read_orientation`), which
             COLMAP ignores: keypoints, sizes and geometries are written in stored pixels.
-        cameras: a camera for all images, or a camera per image.
+        cameras: a camera for all images, or a camera per image, of which equal ones are one; None
+            for COLMAP's default.
+        camera_mode: images that share a camera; None for "single" with a camera for all images,
+            else "auto".
+        files: files of the images by name, from which COLMAP reads EXIF data; others have none.
 
     Raises:
         KeypointsError: an image without a shape, matches of unknown images or points,
-            geometries without their matches, or inconsistent fields.
+            geometries without their matches, inconsistent fields, or images of different sizes
+            that are to share a camera.
         ConfigError: pycolmap is not installed, or it does not support a camera model.
         OutputError: the file cannot be written.
     """
@@ -184,22 +218,27 @@ def write_colmap(
             raise KeypointsError(
                 f"matches of {' and '.join(pair)}: expected one order of the pair, found both"
             )
-    with atomic_write(path) as temporary, _open_new(pycolmap, temporary, path) as database:
-        ids, moved = dict[str, int](), dict[str, FloatArray]()
-        rigs: dict[str, tuple[Any, int]] = {}
+    check_cameras(cameras)
+    sizes = {
+        check_name(name): stored_shape(shapes[name], orientation_of(name, orientations))
+        for name in keypoints
+    }
+    mode = camera_mode or ("single" if isinstance(cameras, ColmapCamera) else "auto")
+    with atomic_write(path) as temporary, ExitStack() as stack:
+        with _open_new(pycolmap, temporary, path):
+            pass
+        _import_images(pycolmap, temporary, sizes, files or {}, cameras, mode)
+        database = stack.enter_context(_open_new(pycolmap, temporary, path))
+        ids = {image.name: image.image_id for image in database.read_all_images()}
+        for name, size in sizes.items():
+            if name not in ids:
+                raise KeypointsError(
+                    f"{name}: COLMAP did not import it; expected the size of its camera, found "
+                    f"{size[1]} x {size[0]}, with --camera-mode {mode}"
+                )
+        moved = dict[str, FloatArray]()
         for name, points in keypoints.items():
             turned = (shapes[name], orientation_of(name, orientations))
-            shared = "" if isinstance(cameras, ColmapCamera) else name
-            camera = _camera(pycolmap, name, cameras, stored_shape(*turned))
-            if shared not in rigs:
-                rigs[shared] = _add_camera(pycolmap, database, camera)
-            found = f"{camera.width} x {camera.height}"
-            size = f"{rigs[shared][0].width} x {rigs[shared][0].height}"
-            if found != size:
-                raise KeypointsError(
-                    f"{name}: expected the size {size} of the camera, found {found}"
-                )
-            ids[name] = _add_image(pycolmap, database, check_name(name), *rigs[shared])
             stored = stored_keypoints(checked(name, points), *turned)
             _add_points(pycolmap, database, ids[name], stored)
             moved[name] = CENTERED @ to_stored(*turned)
@@ -287,54 +326,70 @@ def _check_pair(
     check_pairs(indices, (len(keypoints[pair[0]]), len(keypoints[pair[1]])), f"matches of {name}")
 
 
-def _camera(pycolmap: Any, name: str, cameras: Cameras, shape: tuple[int, int]) -> Any:
-    """The camera of an image of stored pixels (H, W)."""
-    chosen: ColmapCamera | None = ColmapCamera("SIMPLE_RADIAL")
-    if cameras is not None:
-        chosen = cameras if isinstance(cameras, ColmapCamera) else cameras.get(name)
-    if chosen is None:
-        raise KeypointsError(f"{name}: expected a camera for this image, found none")
-    height, width = shape
-    if chosen.size not in (None, (width, height)):
-        found = f"{width} x {height}"
-        raise KeypointsError(
-            f"{name}: expected the size of its camera {chosen.size}, found {found}"
-        )
-    return make_camera(pycolmap, chosen, width, height)
+@contextmanager
+def _image_folder(
+    sizes: Mapping[str, tuple[int, int]], files: Mapping[str, Path]
+) -> Iterator[Path]:
+    """A folder with links to the files of images, and black images of the size of the others."""
+    with tempfile.TemporaryDirectory(prefix="saccade-") as folder:
+        for name, (height, width) in sizes.items():
+            path = Path(folder, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if name in files:
+                path.symlink_to(files[name].absolute())
+            else:
+                black = np.zeros((height, width), np.uint8)
+                _, data = cv2.imencode(".png", black, [cv2.IMWRITE_PNG_BILEVEL, 1])
+                path.write_bytes(data.tobytes())
+        yield Path(folder)
 
 
-def make_camera(pycolmap: Any, chosen: ColmapCamera, width: int, height: int) -> Any:
-    """COLMAP's camera; raises `ConfigError` for an unknown model or wrong parameters."""
-    models = pycolmap.CameraModelId.__members__
-    known = [name for name in models if name != "INVALID"]
-    require(chosen.model in known, "camera", f"one of {', '.join(known)}", chosen.model)
-    focal_length = FOCAL_LENGTH * max(width, height)
-    model = models[chosen.model]
-    camera = pycolmap.Camera.create_from_model_id(0, model, focal_length, width, height)
-    if chosen.params:
-        valid = len(chosen.params) == len(camera.params)
-        require(valid, "camera", f"{chosen.model},{camera.params_info}", chosen.params)
-        camera.params, camera.has_prior_focal_length = chosen.params, True
-    return camera
+def _import_images(
+    pycolmap: Any,
+    database: Path,
+    sizes: Mapping[str, tuple[int, int]],
+    files: Mapping[str, Path],
+    cameras: Cameras,
+    mode: CameraMode,
+) -> None:
+    """Lets COLMAP import images in the order of their names, those of one camera in a row at once.
 
+    Raises:
+        KeypointsError: an image without a camera, or of another size than its camera.
+    """
+    chosen = pycolmap.CameraMode.__members__[CAMERA_MODES[mode]]
+    ids: dict[ColmapCamera | None, int] = {}
+    listed = isinstance(cameras, Mapping)
 
-def _add_camera(pycolmap: Any, database: Any, camera: Any) -> tuple[Any, int]:
-    """Add a camera with its rig; return the camera and the id of the rig."""
-    camera.camera_id = database.write_camera(camera)
-    rig = pycolmap.Rig()
-    rig.add_ref_sensor(camera.sensor_id)
-    return camera, int(database.write_rig(rig))
+    def camera_of(name: str) -> ColmapCamera | None:
+        camera = cameras.get(name) if isinstance(cameras, Mapping) else cameras
+        if camera is None and cameras is not None:
+            raise KeypointsError(f"{name}: expected a camera for this image, found none")
+        height, width = sizes[name]
+        if camera is not None and camera.size not in (None, (width, height)):
+            raise KeypointsError(
+                f"{name}: expected the size of its camera {camera.size}, found {width} x {height}"
+            )
+        return camera
 
-
-def _add_image(pycolmap: Any, database: Any, name: str, camera: Any, rig: int) -> int:
-    """Add an image with its frame; return its id."""
-    image = pycolmap.Image(name=name, camera_id=camera.camera_id)
-    image.image_id = database.write_image(image)
-    frame = pycolmap.Frame()
-    frame.rig_id = rig
-    frame.add_data_id(image.data_id)
-    database.write_frame(frame)
-    return int(image.image_id)
+    level = pycolmap.logging.minloglevel
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value  # an image left out is named here
+    try:
+        with _image_folder(sizes, files) as folder:
+            for camera, group in groupby(sorted(sizes), camera_of):
+                names, options = list(group), pycolmap.ImageReaderOptions()
+                if camera is not None:
+                    options.camera_model = camera.model
+                    options.camera_params = ",".join(map(repr, camera.params))
+                    options.existing_camera_id = ids.get(camera, -1)
+                shares = listed and camera is not None
+                sharing = pycolmap.CameraMode.SINGLE if shares else chosen
+                pycolmap.import_images(database, folder, sharing, names, options)
+                if shares and camera not in ids:
+                    with closing(pycolmap.Database.open(database)) as opened:
+                        ids[camera] = max(each.camera_id for each in opened.read_all_cameras())
+    finally:
+        pycolmap.logging.minloglevel = level
 
 
 def _two_views(
@@ -348,17 +403,20 @@ def _two_views(
         views.config = kinds.DEGENERATE
         return views
     back_first, back_second = np.linalg.inv(maps)
-    if geometry.geometry == "homography":
-        views.config, views.H = kinds.PLANAR_OR_PANORAMIC, maps[1] @ geometry.matrix @ back_first
-    else:
+    homography = geometry.matrix if geometry.geometry == "homography" else geometry.homography
+    if homography is not None:
+        views.config, views.H = kinds.PLANAR_OR_PANORAMIC, maps[1] @ homography @ back_first
+    if geometry.geometry == "fundamental":
         views.config, views.F = kinds.UNCALIBRATED, back_second.T @ geometry.matrix @ back_first
+    if geometry.model in CONFIGURATIONS:
+        views.config = kinds.__members__[CONFIGURATIONS[geometry.model]]
     return views
 
 
 def _add_points(pycolmap: Any, database: Any, image_id: int, points: Keypoints) -> None:
     rows = np.c_[points.xy + PIXEL_CENTER, points.size / 2, points.angle]
     database.write_keypoints(image_id, rows.astype(np.float32))
-    if points.descriptors is not None:
+    if points.descriptors is not None and points.descriptors.dtype == np.uint8:
         sift = pycolmap.FeatureExtractorType.SIFT
         descriptors = pycolmap.FeatureDescriptors(sift, points.descriptors)
         database.write_descriptors(image_id, descriptors)

@@ -1,5 +1,7 @@
 """Descriptor matching: nearest neighbors, ratio test and mutual check."""
 
+from typing import Any, Literal, TypeAlias
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,8 +15,19 @@ ROWS = 512
 """Number of keypoints of the second image in a block of products."""
 
 
+Metric: TypeAlias = Literal["euclidean", "hamming"]
+"""Distance of descriptors."""
+BITS = 64
+"""Largest number of bytes of packed bits: ORB has 32, AKAZE 61, BRISK 64."""
+SIFT_LENGTH = 128
+
+
 def match(
-    first: Keypoints, second: Keypoints, ratio: float | None = 0.8, mutual: bool = True
+    first: Keypoints,
+    second: Keypoints,
+    ratio: float | None = 0.8,
+    mutual: bool = True,
+    metric: Metric | None = None,
 ) -> IntArray:
     """Match the keypoints of two images by their descriptors.
 
@@ -25,14 +38,17 @@ def match(
             second nearest keypoint of `second`; None keeps all. Where `second` has only one
             keypoint there is no other, and it is kept.
         mutual: keep a match only if each is the other's nearest neighbor.
+        metric: "hamming" for packed bits, as of ORB and BRISK, "euclidean" for vectors. None takes
+            bytes of up to 64 columns for packed bits, and bytes of 128 columns and all other
+            numbers for vectors.
 
     Returns:
-        (m, 2) indices into `first` and `second`, ascending in `first`. Distances are
-        Euclidean and exact; of equally near keypoints the first is taken.
+        (m, 2) indices into `first` and `second`, ascending in `first`. Distances are exact; of
+        equally near keypoints the first is taken.
 
     Raises:
         ConfigError: the ratio is not in (0, 1], or the keypoints have no descriptors,
-            or descriptors of different lengths.
+            or descriptors of different lengths or kinds, or of no known metric.
 
     Source: Lowe (2004), section 7.1.
     """
@@ -45,6 +61,12 @@ def match(
         )
     if not len(a) or not len(b):
         return np.zeros((0, 2), np.int64)
+    if (a.dtype == np.uint8) != (b.dtype == np.uint8):
+        raise ConfigError(f"second: expected descriptors of {a.dtype}, found {b.dtype}")
+    if is_hamming(a, metric):
+        # Squared distances of unpacked bits count those that differ.
+        a, b = (np.unpackbits(each.astype(np.uint8), axis=1) for each in (a, b))
+        ratio = None if ratio is None else ratio**0.5
     nearest, distance, second_distance, reverse = nearest_neighbors(a, b)
     kept = np.ones(len(a), np.bool_)
     if ratio is not None:
@@ -53,6 +75,25 @@ def match(
         kept &= reverse[nearest] == np.arange(len(a))
     index = np.flatnonzero(kept)
     return np.stack([index, nearest[index]], axis=1)
+
+
+def is_hamming(descriptors: npt.NDArray[np.uint8] | Float32Array, metric: Metric | None) -> bool:
+    """Whether descriptors are packed bits.
+
+    Raises:
+        ConfigError: an unknown metric, or the Hamming distance of numbers that are no bytes; or no
+            metric for bytes that may be either.
+    """
+    is_bytes, size = descriptors.dtype == np.uint8, descriptors.shape[1]
+    if metric is None:
+        known = not is_bytes or size <= BITS or size == SIFT_LENGTH
+        expected = f'"euclidean" or "hamming" for descriptors of {size} bytes'
+        require(known, "metric", expected, metric)
+        return bool(is_bytes and size <= BITS)
+    require(metric in ("euclidean", "hamming"), "metric", '"euclidean" or "hamming"', metric)
+    bits = metric == "hamming"
+    require(bool(is_bytes or not bits), "metric", "bytes of packed bits", descriptors.dtype)
+    return bits
 
 
 def nearest_neighbors(
@@ -105,4 +146,10 @@ def _descriptors(keypoints: Keypoints, name: str) -> npt.NDArray[np.uint8] | Flo
         raise ConfigError(
             f"{name}: expected keypoints with descriptors, found none; detect with describe=True"
         )
-    return keypoints.descriptors
+    rows: npt.NDArray[Any] = np.asarray(keypoints.descriptors)
+    if rows.ndim != 2 or len(rows) != len(keypoints) or rows.dtype.kind not in "fiu":
+        raise ConfigError(
+            f"{name}: expected descriptors (n, d) of numbers for {len(keypoints)} keypoints, "
+            f"found {rows.dtype} of shape {rows.shape}"
+        )
+    return rows if rows.dtype == np.uint8 else rows.astype(np.float32)

@@ -64,6 +64,9 @@ REFINED_SIGMAS = 3.5
 """Largest residual of a match in the second round, in robust standard deviations."""
 RESTARTS = (0.5, 0.25)
 """Tolerances of further estimates of an essential matrix, in tolerances."""
+MIN_UNCERTAINTY = 1.0
+"""Standard deviation of the direction of motion in degrees below which the noise of the positions
+is negligible beside the parallax."""
 MOSTLY_RIGHT = 0.8
 """Fraction of matches near the first estimate above which no further one is made."""
 MIN_SIGMA = 0.02
@@ -491,7 +494,8 @@ def with_covariance(verified: Verification, matches: Matches) -> Verification:
     matrix, covariance = verified.matrix, verified.covariance
     if verified.geometry != "essential" or matrix is None or covariance is None:
         return verified
-    if not verified.scale > 0:
+    certain = verified.pose is not None and verified.pose.direction_sigma < MIN_UNCERTAINTY
+    if certain or not verified.scale > 0:
         return verified
     corrected = corrected_covariance(matrix, covariance, matches, verified.scale)
     pose = pose_of(matrix, matches.positions, corrected)
