@@ -6,6 +6,7 @@ import pytest
 
 from saccade import Keypoints, Sift, match, read_image, verify
 from saccade.errors import ConfigError, KeypointsError
+from saccade.keypoints.calibrated_views import views_of
 from saccade.keypoints.two_view_fit import (
     nearest_model,
     project,
@@ -14,7 +15,7 @@ from saccade.keypoints.two_view_fit import (
     sampson_distances,
     tangents,
 )
-from saccade.keypoints.verification import position_sigma, verify_positions, views_of
+from saccade.keypoints.verification import position_sigma, verify_positions
 
 HOMOGRAPHY = np.array([[0.9, -0.3, 80], [0.25, 0.95, -40], [2e-4, -1e-4, 1]])
 CORNERS = np.array([[0, 0], [639, 0], [0, 479], [639, 479]], float)

@@ -3,15 +3,14 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from saccade.errors import ConfigError, ImageWarning, KeypointsError, require
-from saccade.frames import Camera
 from saccade.io.image import quiet_opencv
+from saccade.keypoints.calibrated_views import Intrinsics, View, matches_in, views_of
 from saccade.keypoints.relative_pose import (
     RelativePose,
     Triangulation,
@@ -77,29 +76,6 @@ NOISE_ERROR = 0.0028
 """Error of a position in pixels due to the noise of the image, times |D|."""
 MIRROR = np.array([-1.0, 1, 1])
 """Signs of homogeneous coordinates in an image that is mirrored left and right."""
-
-Intrinsics: TypeAlias = npt.ArrayLike | Camera | Sequence[npt.ArrayLike | Camera]
-"""A (3, 3) camera matrix or a camera of both images, or a pair of these."""
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """Calibration of one of two images."""
-
-    matrix: FloatArray
-    """(3, 3)."""
-    camera: Camera | None = None
-    """Camera with a lens model; None without distortion."""
-
-    @property
-    def pixel(self) -> float:
-        """Size of a pixel in the plane z = 1."""
-        return float(1 / np.sqrt(self.matrix[0, 0] * self.matrix[1, 1]))
-
-    def rays(self, xy: FloatArray) -> FloatArray:
-        """(m, 2) positions in the plane z = 1 of pixels (m, 2); NaN outside the lens model."""
-        ideal = xy if self.camera is None else self.camera.undistort(xy)
-        return project(np.asarray(np.linalg.inv(self.matrix), np.float64), ideal)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -295,44 +271,6 @@ def triangulate(
     )
 
 
-def views_of(
-    intrinsics: Intrinsics | None, distortion: Sequence[Any] | None = None
-) -> tuple[View, View]:
-    """The calibration of both images.
-
-    Raises:
-        ConfigError: no camera matrices (3, 3), or other numbers of cameras and of coefficients.
-    """
-    expected = "a (3, 3) camera matrix, a Camera, or a pair of these"
-    require(intrinsics is not None, "intrinsics", expected, None)
-    both: list[Any]
-    if isinstance(intrinsics, list | tuple) and len(intrinsics) == 2:
-        both, coefficients = [*intrinsics], [None, None] if distortion is None else [*distortion]
-    else:
-        both, coefficients = [intrinsics] * 2, [distortion] * 2
-    require(len(coefficients) == 2, "distortion", "one list for each camera", distortion)
-    first, second = map(view_of, both, coefficients)
-    return first, second
-
-
-def view_of(intrinsics: Any, distortion: Any = None) -> View:
-    """The calibration of an image; see `views_of`."""
-    if isinstance(intrinsics, Camera):
-        require(distortion is None, "distortion", "none beside a Camera", distortion)
-        return View(intrinsics.matrix, intrinsics if intrinsics.is_distorted else None)
-    expected = "a (3, 3) camera matrix, a Camera, or a pair of these"
-    try:
-        K = np.asarray(intrinsics, np.float64)
-    except (TypeError, ValueError):
-        K = np.zeros(0)
-    valid = K.shape == (3, 3) and bool(np.isfinite(K).all()) and K[0, 0] * K[1, 1] > 0
-    require(valid and bool(np.linalg.det(K) != 0), "intrinsics", expected, intrinsics)
-    if distortion is None or not np.any(distortion):
-        return View(K)
-    coefficients = tuple(np.asarray(distortion, np.float64).ravel().tolist())
-    return View(K, Camera.from_matrix(K, (1, 1), distortion=coefficients))
-
-
 def matched_positions(
     first: Keypoints, second: Keypoints, pairs: IntArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -345,17 +283,6 @@ def matched_positions(
         position_sigma(each)[index] for each, index in zip((first, second), pairs.T, strict=True)
     ]
     return matched, np.stack(sigma, 1)
-
-
-def matches_in(matched: FloatArray, sigma: FloatArray, views: tuple[View, View] | None) -> Matches:
-    """Matches in the planes z = 1 of calibrated views, else in pixels."""
-    if views is None:
-        return Matches(matched, sigma)
-    rays = [
-        view.rays(matched[:, part])
-        for view, part in zip(views, (slice(2), slice(2, 4)), strict=True)
-    ]
-    return Matches(np.hstack(rays), sigma * [view.pixel for view in views])
 
 
 def verify_positions(
