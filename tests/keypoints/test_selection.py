@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from saccade import Sift, SiftConfig
 from saccade.keypoints.detection import spread_out
-from support.sift_images import UNBIASED
+from support.sift_images import PRESETS, UNBIASED
 
 ROCKET = str(files("saccade") / "data" / "rocket.jpg")
 
@@ -58,7 +58,7 @@ def strength(points, config):
 @pytest.mark.parametrize("preset", UNBIASED)
 @pytest.mark.parametrize("spread", [False, True])
 def test_the_number_is_exact(photo, preset, spread):
-    config = replace(getattr(SiftConfig, preset)(), contrast_threshold=0.02)
+    config = replace(PRESETS[preset], contrast_threshold=0.02)
     every = len(Sift(config)(photo))
     for count in (1, 2, 37, every - 1, every, every + 1):
         limited = replace(config, max_keypoints=count, spread=spread)
