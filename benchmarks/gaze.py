@@ -154,7 +154,7 @@ def mean_nees(estimate: Trajectory, truth: Trajectory) -> float:
 
 def _robot(log: LandmarkLog, known: bool) -> Slam:
     """A robot at the start of a log, with all landmarks in its map if this is known."""
-    config = EkfConfig(association="known", recover=False)
+    config = EkfConfig(association="known", recover=False, range_errors=(0.0, 0.0))
     slam = Slam(config, start=log.start, odometry_bias=log.odometry_bias)
     if known:
         z = observe(log.start, log.landmark_truth.xy)[0]

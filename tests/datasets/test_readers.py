@@ -304,7 +304,7 @@ def test_a_defect_of_tracks_is_named(tmp_path, change, words):
         ),
         (load_drive, "auto", "a.bag", "a.bag: expected a ROS bag"),
         (load_drive, "tracks", "", "expected stereo_tracks_clean.npz or stereo_tracks.npz"),
-        (load_drive, "lego", "a.csv", "kind: expected one of auto, kitti"),
+        (load_drive, "lego", "a.csv", "kind: expected one of auto, euroc, kitti"),
     ],
 )
 def test_another_suffix_or_kind_is_named(tmp_path, load, kind, name, words):

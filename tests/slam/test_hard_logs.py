@@ -87,7 +87,8 @@ def test_times_that_repeat(rng, kind, association):
 
 
 @each_filter
-def test_an_hour_of_standing_still_before_the_same_landmarks(rng, kind):
+@pytest.mark.parametrize("systematic", [False, True])
+def test_an_hour_of_standing_still_before_the_same_landmarks(rng, kind, systematic):
     """A scan a second of two landmarks, and odometry that says nothing moves."""
     scans = 3600
     pose = np.repeat(np.arange(scans), 2)
@@ -104,14 +105,20 @@ def test_an_hour_of_standing_still_before_the_same_landmarks(rng, kind):
         observation_covariance=np.tile(np.diag([0.01, 0.0004]), (2 * scans, 1, 1)),
         landmark=np.tile([0, 1], scans),
     )
-    plain = dataclasses.replace(_config(kind), huber=np.inf)  # for the spread in closed form
+    plain = dataclasses.replace(  # for the spread in closed form
+        _config(kind), huber=np.inf, estimate_systematic_errors=systematic
+    )
     result = slam.run(log, plain)
     _is_sound(result)
     np.testing.assert_allclose(result.trajectory.pose[-1], 0, atol=1e-9)
     expected = true[:2, :1] * np.stack([np.cos(true[:2, 1]), np.sin(true[:2, 1])], 1)
     np.testing.assert_allclose(result.map.xy, expected, atol=0.01)
     spread = np.sqrt(result.map.covariance[0].trace())
-    assert spread == pytest.approx(np.sqrt((0.01 + 16 * 0.0004) / scans), rel=0.05)
+    variance = (0.01 + 16 * 0.0004) / scans
+    if systematic:  # who stands still does not learn them
+        scale, offset = plain.range_errors
+        variance += (4 * scale) ** 2 + offset**2
+    assert spread == pytest.approx(np.sqrt(variance), rel=0.05)
 
 
 @each_filter

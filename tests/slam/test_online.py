@@ -14,10 +14,10 @@ from saccade.slam import EkfConfig, online
     ("change", "message"),
     [
         ({"time": np.nan}, "time: expected finite"),
-        ({"control": [1.0]}, r"control: expected shape \(2,\), found \(1,\)"),
-        ({"control": [np.nan, 0.0]}, "control 0: expected numbers within 1e\\+09, found .nan, 0"),
+        ({"control": [1.0]}, r"control: expected 2 or 3 numbers, found shape \(1,\)"),
+        ({"control": [np.nan, 0.0]}, "control: expected numbers within 1e\\+09, found .nan, 0"),
         ({"U": None}, "covariance of the control: expected shape"),
-        ({"U": -np.eye(2)}, "covariance of control 0: expected a symmetric"),
+        ({"U": -np.eye(2)}, "covariance of the control: expected a symmetric"),
         ({"z": [[1.0, 0.0, 2.0]]}, r"observations: expected shape \(1, 2\)"),
         ({"R": np.zeros((2, 2, 2))}, r"covariances of the observations: expected shape"),
         ({"labels": [1, 2]}, r"labels: expected shape \(1,\)"),

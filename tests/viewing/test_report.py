@@ -187,8 +187,8 @@ def _image_page(name="an image"):
 def test_a_photograph_and_a_match_are_explored(opened):
     page = opened(_image_page(), viewport={"width": 1280, "height": 900})
     heat = page.locator(".heat")
-    assert not heat.is_visible()
-    page.get_by_role("radio", name="saliency").check()
+    assert heat.is_visible()
+    assert page.get_by_role("radio", name="saliency").is_checked()
     first = heat.get_attribute("src")
     page.get_by_role("radio", name="an image").check()
     assert heat.get_attribute("src") != first

@@ -58,7 +58,7 @@ def map_log(
     The run is added to `report`; None writes a report for this run alone. `ride` is the camera
     drive of a log of tags.
     """
-    causes = check_log(log)
+    causes = [each for each in check_log(log) if each.severity != "note"]
     log = with_usable_truth(log)
     out, slam = options.out, filter_of(options, log)
     try:

@@ -65,9 +65,10 @@ def check_run(
         causes: the findings of `check_log`.
 
     Returns:
-        The causes or, if empty, defects of the labels; then defects of the run.
+        The causes or, if empty, defects of the labels; then defects of the run. Notes on what
+        could not be compared are no causes, and left out.
     """
-    log, found = in_robot_frame(log), [*causes]
+    log, found = in_robot_frame(log), [each for each in causes if each.severity != "note"]
     if not found and (log.landmark >= 0).any():
         found += _check_names(log, result)
     return (*found, *_symptoms(log, result, known=bool(found)))

@@ -17,7 +17,13 @@ import numpy.typing as npt
 from saccade.errors import require
 from saccade.landmark_names import parse_labels
 from saccade.slam import Slam
-from saccade.slam.filter.models import as_relative_pose, compose, observe, stack_jacobians, wrap
+from saccade.slam.filter.models import (
+    as_relative_pose,
+    compose,
+    observe_with_errors,
+    stack_jacobians,
+    wrap,
+)
 from saccade.types import BoolArray, FloatArray, IntArray
 
 POLICIES = ("fixed", "sweep", "random", "salient", "active")
@@ -305,11 +311,13 @@ class Gazer:
         seen, k = view.seen, len(view.landmarks)
         if k == 0:
             return np.zeros(len(seen))
-        P = self.slam.joint_covariance(view.landmarks)
+        ekf = self.slam.filter
+        P = ekf.marginal(view.landmarks)
         P[:3] = view.F @ P[:3]
         P[:, :3] = P[:, :3] @ view.F.T
         P[:3, :3] += view.Q + 1e-12 * np.eye(3)  # a pose that is known exactly is regular, too
-        z, H = observe(view.pose, view.xy)
+        robot = np.append(view.pose, ekf.robot_state[3:])
+        z, H = observe_with_errors(robot, view.xy, ekf.range_errors)
         J = stack_jacobians(H)
         labels = self.slam.landmarks.labels_of(view.landmarks.tolist())
         found = seen / (1 + np.array([self._misses_of(label) for label in labels]))  # (c, k)

@@ -267,11 +267,12 @@ class LandmarkTable:
     def in_map(self) -> BoolArray:
         """(n,) landmarks of the map: confirmed or labeled, and observed more than once.
 
-        A wrong label may be read once.
+        A wrong label may be read once; the labels of a given map are established.
         """
         kept = self.counts.confirmed | self.labeled
         if self.policy.confirm_after > 1:
-            kept = kept & (self.counts.observations != 1)
+            sure = [each.landmark for each in self.labels.values() if each.is_established]
+            kept &= (self.counts.observations != 1) | np.isin(self.counts.id, sure)
         return kept
 
     def warning(self, association: IntArray) -> str:

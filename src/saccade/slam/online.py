@@ -67,9 +67,9 @@ class Slam:
         >>> labels = [7, 9]
         >>> _ = slam.step(0.0, z=np.array([[4.0, 0.3], [6.0, -0.8]]), R=R, labels=labels)
         >>> slam.step(1.0, np.array([1.0, 0.0]), U, np.array([[3.1, 0.4], [5.3, -0.9]]), R, labels)
-        StepResult(pose 0.99 -0.01 m -0.015 rad, 2 of 2 observations used)
+        StepResult(pose 1.00 -0.01 m -0.015 rad, 2 of 2 observations used)
         >>> slam.map.xy.round(1)
-        array([[ 3.8,  1.2],
+        array([[ 3.9,  1.2],
                [ 4.2, -4.3]])
     """
 

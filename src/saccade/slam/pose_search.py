@@ -29,7 +29,8 @@ class PoseSearch:
     Unless the robot may be `anywhere`, the pose of the filter is one hypothesis. The robot is found
     when a hypothesis has `min_probability` and `min_matched` points in `scans` successive scans.
     Two points suffice if they have labels, whose probability of being wrong is `wrong_label`, see
-    `Relocalizer`; the labels of descriptors do not.
+    `Relocalizer`; the labels of descriptors do not. Most labels must agree: in another building
+    with the same labels, some pairs of them lie as far apart as in the map.
     """
 
     def __init__(
@@ -46,7 +47,8 @@ class PoseSearch:
         self._ekf, self.landmarks, self.anywhere = ekf, landmarks, anywhere
         self._min_matched, self._scans = min_matched, scans
         self._min_probability = min_probability
-        self._min_labeled = MIN_LABELED if wrong_label < 1 else min_matched
+        self._has_labels = wrong_label < 1
+        self._min_labeled = MIN_LABELED if self._has_labels else min_matched
         self._agreeing = 0
         covariance, r = ekf.marginal(landmarks), len(ekf.robot_state)
         positions = ekf.landmarks[np.searchsorted(ekf.ids, landmarks)]
@@ -64,7 +66,7 @@ class PoseSearch:
         """Updates the hypotheses by a scan, with ids `labeled` (k,) of labels, -1 for none."""
         row = np.searchsorted(self.landmarks, labeled).clip(0, len(self.landmarks) - 1)
         rows = np.where(self.landmarks[row] == labeled, row, -1)
-        found = self._search.add(z, R, rows)
+        found = self._search.add(self._ekf.without_range_errors(z), R, rows)
         ids = np.append(self.landmarks, -1)  # the last element stands for no landmark
         self.hypotheses = found = replace(found, association=ids[found.association])
         self._agreeing = self._agreeing + 1 if self.is_sure else 0
@@ -77,8 +79,10 @@ class PoseSearch:
         if found is None or len(found) == 0 or found.probability[0] < self._min_probability:
             return False
         matched = found.association[0] >= 0
-        labeled = matched & self._search.labeled
-        return bool(matched.sum() >= self._min_matched or labeled.sum() >= self._min_labeled)
+        labeled = np.count_nonzero(matched & self._search.labeled)
+        if self._has_labels and 2 * labeled <= np.count_nonzero(self._search.labeled) > 0:
+            return False
+        return bool(matched.sum() >= self._min_matched or labeled >= self._min_labeled)
 
     @property
     def is_found(self) -> bool:

@@ -50,6 +50,7 @@ class VisualMap:
             huber=config.huber,
             recover=False,
             odometry_bias=(0.0, 0.0, 0.0),
+            range_errors=(0.0, 0.0),  # the depths of a calibrated camera
             submaps="never",
             start_sigma=(0.0, 0.0, 0.0),
         )

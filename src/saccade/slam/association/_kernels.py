@@ -5,7 +5,12 @@ from math import atan2, inf, sqrt
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.slam.filter._kernels import MIN_RANGE, expected_observations, wrapped
+from saccade.slam.filter._kernels import (
+    MIN_RANGE,
+    expected_observations,
+    variances_given_range_errors,
+    wrapped,
+)
 from saccade.slam.filter._state_kernels import FilterState
 from saccade.types import FloatArray, IntArray
 
@@ -61,9 +66,11 @@ def compare_with_landmarks(
     """Compares each of m observations with a landmark (m,), negative for none.
 
     Fills the normalized innovation squared, and the ratio of predicted variance to noise, the
-    larger of its values for range and bearing.
+    larger of its values for range and bearing. Systematic errors of the ranges count in the first
+    only: they are common to all landmarks, and no sign of an uncertain pose.
     """
     which, expected, S = np.zeros(1, np.int64), np.empty((1, 2)), np.empty((1, 2, 2))
+    variance = np.empty(2)
     for i in range(len(z)):
         if landmark[i] >= 0:
             which[0] = landmark[i]
@@ -72,7 +79,8 @@ def compare_with_landmarks(
             H, N = S[0], R[i]
             a, c, d = H[0, 0] + N[0, 0], H[0, 1] + N[0, 1], H[1, 1] + N[1, 1]
             nis[i] = squared_distance(v, u, a, c, d)
-            variance_ratio[i] = max(H[0, 0] / N[0, 0], H[1, 1] / N[1, 1])
+            variances_given_range_errors(f, landmark[i], variance)
+            variance_ratio[i] = max(variance[0] / N[0, 0], variance[1] / N[1, 1])
 
 
 @kernel()
@@ -92,6 +100,10 @@ def prefilter_landmarks(
         range_variance = max(range_variance, R[k, 0, 0])
         bearing_variance = max(bearing_variance, R[k, 1, 1])
     radius, range_sigma = sqrt(gate) * _SLACK, sqrt(range_variance)
+    e, factor, offset, scale_sigma = f.range_errors, 1.0, 0.0, 0.0
+    if e > 0:
+        factor, offset, scale_sigma = 1 + s[e], s[e + 1], sqrt(abs(P[e, e]))
+        range_sigma += sqrt(abs(P[e + 1, e + 1]))
     for i in range(f.now.landmarks):
         m = r + 2 * i
         dx, dy = s[m] - s[0], s[m + 1] - s[1]
@@ -99,15 +111,16 @@ def prefilter_landmarks(
         lever = abs(a[m] - a[0]) + abs(a[m + 1] - a[1])
         sigma = position_sigma + sqrt(abs(blocks[i, 0]) + abs(blocks[i, 2]))
         sigma += lever * heading_sigma
-        along = radius * (sigma + range_sigma)
-        if q - farthest > along or nearest - q > along:
+        along = radius * (factor * sigma + q * scale_sigma + range_sigma)
+        reach = factor * q + offset
+        if reach - farthest > along or nearest - reach > along:
             continue
         bearing, across = 0.0, inf
         if q > MIN_RANGE:
             bearing = atan2(dy, dx) - s[2]
             across = radius * sqrt((sigma / q + heading_sigma) ** 2 + bearing_variance)
         for k in range(len(z)):
-            if abs(z[k, 0] - q) <= along and abs(wrapped(z[k, 1] - bearing)) <= across:
+            if abs(z[k, 0] - reach) <= along and abs(wrapped(z[k, 1] - bearing)) <= across:
                 landmark[count] = i
                 count += 1
                 break

@@ -173,9 +173,9 @@ class LabelAssociation:
         paired = any(ratio[i] > PAIRED_RATIO for i in known.keys() - rejected)
         seen: dict[int, _Sighting] = {}
         if rejected or paired:
-            xy, _, Gz = inverse_observe(ekf.pose, z)  # C.15
+            xy, _, Gz = inverse_observe(ekf.pose, ekf.without_range_errors(z))  # C.15
             C = Gz @ R @ Gz.transpose(0, 2, 1)
-            seen = {i: _Sighting(int(landmarks[i]), xy[i], C[i]) for i in known}
+            seen = {i: _Sighting(int(landmarks[i]), xy[i], C[i], Gz[i, :, 0]) for i in known}
         if paired:
             rejected |= _inconsistent(ekf, {i: seen[i] for i in known if i not in rejected})
         closing = sum(ratio[i] > LOOP_RATIO for i in known if i not in rejected)
@@ -243,6 +243,8 @@ class _Sighting(NamedTuple):
     """(2,) meters."""
     covariance: FloatArray
     """(2, 2) of the noise of the observation."""
+    direction: FloatArray
+    """(2,) from the robot to the point, of length 1."""
 
 
 def _is_repeated(record: LabelRecord, scan: int) -> bool:
@@ -310,13 +312,21 @@ def _is_duplicate(ekf: EkfSlam, table: LandmarkTable, seen: _Sighting) -> bool:
 
 
 def _agree(ekf: EkfSlam, a: _Sighting, b: _Sighting) -> bool:
-    """Whether two observed points are as far from each other as their landmarks in the map."""
+    """Whether two observed points are as far from each other as their landmarks in the map.
+
+    Systematic errors of the ranges move both points, each along its direction.
+    """
     seen, C = a.xy - b.xy, a.covariance + b.covariance
-    mean, joint = ekf.relative_position(a.landmark, b.landmark)
+    position, joint = ekf.relative_position(a.landmark, b.landmark)
+    mean, along = position[:2], [np.zeros(2), np.zeros(2)]
     observed, mapped = float(np.hypot(*seen)), float(np.hypot(*mean))
-    variance = 0.0
     if observed > 0:
-        variance += float(seen @ C @ seen) / observed**2
+        along[0] = seen / observed
     if mapped > 0:
-        variance += max(float(mean @ joint @ mean) / mapped**2, 0.0)
+        along[1] = mean / mapped
+    by_error = np.zeros(len(joint) - 2)
+    if len(by_error) > 0:  # by scale error and offset
+        by_error[:] = -along[0] @ np.column_stack([seen, a.direction - b.direction])
+    g = np.append(-along[1], by_error)
+    variance = float(along[0] @ C @ along[0]) + max(float(g @ joint @ g), 0.0)
     return (observed - mapped) ** 2 <= PAIR_GATE * variance

@@ -403,6 +403,23 @@ def expected_observations(f: FilterState, landmark: IntArray, z: FloatArray, S: 
 
 
 @kernel()
+def variances_given_range_errors(f: FilterState, landmark: int, variance: FloatArray) -> None:
+    """Fill the variances (2,) of a landmark's range and bearing, were the range errors known."""
+    z, H, C, D = np.empty(2), np.empty((3, 7)), np.empty((7, 7)), np.empty((3, 3))
+    _expect(f, f.robot_size + 2 * landmark, z, H, C, D)
+    determinant = C[5, 5] * C[6, 6] - C[5, 6] ** 2
+    for i in range(2):
+        variance[i], scale, offset = D[i, i], 0.0, 0.0
+        if determinant > 0:
+            for j in range(7):
+                scale += H[i, j] * C[j, 5]
+                offset += H[i, j] * C[j, 6]
+            explained = scale * scale * C[6, 6] - 2 * scale * offset * C[5, 6]
+            explained += offset * offset * C[5, 5]
+            variance[i] = max(variance[i] - explained / determinant, 0.0)
+
+
+@kernel()
 def write_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> None:
     """Fill the pose (3,) and its covariance (3, 3), of e."""
     s, a, P = f.state, f.heading_lever, f.P

@@ -10,7 +10,12 @@ import numpy.typing as npt
 from saccade.errors import LogError, require
 from saccade.slam.filter._kernels import predict, retract, update, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
-from saccade.slam.filter.models import as_relative_pose, observe, wrap
+from saccade.slam.filter.models import (
+    as_relative_pose,
+    observe_with_errors,
+    stack_jacobians,
+    wrap,
+)
 from saccade.slam.filter.predictions import (
     Innovations,
     PredictedObservations,
@@ -260,20 +265,11 @@ class EkfSlam:
 
     def predict_jointly(self, landmarks: IntArray) -> PredictedObservations:
         """Predicted observations z (c, 2) of landmarks (c,), with joint covariance (2c, 2c)."""
-        robot, c = self.robot_state, len(landmarks)
-        r, P = len(robot), self.marginal(landmarks)
-        points = self._whole.state[r:].reshape(-1, 2)[self.rows(landmarks)]
-        predicted, H = observe(robot, points)
-        if (errors := self.range_errors) is not None:
-            H[:, 0, r - 2], H[:, 0, r - 1] = predicted[:, 0], 1.0
-            H[:, 0, [0, 1, 2, r, r + 1]] *= 1 + errors[0]
-            predicted[:, 0] = (1 + errors[0]) * predicted[:, 0] + errors[1]
-        J = np.zeros((c, 2, r + 2 * c))
-        J[..., :r] = H[..., :r]
-        for k in range(c):
-            J[k, :, r + 2 * k : r + 2 * k + 2] = H[k, :, r:]
-        flat = J.reshape(2 * c, r + 2 * c)
-        return PredictedObservations(predicted, flat @ P @ flat.T)
+        robot, P = self.robot_state, self.marginal(landmarks)
+        points = self._whole.state[len(robot) :].reshape(-1, 2)[self.rows(landmarks)]
+        predicted, H = observe_with_errors(robot, points, self.range_errors)
+        J = stack_jacobians(H)
+        return PredictedObservations(predicted, J @ P @ J.T)
 
     def marginal(self, landmarks: IntArray) -> FloatArray:
         """(r + 2k, r + 2k) joint covariance of the robot and of landmarks (k,), in their order."""
@@ -284,12 +280,20 @@ class EkfSlam:
         return marginal(self.active, rows)
 
     def relative_position(self, a: int, b: int) -> tuple[FloatArray, FloatArray]:
-        """Position (2,) of landmark a relative to landmark b, and its covariance (2, 2)."""
+        """Position (2,) of landmark a relative to landmark b.
+
+        Returns:
+            The position, followed by the systematic errors of the ranges where they are estimated;
+            and their covariance, (2, 2) or (4, 4).
+        """
         landmarks = np.array([a, b])
-        C = self.marginal(landmarks)[-4:, -4:]
-        f = self.active
-        points = f.state[f.robot_size :].reshape(-1, 2)[self.rows(landmarks)]
-        return points[0] - points[1], C[:2, :2] + C[2:, 2:] - C[:2, 2:] - C[2:, :2]
+        C, f = self.marginal(landmarks), self.active
+        r, errors = f.robot_size, RANGE_ERRORS if f.range_errors > 0 else 0
+        J = np.zeros((2 + errors, len(C)))
+        J[:2, r : r + 2], J[:2, r + 2 :] = np.eye(2), -np.eye(2)
+        J[2:, r - errors : r] = np.eye(errors)
+        points = f.state[r:].reshape(-1, 2)[self.rows(landmarks)]
+        return np.append(points[0] - points[1], f.state[r - errors : r]), J @ C @ J.T
 
     def enter(self, inside: IntArray) -> None:
         """Works among the landmarks in these rows (k,), ascending, until `leave`.
@@ -398,6 +402,12 @@ class EkfSlam:
         The range of a landmark at distance q is expected as (1 + scale error) q + offset.
         """
         return self.robot_state[-2:] if self.active.range_errors > 0 else None
+
+    def without_range_errors(self, z: FloatArray) -> FloatArray:
+        """Observations (k, 2) as they would be without the estimated errors of their ranges."""
+        if (errors := self.range_errors) is None:
+            return z
+        return np.stack([(z[:, 0] - errors[1]) / (1 + errors[0]), z[:, 1]], 1)
 
     @property
     def nonlinearity(self) -> float:

@@ -101,16 +101,39 @@ def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatA
     return z, H  # (..., 2), (..., 2, 5)
 
 
-def stack_jacobians(H: FloatArray) -> FloatArray:
-    """Jacobian (2k, 3 + 2k) of k observations by the pose and all landmarks.
+def observe_with_errors(
+    robot: FloatArray, landmarks: FloatArray, range_errors: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing of landmarks from a robot whose state has systematic errors.
 
     Args:
-        H: (k, 2, 5) Jacobians of the observations by the pose and their landmarks (C.14).
+        robot: (r,) state of the robot, the pose first.
+        landmarks: (k, 2) in meters.
+        range_errors: (2,) scale error and offset of the ranges, the last two numbers of `robot`;
+            None where they are no part of it.
+
+    Returns:
+        Ranges and bearings (k, 2), and the Jacobian (k, 2, r + 2) by robot and landmark.
     """
-    k = len(H)
+    z, H = observe(robot, landmarks)
+    if range_errors is not None:
+        r = len(robot)
+        H[:, 0, r - 2], H[:, 0, r - 1] = z[:, 0], 1.0
+        H[:, 0, [0, 1, 2, r, r + 1]] *= 1 + range_errors[0]
+        z[:, 0] = (1 + range_errors[0]) * z[:, 0] + range_errors[1]
+    return z, H
+
+
+def stack_jacobians(H: FloatArray) -> FloatArray:
+    """Jacobian (2k, r + 2k) of k observations by the robot and all landmarks.
+
+    Args:
+        H: (k, 2, r + 2) Jacobians of the observations by the robot and their landmarks (C.14).
+    """
+    k, r = len(H), H.shape[-1] - 2
     by_landmark = np.zeros((k, 2, k, 2))
-    by_landmark[np.arange(k), :, np.arange(k)] = H[..., 3:]
-    return np.hstack([H[..., :3].reshape(2 * k, 3), by_landmark.reshape(2 * k, 2 * k)])
+    by_landmark[np.arange(k), :, np.arange(k)] = H[..., r:]
+    return np.hstack([H[..., :r].reshape(2 * k, r), by_landmark.reshape(2 * k, 2 * k)])
 
 
 def inverse_observe(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
