@@ -20,12 +20,13 @@ from unittest.mock import patch
 import numpy as np
 
 import surveyed_tags
+from conditions import conditioned
 from kidnapped import kidnapped
 from measuring import ROBOT, arguments, without_labels
 from recorded_logs import read_dlr
 from reliability import Rooms, simulate_rooms
-from saccade import datasets, slam
-from saccade.evaluation.trajectory import position_rmse
+from saccade import datasets, slam, visual
+from saccade.evaluation.trajectory import position_rmse, score_drive
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.consistency import pose_nees
 from saccade.types import LandmarkLog
@@ -115,6 +116,26 @@ def among_tags(fault: str) -> Any:
     return measure
 
 
+def filmed(condition: str) -> Any:
+    """Absolute trajectory error of camera drives in a condition, with scale where it is unknown."""
+
+    def measure(given: Any, _: slam.EkfConfig) -> list[float]:
+        drives = [conditioned(condition, seed, frames=120) for seed in range(given.seeds)]
+        return [
+            score_drive(
+                visual.run(each).trajectory, each.truth, scale_known=each.scale == "metric"
+            ).ate_m
+            for each in drives
+        ]
+
+    return measure
+
+
+FILMED = (
+    *("vehicle ahead", "object passes", "garbled frame, no odometry"),
+    "standing first, one camera, no odometry",
+)
+"""Camera drives of the benchmark of conditions."""
 CASES: dict[str, Callable[[Any, slam.EkfConfig], list[float]]] = {
     "rooms": worlds(Rooms()),
     "rooms, odometry turns": worlds(Rooms(wheels=0.01)),
@@ -127,6 +148,7 @@ CASES: dict[str, Callable[[Any, slam.EkfConfig], list[float]]] = {
     "cityTrees, CPU s": recorded("citytrees/cityTrees10000.txt", cpu_seconds),
     "DLR, CPU s": recorded("dlr/dlr_3298.npz", cpu_seconds),
     **{f"MRCLAM 6.{n}": recorded("mrclam/mrclam6.npz", robot=n) for n in (1, 3)},
+    **{f"drive, {name}": filmed(name) for name in FILMED},
 }
 """Figures by name: lists over seeds, better when smaller."""
 MECHANISMS: dict[str, Mechanism] = {
@@ -147,6 +169,23 @@ MECHANISMS: dict[str, Mechanism] = {
     "memory of labels": Mechanism(
         ("surveyed tags, unknown start",),
         constants={"saccade.slam.relocalization:LABELED_MEMORY": 10},
+    ),
+    "parts of an image that agree with odometry": Mechanism(
+        ("drive, vehicle ahead", "drive, object passes"),
+        constants={
+            "saccade.visual.contradictions:MIN_PART": 2.0,
+            "saccade.visual.contradictions:MIN_EXPLAINED": 0.0,
+        },
+    ),
+    "points held over garbled frames": Mechanism(
+        ("drive, garbled frame, no odometry",), constants={"saccade.visual.pipeline:MAX_HELD": 0}
+    ),
+    "standstill of a camera without odometry": Mechanism(
+        ("drive, standing first, one camera, no odometry",),
+        constants={
+            "saccade.visual.unscaled_camera:MIN_PARALLAX": 0.0,
+            "saccade.visual.unscaled_camera:MAX_EPIPOLAR_RATIO": np.inf,
+        },
     ),
 }
 """All mechanisms, by name; whoever adds one adds its row."""

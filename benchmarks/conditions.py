@@ -283,6 +283,7 @@ CONDITIONS = {
     "standing first, one camera, no odometry": Condition((single, standing(0, 0.3), no_odometry)),
     "vehicle ahead": Condition((objects(lambda i: 70),)),
     "vehicle ahead, one camera": Condition((single, objects(lambda i: 70))),
+    "vehicle ahead, no odometry": Condition((no_odometry, objects(lambda i: 70))),
     "object passes": Condition((objects(lambda i: 320 - 8 * (i - 30) if i > 30 else 400),)),
     "object passes, no odometry": Condition(
         (no_odometry, objects(lambda i: 320 - 8 * (i - 30) if i > 30 else 400))

@@ -17,6 +17,8 @@ MIN_FRACTION = 0.05
 """Minimum fraction of such steps in a drive, if all of them are short."""
 MIN_CONTRADICTIONS = 0.02
 """Minimum fraction of steps in which images and odometry contradict each other."""
+MIN_DIVIDED = 0.1
+"""Minimum fraction of steps in which the image is divided, without odometry."""
 MAX_SCALE_DRIFT = 0.1
 """Maximum relative standard deviation of a scale that is held."""
 MIN_INSIDE = 0.9
@@ -54,6 +56,15 @@ def check_mapping(drive: Drive, result: VisualResult, inside: float | None) -> I
     yield from _check_blind(drive, blind)
     if drive.has_odometry:
         yield from _check_contradictions(drive, result)
+    divided = sources == StepSource.DIVIDED
+    if divided.mean() > MIN_DIVIDED:
+        what = (
+            f"a large part of the image moves otherwise than the rest in "
+            f"{100 * divided.mean():.0f} % of the steps, and no odometry tells which is the world"
+        )
+        advice = "Check for a vehicle ahead and objects that pass; record odometry"
+        numbers = np.flatnonzero(divided)
+        yield Finding.in_frames("warning", "divided images", what, advice, numbers)
     yield from _check_standstill(drive, result)
     drift = float(result.scale_drift.max(initial=0.0))
     if drift > MAX_SCALE_DRIFT:

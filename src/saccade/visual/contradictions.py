@@ -55,6 +55,8 @@ class StepSource(IntEnum):
     """The steps before: the images determine no motion, and there is no odometry."""
     STILL = 7
     """Images that do not move, of a camera without odometry."""
+    DIVIDED = 8
+    """The images, of which a part moves otherwise, without odometry that tells which the world is."""
     DROPPED = 6
     """As `ODOMETRY` or `UNKNOWN`: the image contradicts both of its neighbors, and is dropped."""
 
@@ -84,15 +86,19 @@ def choose_motion(
     """
     none = StepSource.ODOMETRY if has_odometry else StepSource.UNKNOWN
     motion = estimate_motion(camera, points, pixel_sigma, prior, before)
+    alone = none if motion is None else StepSource.CAMERA
+    if motion is not None and not has_odometry:
+        is_whole = explained(camera, points, motion.inliers) >= MIN_EXPLAINED
+        alone = StepSource.CAMERA if is_whole else StepSource.DIVIDED
     if expected is None or (motion is not None and agrees(motion, expected)):
-        return motion, none if motion is None else StepSource.CAMERA
+        return motion, alone
     part = estimate_motion(camera, points, pixel_sigma, expected, before, PART_KERNEL)
     if part is not None and agrees(part, expected):
         others = np.zeros(len(part.inliers), np.bool_) if motion is None else motion.inliers
         if is_large(camera, points, part.inliers, part.inliers & ~others):
             return part, StepSource.PART
     if motion is None or not has_odometry:
-        return motion, none if motion is None else StepSource.CAMERA
+        return motion, alone
     if objects_seen or explained(camera, points, motion.inliers) < MIN_EXPLAINED:
         return None, StepSource.REJECTED
     return motion, StepSource.CONTRADICTED
