@@ -211,6 +211,10 @@ FINDINGS = {
         *("warning", "frames", "images and odometry that contradict each other"),
         "Check for slipping wheels, the clocks, the axes and the focal length",
     ),
+    "divided images": Kind(
+        *("warning", "frames", "images that are divided between two motions, without odometry"),
+        "Check for a vehicle ahead and objects that pass; record odometry",
+    ),
     "scale drift": Kind(
         *("warning", "%", "a single camera whose scale is not held"),
         "Turn more slowly, at a higher frame rate; odometry or stereo measures the scale",

@@ -55,10 +55,10 @@ class StepSource(IntEnum):
     """The steps before: the images determine no motion, and there is no odometry."""
     STILL = 7
     """Images that do not move, of a camera without odometry."""
-    DIVIDED = 8
-    """The images, of which a part moves otherwise, without odometry that tells which the world is."""
     DROPPED = 6
     """As `ODOMETRY` or `UNKNOWN`: the image contradicts both of its neighbors, and is dropped."""
+    DIVIDED = 8
+    """The images, of which a part moves otherwise, without odometry that tells which the world is."""
 
 
 def choose_motion(
