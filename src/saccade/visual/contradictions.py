@@ -58,7 +58,7 @@ class StepSource(IntEnum):
     DROPPED = 6
     """As `ODOMETRY` or `UNKNOWN`: the image contradicts both of its neighbors, and is dropped."""
     DIVIDED = 8
-    """The images, of which a part moves otherwise, without odometry that tells which the world is."""
+    """The images, of which a part moves otherwise; no odometry tells which part is the world."""
 
 
 def choose_motion(
