@@ -13,6 +13,7 @@ from saccade.errors import ConfigError, LogError, LogWarning
 from saccade.evaluation.trajectory import position_rmse
 from saccade.landmark_names import TagSpelling, parse_name
 from saccade.simulation import WorldConfig, simulate_world
+from saccade.types import LandmarkMap
 from support.logs import between, without_names
 
 WORLD = WorldConfig(
@@ -53,6 +54,24 @@ def test_a_robot_is_found_in_a_surveyed_map(survey, log, mode, named):
     assert np.abs(given).max() < 0.05
     assert len(robot.map) == 40
     assert (robot.map.label[:5].tolist() == [0, 1, 2, 3, 4]) is True
+
+
+PRECISE = replace(WORLD, range_percent=1.0, bearing_sigma_deg=1.0)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_ranges_that_are_7_percent_long_are_learned_and_used(named):
+    """Long ranges are common to all landmarks: no label is wrong, and no loop is closed by them."""
+    log = simulate_world(PRECISE, 5)
+    log = replace(log, observation=log.observation * [1.07, 1.0], range_errors=(0.0, 0.0))
+    xy = log.landmark_truth.xy
+    surveyed = LandmarkMap(np.arange(len(xy)), xy, covariance=np.tile(1e-4 * np.eye(2), (40, 1, 1)))
+    robot = slam.Slam(map=surveyed, mode="localize", start=log.start)
+    result = slam.run(log if named else without_names(log), initial=robot)
+    assert error(result, log) < 0.03
+    assert robot.filter.range_errors[0] == pytest.approx(0.07, abs=0.003)
+    assert not result.rejected.any()
+    assert (result.association >= 0).mean() > 0.9
 
 
 def test_live_a_robot_is_lost_until_scans_have_found_it(survey, log):

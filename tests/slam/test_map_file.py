@@ -112,9 +112,13 @@ def test_a_robot_is_found_in_the_map(mapped):
     assert np.hypot(*(result.trajectory.pose - log.truth.pose)[100:, :2].T).max() < 0.6
 
 
-def test_a_robot_elsewhere_is_not_found(mapped):
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("named", [True, False])
+def test_a_robot_elsewhere_is_not_found(mapped, seed, named):
+    """Elsewhere, as in another building with the same tags."""
     log, _ = cut(simulate_world(WORLD, 30), 2)
-    strange = np.random.default_rng(0).uniform([1, -3], [8, 3], log.observation.shape)
+    log = log if named else without_names(log)
+    strange = np.random.default_rng(seed).uniform([1, -3], [8, 3], log.observation.shape)
     robot = slam.Slam.load(mapped, "localize", start=(0.0, 0.0, 0.0))
     with pytest.raises(LogError, match=r"start: expected a pose in the map that is certain"):
         find_start(robot, replace(log, observation=strange))
