@@ -46,6 +46,7 @@ from saccade.errors import LogWarning as LogWarning
 from saccade.errors import OutputError as OutputError
 from saccade.errors import SaccadeError as SaccadeError
 from saccade.io.image import read_image as read_image
+from saccade.io.preparation import stretch_contrast as stretch_contrast
 from saccade.keypoints.descriptor_config import DescriptorConfig as DescriptorConfig
 from saccade.keypoints.matching import match as match
 from saccade.keypoints.must import Must as Must
@@ -55,6 +56,7 @@ from saccade.keypoints.sift import Sift as Sift
 from saccade.keypoints.sift_config import SiftConfig as SiftConfig
 from saccade.keypoints.symroid import SymRoid as SymRoid
 from saccade.keypoints.verification import Verification as Verification
+from saccade.keypoints.verification import triangulate as triangulate
 from saccade.keypoints.verification import verify as verify
 from saccade.pictures import show as show
 from saccade.settings import load_model as load_model

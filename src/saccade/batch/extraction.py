@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import chain
 from operator import itemgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,14 +48,15 @@ from saccade.exchange.arrow import column, rows_of, write_rows
 from saccade.exchange.maps import encode_png
 from saccade.extras import name_of
 from saccade.io.files import FORMATS
+from saccade.io.masks import read_mask
+from saccade.io.preparation import opaque_part, stretch_contrast
 from saccade.keypoints.detectors import (
-    as_detections,
     call,
-    described,
     make_detector,
+    own_detections,
     own_function,
 )
-from saccade.types import Image, Regions
+from saccade.types import BoolArray, Image
 
 MAX_BLOCK = 256
 """Images in a block: minutes of work, and a file of about 30 MB."""
@@ -233,8 +235,13 @@ def _extract_images(
         try:
             start = time.perf_counter()
             content = read(item)
-            image = decode(content, item.name)
-            found = analyze(image)
+            image = decode(content, item.name, keep_alpha=job.has_points)
+            if job.stretch:
+                image = stretch_contrast(image, name=item.name)
+            mask = None
+            if job.masks is not None:
+                mask = read_mask(Path(job.masks), item.name, orientation_of(content))
+            found = analyze(image, mask)
             if isinstance(found, np.ndarray):
                 with store.writing(f"{MAP_FOLDER}/{item.name}.png") as path:
                     path.write_bytes(encode_png(found))
@@ -276,8 +283,8 @@ def check_schema(batch: pa.RecordBatch, schema: pa.Schema, name: str) -> None:
             )
 
 
-def make_analyzer(job: Job) -> Callable[[Image], Any]:
-    """A function from an image to its features, which keeps the memory of a detector.
+def make_analyzer(job: Job) -> Callable[[Image, BoolArray | None], Any]:
+    """A function from an image and its mask to its features, which keeps a detector's memory.
 
     The features are `Keypoints`, `Regions`, a `Scanpath`, or a map (h, w) in [0, 1].
     """
@@ -290,20 +297,21 @@ def make_analyzer(job: Job) -> Callable[[Image], Any]:
 
     model = AttentionModel(job.settings)
     if job.what in MAPS:
-        return lambda image: model.maps(image).saliency
-    return lambda image: scanpath(model.maps(image), job.network, fixations=job.fixations)
+        return lambda image, mask: model.maps(image).saliency
+    return lambda image, mask: scanpath(model.maps(image), job.network, fixations=job.fixations)
 
 
-def own_features(function: Callable[..., Any], name: str, image: Image) -> Any:
+def own_features(
+    function: Callable[..., Any], name: str, image: Image, mask: BoolArray | None
+) -> Any:
     """The features that a user's function finds in an image, validated.
 
     Raises:
         ConfigError: the function fails, or returns neither points nor a map in [0, 1].
     """
-    found = call(function, image, name)
+    found = call(function, opaque_part(image)[0], name)
     if not isinstance(found, np.ndarray):
-        points = as_detections(found, name)
-        return points if isinstance(points, Regions) else described(points, image)
+        return own_detections(lambda _: found, image, name, mask)
     if found.ndim != 2 or found.size == 0 or not ((found >= 0) & (found <= 1)).all():
         raise ConfigError(f"{name}: expected a map (h, w) in [0, 1], found shape {found.shape}")
     return found.astype(np.float32)

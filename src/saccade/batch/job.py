@@ -7,11 +7,13 @@ import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from saccade.attention.models import MODELS
 from saccade.errors import Settings, require, setting
 from saccade.extras import name_of
+from saccade.io.masks import check_masks
 from saccade.keypoints.detectors import DETECTORS, OWN, own_function
 
 SALIENCY = "saliency"
@@ -42,11 +44,20 @@ class Job(Settings):
     """ScanpathConfig of a scanpath; None for the default."""
     fixations: int = setting(10, 1)
     """Length of a scanpath."""
+    stretch: bool = False
+    """Whether the contrast of each image is stretched; see `saccade.stretch_contrast`."""
+    masks: str | None = None
+    """Folder with a mask NAME.png for images NAME, whose points are kept where it is not black;
+    images without one are used whole. Of points only."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         known = not self.is_own or not isinstance(self.what, str) or ":" in self.what
         require(known, "what", f"one of {', '.join(features())} or {OWN}", self.what)
+        require(
+            self.has_points or self.masks is None, "masks", "interest points with masks", self.what
+        )
+        check_masks(None if self.masks is None else Path(self.masks))
         if self.is_own:
             require(self.settings is None, "settings", "none for a function", self.settings)
         elif self.settings is None and self.what in DETECTORS:
@@ -56,6 +67,11 @@ class Job(Settings):
     def is_own(self) -> bool:
         """Whether the features are those of a user's function."""
         return self.what not in features()
+
+    @property
+    def has_points(self) -> bool:
+        """Whether the features are points, or those of a user's function."""
+        return self.what not in (*MAPS, SCANPATH)
 
     @property
     def folder(self) -> str:
@@ -71,6 +87,10 @@ class Job(Settings):
         if self.what == SCANPATH:
             network = None if self.network is None else asdict(self.network)
             description |= {"network": network, "fixations": self.fixations}
+        if self.stretch:
+            description["stretch"] = True
+        if self.masks is not None:
+            description["masks"] = stamps_of(Path(self.masks))
         return description
 
     @cached_property
@@ -78,6 +98,13 @@ class Job(Settings):
         """Hash of the description, as 16 hexadecimal digits."""
         text = json.dumps(self.describe(), sort_keys=True, default=str)
         return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+
+
+def stamps_of(folder: Path) -> str:
+    """Hash of the names, sizes and times of the files of a folder."""
+    files = sorted(each for each in folder.rglob("*.png") if each.is_file())
+    lines = [f"{each} {each.stat().st_size} {each.stat().st_mtime_ns}" for each in files]
+    return hashlib.blake2b("\n".join(lines).encode(), digest_size=8).hexdigest()
 
 
 def source_of(function: Callable[..., Any]) -> str:

@@ -109,9 +109,13 @@ def content_hash(content: Content) -> str:
     return hashlib.blake2b(buffer, digest_size=16).hexdigest()
 
 
-def decode(content: Content, name: str) -> Image:
+def decode(content: Content, name: str, *, keep_alpha: bool = False) -> Image:
     """The image of a content; raises `ImageError` where the bytes are no image."""
-    return decode_image(content, name) if isinstance(content, bytes) else content
+    return (
+        decode_image(content, name, keep_alpha=keep_alpha)
+        if isinstance(content, bytes)
+        else content
+    )
 
 
 def orientation_of(content: Content) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from saccade import exchange
-from saccade.cli.images import ImageArguments, Row, analyze_each
+from saccade.cli.images import ImageArguments, Row, analyze_each, names_below
 from saccade.cli.options import (
     INPUT,
     OUTPUT,
@@ -26,7 +26,9 @@ from saccade.exchange.colmap import CameraMode as ColmapMode
 from saccade.exchange.colmap import Cameras, check_cameras, parse_cameras
 from saccade.extras import import_optional
 from saccade.io.files import results_in
-from saccade.io.image import read_image
+from saccade.io.image import as_rgb, read_image
+from saccade.io.masks import check_masks, read_mask
+from saccade.io.preparation import stretch_contrast
 from saccade.keypoints.detectors import (
     DEFAULT_DETECTOR,
     DETECTORS,
@@ -36,7 +38,7 @@ from saccade.keypoints.detectors import (
     own_function,
     summaries,
 )
-from saccade.types import Keypoints, Regions
+from saccade.types import BoolArray, Float32Array, Keypoints, Regions
 from saccade.viewing import keypoint_figure, region_figure, save_figures
 
 Format = Literal["npz", "csv", "hdf5", "colmap", "png", "svg", "pdf"]
@@ -50,6 +52,21 @@ class DetectorOptions(SettingsOptions):
     detector: Annotated[str, Parameter(metavar="NAME", help=f"{summaries()}.")] = DEFAULT_DETECTOR
     max_keypoints: Annotated[int | None, Parameter("--max", metavar="N")] = setting(None, 1)
     """Keep only the N strongest keypoints, at least 1."""
+    stretch: Annotated[bool, INPUT] = False
+    """Stretch the contrast of each image to its .5 and 99.5 percentiles, as for thermal images of
+    16 bits."""
+    masks: Annotated[Path | None, INPUT, Parameter(metavar="DIR")] = None
+    """Folder of masks, named as COLMAP's: DIR/NAME.png for the image NAME, black where no keypoint
+    is wanted."""
+
+    def read(self, path: Path, name: str) -> tuple[Float32Array, BoolArray | None]:
+        """An image as detectors receive it, and the mask of its name."""
+        image = read_image(path, keep_alpha=True)
+        if self.stretch:
+            image = stretch_contrast(image, name=str(path))
+        if self.masks is None:
+            return image, None
+        return image, read_mask(self.masks, name, exchange.read_orientation(path))
 
     def detector_settings(self) -> Any:
         """Settings of a detector in the table; None for a user's function, which takes none.
@@ -127,12 +144,17 @@ def detect(options: DetectOptions) -> Result:
     cameras = parse_cameras(options.camera)
     require(cameras is None or "colmap" in chosen, "camera", "--format colmap", chosen)
     require_libraries(chosen, cameras)
+    check_masks(options.masks)
     find = options.make_detector()
+    image_names = {} if options.masks is None else names_below(options.images, out)
     shared = [each for each in chosen if each in SHARED_FILES]
     detections: dict[Path, Detections] = {}
 
     def of_image(path: Path, name: str) -> Row:
-        row, keypoints = detect_in(path, out / f"{name}.keypoints", find, chosen)
+        image, mask = options.read(path, image_names.get(path, path.name))
+        row = {"image": str(path)}
+        found, keypoints = detect_in(image, mask, out / f"{name}.keypoints", find, chosen)
+        row |= found
         if shared:
             detections[path] = keypoints
         return row
@@ -164,15 +186,14 @@ def require_libraries(formats: Sequence[str], cameras: Cameras) -> None:
 
 
 def detect_in(
-    path: Path, out: Path, detector: Any, formats: Sequence[str]
+    image: Float32Array, mask: BoolArray | None, out: Path, detector: Detect, formats: Sequence[str]
 ) -> tuple[dict[str, Any], Detections]:
     """Detect in one image: write the figure `out`.png and the files, return the row for --json."""
-    image = read_image(path)
-    detections = detector(image)
+    detections: Any = detector(image, mask)
+    image = as_rgb(image)
     regions, keypoints = isinstance(detections, Regions), keypoints_of(detections)
     figure = region_figure(image, detections) if regions else keypoint_figure(image, keypoints)
     row: dict[str, Any] = {
-        "image": str(path),
         "points": len(keypoints),
         "median_size": float(np.median(keypoints.size)) if len(keypoints) else 0.0,
         "picture": str(save_figures(figure, out, figure_formats(formats))),

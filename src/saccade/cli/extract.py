@@ -58,6 +58,12 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     """Use every Nth frame of a video."""
     anonymous: Annotated[bool, INPUT] = False
     """Read a public bucket without credentials."""
+    stretch: Annotated[bool, INPUT] = False
+    """Stretch the contrast of each image to its .5 and 99.5 percentiles, as for thermal images of
+    16 bits."""
+    masks: Annotated[Path | None, INPUT, Parameter(metavar="DIR")] = None
+    """Folder of masks for keypoints, named as COLMAP's: DIR/NAME.png for the image NAME, black
+    where no keypoint is wanted."""
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as many as cores and memory allow."""
     scheduler: Annotated[str | None, EXECUTION, Parameter(metavar="ADDRESS")] = None
@@ -100,7 +106,8 @@ def extract(options: ExtractOptions) -> Result:
     out, what, source = options.out, options.what, options.source
     what = SALIENCY if what == DEFAULT_MODEL else what
     settings = options.settings_of(what)
-    job = Job(what, settings, fixations=options.fixations)
+    masks = None if options.masks is None else str(options.masks)
+    job = Job(what, settings, fixations=options.fixations, stretch=options.stretch, masks=masks)
     if options.anonymous:
         source = source.replace("://", f"://{ANONYMOUS}", 1)
     images = open_source(source, options.every)

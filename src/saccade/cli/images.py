@@ -56,6 +56,17 @@ def images_of(source: str, out: Path) -> list[Path]:
     return images
 
 
+def names_below(sources: Sequence[str], out: Path) -> dict[Path, str]:
+    """Names of images below the folder, or the fixed part of the pattern, that they come from."""
+    names: dict[Path, str] = {}
+    for source in sources:
+        folder = Path(source)
+        while not folder.is_dir() and folder != folder.parent:
+            folder = folder.parent
+        names |= {each: each.relative_to(folder).as_posix() for each in images_of(source, out)}
+    return names
+
+
 def is_own(path: Path, out: Path) -> bool:
     """Whether an image is a figure or a map that a command wrote to its output folder."""
     path, out = path.absolute(), out.absolute()

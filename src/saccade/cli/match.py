@@ -35,7 +35,8 @@ from saccade.errors import require, setting
 from saccade.exchange.colmap import parse_cameras
 from saccade.extras import import_optional
 from saccade.io.files import results_in
-from saccade.io.image import read_image
+from saccade.io.image import as_rgb
+from saccade.io.masks import check_masks
 from saccade.keypoints import Verification, verify
 from saccade.keypoints import match as nearest_matches
 from saccade.keypoints.detectors import DEFAULT_DETECTOR, keypoints_of
@@ -152,8 +153,11 @@ def match_images(
     """Match two images: write matches.png and .csv, return the row for --json."""
     first, out, geometry = Path(options.first), options.out, options.verification
     figures = figure_formats(options.formats)
-    images = (read_image(first), read_image(second))
-    keypoints = (keypoints_of(detector(images[0])), keypoints_of(detector(images[1])))
+    check_masks(options.masks)
+    inputs = [options.read(each, each.name) for each in (first, second)]
+    points = [keypoints_of(detector(*each)) for each in inputs]
+    images = as_rgb(inputs[0][0]), as_rgb(inputs[1][0])
+    keypoints = points[0], points[1]
     pairs = nearest_matches(*keypoints, ratio=options.ratio)
     verified = None
     if geometry is not None:
@@ -235,7 +239,12 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
             options.first,
             options.out,
             pairs=options.pairs,
-            job=Job(options.detector, settings),
+            job=Job(
+                options.detector,
+                settings,
+                stretch=options.stretch,
+                masks=None if options.masks is None else str(options.masks),
+            ),
             config=MatchConfig(
                 options.ratio,
                 geometry=options.verification,

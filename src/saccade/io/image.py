@@ -113,7 +113,11 @@ NOT_AN_IMAGE = "expected an image (PNG, JPEG, TIFF, ...), found another format"
 
 
 def read_image(
-    path: str | Path, *, background: Color = WHITE, white: float | None = None
+    path: str | Path,
+    *,
+    background: Color = WHITE,
+    white: float | None = None,
+    keep_alpha: bool = False,
 ) -> Float32Array:
     """Reads an image, rotated upright by its EXIF orientation.
 
@@ -122,9 +126,11 @@ def read_image(
         background: RGB in [0, 1] behind a transparent image.
         white: the stored value that becomes 1, such as 4095 for 12-bit data; None for the maximum
             of the data type, with a warning if uint16 data appear to have 10, 12 or 14 bits.
+        keep_alpha: whether a transparent image keeps its alpha channel, for detectors, which find
+            nothing in its transparent pixels.
 
     Returns:
-        (H, W, 3) RGB in [0, 1].
+        (H, W, 3) RGB in [0, 1]; with `keep_alpha` (H, W, 4) of a transparent image.
 
     Raises:
         ImageError: the file is missing, is not an image, is truncated, has values above `white`,
@@ -132,11 +138,17 @@ def read_image(
             program OpenCV's own limit applies, OPENCV_IO_MAX_IMAGE_PIXELS in the environment).
     """
     data = _read(Path(path))
-    return decode_image(data, str(path), background=background, white=white)
+    options: dict[str, Any] = {"background": background, "white": white, "keep_alpha": keep_alpha}
+    return decode_image(data, str(path), **options)
 
 
 def decode_image(
-    data: bytes, name: str, *, background: Color = WHITE, white: float | None = None
+    data: bytes,
+    name: str,
+    *,
+    background: Color = WHITE,
+    white: float | None = None,
+    keep_alpha: bool = False,
 ) -> Float32Array:
     """`read_image` from the bytes of a file; `name` is for error messages."""
     pixels = _decode(data, name)
@@ -150,10 +162,19 @@ def decode_image(
         pixels = _with_opacity(pixels, data)
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         layered = composite(pixels, background, white, multiplied=multiplied)
+        alpha = pixels[:, :, 3] if keep_alpha and header.transparent else None
         pixels = layered if header.transparent else pixels[:, :, :3]
-    mirrored, turns = TURNS[0 if header.tiff else header.orientation - 1]
-    pixels = np.rot90(pixels[:, ::-1] if mirrored else pixels, turns)
-    return as_rgb(pixels, name, white=white)
+    else:
+        alpha = None
+
+    def upright(each: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        mirrored, turns = TURNS[0 if header.tiff else header.orientation - 1]
+        return np.rot90(each[:, ::-1] if mirrored else each, turns)
+
+    colors = as_rgb(upright(pixels), name, white=white)
+    if alpha is None:
+        return colors
+    return np.dstack([colors, in_unit_range(upright(alpha), np.float32, white)])
 
 
 def read_stored(path: str | Path) -> Image:

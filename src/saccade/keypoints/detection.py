@@ -4,9 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from saccade.errors import ImageError
 from saccade.keypoints._extrema_kernels import fill_suppression_radii
 from saccade.keypoints.descriptor import assign_orientations, describe_points
 from saccade.keypoints.extrema import find_extrema
@@ -14,7 +12,7 @@ from saccade.keypoints.scale_space_points import Points, locate
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.scale.scale_space import ScaleSpace
 from saccade.scale.workspace import Workspace
-from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
+from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
 
 KEYPOINTS_PER_SCALE = 50
 """Ratio of `max_keypoints` to the saturation scale of the ranking in pixels, chosen by the matches
@@ -53,18 +51,6 @@ def find_points(
         )
 
     return Points.concatenate(points_in(*each) for each in responses)
-
-
-def check_mask(mask: npt.ArrayLike | None, shape: tuple[int, ...]) -> BoolArray:
-    """(H, W) where a mask is not zero; everywhere for None.
-
-    Raises:
-        ImageError: the mask does not have the shape of the image.
-    """
-    inside = np.ones(shape, np.bool_) if mask is None else np.asarray(mask) != 0
-    if inside.shape != shape:
-        raise ImageError(f"mask: expected the image's shape {shape}, found {inside.shape}")
-    return inside
 
 
 def to_keypoints(

@@ -117,13 +117,32 @@ def make_detector(
         if row is not None:
             found = function(image, mask)
             return found if isinstance(found, Regions) else described(found, image)
-        detections = as_detections(call(function, image, name), name)
-        if mask is not None:
-            detections = kept(detections, np.flatnonzero(inside(detections.xy, mask, image)))
-        detections = kept(detections, slice(max_keypoints))
-        return detections if isinstance(detections, Regions) else described(detections, image)
+        return own_detections(function, image, name, mask, max_keypoints)
 
     return detect
+
+
+def own_detections(
+    function: Callable[..., Any],
+    image: Image,
+    name: str,
+    mask: npt.ArrayLike | None = None,
+    max_keypoints: int | None = None,
+) -> Detections:
+    """The described detections of a user's function where a mask and the alpha channel allow them.
+
+    Raises:
+        ConfigError: the function fails, or returns no detections.
+    """
+    from saccade.io.preparation import opaque_part  # slow to import
+
+    colors, opaque = opaque_part(image)
+    detections = as_detections(call(function, colors, name), name)
+    for each in (mask, opaque):
+        if each is not None:
+            detections = kept(detections, np.flatnonzero(inside(detections.xy, each, colors)))
+    detections = kept(detections, slice(max_keypoints))
+    return detections if isinstance(detections, Regions) else described(detections, colors)
 
 
 def own_function(detector: str | Callable[..., Any]) -> Callable[..., Any]:
@@ -180,7 +199,7 @@ def described(keypoints: Keypoints, image: Image) -> Keypoints:
 
 def inside(xy: npt.ArrayLike, mask: npt.ArrayLike, image: Image) -> BoolArray:
     """(n,) whether the pixel nearest to each position is set in a mask of the image's shape."""
-    from saccade.keypoints.detection import check_mask  # slow to import
+    from saccade.io.preparation import check_mask  # slow to import
 
     set_pixels = check_mask(mask, np.shape(image)[:2])
     columns, rows = np.rint(np.asarray(xy, np.float64)).astype(np.int64).reshape(-1, 2).T

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.io.image import as_gray
-from saccade.keypoints.detection import check_mask, find_points, preferred, to_keypoints
+from saccade.io.preparation import gray_and_mask
+from saccade.keypoints.detection import find_points, preferred, to_keypoints
 from saccade.keypoints.must_config import MustConfig
 from saccade.keypoints.scale_space_points import Points
 from saccade.scale.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
@@ -70,8 +70,7 @@ class Must:
 
         Arguments, result and errors as for `Sift.__call__`; the response is the symmetry.
         """
-        gray, config = as_gray(image), self.config.sift()  # (H, W)
-        inside = check_mask(mask, gray.shape)
+        (gray, inside), config = gray_and_mask(image, mask), self.config.sift()  # (H, W) each
         with self._workspaces.workspace() as workspace:
             points, space = symmetric_points(gray, self.config, workspace)
             points = points.inside(inside, space)

@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from saccade.errors import ImageError
 from saccade.io.image import as_gray
+from saccade.io.preparation import gray_and_mask, opaque_part, warn_of_low_contrast
 from saccade.keypoints.descriptor import describe_points
 from saccade.keypoints.detection import (
-    check_mask,
     find_points,
     oriented,
     preferred,
@@ -20,6 +20,12 @@ from saccade.keypoints.sift_config import SiftConfig
 from saccade.scale.scale_space import MIN_SIDE, difference_of_gaussians, gaussian_scale_space
 from saccade.scale.workspace import WorkspacePool
 from saccade.types import Image, Keypoints
+
+FEW = 15
+"""Number of keypoints below which the contrast of the image is checked."""
+LEAST_CONTRAST = 3.0
+"""Range of the values of an image below which none may be found, in contrast thresholds: |D| of a
+blob is about a third of its contrast."""
 
 
 class Sift:
@@ -49,7 +55,8 @@ class Sift:
 
         Args:
             image: (H, W), (H, W, 3) or (H, W, 4); uint8, uint16, bool, or float in [0, 1].
-            mask: (H, W), keypoints are kept where it is not zero; None keeps all.
+            mask: (H, W), keypoints are kept where it is not zero, and where the alpha channel of
+                the image is opaque; None keeps all opaque ones.
             describe: whether to compute descriptors.
 
         Returns:
@@ -61,13 +68,14 @@ class Sift:
             ImageError: not an image, empty, not finite, outside [0, 1], or the mask does
                 not have its shape.
         """
-        gray, config = as_gray(image), self.config  # (H, W)
-        inside = check_mask(mask, gray.shape)
+        (gray, inside), config = gray_and_mask(image, mask), self.config  # (H, W) each
         with self._workspaces.workspace() as workspace:
             min_side = max(MIN_SIDE, 2 * config.border + 1)
             space = gaussian_scale_space(gray, config, min_side=min_side, workspace=workspace)
             responses = (difference_of_gaussians(each, workspace) for each in space.octaves)  # B.1
             points = find_points(enumerate(responses), config, config.min_response, workspace)
+            if len(points.octave) < FEW:
+                warn_of_low_contrast(gray, LEAST_CONTRAST * config.min_response)
             points = points.inside(inside, space)
             points = points.take(preferred(points, space, config))
             return to_keypoints(points, space, config, workspace, describe=describe)
@@ -95,7 +103,7 @@ class Sift:
                 that is not finite, or fields of different lengths.
             ImageError: not an image, or too small an image.
         """
-        gray, config = as_gray(image), self.config
+        gray, config = as_gray(opaque_part(image)[0]), self.config
         keypoints = check_keypoints(keypoints, gray.shape)
         with self._workspaces.workspace() as workspace:
             space = gaussian_scale_space(gray, config, workspace=workspace)

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from saccade.io.image import as_gray
-from saccade.keypoints.detection import by_strength, check_mask, to_keypoints
+from saccade.io.preparation import gray_and_mask
+from saccade.keypoints.detection import by_strength, to_keypoints
 from saccade.keypoints.must import symmetric_points
 from saccade.keypoints.must_config import SymRoidConfig
 from saccade.scale.workspace import WorkspacePool
@@ -50,9 +50,8 @@ class SymRoid:
         Source: after Kootstra & Schomaker, *Using symmetrical regions of interest to improve
         visual SLAM* (IROS 2009), who describe the bounding boxes of regions grown in one map.
         """
-        gray, must = as_gray(image), self.config.must()
+        (gray, inside), must = gray_and_mask(image, mask), self.config.must()  # (H, W) each
         sift = must.sift()
-        inside = check_mask(mask, gray.shape)
         with self._workspaces.workspace() as workspace:
             points, space = symmetric_points(gray, must, workspace)
             points = points.inside(inside, space)
