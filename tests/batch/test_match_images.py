@@ -13,7 +13,7 @@ import pytest
 import saccade
 from saccade import exchange
 from saccade.batch import Job, MatchConfig, extraction, match_images
-from saccade.batch.matching import read_pairs, write_pairs
+from saccade.batch.pairs import read_pairs, write_pairs
 from saccade.errors import ConfigError
 from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.hdf5 import group_of

@@ -14,7 +14,8 @@ from scipy.io import savemat
 from saccade import Keypoints, LogWarning, SiftConfig, exchange, slam
 from saccade.batch import Job, extract, match_images, open_source
 from saccade.batch.dataset import block_files, read_block, read_manifest, read_points
-from saccade.batch.matching import MatchConfig, PairBlock, read_matches, read_pairs
+from saccade.batch.matching import MatchConfig, PairBlock, read_matches
+from saccade.batch.pairs import read_pairs
 from saccade.batch.sources import content_reader, decode
 from saccade.batch.storage import Store
 from saccade.datasets import load, load_drive, save, save_drive

@@ -15,7 +15,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias, cast
 
@@ -30,15 +29,15 @@ from saccade.batch.dataset import (
 )
 from saccade.batch.extraction import MIN_BLOCKS, Extraction, extract
 from saccade.batch.job import MAPS, SCANPATH, Job
-from saccade.batch.sources import Source, is_local_file, open_source
+from saccade.batch.pairs import Pair, images_and_pairs, write_pairs
+from saccade.batch.sources import is_local_file
 from saccade.batch.storage import Store
 from saccade.batch.workers import DIED, count_workers, run_blocks
-from saccade.errors import ConfigError, KeypointsError, OutputError, Settings, require, setting
+from saccade.errors import KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
 from saccade.exchange.colmap import CameraMode, Cameras, check_cameras
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write, locked, read_text, reading
-from saccade.io.keypoint_fields import check_name
+from saccade.io.files import atomic_write, locked, reading
 from saccade.io.npz import read_arrays, save_arrays
 from saccade.keypoints.detectors import DETECTORS
 from saccade.keypoints.matching import Metric, match
@@ -47,8 +46,6 @@ from saccade.keypoints.two_view_fit import Geometry
 from saccade.keypoints.verification import MIN_INLIERS, Verification, verify
 from saccade.types import Float32Array, IntArray, Keypoints
 
-Pair: TypeAlias = tuple[str, str]
-"""The names of two images."""
 Format: TypeAlias = Literal["hdf5", "colmap"]
 FOLDER = "matches"
 FEATURES = "features"
@@ -126,6 +123,7 @@ def match_images(
     out: str | Path,
     *,
     pairs: str | Path | None = None,
+    root: str | None = None,
     job: Job | None = None,
     config: MatchConfig | None = None,
     formats: Sequence[Format] = ("hdf5",),
@@ -138,9 +136,11 @@ def match_images(
     """Detects, matches and verifies many images; the same call resumes an interrupted one.
 
     Args:
-        source: images, as for `open_source`; with `pairs` also a folder with their images.
+        source: images, as for `open_source`.
         out: folder to write.
-        pairs: file with two names to a line; None for all pairs.
+        pairs: file with two names to a line; "sequential:N" for each image with the next N,
+            "gps:N" for each with the N nearest by the GPS positions of EXIF data; None for all.
+        root: folder of the images of a list; None for that of the list.
         job: the features, of points; None for SIFT points, of `SiftConfig.mapping` for colmap.
         config: settings of matching and verification; None for the default.
         formats: hdf5 for hloc, colmap for a database.
@@ -165,7 +165,7 @@ def match_images(
         check_cameras(cameras)
     if "hdf5" in formats:
         import_optional("h5py", "hdf5")
-    images, wanted = images_and_pairs(source, None if pairs is None else Path(pairs))
+    images, wanted = images_and_pairs(source, pairs, root=root, out=str(out))
     workers, out = workers or count_workers(len(images)), Path(out)
     features = str(out / FEATURES)
     extraction = extract(
@@ -219,66 +219,6 @@ def plan_pairs(
         files = sorted({file_of[name] for name in names})
         blocks.append(PairBlock(pairs, files, f"{FOLDER}/{digest}.npz"))
     return blocks
-
-
-def read_pairs(path: Path) -> list[Pair]:
-    """The pairs in a list, as hloc and COLMAP have it; each once, in the first of its orders.
-
-    A line has two names, separated by blanks, or by a tab where names have blanks. Empty lines and
-    comments after # are skipped.
-
-    Raises:
-        ConfigError: the list cannot be read or is empty, or a line is no pair.
-    """
-    with reading(path, ConfigError):
-        lines = read_text(path).splitlines()
-    pairs: dict[Pair, None] = {}
-    for number, line in enumerate(lines, 1):
-        if not line.strip() or line.startswith("#"):
-            continue
-        names = line.split("\t") if "\t" in line else line.split()
-        if len(names) != 2 or names[0] == names[1] or not all(names):
-            raise ConfigError(f"{path}, line {number}: expected two images, found {line[:80]!r}")
-        if (names[1], names[0]) not in pairs:
-            pairs[names[0], names[1]] = None
-    if not pairs:
-        raise ConfigError(f"{path}: expected pairs of images, found none")
-    return list(pairs)
-
-
-def write_pairs(path: Path, pairs: Sequence[Pair]) -> None:
-    """Write a list that `read_pairs` and hloc read."""
-    lines = (("\t" if " " in "".join(pair) else " ").join(pair) for pair in pairs)
-    with atomic_write(path) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-
-
-def images_and_pairs(source: str, listed: Path | None) -> tuple[Source, list[Pair]]:
-    """The images of a source, and their pairs.
-
-    Raises:
-        ImageError: the source does not exist, or holds no image.
-        ConfigError: the list is broken, or names an image that is not in the source; or the
-            source has only one image.
-        KeypointsError: a name that the formats cannot hold, such as an absolute path.
-    """
-    if listed is None:
-        images = open_source(source)
-        pairs = list(combinations([image.name for image in images], 2))
-        if not pairs:
-            raise ConfigError(f"{source}: expected two images or more, found one")
-        return images, pairs
-    pairs = read_pairs(listed)
-    names = sorted({check_name(name) for pair in pairs for name in pair})
-    found = open_source(f"{source}/**/*" if Path(source).is_dir() else source)
-    items = {item.name: item for item in found}
-    absent = [name for name in names if name not in items]
-    if absent:
-        raise ConfigError(
-            f"{listed}: expected images of {source}, found {absent[0][:80]!r}, which is not there"
-            + (f", and {len(absent) - 1} more" if absent[1:] else "")
-        )
-    return [items[name] for name in names], pairs
 
 
 def match_block(config: MatchConfig, features: str, out: str, block: PairBlock) -> int:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 from pyarrow import fs
 
 from saccade.batch.storage import ANONYMOUS, is_url, locate
-from saccade.errors import ImageError
+from saccade.errors import ImageError, require
 from saccade.io.files import (
     IMAGE_SUFFIXES,
     LARGEST_FILE,
@@ -29,6 +29,8 @@ from saccade.types import Image
 
 LIST_SUFFIXES = (".txt", ".lst")
 WILDCARDS = "*?["
+CAMERA = re.compile(r"\s+[A-Z][A-Z0-9_]+(\s+\d+){2}(\s+[-+.\deE]+)+$")
+"""Model, width, height and parameters of a camera after the name of an image."""
 
 Content: TypeAlias = "bytes | Image"
 """The bytes of an image file, or the (H, W, 3) uint8 frame of a video."""
@@ -51,15 +53,19 @@ Source: TypeAlias = Sequence[Item]
 """Images with different names."""
 
 
-def open_source(source: str, every: int = 1) -> Source:
+def open_source(
+    source: str, every: int = 1, *, root: str | None = None, without: str | None = None
+) -> Source:
     """The images of a source, given as on the command line.
 
     Args:
-        source: a folder, without its subfolders; a pattern such as `photos/**/*.jpg`; a list with a
-            path or URL on each line (.txt); an image; a video; or a URL of images,
-            such as `s3://bucket/photos`. A pattern may match videos; one that ends in `*`
-            skips files that are neither images nor videos.
+        source: a folder with its subfolders, but hidden ones; a pattern such as
+            `photos/**/*.jpg`; a list with a path or URL on each line (.txt), perhaps followed by a
+            camera; an image; a video; or a URL of images, such as `s3://bucket/photos`. A pattern
+            may match videos; one that ends in `*` skips files that are neither images nor videos.
         every: of a video, take one frame of this many.
+        root: folder or URL from which the relative paths of a list start; None for the list's own.
+        without: folder of results, whose images do not count.
 
     Raises:
         ImageError: it does not exist, or holds no image.
@@ -69,11 +75,12 @@ def open_source(source: str, every: int = 1) -> Source:
         raise ImageError("source: expected a folder, a pattern or a file, found an empty name")
     with reading(source, ImageError, "names in UTF-8", ValueError):
         is_list = source.lower().endswith(LIST_SUFFIXES) and not Path(source).is_dir()
-        images = _listed(source) if is_list else _find(source, every)
+        require(is_list or root is None, "root", "a list of images (.txt) with a root", source)
+        images = _listed(source, root) if is_list else _find(source, every)
+        images = [each for each in images if not _is_below(each.location, without)]
     if not images:
         expected = f"expected images ({', '.join(IMAGE_SUFFIXES)}), found none"
-        hint = f"; for those of its folders: '{source}/**/*.jpg'" if Path(source).is_dir() else ""
-        raise ImageError(f"{source}: {expected}{hint}")
+        raise ImageError(f"{source}: {expected}")
     return images
 
 
@@ -142,7 +149,8 @@ def _find(source: str, every: int) -> list[Item]:
     folder = path[: path.rfind("/") + 1]
     if info.type == fs.FileType.Directory:
         folder, suffixes = f"{path}/", IMAGE_SUFFIXES
-        found = system.get_file_info(fs.FileSelector(path))
+        every_file = system.get_file_info(fs.FileSelector(path, recursive=True))
+        found = [each for each in every_file if not _is_hidden(each.path.removeprefix(folder))]
         warn_of_unread((each.base_name for each in found), source)
     elif info.is_file:
         found = [info]
@@ -182,14 +190,27 @@ def _video_frames(location: str, stamp: str, every: int) -> list[Item]:
     return [Item(f"{Path(location).name}/{n:08d}", location, stamp, n) for n in frames]
 
 
-def _listed(source: str) -> list[Item]:
-    """The images of a list, in its order; relative paths start from its folder."""
+def _is_hidden(path: str) -> bool:
+    """Whether a file is hidden or in a hidden folder."""
+    return any(part.startswith(".") for part in path.split("/"))
+
+
+def _is_below(location: str, folder: str | None) -> bool:
+    """Whether a local file is in a folder."""
+    if folder is None or is_url(location) or is_url(folder):
+        return False
+    return Path(location).absolute().is_relative_to(Path(folder).absolute())
+
+
+def _listed(source: str, root: str | None) -> list[Item]:
+    """The images of a list, in its order; relative paths start from a root, or its folder."""
     system, path = locate(source)
     lines = decode_text(_read(source, LARGEST_TEXT)).splitlines()
-    root = (source if is_url(source) else path).rpartition("/")[0]
+    root = (root or (source if is_url(source) else path).rpartition("/")[0]).rstrip("/")
     items = {}
-    for entry in map(str.strip, lines):
-        if entry and not entry.startswith("#"):
+    for line in map(str.strip, lines):
+        if line and not line.startswith("#"):
+            entry = CAMERA.sub("", line)
             location = entry if is_url(entry) or entry.startswith("/") else f"{root}/{entry}"
             system, path = locate(location)
             name = _name_in_list(entry)

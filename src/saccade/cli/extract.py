@@ -58,6 +58,8 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     """Use every Nth frame of a video."""
     anonymous: Annotated[bool, INPUT] = False
     """Read a public bucket without credentials."""
+    root: Annotated[str | None, INPUT, Parameter(metavar="DIR")] = None
+    """Folder from which the paths in a list of images start; by default that of the list."""
     stretch: Annotated[bool, INPUT] = False
     """Stretch the contrast of each image to its .5 and 99.5 percentiles, as for thermal images of
     16 bits."""
@@ -110,7 +112,7 @@ def extract(options: ExtractOptions) -> Result:
     job = Job(what, settings, fixations=options.fixations, stretch=options.stretch, masks=masks)
     if options.anonymous:
         source = source.replace("://", f"://{ANONYMOUS}", 1)
-    images = open_source(source, options.every)
+    images = open_source(source, options.every, root=options.root, without=out)
     with ExitStack() as stack:
         result = extract_all(
             images,

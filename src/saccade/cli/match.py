@@ -68,8 +68,12 @@ class PairArguments(Options):
 class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     """Options of `saccade match`."""
 
-    pairs: Annotated[Path | None, INPUT] = None
-    """File of image pairs to match among many images, two names per line; all pairs by default."""
+    pairs: Annotated[str | None, INPUT] = None
+    """Pairs to match among many images: a file with two names per line; sequential:N for each image
+    with the next N; gps:N for each with the N nearest by the GPS positions of their EXIF data. All
+    pairs by default."""
+    root: Annotated[str | None, INPUT, Parameter(metavar="DIR")] = None
+    """Folder from which the paths in a list of images start; by default that of the list."""
     out: OutputFolder = Path("saccade-match")
     ratio: float = setting(0.8, 0, 1)
     """Ratio test: maximum nearest / second nearest distance, 0 to 1."""
@@ -122,8 +126,9 @@ def match(options: MatchOptions) -> Result:
         require(each in FORMATS[words], "format", expected, each)
     if options.second is None:
         return match_many(options, chosen)
-    given = options.pairs or options.workers or options.camera or options.camera_mode
-    expected = "--pairs, --camera, --camera-mode and --workers with many images"
+    many = ("pairs", "root", "workers", "camera", "camera_mode")
+    given = any(getattr(options, name) is not None for name in many)
+    expected = "--pairs, --root, --camera, --camera-mode and --workers with many images"
     require(not given, "pairs", expected, str(options.second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
@@ -239,6 +244,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
             options.first,
             options.out,
             pairs=options.pairs,
+            root=options.root,
             job=Job(
                 options.detector,
                 settings,
