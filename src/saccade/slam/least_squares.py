@@ -7,7 +7,7 @@ factorization gives the covariances.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
@@ -31,10 +31,15 @@ STRETCH = 48
 """Number of successive poses whose covariances are computed together."""
 NEGLIGIBLE = 1e-12
 """Largest derivative of a pose by a landmark that is neglected."""
-MAX_NATURAL_FLOPS = 2e10
-"""Largest number of operations for an elimination of the poses in their order, before the
-landmarks; beyond it, the order of elimination is searched, at a cost that grows faster than the
-number of poses where each landmark is observed from many."""
+MAX_SEARCHED_POSES = 20_000
+"""Largest number of poses for which the order of elimination is searched: the search takes longer
+than in proportion to the poses where each landmark is observed from many."""
+SEGMENT = 60
+"""Number of poses of a segment of a longer log: those inside are eliminated first, in their order,
+then its end, then the landmarks. A pose inside is connected with the landmarks of its segment."""
+MAX_SEGMENTED_FLOPS = 2e10
+"""Largest number of operations for the elimination of the ends and landmarks; beyond it, the order
+is searched."""
 MAX_DAMPING = 1e6
 """Largest damping of a step."""
 
@@ -211,14 +216,26 @@ class NormalEquations:
         damped = csc_array(self._H + damping * diags_array(self._H.diagonal()))
         n, g = self._sparse, -self._gradient
         others, B = csc_array(damped[:n, :n]), damped[:n, n:].toarray()
-        flops = self._poses * (n - self._poses) ** 2
-        order: Literal["NATURAL", "MMD_AT_PLUS_A"]
-        order = "NATURAL" if flops < MAX_NATURAL_FLOPS else "MMD_AT_PLUS_A"
-        factors = splu(others, order, 0.0, options={"SymmetricMode": True})
-        x = factors.solve(np.column_stack([g[:n], B]))
+        x = self._solve(others, np.column_stack([g[:n], B]))
         S = damped[n:, n:].toarray() - B.T @ x[:, 1:]
         bias = np.linalg.solve(S, g[n:] - B.T @ x[:, 0])
         return np.concatenate([x[:, 0] - x[:, 1:] @ bias, bias])
+
+    def _solve(self, A: csc_array, b: FloatArray) -> FloatArray:
+        """Solves A x = b (n, k) of poses and landmarks."""
+        symmetric = {"SymmetricMode": True}
+        ends = np.arange(0, self._poses // 3, SEGMENT)
+        landmarks = A.shape[0] - self._poses
+        flops = (3 * len(ends) + landmarks) * landmarks**2
+        if self._poses <= 3 * MAX_SEARCHED_POSES or flops > MAX_SEGMENTED_FLOPS:
+            return np.asarray(splu(A, "MMD_AT_PLUS_A", 0.0, options=symmetric).solve(b))
+        inside = np.delete(np.arange(self._poses // 3), ends)
+        poses = 3 * np.append(inside, ends)[:, None] + np.arange(3)
+        order = np.append(poses.ravel(), np.arange(self._poses, A.shape[0]))
+        x = np.empty_like(b)
+        permuted = csc_array(A[order][:, order])
+        x[order] = splu(permuted, "NATURAL", 0.0, options=symmetric).solve(b[order])
+        return x
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
         """Marginal covariances of poses (v, 3, 3), and of landmarks and biases (m, m) together.
