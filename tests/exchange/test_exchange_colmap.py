@@ -304,3 +304,51 @@ def test_the_command_takes_a_camera_or_a_list_of_them(pycolmap, run, tmp_path, c
     code, _, err = run(*words[:2], "--out", tmp_path / "p", "--camera", camera)
     assert code == 2
     assert "camera: expected --format colmap" in err
+
+
+TABLES = (
+    "SELECT image_id, name, camera_id FROM images ORDER BY image_id",
+    "SELECT camera_id, model, width, height, params, prior_focal_length FROM cameras",
+    "SELECT position, coordinate_system FROM pose_priors",
+)
+"""What COLMAP's own import writes of its images."""
+
+
+@pytest.mark.parametrize("mode", ["auto", "folder", "image"])
+def test_images_are_imported_as_by_colmap(pycolmap, rng, tmp_path, mode):
+    """Two cameras in two folders, EXIF focal lengths and GPS positions, one image turned."""
+    from PIL import Image
+
+    folder, files, points, shapes = tmp_path / "images", {}, {}, {}
+    for number, (name, size) in enumerate(
+        {"b/1.jpg": (64, 48), "a/2.jpg": (80, 60), "b/3.jpg": (64, 48), "a/4.png": (80, 60)}.items()
+    ):
+        files[name] = folder / name
+        files[name].parent.mkdir(parents=True, exist_ok=True)
+        image = Image.new("RGB", size)
+        exif = image.getexif()
+        exif[0x010F], exif[0x0110], exif[0x0112] = "Maker", "Model", 6 if number == 2 else 1
+        exif.get_ifd(0x8769)[0xA405] = 28 + number
+        gps = exif.get_ifd(0x8825)
+        gps[1], gps[2], gps[3], gps[4] = "N", (35.0, 5.0, float(number)), "E", (138.0, 51.0, 0.0)
+        gps[5], gps[6] = b"\0", 100.0
+        image.save(files[name], exif=exif)
+        points[name] = random_points(rng, 5)
+        shapes[name] = size[::-1] if number != 2 else size
+    turned = {name: 6 if name == "b/3.jpg" else 1 for name in files}
+    exchange.write_colmap(
+        tmp_path / "ours.db", points, shapes, orientations=turned, camera_mode=mode, files=files
+    )
+    with pycolmap.Database.open(tmp_path / "theirs.db"):
+        pass
+    modes = {"auto": "AUTO", "folder": "PER_FOLDER", "image": "PER_IMAGE"}
+    pycolmap.import_images(
+        tmp_path / "theirs.db", folder, pycolmap.CameraMode.__members__[modes[mode]]
+    )
+    for query in TABLES:
+        ours, theirs = (
+            sqlite3.connect(tmp_path / name).execute(query).fetchall()
+            for name in ("ours.db", "theirs.db")
+        )
+        assert ours == theirs, query
+        assert ours

@@ -63,14 +63,15 @@ def match(
         return np.zeros((0, 2), np.int64)
     if (a.dtype == np.uint8) != (b.dtype == np.uint8):
         raise ConfigError(f"second: expected descriptors of {a.dtype}, found {b.dtype}")
+    power = 2
     if is_hamming(a, metric):
         # Squared distances of unpacked bits count those that differ.
         a, b = (np.unpackbits(each.astype(np.uint8), axis=1) for each in (a, b))
-        ratio = None if ratio is None else ratio**0.5
+        power = 1
     nearest, distance, second_distance, reverse = nearest_neighbors(a, b)
     kept = np.ones(len(a), np.bool_)
     if ratio is not None:
-        kept &= distance < ratio**2 * second_distance
+        kept &= distance < ratio**power * second_distance
     if mutual:
         kept &= reverse[nearest] == np.arange(len(a))
     index = np.flatnonzero(kept)
