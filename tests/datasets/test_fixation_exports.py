@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from saccade.datasets.fixations import read_fixations
+from saccade.datasets.fixations.formats import FORMATS
 
 XY = np.random.default_rng(0).uniform((20, 20), (780, 580), (2, 6, 2)).round(1)
 NAMES = ("a.png", "b.png")
@@ -60,3 +61,9 @@ def test_an_export_has_its_fixations(export, tmp_path):
     np.testing.assert_allclose(found.duration, 0.2, atol=1e-6)
     assert {*found.name.tolist()} == {"P1"}
     assert found.index.tolist() == [*range(6)] * 2
+
+
+def test_the_help_has_every_format(run):
+    _, out, _ = run("evaluate", "fixations", "--help")
+    shown = " ".join(out.replace("\u2502", " ").split())
+    assert all(row.summary in shown for row in FORMATS.values())

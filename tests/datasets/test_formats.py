@@ -12,6 +12,7 @@ from saccade.datasets.drives.formats import DRIVE_FORMATS
 from saccade.datasets.logs.formats import LOG_FORMATS
 from saccade.datasets.recordings import is_log
 from saccade.errors import ConfigError, SaccadeError
+from saccade.simulation import WorldConfig, simulate_world
 from support.error_checks import refuses
 
 FREIBURG = "ODOMETRY 0.1 0.5 0.05\nSENSOR 3 2.0 0.3\nODOMETRY 0 0.5 0\nSENSOR 4 2.5 -0.3\n"
@@ -31,7 +32,7 @@ DRIVES = {
     "folder": "folder-times",
     "video": "video",
 }
-"""Fuzzing targets by the name of the format."""
+"""Fuzzing targets by the name of the format; a format that can be written needs none."""
 
 
 def make(folder, kind, table):
@@ -39,6 +40,12 @@ def make(folder, kind, table):
     if kind == "freiburg":
         (folder / "sensor_data.dat").write_text(FREIBURG)
         return folder / "sensor_data.dat"
+    if kind not in (LOGS if table is LOG_FORMATS else DRIVES):
+        write = getattr(table[kind], "write", None)
+        assert write is not None, f"add a sample of the format {kind} to this file"
+        path = folder / f"log{table[kind].suffixes[0]}"
+        save(path, simulate_world(WorldConfig(steps=20), 0))
+        return path
     target = TARGETS[(LOGS if table is LOG_FORMATS else DRIVES)[kind]]
     target.make(folder)
     if kind in ("mrclam", "kitti", "tum-rgbd", "tracks", "folder", "euroc"):

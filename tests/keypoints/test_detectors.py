@@ -114,7 +114,7 @@ def test_a_function_works_as_a_detector(function, photos, tmp_path, run):
     assert_same(exchange.read_npz(json.loads(out)["images"][0]["arrays"]), points)
     runs = [
         match_images(str(photos), tmp_path / str(workers), job=Job(detector), workers=workers)
-        for workers, detector in ((1, function), (2, text))
+        for workers, detector in ((1, function), (2, text))[: 1 + (function is gray_patches)]
     ]
     for each in runs:
         (pair,) = each.matched

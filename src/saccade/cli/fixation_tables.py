@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from saccade.cli.options import INPUT, Options
 from saccade.cli.output import print_message
 from saccade.datasets.fixations import FixationFormat, read_fixations
+from saccade.datasets.fixations.formats import FORMATS
 from saccade.datasets.fixations.placement import UNITS
 from saccade.datasets.tables import is_number
 from saccade.errors import ConfigError, LogError, setting
@@ -24,6 +25,10 @@ PLACEMENT = Parameter(
     help="Place of each image on a screen, by its own size: native (in the upper left corner), "
     "centered, fit (scaled to the screen with its aspect, in the middle) or stretch, and the size "
     "of the screen in pixels, unless the recording has it; x and y are positions on the screen.",
+)
+FIXATIONS = (
+    f"Fixations: {'; '.join(each.summary for each in reversed(FORMATS.values()))}; "
+    "or a folder of such files."
 )
 DEGREE = 24.0
 """Pixels per degree of visual angle by default: that of OSIE."""
@@ -44,9 +49,7 @@ class FixationOptions(Options):
 
     images: Annotated[Path, INPUT, Parameter(metavar="DIR")]
     """Folder of the images."""
-    fixations: Annotated[Path, INPUT]
-    """Fixations: a table of image, subject, index or time, x and y (.csv, .tsv, Tobii's export),
-    EyeLink's .asc, OSIE's .mat, or a folder of such files."""
+    fixations: Annotated[Path, INPUT, Parameter(help=FIXATIONS)]
     drop: Annotated[int, INPUT] = setting(1, 0)
     """Leave out the first N fixations of each scanpath."""
     columns: Annotated[str | None, INPUT, Parameter(metavar="KEY=NAME,...")] = None

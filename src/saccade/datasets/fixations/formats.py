@@ -38,26 +38,39 @@ class Format(NamedTuple):
     file that names none: its own name in a folder, without suffix, or empty."""
     suffixes: tuple[str, ...]
     """Suffixes of the files, in lower case."""
+    summary: str
+    """A few words on the files, for the help."""
     recognizes: Callable[[Path], bool] = lambda path: True
     """Whether a file with such a suffix has this format, by its content."""
 
 
 FORMATS = {
-    "eyelink": Format(read_eyelink, (".asc",)),
-    "mat": Format(read_mat_fixations, (".mat",)),
+    "eyelink": Format(read_eyelink, (".asc",), "EyeLink's .asc"),
+    "mat": Format(read_mat_fixations, (".mat",), "MATLAB files of OSIE, SALICON and CAT2000"),
     "tobii": Format(
-        partial(read_fixation_table, export=TOBII), TEXT, lambda path: TOBII.fits(header_of(path))
+        partial(read_fixation_table, export=TOBII),
+        TEXT,
+        "exports of Tobii",
+        lambda path: TOBII.fits(header_of(path)),
     ),
     "gazepoint": Format(
         partial(read_fixation_table, export=GAZEPOINT),
         TEXT,
+        "exports of Gazepoint",
         lambda path: GAZEPOINT.fits(header_of(path)),
     ),
     "begaze": Format(
-        partial(read_fixation_table, export=BEGAZE), TEXT, lambda path: BEGAZE.fits(header_of(path))
+        partial(read_fixation_table, export=BEGAZE),
+        TEXT,
+        "exports of BeGaze",
+        lambda path: BEGAZE.fits(header_of(path)),
     ),
-    "begaze-events": Format(read_event_list, TEXT, is_event_list),
-    "table": Format(partial(read_fixation_table, export=PLAIN), TEXT),
+    "begaze-events": Format(read_event_list, TEXT, "event lists of BeGaze", is_event_list),
+    "table": Format(
+        partial(read_fixation_table, export=PLAIN),
+        TEXT,
+        "tables of image, subject, index or time, x and y (.csv, .tsv)",
+    ),
 }
 """The formats by name; the first that recognizes a file reads it."""
 SUFFIXES = tuple(dict.fromkeys(suffix for row in FORMATS.values() for suffix in row.suffixes))
