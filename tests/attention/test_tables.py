@@ -75,7 +75,8 @@ def test_a_function_is_a_normalization():
 def test_a_channel_has_a_layer_and_counts_by_its_weight(name):
     weight = CHANNELS[name].weight
     assert get_type_hints(AttentionConfig)[weight] is float
-    maps = attention_saliency(IMAGE)
+    default = getattr(AttentionConfig(), weight)
+    maps = attention_saliency(IMAGE, replace(AttentionConfig(), **{weight: default or 0.2}))
     heavy = attention_saliency(IMAGE, replace(AttentionConfig(), **{weight: 100.0}))
     layer = maps.layers[name]
     assert layer is maps.channels[name].saliency
