@@ -282,7 +282,7 @@ def test_evaluate_fixations_names_what_is_missing(run, gazes):
     ],
 )
 def test_what_ends_a_run_is_one_line(run, monkeypatch, error, code, words):
-    def ends(*_):
+    def ends(*_, **__):
         raise error
 
     monkeypatch.setattr("saccade.cli.detect.read_image", ends)

@@ -96,7 +96,7 @@ def test_worlds_that_cannot_be_are_named(setting):
 def test_the_default_filter_is_as_wrong_as_it_says():
     """And the source's is not, in a world with much noise."""
     world = WorldConfig.coarse()
-    invariant, standard = (run_monte_carlo(world, kind, 12) for kind in ("invariant", "standard"))
+    invariant, standard = (run_monte_carlo(world, kind, 6) for kind in ("invariant", "standard"))
     low, high = invariant.band
     assert low < invariant.anees < high
     assert standard.anees > 2 * high

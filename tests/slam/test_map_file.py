@@ -80,8 +80,7 @@ def mapped(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("mode", ["continue", "localize"])
-@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize(("mode", "named"), [("continue", True), ("localize", False)])
 def test_another_run_in_the_map_is_consistent(mapped, mode, named, tmp_path):
     nees = []
     for seed in range(4):
