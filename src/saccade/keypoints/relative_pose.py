@@ -94,8 +94,13 @@ def pose_of(
         covariance: (9, 9) of the entries of `essential`, row by row.
     """
     *rotations, t = (np.asarray(each, float) for each in cv2.decomposeEssentialMat(essential))
-    poses = [(R, sign * t.ravel()) for R in rotations for sign in (1, -1)]
-    R, t = min(poses, key=lambda pose: _excess(pose[0], pose[1], rays))
+    t = t.ravel()
+    poses = [
+        (float(np.minimum(beyond, MAX_EXCESS).sum()), R, sign * t)
+        for R in rotations
+        for sign, beyond in zip((1, -1), _both_beyond_infinity(R, t, rays), strict=True)
+    ]
+    _, R, t = min(poses, key=lambda pose: pose[0])
     if covariance is None:
         return RelativePose(R, t, None)
     cross = np.tensordot(t, CROSS, 1)  # E is [t]x R times a scale
@@ -104,11 +109,6 @@ def pose_of(
     by_translation = np.tensordot(np.eye(3) - np.outer(t, t), CROSS @ R, 1)
     J = np.linalg.pinv(scale * np.concatenate([by_rotation, by_translation]).reshape(6, 9).T)
     return with_unknown(RelativePose(R, t, J @ covariance @ J.T))
-
-
-def _excess(R: FloatArray, t: FloatArray, rays: FloatArray) -> float:
-    """Sum of the distances of matches from points in front of the cameras, each limited."""
-    return float(np.minimum(beyond_infinity(R, t, rays), MAX_EXCESS).sum())
 
 
 def with_unknown(pose: RelativePose) -> RelativePose:
@@ -129,13 +129,25 @@ def unknown_direction(rotation: FloatArray) -> FloatArray:
 
 def in_front(R: FloatArray, t: FloatArray, rays: FloatArray) -> BoolArray:
     """(m,) whether the rays of matches meet in front of both cameras, in a pose (R, t)."""
-    first, second = homogeneous(rays[:, :2]) @ R.T, homogeneous(rays[:, 2:])
-    normal = np.cross(first, second)
-    # a first + t = b second, solved by products with the two rays.
-    a = -(np.cross(t, second) * normal).sum(axis=1)
-    b = -(np.cross(t, first) * normal).sum(axis=1)
-    ahead: BoolArray = (a > 0) & (b > 0)
+    ahead: BoolArray = (_depths(homogeneous(rays[:, :2]) @ R.T, t, rays) > 0).all(axis=0)
     return ahead
+
+
+def _depths(turned: FloatArray, t: FloatArray, rays: FloatArray) -> FloatArray:
+    """(2, m) depths in both cameras, times a positive number.
+
+    Args:
+        turned: (m, 3) first rays in the frame of the second camera.
+        t: (3,) translation.
+        rays: (m, 4) rows x1, y1, x2, y2.
+    """
+    # a turned + t = b second, solved by products with the two rays.
+    (x, y, z), (u, v) = turned.T, rays[:, 2:].T
+    normal = np.stack([y - z * v, z * u - x, x * v - y * u], axis=1)
+    across = normal @ np.tensordot(t, CROSS, 1)  # (t x ray) normal = ray (normal x t)
+    a = -(across[:, 0] * u + across[:, 1] * v + across[:, 2])
+    b = -(across * turned).sum(axis=1)
+    return np.stack([a, b])
 
 
 def beyond_infinity(R: FloatArray, t: FloatArray, rays: FloatArray) -> FloatArray:
@@ -150,13 +162,23 @@ def beyond_infinity(R: FloatArray, t: FloatArray, rays: FloatArray) -> FloatArra
         t: (3,) translation.
         rays: (m, 4) rows x1, y1, x2, y2.
     """
-    turned, infinity = homogeneous(rays[:, :2]) @ R.T, project(R, rays[:, :2])
+    return _both_beyond_infinity(R, t, rays)[0]
+
+
+def _both_beyond_infinity(
+    R: FloatArray, t: FloatArray, rays: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """`beyond_infinity` of a translation and of the opposite one."""
+    turned = homogeneous(rays[:, :2]) @ R.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        infinity = turned[:, :2] / turned[:, 2:]
     nearer = t[:2] - infinity * t[2]  # direction in which a point moves as it comes nearer
     nearer /= np.maximum(np.linalg.norm(nearer, axis=1, keepdims=True), 1e-12)
     displacement = ((rays[:, 2:] - infinity) * nearer).sum(axis=1)
     beyond = np.where(turned[:, 2] > 0, np.abs(displacement), np.inf)
-    distances: FloatArray = np.where(in_front(R, t, rays), 0, beyond)
-    return distances
+    depths = _depths(turned, t, rays)
+    ahead, behind = (depths > 0).all(axis=0), (depths < 0).all(axis=0)
+    return np.where(ahead, 0, beyond), np.where(behind, 0, beyond)
 
 
 def is_plausibly_near(pose: RelativePose, matches: Matches) -> BoolArray:

@@ -22,15 +22,24 @@ MIN_FREEDOM = 0.05
 """Lower bound of one minus the leverage in the jackknife."""
 MAX_STEPS = 50
 """Largest number of Gauss-Newton steps, halved ones included."""
-MIN_DECREASE = 1e-8
+MIN_DECREASE = 1e-6
 """Smallest relative decrease of the loss before the fit has converged."""
-NORMALS = {
-    "homography": (),
-    "fundamental": (np.diag([0.0, 0, 1]),),
-    "essential": (np.diag([1.0, -1, 0]), np.diag([0.0, 0, 1]), np.eye(3)[[1, 0, 2]] * [1, 1, 0]),
-}
-"""Directions in which a matrix of a geometry cannot move, in the bases of its singular vectors;
-its own direction, its norm, is another."""
+
+
+def _complement(*normals: FloatArray) -> FloatArray:
+    """(k, 3, 3) orthonormal basis of the matrices that are orthogonal to n of them, k = 9 - n."""
+    basis, _ = np.linalg.qr(np.reshape(normals, (-1, 9)).T, mode="complete")
+    directions: FloatArray = basis[:, len(normals) :].T.reshape(-1, 3, 3)
+    return directions
+
+
+OFF_DIAGONAL = np.eye(9)[[1, 2, 3, 5, 6, 7]].reshape(-1, 3, 3)
+"""Directions in which a fundamental matrix can move, in the bases of its singular vectors; one more
+changes the ratio of its singular values."""
+ESSENTIAL_DIRECTIONS = _complement(
+    *(np.diag(d) for d in np.eye(3)), np.eye(3)[[1, 0, 2]] * [1, 1, 0]
+)
+"""Those of an essential matrix, whose singular values are equal."""
 
 
 class Fit(NamedTuple):
@@ -131,9 +140,13 @@ def _gauss_newton_step(
 def tangents(model: FloatArray, geometry: Geometry) -> FloatArray:
     """(k, 9) orthonormal directions in which a matrix of a geometry and of unit norm can move."""
     U, values, Vt = np.linalg.svd(model)
-    normals = np.array([np.diag(values), *NORMALS[geometry]]).reshape(-1, 9)
-    basis, _ = np.linalg.qr(normals.T, mode="complete")
-    directions = basis[:, len(normals) :].T.reshape(-1, 3, 3)
+    if geometry == "essential":
+        directions = ESSENTIAL_DIRECTIONS
+    elif geometry == "fundamental":
+        along = np.diag([-values[1], values[0], 0]) / np.hypot(values[0], values[1])
+        directions = np.concatenate([OFF_DIAGONAL, along[None]])
+    else:
+        directions = _complement(np.diag(values))
     moves: FloatArray = (U @ directions @ Vt).reshape(-1, 9)
     return moves
 
@@ -179,11 +192,7 @@ def residuals_of(
     if geometry != "homography":
         views = homogeneous(matched[:, :2]), homogeneous(matched[:, 2:])
         return lambda model: epipolar_residuals(model, *views, sigma)
-    # The errors of both positions, in the second image.
-    affinities = homogeneous_derivatives(matrix, matched[:, :2]) @ matrix[:, :2]  # (m, 2, 2)
-    spread = affinities * sigma[:, :1, None]
-    covariance = spread @ spread.transpose(0, 2, 1) + np.eye(2) * sigma[:, 1:, None] ** 2
-    whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+    whitening = np.linalg.inv(np.linalg.cholesky(transfer_covariance(matrix, matched, sigma)))
 
     def residuals(model: FloatArray) -> tuple[FloatArray, FloatArray]:
         gap = project(model, matched[:, :2]) - matched[:, 2:]
@@ -193,9 +202,21 @@ def residuals_of(
     return residuals
 
 
+def transfer_covariance(
+    homography: FloatArray, matched: FloatArray, sigma: FloatArray
+) -> FloatArray:
+    """(m, 2, 2) covariance of the errors of both positions, in the second image."""
+    affinities = homogeneous_derivatives(homography, matched[:, :2]) @ homography[:, :2]
+    spread = affinities * sigma[:, :1, None]
+    covariance: FloatArray = spread @ spread.transpose(0, 2, 1)
+    covariance += np.eye(2) * sigma[:, 1:, None] ** 2
+    return covariance
+
+
 def homogeneous(xy: FloatArray) -> FloatArray:
     """(n, 3) homogeneous coordinates of (n, 2) points."""
-    rows: FloatArray = np.hstack([xy, np.ones((len(xy), 1))])
+    rows = np.ones((len(xy), 3))
+    rows[:, :2] = xy
     return rows
 
 
@@ -209,8 +230,12 @@ def project(homography: FloatArray, xy: FloatArray) -> FloatArray:
 
 def homogeneous_derivatives(homography: FloatArray, xy: FloatArray) -> FloatArray:
     """(n, 2, 3) derivatives of the projection by its homogeneous coordinates."""
-    gap = np.eye(3)[:2] - project(homography, xy)[:, :, None] * np.eye(3)[2]
-    derivatives: FloatArray = gap / (homogeneous(xy) @ homography[2])[:, None, None]
+    x, y, depth = (homogeneous(xy) @ homography.T).T
+    derivatives = np.zeros((len(xy), 2, 3))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        derivatives[:, 0, 0] = derivatives[:, 1, 1] = 1 / depth
+        derivatives[:, 0, 2] = -x / depth**2
+        derivatives[:, 1, 2] = -y / depth**2
     return derivatives
 
 
@@ -233,7 +258,11 @@ def sampson_distances(
     """
     sigma = np.broadcast_to(sigma, (len(matched), 2))
     first, second = homogeneous(matched[:, :2]), homogeneous(matched[:, 2:])
-    return epipolar_residuals(matrix, first, second, sigma)[0][:, 0]
+    lines1, lines2 = second @ matrix[:, :2], first @ matrix[:2].T
+    variance = (lines1**2).sum(axis=1) * sigma[:, 0] ** 2
+    variance += (lines2**2).sum(axis=1) * sigma[:, 1] ** 2
+    gap: FloatArray = ((first @ matrix.T) * second).sum(axis=1)
+    return gap / np.sqrt(np.maximum(variance, 1e-300))
 
 
 def epipolar_residuals(

@@ -17,12 +17,14 @@ import numpy as np
 
 from saccade.io.image import quiet_opencv
 from saccade.keypoints.two_view_fit import (
+    MIN_DECREASE,
     NORMAL_MAD,
     Residuals,
     homogeneous,
     normalization,
     project,
     residuals_of,
+    transfer_covariance,
 )
 from saccade.types import BoolArray, FloatArray
 
@@ -93,8 +95,11 @@ class Matches:
     def squared(self, homography: FloatArray) -> FloatArray:
         """(m,) squared residuals of a homography in variances; infinite beyond its horizon."""
         with np.errstate(all="ignore"):
-            z, _ = residuals_of("homography", homography, self.positions, self.sigma)(homography)
-            total: FloatArray = np.nan_to_num((z**2).sum(axis=1), nan=np.inf)
+            covariance = transfer_covariance(homography, self.positions, self.sigma)
+            (a, b), (_, d) = covariance.transpose(1, 2, 0)
+            x, y = (project(homography, self.positions[:, :2]) - self.positions[:, 2:]).T
+            squared = (d * x**2 - 2 * b * x * y + a * y**2) / (a * d - b**2)
+            total: FloatArray = np.nan_to_num(squared, nan=np.inf)
         return total
 
 
@@ -229,11 +234,17 @@ def rotation_of(matches: Matches, camera: FloatArray | None = None) -> FloatArra
     noise = np.hypot(*matches.sigma.T) * back[0, 0]
     weight = 1 / noise**2
     for _ in range(POLISH_STEPS):
-        U, _, Vt = np.linalg.svd((second * weight[:, None]).T @ first)
-        R: FloatArray = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+        R = nearest_rotation((second * weight[:, None]).T @ first)
         gap = np.linalg.norm(second - first @ R.T, axis=1)
         width = max(NORMAL_MAD * float(np.median(gap)), 1e-12)
         weight = 1 / noise**2 / (1 + (gap / width) ** 2)
+    return R
+
+
+def nearest_rotation(matrix: FloatArray) -> FloatArray:
+    """(3, 3) rotation R with the largest trace of R' times a matrix."""
+    U, _, Vt = np.linalg.svd(matrix)
+    R: FloatArray = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
     return R
 
 
@@ -268,10 +279,11 @@ def uncalibrated_turn(plane: FloatArray, matches: Matches) -> FloatArray:
 
     def start(focal: float) -> tuple[float, FloatArray, FloatArray]:
         p = np.array([log(focal), 0, 0, 0, 0, 0])
-        R = rotation_of(near, camera(p))
+        R = nearest_rotation(np.linalg.inv(camera(p)) @ plane @ camera(p))
         return float(near.squared(model(p, R)).sum()), p, R
 
     _, p, R = min((start(each) for each in FOCAL_LENGTHS), key=lambda each: each[0])
+    R = rotation_of(near, camera(p))
     residuals = residuals_of("homography", plane, near.positions, near.sigma)
     return _least_squares(lambda q: model(q, R), p, residuals, prior)
 
@@ -282,20 +294,27 @@ def _least_squares(
 ) -> FloatArray:  # fmt: skip
     """The homography `model(p)` after Levenberg-Marquardt steps with a prior of the first p."""
 
-    def stacked(q: FloatArray) -> FloatArray:
-        return np.concatenate([residuals(model(q))[0].ravel(), q[: len(prior)] / prior])
+    by_prior, h = np.eye(len(prior), len(p)) / prior[:, None], 1e-6
 
-    damping, z = 1e-3, stacked(p)
+    def stacked(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals, those of the prior last, and their derivatives by q."""
+        z, by_entries = residuals(model(q))
+        ends = [model(q + h * e) - model(q - h * e) for e in np.eye(len(q))]
+        by_q = by_entries.reshape(-1, 9) @ np.reshape(ends, (-1, 9)).T / (2 * h)
+        return np.append(z.ravel(), by_prior @ q), np.vstack([by_q, by_prior])
+
+    damping, (z, J) = 1e-3, stacked(p)
     for _ in range(2 * POLISH_STEPS):
-        step = 1e-6
-        J = np.stack([(stacked(p + step * e) - z) / step for e in np.eye(len(p))], axis=1)
         A = J.T @ J
         change = np.linalg.lstsq(A + damping * np.diag(np.diag(A)), -J.T @ z)[0]
-        trial = stacked(p + change)
-        if trial @ trial < z @ z:
-            p, z, damping = p + change, trial, damping / 10
+        trial, derivatives = stacked(p + change)
+        decrease, cost = float(z @ z - trial @ trial), float(z @ z)
+        if decrease > 0:
+            p, z, J, damping = p + change, trial, derivatives, damping / 10
         else:
             damping *= 10
+        if 0 <= decrease <= MIN_DECREASE * cost:
+            break
     return model(p)
 
 
