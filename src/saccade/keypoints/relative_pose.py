@@ -33,7 +33,8 @@ NEAREST = 2.0
 TWIN = 0.9
 """Points in front of the cameras in the second solution of a plane, as a fraction of those in the
 first, from which the two cannot be told apart."""
-
+SMALL_TURN = 1e-3
+"""Angle in radians below which a rotation vector is linear in the matrix."""
 SAME_POSE = 1e-8
 """Squared difference of two solutions that are one."""
 
@@ -316,7 +317,10 @@ def difference(
     pose: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
 ) -> FloatArray:
     """(6,) rotation vector and translation from one pose to another."""
-    turn = cv2.Rodrigues(pose[0] @ other[0].T)[0].ravel()
+    R = pose[0] @ other[0].T
+    turn = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+    if np.trace(R) < 3 - SMALL_TURN**2:  # OpenCV takes small turns for none
+        turn = cv2.Rodrigues(R)[0].ravel()
     return np.concatenate([turn, pose[1] - other[1]])
 
 

@@ -61,13 +61,13 @@ REFINEMENTS = {"fundamental": 2, "homography": 1, "essential": 2}
 matches near an epipolar line bias the estimate; a homography has few of these, and gets worse."""
 REFINED_SIGMAS = 3.5
 """Largest residual of a match in the second round, in robust standard deviations."""
-RESTARTS = (0.5, 0.25)
-"""Tolerances of further estimates of an essential matrix, in tolerances."""
+RESTART = 0.25
+"""Tolerance of the second estimate of an essential matrix, in tolerances."""
 MIN_UNCERTAINTY = 1.0
 """Standard deviation of the direction of motion in degrees below which the noise of the positions
 is negligible beside the parallax."""
 MOSTLY_RIGHT = 0.8
-"""Fraction of matches near the first estimate above which no further one is made."""
+"""Fraction of matches near the first estimate above which no second one is made."""
 MIN_SIGMA = 0.02
 """Smallest error of a position, in pixels."""
 SCALE_ERROR = 0.064
@@ -447,29 +447,24 @@ class Estimator:
         matrix, _ = sample_consensus(matches.positions, self.geometry, tolerance)
         if matrix is None:
             return None
-        starts = [matrix] + (
-            self._restarts(matrix, matches) if self.geometry == "essential" else []
-        )
-        fits = [fit for start in starts if (fit := self.refine_repeatedly(start, matches))]
-        if not fits:
-            return matrix, None
-        fit = min(fits, key=lambda fit: self._cost(fit.matrix, matches))
-        return fit.matrix, fit
+        if self.geometry == "essential":
+            matrix = self._restarted(matrix, matches)
+        fit = self.refine_repeatedly(matrix, matches)
+        return (matrix, None) if fit is None else (fit.matrix, fit)
 
-    def _restarts(self, matrix: FloatArray, matches: Matches) -> list[FloatArray]:
-        """Further estimates from the matches near a matrix, where many of all are wrong.
+    def _restarted(self, matrix: FloatArray, matches: Matches) -> FloatArray:
+        """The best of a matrix and an estimate from the matches near it, if many of all are wrong.
 
         Least squares from an estimate among many wrong matches may end in a local minimum.
         """
         near = replace(self, tolerance=REFINED_TOLERANCES * self.tolerance).inliers(matrix, matches)
         if near.mean() > MOSTLY_RIGHT:
-            return []
-        tolerances = (ratio * self.tolerance * self.pixels.mean() for ratio in RESTARTS)
-        found = (
-            sample_consensus(matches.positions[near], self.geometry, tolerance)[0]
-            for tolerance in tolerances
-        )
-        return [each for each in found if each is not None]
+            return matrix
+        tolerance = RESTART * self.tolerance * float(self.pixels.mean())
+        other, _ = sample_consensus(matches.positions[near], self.geometry, tolerance)
+        if other is None or self._cost(matrix, matches) <= self._cost(other, matches):
+            return matrix
+        return other
 
     def _cost(self, matrix: FloatArray, matches: Matches) -> float:
         """Sum of squared errors, each at most that of half the tolerance."""
