@@ -17,7 +17,6 @@ import numpy as np
 
 from saccade.io.image import quiet_opencv
 from saccade.keypoints.two_view_fit import (
-    MIN_DECREASE,
     NORMAL_MAD,
     Residuals,
     homogeneous,
@@ -55,6 +54,8 @@ SEARCH_SIGMAS = 6.0
 SEARCH_ITERATIONS = 300
 POLISH_STEPS = 5
 """Number of steps of reweighted least squares."""
+SMALL_DECREASE = 1e-4
+"""Relative decrease of the errors of a turn that no longer matters to the selection."""
 FOCAL_LENGTHS = np.geomspace(0.4, 5, 10)
 """Focal lengths from which a turn of an uncalibrated camera is fitted, in widths of the images."""
 CENTER_SIGMA = 0.1
@@ -280,7 +281,8 @@ def uncalibrated_turn(plane: FloatArray, matches: Matches) -> FloatArray:
     def start(focal: float) -> tuple[float, FloatArray, FloatArray]:
         p = np.array([log(focal), 0, 0, 0, 0, 0])
         R = nearest_rotation(np.linalg.inv(camera(p)) @ plane @ camera(p))
-        return float(near.squared(model(p, R)).sum()), p, R
+        gap = project(model(p, R), near.positions[:, :2]) - near.positions[:, 2:]
+        return float(((gap / np.hypot(*near.sigma.T)[:, None]) ** 2).sum()), p, R
 
     _, p, R = min((start(each) for each in FOCAL_LENGTHS), key=lambda each: each[0])
     R = rotation_of(near, camera(p))
@@ -293,14 +295,14 @@ def _least_squares(
     prior: FloatArray,
 ) -> FloatArray:  # fmt: skip
     """The homography `model(p)` after Levenberg-Marquardt steps with a prior of the first p."""
-
     by_prior, h = np.eye(len(prior), len(p)) / prior[:, None], 1e-6
 
     def stacked(q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals, those of the prior last, and their derivatives by q."""
-        z, by_entries = residuals(model(q))
-        ends = [model(q + h * e) - model(q - h * e) for e in np.eye(len(q))]
-        by_q = by_entries.reshape(-1, 9) @ np.reshape(ends, (-1, 9)).T / (2 * h)
+        here = model(q)
+        z, by_entries = residuals(here)
+        ends = [model(q + h * e) - here for e in np.eye(len(q))]
+        by_q = by_entries.reshape(-1, 9) @ np.reshape(ends, (-1, 9)).T / h
         return np.append(z.ravel(), by_prior @ q), np.vstack([by_q, by_prior])
 
     damping, (z, J) = 1e-3, stacked(p)
@@ -313,7 +315,7 @@ def _least_squares(
             p, z, J, damping = p + change, trial, derivatives, damping / 10
         else:
             damping *= 10
-        if 0 <= decrease <= MIN_DECREASE * cost:
+        if 0 <= decrease <= SMALL_DECREASE * cost:
             break
     return model(p)
 
