@@ -122,6 +122,20 @@ def test_opencvs_own_points_come_in(detected):
         assert ours.angle == pytest.approx(point.angle, abs=1e-4)
 
 
+@pytest.mark.parametrize("kind", ["signed bytes", "unit vectors"])
+def test_descriptors_that_are_no_bytes_match(rng, kind):
+    points = [cv2.KeyPoint(float(k), 10, 4.0) for k in range(40)]
+    rows = rng.integers(-128, 128, (40, 64)).astype(np.int8)
+    if kind == "unit vectors":  # as OpenCV's SIFT with square roots
+        rows = np.sqrt(rng.dirichlet(np.ones(128), 40)).astype(np.float32)
+    order = rng.permutation(40)
+    first, second = exchange.from_opencv(points, rows), exchange.from_opencv(points, rows[order])
+    np.testing.assert_array_equal(first.descriptors, rows)
+    pairs = saccade.match(first, second)
+    assert len(pairs) == 40
+    np.testing.assert_array_equal(order[pairs[:, 1]], pairs[:, 0])
+
+
 def test_points_without_angle_and_descriptors_come_in():
     points = [cv2.KeyPoint(3.5, 4.25, 7.0), cv2.KeyPoint(1, 2, 31.0, 270.0, 0.5, 2)]
     found = exchange.from_opencv(points)

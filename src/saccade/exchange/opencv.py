@@ -53,8 +53,8 @@ def from_opencv(
 
     Args:
         points: n `cv2.KeyPoint`s.
-        descriptors: (n, d) integers from 0 to 255 in any dtype, as from `cv2.SIFT`; None without
-            descriptors or points.
+        descriptors: (n, d) numbers in any dtype. Integers from 0 to 255, as from `cv2.SIFT`,
+            become bytes; others, as of RootSIFT, stay float32. None without descriptors or points.
 
     Raises:
         KeypointsError: invalid numbers, or NaN.
