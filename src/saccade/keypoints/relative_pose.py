@@ -130,8 +130,8 @@ def unknown_direction(rotation: FloatArray) -> FloatArray:
 
 def in_front(R: FloatArray, t: FloatArray, rays: FloatArray) -> BoolArray:
     """(m,) whether the rays of matches meet in front of both cameras, in a pose (R, t)."""
-    ahead: BoolArray = (_depths(homogeneous(rays[:, :2]) @ R.T, t, rays) > 0).all(axis=0)
-    return ahead
+    depths = _depths(homogeneous(rays[:, :2]) @ R.T, t, rays)
+    return np.asarray((depths > 0).all(axis=0))
 
 
 def _depths(turned: FloatArray, t: FloatArray, rays: FloatArray) -> FloatArray:
@@ -320,7 +320,7 @@ def difference(
     R = pose[0] @ other[0].T
     turn = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
     if np.trace(R) < 3 - SMALL_TURN**2:  # OpenCV takes small turns for none
-        turn = cv2.Rodrigues(R)[0].ravel()
+        turn = np.asarray(cv2.Rodrigues(R)[0], np.float64).ravel()
     return np.concatenate([turn, pose[1] - other[1]])
 
 

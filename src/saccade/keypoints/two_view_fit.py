@@ -261,8 +261,9 @@ def sampson_distances(
     lines1, lines2 = second @ matrix[:, :2], first @ matrix[:2].T
     variance = (lines1**2).sum(axis=1) * sigma[:, 0] ** 2
     variance += (lines2**2).sum(axis=1) * sigma[:, 1] ** 2
-    gap: FloatArray = ((first @ matrix.T) * second).sum(axis=1)
-    return gap / np.sqrt(np.maximum(variance, 1e-300))
+    gap = ((first @ matrix.T) * second).sum(axis=1)
+    distances: FloatArray = gap / np.sqrt(np.maximum(variance, 1e-300))
+    return distances
 
 
 def epipolar_residuals(
