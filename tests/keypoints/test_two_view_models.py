@@ -61,6 +61,16 @@ def test_the_model_is_that_of_the_scene(rng, model, geometry, wrong):
         assert error < 0.1
 
 
+@pytest.mark.parametrize("model", ["general", "planar", "panoramic"])
+def test_rotations_are_as_uncertain_as_they_say(rng, model):
+    squared = []
+    for _ in range(15):
+        pose = verify(*two_views(rng, model)[:2], PAIRS, "essential", intrinsics=K1).pose
+        error = cv2.Rodrigues(R @ pose.rotation.T)[0][:, 0]
+        squared.append(error @ np.linalg.solve(pose.covariance[:3, :3], error))
+    assert 0.5 < np.mean(squared) / 3 < 1.7  # .995 of chi-square with 45 degrees of freedom
+
+
 def test_the_criterion_is_torrs():
     """GRIC = sum of min(e^2 / s^2, 2 (r - d)) + n d ln r + k ln (r n), by hand: r is 4."""
     squared = np.array([0.5, 1, 9])
