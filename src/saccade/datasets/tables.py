@@ -275,7 +275,7 @@ def write_table(
     Args:
         path: .csv, with every digit and NaN as an empty cell; or .parquet, with NaN as null.
         columns: numeric columns (n,) by name.
-        comment: text for a comment line "# ..." before the header of a .csv.
+        comment: text for a comment line "# ..." at the end of a .csv: its first line is the header.
 
     Raises:
         ConfigError: unknown suffix, or Parquet without pyarrow.
@@ -296,10 +296,10 @@ def write_table(
         for column in columns.values()
     ]
     with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        file.write(f"# {comment}\n" * bool(comment))
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*cells, strict=True))
+        file.write(f"# {comment}\n" * bool(comment))
 
 
 def covariance_names(names: tuple[str, ...]) -> list[str]:
