@@ -6,7 +6,7 @@ of the pose are tracked until one is left.
 
 A label that contradicts the estimated pose has two explanations: its landmark has moved, or the
 robot has. Landmarks of a given map stand still, so that the robot has moved. While mapping the
-landmark has moved, unless several labels of a scan contradict the pose.
+landmark has moved, until another pose explains two labels of this and other scans.
 """
 
 import numpy as np
@@ -139,17 +139,19 @@ class KidnappingDetector:
     ) -> bool:
         """Whether the contradicting labels of a scan are of landmarks that stand still.
 
-        They must outnumber those that agree. While mapping, landmarks may have moved.
+        They must outnumber those that agree. While mapping, another pose must explain two labels.
         """
-        if not self._standing:
-            return False
         wrong, labeled = compared.num_contradicted_labels, np.count_nonzero(compared.labeled)
         doubtful = bool(2 * wrong > labeled)
-        if not self.lost and (doubtful or self._doubt is not None):
-            self._doubt = self._doubt or self._search_in(ekf, table)
-            if self._doubt is not None:
-                self._doubt.add(scan.z, scan.R, table.landmarks_of(scan.labels))
-        return doubtful
+        if self.lost:
+            return doubtful and self._standing
+        if doubtful and self._doubt is None:
+            self._doubt = self._search_in(ekf, table)
+        if self._doubt is None:
+            return doubtful and self._standing
+        self._doubt.add(scan.z, scan.R, table.landmarks_of(scan.labels))
+        elsewhere = self._doubt.is_sure and self._doubt.is_elsewhere()
+        return doubtful and (self._standing or elsewhere)
 
     def _search_in(self, ekf: EkfSlam, table: LandmarkTable) -> PoseSearch | None:
         """A search of the pose in the map, from the estimated pose on; None without a map."""
