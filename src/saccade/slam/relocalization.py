@@ -320,7 +320,9 @@ class Relocalizer:
         reach, xy = self._reach, pose[:, :2]
         around = np.maximum(self._tree.query_ball_point(xy, reach, return_length=True), 1)
         visible = np.where(self.labeled, 1, around[:, None])
-        density = np.exp(-normalized_squared(v, S) / 2) / (2 * pi * np.sqrt(np.linalg.det(S)))
+        determinant = np.linalg.det(S)  # of a diverged estimate, rounding may make it negative
+        area = 2 * pi * np.sqrt(np.where(determinant > 0, determinant, np.inf))
+        density = np.exp(-normalized_squared(v, S) / 2) / area
         chance = np.where(self.labeled, min(UNMAPPED, self._wrong_label), UNMAPPED)
         mixture = chance / (pi * reach**2) + (1 - chance) / visible * density
         log_volume = 1.5 * log(2 * pi) + np.linalg.slogdet(covariance)[1] / 2
