@@ -3,11 +3,13 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from saccade import Keypoints, Sift, match, read_image, verify
 from saccade.errors import ConfigError, KeypointsError
 from saccade.keypoints.calibrated_views import views_of
 from saccade.keypoints.two_view_fit import (
+    minimize,
     nearest_model,
     project,
     refine,
@@ -110,6 +112,40 @@ def test_tangents_stay_among_the_matrices_of_a_geometry(rng, geometry, freedom):
     np.testing.assert_allclose(directions @ directions.T, np.eye(freedom), atol=1e-12)
     moved = model + 1e-4 * (rng.normal(size=freedom) @ directions).reshape(3, 3)
     np.testing.assert_allclose(nearest_model(moved, geometry), moved, atol=1e-6)
+
+
+@pytest.mark.parametrize("geometry", ["homography", "fundamental", "essential"])
+def test_the_minimum_of_the_loss_is_scipys(rng, geometry):
+    """The same loss at its minimum along all directions in which a matrix can move."""
+    matched, matrix = (plane if geometry == "homography" else space)(rng, 60)
+    if geometry == "essential":
+        matrix, matched = CAMERA.T @ matrix @ CAMERA, (matched - [320, 240] * 2) / 500
+    noise = 1.0 if geometry != "essential" else 1 / 500
+    matched = observed(rng, matched, np.full((60, 2), 0.4 * noise), 0.0)
+    matched[:6] += rng.normal(0, 4 * noise, (6, 4))
+    found = minimize(matrix, geometry, matched, np.full((60, 2), noise))
+    before, T1 = found.back
+    T2 = np.linalg.inv(before) if geometry == "homography" else before.T
+    scaled = np.hstack([project(T1, matched[:, :2]), project(T2, matched[:, 2:])])
+    sigma = noise * np.array([T1[0, 0], T2[0, 0]]) * np.ones((60, 2))
+    first = nearest_model(np.linalg.inv(before) @ matrix @ np.linalg.inv(T1), geometry)
+    residuals = residuals_of(geometry, first, scaled, sigma)
+    np.testing.assert_allclose(residuals(found.model)[0], found.z, atol=1e-9)
+    directions = tangents(found.model, geometry)
+
+    def moved(step):
+        return nearest_model(found.model + (step @ directions).reshape(3, 3), geometry)
+
+    def scores(step):
+        return residuals(moved(step))[0].ravel() / found.width
+
+    theirs = least_squares(scores, np.zeros(len(directions)), loss="cauchy", x_scale=1e-3)
+    ours = np.log1p(scores(np.zeros(len(directions))) ** 2).sum() / 2
+    assert ours == pytest.approx(theirs.cost, rel=1e-4)
+    if geometry != "homography":
+        np.testing.assert_allclose(
+            found.z[:, 0], sampson_distances(found.model, scaled, sigma), atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("view", [plane, space])

@@ -6,8 +6,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from saccade.keypoints._two_view_kernels import fill_beyond
 from saccade.keypoints.two_view_fit import (
     CAUCHY_WIDTH,
+    CROSS,
     homogeneous,
     nearest_model,
     project,
@@ -17,8 +19,6 @@ from saccade.keypoints.two_view_fit import (
 from saccade.keypoints.two_view_models import Matches
 from saccade.types import BoolArray, FloatArray
 
-CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
-"""(3, 3, 3) matrices of the cross products with the unit vectors."""
 MAX_EXCESS = 0.05
 """Largest distance from infinity that counts, in the plane z = 1."""
 UNKNOWN = 0.6
@@ -104,12 +104,18 @@ def pose_of(
     _, R, t = min(poses, key=lambda pose: pose[0])
     if covariance is None:
         return RelativePose(R, t, None)
-    cross = np.tensordot(t, CROSS, 1)  # E is [t]x R times a scale
+    cross = cross_matrix(t)  # E is [t]x R times a scale
     scale = (cross @ R * essential).sum() / 2
     by_rotation = cross @ CROSS @ R  # (3, 3, 3)
     by_translation = np.tensordot(np.eye(3) - np.outer(t, t), CROSS @ R, 1)
     J = np.linalg.pinv(scale * np.concatenate([by_rotation, by_translation]).reshape(6, 9).T)
     return with_unknown(RelativePose(R, t, J @ covariance @ J.T))
+
+
+def cross_matrix(t: FloatArray) -> FloatArray:
+    """(3, 3) matrix of the cross product with a vector (3,) from the left."""
+    matrix: FloatArray = np.tensordot(t, CROSS, 1)
+    return matrix
 
 
 def with_unknown(pose: RelativePose) -> RelativePose:
@@ -130,25 +136,7 @@ def unknown_direction(rotation: FloatArray) -> FloatArray:
 
 def in_front(R: FloatArray, t: FloatArray, rays: FloatArray) -> BoolArray:
     """(m,) whether the rays of matches meet in front of both cameras, in a pose (R, t)."""
-    depths = _depths(homogeneous(rays[:, :2]) @ R.T, t, rays)
-    return np.asarray((depths > 0).all(axis=0))
-
-
-def _depths(turned: FloatArray, t: FloatArray, rays: FloatArray) -> FloatArray:
-    """(2, m) depths in both cameras, times a positive number.
-
-    Args:
-        turned: (m, 3) first rays in the frame of the second camera.
-        t: (3,) translation.
-        rays: (m, 4) rows x1, y1, x2, y2.
-    """
-    # a turned + t = b second, solved by products with the two rays.
-    (x, y, z), (u, v) = turned.T, rays[:, 2:].T
-    normal = np.stack([y - z * v, z * u - x, x * v - y * u], axis=1)
-    across = normal @ np.tensordot(t, CROSS, 1)  # (t x ray) normal = ray (normal x t)
-    a = -(across[:, 0] * u + across[:, 1] * v + across[:, 2])
-    b = -(across * turned).sum(axis=1)
-    return np.stack([a, b])
+    return np.asarray(beyond_infinity(R, t, rays) == 0)
 
 
 def beyond_infinity(R: FloatArray, t: FloatArray, rays: FloatArray) -> FloatArray:
@@ -170,16 +158,10 @@ def _both_beyond_infinity(
     R: FloatArray, t: FloatArray, rays: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """`beyond_infinity` of a translation and of the opposite one."""
-    turned = homogeneous(rays[:, :2]) @ R.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        infinity = turned[:, :2] / turned[:, 2:]
-    nearer = t[:2] - infinity * t[2]  # direction in which a point moves as it comes nearer
-    nearer /= np.maximum(np.linalg.norm(nearer, axis=1, keepdims=True), 1e-12)
-    displacement = ((rays[:, 2:] - infinity) * nearer).sum(axis=1)
-    beyond = np.where(turned[:, 2] > 0, np.abs(displacement), np.inf)
-    depths = _depths(turned, t, rays)
-    ahead, behind = (depths > 0).all(axis=0), (depths < 0).all(axis=0)
-    return np.where(ahead, 0, beyond), np.where(behind, 0, beyond)
+    ahead, behind = np.empty((2, len(rays)))
+    R, t, rays = (np.ascontiguousarray(each) for each in (R, t, rays))
+    fill_beyond(R, t, rays, ahead, behind)
+    return ahead, behind
 
 
 def is_plausibly_near(pose: RelativePose, matches: Matches) -> BoolArray:
@@ -279,38 +261,72 @@ def planar_pose(
 
     Source: Malis & Vargas (2007), OpenCV's `decomposeHomographyMat`.
     """
-    counted = [(int(in_front(R, t, rays).sum()), R, t) for R, t in decomposed(homography)]
-    if not counted:
+    middle = float(np.linalg.svd(homography, compute_uv=False)[1])
+    solutions = decomposed(homography / np.copysign(middle, np.linalg.det(homography)))
+    if not solutions:
         return None
-    most, R, t = max(counted, key=lambda each: each[0])
-    gaps = [difference((P, s), (R, t)) for count, P, s in counted if count >= TWIN * most]
+    counts = [int(in_front(plane.R, plane.direction, rays).sum()) for plane in solutions]
+    most = max(counts)
+    best = solutions[counts.index(most)]
+    pose = best.R, best.direction
+    gaps = [
+        difference((other.R, other.direction), pose)
+        for other, count in zip(solutions, counts, strict=True)
+        if count >= TWIN * most
+    ]
     twins = [gap for gap in gaps if gap @ gap > SAME_POSE]
-
-    def nearest(H: FloatArray) -> FloatArray:
-        near = [difference(pose, (R, t)) for pose in decomposed(H)]
-        return min(near, key=lambda gap: float(gap @ gap), default=np.full(6, np.nan))
-
-    J, step = np.empty((6, 9)), 1e-6 * float(np.linalg.norm(homography))
-    for i, unit in enumerate(np.eye(9).reshape(9, 3, 3)):
-        ends = [nearest(homography + sign * step * unit) for sign in (1, -1)]
-        J[:, i] = (ends[0] - ends[1]) / (2 * step)
+    J = best.derivatives(homography)
     total = J @ covariance @ J.T
     for gap in twins[:1]:
         total = total + np.outer(gap, gap) / 2
     if not np.isfinite(total).all():
-        return RelativePose(R, t, None)
-    return with_unknown(RelativePose(R, t, total))
+        return RelativePose(*pose, None)
+    return with_unknown(RelativePose(*pose, total))
 
 
-def decomposed(homography: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Rotations and unit translations of a homography between the planes z = 1."""
-    _, rotations, translations, _ = cv2.decomposeHomographyMat(homography, np.eye(3))
-    found = []
-    for R, t in zip(rotations, translations, strict=True):
-        length = float(np.linalg.norm(t))
-        if length > 0:
-            found.append((np.asarray(R, np.float64), np.asarray(t, np.float64).ravel() / length))
-    return found
+class PlanePose(NamedTuple):
+    """A solution R + t n' of a homography between the planes z = 1, at a scale."""
+
+    R: FloatArray
+    """(3, 3) rotation."""
+    t: FloatArray
+    """(3,) translation over the distance of the plane."""
+    n: FloatArray
+    """(3,) unit normal of the plane in the first camera."""
+
+    @property
+    def direction(self) -> FloatArray:
+        """(3,) unit vector of the translation."""
+        unit: FloatArray = self.t / np.linalg.norm(self.t)
+        return unit
+
+    def derivatives(self, homography: FloatArray) -> FloatArray:
+        """(6, 9) derivatives of rotation vector and direction by the entries of the homography."""
+        scaled = self.R + np.outer(self.t, self.n)
+        across = np.linalg.svd(self.n[None])[2][1:]  # (2, 3) in which the normal can move
+        changes = np.concatenate(
+            [
+                CROSS @ self.R,
+                np.eye(3)[:, :, None] * self.n,
+                self.t[:, None] * across[:, None],
+                scaled[None],
+            ]
+        ).reshape(9, 9)
+        scale = float((homography * scaled).sum() / (scaled**2).sum())
+        by_entries = np.linalg.inv(changes.T)[:6] / scale
+        unit, length = self.direction, float(np.linalg.norm(self.t))
+        by_entries[3:] = (np.eye(3) - np.outer(unit, unit)) / length @ by_entries[3:]
+        return by_entries
+
+
+def decomposed(homography: FloatArray) -> list[PlanePose]:
+    """Solutions of a homography between the planes z = 1 whose middle singular value is 1."""
+    _, *found = cv2.decomposeHomographyMat(homography, np.eye(3))
+    solutions = [
+        PlanePose(*(np.asarray(each, np.float64) for each in (R, t.ravel(), n.ravel())))
+        for R, t, n in zip(*found, strict=True)
+    ]
+    return [each for each in solutions if np.linalg.norm(each.t) > 0]
 
 
 def difference(

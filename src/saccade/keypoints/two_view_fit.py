@@ -1,16 +1,26 @@
 """Robust least-squares fit of a two-view geometry, with its covariance."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from saccade.keypoints._two_view_kernels import (
+    KINDS,
+    fill_epipolar,
+    fill_transfer,
+    fill_whitening,
+)
+from saccade.keypoints._two_view_kernels import minimize as minimize_loss
 from saccade.types import FloatArray
 
 Geometry: TypeAlias = Literal["fundamental", "homography", "essential"]
 Residuals: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Function of a (3, 3) matrix: (m, c) residuals and their (m, c, 9) derivatives."""
 
+CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
+"""(3, 3, 3) matrices of the cross products with the unit vectors."""
 CAUCHY_WIDTH = 1.0
 """Width of the Cauchy loss in robust standard deviations, chosen among 1, 2 and 3 by the
 homographies of synthetic pairs."""
@@ -53,6 +63,42 @@ class Fit(NamedTuple):
     """Robust standard deviation of the residuals, which are in units of `sigma`."""
 
 
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """A matrix with the least Cauchy loss, in normalized coordinates."""
+
+    matrix: FloatArray
+    """(3, 3), of the norm of the initial one, in the coordinates of the matches."""
+    scale: float
+    """See `Fit`."""
+    model: FloatArray
+    """(3, 3) of unit norm."""
+    back: tuple[FloatArray, FloatArray]
+    """(3, 3) factors before and after `model` that undo the normalization."""
+    geometry: Geometry
+    width: float
+    """Width of the loss."""
+    z: FloatArray
+    """(m, c) residuals."""
+    J: FloatArray
+    """(m, c, 9) their derivatives."""
+
+    def with_covariance(self) -> Fit | None:
+        """The model with its covariance; None where the matches do not determine it."""
+        if self.scale == 0 or not np.isfinite(self.matrix).all():
+            return Fit(self.matrix, np.zeros((9, 9)), 0.0) if self.scale == 0 else None
+        directions = tangents(self.model, self.geometry)
+        covariance = _m_estimate_covariance(self.J @ directions.T, self.z, self.width)
+        if covariance is None:
+            return None
+        moves = (self.back[0] @ directions.reshape(-1, 3, 3) @ self.back[1]).reshape(-1, 9)
+        length = float(np.linalg.norm(self.back[0] @ self.model @ self.back[1]))
+        norm = float(np.linalg.norm(self.matrix))
+        unit = self.matrix.ravel() / norm
+        J = norm / length * (moves - np.outer(moves @ unit, unit)).T  # (9, k)
+        return Fit(self.matrix, J @ covariance @ J.T, self.scale)
+
+
 def refine(
     matrix: FloatArray, geometry: Geometry, matched: FloatArray, sigma: FloatArray
 ) -> Fit | None:
@@ -73,80 +119,76 @@ def refine(
 
     Source: Hartley & Zisserman (2004), sections 4.2 and 11.4.
     """
-    T1, T2 = normalization(matched[:, :2]), normalization(matched[:, 2:])
-    if geometry == "essential":  # its singular values are equal in these coordinates alone
-        T1 = T2 = np.eye(3)
-    inverse1, inverse2 = np.linalg.inv(T1), np.linalg.inv(T2)
-    forth = (T2, inverse1) if geometry == "homography" else (inverse2.T, inverse1)
-    back = np.kron(np.linalg.inv(forth[0]), np.linalg.inv(forth[1]).T)  # (9, 9) by entries
-    matched = np.hstack([project(T1, matched[:, :2]), project(T2, matched[:, 2:])])
-    sigma = sigma * [T1[0, 0], T2[0, 0]]
-    initial = nearest_model(forth[0] @ matrix @ forth[1], geometry)
-    residuals = residuals_of(geometry, initial, matched, sigma)
-    scale = NORMAL_MAD * float(np.median(np.abs(residuals(initial)[0])))
-    if not scale > 0:
-        return Fit(matrix, np.zeros((9, 9)), 0.0)  # exact matches
-    width = CAUCHY_WIDTH * scale
-    model = minimize(initial, geometry, residuals, width)
-    z, by_entries = residuals(model)
-    directions = tangents(model, geometry)
-    covariance = _m_estimate_covariance(by_entries @ directions.T, z, width)
-    entries, norm = back @ model.ravel(), float(np.linalg.norm(matrix))
-    length = float(np.linalg.norm(entries))
-    if covariance is None or not np.isfinite(entries).all():
-        return None
-    unit, scale = entries / length, NORMAL_MAD * float(np.median(np.abs(z)))
-    J = norm / length * (np.eye(9) - np.outer(unit, unit)) @ back @ directions.T  # (9, k)
-    return Fit(norm * unit.reshape(3, 3), J @ covariance @ J.T, scale)
+    found = minimize(matrix, geometry, matched, sigma)
+    return None if found is None else found.with_covariance()
 
 
 def minimize(
-    model: FloatArray, geometry: Geometry, residuals: Residuals, width: float
-) -> FloatArray:
-    """The (3, 3) matrix of unit norm, near a first one, with the least Cauchy loss.
+    matrix: FloatArray, geometry: Geometry, matched: FloatArray, sigma: FloatArray
+) -> Minimum | None:
+    """The model of `refine`, without its covariance."""
+    T1, T2 = normalization(matched[:, :2]), normalization(matched[:, 2:])
+    if geometry == "essential":  # its singular values are equal in these coordinates alone
+        T1 = T2 = np.eye(3)
+    inverse1, inverse2 = np.linalg.inv([T1, T2])
+    forth = (T2, inverse1) if geometry == "homography" else (inverse2.T, inverse1)
+    back = (inverse2, T1) if geometry == "homography" else (T2.T, T1)
+    zoom = np.repeat([T1[0, 0], T2[0, 0]], 2)
+    matched = matched * zoom + np.concatenate([T1[:2, 2], T2[:2, 2]])
+    sigma = sigma * [T1[0, 0], T2[0, 0]]
+    initial = nearest_model(forth[0] @ matrix @ forth[1], geometry)
+    residuals = residuals_of(geometry, initial, matched, sigma)
+    z, J = residuals(initial)
+    scale = robust_sigma(z)
+    if np.isnan(scale):  # a match on the horizon of a homography
+        return None
+    width = CAUCHY_WIDTH * scale
+    if scale == 0:  # exact matches
+        return Minimum(matrix, 0.0, initial, back, geometry, width, z, J)
+    scales = whitening_of(initial, matched, sigma) if geometry == "homography" else sigma
+    factors = factors_of(initial, geometry)
+    minimize_loss(KINDS.index(geometry), factors, matched, scales, width, MAX_STEPS, MIN_DECREASE)
+    model = factors[0] @ factors[1] @ factors[2].T
+    z, J = residuals(model)
+    refined = back[0] @ model @ back[1]
+    refined *= np.linalg.norm(matrix) / np.linalg.norm(refined)
+    return Minimum(refined, robust_sigma(z), model, back, geometry, width, z, J)
 
-    Gauss-Newton steps that take the second derivative of the loss where it is positive. A step
-    that does not lower the loss is halved.
-    """
-    (z, J), size = residuals(model), 1.0
-    cost = float(np.log1p((z / width) ** 2).sum())
-    step = _gauss_newton_step(model, geometry, z, J, width)
-    for _ in range(MAX_STEPS):
-        trial = nearest_model(model + size * step, geometry)
-        z, J = residuals(trial)
-        decrease = cost - float(np.log1p((z / width) ** 2).sum())
-        if decrease > 0:
-            model, cost, size = trial, cost - decrease, 1.0
-            step = _gauss_newton_step(model, geometry, z, J, width)
-        else:
-            size /= 2
-        if abs(decrease) <= MIN_DECREASE * cost:
-            break
-    return model
+
+def factors_of(model: FloatArray, geometry: Geometry) -> FloatArray:
+    """(3, 3, 3) factors U, K and V of a model U K V', as the kernel of `minimize` takes them."""
+    if geometry == "homography":
+        return np.stack([np.eye(3), model, np.eye(3)])
+    U, (first, second, _), Vt = np.linalg.svd(model)
+    left, right = U * [1, 1, np.linalg.det(U)], Vt.T * [1, 1, np.linalg.det(Vt)]
+    return np.stack([left, np.diag([first, second, 0]), right])
 
 
-def _gauss_newton_step(
-    model: FloatArray, geometry: Geometry, z: FloatArray, J: FloatArray, width: float
-) -> FloatArray:
-    """(3, 3) change of a model with residuals (m, c), and (m, c, 9) derivatives of these."""
-    directions, loss = tangents(model, geometry), 1 + (z / width) ** 2
-    by_step = (J @ directions.T).reshape(z.size, -1)
-    curvature = np.maximum((2 - loss) / loss**2, 0).reshape(-1, 1)
-    step = np.linalg.lstsq(by_step.T @ (curvature * by_step), -by_step.T @ (z / loss).ravel())[0]
-    change: FloatArray = (step @ directions).reshape(3, 3)
-    return change
+def robust_sigma(z: FloatArray) -> float:
+    """Standard deviation of Gaussian residuals, from the median of their absolute values."""
+    sizes = np.abs(z).ravel()
+    middle = len(sizes) // 2, (len(sizes) - 1) // 2
+    sizes.partition(middle)
+    return NORMAL_MAD * float(sizes[middle[0]] + sizes[middle[1]]) / 2
+
+
+def solved(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Solution of a symmetric system; the shortest of least squares where it is singular."""
+    try:
+        return np.asarray(np.linalg.solve(A, b), np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(A, b)[0], np.float64)
 
 
 def tangents(model: FloatArray, geometry: Geometry) -> FloatArray:
     """(k, 9) orthonormal directions in which a matrix of a geometry and of unit norm can move."""
+    if geometry == "homography":
+        return _complement(model).reshape(-1, 9)
     U, values, Vt = np.linalg.svd(model)
-    if geometry == "essential":
-        directions = ESSENTIAL_DIRECTIONS
-    elif geometry == "fundamental":
+    directions = ESSENTIAL_DIRECTIONS
+    if geometry == "fundamental":
         along = np.diag([-values[1], values[0], 0]) / np.hypot(values[0], values[1])
         directions = np.concatenate([OFF_DIAGONAL, along[None]])
-    else:
-        directions = _complement(np.diag(values))
     moves: FloatArray = (U @ directions @ Vt).reshape(-1, 9)
     return moves
 
@@ -188,29 +230,49 @@ def _m_estimate_covariance(J: FloatArray, z: FloatArray, width: float) -> FloatA
 def residuals_of(
     geometry: Geometry, matrix: FloatArray, matched: FloatArray, sigma: FloatArray
 ) -> Residuals:
-    """Residuals of models near one in standard deviations; c = 2 for homographies, else 1."""
+    """Residuals of models near one in standard deviations; c = 2 for homographies, else 1.
+
+    Args:
+        geometry: kind of the models.
+        matrix: (3, 3) model that transfers the errors in the first image to the second.
+        matched: (m, 4) rows x1, y1, x2, y2.
+        sigma: (m, 2) standard deviations of both positions.
+    """
+    matched, sigma, m = np.ascontiguousarray(matched), np.ascontiguousarray(sigma), len(matched)
     if geometry != "homography":
-        views = homogeneous(matched[:, :2]), homogeneous(matched[:, 2:])
-        return lambda model: epipolar_residuals(model, *views, sigma)
-    whitening = np.linalg.inv(np.linalg.cholesky(transfer_covariance(matrix, matched, sigma)))
 
-    def residuals(model: FloatArray) -> tuple[FloatArray, FloatArray]:
-        gap = project(model, matched[:, :2]) - matched[:, 2:]
-        J = projection_derivatives(model, matched[:, :2])
-        return (whitening @ gap[:, :, None])[:, :, 0], whitening @ J
+        def distances(model: FloatArray) -> tuple[FloatArray, FloatArray]:
+            z, J = np.empty((m, 1)), np.empty((m, 1, 9))
+            fill_epipolar(np.ascontiguousarray(model), matched, sigma, z, J)
+            return z, J
 
-    return residuals
+        return distances
+    whitening = whitening_of(matrix, matched, sigma)
+
+    def errors(model: FloatArray) -> tuple[FloatArray, FloatArray]:
+        z, J = np.empty((m, 2)), np.empty((m, 2, 9))
+        fill_transfer(np.ascontiguousarray(model), matched, whitening, z, J)
+        return z, J
+
+    return errors
 
 
-def transfer_covariance(
-    homography: FloatArray, matched: FloatArray, sigma: FloatArray
-) -> FloatArray:
-    """(m, 2, 2) covariance of the errors of both positions, in the second image."""
-    affinities = homogeneous_derivatives(homography, matched[:, :2]) @ homography[:, :2]
-    spread = affinities * sigma[:, :1, None]
-    covariance: FloatArray = spread @ spread.transpose(0, 2, 1)
-    covariance += np.eye(2) * sigma[:, 1:, None] ** 2
-    return covariance
+def whitening_of(homography: FloatArray, matched: FloatArray, sigma: FloatArray) -> FloatArray:
+    """(m, 3) factors of the errors in the second image; see `fill_whitening`."""
+    whitening = np.empty((len(matched), 3))
+    fill_whitening(np.ascontiguousarray(homography), matched, sigma, whitening)
+    return whitening
+
+
+def squared_errors(homography: FloatArray, matched: FloatArray, sigma: FloatArray) -> FloatArray:
+    """(m,) squared residuals of a homography in variances; infinite on its horizon."""
+    matched, sigma = np.ascontiguousarray(matched), np.ascontiguousarray(sigma)
+    z, J = np.empty((len(matched), 2)), np.empty((0, 2, 9))
+    whitening = whitening_of(homography, matched, sigma)
+    fill_transfer(np.ascontiguousarray(homography), matched, whitening, z, J)
+    total: FloatArray = np.einsum("mc,mc->m", z, z)
+    total[np.isnan(total)] = np.inf
+    return total
 
 
 def homogeneous(xy: FloatArray) -> FloatArray:
@@ -264,25 +326,6 @@ def sampson_distances(
     gap = ((first @ matrix.T) * second).sum(axis=1)
     distances: FloatArray = gap / np.sqrt(np.maximum(variance, 1e-300))
     return distances
-
-
-def epipolar_residuals(
-    matrix: FloatArray, first: FloatArray, second: FloatArray, sigma: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Sampson distances (m, 1) of homogeneous points (m, 3), and derivatives (m, 1, 9) by F.
-
-    Source: Hartley & Zisserman (2004), section 11.4.3.
-    """
-    lines1, lines2 = second @ matrix * [1, 1, 0], first @ matrix.T * [1, 1, 0]
-    weighted1, weighted2 = lines1 * sigma[:, :1] ** 2, lines2 * sigma[:, 1:] ** 2
-    variance = (lines1 * weighted1 + lines2 * weighted2).sum(axis=1, keepdims=True)
-    length = np.sqrt(np.maximum(variance, 1e-300))  # (m, 1)
-    z = ((first @ matrix.T) * second).sum(axis=1, keepdims=True) / length
-    # d (x2' F x1) = x2' dF x1, and of half the variance x2' dF weighted1 + weighted2' dF x1.
-    ratio = z / length
-    outer = second[:, :, None] * (first - ratio * weighted1)[:, None]
-    outer -= (ratio * weighted2)[:, :, None] * first[:, None]
-    return z, (outer / length[:, :, None]).reshape(-1, 1, 9)
 
 
 def normalization(xy: FloatArray) -> FloatArray:

@@ -8,8 +8,8 @@ segmentation and model selection*, Phil. Trans. R. Soc. A 356.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import log
+from dataclasses import dataclass, replace
+from math import exp, log
 from typing import Literal, NamedTuple, TypeAlias
 
 import cv2
@@ -17,13 +17,15 @@ import numpy as np
 
 from saccade.io.image import quiet_opencv
 from saccade.keypoints.two_view_fit import (
-    NORMAL_MAD,
+    CROSS,
     Residuals,
     homogeneous,
     normalization,
     project,
     residuals_of,
-    transfer_covariance,
+    robust_sigma,
+    solved,
+    squared_errors,
 )
 from saccade.types import BoolArray, FloatArray
 
@@ -94,14 +96,8 @@ class Matches:
         return Matches(self.positions[index], self.sigma[index])
 
     def squared(self, homography: FloatArray) -> FloatArray:
-        """(m,) squared residuals of a homography in variances; infinite beyond its horizon."""
-        with np.errstate(all="ignore"):
-            covariance = transfer_covariance(homography, self.positions, self.sigma)
-            (a, b), (_, d) = covariance.transpose(1, 2, 0)
-            x, y = (project(homography, self.positions[:, :2]) - self.positions[:, 2:]).T
-            squared = (d * x**2 - 2 * b * x * y + a * y**2) / (a * d - b**2)
-            total: FloatArray = np.nan_to_num(squared, nan=np.inf)
-        return total
+        """(m,) squared residuals of a homography in variances; infinite on its horizon."""
+        return squared_errors(homography, self.positions, self.sigma)
 
 
 def gric(squared: FloatArray, dimensions: int, parameters: int) -> float:
@@ -124,7 +120,7 @@ def noise_of(z: FloatArray, parameters: int) -> float:
         z: (m,) residuals, a few of wrong matches.
         parameters: number of parameters of the fit.
     """
-    scale = NORMAL_MAD * float(np.median(np.abs(z))) if len(z) else 0.0
+    scale = robust_sigma(z) if len(z) else 0.0
     for _ in range(NOISE_STEPS):
         kept = z[np.abs(z) <= INLIER_SIGMAS * scale]
         if len(kept) <= parameters:
@@ -211,7 +207,9 @@ def polished(homography: FloatArray, matches: Matches) -> FloatArray:
         z, J = residuals(model)
         weight = 1 / (1 + (z**2).sum(axis=1, keepdims=True) / INLIER_SIGMAS)
         rows = (J * weight[:, :, None]).reshape(-1, 9)
-        step = np.linalg.lstsq(rows, -(z * weight).ravel(), rcond=1e-9)[0]
+        # The scale of a homography is free: steps are orthogonal to it.
+        normal = rows.T @ rows + float((rows**2).sum()) * np.outer(model, model)
+        step = solved(normal, -rows.T @ (z * weight).ravel())
         if not np.isfinite(step).all():
             break
         model = model + step.reshape(3, 3)
@@ -220,33 +218,79 @@ def polished(homography: FloatArray, matches: Matches) -> FloatArray:
     return result
 
 
-def rotation_of(matches: Matches, camera: FloatArray | None = None) -> FloatArray:
+def rotation_of(matches: Matches) -> FloatArray:
     """(3, 3) rotation from the rays of the first view to those of the second, robust.
 
     Args:
-        matches: rays in the planes z = 1; pixels with a camera.
-        camera: (3, 3) camera matrix of both views; None for the planes z = 1.
+        matches: rays in the planes z = 1.
 
     Source: Kabsch (1976), with Cauchy weights.
     """
-    back = np.eye(3) if camera is None else np.asarray(np.linalg.inv(camera), np.float64)
-    rays = [homogeneous(matches.positions[:, part]) @ back.T for part in (slice(2), slice(2, 4))]
+    rays = [homogeneous(matches.positions[:, part]) for part in (slice(2), slice(2, 4))]
     first, second = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in rays)
-    noise = np.hypot(*matches.sigma.T) * back[0, 0]
+    noise = np.hypot(*matches.sigma.T)
     weight = 1 / noise**2
     for _ in range(POLISH_STEPS):
         R = nearest_rotation((second * weight[:, None]).T @ first)
         gap = np.linalg.norm(second - first @ R.T, axis=1)
-        width = max(NORMAL_MAD * float(np.median(gap)), 1e-12)
+        width = max(robust_sigma(gap), 1e-12)
         weight = 1 / noise**2 / (1 + (gap / width) ** 2)
     return R
 
 
 def nearest_rotation(matrix: FloatArray) -> FloatArray:
-    """(3, 3) rotation R with the largest trace of R' times a matrix."""
+    """(..., 3, 3) rotations R with the largest trace of R' times a matrix."""
     U, _, Vt = np.linalg.svd(matrix)
-    R: FloatArray = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+    U[..., 2] *= np.linalg.det(U @ Vt)[..., None]
+    R: FloatArray = U @ Vt
     return R
+
+
+@dataclass(frozen=True, eq=False)
+class TurningCamera:
+    """A camera with square pixels of unknown focal length and principal point, which turned."""
+
+    parameters: FloatArray
+    """(3,) logarithm of the focal length, and principal point from `center`, in `width`s."""
+    rotation: FloatArray
+    """(3, 3)."""
+    center: FloatArray
+    """(2,) middle of the keypoints."""
+    width: float
+    """Width of the keypoints."""
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3) camera matrix."""
+        f, (x, y) = self.width * exp(self.parameters[0]), self.principal_point
+        return np.array([[f, 0, x], [0, f, y], [0, 0, 1]])
+
+    @property
+    def principal_point(self) -> FloatArray:
+        """(2,) in pixels."""
+        point: FloatArray = self.center + self.width * self.parameters[1:]
+        return point
+
+    @property
+    def homography(self) -> FloatArray:
+        """(3, 3) from the first view to the second."""
+        K = self.matrix
+        turned: FloatArray = K @ self.rotation @ np.linalg.inv(K)
+        return turned
+
+    def derivatives(self) -> FloatArray:
+        """(6, 9) derivatives of the homography by the parameters and by a rotation vector."""
+        (x, y), H, K = self.principal_point, self.homography, self.matrix
+        inner = np.zeros((3, 3, 3))  # derivatives of K times the inverse of K
+        inner[0, :2] = [[1, 0, -x], [0, 1, -y]]
+        inner[1, 0, 2] = inner[2, 1, 2] = self.width
+        by_rotation = K @ CROSS @ (self.rotation @ np.linalg.inv(K))
+        return np.concatenate([inner @ H - H @ inner, by_rotation]).reshape(6, 9)
+
+    def moved(self, step: FloatArray) -> "TurningCamera":
+        """The camera after a change (6,) of the parameters and by a rotation vector."""
+        turn = np.asarray(cv2.Rodrigues(step[3:])[0], np.float64)
+        return replace(self, parameters=self.parameters + step[:3], rotation=turn @ self.rotation)
 
 
 def uncalibrated_turn(plane: FloatArray, matches: Matches) -> FloatArray:
@@ -261,63 +305,62 @@ def uncalibrated_turn(plane: FloatArray, matches: Matches) -> FloatArray:
     """
     xy = matches.positions.reshape(-1, 2)
     low, high = xy.min(axis=0), xy.max(axis=0)
-    center, width = (low + high) / 2, float((high - low).max())
     near = matches.take(matches.squared(plane) < INLIER_SIGMAS**2 * 2)
     if len(near.positions) < SPACE:
         return plane
-
-    def camera(p: FloatArray) -> FloatArray:
-        f = width * float(np.exp(p[0]))
-        return np.array([[f, 0, center[0] + p[1] * width], [0, f, center[1] + p[2] * width],
-                         [0, 0, 1]])  # fmt: skip
-
-    def model(p: FloatArray, R: FloatArray) -> FloatArray:
-        K = camera(p)
-        turned: FloatArray = K @ cv2.Rodrigues(p[3:])[0] @ R @ np.linalg.inv(K)
-        return turned
-
-    prior = np.array([LOG_FOCAL_SIGMA, CENTER_SIGMA, CENTER_SIGMA])
-
-    def start(focal: float) -> tuple[float, FloatArray, FloatArray]:
-        p = np.array([log(focal), 0, 0, 0, 0, 0])
-        R = nearest_rotation(np.linalg.inv(camera(p)) @ plane @ camera(p))
-        gap = project(model(p, R), near.positions[:, :2]) - near.positions[:, 2:]
-        return float(((gap / np.hypot(*near.sigma.T)[:, None]) ** 2).sum()), p, R
-
-    _, p, R = min((start(each) for each in FOCAL_LENGTHS), key=lambda each: each[0])
-    R = rotation_of(near, camera(p))
+    first = first_turn(plane, near, (low + high) / 2, float((high - low).max()))
     residuals = residuals_of("homography", plane, near.positions, near.sigma)
-    return _least_squares(lambda q: model(q, R), p, residuals, prior)
+    return least_squares(first, residuals).homography
 
 
-def _least_squares(
-    model: Callable[[FloatArray], FloatArray], p: FloatArray, residuals: Residuals,
-    prior: FloatArray,
-) -> FloatArray:  # fmt: skip
-    """The homography `model(p)` after Levenberg-Marquardt steps with a prior of the first p."""
-    by_prior, h = np.eye(len(prior), len(p)) / prior[:, None], 1e-6
+def first_turn(
+    plane: FloatArray, matches: Matches, center: FloatArray, width: float
+) -> TurningCamera:
+    """The camera of one of `FOCAL_LENGTHS` whose turn is nearest to a homography.
 
-    def stacked(q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals, those of the prior last, and their derivatives by q."""
-        here = model(q)
-        z, by_entries = residuals(here)
-        ends = [model(q + h * e) - here for e in np.eye(len(q))]
-        by_q = by_entries.reshape(-1, 9) @ np.reshape(ends, (-1, 9)).T / h
-        return np.append(z.ravel(), by_prior @ q), np.vstack([by_q, by_prior])
+    Args:
+        plane: (3, 3) homography.
+        matches: its inliers, in pixels.
+        center: (2,) see `TurningCamera`.
+        width: the same.
+    """
+    start = TurningCamera(np.zeros(3), np.eye(3), center, width)
+    starts = [replace(start, parameters=np.array([log(f), 0, 0])) for f in FOCAL_LENGTHS]
+    K = np.array([each.matrix for each in starts])
+    back = np.linalg.inv(K)
+    R = nearest_rotation(back @ plane @ K)
+    rows = (K @ R @ back) @ homogeneous(matches.positions[:, :2]).T  # (s, 3, m)
+    with np.errstate(all="ignore"):
+        gap = rows[:, :2] / rows[:, 2:] - matches.positions[:, 2:].T
+    variance = (matches.sigma**2).sum(axis=1)
+    best = int(np.argmin(np.nan_to_num((gap**2 / variance).sum(axis=(1, 2)), nan=np.inf)))
+    return replace(starts[best], rotation=R[best])
 
-    damping, (z, J) = 1e-3, stacked(p)
+
+def least_squares(camera: TurningCamera, residuals: Residuals) -> TurningCamera:
+    """The camera with least squared residuals and prior, by Levenberg and Marquardt's steps."""
+    by_prior = np.eye(3, 6) / [[LOG_FOCAL_SIGMA], [CENTER_SIGMA], [CENTER_SIGMA]]
+
+    def stacked(each: TurningCamera) -> tuple[FloatArray, FloatArray]:
+        """Residuals, those of the prior last, and their derivatives."""
+        z, by_entries = residuals(each.homography)
+        J = by_entries.reshape(-1, 9) @ each.derivatives().T
+        prior = by_prior[:, :3] @ each.parameters
+        return np.concatenate([z.ravel(), prior]), np.concatenate([J, by_prior])
+
+    damping, (z, J) = 1e-3, stacked(camera)
     for _ in range(2 * POLISH_STEPS):
         A = J.T @ J
-        change = np.linalg.lstsq(A + damping * np.diag(np.diag(A)), -J.T @ z)[0]
-        trial, derivatives = stacked(p + change)
-        decrease, cost = float(z @ z - trial @ trial), float(z @ z)
+        trial = camera.moved(solved(A + damping * np.diag(np.diag(A)), -J.T @ z))
+        moved, derivatives = stacked(trial)
+        decrease, cost = float(z @ z - moved @ moved), float(z @ z)
         if decrease > 0:
-            p, z, J, damping = p + change, trial, derivatives, damping / 10
+            camera, z, J, damping = trial, moved, derivatives, damping / 10
         else:
             damping *= 10
         if 0 <= decrease <= SMALL_DECREASE * cost:
             break
-    return model(p)
+    return camera
 
 
 def is_watermark(inliers: FloatArray, keypoints: FloatArray) -> bool:

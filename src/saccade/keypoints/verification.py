@@ -5,30 +5,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 
 from saccade.errors import ConfigError, ImageWarning, KeypointsError, require
-from saccade.io.image import quiet_opencv
 from saccade.keypoints.calibrated_views import Intrinsics, View, matches_in, views_of
+from saccade.keypoints.estimation import REFINED_SIGMAS, SAMPLE_SIZE, Estimator
 from saccade.keypoints.relative_pose import (
     RelativePose,
     Triangulation,
-    beyond_infinity,
     corrected_covariance,
-    is_plausibly_near,
+    cross_matrix,
     planar_pose,
     pose_of,
     triangulated,
     turned_pose,
 )
 from saccade.keypoints.two_view_fit import (
-    Fit,
+    CROSS,
     Geometry,
-    project,
     projection_derivatives,
     refine,
-    residuals_of,
     sampson_distances,
 )
 from saccade.keypoints.two_view_models import (
@@ -42,32 +38,16 @@ from saccade.keypoints.two_view_models import (
 )
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
-SAMPLE_SIZE = {"fundamental": 7, "homography": 4, "essential": 5}
-"""Correspondences that determine each geometry."""
 PARAMETERS = {"fundamental": 7, "essential": 5}
 """Number of parameters of a general motion."""
-CONFIDENCE = 0.9999
-MAX_ITERATIONS = 10_000
 MIN_INLIERS = 15
 """Smallest number of distinct inliers of an accepted geometry, COLMAP's default."""
 MAX_SHARED = 2
 """Largest number of distinct partners of a position whose matches take part in the estimation: at
 most one of them is right, and a geometry may agree with all of them by that position alone."""
-REFINED_TOLERANCES = 2.0
-"""Largest error of a match in the refinement, in tolerances: the Cauchy loss discounts wrong
-matches, and inliers missed by the first estimate are recovered."""
-REFINEMENTS = {"fundamental": 2, "homography": 1, "essential": 2}
-"""Number of rounds of refinement. The second excludes matches beyond `REFINED_SIGMAS`, since wrong
-matches near an epipolar line bias the estimate; a homography has few of these, and gets worse."""
-REFINED_SIGMAS = 3.5
-"""Largest residual of a match in the second round, in robust standard deviations."""
-RESTART = 0.25
-"""Tolerance of the second estimate of an essential matrix, in tolerances."""
 MIN_UNCERTAINTY = 1.0
 """Standard deviation of the direction of motion in degrees below which the noise of the positions
 is negligible beside the parallax."""
-MOSTLY_RIGHT = 0.8
-"""Fraction of matches near the first estimate above which no second one is made."""
 MIN_SIGMA = 0.02
 """Smallest error of a position, in pixels."""
 SCALE_ERROR = 0.064
@@ -161,7 +141,7 @@ def verify(
 ) -> Verification:
     """Estimate the geometry of two views from matches, with its covariance and inliers.
 
-    MAGSAC's estimate is refined by robust least squares, in which each match weighs as much as
+    A sampled estimate is refined by robust least squares, in which each match weighs as much as
     the positions of its keypoints are exact (see `position_sigma`). Torr's criterion GRIC then
     selects the model that the matches support: `Verification.model`.
 
@@ -194,7 +174,7 @@ def verify(
             intrinsics, or invalid ones.
         KeypointsError: pairs that are not indices, or positions that are not finite.
 
-    Source: OpenCV's USAC with the score of MAGSAC++; Barath et al. (2020).
+    Source: OpenCV's USAC, for homographies with the score of MAGSAC++; Barath et al. (2020).
     """
     require(geometry in SAMPLE_SIZE, "geometry", " or ".join(SAMPLE_SIZE), geometry)
     require(0 < tolerance < np.inf, "tolerance", "pixels over 0", tolerance)
@@ -346,7 +326,36 @@ def verify_positions(
         return verified
     positions = np.full((len(rows), 2), np.nan)
     positions[row] = matched[:, :2]
-    return with_model(verified, matches.take(usable), inliers[usable], positions[usable], keypoints)
+    chosen = matches.take(usable), inliers[usable], positions[usable]
+    result = with_model(verified, *chosen, keypoints)
+    if geometry != "essential" or result.model != "planar" or result.pose is None:
+        return result
+    agree = np.zeros(len(rows), np.bool_)
+    agree[finite] = on_plane(
+        result, matches.take(finite), replace(estimator, geometry="homography")
+    )
+    return replace(with_matrix_of_pose(result, result.pose), inliers=agree[row])
+
+
+def on_plane(verified: Verification, matches: Matches, estimator: "Estimator") -> BoolArray:
+    """(m,) which matches of calibrated views are consistent with the homography of a plane."""
+    assert verified.views is not None
+    assert verified.homography is not None
+    K1, K2 = (view.matrix for view in verified.views)
+    return estimator.inliers(np.linalg.inv(K2) @ verified.homography @ K1, matches)
+
+
+def with_matrix_of_pose(verified: Verification, pose: RelativePose) -> Verification:
+    """The verification with the essential matrix of a pose.
+
+    A plane has two poses, and the matrix that most matches agree with may be that of the other one.
+    """
+    J = np.concatenate([cross_matrix(pose.translation) @ CROSS, CROSS]) @ pose.rotation
+    covariance = None
+    if pose.covariance is not None and np.isfinite(pose.covariance).all():
+        covariance = J.reshape(6, 9).T @ pose.covariance @ J.reshape(6, 9)
+    matrix = cross_matrix(pose.translation) @ pose.rotation
+    return replace(verified, matrix=matrix, covariance=covariance)
 
 
 def with_model(
@@ -431,88 +440,6 @@ def with_covariance(verified: Verification, matches: Matches) -> Verification:
     return replace(verified, covariance=corrected, pose=pose)
 
 
-@dataclass(frozen=True)
-class Estimator:
-    """Estimation of a geometry from matches."""
-
-    geometry: Geometry
-    tolerance: float
-    """In pixels."""
-    pixels: FloatArray
-    """(2,) size of a pixel of both images in the coordinates of the matches."""
-
-    def estimate(self, matches: Matches) -> tuple[FloatArray, Fit | None] | None:
-        """The (3, 3) matrix, and its refinement if there is one; None without a matrix."""
-        tolerance = self.tolerance * float(np.sqrt(self.pixels.prod()))
-        matrix, _ = sample_consensus(matches.positions, self.geometry, tolerance)
-        if matrix is None:
-            return None
-        if self.geometry == "essential":
-            matrix = self._restarted(matrix, matches)
-        fit = self.refine_repeatedly(matrix, matches)
-        return (matrix, None) if fit is None else (fit.matrix, fit)
-
-    def _restarted(self, matrix: FloatArray, matches: Matches) -> FloatArray:
-        """The best of a matrix and an estimate from the matches near it, if many of all are wrong.
-
-        Least squares from an estimate among many wrong matches may end in a local minimum.
-        """
-        near = replace(self, tolerance=REFINED_TOLERANCES * self.tolerance).inliers(matrix, matches)
-        if near.mean() > MOSTLY_RIGHT:
-            return matrix
-        tolerance = RESTART * self.tolerance * float(self.pixels.mean())
-        other, _ = sample_consensus(matches.positions[near], self.geometry, tolerance)
-        if other is None or self._cost(matrix, matches) <= self._cost(other, matches):
-            return matrix
-        return other
-
-    def _cost(self, matrix: FloatArray, matches: Matches) -> float:
-        """Sum of squared errors, each at most that of half the tolerance."""
-        z = sampson_distances(matrix, matches.positions, self.pixels) / (self.tolerance / 2)
-        return float(np.minimum(z**2, 1).sum())
-
-    def refine_repeatedly(self, matrix: FloatArray, matches: Matches) -> Fit | None:
-        """The model refined by the matches near it, and again by those near the refined one."""
-        wide = replace(self, tolerance=REFINED_TOLERANCES * self.tolerance)
-        near = wide.inliers(matrix, matches)
-        fit: Fit | None = None
-        for _ in range(REFINEMENTS[self.geometry]):
-            if near.sum() <= SAMPLE_SIZE[self.geometry]:
-                break
-            chosen = matches.take(near)
-            better = refine(matrix, self.geometry, chosen.positions, chosen.sigma)
-            if better is None:
-                break
-            fit, matrix = better, better.matrix
-            near = wide.inliers(matrix, matches)
-            residuals = residuals_of(self.geometry, matrix, matches.positions, matches.sigma)
-            near &= np.linalg.norm(residuals(matrix)[0], axis=1) <= REFINED_SIGMAS * fit.scale
-        if self.geometry == "essential" and fit is not None:
-            chosen = matches.take(near)
-            chosen = chosen.take(is_plausibly_near(pose_of(matrix, chosen.positions), chosen))
-            if len(chosen.positions) > SAMPLE_SIZE[self.geometry]:
-                fit = refine(matrix, self.geometry, chosen.positions, chosen.sigma) or fit
-        return fit
-
-    def inliers(self, matrix: FloatArray, matches: Matches) -> BoolArray:
-        """(m,) which matches are consistent with a matrix.
-
-        The error is that in the second image of a homography, else that from epipolar lines; of
-        calibrated cameras from the half of the line in front of both.
-        """
-        positions = matches.positions
-        if self.geometry == "homography":
-            gap = project(matrix, positions[:, :2]) - positions[:, 2:]
-            errors = np.nan_to_num(np.hypot(*gap.T), nan=np.inf)
-        else:
-            errors = np.abs(sampson_distances(matrix, positions, self.pixels))
-        if self.geometry == "essential":
-            pose = pose_of(matrix, positions[errors < self.tolerance])
-            beyond = beyond_infinity(pose.rotation, pose.translation, positions)
-            errors = np.hypot(errors, beyond / float(np.hypot(*self.pixels) / np.sqrt(2)))
-        return np.asarray(errors < self.tolerance)
-
-
 def is_finite(rows: FloatArray) -> BoolArray:
     """(m,) whether all numbers of a row are finite."""
     return np.asarray(np.isfinite(rows).all(axis=1))
@@ -559,29 +486,3 @@ def position_sigma(keypoints: Keypoints) -> FloatArray:
     noise = np.divide(NOISE_ERROR, response, out=np.zeros(len(scale)), where=response > 0)
     sigma: FloatArray = np.maximum(np.hypot(SCALE_ERROR * scale, noise), MIN_SIGMA)
     return sigma
-
-
-def sample_consensus(
-    matched: FloatArray, geometry: Geometry, tolerance: float
-) -> tuple[FloatArray | None, BoolArray]:
-    """MAGSAC's (3, 3) matrix of (m, 4) rows x1, y1, x2, y2, and (m,) which are inliers."""
-    none = np.zeros(len(matched), np.bool_)
-    if len(matched) < SAMPLE_SIZE[geometry]:
-        return None, none
-    first, second = np.ascontiguousarray(matched[:, :2]), np.ascontiguousarray(matched[:, 2:])
-    names: dict[str, Any] = {"method": cv2.USAC_MAGSAC, "maxIters": MAX_ITERATIONS}
-    try:
-        with quiet_opencv():
-            if geometry == "essential":
-                names |= {"prob": CONFIDENCE, "threshold": tolerance}
-                matrix, mask = cv2.findEssentialMat(first, second, np.eye(3), **names)
-            else:
-                names |= {"confidence": CONFIDENCE, "ransacReprojThreshold": tolerance}
-                find: Any = cv2.findHomography
-                find = cv2.findFundamentalMat if geometry == "fundamental" else find
-                matrix, mask = find(first, second, **names)
-    except cv2.error:  # an assertion fails in some versions where no sample gives a model
-        return None, none
-    if np.shape(matrix) != (3, 3):  # None where every sample is degenerate
-        return None, none
-    return np.asarray(matrix, np.float64), np.asarray(mask).ravel() != 0
