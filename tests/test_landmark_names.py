@@ -88,7 +88,7 @@ def test_maps_are_merged_by_text(named):
 
 def test_the_command_writes_the_names(named, tmp_path, run):
     save(tmp_path / "log.csv", named)
-    code, _, message = run("slam", tmp_path / "log.csv", "--no-film", "--out", tmp_path / "out")
+    code, _, message = run("slam", tmp_path / "log.csv", "--out", tmp_path / "out")
     assert code == 0, message
     for file, column in (("landmarks.csv", "id"), ("innovations.csv", "landmark")):
         with (tmp_path / "out" / file).open(encoding="utf-8", newline="") as table:

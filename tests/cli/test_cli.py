@@ -88,7 +88,7 @@ BAD_INPUT = {
     ),
     "bad preset": (["look", ROCKET, "--preset", "best"], ["kootstra2010", "'best'"]),
     "bad kind": (["config", "soup"], ["contrast", "'soup'"]),
-    "bad format": (["slam", DATA / "victoria_park.txt", "--format", "x"], ["mrclam"]),
+    "bad format": (["slam", DATA / "victoria_park.txt", "--kind", "x"], ["mrclam"]),
     "bad association": (
         ["slam", DATA / "victoria_park.txt", "--association", "x"],
         ["association", "'x'"],

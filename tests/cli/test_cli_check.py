@@ -21,7 +21,7 @@ def test_a_clean_drive_ends_with_0_and_one_with_findings_with_1(run, sequence):
     assert out.split()[:7] == ["wall:", "40", "frames,", "40", "inspected,", "no", "problems"]
     for i in (3, 4):
         cv2.imwrite(str(sequence / "image_0" / f"{i:06d}.png"), np.zeros((120, 160), np.uint8))
-    code, out, _ = run("check", sequence, "--format", "kitti")
+    code, out, _ = run("check", sequence, "--kind", "kitti")
     assert code == 1
     assert "1 problem" in out
     assert "2 frames are black or uniformly gray (frames 3, 4)" in " ".join(out.split())

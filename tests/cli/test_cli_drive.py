@@ -9,7 +9,7 @@ import numpy as np
 def test_a_drive_is_mapped_by_the_settings_of_a_file(run, tmp_path):
     assert run("simulate", "drive", "--frames", 8, "--out", "ring")[0] == 0
     (tmp_path / "mine.toml").write_text("max_landmarks = 5\nselection = 'random'\n")
-    words = ("drive", "ring", "--no-film", "--json", "--config", "mine.toml")
+    words = ("drive", "ring", "--json", "--config", "mine.toml")
     code, out, _ = run(*words)
     assert code == 0
     row = json.loads(out)

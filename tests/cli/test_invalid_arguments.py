@@ -20,7 +20,7 @@ READS = {
     "merge {0} {0} --out there.npz": ("npz",),
     "convert {} there.csv": ("csv", "g2o", "bag"),
     "check {}": ("bag", "npz", "mp4"),
-    "check {} --format rosbag": ("bag",),
+    "check {} --kind rosbag": ("bag",),
     "drive {}": ("npz", "mp4"),
     "extract {} --workers 1": ("png", "txt", "mp4"),
     "convert {} x.h5": ("db",),

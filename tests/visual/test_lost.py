@@ -113,7 +113,7 @@ def test_a_robot_in_an_unknown_place_stays_lost_and_keeps_its_map():
 def test_the_times_at_which_it_was_lost_are_reported(carried, run, tmp_path):
     moved, _ = carried
     datasets.save_drive(tmp_path / "carried", moved)
-    code, out, _ = run("drive", tmp_path / "carried", "--no-film", "--out", tmp_path / "out")
+    code, out, _ = run("drive", tmp_path / "carried", "--out", tmp_path / "out")
     assert code == 0
     (times,) = json.loads((tmp_path / "out" / "run.json").read_text())["lost"]
     assert times[0] == pytest.approx(moved.time[AFTER])

@@ -61,6 +61,8 @@ COMMANDS = {
 }
 """Commands by help panel, with the first lines of their docstrings. Command NAME is the function
 NAME in the module `saccade.cli.NAME`, which is imported when the command runs."""
+USAGES = {"match": "Usage: saccade match [OPTIONS] FIRST [SECOND]"}
+"""Usage of commands whose last argument is optional."""
 EVALUATIONS = {
     "Images": {
         "fixations": "Score saliency maps by how well they predict human fixations.",
@@ -101,6 +103,7 @@ def _application() -> App:
         for panel, commands in panels.items():
             for number, (name, summary) in enumerate(commands.items()):
                 options: Any = {"help": summary, "group": panel, "sort_key": number}
+                options["usage"] = USAGES.get(name)
                 path = f"{module}{name}:{name}"
                 parent.command(path, name, help_format="markdown", **options)
     app.register_install_completion_command()

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from cyclopts import Parameter
 
 from saccade.cli.options import INPUT, JsonOptions
 from saccade.cli.output import Result, Table, progress_bar
-from saccade.cli.recordings import FORMAT, AnyKind, LogOptions, SequenceOptions
+from saccade.cli.recordings import KIND, AnyKind, LogOptions, SequenceOptions
 from saccade.datasets import load_map
 from saccade.datasets.formats import AUTO
 from saccade.datasets.recordings import is_log, read_by
@@ -21,19 +21,11 @@ from saccade.frames import Drive
 from saccade.types import LandmarkLog
 
 
-@dataclass(frozen=True)
-class DriveOrLog(SequenceOptions):
-    """A camera drive or a landmark log."""
-
-    sequence: Path
-    """Camera drive (a folder, video, bag or track file) or landmark log."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class CheckOptions(JsonOptions, LogOptions, DriveOrLog):
+class CheckOptions(JsonOptions, LogOptions, SequenceOptions):
     """Options of `saccade check`."""
 
-    kind: Annotated[AnyKind | None, INPUT, FORMAT] = None
+    kind: Annotated[AnyKind | None, INPUT, KIND] = None
     """Format of SEQUENCE, or module:function that reads it; detected by default."""
     frames: int = setting(300, 40)
     """Number of frames to inspect, evenly spaced over the drive; at least 40."""
@@ -41,17 +33,23 @@ class CheckOptions(JsonOptions, LogOptions, DriveOrLog):
     map_file: Annotated[Path | None, INPUT, Parameter("--map")] = None
     """True positions of the tags of --tags, a table of landmarks."""
 
-    def read(self) -> LandmarkLog | Drive:
+    def read(self, sequence: Path) -> LandmarkLog | Drive:
         """The recording; --topic reads the landmarks of a bag."""
         kind = self.kind or AUTO
         if ":" in kind:
-            return read_by(kind, self.sequence)
-        if not self.sequence.exists() or not (self.topic or is_log(self.sequence, kind)):
-            return self.load_drive()
-        return self.load(self.sequence)
+            return read_by(kind, sequence)
+        if not sequence.exists() or not (self.topic or is_log(sequence, kind)):
+            return self.load_drive(sequence)
+        return self.load(sequence)
 
 
-def check(options: CheckOptions) -> Result:
+Recording: TypeAlias = Annotated[
+    Path,
+    Parameter(help="Camera drive (a folder, video, bag or track file) or landmark log."),
+]
+
+
+def check(sequence: Recording, /, options: CheckOptions = CheckOptions()) -> Result:
     """Check a camera drive or a landmark log for errors before mapping.
 
     Drives: compares odometry with visual motion (sign, scale, time offset,
@@ -70,8 +68,8 @@ def check(options: CheckOptions) -> Result:
     Example: saccade check kitti/07
     """
     if options.tag_config is not None:
-        return _check_tags(options)
-    recording = options.read()
+        return _check_tags(sequence, options)
+    recording = options.read(sequence)
     if isinstance(recording, LandmarkLog):
         log = recording
         counts = {"poses": len(log.time), "observations": len(log.observation)}
@@ -86,10 +84,10 @@ def check(options: CheckOptions) -> Result:
     return Result({**result.row, "figures": report.figures}, result.tables, code=result.code)
 
 
-def _check_tags(options: CheckOptions) -> Result:
+def _check_tags(sequence: Path, options: CheckOptions) -> Result:
     """Check the tags of a camera drive, and the calibration of the camera."""
     survey = None if options.map_file is None else load_map(options.map_file)
-    ride = options.load_ride(options.sequence)
+    ride = options.load_ride(sequence)
     log = ride.tags.log
     tags, seen = len(np.unique(log.landmark)), len(log.observation)
     row = {"sequence": log.name, "frames": len(ride.drive), "tags": tags, "observations": seen}

@@ -1,7 +1,7 @@
 """`saccade config`: a configuration as TOML."""
 
-from dataclasses import dataclass, field
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, TypeAlias
 
 from cyclopts import Parameter
 
@@ -14,14 +14,16 @@ from saccade.settings import as_toml, kinds, load_settings, presets_as_toml
 class ConfigOptions(Options):
     """Options of `saccade config`."""
 
-    kind: Annotated[str, Parameter(help=f"One of {', '.join(kinds())}.")] = field(kw_only=False)
     preset: Annotated[str | None, Parameter(("--preset", "-p"), metavar="NAME")] = None
     """Print this preset, not the default."""
     every: Annotated[bool, Parameter("--all")] = False
     """Print every preset, one table each."""
 
 
-def config(options: ConfigOptions) -> None:
+Kind: TypeAlias = Annotated[str, Parameter(help=f"One of {', '.join(kinds())}.")]
+
+
+def config(kind: Kind, /, options: ConfigOptions = ConfigOptions()) -> None:
     """Print a configuration as TOML.
 
     Save the output to a file, edit it, and pass it to a command with --config.
@@ -29,7 +31,7 @@ def config(options: ConfigOptions) -> None:
 
     Example: saccade config sift --preset opencv > sift.toml
     """
-    kind, preset = options.kind, options.preset
+    preset = options.preset
     require(not (options.every and preset), "preset", "--preset or --all", "both")
     text = presets_as_toml(kind) if options.every else as_toml(load_settings(kind, preset))
     print(text, end="")

@@ -2,28 +2,20 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
+
+from cyclopts import Parameter
 
 from saccade import datasets
-from saccade.cli.options import OUTPUT, JsonOptions, Options
+from saccade.cli.options import OUTPUT, JsonOptions
 from saccade.cli.output import Result, facts_table
 from saccade.cli.recordings import LogOptions
 from saccade.errors import require
 from saccade.extras import import_optional
 
 
-@dataclass(frozen=True)
-class FileArguments(Options):
-    """Input and output of the conversion."""
-
-    log: str
-    """Landmark log: a file, folder or ROS bag; or keypoints of saccade extract."""
-    file: Path
-    """File or folder to write."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class ConvertOptions(LogOptions, JsonOptions, FileArguments):
+class ConvertOptions(LogOptions, JsonOptions):
     """Options of `saccade convert`."""
 
     to: Annotated[str | None, OUTPUT] = None
@@ -31,7 +23,14 @@ class ConvertOptions(LogOptions, JsonOptions, FileArguments):
     suffix."""
 
 
-def convert(options: ConvertOptions) -> Result:
+Log: TypeAlias = Annotated[
+    str,
+    Parameter(help="Landmark log: a file, folder or ROS bag; or keypoints of saccade extract."),
+]
+File: TypeAlias = Annotated[Path, Parameter(help="File or folder to write.")]
+
+
+def convert(log: Log, file: File, /, options: ConvertOptions = ConvertOptions()) -> Result:
     """Convert a landmark log or extracted keypoints to another format.
 
     Landmark logs: csv keeps everything except the true landmarks; its header
@@ -43,14 +42,14 @@ def convert(options: ConvertOptions) -> Result:
 
     Example: saccade convert victoria_park.txt park.g2o
     """
-    source, file, to = options.log, options.file, options.to
-    if "://" in source or (Path(source) / "manifest.json").exists():
-        row, name = _convert_points(source, file, to), source
+    to = options.to
+    if "://" in log or (Path(log) / "manifest.json").exists():
+        row, name = _convert_points(log, file, to), log
     else:
-        log = options.load(Path(source))
-        datasets.save(file, log, to or "auto")
-        counts = {"poses": len(log.time), "observations": len(log.observation)}
-        row, name = {"log": log.name, **counts, "file": str(file)}, log.name
+        loaded = options.load(Path(log))
+        datasets.save(file, loaded, to or "auto")
+        counts = {"poses": len(loaded.time), "observations": len(loaded.observation)}
+        row, name = {"log": loaded.name, **counts, "file": str(file)}, loaded.name
     return Result(row, [facts_table(f"{name} -> {file}", row)])
 
 

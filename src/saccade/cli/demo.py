@@ -55,16 +55,16 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
     with results_in(out), as_file(files("saccade") / "data") as data:
         with progress_bar("attention: saliency and scanpath"):
             photo = data / "chelsea.jpg"
-            looking = LookOptions(images=[str(photo)], keypoints=True, out=out)
+            looking = LookOptions(keypoints=True, out=out)
             attention = looking.attention_model(looking.model, free_viewing=True)
             look, _ = analyze_image(photo, photo.stem, attention, looking, builder)
         with progress_bar("interest points: two views of a hallway"):
-            first, second = (data / f"hallway_{number}.jpg" for number in (1, 2))
-            matching = MatchOptions(first=str(first), second=second, out=out)
-            match = match_images(Sift(), matching, second, builder)
+            hallway = data / "hallway_1.jpg", data / "hallway_2.jpg"
+            match = match_images(Sift(), hallway, MatchOptions(out=out), builder)
         with progress_bar("EKF-SLAM: a car in Victoria Park") as progress:
-            mapping = SlamOptions(data / "victoria_park.txt", out=out)
-            slam = map_log(mapping.load(mapping.log), mapping, progress, builder)
+            mapping = SlamOptions(out=out)
+            log = mapping.load(data / "victoria_park.txt")
+            slam = map_log(log, mapping, progress, builder)
         drive = _drive(out, builder)
         page = builder.write(out / "index.html")
     print_message(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")

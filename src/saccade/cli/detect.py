@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from saccade import exchange
-from saccade.cli.images import ImageArguments, Row, analyze_each, names_below
+from saccade.cli.images import Images, Row, analyze_each, names_below
 from saccade.cli.options import (
     INPUT,
     OUTPUT,
@@ -95,7 +95,7 @@ CameraModel: TypeAlias = Annotated[
     INPUT,
     Parameter(
         metavar="MODEL,...",
-        help="Camera of all images, for --format colmap: a model of COLMAP with parameters in "
+        help="Lens of all images, for --format colmap: a model of COLMAP with parameters in "
         "pixels, such as PINHOLE,fx,fy,cx,cy; a model alone, with guessed parameters; or a file "
         "with lines NAME MODEL WIDTH HEIGHT PARAMETER ... By default COLMAP chooses.",
     ),
@@ -107,24 +107,24 @@ CameraMode: TypeAlias = Annotated[
         "--camera-mode",
         help="Images that share a camera, for --format colmap: by EXIF data as COLMAP (auto), "
         "those of a folder (folder), all (single) or none (image). By default auto, and single "
-        "with a --camera of all images.",
+        "with a --lens of all images.",
     ),
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectOptions(DetectorOptions, JsonOptions, ImageArguments):
+class DetectOptions(DetectorOptions, JsonOptions):
     """Options of `saccade detect`."""
 
     out: OutputFolder = Path("saccade-detect")
     formats: Annotated[list[Format] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))] = None
     """Output formats for keypoints (npz by default) and figures (png by default), separated by
     commas."""
-    camera: CameraModel = None
+    lens: CameraModel = None
     camera_mode: CameraMode = None
 
 
-def detect(options: DetectOptions) -> Result:
+def detect(*images: Images, options: DetectOptions = DetectOptions()) -> Result:
     """Detect and describe keypoints.
 
     Writes to --out, for each image, a figure (NAME.keypoints.png) and the
@@ -141,12 +141,12 @@ def detect(options: DetectOptions) -> Result:
     chosen = list(dict.fromkeys(options.formats or []))
     if all(each in get_args(FigureFormat) for each in chosen):
         chosen.append("npz")
-    cameras = parse_cameras(options.camera)
-    require(cameras is None or "colmap" in chosen, "camera", "--format colmap", chosen)
+    cameras = parse_cameras(options.lens)
+    require(cameras is None or "colmap" in chosen, "lens", "--format colmap", chosen)
     require_libraries(chosen, cameras)
     check_masks(options.masks)
     find = options.make_detector()
-    image_names = {} if options.masks is None else names_below(options.images, out)
+    image_names = {} if options.masks is None else names_below(images, out)
     shared = [each for each in chosen if each in SHARED_FILES]
     detections: dict[Path, Detections] = {}
 
@@ -160,7 +160,7 @@ def detect(options: DetectOptions) -> Result:
         return row
 
     with results_in(out):
-        rows, code = analyze_each(options.images, out, of_image)
+        rows, code = analyze_each(images, out, of_image)
         files = write_shared(detections, out, shared, cameras, options.camera_mode)
     cells = [[row["image"], str(row["points"]), f"{row['median_size']:.1f}"] for row in rows]
     table = Table(f"keypoints -> {out}", ["image", "points", "median size [px]"], cells)

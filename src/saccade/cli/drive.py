@@ -67,7 +67,12 @@ class DriveOptions(SettingsOptions, RunOutput, TagOptions, SequenceOptions):
     """Process repeated frames as if they were new."""
 
 
-def drive(options: DriveOptions) -> Result:
+Ride: TypeAlias = Annotated[
+    Path, Parameter(help="Camera drive: a folder, video, bag or track file.")
+]
+
+
+def drive(sequence: Ride, /, options: DriveOptions = DriveOptions()) -> Result:
     """Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.
 
     Writes to --out the trajectory (trajectory.tum, for evo; poses.csv with
@@ -84,11 +89,11 @@ def drive(options: DriveOptions) -> Result:
     Example: saccade drive KITTI/07 --out mapped
     """
     settings: VisualConfig = options.settings("visual")
-    recorded = load_recorded(options) if options.camera is None else None
+    recorded = load_recorded(sequence, options) if options.camera is None else None
     name = f"camera {options.camera}" if recorded is None else recorded.name
     with results_in(options.out), progress_bar(name) as progress:
         mapped, result, snapshots = (
-            map_camera(settings, options, progress)
+            map_camera(sequence, settings, options, progress)
             if recorded is None
             else map_recorded(recorded, settings, options, progress, options.tag_config)
         )
@@ -156,9 +161,9 @@ LEAD = "The trajectory of a robot and the map of its landmarks, from camera fram
 Mapped: TypeAlias = tuple[Drive, VisualResult, list[MapSnapshot]]
 
 
-def load_recorded(options: DriveOptions) -> Drive:
+def load_recorded(sequence: Path, options: DriveOptions) -> Drive:
     """The recorded drive, read from its files."""
-    recorded = options.load_drive()
+    recorded = options.load_drive(sequence)
     if options.frames is not None:
         recorded = recorded.until(options.frames)
     return recorded if options.keep_repeated else drop_repeated(recorded)
@@ -183,13 +188,15 @@ MAX_CAMERA_FRAMES = 36_000
 """Default maximum number of camera frames: 20 minutes at 30 frames per second."""
 
 
-def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress) -> Mapped:
+def map_camera(
+    sequence: Path, settings: VisualConfig, options: DriveOptions, progress: Progress
+) -> Mapped:
     """Map while the camera records into a folder."""
     frames = options.frames or MAX_CAMERA_FRAMES
     with (
         stop_on_interrupt("stopping after this frame") as stopped,
         LiveVideo(str(options.camera), stopped) as video,
-        closing(LiveDrive(video, options.sequence, options.calibration(), frames)) as recording,
+        closing(LiveDrive(video, sequence, options.calibration(), frames)) as recording,
         options.recorder(
             video.name, recording.drive.time, snapshots=max(SNAPSHOTS, frames // 4)
         ) as recorder,
@@ -200,7 +207,7 @@ def map_camera(settings: VisualConfig, options: DriveOptions, progress: Progress
         result = visual.run(recording.drive, settings, report, recorder=recorder, tags=tags)
     if video.dropped:
         print_message(f"{video.name}: {video.dropped} frames dropped while others were processed")
-    return load_drive("folder", options.sequence), result, recorder.snapshots
+    return load_drive("folder", sequence), result, recorder.snapshots
 
 
 def write_results(

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 from cyclopts import Parameter
 
@@ -14,7 +14,6 @@ from saccade.cli.options import (
     INPUT,
     OUTPUT,
     JsonOptions,
-    Options,
     SettingsOptions,
 )
 from saccade.cli.output import (
@@ -33,16 +32,8 @@ MAX_REASONS = 10
 """Largest number of failed images whose reasons are printed."""
 
 
-@dataclass(frozen=True)
-class SourceArgument(Options):
-    """Many images."""
-
-    source: str
-    """Folder, quoted pattern, list (.txt), video, or a URL of one of these."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
+class ExtractOptions(SettingsOptions, JsonOptions):
     """Options of `saccade extract`."""
 
     what: Annotated[str, Parameter(metavar="NAME")] = DEFAULT_DETECTOR
@@ -52,7 +43,7 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
     """Folder or URL of the data set."""
     model: Path | None = None
     """Fitted model of saccade fit, for saliency and scanpath."""
-    fixations: int = setting(10, 1)
+    length: int = setting(10, 1)
     """Length of a scanpath."""
     every: Annotated[int, INPUT, Parameter(metavar="N")] = setting(1, 1)
     """Use every Nth frame of a video."""
@@ -86,7 +77,12 @@ class ExtractOptions(SettingsOptions, JsonOptions, SourceArgument):
         return self.settings("attention" if by_attention else what)
 
 
-def extract(options: ExtractOptions) -> Result:
+Source: TypeAlias = Annotated[
+    str, Parameter(help="Folder, quoted pattern, list (.txt), video, or a URL of one of these.")
+]
+
+
+def extract(source: Source, /, options: ExtractOptions = ExtractOptions()) -> Result:
     """Extract features of many images into a Parquet data set.
 
     DuckDB, Polars and pandas read it directly (docs/extract.md). Repeating the
@@ -105,11 +101,11 @@ def extract(options: ExtractOptions) -> Result:
     from saccade.batch.storage import ANONYMOUS
     from saccade.batch.workers import count_workers
 
-    out, what, source = options.out, options.what, options.source
+    out, what = options.out, options.what
     what = SALIENCY if what == DEFAULT_MODEL else what
     settings = options.settings_of(what)
     masks = None if options.masks is None else str(options.masks)
-    job = Job(what, settings, fixations=options.fixations, stretch=options.stretch, masks=masks)
+    job = Job(what, settings, fixations=options.length, stretch=options.stretch, masks=masks)
     if options.anonymous:
         source = source.replace("://", f"://{ANONYMOUS}", 1)
     images = open_source(source, options.every, root=options.root, without=out)

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
-from saccade.cli.options import Options
+from cyclopts import Parameter
+
 from saccade.cli.output import INTERRUPTED, names_for, print_message, stop_on_interrupt, tracked
 from saccade.errors import ImageError, OutputError, SaccadeError
 from saccade.io.files import is_invalid_name, natural_order
@@ -16,13 +16,10 @@ Row: TypeAlias = dict[str, Any]
 """Result of an image, for --json."""
 
 
-@dataclass(frozen=True)
-class ImageArguments(Options):
-    """Images."""
-
-    images: list[str]
-    """Images, folders with their subfolders, or quoted patterns."""
-
+Images: TypeAlias = Annotated[
+    str,
+    Parameter(help="Images, folders with their subfolders, or quoted patterns.", required=True),
+]
 
 RESULTS = (".look.", ".keypoints.", ".match.")
 """Parts of the names of figures that the commands write."""

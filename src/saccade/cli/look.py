@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from saccade.attention.models import AttentionModel
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
-from saccade.cli.images import ImageArguments, Row, analyze_each
+from saccade.cli.images import Images, Row, analyze_each
 from saccade.cli.look_video import look_at_video, video_table
 from saccade.cli.model_options import PUBLISHED, ModelOptions, scanpath_network
 from saccade.cli.options import (
@@ -55,7 +55,7 @@ MapFormat = Literal["npy", "mat", "png", "tiff"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class LookOptions(ModelOptions, JsonOptions, ImageArguments):
+class LookOptions(ModelOptions, JsonOptions):
     """Options of `saccade look`."""
 
     out: OutputFolder = Path("saccade-look")
@@ -82,7 +82,7 @@ class LookOptions(ModelOptions, JsonOptions, ImageArguments):
     """Show the strongest interest points in the report."""
 
 
-def look(options: LookOptions) -> Result:
+def look(*images: Images, options: LookOptions = LookOptions()) -> Result:
     """Compute saliency maps and a scanpath.
 
     The map predicts where people look at a photograph on a screen; with
@@ -115,7 +115,7 @@ def look(options: LookOptions) -> Result:
         return row
 
     with results_in(out):
-        rows, code = analyze_each(options.images, out, of_image)
+        rows, code = analyze_each(images, out, of_image)
         report = builder.write(out / "report.html") if len(builder) else None
         written = write_scanpaths(out, paths) if "csv" in (options.formats or ()) else {}
     row: dict[str, Any] = {"images": rows, "report": None if report is None else str(report)}

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, cast, get_args
 
 import numpy as np
 from cyclopts import Parameter
@@ -18,7 +18,6 @@ from saccade.cli.options import (
     SEVERAL,
     FigureFormat,
     JsonOptions,
-    Options,
     OutputFolder,
     figure_formats,
 )
@@ -54,18 +53,8 @@ FORMATS = {"two images": get_args(FigureFormat), "many images": ("hdf5", "colmap
 """File formats of the figures, and of the matches."""
 
 
-@dataclass(frozen=True)
-class PairArguments(Options):
-    """Two images, or a collection."""
-
-    first: str
-    """First image; or, without SECOND, many images: a folder, quoted pattern or list."""
-    second: Path | None = None
-    """Second image of the same scene."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
+class MatchOptions(DetectorOptions, JsonOptions):
     """Options of `saccade match`."""
 
     pairs: Annotated[str | None, INPUT] = None
@@ -92,7 +81,7 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
     hdf5 (for hloc, the default) or colmap; several with commas."""
     min_inliers: int = setting(MIN_INLIERS, 1)
     """Smallest number of distinct inliers of an accepted geometry."""
-    camera: CameraModel = None
+    lens: CameraModel = None
     camera_mode: CameraMode = None
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as many as cores and memory allow."""
@@ -103,7 +92,16 @@ class MatchOptions(DetectorOptions, JsonOptions, PairArguments):
         return None if self.geometry == "none" else self.geometry
 
 
-def match(options: MatchOptions) -> Result:
+First: TypeAlias = Annotated[
+    str,
+    Parameter(
+        help="First image; or, without SECOND, many images: a folder, quoted pattern or list."
+    ),
+]
+Second: TypeAlias = Annotated[Path | None, Parameter(help="Second image of the same scene.")]
+
+
+def match(first: First, second: Second = None, /, options: MatchOptions = MatchOptions()) -> Result:
     """Match the keypoints of two or more images.
 
     Mutual nearest neighbors that pass the ratio test are verified by two-view
@@ -119,20 +117,20 @@ def match(options: MatchOptions) -> Result:
 
     Example: saccade match left.jpg right.jpg --geometry homography
     """
-    words = "many images" if options.second is None else "two images"
+    words = "many images" if second is None else "two images"
     chosen = list(dict.fromkeys(options.formats or FORMATS[words][:1]))
     for each in chosen:
         expected = f"{' or '.join(FORMATS[words])} for {words}"
         require(each in FORMATS[words], "format", expected, each)
-    if options.second is None:
-        return match_many(options, chosen)
-    many = ("pairs", "root", "workers", "camera", "camera_mode")
+    if second is None:
+        return match_many(first, options, chosen)
+    many = ("pairs", "root", "workers", "lens", "camera_mode")
     given = any(getattr(options, name) is not None for name in many)
-    expected = "--pairs, --root, --camera, --camera-mode and --workers with many images"
-    require(not given, "pairs", expected, str(options.second))
+    expected = "--pairs, --root, --lens, --camera-mode and --workers with many images"
+    require(not given, "pairs", expected, str(second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
-        row = match_images(options.make_detector(), options, options.second, builder)
+        row = match_images(options.make_detector(), (Path(first), second), options, builder)
         row["report"] = str(builder.write(options.out / "report.html"))
     shared = [str(row["matches"])] + ([str(row["inliers"])] if "inliers" in row else [])
     columns = ["image", "points", "matched", "inliers"][: 2 + len(shared)]
@@ -153,10 +151,11 @@ TEXT = (
 
 
 def match_images(
-    detector: Any, options: MatchOptions, second: Path, builder: ReportBuilder
+    detector: Any, paths: tuple[Path, Path], options: MatchOptions, builder: ReportBuilder
 ) -> dict[str, Any]:
     """Match two images: write matches.png and .csv, return the row for --json."""
-    first, out, geometry = Path(options.first), options.out, options.verification
+    first, second = paths
+    out, geometry = options.out, options.verification
     figures = figure_formats(options.formats)
     check_masks(options.masks)
     inputs = [options.read(each, each.name) for each in (first, second)]
@@ -219,7 +218,7 @@ def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None
     return float(np.sqrt(np.linalg.eigvalsh(verified.projection_covariance(corners)).max()))
 
 
-def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
+def match_many(source: str, options: MatchOptions, formats: Sequence[str]) -> Result:
     """Match many images, with progress bars for images and pairs."""
     given = options.preset or options.config
     if "colmap" in formats and options.detector == DEFAULT_DETECTOR and given is None:
@@ -231,7 +230,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
     from saccade.batch import Job, MatchConfig
     from saccade.batch.matching import FEATURES, match_images
 
-    require(options.camera is None or "colmap" in formats, "camera", "--format colmap", formats)
+    require(options.lens is None or "colmap" in formats, "lens", "--format colmap", formats)
     bars: dict[str, Callable[[int, int, int], None]] = {}
     with ExitStack() as stack:
 
@@ -241,7 +240,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
             bars[stage](done, failed, total)
 
         run = match_images(
-            options.first,
+            source,
             options.out,
             pairs=options.pairs,
             root=options.root,
@@ -258,7 +257,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
                 min_inliers=options.min_inliers,
             ),
             formats=cast("Sequence[ManyFormat]", formats),
-            cameras=parse_cameras(options.camera),
+            cameras=parse_cameras(options.lens),
             camera_mode=options.camera_mode,
             workers=options.workers,
             should_stop=stack.enter_context(stop_on_interrupt()),
@@ -275,7 +274,7 @@ def match_many(options: MatchOptions, formats: Sequence[str]) -> Result:
             f"are left out; see {options.out / FEATURES}/images.parquet"
         )
         print_failures(run.extraction.failed)
-    table = facts_table(f"{options.first} -> {options.out}", row | row["files"])
+    table = facts_table(f"{source} -> {options.out}", row | row["files"])
     return Result(row, [table], code)
 
 

@@ -2,27 +2,19 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 from cyclopts import Parameter
 
-from saccade.cli.options import OUTPUT, JsonOptions, Options
+from saccade.cli.options import OUTPUT, JsonOptions
 from saccade.cli.output import Result, facts_table, print_message
 from saccade.errors import LogError, require
 from saccade.slam import Slam
 from saccade.slam.merging import merge_maps
 
 
-@dataclass(frozen=True)
-class MapArguments(Options):
-    """Maps of runs."""
-
-    maps: list[Path]
-    """Maps of saccade slam --save-map (.npz), at least two."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class MergeOptions(JsonOptions, MapArguments):
+class MergeOptions(JsonOptions):
     """Options of `saccade merge`."""
 
     out: Annotated[Path, OUTPUT, Parameter(("--out", "-o"), metavar="FILE")]
@@ -31,7 +23,13 @@ class MergeOptions(JsonOptions, MapArguments):
     """Merge even maps that contradict each other or have a warning."""
 
 
-def merge(options: MergeOptions) -> Result:
+Maps: TypeAlias = Annotated[
+    Path,
+    Parameter(help="Maps of saccade slam --save-map (.npz), at least two.", required=True),
+]
+
+
+def merge(*maps: Maps, options: MergeOptions) -> Result:
     """Merge maps of several runs into one, in the frame of the first.
 
     The common landmarks are found by their labels or, without labels, by their
@@ -39,7 +37,7 @@ def merge(options: MergeOptions) -> Result:
 
     Example: saccade merge monday.npz tuesday.npz --out both.npz
     """
-    maps, out, anyway = options.maps, options.out, options.anyway
+    out, anyway = options.out, options.anyway
     require(len(maps) > 1, "MAPS", "two maps or more", len(maps))
     slam, merged = Slam.load(maps[0]), list[dict[str, Any]]()
     for path in maps[1:]:

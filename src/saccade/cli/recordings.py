@@ -1,6 +1,6 @@
 """Options for reading recordings: landmark logs and camera drives."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, TypeAlias
@@ -20,7 +20,7 @@ from saccade.types import Image, LandmarkLog, LandmarkMap
 
 MAX_REMARKS = 5
 """Maximum number of remarks on frames that could not be read."""
-FORMAT = Parameter("--format", metavar="FORMAT")
+KIND = Parameter(metavar="FORMAT")
 if TYPE_CHECKING:
     from saccade.diagnostics.findings import Finding
 
@@ -84,7 +84,7 @@ class TagRide(NamedTuple):
 class LogOptions(TagOptions):
     """Options for reading a landmark log."""
 
-    kind: Annotated[LogKind | None, INPUT, FORMAT] = None
+    kind: Annotated[LogKind | None, INPUT, KIND] = None
     """Format of LOG, or module:function that reads it; detected by default."""
     intrinsics: Annotated[str | None, INPUT, Parameter(metavar="FX,FY,CX,CY")] = None
     """Intrinsic parameters of the camera in pixels, for images without a calibration."""
@@ -146,9 +146,7 @@ def parse_pose(option: str, text: str, expected: str) -> tuple[float, float, flo
 class SequenceOptions(Options):
     """A camera drive, with calibration for files that lack it."""
 
-    sequence: Path = field(kw_only=False)
-    """Camera drive: a folder, video, bag or track file."""
-    kind: Annotated[DriveKind | None, INPUT, FORMAT] = None
+    kind: Annotated[DriveKind | None, INPUT, KIND] = None
     """Layout of SEQUENCE, or module:function that reads it; detected by default."""
     intrinsics: Annotated[str | None, INPUT, Parameter(metavar="FX,FY,CX,CY")] = None
     """Intrinsic parameters of the camera in pixels, for images without a calibration."""
@@ -159,6 +157,6 @@ class SequenceOptions(Options):
         """Calibration given on the command line, for a drive that has none."""
         return CameraOptions(parse_intrinsics(self.intrinsics), self.baseline)
 
-    def load_drive(self) -> Drive:
+    def load_drive(self, sequence: Path) -> Drive:
         """The drive."""
-        return load_drive(self.kind or "auto", self.sequence, self.calibration())
+        return load_drive(self.kind or "auto", sequence, self.calibration())

@@ -33,11 +33,11 @@ class RunOutput(JsonOptions):
     """Output folder and optional outputs of a mapping run."""
 
     out: OutputFolder = Path("saccade-run")
-    figures: Annotated[list[FigureFormat] | None, OUTPUT, SEVERAL, Parameter("--figure-format")] = (
-        None
-    )
+    figures: Annotated[
+        list[FigureFormat] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))
+    ] = None
     """Format of the figures, png by default; several with commas."""
-    film: Annotated[bool, OUTPUT, Parameter(negative="--no-film")] = False
+    film: Annotated[bool, OUTPUT] = False
     """Also write a film of the growing map."""
     live: Annotated[bool, OUTPUT, Parameter(negative=())] = False
     """Show the growing map in the rerun viewer."""

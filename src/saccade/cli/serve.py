@@ -23,8 +23,8 @@ class ServeOptions(Options):
     """Port on this machine, up to 65535; 0 selects a free port."""
     max_upload: Annotated[float, Parameter(metavar="MB")] = setting(32.0, 0.1, 1000)
     """Maximum size of a photograph, .1 to 1000 MB."""
-    browser: Annotated[bool, Parameter(negative="--no-browser")] = True
-    """Open the page in the browser."""
+    no_browser: bool = False
+    """Do not open the page in the browser."""
 
 
 def serve(options: ServeOptions = ServeOptions()) -> None:
@@ -70,7 +70,7 @@ def serve(options: ServeOptions = ServeOptions()) -> None:
         )
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C
         print_message(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C stops the server")
-        if options.browser and sys.stderr.isatty():
+        if not options.no_browser and sys.stderr.isatty():
             webbrowser.open(f"http://127.0.0.1:{port}/")
         with suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listener])

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from cyclopts import Parameter
 
@@ -13,7 +13,6 @@ from saccade.cli.options import (
     OUTPUT,
     Egomotion,
     JsonOptions,
-    Options,
     SettingsOptions,
 )
 from saccade.cli.output import Result, facts_table, progress_bar
@@ -29,17 +28,8 @@ GAZE = f"{', '.join(POLICIES)}, or module:function"
 GAZE_HELP = f"Gaze policy that turns the camera during mapping: {GAZE}."
 
 
-@dataclass(frozen=True)
-class KindArgument(Options):
-    """Kind of the simulation."""
-
-    kind: Literal["world", "drive"]
-    """world: a landmark log of a robot or a car. drive: a camera drive of a robot around a
-    courtyard with posters."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
+class SimulateOptions(SettingsOptions, JsonOptions):
     """Options of `saccade simulate`."""
 
     out: Annotated[Path | None, OUTPUT, OUT] = None
@@ -64,7 +54,16 @@ class SimulateOptions(SettingsOptions, JsonOptions, KindArgument):
     """Side of the black square of these tags; 0.4 by default."""
 
 
-def simulate(options: SimulateOptions) -> Result:
+World: TypeAlias = Annotated[
+    Literal["world", "drive"],
+    Parameter(
+        help="world: a landmark log of a robot or a car. drive: a camera drive of a robot around a "
+        "courtyard with posters."
+    ),
+]
+
+
+def simulate(kind: World, /, options: SimulateOptions = SimulateOptions()) -> Result:
     """Simulate a landmark log or a camera drive, with ground truth.
 
     World: --out receives the log (log.csv, for saccade slam), the true
@@ -81,10 +80,10 @@ def simulate(options: SimulateOptions) -> Result:
 
     Example: saccade simulate drive --preset repeated --seed 7 --out ring
     """
-    settings = options.settings(options.kind)
+    settings = options.settings(kind)
     frames, gaze, seed = options.frames, options.gaze, options.seed
     color, depth = options.color, options.depth
-    if options.kind == "world":
+    if kind == "world":
         if frames or gaze or color or depth or options.tags:
             names = "--frames, --gaze, --color, --depth, --tags"
             raise ConfigError(f"{names}: expected a drive, found world")

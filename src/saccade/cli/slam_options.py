@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from saccade.cli.options import MAP, Options, OutputFolder, SettingsOptions
+from saccade.cli.options import MAP, OutputFolder, SettingsOptions
 from saccade.cli.recordings import LogOptions
 from saccade.cli.run_output import RunOutput
 from saccade.datasets import load_map
@@ -20,16 +20,8 @@ RULES_HELP = (
 """Help of --association."""
 
 
-@dataclass(frozen=True)
-class LogArgument(Options):
-    """A landmark log."""
-
-    log: Path
-    """Landmark log: a file, folder or ROS bag."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class SlamOptions(SettingsOptions, LogOptions, RunOutput, LogArgument):
+class SlamOptions(SettingsOptions, LogOptions, RunOutput):
     """Options of `saccade slam`."""
 
     out: OutputFolder = Path("saccade-slam")

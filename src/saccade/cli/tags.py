@@ -2,27 +2,19 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 from cyclopts import Parameter
 
-from saccade.cli.options import JsonOptions, Options
+from saccade.cli.options import JsonOptions
 from saccade.cli.output import Result, facts_table
 from saccade.errors import require
 from saccade.tags import TagConfig, parse_ids, tag_cells
 from saccade.viewing.tag_sheet import MAX_SIZE, write_tag_sheets
 
 
-@dataclass(frozen=True)
-class SheetArgument(Options):
-    """The file of the tags."""
-
-    file: Path
-    """PDF to write."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class TagsOptions(JsonOptions, SheetArgument):
+class TagsOptions(JsonOptions):
     """Options of `saccade tags`."""
 
     family: Annotated[str, Parameter(metavar="NAME")] = "tag36h11"
@@ -33,7 +25,10 @@ class TagsOptions(JsonOptions, SheetArgument):
     """Side of the black square in meters."""
 
 
-def tags(options: TagsOptions) -> Result:
+Sheet: TypeAlias = Annotated[Path, Parameter(help="PDF to write.")]
+
+
+def tags(file: Sheet, /, options: TagsOptions = TagsOptions()) -> Result:
     """Write tags to print: one on each page of A4, with its label and its size.
 
     Print at 100 %, without fitting to the page, and measure the line below the
@@ -41,7 +36,7 @@ def tags(options: TagsOptions) -> Result:
 
     Example: saccade tags --ids 0-13 --size 0.165 tags.pdf
     """
-    file, size = options.file, options.size
+    size = options.size
     require(file.suffix.lower() == ".pdf", "file", "a name that ends in .pdf", file.name)
     config = TagConfig(options.family, size)
     require(size <= MAX_SIZE, "size", f"at most {MAX_SIZE:g} m, so that it fits on A4", size)

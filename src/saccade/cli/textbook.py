@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 from cyclopts import Parameter
 
 from saccade import datasets
 from saccade.attention.contrast import contrast_saliency
-from saccade.cli.options import JsonOptions, Options, OutputFolder
+from saccade.cli.options import JsonOptions, OutputFolder
 from saccade.cli.output import Result, Table, write_text
 from saccade.errors import setting
 from saccade.io.files import IMAGE_SUFFIXES
@@ -25,16 +25,8 @@ LEAD = (
 )
 
 
-@dataclass(frozen=True)
-class SourceArgument(Options):
-    """Data for the equations."""
-
-    source: Path
-    """A photograph, or a log with landmark labels."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class TextbookOptions(JsonOptions, SourceArgument):
+class TextbookOptions(JsonOptions):
     """Options of `saccade textbook`."""
 
     out: OutputFolder = Path("saccade-textbook")
@@ -47,7 +39,10 @@ class TextbookOptions(JsonOptions, SourceArgument):
     """Maximum longer side, at least 32; larger images are reduced."""
 
 
-def textbook(options: TextbookOptions) -> Result:
+Source: TypeAlias = Annotated[Path, Parameter(help="A photograph, or a log with landmark labels.")]
+
+
+def textbook(source: Source, /, options: TextbookOptions = TextbookOptions()) -> Result:
     """Walk through the equations of the source with a photograph or a log.
 
     Writes a page (report.html) that shows each step of appendices A, B and C:
@@ -58,7 +53,6 @@ def textbook(options: TextbookOptions) -> Result:
 
     Example: saccade textbook photo.jpg
     """
-    source = options.source
     image, log, appendices = None, simulated_log(), "ABC"
     if source.suffix.lower() in IMAGE_SUFFIXES:
         photo = read_image(source)

@@ -50,7 +50,7 @@ def read_by(function: str | Callable[[Path], object], path: Path) -> LandmarkLog
     Raises:
         LogError: it returns something else.
     """
-    read = import_function("--format", function) if isinstance(function, str) else function
+    read = import_function("--kind", function) if isinstance(function, str) else function
     found = read(path)
     if not isinstance(found, LandmarkLog | Drive):
         kind = type(found).__name__
