@@ -7,6 +7,7 @@ from saccade import slam
 from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
 from saccade.errors import LogError
 from saccade.motions import MOTIONS
+from saccade.slam.filter.models import as_relative_poses
 from saccade.types import LandmarkLog
 from support.oracles_slam import numerical_jacobian
 
@@ -41,6 +42,28 @@ def test_the_jacobian_is_the_derivative(name, rng):
         np.testing.assert_allclose(found, numeric, atol=1e-7)
     zero = motion.relative_poses(np.zeros((1, size)))[0]
     np.testing.assert_array_equal(zero, 0.0)
+
+
+@every
+def test_errors_of_controls_become_errors_of_relative_poses(name, rng):
+    motion, size = MOTIONS[name], len(MOTIONS[name].columns)
+    control, root = rng.normal(size=(20, size)), rng.normal(size=(20, size, size))
+    U = root @ root.transpose(0, 2, 1)
+    step, C, by_error = as_relative_poses(motion, control, U)
+    for i, u in enumerate(control):
+
+        def true_pose(error, u=u):  # longer, turning with the distance, shorter with the turn
+            real = u * np.append(np.full(size - 1, 1 + error[0]), 1.0)
+            real[-1] += u[0] * error[1]
+            real[0] -= np.sign(u[0]) * abs(u[-1]) * error[2]
+            return motion.relative_poses(real[None])[0][0]
+
+        J = numerical_jacobian(lambda at: motion.relative_poses(at[None])[0][0], u)
+        np.testing.assert_allclose(step[i], true_pose(np.zeros(3)), atol=1e-15)
+        np.testing.assert_allclose(C[i], J @ U[i] @ J.T, atol=1e-6)
+        np.testing.assert_allclose(
+            by_error[i], numerical_jacobian(true_pose, np.zeros(3)), atol=1e-6
+        )
 
 
 @every

@@ -41,11 +41,13 @@ def _turn_then_translate(control: Numbers) -> tuple[Numbers, Numbers]:
     """A turn, then a distance straight ahead (C.5, C.9)."""
     d, turn = control.T
     c, s = np.cos(turn), np.sin(turn)
-    J = np.zeros((len(control), 3, 2))
-    J[:, 0, 0], J[:, 0, 1] = c, -d * s
-    J[:, 1, 0], J[:, 1, 1] = s, d * c
+    step, J = np.empty((len(control), 3)), np.zeros((len(control), 3, 2))
+    x, y = d * c, d * s
+    step[:, 0], step[:, 1], step[:, 2] = x, y, turn
+    J[:, 0, 0], J[:, 0, 1] = c, -y
+    J[:, 1, 0], J[:, 1, 1] = s, x
     J[:, 2, 1] = 1.0
-    return np.stack([d * c, d * s, turn], 1), J
+    return step, J
 
 
 MOTIONS: dict[str, Motion] = {
@@ -84,22 +86,9 @@ class RelativePoses(NamedTuple):
     """(t, 3)."""
     covariance: Numbers
     """(t, 3, 3), to first order."""
-    by_error: Numbers
-    """(t, 3, 3) their Jacobians by the systematic errors of the odometry."""
 
 
 def to_relative_poses(motion: Motion, control: Numbers, covariance: Numbers) -> RelativePoses:
     """Relative poses of controls (t, c) with covariances (t, c, c)."""
     step, J = motion.relative_poses(control)
-    covariance = J @ covariance @ J.transpose(0, 2, 1)
-    return RelativePoses(step, covariance, J @ _by_systematic_errors(control))
-
-
-def _by_systematic_errors(control: Numbers) -> Numbers:
-    """Jacobian D (t, c, 3) of controls (t, c): the true control is u + D error."""
-    forward, turn = control[:, 0], control[:, -1]
-    D = np.zeros((*control.shape, SYSTEMATIC_ERRORS))
-    D[:, :-1, 0] = control[:, :-1]
-    D[:, -1, 1] = forward
-    D[:, 0, 2] = -np.sign(forward) * np.abs(turn)
-    return D
+    return RelativePoses(step, J @ covariance @ J.transpose(0, 2, 1))

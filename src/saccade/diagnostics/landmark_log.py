@@ -107,7 +107,7 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
         )
     sensor, whole = log.sensor, ~np.isnan(log.observation).any(1)
     log = in_robot_frame(_observations_of(log, np.asarray(whole)))
-    control, covariance, _ = relative_poses_of(log)
+    control, covariance = relative_poses_of(log)
     readings = Readings(
         *(control, covariance, log.observation, log.observation_covariance),
         *(log.time, log.time[log.observation_pose]),

@@ -112,9 +112,10 @@ class KidnappingDetector:
         self.contradicted, self.blocks_update = False, self.lost
         if self._doubt is not None and scan.control is not None:
             self._doubt.predict(*scan.control[:2])
+        if not self.enabled or len(scan.z) == 0:
+            return
         labeled = table.landmarks_of(scan.labels)
-        small = len(ekf) < MIN_LANDMARKS and not (self._standing and (labeled >= 0).any())
-        if not self.enabled or len(scan.z) == 0 or small:
+        if len(ekf) < MIN_LANDMARKS and not (self._standing and (labeled >= 0).any()):
             return
         f, confirmed, landmarks = ekf.active, table.counts.confirmed, self.landmark_evidence
         if ekf.submap is not None:
@@ -127,7 +128,7 @@ class KidnappingDetector:
             landmarks.points.clear()
             self._doubt = None
         enough = self.evidence >= MIN_CUMULATIVE
-        if compared.labeled.any():
+        if compared.num_labeled > 0:
             enough = standing or compared.num_contradicted_labels >= MIN_CONTRADICTED_LABELS
         self.contradicted = latest >= MIN_CONTRADICTION and enough
         if not self.contradicted and not self.lost:
@@ -141,8 +142,7 @@ class KidnappingDetector:
 
         They must outnumber those that agree. While mapping, another pose must explain two labels.
         """
-        wrong, labeled = compared.num_contradicted_labels, np.count_nonzero(compared.labeled)
-        doubtful = bool(2 * wrong > labeled)
+        doubtful = 2 * compared.num_contradicted_labels > compared.num_labeled
         if self.lost:
             return doubtful and self._standing
         if doubtful and self._doubt is None:

@@ -61,11 +61,10 @@ class ScanComparison(NamedTuple):
     """Expected number of landmarks that are observed."""
     view: float
     """Area of the view, in meters times radians."""
-
-    @property
-    def num_contradicted_labels(self) -> int:
-        """Number of labels whose landmarks are not where the filter expects them."""
-        return int(np.count_nonzero(self.labeled & (self.density == 0)))
+    num_labeled: int
+    """Number of observations that have the label of a landmark."""
+    num_contradicted_labels: int
+    """Number of labels whose landmarks are not where the filter expects them."""
 
 
 @dataclass
@@ -117,11 +116,13 @@ class LandmarkEvidence:
         cell, observer = cell[:count], observer[:count]
         explained = np.zeros(k, np.bool_)
         explained[observer[observer >= 0]] = True
-        rate = rates[cell]
+        rate, labeled = rates[cell], rows >= 0
+        num_labeled = int(np.count_nonzero(labeled))
+        contradicted = labeled & (sums[:, 0] == 0) if num_labeled > 0 else labeled
         return ScanComparison(
             z=scan.z,
             R=scan.R,
-            labeled=rows >= 0,
+            labeled=labeled,
             density=sums[:, 0],
             expected_density=sums[:, 1],
             explained=explained,
@@ -130,6 +131,8 @@ class LandmarkEvidence:
             rate=rate,
             num_expected=float(rate.sum()),
             view=2 * pi * max_range,
+            num_labeled=num_labeled,
+            num_contradicted_labels=int(np.count_nonzero(contradicted)),
         )
 
     @property
@@ -202,7 +205,7 @@ class LandmarkEvidence:
         """Updates detection rates and averages by a scan that does not contradict the pose."""
         cell, explained = compared.cell, compared.explained
         self._wrong_labels += compared.num_contradicted_labels
-        self._labels += int(np.count_nonzero(compared.labeled))
+        self._labels += compared.num_labeled
         self.max_range = max(self.max_range, float(compared.z[explained, 0].max(initial=0.0)))
         unexplained = int(np.count_nonzero(~explained))
         clutter = self._clutter + (unexplained - self._clutter) / SCAN_MEMORY

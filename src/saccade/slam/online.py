@@ -121,6 +121,7 @@ class Slam:
         gate = float("inf") if all_accepted else chi_square_gate(2, config.new_gate)
         self._submaps = SubmapChoice(config.submaps, gate)
         self._may_branch = config.rule.may_branch and adds and config.max_hypotheses > 1
+        self._uses_labels = config.rule.uses_labels
         self._time = -np.inf
         self._spelling: TagSpelling | None = None
         self.start: Start = "given" if map is None or start is not None else "unknown"
@@ -221,8 +222,9 @@ class Slam:
         Raises:
             LogError: the estimate diverged; names the step.
         """
-        labels = self.spell(scan.labels) if self.config.rule.uses_labels else [None] * len(scan.z)
-        scan = scan._replace(labels=labels)
+        if len(scan.z) > 0:
+            labels = self.spell(scan.labels) if self._uses_labels else [None] * len(scan.z)
+            scan = scan._replace(labels=labels)
         if self.start == "unknown" and not self.kidnapping.lost:
             self.kidnapping.begin(self._search_anywhere(self.landmarks.counts.id))
         self.start = "given"

@@ -20,8 +20,8 @@ from saccade.slam.filter.predictions import new_innovations
 from saccade.slam.kidnapping import MIN_CONTRADICTION
 from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch
-from saccade.slam.results import PoseHypotheses, SlamResult
-from saccade.slam.scans import NO_SCAN, Scan, scans_of
+from saccade.slam.results import PoseHypotheses, SlamResult, check_diverged
+from saccade.slam.scans import scans_of
 from saccade.slam.smoothing import Prior, scale_disagreement, smooth
 from saccade.types import (
     BoolArray,
@@ -242,13 +242,13 @@ def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory
     config = replace(
         config, odometry_bias=(0.0, 0.0, 0.0), range_errors=(0.0, 0.0)
     )  # declared biases only
-    slam = slam_for(log, config)
-    results = [
-        slam.process(Scan(scan.time, scan.control, *NO_SCAN)) for scan in scans_of(log, config)
-    ]
-    pose, covariance = (
-        np.array([getattr(r, name) for r in results]) for name in ("pose", "covariance")
-    )
+    ekf, poses = slam_for(log, config).filter, len(log.time)
+    pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
+    for i, scan in enumerate(scans_of(log, config)):
+        if scan.control is not None:
+            ekf.predict(*scan.control, checked=True)
+        pose[i], covariance[i] = ekf.pose, ekf.pose_covariance
+        check_diverged(pose[i], i)
     return Trajectory(log.time, pose, covariance)
 
 

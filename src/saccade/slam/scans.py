@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from saccade.errors import LogError
 from saccade.landmark_names import Label, labels_of, parse_labels
-from saccade.motions import MOTIONS, to_relative_poses
+from saccade.motions import MOTIONS
 from saccade.plane import in_robot_frame
 from saccade.slam.config import EkfConfig
-from saccade.slam.filter.models import as_relative_pose
+from saccade.slam.filter.models import as_relative_pose, as_relative_poses
 from saccade.slam.filter.validation import (
     MIN_SIGMA,
     as_array,
@@ -86,8 +86,7 @@ def checked_scan(
     """
     seconds, moved = as_number("time", time), None
     if control is not None:
-        u, C = as_numbers("control", control), as_numbers("covariance of the control", U)
-        step, C, by_error = as_relative_pose(u, C, motion)
+        step, C, by_error = as_relative_pose(control, U, motion)
         moved = step, C * config.motion_noise_scale**2, by_error
     z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
     if z.size == 0:
@@ -112,7 +111,7 @@ def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
     u, U = (np.array(each, np.float64, order="C") for each in (log.control, log.control_covariance))
     z, R = np.array(log.observation, np.float64), np.array(log.observation_covariance, np.float64)
     check_all("control", u, U, config.motion_noise_scale**2)
-    steps = to_relative_poses(MOTIONS[log.motion], u, U)
+    steps = as_relative_poses(MOTIONS[log.motion], u, U)
     missing = _check_observations(z, R, config)
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1)).tolist()
     labels = labels_of(log.landmark, log.text_names)

@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.motions import SYSTEMATIC_ERRORS
+from saccade.motions import MOTIONS, SYSTEMATIC_ERRORS
 from saccade.plane import (
     in_robot_frame,
     path_of,
@@ -16,7 +16,7 @@ from saccade.plane import (
 )
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.models import as_relative_poses, wrap
 from saccade.slam.least_squares import (
     MAX_ITERATIONS,
     MIN_DECREASE,
@@ -282,7 +282,10 @@ def _measurements(
     The controls `cuts` (c,) of kidnappings carry no information.
     """
     moves, used = np.flatnonzero(np.diff(variable)), np.flatnonzero(association >= 0)
-    step, covariance, by_bias = (each[moves] for each in relative_poses_of(log))
+    moved = as_relative_poses(
+        MOTIONS[log.motion], log.control[moves], log.control_covariance[moves]
+    )
+    step, covariance, by_bias = moved
     covariance[np.isin(moves, cuts)] += np.diag(np.square(ANYWHERE))
     turned = np.tile(np.eye(3), (len(moves), 1, 1))
     turned[:, :2, :2] = rotations(-step[:, 2])

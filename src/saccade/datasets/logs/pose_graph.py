@@ -214,7 +214,7 @@ def write_g2o(path: str | Path, log: LandmarkLog) -> None:
             f"{log.name}, observation {k}: expected a landmark away from the robot, found range "
             f"{log.observation[k, 0]:g}"
         )
-    control, control_covariance, _ = relative_poses_of(log)
+    control, control_covariance = relative_poses_of(log)
     covariance = point_covariance(log.observation, log.observation_covariance)
     points, number = to_points(log.observation), np.arange(len(log.time))
     pose = path_of(control)

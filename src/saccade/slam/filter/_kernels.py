@@ -42,14 +42,16 @@ def wrapped(angle: float) -> float:
 def _add_sandwich(A: FloatArray, C: FloatArray, out: FloatArray) -> None:
     """Add A C A^T to out (n, n), A of shape (n, m), C and out symmetric."""
     n, m = A.shape
-    for i in range(n):
-        for j in range(i + 1):
+    part = np.empty(m)  # C A^T, one column at a time
+    for j in range(n):
+        for k in range(m):
+            part[k] = 0.0
+            for o in range(m):
+                part[k] += C[k, o] * A[j, o]
+        for i in range(j, n):
             total = out[i, j]
             for k in range(m):
-                part = 0.0
-                for o in range(m):
-                    part += C[k, o] * A[j, o]
-                total += A[i, k] * part
+                total += A[i, k] * part[k]
             out[i, j] = out[j, i] = total
 
 
@@ -57,7 +59,8 @@ def _add_sandwich(A: FloatArray, C: FloatArray, out: FloatArray) -> None:
 def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None:
     """Predict the state after a relative pose u (3,) with covariance U (3, 3) (C.5-C.9).
 
-    D (3, r - 3) is the Jacobian of the relative pose by the robot's states beyond the pose.
+    D (3, 3) is its Jacobian by the systematic errors of the odometry, if the robot's states have
+    these.
     """
     r, n, P, a, now = f.robot_size, num_rows(f), f.P, f.heading_lever, f.now
     Fx, Fu = np.empty((r, r)), np.empty((r, 3))
@@ -98,11 +101,12 @@ def _predict_pose(
 ) -> None:
     """Move the robot (C.5); fill Fx (r, r), by eta, and Fu (r, 3) (C.8, C.9)."""
     s, a, r = f.state, f.heading_lever, f.robot_size
+    biased = f.range_errors if f.range_errors > 0 else r  # end of the odometry's errors
     real = np.empty(3)  # the relative pose without biases
     for j in range(3):
         real[j] = u[j]
-        for k in range(r - 3):
-            real[j] += D[j, k] * s[3 + k]
+        for k in range(3, biased):
+            real[j] += D[j, k - 3] * s[k]
     cosine, sine = cos(s[2]), sin(s[2])
     dx, dy = cosine * real[0] - sine * real[1], sine * real[0] + cosine * real[1]
     for i in range(r):
@@ -114,7 +118,7 @@ def _predict_pose(
     Fu[0, 1], Fu[1, 1] = -sine, cosine
     Fx[0, 2], Fx[1, 2] = a[0] - dy, a[1] + dx
     for i in range(3):
-        for k in range(3, r):
+        for k in range(3, biased):
             for j in range(3):
                 Fx[i, k] += Fu[i, j] * D[j, k - 3]
     s[0], s[1], s[2] = s[0] + dx, s[1] + dy, wrapped(s[2] + real[2])

@@ -117,17 +117,7 @@ class EkfSlam:
         if is_inflation_due(self.active):
             self.leave()
             inflate_heading_covariance(self._whole)
-        f = self._reserved(0, 1)
-        predict(f, u, U, self._by_systematic_errors(by_error))
-
-    def _by_systematic_errors(self, by_error: FloatArray) -> FloatArray:
-        """(3, r - 3) Jacobian of a relative pose by the robot's states beyond the pose."""
-        size, ranges = self.active.robot_size - 3, self.active.range_errors
-        if ranges == 0:
-            return by_error[:, :size]
-        D = np.zeros((3, size))
-        D[:, : ranges - 3] = by_error[:, : ranges - 3]
-        return D
+        predict(self._reserved(0, 1), u, U, by_error)
 
     def update(
         self, z: FloatArray, R: FloatArray, landmark: npt.ArrayLike, *, checked: bool = False

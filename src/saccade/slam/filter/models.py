@@ -6,9 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import LogError
-from saccade.motions import MOTIONS, find_motion, motion_of_size, to_relative_poses
+from saccade.motions import MOTIONS, Motion, find_motion, motion_of_size
 from saccade.slam.filter._kernels import MIN_RANGE, wrapped
-from saccade.slam.filter.validation import as_numbers, check_covariance, check_vector
+from saccade.slam.filter._motion_kernels import convert_controls
+from saccade.slam.filter.validation import as_numbers, check_gaussian, check_vector
 from saccade.types import FloatArray
 
 
@@ -175,7 +176,7 @@ def pose_difference(pose: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def as_relative_pose(
-    control: FloatArray, covariance: FloatArray, motion: str = ""
+    control: npt.ArrayLike, covariance: npt.ArrayLike | None, motion: str = ""
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Relative pose (3,) of a control, its covariance and its Jacobian by systematic errors (3, 3).
 
@@ -187,11 +188,27 @@ def as_relative_pose(
     Raises:
         LogError: an argument is invalid, or there is no such motion.
     """
-    kind = find_motion(motion) if motion else motion_of_size(np.size(control))
+    u = as_numbers("control", control)
+    kind = find_motion(motion) if motion else motion_of_size(u.size)
     if kind is None:
         sizes = " or ".join(sorted({str(len(each.columns)) for each in MOTIONS.values()}))
-        raise LogError(f"control: expected {sizes} numbers, found shape {np.shape(control)}")
-    u = check_vector("control", control, len(kind.columns))
-    U = check_covariance("covariance of the control", covariance, len(u))
-    step, C, by_error = to_relative_poses(kind, u[None], U[None])
+        raise LogError(f"control: expected {sizes} numbers, found shape {u.shape}")
+    u, U = check_gaussian("control", u, covariance, len(kind.columns))
+    step, C, by_error = as_relative_poses(kind, u[None], U[None])
     return step[0], C[0], by_error[0]
+
+
+def as_relative_poses(
+    kind: Motion, control: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Relative poses (t, 3), their covariances and their Jacobians by systematic errors (t, 3, 3).
+
+    Args:
+        kind: the motion of the controls.
+        control: (t, c).
+        covariance: (t, c, c).
+    """
+    step, J = kind.relative_poses(control)
+    C, by_error = np.empty((2, len(step), 3, 3))
+    convert_controls(control, covariance, np.array(J, np.float64), C, by_error)
+    return step, C, by_error
