@@ -39,7 +39,7 @@ def test_a_kidnapped_robot_is_found_and_its_map_is_kept(named, seed):
     assert map_error(result, log).mean() < 1.2 * map_error(undisturbed, clean).mean() + 0.02
     if named:  # names alone bring the filter back, at the expense of its map
         return
-    without = slam.run(log, slam.EkfConfig(recover=False))
+    without = slam.run(log, slam.EkfConfig(recover=False, smooth=False))
     assert np.linalg.norm((without.trajectory.pose - log.truth.pose)[-1, :2]) > 1.0
 
 
@@ -95,7 +95,7 @@ def test_a_replaced_pose_leaves_the_landmarks_and_depends_on_none(kind):
 def test_a_small_map_is_never_left():
     log = simulate_world(dataclasses.replace(WORLD, landmarks=7), 1)
     wild = dataclasses.replace(log, observation=log.observation[::-1].copy())
-    config = slam.EkfConfig(association="known")
+    config = slam.EkfConfig(association="known", smooth=False)
     assert not slam.run(wild, config).lost.any()
 
 

@@ -6,11 +6,14 @@ of the pose are tracked until one is left.
 
 A label that contradicts the estimated pose has two explanations: its landmark has moved, or the
 robot has. Landmarks of a given map stand still, so that the robot has moved. While mapping the
-landmark has moved, until another pose explains two labels of this and other scans.
+landmark has moved, until another pose explains two labels of this and other scans. If wrong
+odometry explains this pose, it replaces the estimated one; if not, the robot was carried away.
 """
 
 import numpy as np
 
+from saccade.slam.association.labels import loop_gate
+from saccade.slam.association.nearest_neighbor import compare
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.landmark_evidence import LandmarkEvidence, ScanComparison
@@ -37,6 +40,9 @@ protect the filter from most of a single wrong scan."""
 MIN_CONTRADICTED_LABELS = 3
 """Minimum number of contradicted labels for a scan to contradict the estimated pose, if landmarks
 may have moved; fewer are rejected one by one."""
+MIN_AGREEING = 2
+"""Minimum number of successive scans whose labels agree with another pose for it to replace the
+estimated one."""
 
 
 class KidnappingDetector:
@@ -57,12 +63,21 @@ class KidnappingDetector:
         gate: probability with which an observation of a landmark is inside its gate.
         limit: minimum evidence for the robot to be kidnapped.
         standing: whether the landmarks are known not to move.
+        label_gate: probability with which an observation of the landmark of its label is inside its
+            gate.
     """
 
     def __init__(
-        self, enabled: bool, gate: float, limit: float = LIMIT, *, standing: bool = False
+        self,
+        enabled: bool,
+        gate: float,
+        limit: float = LIMIT,
+        *,
+        standing: bool = False,
+        label_gate: float = 0.99999,
     ) -> None:
         self.enabled, self.limit, self._standing = enabled, limit, standing
+        self._label_gate = chi_square_gate(2, label_gate)
         self.search: PoseSearch | None = None
         """The search for the pose of a lost robot."""
         self.contradicted = False
@@ -121,7 +136,14 @@ class KidnappingDetector:
         if ekf.submap is not None:
             confirmed = confirmed[table.rows(ekf.active_ids)]
         compared = landmarks.compare(f, scan, confirmed, ekf.rows(labeled))
+        if compared.num_contradicted_labels > 0:
+            compared = self._without_accepted(ekf, labeled, compared)
         standing = self._are_labels_evidence(ekf, table, scan, compared)
+        doubt = self._doubt
+        if doubt is not None and standing and not self._standing and self._is_slip(doubt):
+            doubt.correct_pose()
+            self.reset()
+            return
         latest = landmarks.evaluate(f, compared, standing=standing)
         self.add(latest)
         if self.evidence == 0:
@@ -134,6 +156,23 @@ class KidnappingDetector:
         if not self.contradicted and not self.lost:
             landmarks.learn(compared)
         self.blocks_update = self.contradicted or self.lost
+
+    def _is_slip(self, search: PoseSearch) -> bool:
+        """Whether labels agree with a pose that wrong odometry explains."""
+        return search.agreeing >= MIN_AGREEING and search.is_slip()
+
+    def _without_accepted(
+        self, ekf: EkfSlam, labeled: IntArray, compared: ScanComparison
+    ) -> ScanComparison:
+        """The comparison, in which labels of landmarks (k,) that are accepted are no evidence."""
+        far = compared.labeled & (compared.density == 0)
+        nis, ratio = compare(ekf, compared.z, compared.R, np.where(far, labeled, -1))
+        gates = [loop_gate(each, self._label_gate) for each in ratio.tolist()]
+        accepted = far & (nis <= gates)
+        return compared._replace(
+            density=np.where(accepted, 1 / compared.view, compared.density),
+            num_contradicted_labels=int(np.count_nonzero(far & ~accepted)),
+        )
 
     def _are_labels_evidence(
         self, ekf: EkfSlam, table: LandmarkTable, scan: Scan, compared: ScanComparison

@@ -111,7 +111,10 @@ class Slam:
         self.association = LabelAssociation(config)
         """Association rule of a single hypothesis."""
         self.kidnapping = KidnappingDetector(
-            config.recover, config.new_gate, standing=mode == "localize"
+            config.recover,
+            config.new_gate,
+            standing=mode == "localize",
+            label_gate=config.label_gate,
         )
         """Test of the estimated pose, and search for the pose of a lost robot."""
         self.num_steps = 0

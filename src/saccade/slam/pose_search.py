@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from saccade.plane import rotations
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import pose_difference
@@ -20,6 +21,9 @@ MIN_LABELED = 2
 """Minimum number of matched points with labels."""
 SAME_POSE = chi_square_gate(3, 0.999)
 """Largest squared Mahalanobis distance of equal poses."""
+MAX_SLIP = 100.0
+"""Largest squared Mahalanobis distance of a position that wrong odometry explains; a robot farther
+away was carried."""
 
 
 class PoseSearch:
@@ -49,7 +53,8 @@ class PoseSearch:
         self._min_probability = min_probability
         self._has_labels = wrong_label < 1
         self._min_labeled = MIN_LABELED if self._has_labels else min_matched
-        self._agreeing = 0
+        self.agreeing = 0
+        """Number of successive scans that leave one hypothesis."""
         covariance, r = ekf.marginal(landmarks), len(ekf.robot_state)
         positions = ekf.landmarks[np.searchsorted(ekf.ids, landmarks)]
         self._search = Relocalizer(positions, covariance[r:, r:], wrong_label=wrong_label)
@@ -69,7 +74,7 @@ class PoseSearch:
         found = self._search.add(self._ekf.without_range_errors(z), R, rows)
         ids = np.append(self.landmarks, -1)  # the last element stands for no landmark
         self.hypotheses = found = replace(found, association=ids[found.association])
-        self._agreeing = self._agreeing + 1 if self.is_sure else 0
+        self.agreeing = self.agreeing + 1 if self.is_sure else 0
         return found
 
     @property
@@ -87,7 +92,7 @@ class PoseSearch:
     @property
     def is_found(self) -> bool:
         """Whether the robot is found."""
-        return self._agreeing >= self._scans
+        return self.agreeing >= self._scans
 
     @property
     def latest(self) -> IntArray:
@@ -101,6 +106,29 @@ class PoseSearch:
         error = pose_difference(self.hypotheses.pose[0], self._ekf.pose)
         S = self._ekf.pose_covariance + self.hypotheses.covariance[0]
         return self.anywhere or bool(normalized_squared(error, S) > SAME_POSE)
+
+    def is_slip(self) -> bool:
+        """Whether wrong odometry explains the most probable pose."""
+        assert self.hypotheses is not None
+        S = self._ekf.pose_covariance + self.hypotheses.covariance[0]
+        error = pose_difference(self.hypotheses.pose[0], self._ekf.pose)
+        return bool(normalized_squared(error[:2], S[:2, :2]) <= MAX_SLIP)
+
+    def correct_pose(self) -> None:
+        """Moves the robot of the filter to the most probable pose, as by unknown odometry.
+
+        In contrast to `reset_pose`, the new pose still depends on the map, which the observations
+        that follow correct, too.
+        """
+        assert self.hypotheses is not None
+        pose, C = self._ekf.pose, np.array(self.hypotheses.covariance[0])
+        turn = rotations(-pose[2])
+        moved = pose_difference(self.hypotheses.pose[0], pose)
+        moved[:2] = turn @ moved[:2]
+        C[:2] = turn @ C[:2]
+        C[:, :2] = C[:, :2] @ turn.T
+        wide = np.diag([*np.full(2, C[:2, :2].trace() / 2), MIN_HEADING_SIGMA**2])
+        self._ekf.predict(moved, PRIOR_WEIGHT * (C + wide), np.zeros((3, 3)), checked=True)
 
     def reset_pose(self) -> None:
         """Gives the filter the most probable pose.

@@ -27,8 +27,11 @@ MIN_CLOSINGS = 3
 CLOSING_SCANS = 10
 """Largest number of scans between two of them."""
 LOOP_GATE = 100.0
-"""Gate of the normalized innovation squared before a long loop is closed: the heading is too
-uncertain for a linear one."""
+"""Gate of the normalized innovation squared where the pose is uncertain: the errors of odometry
+have heavier tails than a Gaussian, and the heading is too uncertain for a linear gate."""
+LOOP_GATE_RATIO = 25.0
+"""Minimum ratio of predicted variance to noise for this gate: five standard deviations of an
+observation."""
 PAIRED_RATIO = 4.0
 """Minimum ratio of predicted variance to noise for labels to be checked in pairs. For a
 lower ratio, the gate of one observation is about as narrow as the gate of a distance."""
@@ -168,8 +171,7 @@ class LabelAssociation:
         if not known:
             return matches
         nis, ratio = (each.tolist() for each in compare(ekf, z, R, landmarks))
-        gate = [LOOP_GATE if each > LOOP_RATIO else self._gate for each in ratio]
-        rejected = {i for i in known if not nis[i] <= gate[i]}
+        rejected = {i for i in known if not nis[i] <= loop_gate(ratio[i], self._gate)}
         paired = any(ratio[i] > PAIRED_RATIO for i in known.keys() - rejected)
         seen: dict[int, _Sighting] = {}
         if rejected or paired:
@@ -232,6 +234,11 @@ class LabelAssociation:
                 j, next_id = next_id, next_id + 1
             _move(table, record, j)
             matches[i] = j
+
+
+def loop_gate(variance_ratio: float, gate: float) -> float:
+    """Gate of a label: `gate`, or a wider one where the pose is uncertain."""
+    return LOOP_GATE if variance_ratio > LOOP_GATE_RATIO else gate
 
 
 class _Sighting(NamedTuple):
