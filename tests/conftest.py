@@ -1,6 +1,7 @@
 """Where the tests find their data."""
 
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from hypothesis.internal.conjecture import providers
 
 import saccade
 from saccade.cli import TRACEBACK, main
-from saccade.simulation import DriveConfig, simulate_drive
+from saccade.simulation import DriveConfig, WorldConfig, simulate_drive, simulate_world
 from support.filmed_wall import filmed
 from support.limits import PAGE_TIMEOUT
 from support.paths import SHARED
@@ -20,6 +21,7 @@ os.environ[TRACEBACK] = "1"  # or an error that nobody foresaw would look like o
 __all__ = ["filmed"]
 
 CHROMIUM = Path("/usr/bin/chromium")
+SIFT = "import numpy, saccade; saccade.Sift()(numpy.random.default_rng(0).random((64, 64)))"
 
 hypothesis.settings.register_profile(
     "saccade",
@@ -42,14 +44,16 @@ def pytest_configure(config):
     """Keep derandomized examples free of the constants that Hypothesis finds in local modules.
 
     Which of them are imported depends on the tests that a worker happened to run before. Before
-    all tests, compile what most of them call, which each worker would do for itself otherwise.
+    all tests, compile what most of them call, which each worker would do for itself otherwise:
+    the filter here and SIFT in another process.
     """
     if hypothesis.settings.default.derandomize:
         providers.is_local_module_file = lambda path: False
     if config.args_source is pytest.Config.ArgsSource.TESTPATHS and not hasattr(
         config, "workerinput"
     ):
-        saccade.Sift()(np.random.default_rng(0).random((64, 64)))
+        with subprocess.Popen([sys.executable, "-c", SIFT], stderr=subprocess.DEVNULL):
+            saccade.slam.run(simulate_world(WorldConfig(steps=60)))
         saccade.visual.run(simulate_drive(DriveConfig(frames=3, image_size=(64, 48))))
 
 
