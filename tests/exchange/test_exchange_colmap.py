@@ -225,7 +225,7 @@ def test_a_camera_is_shared_or_given_for_each_image(pycolmap, rng, tmp_path):
     assert len({each[0] for each in found.values()}) == rigs == 1
     assert found["b"][1:] == ("PINHOLE", [500, 510, 320, 240], True)
     guess = exchange.ColmapCamera.parse("simple_radial")
-    exchange.write_colmap(tmp_path / "x.db", points, shapes, cameras=guess)
+    exchange.write_colmap(tmp_path / "x.db", points, shapes, cameras=guess, camera_mode="single")
     found, rigs = _cameras_of(pycolmap, tmp_path / "x.db")
     assert found["a"] == found["b"] == (1, "SIMPLE_RADIAL", [768, 320, 240, 0], False)
     each = {"a": shared, "b": exchange.ColmapCamera("OPENCV", (9, 9, 8, 8, 0.1, 0, 0, 0))}
@@ -242,7 +242,7 @@ def test_a_camera_is_shared_or_given_for_each_image(pycolmap, rng, tmp_path):
         ("PINHOLE,1,2,3", ConfigError, "camera: expected PINHOLE,fx, fy, cx, cy"),
         ("PINHOLE,1,2,3,x", ConfigError, "camera: expected MODEL,fx"),
         ({"a": exchange.ColmapCamera("PINHOLE")}, KeypointsError, "b: expected a camera"),
-        ("SIMPLE_PINHOLE", KeypointsError, "b: COLMAP did not import it; expected the size"),
+        ("SIMPLE_PINHOLE,9,8,8", KeypointsError, "b: COLMAP did not import it; expected the size"),
         (
             {"a": exchange.ColmapCamera("PINHOLE", size=(9, 9))},
             KeypointsError,

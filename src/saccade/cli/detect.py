@@ -94,6 +94,7 @@ CameraModel: TypeAlias = Annotated[
     str | None,
     INPUT,
     Parameter(
+        ("--lens", "--camera"),
         metavar="MODEL,...",
         help="Lens of all images, for --format colmap: a model of COLMAP with parameters in "
         "pixels, such as PINHOLE,fx,fy,cx,cy; a model alone, with guessed parameters; or a file "
@@ -107,7 +108,7 @@ CameraMode: TypeAlias = Annotated[
         "--camera-mode",
         help="Images that share a camera, for --format colmap: by EXIF data as COLMAP (auto), "
         "those of a folder (folder), all (single) or none (image). By default auto, and single "
-        "with a --lens of all images.",
+        "with the parameters of a --lens of all images.",
     ),
 ]
 

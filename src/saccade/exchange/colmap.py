@@ -193,8 +193,8 @@ def write_colmap(
             COLMAP ignores: keypoints, sizes and geometries are written in stored pixels.
         cameras: a camera for all images, or a camera per image, of which equal ones are one; None
             for COLMAP's default.
-        camera_mode: images that share a camera; None for "single" with a camera for all images,
-            else "auto".
+        camera_mode: images that share a camera; None for "single" with the parameters of a camera
+            for all images, else "auto".
         files: files of the images by name, from which COLMAP reads EXIF data; others have none.
 
     Raises:
@@ -223,7 +223,8 @@ def write_colmap(
         check_name(name): stored_shape(shapes[name], orientation_of(name, orientations))
         for name in keypoints
     }
-    mode = camera_mode or ("single" if isinstance(cameras, ColmapCamera) else "auto")
+    shared = isinstance(cameras, ColmapCamera) and len(cameras.params) > 0
+    mode = camera_mode or ("single" if shared else "auto")
     with atomic_write(path) as temporary, ExitStack() as stack:
         with _open_new(pycolmap, temporary, path):
             pass
