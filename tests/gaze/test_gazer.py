@@ -13,6 +13,7 @@ from saccade.gaze import POLICIES, Gazer
 from saccade.gaze.gazer import GOAL_DURATION, HORIZON, INHIBITION, MISS_MEMORY
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.filter.models import observe
+from support.paths import ROOT
 
 CONFIG = EkfConfig(errors="standard", association="known", huber=np.inf, recover=False)
 
@@ -110,7 +111,7 @@ def test_of_landmarks_in_one_square_meter_the_one_with_the_fewest_misses_counts(
 
 def test_a_goal_is_kept_while_the_camera_turns_to_it():
     made = gazer(robot([[-1.5, 2.6], [2.0, -2.0]], motion_sigma=0.5), rate=0.1)
-    goals = [made._active(made) for made.time in np.arange(0, GOAL_DURATION - 0.01, 0.1)]
+    goals = [made._active() for made.time in np.arange(0, GOAL_DURATION - 0.01, 0.1)]
     assert len(set(goals)) == 1
 
 
@@ -187,6 +188,14 @@ def test_a_camera_turns_within_its_limits_and_no_faster_than_its_rate(policy):
     pose = slam.filter.pose
     assert_allclose([np.hypot(x, y), np.arctan2(y, x)], [4.0, pan[-1] + pose[2]], atol=1e-9)
     assert policy == "fixed" or np.ptp(pan) > 0.2
+
+
+def test_help_and_page_have_every_policy(run):
+    shown = " ".join(run("simulate", "--help")[1].replace("│", "").split())
+    page = (ROOT / "docs" / "gaze.md").read_text(encoding="utf-8")
+    for name, row in POLICIES.items():
+        assert f"{name}: {row.summary}" in shown
+        assert f"| `{name}` | {row.summary} |" in page
 
 
 def test_a_policy_of_ones_own_is_a_function_of_the_gazer():

@@ -25,7 +25,10 @@ from saccade.simulation.gaze_drive import gaze_drive
 
 GAZE = f"{', '.join(POLICIES)}, or module:function"
 """Gaze policies of `--gaze`."""
-GAZE_HELP = f"Gaze policy that turns the camera during mapping: {GAZE}."
+GAZE_SUMMARIES = "; ".join(f"{row.name}: {row.summary}" for row in POLICIES.values())
+GAZE_HELP = (
+    f"Gaze policy that turns the camera during mapping, or module:function. {GAZE_SUMMARIES}."
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ inhibited.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil, cos, exp, pi, sin
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,8 +26,6 @@ from saccade.slam.filter.models import (
 )
 from saccade.types import BoolArray, FloatArray, IntArray
 
-POLICIES = ("fixed", "sweep", "random", "salient", "active")
-"""Names of the policies."""
 HORIZON = 2.0
 """Duration of the rollout in seconds."""
 SAMPLES = 4
@@ -80,7 +78,7 @@ class Gazer:
         max_range: largest range of an observation, in meters.
         pan: least and greatest pan, in radians to the left of the heading.
         rate: angular rate of the camera, in radians per second.
-        policy: a name of `POLICIES`, or a function from the gazer to a pan in radians.
+        policy: a name in `POLICIES`, or a function from the gazer to a pan in radians.
         period: seconds between decisions, and of one control of a plan.
         seed: seed of the policy "random".
         odometry: standard deviations of the motion after one meter, in meters and radians.
@@ -142,7 +140,7 @@ class Gazer:
         """Decayed number of misses of each landmark and the time of the last one, by label."""
         self.candidates = np.linspace(*pan, max(1, ceil(3 * (pan[1] - pan[0]) / fov)) + 1)
         """(c,) candidate pans, at most a third of the field of view apart."""
-        self._policy: Policy = policy if callable(policy) else getattr(self, f"_{policy}")
+        self._policy: Policy = policy if callable(policy) else POLICIES[policy].pan
         self._reason = "a custom policy"
         self._rng = np.random.default_rng(seed)
         self._goal, self._decided = 0.0, -np.inf
@@ -209,24 +207,24 @@ class Gazer:
         """
         return np.asarray(R + len(R) * np.diag([0.0, self._pan_sigma**2]))
 
-    def _fixed(self, _: "Gazer") -> float:
+    def _fixed(self) -> float:
         self._reason = "straight ahead"
         return 0.0
 
-    def _sweep(self, _: "Gazer") -> float:
+    def _sweep(self) -> float:
         self._reason = "to and fro"
         low, high = self.limits
         span = max(high - low, 1e-9)
         phase = (SWEEP_RATE * self.time - low) % (2 * span)
         return low + min(phase, 2 * span - phase)
 
-    def _random(self, _: "Gazer") -> float:
+    def _random(self) -> float:
         self._reason = "at random"
         if self.time % 1 < self.period:
             self._goal = float(self._rng.choice(self.candidates))
         return self._goal
 
-    def _salient(self, _: "Gazer") -> float:
+    def _salient(self) -> float:
         """The pan with the most remembered salience; of equal ones, the nearest."""
         self._reason = "salient landmarks"
         salience = self._remembered_salience(self._roll_out())
@@ -234,7 +232,7 @@ class Gazer:
             self.candidates[np.argmax(salience - 1e-3 * np.abs(self.candidates - self.pan))]
         )
 
-    def _active(self, _: "Gazer") -> float:
+    def _active(self) -> float:
         """A pan drawn by its information about the pose and its new area, and kept for a while."""
         if self.time - self._decided < GOAL_DURATION - 1e-6:
             return self._goal
@@ -357,6 +355,36 @@ class Gazer:
 
 Policy = Callable[[Gazer], float]
 """A custom policy: from the gazer to a pan in radians."""
+
+
+class GazePolicy(NamedTuple):
+    """A row of the table of gaze policies."""
+
+    name: str
+    """Name that a user gives."""
+    summary: str
+    """Direction of the camera, for help texts and the documentation."""
+    pan: Policy
+    """Function from the gazer to a pan in radians."""
+
+
+POLICIES: dict[str, GazePolicy] = {
+    row.name: row
+    for row in (
+        GazePolicy("fixed", "straight ahead", Gazer._fixed),
+        GazePolicy("sweep", "to and fro, at 29 degrees a second", Gazer._sweep),
+        GazePolicy("random", "at random, for a second", Gazer._random),
+        GazePolicy(
+            "salient", "at salient landmarks that were not looked at for long", Gazer._salient
+        ),
+        GazePolicy(
+            "active",
+            "where it expects the most information about the pose, and new area",
+            Gazer._active,
+        ),
+    )
+}
+"""The policies by name."""
 Sensor = Callable[[FloatArray], FloatArray]
 """Standard deviations (k, 2) of ranges and bearings that are measured at ranges (k,)."""
 
