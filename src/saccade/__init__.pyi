@@ -48,6 +48,7 @@ from saccade.errors import SaccadeError as SaccadeError
 from saccade.io.image import read_image as read_image
 from saccade.io.preparation import stretch_contrast as stretch_contrast
 from saccade.keypoints.descriptor_config import DescriptorConfig as DescriptorConfig
+from saccade.keypoints.guided import match_guided as match_guided
 from saccade.keypoints.matching import match as match
 from saccade.keypoints.must import Must as Must
 from saccade.keypoints.must_config import MustConfig as MustConfig

@@ -40,6 +40,7 @@ from saccade.extras import import_optional
 from saccade.io.files import atomic_write, locked, reading
 from saccade.io.npz import read_arrays, save_arrays
 from saccade.keypoints.detectors import DETECTORS
+from saccade.keypoints.guided import verified_again
 from saccade.keypoints.matching import Metric, match
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.two_view_fit import Geometry
@@ -74,6 +75,13 @@ class MatchConfig(Settings):
     """Smallest number of distinct inliers of an accepted geometry."""
     metric: Metric | None = None
     """See `saccade.match`."""
+    guided: bool = False
+    """Whether verified pairs are matched again along their geometry; see `saccade.match_guided`."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        verified = self.geometry is not None or not self.guided
+        require(verified, "guided", "a geometry for guided matching", self.geometry)
 
 
 class PairBlock(NamedTuple):
@@ -234,17 +242,20 @@ def match_block(config: MatchConfig, features: str, out: str, block: PairBlock) 
     for number, (first, second) in enumerate(block.pairs):
         both = points[first], points[second]
         indices = match(*both, config.ratio, config.mutual, config.metric)
-        arrays[f"{number} indices"] = indices
-        arrays[f"{number} similarity"] = _similarity(*both, indices)
         if config.geometry is not None:
             verified = verify(
                 *(*both, indices, config.geometry, config.tolerance, config.min_inliers),
                 mirrored=False,
             )
+            if config.guided:
+                options = config.mutual, config.metric, config.tolerance
+                indices, verified = verified_again(*both, indices, verified, *options)
             arrays[f"{number} inliers"] = verified.inliers
             for field in STORED:
                 if getattr(verified, field) is not None:
                     arrays[f"{number} {field}"] = getattr(verified, field)
+        arrays[f"{number} indices"] = indices
+        arrays[f"{number} similarity"] = _similarity(*both, indices)
     with atomic_write(Path(out, block.file)) as path:
         save_arrays(path, arrays, compressed=False)
     return len(block.pairs)

@@ -39,6 +39,7 @@ from saccade.io.masks import check_masks
 from saccade.keypoints import Verification, verify
 from saccade.keypoints import match as nearest_matches
 from saccade.keypoints.detectors import DEFAULT_DETECTOR, keypoints_of
+from saccade.keypoints.guided import verified_again
 from saccade.keypoints.two_view_fit import Geometry
 from saccade.keypoints.verification import MIN_INLIERS
 from saccade.viewing import Section, match_figure, save_figures
@@ -81,6 +82,9 @@ class MatchOptions(DetectorOptions, JsonOptions):
     hdf5 (for hloc, the default) or colmap; several with commas."""
     min_inliers: int = setting(MIN_INLIERS, 1)
     """Smallest number of distinct inliers of an accepted geometry."""
+    guided: bool = False
+    """Match verified pairs again along their epipolar lines or homography, with a looser ratio
+    test, and verify the result."""
     lens: CameraModel = None
     camera_mode: CameraMode = None
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
@@ -105,7 +109,7 @@ def match(first: First, second: Second = None, /, options: MatchOptions = MatchO
     """Match the keypoints of two or more images.
 
     Mutual nearest neighbors that pass the ratio test are verified by two-view
-    geometry (OpenCV's USAC with MAGSAC, deterministic). Two images: --out
+    geometry (OpenCV's USAC, deterministic). Two images: --out
     receives a figure (matches.png), an interactive report (report.html) and a
     table (matches.csv: indices and coordinates in both images, and 1 for
     inliers).
@@ -119,6 +123,8 @@ def match(first: First, second: Second = None, /, options: MatchOptions = MatchO
     """
     words = "many images" if second is None else "two images"
     chosen = list(dict.fromkeys(options.formats or FORMATS[words][:1]))
+    verified = options.verification is not None or not options.guided
+    require(verified, "guided", "--geometry fundamental or homography", options.geometry)
     for each in chosen:
         expected = f"{' or '.join(FORMATS[words])} for {words}"
         require(each in FORMATS[words], "format", expected, each)
@@ -166,6 +172,9 @@ def match_images(
     verified = None
     if geometry is not None:
         verified = verify(*keypoints, pairs, geometry, options.tolerance, options.min_inliers)
+        if options.guided:
+            tolerance = options.tolerance
+            pairs, verified = verified_again(*keypoints, pairs, verified, tolerance=tolerance)
     inliers = None if verified is None else verified.inliers
     figure = match_figure(images, keypoints, pairs, inliers)
     picture = save_figures(figure, out / "matches", figures)
@@ -255,6 +264,7 @@ def match_many(source: str, options: MatchOptions, formats: Sequence[str]) -> Re
                 geometry=options.verification,
                 tolerance=options.tolerance,
                 min_inliers=options.min_inliers,
+                guided=options.guided,
             ),
             formats=cast("Sequence[ManyFormat]", formats),
             cameras=parse_cameras(options.lens),

@@ -1,5 +1,6 @@
 """Descriptor matching: nearest neighbors, ratio test and mutual check."""
 
+from collections.abc import Callable
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy.typing as npt
 
 from saccade.errors import ConfigError, require
 from saccade.keypoints._neighbor_kernels import update_neighbors
-from saccade.types import Float32Array, IntArray, Keypoints
+from saccade.types import BoolArray, Float32Array, IntArray, Keypoints
 
 COLUMNS = 512
 """Number of keypoints of the first image in a block of products that fits into the cache."""
@@ -15,6 +16,12 @@ ROWS = 512
 """Number of keypoints of the second image in a block of products."""
 
 
+Descriptors: TypeAlias = npt.NDArray[np.uint8] | Float32Array
+Neighbors: TypeAlias = tuple[IntArray, Float32Array, Float32Array, IntArray]
+"""See `nearest_neighbors`."""
+Excluded: TypeAlias = Callable[[slice, slice], BoolArray]
+"""Function of a slice of the r rows of the second image and of the c of the first: (r, c) whether
+they are no neighbors."""
 Metric: TypeAlias = Literal["euclidean", "hamming"]
 """Distance of descriptors."""
 BITS = 64
@@ -52,7 +59,28 @@ def match(
 
     Source: Lowe (2004), section 7.1.
     """
+    check_ratio(ratio)
+    a, b, power = comparable_descriptors(first, second, metric)
+    if not len(a) or not len(b):
+        return np.zeros((0, 2), np.int64)
+    neighbors = nearest_neighbors(a, b)
+    index = np.flatnonzero(passing(neighbors, ratio, power, mutual))
+    return np.stack([index, neighbors[0][index]], axis=1)
+
+
+def check_ratio(ratio: float | None) -> None:
+    """Raises `ConfigError` for a ratio that is not in (0, 1]."""
     require(ratio is None or 0 < ratio <= 1, "ratio", "over 0 and at most 1, or None", ratio)
+
+
+def comparable_descriptors(
+    first: Keypoints, second: Keypoints, metric: Metric | None
+) -> tuple[Descriptors, Descriptors, int]:
+    """The descriptors of both images, and the power of their distance that vectors have squared.
+
+    Raises:
+        ConfigError: see `match`.
+    """
     a, b = _descriptors(first, "first"), _descriptors(second, "second")
     if a.shape[1] != b.shape[1]:
         raise ConfigError(
@@ -60,25 +88,35 @@ def match(
             f"found {b.shape[1]}"
         )
     if not len(a) or not len(b):
-        return np.zeros((0, 2), np.int64)
+        return a, b, 2
     if (a.dtype == np.uint8) != (b.dtype == np.uint8):
         raise ConfigError(f"second: expected descriptors of {a.dtype}, found {b.dtype}")
-    power = 2
-    if is_hamming(a, metric):
-        # Squared distances of unpacked bits count those that differ.
-        a, b = (np.unpackbits(each.astype(np.uint8), axis=1) for each in (a, b))
-        power = 1
-    nearest, distance, second_distance, reverse = nearest_neighbors(a, b)
-    kept = np.ones(len(a), np.bool_)
+    if not is_hamming(a, metric):
+        return a, b, 2
+    # Squared distances of unpacked bits count those that differ.
+    bits = [np.unpackbits(each.astype(np.uint8), axis=1) for each in (a, b)]
+    return bits[0], bits[1], 1
+
+
+def passing(neighbors: Neighbors, ratio: float | None, power: int, mutual: bool) -> BoolArray:
+    """(n,) whether the nearest neighbor of a keypoint passes the ratio test and the mutual check.
+
+    Args:
+        neighbors: of `nearest_neighbors`.
+        ratio: see `match`.
+        power: of the distance that squared distances are.
+        mutual: see `match`.
+    """
+    nearest, distance, second_distance, reverse = neighbors
+    kept: BoolArray = np.isfinite(distance)
     if ratio is not None:
         kept &= distance < ratio**power * second_distance
     if mutual:
-        kept &= reverse[nearest] == np.arange(len(a))
-    index = np.flatnonzero(kept)
-    return np.stack([index, nearest[index]], axis=1)
+        kept &= reverse[nearest] == np.arange(len(nearest))
+    return kept
 
 
-def is_hamming(descriptors: npt.NDArray[np.uint8] | Float32Array, metric: Metric | None) -> bool:
+def is_hamming(descriptors: Descriptors, metric: Metric | None) -> bool:
     """Whether descriptors are packed bits.
 
     Raises:
@@ -98,8 +136,8 @@ def is_hamming(descriptors: npt.NDArray[np.uint8] | Float32Array, metric: Metric
 
 
 def nearest_neighbors(
-    a: npt.NDArray[np.uint8] | Float32Array, b: npt.NDArray[np.uint8] | Float32Array
-) -> tuple[IntArray, Float32Array, Float32Array, IntArray]:
+    a: Descriptors, b: Descriptors, excluded: Excluded | None = None
+) -> Neighbors:
     """Nearest neighbors by squared distance, both ways, from one pass over blocks of products.
 
     Sums of up to 128 products of bytes are integers below 2**24, exact in float32: their
@@ -109,10 +147,12 @@ def nearest_neighbors(
     Args:
         a: (n, d), n and k at least 1.
         b: (k, d).
+        excluded: which pairs are no neighbors; None for all.
 
     Returns:
         (n,) nearest row of `b`, (n,) its squared distance, (n,) squared distance of the second
-        nearest row (infinite if k is 1), and (k,) nearest row of `a`.
+        nearest row (infinite without a second one), and (k,) nearest row of `a`. Without a
+        neighbor the nearest row is 0 and the distance infinite.
     """
     n, k = len(a), len(b)
     nearest, distance = np.zeros(n, np.int32), np.full(n, np.inf, np.float32)
@@ -128,21 +168,24 @@ def nearest_neighbors(
         norms, points = _squared_norms(b[chosen])
         rows = np.hstack([norms, np.ones_like(norms), points])
         for part, block in zip(parts, blocks, strict=True):
+            distances = rows @ block
+            if excluded is not None:
+                distances[excluded(chosen, part)] = np.inf
             update_neighbors(
-                *(rows @ block, part.start, start),
+                *(distances, part.start, start),
                 *(nearest[part], distance[part], second_distance[part]),
                 *(reverse[chosen], reverse_distance[chosen]),
             )
     return nearest.astype(np.int64), distance, second_distance, reverse
 
 
-def _squared_norms(rows: npt.NDArray[np.uint8] | Float32Array) -> tuple[Float32Array, Float32Array]:
+def _squared_norms(rows: Descriptors) -> tuple[Float32Array, Float32Array]:
     """Squared lengths (n, 1) of rows, and the rows as floats."""
     floats = rows.astype(np.float32)
     return np.einsum("ij,ij->i", floats, floats)[:, None], floats
 
 
-def _descriptors(keypoints: Keypoints, name: str) -> npt.NDArray[np.uint8] | Float32Array:
+def _descriptors(keypoints: Keypoints, name: str) -> Descriptors:
     if keypoints.descriptors is None:
         raise ConfigError(
             f"{name}: expected keypoints with descriptors, found none; detect with describe=True"
