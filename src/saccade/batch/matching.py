@@ -248,8 +248,12 @@ def match_block(config: MatchConfig, features: str, out: str, block: PairBlock) 
                 mirrored=False,
             )
             if config.guided:
-                options = config.mutual, config.metric, config.tolerance
-                indices, verified = verified_again(*both, indices, verified, *options)
+                indices, verified = verified_again(
+                    *(*both, indices, verified),
+                    mutual=config.mutual,
+                    metric=config.metric,
+                    tolerance=config.tolerance,
+                )
             arrays[f"{number} inliers"] = verified.inliers
             for field in STORED:
                 if getattr(verified, field) is not None:

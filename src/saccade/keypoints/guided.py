@@ -62,8 +62,8 @@ def match_guided(
     check_ratio(ratio)
     require(0 < tolerance < np.inf, "tolerance", "pixels over 0", tolerance)
     if len(pairs) != len(verification.inliers):
-        found = f"{len(pairs)} and {len(verification.inliers)}"
-        raise KeypointsError(f"pairs: expected those that were verified, found {found}")
+        sizes = f"{len(pairs)} and {len(verification.inliers)}"
+        raise KeypointsError(f"pairs: expected those that were verified, found {sizes}")
     if verification.matrix is None or not len(pairs):
         return pairs
     a, b, power = comparable_descriptors(first, second, metric)
@@ -102,8 +102,12 @@ def verified_again(
         metric: see `saccade.match`.
         tolerance: of the verification, in pixels.
     """
-    names = {"mutual": mutual, "metric": metric, "tolerance": WIDER * tolerance}
-    guided = match_guided(first, second, pairs, verification, **names)
+    guided = match_guided(
+        *(first, second, pairs, verification),
+        mutual=mutual,
+        metric=metric,
+        tolerance=WIDER * tolerance,
+    )
     again = verify(
         *(first, second, guided, verification.geometry, tolerance, verification.min_inliers),
         mirrored=verification.mirrored,
