@@ -164,6 +164,21 @@ atexit.register(lambda: print([m for m in {HEAVY!r} if m in sys.modules], file=s
     assert done.stderr.strip() == "[]"
 
 
+LIGHT = ("slam", "merge", "drive", "check", "tags", "convert", "textbook", "serve", "demo")
+"""Commands whose help loads neither a filter nor figures."""
+
+
+def test_help_is_light():
+    report = f"""
+import sys
+from saccade.cli import app
+for name in {LIGHT!r}:
+    app.parse_commands([name])[1][-1].default_command
+print([m for m in ("numba", "scipy", "matplotlib", "saccade.slam.online") if m in sys.modules])
+"""
+    assert run_python("-c", report, check=True).stdout.strip() == "[]"
+
+
 def test_every_public_name_is_there():
     for name in saccade.__all__:
         assert getattr(saccade, name) is not None

@@ -44,8 +44,8 @@ def test_arguments_have_positions_or_names_never_both(run, written, name, comman
 MEANINGS = {
     "--format": "output",
     "--kind": "input",
-    "--camera": "drive",
-    "--lens": "detect match",
+    "--camera": "detect match",
+    "--device": "drive",
     "--fixations": "fit evaluate fixations evaluate scanpaths",
     "--anyway": "merge",
 }

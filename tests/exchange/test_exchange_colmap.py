@@ -285,25 +285,25 @@ def test_the_command_takes_a_camera_or_a_list_of_them(pycolmap, run, tmp_path, c
     words = [command, str(Path(HALLWAY[0]).parent / "hallway_*.jpg"), "--format", "colmap"]
     height, width = saccade.read_image(HALLWAY[0]).shape[:2]
     camera = f"PINHOLE,400,400,{width / 2},{height / 2}"
-    assert run(*words, "--out", tmp_path / "o", "--lens", camera)[0] == 0
+    assert run(*words, "--out", tmp_path / "o", "--camera", camera)[0] == 0
     found, rigs = _cameras_of(pycolmap, tmp_path / "o" / "database.db")
     assert rigs == 1
     lines = [f"hallway_{n}.jpg SIMPLE_PINHOLE {width} {height} {n}00 9 9" for n in (1, 2)]
     (tmp_path / "cameras.txt").write_text("# as of hloc\n" + "\n".join(lines) + "\n")
-    assert run(*words, "--out", tmp_path / "o", "--lens", tmp_path / "cameras.txt")[0] == 0
+    assert run(*words, "--out", tmp_path / "o", "--camera", tmp_path / "cameras.txt")[0] == 0
     found, _ = _cameras_of(pycolmap, tmp_path / "o" / "database.db")
     assert [found[f"hallway_{n}.jpg"][2][0] for n in (1, 2)] == [100, 200]
     (tmp_path / "cameras.txt").write_text("hallway_1.jpg PINHOLE many\n")
-    code, _, err = run(*words, "--out", tmp_path / "o", "--lens", tmp_path / "cameras.txt")
+    code, _, err = run(*words, "--out", tmp_path / "o", "--camera", tmp_path / "cameras.txt")
     assert code == 2
     assert "cameras.txt, line 1: expected NAME MODEL WIDTH HEIGHT" in err
-    code, _, err = run(*words, "--out", tmp_path / "q", "--lens", "PINHOLE,1,2")
+    code, _, err = run(*words, "--out", tmp_path / "q", "--camera", "PINHOLE,1,2")
     assert code == 2
     assert "camera: expected PINHOLE,fx, fy, cx, cy" in err
     assert not (tmp_path / "q").exists()
-    code, _, err = run(*words[:2], "--out", tmp_path / "p", "--lens", camera)
+    code, _, err = run(*words[:2], "--out", tmp_path / "p", "--camera", camera)
     assert code == 2
-    assert "lens: expected --format colmap" in err
+    assert "camera: expected --format colmap" in err
 
 
 TABLES = (

@@ -79,11 +79,11 @@ def film(tmp_path_factory):
 def test_a_drive_of_a_camera_is_that_of_its_recording(run, film, tmp_path):
     camera = ("--intrinsics", "200,200,128,96")
     ride = tmp_path / "ride"
-    assert run("drive", ride, "--camera", film, *camera, "-o", tmp_path / "live")[0] == 0
+    assert run("drive", ride, "--device", film, *camera, "-o", tmp_path / "live")[0] == 0
     assert run("drive", ride, "-o", tmp_path / "again")[0] == 0
     live, again = ((tmp_path / name / "poses.csv").read_bytes() for name in ("live", "again"))
     assert live == again
     assert len(live.splitlines()) == 9
-    code, _, err = run("drive", ride, "--camera", film)
+    code, _, err = run("drive", ride, "--device", film)
     assert code == 2
     assert "expected no images beside the recording" in err

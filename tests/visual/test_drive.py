@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saccade import datasets, visual
-from saccade.cli.drive import drive_tables
+from saccade.cli.drive_run import drive_tables
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
 from saccade.errors import DriveError, ImageError
 from saccade.evaluation.runs import correct_associations, summarize_drive

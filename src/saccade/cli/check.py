@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
-import numpy as np
 from cyclopts import Parameter
 
 from saccade.cli.options import INPUT, JsonOptions
@@ -14,11 +13,12 @@ from saccade.cli.recordings import KIND, AnyKind, LogOptions, SequenceOptions
 from saccade.datasets import load_map
 from saccade.datasets.formats import AUTO
 from saccade.datasets.recordings import is_log, read_by
-from saccade.diagnostics import check_drive, check_log
-from saccade.diagnostics.findings import Finding
 from saccade.errors import setting
 from saccade.frames import Drive
 from saccade.types import LandmarkLog
+
+if TYPE_CHECKING:
+    from saccade.diagnostics.findings import Finding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +67,8 @@ def check(sequence: Recording, /, options: CheckOptions = CheckOptions()) -> Res
 
     Example: saccade check kitti/07
     """
+    from saccade.diagnostics import check_drive, check_log
+
     if options.tag_config is not None:
         return _check_tags(sequence, options)
     recording = options.read(sequence)
@@ -86,17 +88,19 @@ def check(sequence: Recording, /, options: CheckOptions = CheckOptions()) -> Res
 
 def _check_tags(sequence: Path, options: CheckOptions) -> Result:
     """Check the tags of a camera drive, and the calibration of the camera."""
+    from saccade.diagnostics import check_log
+
     survey = None if options.map_file is None else load_map(options.map_file)
     ride = options.load_ride(sequence)
     log = ride.tags.log
-    tags, seen = len(np.unique(log.landmark)), len(log.observation)
+    tags, seen = len(set(log.landmark.tolist())), len(log.observation)
     row = {"sequence": log.name, "frames": len(ride.drive), "tags": tags, "observations": seen}
     findings = ride.findings(survey) or check_log(log)  # ranges of a wrong scale mislead it
     count = f"{len(ride.drive)} frames, {seen:,} observations of {tags} tags"
     return _result(log.name, row, count, findings)
 
 
-def _result(name: str, row: dict[str, Any], count: str, findings: Sequence[Finding]) -> Result:
+def _result(name: str, row: dict[str, Any], count: str, findings: "Sequence[Finding]") -> Result:
     """The findings as a table and as a row; the exit code is 1 if there is a problem."""
     problems = sum(each.severity != "note" for each in findings)
     verdict = f"{problems or 'no'} problem{'' if problems == 1 else 's'}"

@@ -3,22 +3,14 @@
 from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from saccade.cli.drive import write_results
-from saccade.cli.look import LookOptions, analyze_image
-from saccade.cli.match import MatchOptions, match_images
 from saccade.cli.options import JsonOptions, OutputFolder
 from saccade.cli.output import Result, Table, print_message, progress_bar
-from saccade.cli.run_output import RunOutput
-from saccade.cli.slam_options import SlamOptions
-from saccade.cli.slam_run import map_log
 from saccade.io.files import results_in
-from saccade.keypoints import Sift
-from saccade.simulation import DriveConfig
-from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
-from saccade.viewing.report import ReportBuilder
-from saccade.viewing.snapshots import SnapshotRecorder
+
+if TYPE_CHECKING:
+    from saccade.viewing.report import ReportBuilder
 
 LEAD = (
     "Attention selects where to look in an image, interest points select what to keep, the "
@@ -50,6 +42,13 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
 
     Example: saccade demo --out saccade-demo
     """
+    from saccade.cli.look import LookOptions, analyze_image
+    from saccade.cli.match import MatchOptions, match_images
+    from saccade.cli.slam_options import SlamOptions
+    from saccade.cli.slam_run import map_log
+    from saccade.keypoints import Sift
+    from saccade.viewing.report import ReportBuilder
+
     out = options.out
     builder = ReportBuilder("saccade demo", LEAD)
     with results_in(out), as_file(files("saccade") / "data") as data:
@@ -79,8 +78,14 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
     return Result(row, [Table("saccade demo", ["file", "content"], rows)])
 
 
-def _drive(out: Path, builder: ReportBuilder) -> dict[str, Any]:
+def _drive(out: Path, builder: "ReportBuilder") -> dict[str, Any]:
     """Map of a simulated drive through a hall with few posters."""
+    from saccade.cli.drive_run import write_results
+    from saccade.cli.run_output import RunOutput
+    from saccade.simulation import DriveConfig
+    from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
+    from saccade.viewing.snapshots import SnapshotRecorder
+
     hall = replace(
         DriveConfig.hall(),
         size=(13.0, 10.5),

@@ -39,7 +39,6 @@ from saccade.keypoints.detectors import (
     summaries,
 )
 from saccade.types import BoolArray, Float32Array, Keypoints, Regions
-from saccade.viewing import keypoint_figure, region_figure, save_figures
 
 Format = Literal["npz", "csv", "hdf5", "colmap", "png", "svg", "pdf"]
 """File formats of keypoints and of figures."""
@@ -94,9 +93,8 @@ CameraModel: TypeAlias = Annotated[
     str | None,
     INPUT,
     Parameter(
-        ("--lens", "--camera"),
         metavar="MODEL,...",
-        help="Lens of all images, for --format colmap: a model of COLMAP with parameters in "
+        help="Camera of all images, for --format colmap: a model of COLMAP with parameters in "
         "pixels, such as PINHOLE,fx,fy,cx,cy; a model alone, with guessed parameters; or a file "
         "with lines NAME MODEL WIDTH HEIGHT PARAMETER ... By default COLMAP chooses.",
     ),
@@ -108,7 +106,7 @@ CameraMode: TypeAlias = Annotated[
         "--camera-mode",
         help="Images that share a camera, for --format colmap: by EXIF data as COLMAP (auto), "
         "those of a folder (folder), all (single) or none (image). By default auto, and single "
-        "with the parameters of a --lens of all images.",
+        "with the parameters of a --camera of all images.",
     ),
 ]
 
@@ -121,7 +119,7 @@ class DetectOptions(DetectorOptions, JsonOptions):
     formats: Annotated[list[Format] | None, OUTPUT, SEVERAL, Parameter(("--format", "-f"))] = None
     """Output formats for keypoints (npz by default) and figures (png by default), separated by
     commas."""
-    lens: CameraModel = None
+    camera: CameraModel = None
     camera_mode: CameraMode = None
 
 
@@ -142,8 +140,8 @@ def detect(*images: Images, options: DetectOptions = DetectOptions()) -> Result:
     chosen = list(dict.fromkeys(options.formats or []))
     if all(each in get_args(FigureFormat) for each in chosen):
         chosen.append("npz")
-    cameras = parse_cameras(options.lens)
-    require(cameras is None or "colmap" in chosen, "lens", "--format colmap", chosen)
+    cameras = parse_cameras(options.camera)
+    require(cameras is None or "colmap" in chosen, "camera", "--format colmap", chosen)
     require_libraries(chosen, cameras)
     check_masks(options.masks)
     find = options.make_detector()
@@ -193,6 +191,8 @@ def detect_in(
     detections: Any = detector(image, mask)
     image = as_rgb(image)
     regions, keypoints = isinstance(detections, Regions), keypoints_of(detections)
+    from saccade.viewing import keypoint_figure, region_figure, save_figures
+
     figure = region_figure(image, detections) if regions else keypoint_figure(image, keypoints)
     row: dict[str, Any] = {
         "points": len(keypoints),

@@ -10,7 +10,6 @@ import numpy as np
 from cyclopts import Parameter
 
 from saccade.cli.detect import CameraMode, CameraModel, DetectorOptions
-from saccade.cli.extract import batch_progress, print_failures
 from saccade.cli.options import (
     EXECUTION,
     INPUT,
@@ -42,12 +41,11 @@ from saccade.keypoints.detectors import DEFAULT_DETECTOR, keypoints_of
 from saccade.keypoints.guided import verified_again
 from saccade.keypoints.two_view_fit import Geometry
 from saccade.keypoints.verification import MIN_INLIERS
-from saccade.viewing import Section, match_figure, save_figures
-from saccade.viewing.report import ReportBuilder, match_part
 
 if TYPE_CHECKING:
     from saccade.batch.matching import Format as ManyFormat
     from saccade.batch.matching import MatchRun
+    from saccade.viewing.report import ReportBuilder
 
 
 FORMATS = {"two images": get_args(FigureFormat), "many images": ("hdf5", "colmap")}
@@ -85,7 +83,7 @@ class MatchOptions(DetectorOptions, JsonOptions):
     guided: bool = False
     """Match verified pairs again along their epipolar lines or homography, with a looser ratio
     test, and verify the result."""
-    lens: CameraModel = None
+    camera: CameraModel = None
     camera_mode: CameraMode = None
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
     """Number of processes; by default as many as cores and memory allow."""
@@ -121,6 +119,8 @@ def match(first: First, second: Second = None, /, options: MatchOptions = MatchO
 
     Example: saccade match left.jpg right.jpg --geometry homography
     """
+    from saccade.viewing.report import ReportBuilder
+
     words = "many images" if second is None else "two images"
     chosen = list(dict.fromkeys(options.formats or FORMATS[words][:1]))
     verified = options.verification is not None or not options.guided
@@ -130,9 +130,9 @@ def match(first: First, second: Second = None, /, options: MatchOptions = MatchO
         require(each in FORMATS[words], "format", expected, each)
     if second is None:
         return match_many(first, options, chosen)
-    many = ("pairs", "root", "workers", "lens", "camera_mode")
+    many = ("pairs", "root", "workers", "camera", "camera_mode")
     given = any(getattr(options, name) is not None for name in many)
-    expected = "--pairs, --root, --lens, --camera-mode and --workers with many images"
+    expected = "--pairs, --root, --camera, --camera-mode and --workers with many images"
     require(not given, "pairs", expected, str(second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
@@ -157,9 +157,12 @@ TEXT = (
 
 
 def match_images(
-    detector: Any, paths: tuple[Path, Path], options: MatchOptions, builder: ReportBuilder
+    detector: Any, paths: tuple[Path, Path], options: MatchOptions, builder: "ReportBuilder"
 ) -> dict[str, Any]:
     """Match two images: write matches.png and .csv, return the row for --json."""
+    from saccade.viewing import Section, match_figure, save_figures
+    from saccade.viewing.report import match_part
+
     first, second = paths
     out, geometry = options.out, options.verification
     figures = figure_formats(options.formats)
@@ -238,8 +241,9 @@ def match_many(source: str, options: MatchOptions, formats: Sequence[str]) -> Re
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, MatchConfig
     from saccade.batch.matching import FEATURES, match_images
+    from saccade.cli.extract import batch_progress, print_failures
 
-    require(options.lens is None or "colmap" in formats, "lens", "--format colmap", formats)
+    require(options.camera is None or "colmap" in formats, "camera", "--format colmap", formats)
     bars: dict[str, Callable[[int, int, int], None]] = {}
     with ExitStack() as stack:
 
@@ -267,7 +271,7 @@ def match_many(source: str, options: MatchOptions, formats: Sequence[str]) -> Re
                 guided=options.guided,
             ),
             formats=cast("Sequence[ManyFormat]", formats),
-            cameras=parse_cameras(options.lens),
+            cameras=parse_cameras(options.camera),
             camera_mode=options.camera_mode,
             workers=options.workers,
             should_stop=stack.enter_context(stop_on_interrupt()),

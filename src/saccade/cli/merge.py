@@ -9,8 +9,6 @@ from cyclopts import Parameter
 from saccade.cli.options import OUTPUT, JsonOptions
 from saccade.cli.output import Result, facts_table, print_message
 from saccade.errors import LogError, require
-from saccade.slam import Slam
-from saccade.slam.merging import merge_maps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +35,9 @@ def merge(*maps: Maps, options: MergeOptions) -> Result:
 
     Example: saccade merge monday.npz tuesday.npz --out both.npz
     """
+    from saccade.slam import Slam
+    from saccade.slam.merging import merge_maps
+
     out, anyway = options.out, options.anyway
     require(len(maps) > 1, "MAPS", "two maps or more", len(maps))
     slam, merged = Slam.load(maps[0]), list[dict[str, Any]]()

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from cyclopts import Parameter
 
@@ -20,8 +20,9 @@ from saccade.errors import ConfigError, require, setting
 from saccade.extras import import_function
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
-from saccade.simulation import WorldConfig, simulate_drive, simulate_world, tag_layout
-from saccade.simulation.gaze_drive import gaze_drive
+
+if TYPE_CHECKING:
+    from saccade.simulation import WorldConfig
 
 GAZE = f"{', '.join(POLICIES)}, or module:function"
 """Gaze policies of `--gaze`."""
@@ -83,6 +84,9 @@ def simulate(kind: World, /, options: SimulateOptions = SimulateOptions()) -> Re
 
     Example: saccade simulate drive --preset repeated --seed 7 --out ring
     """
+    from saccade.simulation import simulate_drive, tag_layout
+    from saccade.simulation.gaze_drive import gaze_drive
+
     settings = options.settings(kind)
     frames, gaze, seed = options.frames, options.gaze, options.seed
     color, depth = options.color, options.depth
@@ -119,7 +123,9 @@ def simulate(kind: World, /, options: SimulateOptions = SimulateOptions()) -> Re
     return Result(row, [facts_table(f"{simulated.name} -> {out}", row)])
 
 
-def _simulate_world(out: Path, settings: WorldConfig, seed: int) -> Result:
+def _simulate_world(out: Path, settings: "WorldConfig", seed: int) -> Result:
+    from saccade.simulation import simulate_world
+
     log = simulate_world(settings, seed)
     assert log.truth is not None
     assert log.landmark_truth is not None

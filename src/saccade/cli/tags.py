@@ -10,7 +10,6 @@ from saccade.cli.options import JsonOptions
 from saccade.cli.output import Result, facts_table
 from saccade.errors import require
 from saccade.tags import TagConfig, parse_ids, tag_cells
-from saccade.viewing.tag_sheet import MAX_SIZE, write_tag_sheets
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +35,8 @@ def tags(file: Sheet, /, options: TagsOptions = TagsOptions()) -> Result:
 
     Example: saccade tags --ids 0-13 --size 0.165 tags.pdf
     """
+    from saccade.viewing.tag_sheet import MAX_SIZE, write_tag_sheets
+
     size = options.size
     require(file.suffix.lower() == ".pdf", "file", "a name that ends in .pdf", file.name)
     config = TagConfig(options.family, size)

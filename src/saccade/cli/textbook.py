@@ -2,21 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 from cyclopts import Parameter
 
-from saccade import datasets
-from saccade.attention.contrast import contrast_saliency
 from saccade.cli.options import JsonOptions, OutputFolder
 from saccade.cli.output import Result, Table, write_text
 from saccade.errors import setting
 from saccade.io.files import IMAGE_SUFFIXES
-from saccade.io.image import read_image
-from saccade.types import Float32Array, Image
-from saccade.viewing.page import shrunk
-from saccade.viewing.textbook.ekf import simulated_log
-from saccade.viewing.textbook.walkthrough import Walkthrough, walkthrough_page
+
+if TYPE_CHECKING:
+    from saccade.types import Float32Array, Image
 
 LEAD = (
     "Each step with its equations, the code that computes them, and the results for "
@@ -53,6 +49,12 @@ def textbook(source: Source, /, options: TextbookOptions = TextbookOptions()) ->
 
     Example: saccade textbook photo.jpg
     """
+    from saccade import datasets
+    from saccade.io.image import read_image
+    from saccade.viewing.page import shrunk
+    from saccade.viewing.textbook.ekf import simulated_log
+    from saccade.viewing.textbook.walkthrough import Walkthrough, walkthrough_page
+
     image, log, appendices = None, simulated_log(), "ABC"
     if source.suffix.lower() in IMAGE_SUFFIXES:
         photo = read_image(source)
@@ -70,5 +72,7 @@ def textbook(source: Source, /, options: TextbookOptions = TextbookOptions()) ->
     return Result(row, [Table(f"{source.name} -> {page}", ["", ""], rows)])
 
 
-def _default_saliency(image: Image) -> Float32Array:
+def _default_saliency(image: "Image") -> "Float32Array":
+    from saccade.attention.contrast import contrast_saliency
+
     return contrast_saliency(image).saliency

@@ -118,7 +118,7 @@ def _numbers(name: str, expected: str, words: Sequence[str]) -> tuple[float, ...
 
 
 def parse_cameras(text: str | None) -> Cameras:
-    """Parses --lens: a camera for all images, or a file for `read_cameras`.
+    """Parses --camera: a camera for all images, or a file for `read_cameras`.
 
     Raises:
         ConfigError: the text is neither.

@@ -9,14 +9,13 @@ inhibited.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil, cos, exp, pi, sin
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import require
 from saccade.landmark_names import parse_labels
-from saccade.slam import Slam
 from saccade.slam.filter.models import (
     as_relative_pose,
     compose,
@@ -25,6 +24,9 @@ from saccade.slam.filter.models import (
     wrap,
 )
 from saccade.types import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from saccade.slam import Slam
 
 HORIZON = 2.0
 """Duration of the rollout in seconds."""
@@ -103,7 +105,7 @@ class Gazer:
 
     def __init__(
         self,
-        slam: Slam,
+        slam: "Slam",
         fov: float,
         max_range: float,
         pan: tuple[float, float] = (-2.4, 2.4),

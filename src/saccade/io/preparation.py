@@ -4,7 +4,6 @@ import warnings
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from saccade.errors import ImageError, ImageWarning, require
 from saccade.io.image import as_gray, check_image, in_unit_range, repeat_gray
@@ -43,6 +42,8 @@ def opaque_part(image: Image) -> tuple[Image, BoolArray | None]:
         return colors, None
     if not opaque.any():
         return np.zeros_like(colors), opaque
+    from scipy import ndimage
+
     rows, columns = ndimage.distance_transform_edt(
         ~opaque, return_distances=False, return_indices=True
     )
