@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from importlib.resources import files
 from itertools import combinations
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import ExifTags, Image
 
 import saccade
 from saccade import exchange
@@ -97,6 +99,42 @@ def listed(tmp_path):
     return path
 
 
+@pytest.mark.parametrize("file", ["features.h5", "database.db"])
+def test_features_of_a_file_are_matched_as_those_of_a_detector(run, photos, tmp_path, file):
+    """Also for a turned image: stored pixels become upright ones."""
+    folder = tmp_path / "photos"
+    shutil.copytree(photos, folder)
+    upright = Image.open(photos / "one.png")
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 6
+    upright.rotate(90, expand=True).save(folder / "turned.jpg", exif=exif, quality=95)
+    kind = "hdf5" if file.endswith("h5") else "colmap"
+    words = ("match", folder, "--max", "200", "--format", kind, "--workers", "1")
+    first = json.loads(run(*words, "--json", "--out", tmp_path / "first")[1])
+    path = tmp_path / "first" / file
+    words = ("match", folder, "--features", path, "--guided", "--workers", "1", "--json", "--out")
+    again, third = (json.loads(run(*words, tmp_path / "second")[1]) for _ in range(2))
+    assert (again["images"], again["done"], third["done"]) == (5, 10, 0)
+    assert again["inliers"] >= first["inliers"]
+    matches = exchange.read_hloc_matches(again["files"]["matches"])
+    assert len(matches[group_of("one.png", "turned.jpg")][0]) > 100
+    if kind == "colmap":
+        return
+    points = exchange.read_hdf5(path)
+    for name, each in exchange.read_hdf5(again["files"]["features"]).items():
+        for field, values in vars(each).items():
+            np.testing.assert_allclose(values, getattr(points[name], field), atol=1e-6)
+    points["b/two.png"].xy[0] = 9999
+    del points["one.png"]
+    exchange.write_hdf5(tmp_path / "broken.h5", points)
+    words = ("match", folder, "--features", tmp_path / "broken.h5", "--workers", "1", "--out")
+    code, _, said = run(*words, tmp_path / "third")
+    assert code == 1
+    assert "2 images failed" in said
+    assert "one.png: expected keypoints in the file of features, found none" in said
+    assert "b/two.png: expected keypoints in " in said
+
+
 def test_a_list_is_matched_in_its_order_and_only_that(photos, listed, tmp_path):
     run = match_images(str(photos), tmp_path / "out", pairs=listed, job=JOB)
     pairs = [("b/two.png", "one.png"), ("one.png", "part.png")]
@@ -159,6 +197,9 @@ def test_the_command_leaves_out_images_that_fail(run, photos, tmp_path):
         (["one.png", "--format", "svg"], "expected hdf5 or colmap for many images, found 'svg'"),
         (["one.png", "one.png", "--format", "hdf5"], "expected png or svg or pdf for two images"),
         (["one.png", "one.png", "--pairs", "x"], "--camera-mode and --workers"),
+        ([".", "--features", "gone.h5"], "gone.h5: cannot be read"),
+        ([".", "--features", "x.h5", "--max", 5], "features: expected no --detector, --preset"),
+        (["b", "--guided", "--geometry", "none"], "guided: expected --geometry fundamental"),
         (["b", "--pairs", "absent.txt"], "absent.txt: cannot be read"),
         (["b", "--pairs", "one.txt"], "one.txt, line 2: expected two images, found 'one.png'"),
         (

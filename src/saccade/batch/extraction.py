@@ -31,7 +31,7 @@ from saccade.batch.dataset import (
     read_block,
     read_manifest,
 )
-from saccade.batch.job import MAPS, SCANPATH, Job
+from saccade.batch.job import FROM_FILE, MAPS, Job
 from saccade.batch.schemas import empty_schema, feature_rows
 from saccade.batch.sources import (
     Item,
@@ -42,6 +42,7 @@ from saccade.batch.sources import (
     orientation_of,
 )
 from saccade.batch.storage import Store
+from saccade.batch.stored import read_stored, stored_points
 from saccade.batch.workers import DIED, run_blocks
 from saccade.errors import ConfigError, ImageError, KeypointsError, SaccadeError
 from saccade.exchange.arrow import column, rows_of, write_rows
@@ -51,6 +52,7 @@ from saccade.io.files import FORMATS
 from saccade.io.masks import read_mask
 from saccade.io.preparation import opaque_part, stretch_contrast
 from saccade.keypoints.detectors import (
+    DETECTORS,
     call,
     make_detector,
     own_detections,
@@ -229,7 +231,7 @@ def _extract_images(
     failed: dict[str, str],
 ) -> Iterator[pa.RecordBatch]:
     """The rows of each image that has any; fills the records, and the reasons of failures."""
-    read, analyze = content_reader(), make_analyzer(job)
+    read, features = content_reader(), make_features(job, [item.name for item in block])
     schema: pa.Schema | None = None
     for item in block:
         try:
@@ -241,7 +243,7 @@ def _extract_images(
             mask = None
             if job.masks is not None:
                 mask = read_mask(Path(job.masks), item.name, orientation_of(content))
-            found = analyze(image, mask)
+            found = features(item.name, image, orientation_of(content), mask)
             if isinstance(found, np.ndarray):
                 with store.writing(f"{MAP_FOLDER}/{item.name}.png") as path:
                     path.write_bytes(encode_png(found))
@@ -283,13 +285,34 @@ def check_schema(batch: pa.RecordBatch, schema: pa.Schema, name: str) -> None:
             )
 
 
+def make_features(
+    job: Job, names: Collection[str]
+) -> Callable[[str, Image, int, BoolArray | None], Any]:
+    """A function from the name, image, EXIF orientation and mask of an image to its features.
+
+    Args:
+        job: the features.
+        names: of the images.
+
+    Raises:
+        ConfigError: a file of features is missing.
+        KeypointsError: it has another format.
+    """
+    if job.what != FROM_FILE:
+        analyze = make_analyzer(job)
+        return lambda name, image, orientation, mask: analyze(image, mask)
+    if job.file is None:
+        raise ConfigError(f"{FROM_FILE}: expected a file of features, found none")
+    return partial(stored_points, read_stored(Path(job.file), names))
+
+
 def make_analyzer(job: Job) -> Callable[[Image, BoolArray | None], Any]:
     """A function from an image and its mask to its features, which keeps a detector's memory.
 
     The features are `Keypoints`, `Regions`, a `Scanpath`, or a map (h, w) in [0, 1].
     """
-    if not job.is_own and job.what not in (*MAPS, SCANPATH):
-        return make_detector(job.what, job.settings, threads=1)
+    if job.what in DETECTORS:
+        return make_detector(str(job.what), job.settings, threads=1)
     if job.is_own:
         return partial(own_features, own_function(job.what), name_of(job.what))
     from saccade.attention import scanpath

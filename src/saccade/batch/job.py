@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from saccade.attention.models import MODELS
+from saccade.batch.stored import stamp_of_file
 from saccade.errors import Settings, require, setting
 from saccade.extras import name_of
 from saccade.io.masks import check_masks
@@ -19,6 +20,8 @@ from saccade.keypoints.detectors import DETECTORS, OWN, own_function
 SALIENCY = "saliency"
 """Name of the maps of the attention model."""
 SCANPATH = "scanpath"
+FROM_FILE = "points"
+"""Name of keypoints that a file of features has."""
 MAPS = tuple(SALIENCY if name == "attention" else name for name in MODELS)
 """Saliency models that can be extracted."""
 ATTENTION = (SALIENCY, SCANPATH)
@@ -35,8 +38,9 @@ class Job(Settings):
     """Features to extract from every image, and their settings."""
 
     what: str | Callable[..., Any]
-    """A name in `features()`; or a function, or its name as module:function, from an image to
-    points as for `saccade.keypoints.detectors.make_detector`, or to a map (h, w) in [0, 1]."""
+    """A name in `features()`; `FROM_FILE` for the keypoints of `file`; or a function, or its name
+    as module:function, from an image to points as for `saccade.keypoints.detectors.make_detector`,
+    or to a map (h, w) in [0, 1]."""
     settings: Any = None
     """The configuration of the algorithm, or the `FittedModel` of saliency and scanpath; None for
     the default, and for a function."""
@@ -49,6 +53,9 @@ class Job(Settings):
     masks: str | None = None
     """Folder with a mask NAME.png for images NAME, whose points are kept where it is not black;
     images without one are used whole. Of points only."""
+    file: str | None = None
+    """File of features by the names of the images, for `FROM_FILE`: HDF5 as
+    `saccade.exchange.write_hdf5` and hloc write it, or a database of COLMAP."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -57,6 +64,11 @@ class Job(Settings):
         require(
             self.has_points or self.masks is None, "masks", "interest points with masks", self.what
         )
+        is_file = self.what == FROM_FILE
+        require(is_file or self.file is None, "file", f"{FROM_FILE} with a file", self.what)
+        require(not (is_file and self.stretch), "stretch", "no stored points", True)
+        if self.file is not None:
+            stamp_of_file(Path(self.file))  # fails without a file
         check_masks(None if self.masks is None else Path(self.masks))
         if self.is_own:
             require(self.settings is None, "settings", "none for a function", self.settings)
@@ -66,7 +78,7 @@ class Job(Settings):
     @property
     def is_own(self) -> bool:
         """Whether the features are those of a user's function."""
-        return self.what not in features()
+        return self.what not in (*features(), FROM_FILE)
 
     @property
     def has_points(self) -> bool:
@@ -89,6 +101,8 @@ class Job(Settings):
             description |= {"network": network, "fixations": self.fixations}
         if self.stretch:
             description["stretch"] = True
+        if self.file is not None:
+            description["settings"] = {"file": stamp_of_file(Path(self.file))}
         if self.masks is not None:
             description["masks"] = stamps_of(Path(self.masks))
         return description

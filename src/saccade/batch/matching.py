@@ -32,6 +32,7 @@ from saccade.batch.job import MAPS, SCANPATH, Job
 from saccade.batch.pairs import Pair, images_and_pairs, write_pairs
 from saccade.batch.sources import is_local_file
 from saccade.batch.storage import Store
+from saccade.batch.stored import check_stored
 from saccade.batch.workers import DIED, count_workers, run_blocks
 from saccade.errors import KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
@@ -174,6 +175,8 @@ def match_images(
     if "hdf5" in formats:
         import_optional("h5py", "hdf5")
     images, wanted = images_and_pairs(source, pairs, root=root, out=str(out))
+    if job.file is not None:
+        check_stored(Path(job.file), [image.name for image in images])
     workers, out = workers or count_workers(len(images)), Path(out)
     features = str(out / FEATURES)
     extraction = extract(

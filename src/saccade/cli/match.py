@@ -43,6 +43,7 @@ from saccade.keypoints.two_view_fit import Geometry
 from saccade.keypoints.verification import MIN_INLIERS
 
 if TYPE_CHECKING:
+    from saccade.batch import Job
     from saccade.batch.matching import Format as ManyFormat
     from saccade.batch.matching import MatchRun
     from saccade.viewing.report import ReportBuilder
@@ -62,6 +63,9 @@ class MatchOptions(DetectorOptions, JsonOptions):
     pairs by default."""
     root: Annotated[str | None, INPUT, Parameter(metavar="DIR")] = None
     """Folder from which the paths in a list of images start; by default that of the list."""
+    features: Annotated[Path | None, INPUT, Parameter(metavar="FILE")] = None
+    """Keypoints of many images from a file, in place of a detector: HDF5 as saccade detect, match
+    and hloc write it, or a database.db of COLMAP, with the names of the images."""
     out: OutputFolder = Path("saccade-match")
     ratio: float = setting(0.8, 0, 1)
     """Ratio test: maximum nearest / second nearest distance, 0 to 1."""
@@ -130,9 +134,9 @@ def match(first: First, second: Second = None, /, options: MatchOptions = MatchO
         require(each in FORMATS[words], "format", expected, each)
     if second is None:
         return match_many(first, options, chosen)
-    many = ("pairs", "root", "workers", "camera", "camera_mode")
+    many = ("pairs", "root", "features", "workers", "camera", "camera_mode")
     given = any(getattr(options, name) is not None for name in many)
-    expected = "--pairs, --root, --camera, --camera-mode and --workers with many images"
+    expected = "--pairs, --root, --features, --camera, --camera-mode and --workers with many images"
     require(not given, "pairs", expected, str(second))
     builder = ReportBuilder("saccade match", LEAD)
     with results_in(options.out):
@@ -232,14 +236,11 @@ def corner_sigma(verified: Verification, shape: tuple[int, ...]) -> float | None
 
 def match_many(source: str, options: MatchOptions, formats: Sequence[str]) -> Result:
     """Match many images, with progress bars for images and pairs."""
-    given = options.preset or options.config
+    given = options.preset or options.config or options.features
     if "colmap" in formats and options.detector == DEFAULT_DETECTOR and given is None:
         options = replace(options, preset="mapping")
-    settings = options.detector_settings()
-    limited = settings is None and options.max_keypoints is not None
-    require(not limited, "max", "a detector in the table for many images", options.detector)
     import_optional("pyarrow", "parquet")
-    from saccade.batch import Job, MatchConfig
+    from saccade.batch import MatchConfig
     from saccade.batch.matching import FEATURES, match_images
     from saccade.cli.extract import batch_progress, print_failures
 
@@ -257,12 +258,7 @@ def match_many(source: str, options: MatchOptions, formats: Sequence[str]) -> Re
             options.out,
             pairs=options.pairs,
             root=options.root,
-            job=Job(
-                options.detector,
-                settings,
-                stretch=options.stretch,
-                masks=None if options.masks is None else str(options.masks),
-            ),
+            job=features_of(options),
             config=MatchConfig(
                 options.ratio,
                 geometry=options.verification,
@@ -290,6 +286,29 @@ def match_many(source: str, options: MatchOptions, formats: Sequence[str]) -> Re
         print_failures(run.extraction.failed)
     table = facts_table(f"{source} -> {options.out}", row | row["files"])
     return Result(row, [table], code)
+
+
+def features_of(options: MatchOptions) -> "Job":
+    """The features of many images: those of a detector, or of a file.
+
+    Raises:
+        ConfigError: settings of a detector with a file, or those that it does not have.
+    """
+    from saccade.batch import Job
+    from saccade.batch.job import FROM_FILE
+
+    masks = None if options.masks is None else str(options.masks)
+    if options.features is not None:
+        given = [options.preset, options.config, options.max_keypoints]
+        own = options.detector != DEFAULT_DETECTOR or any(each is not None for each in given)
+        found = "settings of a detector"
+        require(not own, "features", "no --detector, --preset, --config and --max", found)
+        require(not options.stretch, "features", "no --stretch", "--stretch")
+        return Job(FROM_FILE, masks=masks, file=str(options.features))
+    settings = options.detector_settings()
+    limited = settings is None and options.max_keypoints is not None
+    require(not limited, "max", "a detector in the table for many images", options.detector)
+    return Job(options.detector, settings, stretch=options.stretch, masks=masks)
 
 
 def _as_row(run: "MatchRun") -> dict[str, Any]:

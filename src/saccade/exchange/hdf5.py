@@ -10,7 +10,7 @@ and "b/2.jpg" is "a-1.jpg/b-2.jpg". It holds `matches0` (n,), the index of each 
 keypoint's match in the second image or -1, and `matching_scores0` (n,) from 0 to 1.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
@@ -122,8 +122,12 @@ class _DeferringFile(FileIO):
             return size or 0
 
 
-def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
+def read_hdf5(path: str | Path, names: Collection[str] | None = None) -> dict[str, Keypoints]:
     """Reads features written by `write_hdf5` or by hloc, also learned ones.
+
+    Args:
+        path: the file.
+        names: of the images to read, of those in the file; None for all.
 
     Returns:
         Points by image name, sorted by name.
@@ -139,7 +143,14 @@ def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
         groups = [name.rpartition("/")[0] for name in datasets if name.endswith("/keypoints")]
         if len(file) and not groups:
             raise KeypointsError(f"{path}: expected groups with keypoints, found none")
-        return {name: _read_group(f"{path}: {name}", file[name]) for name in groups}
+        chosen = [name for name in groups if names is None or name in names]
+        return {name: _read_group(f"{path}: {name}", file[name]) for name in chosen}
+
+
+def names_in(path: str | Path) -> list[str]:
+    """Names of the images with keypoints in a file of features; raises as `read_hdf5`."""
+    with _opened(Path(path), "features") as (_, datasets):
+        return [name.rpartition("/")[0] for name in datasets if name.endswith("/keypoints")]
 
 
 @contextmanager

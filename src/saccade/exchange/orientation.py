@@ -42,7 +42,19 @@ def stored_keypoints(points: Keypoints, shape: tuple[int, ...], orientation: int
     """Keypoints transformed to stored pixels; descriptors do not change."""
     if orientation == UPRIGHT:
         return points
-    moved = to_stored(shape, orientation)
+    return _moved_keypoints(points, to_stored(shape, orientation))
+
+
+def upright_keypoints(points: Keypoints, shape: tuple[int, ...], orientation: int) -> Keypoints:
+    """Keypoints transformed from stored pixels to an upright image of a shape (H, W, ...)."""
+    if orientation == UPRIGHT:
+        return points
+    back = np.asarray(np.linalg.inv(to_stored(shape, orientation)), np.float64)
+    return _moved_keypoints(points, back)
+
+
+def _moved_keypoints(points: Keypoints, moved: FloatArray) -> Keypoints:
+    """Keypoints after a rigid motion or reflection (3, 3) of the image."""
     direction = moved[:2, :2] @ np.stack([np.cos(points.angle), np.sin(points.angle)])
     return replace(
         points,
