@@ -56,13 +56,7 @@ def check_mapping(drive: Drive, result: VisualResult, inside: float | None) -> I
     yield from _check_blind(drive, blind)
     if drive.has_odometry:
         yield from _check_contradictions(drive, result)
-    divided = sources == StepSource.DIVIDED
-    if divided.mean() > MIN_DIVIDED:
-        what = (
-            f"a large part of the image moves otherwise than the rest in "
-            f"{100 * divided.mean():.0f} % of the steps, and no odometry tells which is the world"
-        )
-        yield Finding.in_frames("divided images", what, np.flatnonzero(divided))
+    yield from _check_divided(result)
     yield from _check_standstill(drive, result)
     drift = float(result.scale_drift.max(initial=0.0))
     if drift > MAX_SCALE_DRIFT:
@@ -112,6 +106,17 @@ def _check_contradictions(drive: Drive, result: VisualResult) -> Iterator[Findin
         what = f"images and odometry contradict each other in {100 * contradicted.mean():.0f} % "
         what += "of the steps, and the images are used"
         yield Finding.in_frames("contradiction", what, np.flatnonzero(contradicted))
+
+
+def _check_divided(result: VisualResult) -> Iterator[Finding]:
+    """Steps in which the image is divided between two motions."""
+    divided = result.sources == StepSource.DIVIDED
+    if divided.mean() > MIN_DIVIDED:
+        what = (
+            f"a large part of the image moves otherwise than the rest in "
+            f"{100 * divided.mean():.0f} % of the steps, and no odometry tells which is the world"
+        )
+        yield Finding.in_frames("divided images", what, np.flatnonzero(divided))
 
 
 def _check_standstill(drive: Drive, result: VisualResult) -> Iterator[Finding]:
