@@ -107,12 +107,14 @@ def test_early_observations_of_a_candidate_are_not_lost(rng):
     assert (runs[1].association >= 0).mean() > 0.95
 
 
-@pytest.mark.parametrize("unit", [1e-9, 3.0, 1000.0])
-def test_the_unit_of_the_clock_does_not_matter(rng, unit):
+def test_the_unit_of_the_clock_does_not_matter(rng):
     log = without_names(simulate(rng)[0])
-    result, scaled = slam.run(log), slam.run(replace(log, time=log.time * unit))
-    assert result.trajectory.pose.tobytes() == scaled.trajectory.pose.tobytes()
-    assert len(result.map) == len(scaled.map) >= 15
+    result = slam.run(log)
+    assert len(result.map) >= 15
+    for unit in (1e-9, 1000.0):
+        scaled = slam.run(replace(log, time=log.time * unit))
+        assert result.trajectory.pose.tobytes() == scaled.trajectory.pose.tobytes()
+        assert len(result.map) == len(scaled.map)
 
 
 @pytest.mark.parametrize(
@@ -171,4 +173,4 @@ def _check_cuts(log, config, cuts, rng):
 
 def test_the_past_of_gtsams_victoria_park_does_not_depend_on_the_future(rng):
     log = datasets.load("auto", files("saccade") / "data" / "victoria_park.txt")
-    _check_cuts(without_names(log), SINGLE, 1, rng)
+    _check_cuts(without_names(between(log, 0, 3500)), SINGLE, 1, rng)

@@ -152,6 +152,7 @@ def test_lamps_that_flicker_change_nothing_but_the_last_digits(drive, mapped):
 
 
 def test_odometry_that_jumps_is_rejected(drive):
+    drive = drive.until(30)
     control = drive.control.copy()
     control[15] += [2.0, 0.0, 0.5]
     result = visual.run(replace(drive, control=control))
@@ -185,7 +186,7 @@ def test_a_drive_without_usable_frames_is_refused(drive):
 def test_a_camera_that_drops_out_leaves_a_consistent_map():
     """Odometry alone for 3 s; its systematic errors must be in the covariance."""
     squared = []
-    for seed in range(3):
+    for seed in range(2):
         ring = simulate_drive(DriveConfig(frames=64), seed)
         kept = np.concatenate([np.arange(30), np.arange(60, 64)])
         steps = compose_increments(
@@ -205,7 +206,7 @@ def test_a_camera_that_drops_out_leaves_a_consistent_map():
         squared.append(normalized_squared(error, estimate.covariance[30]))
         declared = steps.covariance[29, :2, :2]
         assert np.linalg.det(estimate.covariance[30, :2, :2]) > 10 * np.linalg.det(declared)
-    assert np.sum(squared) < chi_square_gate(9, 0.975)
+    assert np.sum(squared) < chi_square_gate(6, 0.975)
 
 
 def test_a_calibration_of_other_images_is_refused(drive):

@@ -12,7 +12,7 @@ from support.short_ring import short_ring
 from support.small_drive import small_drive
 from support.track_recorder import record_tracks
 
-FRAMES = 40
+FRAMES = 36
 
 
 @pytest.fixture(scope="module")
