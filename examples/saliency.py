@@ -6,8 +6,8 @@ import saccade
 from saccade.viewing import attention_figure, save_figure
 
 image = saccade.read_image(files("saccade") / "data" / "astronaut.jpg")
-maps = saccade.attention_saliency(image)  # contrast and symmetry combined
-path = saccade.scanpath(maps, fixations=8)
+maps = saccade.attention_saliency(image, saccade.AttentionConfig.free_viewing())
+path = saccade.most_probable_scanpath(maps, fixations=8)
 
 print(maps)
 for (x, y), time in zip(path.xy, path.time, strict=True):

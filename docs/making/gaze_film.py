@@ -52,7 +52,11 @@ CAMERA = (520, 390)
 """Width and height of the camera image in pixels; the map has the same height."""
 MAP_WIDTH = 380
 """Width of the map in pixels."""
-LEGEND = ((0.02, "gaze", BLUE), (0.23, "landmarks", ORANGE), (0.65, "odometry", GRAY))
+LEGEND = (
+    (0.02, 0.92, "gaze", BLUE),
+    (0.31, 0.92, "landmarks", ORANGE),
+    (0.02, 0.84, "odometry", GRAY),
+)
 """Position, text and color of each word above the map."""
 MARGIN = 0.03
 """Margin around the walls, as a fraction of the hall."""
@@ -118,7 +122,7 @@ def _map_image(
     """The hall, landmarks with 3-sigma ellipses, both trajectories up to a step, and the view."""
     figure = Figure(figsize=(MAP_WIDTH / 100, CAMERA[1] / 100), dpi=100)
     canvas = cast("Any", FigureCanvasAgg(figure))
-    axes = figure.add_axes((0, 0, 1, 0.88))
+    axes = figure.add_axes((0, 0, 1, 0.82))
     axes.set_axis_off()
     axes.set_aspect("equal")
     walls = wall_outlines(DRIVE, np.random.default_rng())
@@ -140,7 +144,7 @@ def _map_image(
     axes.add_patch(Polygon([(x, y), *rim], facecolor=(BLUE, 0.3), edgecolor=BLUE, linewidth=1.5))
     arrow = MarkerStyle(ROBOT, transform=Affine2D().rotate(heading))
     axes.plot(x, y, marker=arrow, markersize=26, color=RED, markeredgecolor="white")
-    for position, word, color in LEGEND:
-        figure.text(position, 0.91, word, color=color, fontsize=16, fontweight="bold")
+    for x, y, word, color in LEGEND:
+        figure.text(x, y, word, color=color, fontsize=20, fontweight="bold")
     canvas.draw()
     return np.array(canvas.buffer_rgba())[:, :, :3]
