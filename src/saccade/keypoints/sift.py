@@ -35,8 +35,8 @@ class Sift:
 
     Args:
         config: scale space, detector and descriptor.
-        threads: of a call; None for one per core. The keypoints do not depend on it. The
-            Gaussians are OpenCV's, which asks `cv2.setNumThreads`.
+        threads: of a call; None for one per core. The keypoints do not depend on it. During a call
+            OpenCV starts no threads of its own in this process.
 
     Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
     """

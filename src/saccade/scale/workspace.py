@@ -5,8 +5,10 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from math import prod
+from threading import Lock
 from typing import TypeAlias
 
+import cv2
 import numpy as np
 
 from saccade.errors import require
@@ -68,6 +70,36 @@ SERIAL = Workspace()
 """Workspace of the caller's thread, without reusable memory."""
 
 
+class SerialOpencv:
+    """Context in which OpenCV starts no threads of its own, in the whole process.
+
+    The threads of a workspace share the work already. Contexts may overlap; the last one restores
+    the number of threads.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._inside = 0
+        self._before = 1
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._inside:
+                self._before = cv2.getNumThreads()
+                cv2.setNumThreads(1)
+            self._inside += 1
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                cv2.setNumThreads(self._before)
+
+
+SERIAL_OPENCV = SerialOpencv()
+"""The number of threads belongs to the process, and so does this."""
+
+
 class WorkspacePool:
     """Workspaces of a detector, one for each concurrent call.
 
@@ -91,7 +123,10 @@ class WorkspacePool:
         except IndexError:  # another thread may take the last workspace between check and pop
             memory = {}
         try:
-            with ThreadPoolExecutor(self.threads, "saccade") as executor:  # starts none unless used
+            with (
+                SERIAL_OPENCV,
+                ThreadPoolExecutor(self.threads, "saccade") as executor,  # starts none unless used
+            ):
                 yield Workspace(executor if self.threads > 1 else None, self.threads, memory)
         finally:
             self._spare.append(memory)
