@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -116,3 +117,19 @@ def test_threads_change_no_bit(rng, threads):
         alone = blurred(plane, sigma, 3.0)
         with WorkspacePool(threads).workspace() as workspace:
             np.testing.assert_array_equal(blurred(plane, sigma, 3.0, workspace=workspace), alone)
+
+
+def test_opencv_starts_no_threads_of_its_own_in_a_workspace():
+    """Contexts overlap, and the last one restores the number of threads."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(3)
+    try:
+        first, second = (WorkspacePool(1).workspace() for _ in range(2))
+        first.__enter__()
+        with second:
+            assert cv2.getNumThreads() == 1
+            first.__exit__(None, None, None)
+            assert cv2.getNumThreads() == 1
+        assert cv2.getNumThreads() == 3
+    finally:
+        cv2.setNumThreads(before)
