@@ -49,6 +49,19 @@ def test_a_log_without_errors_keeps_its_scale(rng):
     assert abs(result.odometry_bias[0]) < 0.006
 
 
+def test_no_observation_measures_a_common_scale(rng):
+    """Odometry, ranges and map may be larger together: only the priors say by how much."""
+    log, _, _ = _stretched(rng, 0.0, 0.0)
+    config = slam.EkfConfig(association="known", smooth=False)
+    sigma_b, sigma_s = config.odometry_bias[0], config.range_errors[0]
+    common = (1 / sigma_b**2 + 1 / sigma_s**2) ** -0.5  # deviation of b for a fixed s + b
+    result = slam.run(log, config)
+    b, s = result.odometry_bias[0], result.range_errors[0]
+    assert abs(np.log1p(b) / sigma_b**2 - np.log1p(s) / sigma_s**2) < 0.02 / common
+    for variance in (result.bias_covariance[0, 0], result.range_error_covariance[0, 0]):
+        assert variance > (0.99 * common) ** 2
+
+
 @pytest.mark.kernel
 @pytest.mark.parametrize("size", [5, 8])
 def test_the_update_is_that_of_the_whole_covariance(size, rng):

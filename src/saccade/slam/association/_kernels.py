@@ -7,6 +7,7 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import (
     MIN_RANGE,
+    error_factor,
     expected_observations,
     variances_given_range_errors,
     wrapped,
@@ -102,7 +103,8 @@ def prefilter_landmarks(
     radius, range_sigma = sqrt(gate) * _SLACK, sqrt(range_variance)
     e, factor, offset, scale_sigma = f.range_errors, 1.0, 0.0, 0.0
     if e > 0:
-        factor, offset, scale_sigma = 1 + s[e], s[e + 1], sqrt(abs(P[e, e]))
+        factor, offset = 1 + s[e], s[e + 1]
+        scale_sigma = sqrt(abs(P[e, e])) * error_factor(f, e) / factor
         range_sigma += sqrt(abs(P[e + 1, e + 1]))
     for i in range(f.now.landmarks):
         m = r + 2 * i
@@ -110,8 +112,8 @@ def prefilter_landmarks(
         q = sqrt(dx * dx + dy * dy)
         lever = abs(a[m] - a[0]) + abs(a[m + 1] - a[1])
         sigma = position_sigma + sqrt(abs(blocks[i, 0]) + abs(blocks[i, 2]))
-        sigma += lever * heading_sigma
-        along = radius * (factor * sigma + q * scale_sigma + range_sigma)
+        sigma += lever * (heading_sigma + scale_sigma)
+        along = radius * (factor * (sigma + q * scale_sigma) + range_sigma)
         reach = factor * q + offset
         if reach - farthest > along or nearest - reach > along:
             continue

@@ -10,10 +10,15 @@ is called the heading lever. In these errors an update of the invariant filter n
 coordinates of the covariance, the observation Jacobian depends on f alone, and a motion changes
 the landmarks' covariance by the noise of the heading only. In the standard filter a is zero.
 
+A common scale of odometry, ranges and map is unobservable, too. In the invariant filter, errors of
+the two scale factors are relative, see `error_factor`, and their Jacobians are those at f: then the
+direction of a common scale, f for the points, 1 for the odometry and -1 for the ranges, is the same
+at every step, and no observation appears to measure it.
+
 No kernel runs out of room: `state.with_capacity` is called before.
 """
 
-from math import atan2, cos, hypot, sin, sqrt
+from math import atan2, cos, exp, expm1, hypot, sin, sqrt
 
 import numpy as np
 
@@ -96,6 +101,15 @@ def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None
 
 
 @kernel()
+def error_factor(f: FilterState, i: int) -> float:
+    """Factor by which the error of the scale in row i is multiplied to be that of its state.
+
+    In the invariant filter the error is relative to the scale, 1 + s.
+    """
+    return float(1 + f.state[i]) if f.errors == INVARIANT else 1.0
+
+
+@kernel()
 def _predict_pose(
     f: FilterState, u: FloatArray, D: FloatArray, Fx: FloatArray, Fu: FloatArray
 ) -> None:
@@ -121,7 +135,11 @@ def _predict_pose(
         for k in range(3, biased):
             for j in range(3):
                 Fx[i, k] += Fu[i, j] * D[j, k - 3]
+        if biased > 3 and f.errors == INVARIANT:  # relative error of both lengths
+            Fx[i, 3] = Fu[i, 0] * real[0] + Fu[i, 1] * real[1]
     s[0], s[1], s[2] = s[0] + dx, s[1] + dy, wrapped(s[2] + real[2])
+    if f.range_errors > 0:  # the first estimate of the robot is the new one
+        Fx[0, f.range_errors], Fx[1, f.range_errors] = -a[1], a[0]
     a[0] = a[1] = 0.0
 
 
@@ -270,7 +288,7 @@ def _expect(
     C[3, 3], C[3, 4], C[4, 3], C[4, 4] = blocks[0], blocks[1], blocks[1], blocks[2]
     z[0], z[1], H[2, 2] = scale * q + offset, 0.0, 1.0
     if e > 0:
-        H[0, 5], H[0, 6] = q, 1.0
+        H[0, 6] = 1.0
         for j in range(2):
             for i in range(3):
                 C[i, 5 + j] = C[5 + j, i] = P[e + j, i]
@@ -285,6 +303,11 @@ def _expect(
         for i in range(2):
             H[i, 0], H[i, 1] = -H[i, 3], -H[i, 4]
             H[i, 2] += H[i, 3] * (a[m] - a[0]) + H[i, 4] * (a[m + 1] - a[1])  # by eta
+        if e > 0 and f.errors == INVARIANT:
+            for i in range(2):  # the landmark's first position relative to the robot's
+                H[i, 5] = H[i, 3] * (dx - a[m + 1] + a[1]) + H[i, 4] * (dy + a[m] - a[0])
+        elif e > 0:
+            H[0, 5] = q
     _add_sandwich(H, C, D)
     return q
 
@@ -366,29 +389,42 @@ def _downdate_blocks(f: FilterState, V: FloatArray) -> None:
         blocks[i, 2] -= x[m + 1] * x[m + 1] + y[m + 1] * y[m + 1]
 
 
+@kernel()
+def _similarity(growth: float, turn: float) -> tuple[float, float, float, float]:
+    """Parts of (exp(w) - 1) / w and of exp(w) - 1, w = growth + i turn."""
+    along = expm1(growth) * cos(turn) - 2 * sin(turn / 2) ** 2
+    across, square = exp(growth) * sin(turn), growth * growth + turn * turn
+    if square == 0:
+        return 1.0, 0.0, along, across
+    p = (along * growth + across * turn) / square
+    return p, (across * growth - along * turn) / square, along, across
+
+
 @kernel(fastmath=("contract",))
 def retract(f: FilterState, first: float, second: float, V: FloatArray) -> None:
     """Correct the state by the errors first V[0] + second V[1] of eta (C.10).
 
-    The invariant filter corrects by the exponential of SE(2), which moves heading levers as well.
+    The invariant filter corrects by the exponential of SE(2), or of Sim(2) where the ranges have a
+    scale error, which moves heading levers as well.
     """
-    s, a, r, n, invariant = f.state, f.heading_lever, f.robot_size, num_rows(f), 0.0
-    sine, versine, p, q = 0.0, 0.0, 1.0, 0.0
+    s, a, r, n, e = f.state, f.heading_lever, f.robot_size, num_rows(f), f.range_errors
+    invariant = 1.0 if f.errors == INVARIANT else 0.0
     turn = first * V[0, 2] + second * V[1, 2]
-    if f.errors == INVARIANT:
-        invariant = 1.0
-        if turn != 0:
-            sine, versine = sin(turn), 2 * sin(turn / 2) ** 2
-            p, q = sine / turn, versine / turn
+    growth = -first * V[0, e] - second * V[1, e] if e > 0 else 0.0
+    p, q, along, across = _similarity(invariant * growth, invariant * turn)
     for i in range(2, r):
-        s[i] += first * V[0, i] + second * V[1, i]
+        d = first * V[0, i] + second * V[1, i]
+        if invariant > 0 and (i == 3 or i == e):  # a scale
+            s[i] = (1 + s[i]) * exp(d) - 1
+        else:
+            s[i] += d
     s[2] = wrapped(s[2])
     for start, end in ((0, 2), (r, n)):
         for i in range(start, end, 2):
             d = first * V[0, i] + second * V[1, i]
-            e = first * V[0, i + 1] + second * V[1, i + 1]
-            x = p * d - q * e + sine * a[i] - versine * a[i + 1]
-            y = q * d + p * e + versine * a[i] + sine * a[i + 1]
+            o = first * V[0, i + 1] + second * V[1, i + 1]
+            x = p * d - q * o + along * a[i + 1] + across * a[i]
+            y = q * d + p * o - along * a[i] + across * a[i + 1]
             s[i] += x
             s[i + 1] += y
             a[i] -= invariant * y

@@ -91,7 +91,8 @@ class EkfSlam:
         P = check_covariance("covariance of the pose", covariance, len(robot))
         require(errors in ERRORS, "errors", " or ".join(ERRORS), errors)
         first = size - RANGE_ERRORS if size in (5, 8) else 0
-        self._whole = new_state(robot, P, errors=ERRORS[errors], huber=huber, range_errors=first)
+        empty = new_state(robot, P, errors=ERRORS[errors], huber=huber, range_errors=first)
+        self._whole = like(empty, robot, P, np.empty(0, np.int64))
         self._whole.state[2] = wrap(robot[2])
         self.submap: Submap | None = None
         """The submap in which the filter works at present; None for the whole map."""

@@ -117,6 +117,9 @@ def like(
     a = np.zeros(n) if heading_lever is None else heading_lever
     cross = np.outer(a, covariance[2] - covariance[2, 2] / 2 * a)
     P = covariance - (cross + cross.T)  # of eta = e - a e_theta
+    factors = _error_factors(f, mean)
+    P[:r] /= factors[:, None]
+    P[:, :r] /= factors
     new = new_state(
         *(mean[:r], P[:r, :r], N + FIRST_CAPACITY, f.errors, f.huber), range_errors=f.range_errors
     )
@@ -202,7 +205,7 @@ def augment(f: FilterState, z: FloatArray, R: FloatArray) -> None:
     z = np.array([(z[0] - offset) / scale, z[1]])
     xy, Gx, Gz = inverse_observe(f.state[:3], z)  # C.15, C.18
     Gz[:, 0] /= scale
-    by_error = -Gz[:, :1] * [z[0], 1.0]
+    by_error = -Gz[:, :1] * [z[0] * (scale if f.errors == INVARIANT else 1.0), 1.0]
     noise = Gz @ R @ Gz.T
     if f.errors == INVARIANT:
         mean, covariance = _second_order_point(f.state[2] + z[1], z[0], R)
@@ -214,6 +217,7 @@ def augment(f: FilterState, z: FloatArray, R: FloatArray) -> None:
     G[:, :3] = Gx
     if e > 0:
         G[:, e : e + 2] = by_error
+        G[:, e] += [-f.heading_lever[1], f.heading_lever[0]]  # of the robot's first estimate
     G[:, 2] += Gx[:, :2] @ a[:2]  # by eta
     P[:n, new] = (G @ P[:r, :n]).T  # C.17, Gx Pxx and Gx Pxm
     P[new, points] = G @ P[:r, points]
@@ -412,7 +416,20 @@ def _up_to_date(
     r = f.robot_size
     plus, minus = updates[: f.now.updates, r:], downdates[: f.now.downdates, r:]
     C[r:, r:] += plus.T @ plus - minus.T @ minus
-    return _by_map(C, a)
+    C, factors = _by_map(C, a), _error_factors(f, f.state)
+    C[:r] *= factors[:, None]
+    C[:, :r] *= factors
+    return C
+
+
+def _error_factors(f: FilterState, mean: FloatArray) -> FloatArray:
+    """(r,) factors of the robot's errors at this mean (n,), see `_kernels.error_factor`."""
+    factors = np.ones(f.robot_size)
+    if f.errors == INVARIANT:
+        scales = [3, f.range_errors] if f.range_errors > 0 else [3]
+        scales = [i for i in scales if i < f.robot_size]
+        factors[scales] += mean[scales]
+    return factors
 
 
 def symmetric(upper: FloatArray) -> FloatArray:
