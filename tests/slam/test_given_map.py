@@ -74,6 +74,20 @@ def test_ranges_that_are_7_percent_long_are_learned_and_used(named):
     assert (result.association >= 0).mean() > 0.9
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_ranges_that_are_7_percent_long_find_an_unknown_start_without_labels(seed):
+    """The uncertainty of their errors widens the points of the search."""
+    log = simulate_world(replace(WORLD, landmarks=60, steps=40), seed)
+    log = replace(log, observation=log.observation * [1.07, 1.0], range_errors=(0.0, 0.0))
+    xy = log.landmark_truth.xy
+    surveyed = LandmarkMap(np.arange(60), xy, covariance=np.tile(1e-4 * np.eye(2), (60, 1, 1)))
+    robot = slam.Slam(map=surveyed, mode="localize")
+    for scan in slam.scans.scans_of(without_names(log), robot.config):
+        step = robot.process(scan)
+    assert not step.lost
+    assert np.hypot(*(step.pose - log.truth.pose[-1])[:2]) < 0.2
+
+
 def test_live_a_robot_is_lost_until_scans_have_found_it(survey, log):
     with pytest.warns(LogWarning):
         robot = slam.Slam(map=load_map(survey), mode="localize")

@@ -73,7 +73,7 @@ def test_counts_are_those_of_a_list(seed):
     rng = np.random.default_rng(seed)
     policy = CullingPolicy(True, int(rng.integers(1, 4)), 5, 0.6, 0.5, interval=2)
     table, listed, next_id = LandmarkTable(policy), ListedLandmarks(policy), 0
-    table.max_range = 5.0
+    table.max_range, table.has_unlabeled = 5.0, True
     for scan in range(1, 81):
         ids = table.counts.id
         mapped = len(ids)

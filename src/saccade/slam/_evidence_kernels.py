@@ -10,12 +10,20 @@ from saccade.slam.filter._kernels import expected_observations
 from saccade.slam.filter._state_kernels import FilterState
 from saccade.types import BoolArray, FloatArray, IntArray
 
-MIN_RANGE = 0.1
-"""Least range of the second row of cells, in meters."""
-RANGE_CELLS = 64
-"""Cells of the sensor's view by range: quarter octaves."""
-BEARING_CELLS = 16
-"""Cells of the sensor's view by bearing."""
+RANGE_BINS = 96
+"""Bins of the detection rate by range: quarters of an octave from 0.24 mm to 4 km."""
+BEARING_BINS = 24
+"""Bins of the detection rate by bearing."""
+
+
+@kernel()
+def detection_cells(predicted: FloatArray, cell: IntArray) -> None:
+    """Fills the cell of the table of detection rates of each predicted observation (n, 2)."""
+    for j in range(len(predicted)):
+        octaves = 4 * log2(max(predicted[j, 0], 1e-6)) + RANGE_BINS / 2
+        row = min(max(int(octaves), 0), RANGE_BINS - 1)
+        sector = int((predicted[j, 1] / (2 * pi) + 0.5) * BEARING_BINS) % BEARING_BINS
+        cell[j] = row * BEARING_BINS + sector
 
 
 @kernel()
@@ -65,11 +73,8 @@ def compare_scan(
     predicted, S, square = np.empty((count, 2)), np.empty((count, 2, 2)), np.empty((len(z), count))
     expected_observations(f, landmark, predicted, S)
     mahalanobis_distances(predicted, S, z, R, gate, square)
-    for j in range(count):
-        octaves = log2(max(predicted[j, 0], MIN_RANGE) / MIN_RANGE)
-        sector = int((predicted[j, 1] / (2 * pi) + 0.5) * BEARING_CELLS) % BEARING_CELLS
-        cell[j] = min(int(4 * octaves), RANGE_CELLS - 1) * BEARING_CELLS + sector
-        observer[j] = -1
+    detection_cells(predicted, cell)
+    observer[:count] = -1
     likelihood = np.zeros(count)
     for k in range(len(z)):
         sums[k, 0] = sums[k, 1] = 0.0

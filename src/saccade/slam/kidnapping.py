@@ -122,7 +122,7 @@ class KidnappingDetector:
     def update(self, ekf: EkfSlam, table: LandmarkTable, scan: Scan) -> None:
         """Adds the evidence of a scan of landmarks, before the filter is updated by it.
 
-        A scan that does not contradict the estimated pose updates the detection rates.
+        A scan that does not contradict the estimated pose updates the averages.
         """
         self.contradicted, self.blocks_update = False, self.lost
         if self._doubt is not None and scan.control is not None:
@@ -135,7 +135,8 @@ class KidnappingDetector:
         f, confirmed, landmarks = ekf.active, table.counts.confirmed, self.landmark_evidence
         if ekf.submap is not None:
             confirmed = confirmed[table.rows(ekf.active_ids)]
-        compared = landmarks.compare(f, scan, confirmed, ekf.rows(labeled))
+        rates = table.detection_rates
+        compared = landmarks.compare(f, scan, confirmed, ekf.rows(labeled), rates)
         if compared.num_contradicted_labels > 0:
             compared = self._without_accepted(ekf, labeled, compared)
         standing = self._are_labels_evidence(ekf, table, scan, compared)

@@ -6,16 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.slam._evidence_kernels import BEARING_CELLS, RANGE_CELLS, compare_scan
+from saccade.slam._evidence_kernels import compare_scan
 from saccade.slam.filter._state_kernels import FilterState
 from saccade.slam.scans import Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 
-UNTRIED = 10.0
-"""Initial number of misses in each cell, so that new cells give no evidence."""
-MEMORY = 500.0
-"""Largest number of expected landmarks in a cell; then its counts are halved, so that they follow
-changes."""
 WRONG_LABELS = 1.0
 """Initial number of labels that are not of their landmarks."""
 LABELS = 100.0
@@ -51,8 +46,6 @@ class ScanComparison(NamedTuple):
     """(k,) sum of the densities times detection rates."""
     explained: BoolArray
     """(k,) whether an observation is the likeliest one of its likeliest landmark."""
-    cell: IntArray
-    """(c,) cell of the view in which each landmark is expected."""
     observed: BoolArray
     """(c,) whether each landmark explains an observation."""
     rate: FloatArray
@@ -79,7 +72,7 @@ class UnexplainedPoint:
 
 
 class LandmarkEvidence:
-    """Detection rates, innovations and unexplained points, and the evidence of a scan.
+    """Clutter, wrong labels and unexplained points, and the evidence of a scan.
 
     Args:
         gate: squared Mahalanobis distance within which an observation may be of a landmark.
@@ -91,22 +84,23 @@ class LandmarkEvidence:
         self.max_range = 0.0
         """Meters to the most distant landmark observed."""
         self._gate = gate
-        self._expected = np.zeros(
-            RANGE_CELLS * BEARING_CELLS
-        )  # landmarks that were expected in each cell
-        self._observed = np.zeros(RANGE_CELLS * BEARING_CELLS)  # of these, how many were observed
         self._clutter = 1.0  # mean number of unexplained observations in a scan
         self._wrong_labels, self._labels = WRONG_LABELS, LABELS
 
     def compare(
-        self, f: FilterState, scan: Scan, confirmed: BoolArray, rows: IntArray
+        self,
+        f: FilterState,
+        scan: Scan,
+        confirmed: BoolArray,
+        rows: IntArray,
+        rates: FloatArray,
     ) -> ScanComparison:
         """Compares a scan with landmarks in view that are `confirmed` (N,) or labeled.
 
-        The landmarks of labels are at `rows` (k,); others are negative.
+        The landmarks of labels are at `rows` (k,); others are negative. The detection rates are
+        those of `LandmarkTable.detection_rates`.
         """
         k, N = len(scan.z), f.now.landmarks
-        rates = self._observed / (self._expected + UNTRIED)
         max_range = max(self.max_range, *scan.z[:, 0].tolist())
         cell, observer, sums = np.empty(N, np.int64), np.empty(N, np.int64), np.empty((k, 2))
         count = compare_scan(
@@ -126,7 +120,6 @@ class LandmarkEvidence:
             density=sums[:, 0],
             expected_density=sums[:, 1],
             explained=explained,
-            cell=cell,
             observed=observer >= 0,
             rate=rate,
             num_expected=float(rate.sum()),
@@ -202,17 +195,11 @@ class LandmarkEvidence:
         return seen
 
     def learn(self, compared: ScanComparison) -> None:
-        """Updates detection rates and averages by a scan that does not contradict the pose."""
-        cell, explained = compared.cell, compared.explained
+        """Updates averages by a scan that does not contradict the pose."""
+        explained = compared.explained
         self._wrong_labels += compared.num_contradicted_labels
         self._labels += compared.num_labeled
         self.max_range = max(self.max_range, float(compared.z[explained, 0].max(initial=0.0)))
         unexplained = int(np.count_nonzero(~explained))
         clutter = self._clutter + (unexplained - self._clutter) / SCAN_MEMORY
         self._clutter = max(clutter, RAREST)
-        full = cell[self._expected[cell] >= MEMORY]
-        if len(full) > 0:
-            self._expected[full] /= 2
-            self._observed[full] /= 2
-        np.add.at(self._expected, cell, 1)
-        np.add.at(self._observed, cell[compared.observed], 1)

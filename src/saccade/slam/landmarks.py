@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.landmark_names import Label, labels_of
+from saccade.slam._evidence_kernels import BEARING_BINS, RANGE_BINS, detection_cells
 from saccade.slam.association.outcomes import DROPPED, UNDECIDED
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import observe
@@ -16,10 +17,6 @@ from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Table, c
 
 MAX_AMBIGUOUS = 0.5
 """Largest fraction of ambiguous observations without a warning."""
-RANGE_BINS = 96
-"""Bins of the detection rate by range: quarters of an octave from 0.24 mm to 4 km."""
-BEARING_BINS = 24
-"""Bins of the detection rate by bearing."""
 CHECKS = 4
 """Number of checks between removals of landmarks: a removal costs more than a step."""
 PRIOR_CHECKS = 4.0
@@ -187,8 +184,7 @@ class LandmarkTable:
         They are all landmarks of the active submap. None if misses do not count in this scan.
         """
         self.max_range = max([self.max_range, *z[:, 0].tolist()])
-        due = self.policy.enabled and (self.scans + 1) % self.policy.interval == 0
-        if not (due and self.has_unlabeled):
+        if (self.scans + 1) % self.policy.interval > 0:
             return None
         f = ekf.active
         points = f.state[f.robot_size :][: 2 * f.now.landmarks].reshape(-1, 2)
@@ -201,11 +197,11 @@ class LandmarkTable:
         result of `predict_visible`.
         """
         stale, self.stale = np.array(self.stale, np.int64), []
+        used, table = self.rows(matches[matches >= 0]), self.counts
+        self.scans += 1
+        table.last_observed[used] = self.scans
         if self.policy.enabled:
-            self.scans += 1
-            used, table = self.rows(matches[matches >= 0]), self.counts
             np.add.at(table.observations, used, 1)
-            table.last_observed[used] = self.scans
             table.confirmed[used] |= table.observations[used] >= self.policy.confirm_after
             self.ambiguous += int((matches == DROPPED).sum())
         return stale if visible is None else np.union1d(stale, self._missed(*visible))
@@ -214,13 +210,15 @@ class LandmarkTable:
         """Counts detections; returns (g,) ids of unlabeled landmarks that are to be culled."""
         inside = predicted[:, 0] <= self.max_range
         self._count_detections(self.rows(visible[inside]), predicted[inside])
-        if self.scans % (CHECKS * self.policy.interval) > 0:
-            return visible[:0]
         table, policy = self.counts, self.policy
+        due = policy.enabled and self.has_unlabeled and self.scans % (CHECKS * policy.interval) == 0
+        if not due:
+            return visible[:0]
         few = table.detected < policy.culling_ratio * table.expected
         missed = few & (table.expected - table.detected > policy.max_missed)
         late = self.scans - table.last_observed > policy.candidate_scans
-        return table.id[np.where(table.confirmed, missed, late) & ~self.labeled]
+        removed = np.where(table.confirmed, missed, late) & ~self.labeled
+        return np.asarray(table.id[removed], np.int64)
 
     def _count_detections(self, rows: IntArray, predicted: FloatArray) -> None:
         """Counts detections and expected detections of landmarks, predicted at (n, 2).
@@ -228,20 +226,23 @@ class LandmarkTable:
         The expected detection is the mean detection rate of confirmed landmarks at the same range
         and bearing in earlier scans.
         """
-        table = self.counts
-        octaves = 4 * np.log2(np.maximum(predicted[:, 0], 1e-6))
-        row = (octaves + RANGE_BINS / 2).astype(np.int64).clip(0, RANGE_BINS - 1)
-        sector = ((predicted[:, 1] / (2 * np.pi) + 0.5) * BEARING_BINS).astype(np.int64)
-        sector %= BEARING_BINS
-        hits, checks = self.detections[:, row, sector]
+        table, cell = self.counts, np.empty(len(predicted), np.int64)
+        detection_cells(predicted, cell)
+        counted = self.detections.reshape(2, -1)
+        hits, checks = counted[:, cell]
         detected = table.last_observed[rows] == self.scans
         table.expected[rows] += hits / (checks + PRIOR_CHECKS)
         table.detected[rows] += detected
         known, p = table.confirmed[rows], (hits + 1) / (checks + 2)
         self.log_likelihood += float(np.log(np.where(detected, p, 1 - p))[known].sum())
-        cell = row[known], sector[known]
-        np.add.at(self.detections[0], cell, detected[known])
-        np.add.at(self.detections[1], cell, 1.0)
+        np.add.at(counted[0], cell[known], detected[known])
+        np.add.at(counted[1], cell[known], 1.0)
+
+    @property
+    def detection_rates(self) -> FloatArray:
+        """(cells,) rate at which landmarks are detected in each cell of the view."""
+        hits, checks = self.detections.reshape(2, -1)
+        return np.asarray(hits / (checks + PRIOR_CHECKS))
 
     def landmarks_of(self, labels: Sequence[Label | None]) -> IntArray:
         """(k,) id of the landmark of each label, -1 for none."""

@@ -71,6 +71,7 @@ class PoseSearch:
         """Updates the hypotheses by a scan, with ids `labeled` (k,) of labels, -1 for none."""
         row = np.searchsorted(self.landmarks, labeled).clip(0, len(self.landmarks) - 1)
         rows = np.where(self.landmarks[row] == labeled, row, -1)
+        R = R + self._ekf.range_error_variances(z)[:, None, None] * np.diag([1.0, 0.0])
         found = self._search.add(self._ekf.without_range_errors(z), R, rows)
         ids = np.append(self.landmarks, -1)  # the last element stands for no landmark
         self.hypotheses = found = replace(found, association=ids[found.association])
@@ -143,4 +144,5 @@ class PoseSearch:
         position = self._ekf.landmark_covariances[used].trace(axis1=1, axis2=2).mean()
         wide = np.diag([position, position, MIN_HEADING_SIGMA**2])
         self._ekf.reset_pose(pose, PRIOR_WEIGHT * (self.hypotheses.covariance[0] + wide))
-        self._ekf.update(*self._search.observations, association)  # C.10-C.14
+        z, R = self._search.observations
+        self._ekf.update(self._ekf.with_range_errors(z), R, association)  # C.10-C.14

@@ -8,8 +8,7 @@ from saccade._jit import kernel
 from saccade.slam.filter._kernels import (
     MIN_RANGE,
     error_factor,
-    expected_observations,
-    variances_given_range_errors,
+    expected_observation,
     wrapped,
 )
 from saccade.slam.filter._state_kernels import FilterState
@@ -70,17 +69,13 @@ def compare_with_landmarks(
     larger of its values for range and bearing. Systematic errors of the ranges count in the first
     only: they are common to all landmarks, and no sign of an uncertain pose.
     """
-    which, expected, S = np.zeros(1, np.int64), np.empty((1, 2)), np.empty((1, 2, 2))
-    variance = np.empty(2)
+    expected, S, variance = np.empty(2), np.empty((2, 2)), np.empty(2)
     for i in range(len(z)):
         if landmark[i] >= 0:
-            which[0] = landmark[i]
-            expected_observations(f, which, expected, S)
-            v, u = z[i, 0] - expected[0, 0], wrapped(z[i, 1] - expected[0, 1])
-            H, N = S[0], R[i]
-            a, c, d = H[0, 0] + N[0, 0], H[0, 1] + N[0, 1], H[1, 1] + N[1, 1]
+            expected_observation(f, landmark[i], expected, S, variance)
+            v, u, N = z[i, 0] - expected[0], wrapped(z[i, 1] - expected[1]), R[i]
+            a, c, d = S[0, 0] + N[0, 0], S[0, 1] + N[0, 1], S[1, 1] + N[1, 1]
             nis[i] = squared_distance(v, u, a, c, d)
-            variances_given_range_errors(f, landmark[i], variance)
             variance_ratio[i] = max(variance[0] / N[0, 0], variance[1] / N[1, 1])
 
 

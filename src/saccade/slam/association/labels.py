@@ -331,9 +331,7 @@ def _agree(ekf: EkfSlam, a: _Sighting, b: _Sighting) -> bool:
         along[0] = seen / observed
     if mapped > 0:
         along[1] = mean / mapped
-    by_error = np.zeros(len(joint) - 2)
-    if len(by_error) > 0:  # by scale error and offset
-        by_error[:] = -along[0] @ np.column_stack([seen, a.direction - b.direction])
-    g = np.append(-along[1], by_error)
+    by_error = -along[0] @ np.column_stack([seen, a.direction - b.direction])  # scale, offset
+    g = np.append(-along[1], by_error)[: len(joint)]
     variance = float(along[0] @ C @ along[0]) + max(float(g @ joint @ g), 0.0)
     return (observed - mapped) ** 2 <= PAIR_GATE * variance

@@ -443,12 +443,18 @@ def expected_observations(f: FilterState, landmark: IntArray, z: FloatArray, S: 
 
 
 @kernel()
-def variances_given_range_errors(f: FilterState, landmark: int, variance: FloatArray) -> None:
-    """Fill the variances (2,) of a landmark's range and bearing, were the range errors known."""
-    z, H, C, D = np.empty(2), np.empty((3, 7)), np.empty((7, 7)), np.empty((3, 3))
+def expected_observation(
+    f: FilterState, landmark: int, z: FloatArray, S: FloatArray, variance: FloatArray
+) -> None:
+    """Fill range and bearing z (2,) of a landmark, S = H P H^T (2, 2), and `variance` (2,).
+
+    These are the variances of range and bearing if the systematic errors of the ranges were known.
+    """
+    H, C, D = np.empty((3, 7)), np.empty((7, 7)), np.empty((3, 3))
     _expect(f, f.robot_size + 2 * landmark, z, H, C, D)
     determinant = C[5, 5] * C[6, 6] - C[5, 6] ** 2
     for i in range(2):
+        S[i, 0], S[i, 1] = D[i, 0], D[i, 1]
         variance[i], scale, offset = D[i, i], 0.0, 0.0
         if determinant > 0:
             for j in range(7):

@@ -400,6 +400,21 @@ class EkfSlam:
             return z
         return np.stack([(z[:, 0] - errors[1]) / (1 + errors[0]), z[:, 1]], 1)
 
+    def with_range_errors(self, z: FloatArray) -> FloatArray:
+        """The inverse of `without_range_errors`."""
+        if (errors := self.range_errors) is None:
+            return z
+        return np.stack([(1 + errors[0]) * z[:, 0] + errors[1], z[:, 1]], 1)
+
+    def range_error_variances(self, z: FloatArray) -> FloatArray:
+        """(k,) variances of the ranges of observations (k, 2) by the uncertain errors."""
+        if (errors := self.range_errors) is None:
+            return np.zeros(len(z))
+        r = len(self.robot_state)
+        C = self.marginal(np.empty(0, np.int64))[r - 2 : r, r - 2 : r]
+        by_errors = np.stack([(z[:, 0] - errors[1]) / (1 + errors[0]), np.ones(len(z))], 1)
+        return np.asarray(np.einsum("ki,ij,kj->k", by_errors, C, by_errors))
+
     @property
     def nonlinearity(self) -> float:
         """Root of the mean fraction of second-order terms in the variance of the innovations."""
