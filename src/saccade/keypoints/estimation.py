@@ -111,22 +111,22 @@ def sample_consensus(
     try:
         with quiet_opencv():
             if geometry == "homography":
-                options = {"confidence": confidence, "maxIters": MAX_ITERATIONS}
-                found = cv2.findHomography(first, second, cv2.USAC_MAGSAC, tolerance, **options)
+                found = cv2.findHomography(
+                    *(first, second, cv2.USAC_MAGSAC, tolerance),
+                    confidence=confidence,
+                    maxIters=MAX_ITERATIONS,
+                )
             elif geometry == "fundamental":
                 found = cv2.findFundamentalMat(first, second, sampling(tolerance, confidence))
             else:
                 params = sampling(tolerance, confidence)
-                found = cv2.findEssentialMat(first, second, *CALIBRATED, params)
+                K, D = np.eye(3), np.zeros(4)  # of rays in the planes z = 1
+                found = cv2.findEssentialMat(first, second, K, K, D, D, params)
     except cv2.error:  # an assertion fails in some versions where no sample gives a model
         return None
     if np.shape(found[0]) != (3, 3):  # None where every sample is degenerate
         return None
     return np.asarray(found[0], np.float64)
-
-
-CALIBRATED = (np.eye(3), np.eye(3), np.zeros(4), np.zeros(4))
-"""Cameras and lenses of rays in the planes z = 1."""
 
 
 def sampling(tolerance: float, confidence: float) -> "cv2.UsacParams":
