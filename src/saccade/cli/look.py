@@ -137,7 +137,7 @@ def _table(row: dict[str, Any]) -> Table:
     )
 
 
-LEAD = "Saliency by contrast and symmetry, and scanpaths."
+LEAD = "Saliency by contrast, symmetry and Boolean maps, and scanpaths."
 TEXT = (
     "The map overlays the photograph, and the scanpath plays at a quarter of the model's speed. "
     "The cloud of thin lines is a hundred scanpaths drawn from the scanpath model; the amplitudes "

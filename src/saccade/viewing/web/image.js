@@ -13,23 +13,62 @@ function nearest(xy, x, y, radius) {
   return best;
 }
 
-function drawScanpath(context, path, count, scale) {
-  const position = (i) => [path.xy[2 * i] * scale, path.xy[2 * i + 1] * scale];
+const LABEL = 10; // radius of the label of a fixation in pixels
+
+/** Positions of labels: those that would hide each other are moved apart, within the canvas. */
+function apart(positions, width, height) {
+  const golden = 2.399963; // an angle that separates equal positions
+  const placed = positions.map(([x, y], i) => [x + 0.1 * Math.cos(golden * i), y + 0.1 * Math.sin(golden * i)]);
+  const inside = (value, size) => Math.min(Math.max(value, LABEL), Math.max(size - LABEL, LABEL));
+  for (let round = 0; round < 200; round++) {
+    const push = placed.map(() => [0, 0]);
+    for (let i = 0; i < placed.length; i++) {
+      for (let k = 0; k < i; k++) {
+        const dx = placed[i][0] - placed[k][0], dy = placed[i][1] - placed[k][1];
+        const distance = Math.max(Math.hypot(dx, dy), 1e-6);
+        const share = (0.3 * Math.max(2 * LABEL - distance, 0)) / distance;
+        push[i][0] += share * dx;
+        push[i][1] += share * dy;
+        push[k][0] -= share * dx;
+        push[k][1] -= share * dy;
+      }
+    }
+    placed.forEach((xy, i) => {
+      xy[0] = inside(xy[0] + push[i][0], width);
+      xy[1] = inside(xy[1] + push[i][1], height);
+    });
+  }
+  return placed;
+}
+
+/** Draws the first `count` fixations; labels keep their places while the path is played. */
+function drawScanpath(context, path, count, scale, size) {
+  const positions = Array.from(path.time, (_, i) => [path.xy[2 * i] * scale, path.xy[2 * i + 1] * scale]);
+  const labels = apart(positions, size.width * scale, size.height * scale);
   context.lineJoin = "round";
   outlined(context, ON_PHOTO.path, 2, () => {
-    for (let i = 0; i < count; i++) context.lineTo(...position(i));
+    for (const [x, y] of positions.slice(0, count)) context.lineTo(x, y);
   });
   context.font = "600 12px system-ui, sans-serif";
   context.textAlign = "center";
   context.textBaseline = "middle";
+  context.lineWidth = 1.5;
   for (let i = 0; i < count; i++) {
-    const [x, y] = position(i);
+    const [x, y] = labels[i], [left, top] = positions[i];
+    context.strokeStyle = context.fillStyle = "#000";
+    if (Math.hypot(x - left, y - top) > LABEL) {
+      context.beginPath();
+      context.moveTo(left, top);
+      context.lineTo(x, y);
+      context.stroke();
+      context.beginPath();
+      context.arc(left, top, 2.5, 0, 2 * Math.PI);
+      context.fill();
+    }
     context.beginPath();
-    context.arc(x, y, 10, 0, 2 * Math.PI);
+    context.arc(x, y, LABEL, 0, 2 * Math.PI);
     context.fillStyle = i === 0 ? "#fff" : ON_PHOTO.path;
     context.fill();
-    context.strokeStyle = "#000";
-    context.lineWidth = 1.5;
     context.stroke();
     context.fillStyle = "#000";
     context.fillText(String(i + 1), x, y + 0.5);
@@ -163,7 +202,7 @@ kinds.image = (element, data) => {
     const context = sized(canvas);
     if (samples && shown.samples) drawSamples(context, samples, scale());
     if (shown.points) drawPoints(context, points, selected.chosen, scale());
-    if (shown.path) drawScanpath(context, path, fixation, scale());
+    if (shown.path) drawScanpath(context, path, fixation, scale(), image);
   }
   const play = player("Fixation", path.time.length + 1,
     (step) => 1000 * SLOWDOWN * (step < path.time.length ? path.time[step] - (path.time[step - 1] || 0) : 0.1), show);
