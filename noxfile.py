@@ -82,7 +82,8 @@ def newest(session: nox.Session) -> None:
 @nox.session(python=PYTHONS[0])
 def oldest(session: nox.Session) -> None:
     """The oldest of everything that pyproject.toml allows."""
-    session.install("--resolution", "lowest-direct", ".[parquet,hdf5]", *TESTING)
+    session.install("--resolution", "lowest-direct", ".[parquet,hdf5]")
+    session.install(*TESTING)
     run_tests(session)
 
 
