@@ -57,6 +57,14 @@ def interpreted(session: nox.Session) -> None:
     session.run("pytest", "-q", "-m", "kernel", *session.posargs, env=env)
 
 
+@nox.session
+def coverage(session: nox.Session) -> None:
+    """Lines that the tests run; of compiled kernels none counts."""
+    session.install(".", "--group", "dev", "pytest-cov>=6")
+    report = ("--cov=saccade", "--cov-report=term:skip-covered")
+    session.run("pytest", "-q", *report, *session.posargs)
+
+
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 CORE_TESTS = ("attention", "exchange", "io", "keypoints", "scale", "slam", "viewing", "visual")

@@ -28,6 +28,10 @@ TEXTS = WHOLE | dict(zip(SECTIONS[::2], SECTIONS[1::2], strict=True))
 PEERS = re.compile(r"^(?:import|from) (skimage|pycolmap|torch)", re.M)
 
 
+LOG_LINES = 2000
+"""Number of lines of the recorded log that the pages map: 62 landmarks."""
+
+
 def run_code(text, folder):
     """The names that the code leaves, run in a folder with photographs and a log."""
     blocks = code_of(text)
@@ -43,7 +47,8 @@ def run_code(text, folder):
     (folder / "pairs.txt").write_text("left.jpg right.jpg\n")
     (folder / "photo.jpg").write_bytes((data / "rocket.jpg").read_bytes())
     (folder / "mine.toml").write_text('features = ["attention", "border"]\nweights = [1.2, 1.0]\n')
-    (folder / "victoria_park.txt").write_bytes((data / "victoria_park.txt").read_bytes())
+    log = (data / "victoria_park.txt").read_text("utf-8").splitlines(keepends=True)
+    (folder / "victoria_park.txt").write_text("".join(log[:LOG_LINES]), "utf-8")
     names = {}
     for block in blocks:
         exec(block, names)
