@@ -71,6 +71,16 @@ def cpu_seconds(log: LandmarkLog, config: slam.EkfConfig) -> float:
     return time.process_time() - start
 
 
+def rejected(log: LandmarkLog, config: slam.EkfConfig) -> float:
+    """Number of rejected labels, of which nearly all are right."""
+    return float(slam.run(log, replace(config, smooth=False)).rejected.sum())
+
+
+def lost(log: LandmarkLog, config: slam.EkfConfig) -> float:
+    """Number of lost poses of a robot that was not carried, plus one."""
+    return 1.0 + float(np.sum(slam.run(log, replace(config, smooth=False)).lost))
+
+
 Figure = Callable[[LandmarkLog, slam.EkfConfig], float]
 
 
@@ -148,6 +158,8 @@ CASES: dict[str, Callable[[Any, slam.EkfConfig], list[float]]] = {
     "cityTrees, CPU s": recorded("citytrees/cityTrees10000.txt", cpu_seconds),
     "DLR, CPU s": recorded("dlr/dlr_3298.npz", cpu_seconds),
     **{f"MRCLAM 6.{n}": recorded("mrclam/mrclam6.npz", robot=n) for n in (1, 3)},
+    "MRCLAM 9.1, rejected": recorded("mrclam/mrclam9.npz", rejected, robot=1),
+    "Victoria Park, lost": recorded("victoria_park/victoria_park_gtsam.txt", lost),
     **{f"drive, {name}": filmed(name) for name in FILMED},
 }
 """Figures by name: lists over seeds, better when smaller."""
@@ -165,6 +177,13 @@ MECHANISMS: dict[str, Mechanism] = {
     "labels as evidence": Mechanism(
         ("surveyed tags, pushed",),
         constants={"saccade.slam.landmark_evidence:MAX_LABEL_EVIDENCE": 0.0},
+    ),
+    "wide gate of labels of an uncertain pose": Mechanism(
+        ("MRCLAM 9.1, rejected",),
+        constants={"saccade.slam.association.labels:LOOP_GATE_RATIO": np.inf},
+    ),
+    "another pose by labels while mapping": Mechanism(
+        ("Victoria Park, lost",), constants={"saccade.slam.kidnapping:MIN_AGREEING": np.inf}
     ),
     "memory of labels": Mechanism(
         ("surveyed tags, unknown start",),
