@@ -114,6 +114,26 @@ def moved(given: Any, config: slam.EkfConfig) -> list[float]:
     return [rmse(log, replace(config, smooth=False)) for log in logs]
 
 
+def whole_map_in_view(given: Any, config: slam.EkfConfig) -> list[float]:
+    """CPU seconds of a sensor that sees the whole map, and reports three landmarks in each scan."""
+    world = WorldConfig(
+        course_length=100, landmarks=400, landmark_spread=15, steps=1500, range_limits=(0.5, 200.0)
+    )
+    seconds = []
+    for seed in range(1, given.seeds + 1):
+        log, rng = simulate_world(world, seed), np.random.default_rng(seed)
+        order = np.lexsort((rng.random(len(log.observation)), log.observation_pose))
+        first = np.searchsorted(log.observation_pose, log.observation_pose)
+        chosen = np.sort(order[np.arange(len(order)) - first < 3])
+        thin = {
+            name: getattr(log, name)[chosen]
+            for name in ("observation_pose", "observation", "observation_covariance", "landmark")
+        }
+        log, config = replace(log, **thin), replace(config, association="known")
+        seconds.append(min(cpu_seconds(log, config) for _ in range(2)))  # the first one compiles
+    return seconds
+
+
 def among_tags(fault: str) -> Any:
     """Median error among surveyed tags in meters, in the last quarter of a drive."""
 
@@ -153,6 +173,7 @@ CASES: dict[str, Callable[[Any, slam.EkfConfig], list[float]]] = {
     "robot, no labels": worlds(ROBOT, labels=False),
     "slippery, NEES": worlds(WorldConfig.slippery(), inconsistency),
     "robot, moved": moved,
+    "whole map in view, CPU s": whole_map_in_view,
     "surveyed tags, pushed": among_tags("pushed"),
     "surveyed tags, unknown start": among_tags(surveyed_tags.LOST),
     "cityTrees, CPU s": recorded("citytrees/cityTrees10000.txt", cpu_seconds),
@@ -171,6 +192,10 @@ MECHANISMS: dict[str, Mechanism] = {
     "robust weights": Mechanism(("MRCLAM 6.3", "rooms"), {"huber": np.inf}),
     "smoothing": Mechanism(("rooms", "MRCLAM 6.1"), {"smooth": False}),
     "submaps": Mechanism(("DLR, CPU s", "cityTrees, CPU s"), {"submaps": "never"}),
+    "delayed rows": Mechanism(
+        ("whole map in view, CPU s",),
+        constants={"saccade.slam.filter.state:_num_delayed_rows": lambda _: 8},
+    ),
     "several hypotheses": Mechanism(("robot, no labels",), {"max_hypotheses": 1}),
     "culling": Mechanism(("robot, no labels",), {"culling_ratio": None}),
     "kidnapping test": Mechanism(("robot, moved", "surveyed tags, pushed"), {"recover": False}),

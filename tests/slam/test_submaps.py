@@ -102,3 +102,11 @@ def test_a_large_map_chooses_by_itself(monkeypatch, entries):
     _close(slam.run(log, EkfConfig(smooth=False)), whole)
     assert min(mapped for _, mapped in entries) >= 30
     assert all(inside <= mapped / 2 for inside, mapped in entries)
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_first_scan_may_have_as_many_landmarks_as_a_large_map(rng):
+    live = slam.Slam()
+    z = np.column_stack([*rng.uniform([[1], [-3]], [[100], [3]], (2, submap_choice.LARGE_MAP))])
+    live.step(0.0, z=z, R=np.diag([1e-4, 1e-6]), labels=np.arange(len(z)))
+    assert len(live.filter) == submap_choice.LARGE_MAP

@@ -85,7 +85,8 @@ class SubmapChoice:
         sigma = np.sqrt(np.abs(S[:, 0, 0]) + q * q * np.abs(S[:, 1, 1]))
         near = q - 2 * self._gate * sigma <= self._radius
         near[ekf.rows(labeled)] = True
-        self._in_whole = not self._always and near.mean() > MAX_FRACTION
+        many = np.count_nonzero(near) > MAX_FRACTION * len(near)
+        self._in_whole = bool(many) and not self._always
         if not self._in_whole:
             ekf.enter(np.flatnonzero(near))
 
