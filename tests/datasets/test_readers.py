@@ -179,7 +179,12 @@ DEFECTS = [
     ("csv", "bearing,", "azimuth,", "line 1: ", "found 'azimuth'"),
     ("csv", "landmark,range", "range,range", "line 1: ", "found one twice"),
     ("csv", ",cov_turn_turn", "", "found no cov_turn_turn"),
-    ("csv", "0,,,,,,,,,,,\n", "", "line 2: expected the first pose, found time, landmark, range"),
+    (
+        "csv",
+        "0,,,,,,,,,,,\n",
+        "",
+        "line 2: expected the first pose, in a row with its time alone, found time, landmark",
+    ),
     ("csv", "1,0.5,0,0.1", "1,0.5,0,", "line 4: expected a finite number for turn, found nothing"),
     ("csv", "1,0.5,0,0.1", "-1,0.5,0,0.1", "line 4: time goes back from 0.000 to -1.000 s"),
     ("csv", "0.001,,,,,", "0.001,,2,0.3,,", "line 4: ", "or range, bearing, found both"),

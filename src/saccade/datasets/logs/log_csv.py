@@ -258,7 +258,7 @@ def _rows_of_each(table: TextTable, control: tuple[str, ...]) -> tuple[IntArray,
     if is_control[0] or is_observation[0]:
         row = table.rows[0]
         given = [name for name, cell in zip(table.names, row.cells, strict=True) if cell]
-        raise row.error("the first pose", ", ".join(given))
+        raise row.error("the first pose, in a row with its time alone", ", ".join(given))
     for i in (np.flatnonzero(is_control[1:] == is_observation[1:])[:1] + 1).tolist():
         found = "both" if is_control[i] else "neither"
         raise table.rows[i].error(f"{', '.join(control)} or {', '.join(_OBSERVATION)}", found)
