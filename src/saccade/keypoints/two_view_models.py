@@ -56,6 +56,8 @@ SEARCH_SIGMAS = 6.0
 SEARCH_ITERATIONS = 300
 POLISH_STEPS = 5
 """Number of steps of reweighted least squares."""
+SMALL_STEP = 1e-7
+"""Change of a homography of unit norm, in normalized coordinates, that ends the steps."""
 SMALL_DECREASE = 1e-4
 """Relative decrease of the errors of a turn that no longer matters to the selection."""
 FOCAL_LENGTHS = np.geomspace(0.4, 5, 10)
@@ -214,6 +216,8 @@ def polished(homography: FloatArray, matches: Matches) -> FloatArray:
             break
         model = model + step.reshape(3, 3)
         model /= np.linalg.norm(model)
+        if np.abs(step).max() < SMALL_STEP:
+            break
     result: FloatArray = np.linalg.inv(T2) @ model @ T1
     return result
 
