@@ -8,6 +8,7 @@ import numpy as np
 from saccade.io.image import quiet_opencv
 from saccade.keypoints.relative_pose import beyond_infinity, is_plausibly_near, pose_of
 from saccade.keypoints.two_view_fit import (
+    MIN_DECREASE,
     Fit,
     Geometry,
     Minimum,
@@ -30,6 +31,8 @@ matches, and inliers missed by the first estimate are recovered."""
 REFINEMENTS = {"fundamental": 2, "homography": 1, "essential": 2}
 """Number of rounds of refinement. The second excludes matches beyond `REFINED_SIGMAS`, since wrong
 matches near an epipolar line bias the estimate; a homography has few of these, and gets worse."""
+ROUGH_DECREASE = 1e-4
+"""Relative decrease of the loss that ends a round of refinement before the last one."""
 REFINED_SIGMAS = 3.5
 """Largest residual of a match in the second round, in robust standard deviations."""
 
@@ -58,16 +61,19 @@ class Estimator:
         wide = replace(self, tolerance=REFINED_TOLERANCES * self.tolerance)
         near = wide.inliers(matrix, matches)
         minima: list[Minimum] = []
-        for _ in range(REFINEMENTS[self.geometry]):
+        rounds = REFINEMENTS[self.geometry]
+        for number in range(rounds):
             if near.sum() <= SAMPLE_SIZE[self.geometry]:
                 break
             chosen = matches.take(near)
-            better = minimize(matrix, self.geometry, chosen.positions, chosen.sigma)
+            is_last = number == rounds - 1 and self.geometry != "essential"
+            decrease = MIN_DECREASE if is_last else ROUGH_DECREASE
+            better = minimize(matrix, self.geometry, chosen.positions, chosen.sigma, decrease)
             if better is None:
                 break
             minima.append(better)
             matrix = better.matrix
-            if REFINEMENTS[self.geometry] == 1:
+            if is_last:
                 break
             near = wide.inliers(matrix, matches)
             residuals = residuals_of(self.geometry, matrix, matches.positions, matches.sigma)

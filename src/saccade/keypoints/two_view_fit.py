@@ -124,9 +124,21 @@ def refine(
 
 
 def minimize(
-    matrix: FloatArray, geometry: Geometry, matched: FloatArray, sigma: FloatArray
+    matrix: FloatArray,
+    geometry: Geometry,
+    matched: FloatArray,
+    sigma: FloatArray,
+    min_decrease: float = MIN_DECREASE,
 ) -> Minimum | None:
-    """The model of `refine`, without its covariance."""
+    """The model of `refine`, without its covariance.
+
+    Args:
+        matrix: see `refine`.
+        geometry: see `refine`.
+        matched: see `refine`.
+        sigma: see `refine`.
+        min_decrease: relative decrease of the loss that ends the steps.
+    """
     T1, T2 = normalization(matched[:, :2]), normalization(matched[:, 2:])
     if geometry == "essential":  # its singular values are equal in these coordinates alone
         T1 = T2 = np.eye(3)
@@ -147,7 +159,7 @@ def minimize(
         return Minimum(matrix, 0.0, initial, back, geometry, width, z, J)
     scales = whitening_of(initial, matched, sigma) if geometry == "homography" else sigma
     factors = factors_of(initial, geometry)
-    minimize_loss(KINDS.index(geometry), factors, matched, scales, width, MAX_STEPS, MIN_DECREASE)
+    minimize_loss(KINDS.index(geometry), factors, matched, scales, width, MAX_STEPS, min_decrease)
     model = factors[0] @ factors[1] @ factors[2].T
     z, J = residuals(model)
     refined = back[0] @ model @ back[1]
