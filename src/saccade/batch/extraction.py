@@ -9,7 +9,9 @@ processed, so that every image is in one file at most, whenever a run ends.
 import hashlib
 import json
 import time
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import chain
@@ -44,7 +46,7 @@ from saccade.batch.sources import (
 from saccade.batch.storage import Store
 from saccade.batch.stored import read_stored, stored_points
 from saccade.batch.workers import DIED, run_blocks
-from saccade.errors import ConfigError, ImageError, KeypointsError, SaccadeError
+from saccade.errors import ConfigError, ImageError, ImageWarning, KeypointsError, SaccadeError
 from saccade.exchange.arrow import column, rows_of, write_rows
 from saccade.exchange.maps import encode_png
 from saccade.extras import name_of
@@ -243,7 +245,8 @@ def _extract_images(
             mask = None
             if job.masks is not None:
                 mask = read_mask(Path(job.masks), item.name, orientation_of(content))
-            found = features(item.name, image, orientation_of(content), mask)
+            with warnings_of(item.name):
+                found = features(item.name, image, orientation_of(content), mask)
             if isinstance(found, np.ndarray):
                 with store.writing(f"{MAP_FOLDER}/{item.name}.png") as path:
                     path.write_bytes(encode_png(found))
@@ -272,6 +275,17 @@ def _extract_images(
         records.append(asdict(record))
         if batch.num_rows:
             yield batch
+
+
+@contextmanager
+def warnings_of(name: str) -> Iterator[None]:
+    """Issues the warnings of a block with the name of the image."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ImageWarning)
+        yield
+    for each in caught:
+        text = str(each.message).removeprefix("image: ")
+        warnings.warn(f"{name}: {text}", each.category, stacklevel=3)
 
 
 def check_schema(batch: pa.RecordBatch, schema: pa.Schema, name: str) -> None:

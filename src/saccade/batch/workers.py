@@ -6,7 +6,9 @@ Number of threads and signals are set in worker processes only.
 import multiprocessing
 import os
 import signal
+import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     BrokenExecutor,
@@ -25,7 +27,7 @@ from typing import Any, TypeAlias, TypeVar
 import cv2
 from threadpoolctl import threadpool_limits
 
-from saccade.errors import ConfigError
+from saccade.errors import ConfigError, printable
 from saccade.extras import import_optional
 
 DIED = "the worker process died, perhaps for lack of memory"
@@ -132,8 +134,16 @@ def _initialize_worker(lifeline: Connection) -> None:
     """One thread, no Ctrl-C, and an exit when the parent closes its end of the pipe."""
     threadpool_limits(1)  # of NumPy's BLAS
     cv2.setNumThreads(1)
+    warnings.showwarning = _print_warning
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_after, args=(lifeline,), daemon=True).start()
+
+
+def _print_warning(
+    message: Warning | str, category: type[Warning], *place: Any, **kwargs: Any
+) -> None:
+    """Prints a warning as the command does, in one line."""
+    print(f"saccade: {printable(str(message))}", file=sys.stderr)
 
 
 def _exit_after(lifeline: Connection) -> None:
