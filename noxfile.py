@@ -69,7 +69,11 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 CORE_TESTS = ("attention", "exchange", "io", "keypoints", "scale", "slam", "viewing", "visual")
 """Folders of the tests that depend on the versions of libraries; all tests with `-- tests`."""
-TESTING = ("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100", "gtsam>=4.3")
+TESTING = (
+    *("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100", "gtsam>=4.3"),
+    *("pandas>=2.2", "rosbags>=0.11"),
+)
+"""What these tests need besides the extras; always the newest."""
 
 
 def run_tests(session: nox.Session) -> None:

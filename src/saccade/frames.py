@@ -53,7 +53,8 @@ def _project_pinhole(points: FloatArray, K: FloatArray, distortion: FloatArray) 
 def _undistort_pinhole(xy: FloatArray, K: FloatArray, distortion: FloatArray) -> FloatArray:
     import cv2
 
-    ideal = cv2.undistortPoints(xy[:, None], K, distortion, P=K, criteria=ITERATIONS)
+    undistort: Any = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # in OpenCV 4 and 5
+    ideal = undistort(xy[:, None], K, distortion, R=np.eye(3), P=K, criteria=ITERATIONS)
     return np.asarray(ideal, np.float64).reshape(-1, 2)
 
 

@@ -122,10 +122,11 @@ def test_a_tiff_of_floats_is_read_and_what_is_no_number_in_it_is_said(tmp_path):
     """Gray ones too, which OpenCV refuses to read as colors."""
     gray = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
     for values in (gray.copy(), np.stack([gray] * 3, 2)):
-        cv2.imwrite(str(tmp_path / "a.tiff"), values)
+        exactly = [cv2.IMWRITE_TIFF_COMPRESSION, 1]
+        cv2.imwrite(str(tmp_path / "a.tiff"), values, exactly)
         np.testing.assert_array_equal(read_image(tmp_path / "a.tiff")[:, :, 1], gray)
         values[2, 1] = np.nan
-        cv2.imwrite(str(tmp_path / "a.tiff"), values)
+        cv2.imwrite(str(tmp_path / "a.tiff"), values, exactly)
         with refuses(ImageError, "a.tiff: expected finite", "found NaN", "in row 2, column 1"):
             read_image(tmp_path / "a.tiff")
 
