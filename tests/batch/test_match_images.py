@@ -99,7 +99,9 @@ def listed(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("file", ["features.h5", "database.db"])
+@pytest.mark.parametrize(
+    "file", ["features.h5", pytest.param("database.db", marks=pytest.mark.peer)]
+)
 def test_features_of_a_file_are_matched_as_those_of_a_detector(run, photos, tmp_path, file):
     """Also for a turned image: stored pixels become upright ones."""
     folder = tmp_path / "photos"
@@ -109,6 +111,8 @@ def test_features_of_a_file_are_matched_as_those_of_a_detector(run, photos, tmp_
     exif[ExifTags.Base.Orientation] = 6
     upright.rotate(90, expand=True).save(folder / "turned.jpg", exif=exif, quality=95)
     kind = "hdf5" if file.endswith("h5") else "colmap"
+    if kind == "colmap":
+        pytest.importorskip("pycolmap", reason="needs pycolmap, of the group `peers`")
     words = ("match", folder, "--max", "200", "--format", kind, "--workers", "1")
     first = json.loads(run(*words, "--json", "--out", tmp_path / "first")[1])
     path = tmp_path / "first" / file
