@@ -12,20 +12,14 @@ from saccade.evaluation.runs import correct_associations
 from saccade.frames import Camera, Frame
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.filter.predictions import PredictedObservations
-from saccade.slam.scans import NO_SCAN, Scan
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import measure_depth
 from saccade.visual.motion_estimator import MotionEstimator
 from saccade.visual.optical_flow import PreparedFrame, prepare_frame
 from saccade.visual.points import RangeBearings, TrackedPoints
-from saccade.visual.reidentification import (
-    ClosureTest,
-    consistent_layout,
-    consistent_set,
-    reidentify,
-)
+from saccade.visual.reidentification import consistent_layout, consistent_set, reidentify
 from saccade.visual.single_camera import SingleCameraMotionEstimator
-from saccade.visual.visual_map import PoseCorrection, VisualMap
+from saccade.visual.visual_map import VisualMap
 
 
 @given(st.integers(0, 10**6), st.integers(0, 4))
@@ -122,33 +116,6 @@ def test_a_point_may_be_mapped_twice_but_not_hang_in_two_places(rng, meters, fou
     frame, nothing = PreparedFrame(drive.load(0)), TrackedPoints()
     result = reidentify(points, visual_map, nothing, frame, VisualConfig())
     assert len(result.rows) == found
-
-
-def test_the_correction_of_the_pose_is_that_of_the_filter(rng):
-    _, visual_map, points, observations = mapped_points(rng)
-    visual_map.initialize(observations, points.descriptor, 0)
-    visual_map.slam.process(Scan(0.1, (np.zeros(3), np.diag([0.02, 0.02, 0.005]) ** 2), *NO_SCAN))
-    seen = replace(observations, z=observations.z + np.array([0.005, 0.001]))
-    rows = np.arange(6)
-    correction = visual_map.correct_pose(rows, seen)
-    before, P = visual_map.ekf.pose, visual_map.ekf.pose_covariance
-    assert correction.before == pytest.approx(P)
-    R = visual_map._covariance(seen, 6)
-    visual_map.slam.process(Scan(0.1, None, seen.z, R, rows.tolist()))
-    assert correction.change == pytest.approx(visual_map.ekf.pose - before, rel=0.02, abs=1e-5)
-    assert correction.after == pytest.approx(visual_map.ekf.pose_covariance, rel=0.05, abs=2e-6)
-
-
-@pytest.mark.parametrize(
-    ("second", "seconds", "accepted"),
-    [([0.95, 0.02, 0.0], 0.2, True), ([0.2, 0.9, 0.1], 0.2, False), ([1, 0, 0], 9.0, False)],
-)
-def test_a_closure_that_moves_the_pose_far_waits_for_a_second_view(second, seconds, accepted):
-    P, certain = np.diag([0.3, 0.3, 0.05]) ** 2, np.diag([0.05, 0.05, 0.01]) ** 2
-    test = ClosureTest(0.99)
-    assert test.accepts(0.0, PoseCorrection(np.array([0.2, 0.1, 0.02]), P, certain))
-    assert not test.accepts(1.0, PoseCorrection(np.array([1.0, 0.0, 0.0]), P, certain))
-    assert test.accepts(1.0 + seconds, PoseCorrection(np.array(second), P, certain)) is accepted
 
 
 def test_points_that_are_no_landmarks_hide_none(rng):

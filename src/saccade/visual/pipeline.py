@@ -26,7 +26,7 @@ from saccade.visual.motion_errors import TOTAL_RELATIVE_SIGMA
 from saccade.visual.motion_estimator import MotionEstimator, StereoMotionEstimator
 from saccade.visual.optical_flow import PreparedFrame, is_unrelated
 from saccade.visual.points import RangeBearings, TrackedPoints
-from saccade.visual.reidentification import ClosureTest, count_rematches, reidentify
+from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.relocalization import Relocalization
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.robot_motion import camera_motion, robot_motion
@@ -117,7 +117,6 @@ class Pipeline:
         self.motion = motion_estimator(drive, has_depth, by_camera)(drive, config)
         self.map = VisualMap(drive, config, self.motion)
         self.relocalization = Relocalization(self.map, config)
-        self._closures = ClosureTest(config.gate)
         self.tracked = TrackedPoints()
         self.features = FrameFeatures(PreparedFrame(Frame(float(drive.time[0]))))
         """The last frame, and the points detected in it."""
@@ -330,13 +329,6 @@ class Pipeline:
         if self.relocalization.add_landmarks(len(found.missed) + count, count, found.elsewhere):
             self.tracked = self.tracked.without_landmarks()
             return TrackedPoints()
-        if count:
-            observations, _ = self.map.observe(
-                found.points, self.map.predict_observations(found.rows)
-            )
-            correction = self.map.correct_pose(found.rows, observations)
-            if not self._closures.accepts(frame.frame.time, correction):
-                return TrackedPoints()
         landmarks.missed[found.missed] += 1
         self.log.missed += len(found.missed)
         reidentified = np.ones(count, np.bool_)

@@ -1,6 +1,6 @@
 """Re-identification of lost landmarks: by descriptor, joint covariance, and layout."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.depth import measure_depth
 from saccade.visual.optical_flow import ByteArray, PreparedFrame
 from saccade.visual.points import RangeBearings, TrackedPoints
-from saccade.visual.visual_map import PoseCorrection, VisualMap
+from saccade.visual.visual_map import VisualMap
 
 HEIGHT_TOLERANCE = 0.15
 """Largest difference of the height between observation and map, which includes pitch, in meters
@@ -23,10 +23,6 @@ POSITION_TOLERANCE = 0.05
 """Largest difference of the position, in meters plus the same fraction of the range."""
 SAME_POSITION = 1.0
 """Largest distance of two landmarks in meters that may be one point, mapped twice."""
-MAX_CORRECTION = 1.0
-"""Largest normalized square of a correction of the pose that needs no second view."""
-MAX_DELAY = 3.0
-"""Largest time between two views that confirm each other, in seconds."""
 REMATCH_RADIUS = 4.0
 """Pixels within which a tracked point is re-matched."""
 BEARING_WEIGHT = 0.5
@@ -207,27 +203,6 @@ def _given_others(v: FloatArray, S: FloatArray) -> FloatArray:
     A = np.asarray(np.linalg.inv(S.reshape(2 * m, 2 * m)), np.float64)
     own = A.reshape(m, 2, m, 2)[np.arange(m), :, np.arange(m)]
     return normalized_squared(np.asarray(A @ v.ravel()).reshape(m, 2), own)
-
-
-@dataclass
-class ClosureTest:
-    """Delays loop closures that move the pose by more than its sigma until a second view agrees."""
-
-    gate: float
-    """Probability that two right views agree."""
-    _last: tuple[float, PoseCorrection] | None = None
-
-    def accepts(self, time: float, correction: PoseCorrection) -> bool:
-        """Whether a correction of the pose by the view at a time in seconds counts."""
-        before = correction.before + 1e-12 * np.eye(3)  # a known pose is regular, too
-        if normalized_squared(correction.change, before) < MAX_CORRECTION:
-            return True
-        last, self._last = self._last, (time, correction)
-        if last is None or time - last[0] > MAX_DELAY:
-            return False
-        difference = correction.change - last[1].change
-        total = correction.after + last[1].after
-        return bool(normalized_squared(difference, total) < chi_square_gate(3, self.gate))
 
 
 def consistent_layout(

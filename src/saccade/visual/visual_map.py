@@ -1,14 +1,11 @@
 """The map of a drive: the filter, its landmarks, and how the camera observes them."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from saccade.frames import Camera, Drive
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import as_relative_pose, difference, stack_jacobians
-from saccade.slam.filter.models import observe as observe_points
+from saccade.slam.filter.models import as_relative_pose, difference
 from saccade.slam.filter.predictions import PredictedObservations
 from saccade.slam.online import Slam
 from saccade.slam.scans import NO_SCAN, Scan
@@ -25,17 +22,6 @@ from saccade.visual.smoothing import MapLog
 
 MIN_RESCALE = 1e-3
 """Minimum relative change of scale for the map to be rescaled: a tenth of its uncertainty."""
-
-
-class PoseCorrection(NamedTuple):
-    """Correction of a pose by observations."""
-
-    change: FloatArray
-    """(3,) change of the pose."""
-    before: FloatArray
-    """(3, 3) covariance of the pose before the correction."""
-    after: FloatArray
-    """(3, 3) covariance of the pose after it."""
 
 
 class VisualMap:
@@ -147,18 +133,6 @@ class VisualMap:
         """Innovations (k, 2) of observations of landmarks, and their covariances (k, 2, 2)."""
         S = expected.covariance + self._covariance(observations, 1)
         return difference(observations.z, expected.z), S
-
-    def correct_pose(self, rows: IntArray, observations: RangeBearings) -> "PoseCorrection":
-        """Correction of the pose by observations of landmarks (k,) that are not processed yet."""
-        pose, k = self.ekf.pose, len(rows)
-        z, H = observe_points(pose, self.ekf.landmarks[rows])
-        P, J = self.slam.joint_covariance(self.landmarks.id[rows]), stack_jacobians(H)
-        S = J @ P @ J.T
-        blocks = S.reshape(k, 2, k, 2)
-        blocks[np.arange(k), :, np.arange(k)] += self._covariance(observations, k)
-        W = np.linalg.solve(S, J @ P[:, :3]).T
-        change = W @ difference(observations.z, z).ravel()
-        return PoseCorrection(change, P[:3, :3], P[:3, :3] - W @ S @ W.T)
 
     def sensor_sigma(self, ranges: FloatArray) -> FloatArray:
         """Standard deviations (k, 2) of ranges and bearings that are measured at ranges (k,)."""
