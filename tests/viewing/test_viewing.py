@@ -51,9 +51,12 @@ def test_the_axis_bisects_its_pairs(direction):
 
 
 def test_keypoints_are_circles_of_their_size_with_a_line_along_their_angle():
-    (axes,) = keypoint_figure(IMAGE, KEYPOINTS).axes
+    figure = keypoint_figure(IMAGE, KEYPOINTS)
+    (axes,) = figure.axes
     (circles,) = [each for each in axes.collections if isinstance(each, EllipseCollection)]
-    np.testing.assert_allclose(circles.get_widths(), [20, 8])
+    figure.draw_without_rendering()
+    radius = circles.get_transforms()[:, 0, 0] * axes.viewLim.width / axes.bbox.width
+    np.testing.assert_allclose(2 * radius, [20, 8])
     np.testing.assert_allclose(circles.get_offsets(), [[60, 10], [20, 30]])
     (lines,) = [each for each in axes.collections if isinstance(each, LineCollection)]
     points = dict(zip(map(tuple, KEYPOINTS.xy.tolist()), range(2), strict=True))
