@@ -86,7 +86,11 @@ def stored_points(
 
 
 def stamp_of_file(path: Path) -> str:
-    """Size and modification time of a file of features."""
+    """Size and modification time of a file of features.
+
+    Raises:
+        ConfigError: the file cannot be read.
+    """
     try:
         status = path.stat()
     except OSError as error:

@@ -34,7 +34,7 @@ TWIN = 0.9
 """Points in front of the cameras in the second solution of a plane, as a fraction of those in the
 first, from which the two cannot be told apart."""
 SMALL_TURN = 1e-3
-"""Angle in radians below which a rotation vector is linear in the matrix."""
+"""Largest angle in radians at which a rotation vector is linear in the matrix."""
 SAME_POSE = 1e-8
 """Squared difference of two solutions that are one."""
 

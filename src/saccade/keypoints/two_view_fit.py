@@ -49,7 +49,7 @@ changes the ratio of its singular values."""
 ESSENTIAL_DIRECTIONS = _complement(
     *(np.diag(d) for d in np.eye(3)), np.eye(3)[[1, 0, 2]] * [1, 1, 0]
 )
-"""Those of an essential matrix, whose singular values are equal."""
+"""Directions in which an essential matrix can move: its singular values stay equal."""
 
 
 class Fit(NamedTuple):

@@ -223,7 +223,7 @@ def polished(homography: FloatArray, matches: Matches) -> FloatArray:
 
 
 def rotation_of(matches: Matches) -> FloatArray:
-    """(3, 3) rotation from the rays of the first view to those of the second, robust.
+    """Robust estimate of the rotation (3, 3) from rays of the first view to rays of the second.
 
     Args:
         matches: rays in the planes z = 1.

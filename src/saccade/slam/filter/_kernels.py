@@ -102,7 +102,7 @@ def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None
 
 @kernel()
 def error_factor(f: FilterState, i: int) -> float:
-    """Factor by which the error of the scale in row i is multiplied to be that of its state.
+    """Factor that converts the error of the scale in row i to the error of its state.
 
     In the invariant filter the error is relative to the scale, 1 + s.
     """
