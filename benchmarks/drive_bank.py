@@ -28,7 +28,7 @@ from saccade.evaluation.trajectory import path_length, score_drive
 from saccade.frames import Drive
 from saccade.plane import relative_poses
 from saccade.slam.consistency import chi_square_band, normalized_squared
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 from saccade.types import FloatArray, Trajectory
 from stereo_tracks import TrackConfig, simulate_tracks
 

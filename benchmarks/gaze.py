@@ -36,7 +36,7 @@ from saccade.simulation.drive import ENCODER_SIGMA
 from saccade.simulation.gaze_drive import SETTINGS, gaze_drive
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.consistency import pose_nees
-from saccade.slam.filter.models import observe, wrap
+from saccade.slam.filter.robot_models import observe, wrap
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 FIELD_OF_VIEW = float(np.radians(50))

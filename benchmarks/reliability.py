@@ -21,7 +21,7 @@ from saccade import slam
 from saccade.errors import LogError
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.consistency import pose_nees
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 from saccade.types import FloatArray, LandmarkLog, LandmarkMap, Trajectory
 
 ROOM, COLUMNS, ROWS = np.array([5.0, 4.0]), 3, 2

@@ -21,7 +21,7 @@ import numpy as np
 from measuring import arguments
 from saccade import slam
 from saccade.plane import steps_between
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap
 
 FIELD, TAGS, STEPS, PUSH = (16.5, 8.0), 16, 600, 11.0

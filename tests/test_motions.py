@@ -7,7 +7,7 @@ from saccade import slam
 from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
 from saccade.errors import LogError
 from saccade.motions import MOTIONS
-from saccade.slam.filter.models import as_relative_poses
+from saccade.slam.filter.robot_models import as_relative_poses
 from saccade.types import LandmarkLog
 from support.oracles_slam import numerical_jacobian
 

@@ -6,7 +6,7 @@ import pytest
 from saccade.datasets import load_drive, save_drive
 from saccade.errors import DriveError, ImageError
 from saccade.evaluation.trajectory import position_rmse
-from saccade.slam.filter.models import compose
+from saccade.slam.filter.robot_models import compose
 from saccade.types import Trajectory
 from support.error_checks import refuses
 from support.odometry_alone import followed

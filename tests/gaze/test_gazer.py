@@ -12,7 +12,7 @@ from saccade.errors import ConfigError
 from saccade.gaze import POLICIES, Gazer
 from saccade.gaze.gazer import GOAL_DURATION, HORIZON, INHIBITION, MISS_MEMORY
 from saccade.slam import EkfConfig, Slam
-from saccade.slam.filter.models import observe
+from saccade.slam.filter.robot_models import observe
 from support.paths import ROOT
 
 CONFIG = EkfConfig(errors="standard", association="known", huber=np.inf, recover=False)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from saccade import slam
 from saccade.errors import ConfigError, LogError
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 from support.logs import without_names
 
 SIGMA = np.array([0.05, 0.01])

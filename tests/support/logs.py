@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 
 
 def without_names(log):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saccade.slam.filter.models import compose
+from saccade.slam.filter.robot_models import compose
 
 
 def followed(start, controls):

@@ -15,7 +15,7 @@ from saccade.evaluation.runs import correct_associations, summarize_drive
 from saccade.evaluation.trajectory import score_drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.consistency import chi_square_gate, normalized_squared
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 from saccade.visual import VisualConfig
 from saccade.visual.contradictions import StepSource
 from support.short_ring import short_ring

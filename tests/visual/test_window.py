@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from saccade.frames import AHEAD, Camera
-from saccade.slam.filter.models import compose, heading_rotation
+from saccade.slam.filter.robot_models import compose, heading_rotation
 from saccade.visual import VisualConfig
 from saccade.visual.camera import to_pixels
 from saccade.visual.odometry_model import ODOMETRY_ERRORS, OdometryErrors

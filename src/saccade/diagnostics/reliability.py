@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from saccade.plane import in_robot_frame, rotations
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 from saccade.slam.relocalization import locate
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 

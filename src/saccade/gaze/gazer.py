@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from saccade.errors import require
 from saccade.landmark_names import parse_labels
-from saccade.slam.filter.models import (
+from saccade.slam.filter.robot_models import (
     as_relative_pose,
     compose,
     observe_with_errors,

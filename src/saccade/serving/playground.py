@@ -12,7 +12,7 @@ from saccade.serving.requests import chosen
 from saccade.settings import settings_from, update_settings
 from saccade.slam import ERRORS, EkfConfig, Slam
 from saccade.slam.consistency import chi_square_gate, normalized_squared, pose_nees
-from saccade.slam.filter.models import turn_then_translate, wrap
+from saccade.slam.filter.robot_models import turn_then_translate, wrap
 from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, Trajectory
 
 MAX_LANDMARKS = 60

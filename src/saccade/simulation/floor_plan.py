@@ -3,7 +3,7 @@
 import numpy as np
 
 from saccade.simulation.drive_config import DriveConfig
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 from saccade.types import FloatArray
 
 ROOM = (3.9, 4.0)

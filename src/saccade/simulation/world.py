@@ -7,7 +7,7 @@ import numpy as np
 
 from saccade.errors import Settings, require, setting
 from saccade.plane import path_of
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 LAYOUT_SEED = 2010

@@ -12,7 +12,7 @@ from scipy.special import chdtri
 
 from saccade.errors import LogError, require
 from saccade.slam.filter._kernels import TINY
-from saccade.slam.filter.models import wrap
+from saccade.slam.filter.robot_models import wrap
 from saccade.slam.filter.state import Errors
 from saccade.types import FloatArray, IntArray, Trajectory
 

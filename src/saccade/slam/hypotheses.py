@@ -16,8 +16,8 @@ from saccade.slam.association.outcomes import NEW
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter._kernels import write_pose
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import pose_difference, wrap
 from saccade.slam.filter.predictions import Innovations, new_innovations
+from saccade.slam.filter.robot_models import pose_difference, wrap
 from saccade.slam.landmarks import LandmarkTable
 from saccade.slam.scans import Scan
 from saccade.types import FloatArray, IntArray

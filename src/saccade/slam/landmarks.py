@@ -12,7 +12,7 @@ from saccade.landmark_names import Label, labels_of
 from saccade.slam._evidence_kernels import BEARING_BINS, RANGE_BINS, detection_cells
 from saccade.slam.association.outcomes import DROPPED, UNDECIDED
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import observe
+from saccade.slam.filter.robot_models import observe
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Table, column
 
 MAX_AMBIGUOUS = 0.5

@@ -15,7 +15,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 from saccade.plane import relative_poses, rotations
-from saccade.slam.filter.models import difference, observe, wrap
+from saccade.slam.filter.robot_models import difference, observe, wrap
 from saccade.types import FloatArray, IntArray
 
 MAX_ITERATIONS = 50

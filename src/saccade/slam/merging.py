@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from saccade.errors import LogError
 from saccade.plane import rotations
 from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
-from saccade.slam.filter.models import pose_difference, wrap
+from saccade.slam.filter.robot_models import pose_difference, wrap
 from saccade.slam.landmarks import ESTABLISHED, LabelRecord
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import locate, pose_jacobians

@@ -7,7 +7,7 @@ import numpy as np
 from saccade.plane import rotations
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import pose_difference
+from saccade.slam.filter.robot_models import pose_difference
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray, IntArray

@@ -15,8 +15,8 @@ from saccade.landmark_names import FIRST_TEXT, labels_of, number_labels
 from saccade.plane import in_robot_frame, rotations
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import normalized_squared, summarize
-from saccade.slam.filter.models import pose_difference
 from saccade.slam.filter.predictions import new_innovations
+from saccade.slam.filter.robot_models import pose_difference
 from saccade.slam.kidnapping import MIN_CONTRADICTION
 from saccade.slam.online import Slam
 from saccade.slam.pose_search import PoseSearch

@@ -18,7 +18,7 @@ from saccade.errors import require
 from saccade.plane import rotations
 from saccade.slam._relocalization_kernels import Grid, add_support
 from saccade.slam.consistency import chi_square_gate, difference_covariances, normalized_squared
-from saccade.slam.filter.models import (
+from saccade.slam.filter.robot_models import (
     as_relative_pose,
     compose,
     inverse_observe,

@@ -12,7 +12,7 @@ from saccade.landmark_names import Label, labels_of, parse_labels
 from saccade.motions import MOTIONS
 from saccade.plane import in_robot_frame
 from saccade.slam.config import EkfConfig
-from saccade.slam.filter.models import as_relative_pose, as_relative_poses
+from saccade.slam.filter.robot_models import as_relative_pose, as_relative_poses
 from saccade.slam.filter.validation import (
     MIN_SIGMA,
     as_array,

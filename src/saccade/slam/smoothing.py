@@ -16,7 +16,7 @@ from saccade.plane import (
 )
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import as_relative_poses, wrap
+from saccade.slam.filter.robot_models import as_relative_poses, wrap
 from saccade.slam.least_squares import (
     MAX_ITERATIONS,
     MIN_DECREASE,

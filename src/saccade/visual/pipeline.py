@@ -12,8 +12,8 @@ from saccade.errors import require
 from saccade.frames import Drive, EndOfDrive, Frame
 from saccade.slam import Recorder
 from saccade.slam.consistency import normalized_squared
-from saccade.slam.filter.models import compose
 from saccade.slam.filter.predictions import PredictedObservations
+from saccade.slam.filter.robot_models import compose
 from saccade.tags import TagConfig, Tags, TagSightings
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.config import VisualConfig

@@ -7,7 +7,7 @@ import numpy as np
 
 from saccade.keypoints.matching import match
 from saccade.slam.consistency import chi_square_gate, normalized_squared
-from saccade.slam.filter.models import difference
+from saccade.slam.filter.robot_models import difference
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints
 from saccade.visual.camera import MIN_DEPTH, is_inside, to_pixels
 from saccade.visual.config import VisualConfig

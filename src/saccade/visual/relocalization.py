@@ -4,7 +4,7 @@ import numpy as np
 
 from saccade.plane import steps_between
 from saccade.slam.consistency import normalized_squared
-from saccade.slam.filter.models import pose_difference
+from saccade.slam.filter.robot_models import pose_difference
 from saccade.slam.kidnapping import KidnappingDetector
 from saccade.slam.pose_search import PRIOR_WEIGHT, SAME_POSE, PoseSearch
 from saccade.slam.results import PoseHypotheses

@@ -11,7 +11,7 @@ import numpy as np
 from saccade.errors import LogError
 from saccade.frames import Drive
 from saccade.pictured import Pictured
-from saccade.slam.filter.models import compose
+from saccade.slam.filter.robot_models import compose
 from saccade.types import (
     BoolArray,
     FloatArray,

@@ -5,7 +5,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from saccade.frames import Camera
-from saccade.slam.filter.models import heading_rotation
+from saccade.slam.filter.robot_models import heading_rotation
 from saccade.types import FloatArray
 
 CameraPose: TypeAlias = tuple[FloatArray, FloatArray]

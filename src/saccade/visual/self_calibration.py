@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saccade.frames import Camera
-from saccade.slam.filter.models import compose, heading_rotation
+from saccade.slam.filter.robot_models import compose, heading_rotation
 from saccade.types import FloatArray
 
 CALIBRATION_SIGMA = (0.02, 0.3, 0.5)

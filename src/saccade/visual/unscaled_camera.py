@@ -8,7 +8,7 @@ from the last keyframe, so that slow motions are not mistaken for a standstill.
 import numpy as np
 
 from saccade.frames import Camera, Drive, directions
-from saccade.slam.filter.models import heading_rotation
+from saccade.slam.filter.robot_models import heading_rotation
 from saccade.types import Float32Array, FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import (

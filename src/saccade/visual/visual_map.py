@@ -5,8 +5,8 @@ import numpy as np
 from saccade.frames import Camera, Drive
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import as_relative_pose, difference
 from saccade.slam.filter.predictions import PredictedObservations
+from saccade.slam.filter.robot_models import as_relative_pose, difference
 from saccade.slam.online import Slam
 from saccade.slam.scans import NO_SCAN, Scan
 from saccade.types import BoolArray, FloatArray, IntArray

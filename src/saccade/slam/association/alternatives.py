@@ -11,7 +11,7 @@ from saccade.slam.association.nearest_neighbor import mahalanobis_squared
 from saccade.slam.association.outcomes import DROPPED, NEW
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import difference
+from saccade.slam.filter.robot_models import difference
 from saccade.types import FloatArray, IntArray
 
 ROUNDING = 1e-15

@@ -16,7 +16,7 @@ from saccade.slam.association.outcomes import DROPPED, NEW, UNDECIDED
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import inverse_observe
+from saccade.slam.filter.robot_models import inverse_observe
 from saccade.slam.landmarks import LabelRecord, LandmarkTable
 from saccade.types import BoolArray, FloatArray, IntArray
 

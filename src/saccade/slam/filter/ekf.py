@@ -10,17 +10,17 @@ import numpy.typing as npt
 from saccade.errors import LogError, require
 from saccade.slam.filter._kernels import predict, retract, update, write_pose
 from saccade.slam.filter._state_kernels import INVARIANT, FilterState
-from saccade.slam.filter.models import (
-    as_relative_pose,
-    observe_with_errors,
-    stack_jacobians,
-    wrap,
-)
 from saccade.slam.filter.predictions import (
     Innovations,
     PredictedObservations,
     expected,
     new_innovations,
+)
+from saccade.slam.filter.robot_models import (
+    as_relative_pose,
+    observe_with_errors,
+    stack_jacobians,
+    wrap,
 )
 from saccade.slam.filter.state import (
     ERRORS,

@@ -24,7 +24,7 @@ from saccade.slam.filter._state_kernels import (
     Scalars,
     bind_state,
 )
-from saccade.slam.filter.models import inverse_observe
+from saccade.slam.filter.robot_models import inverse_observe
 from saccade.types import FloatArray, IntArray
 
 Errors: TypeAlias = Literal["invariant", "standard"]

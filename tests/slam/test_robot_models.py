@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from saccade.errors import LogError
-from saccade.slam.filter.models import (
+from saccade.slam.filter.robot_models import (
     compose,
     difference,
     inverse_observe,
