@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from saccade.datasets.fixations.tables import (
+from saccade.datasets.fixations.exports import (
     NO_BOX,
     Box,
     FixationList,

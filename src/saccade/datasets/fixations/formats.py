@@ -9,10 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.datasets.fixations.eyelink import read_eyelink
-from saccade.datasets.fixations.mat import read_mat_fixations
-from saccade.datasets.fixations.placement import list_files
-from saccade.datasets.fixations.tables import (
+from saccade.datasets.fixations.exports import (
     BEGAZE,
     GAZEPOINT,
     PLAIN,
@@ -25,6 +22,9 @@ from saccade.datasets.fixations.tables import (
     read_event_list,
     read_fixation_table,
 )
+from saccade.datasets.fixations.eyelink import read_eyelink
+from saccade.datasets.fixations.mat import read_mat_fixations
+from saccade.datasets.fixations.placement import list_files
 from saccade.errors import LogError
 
 TEXT = (".csv", ".tsv", ".txt")

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from saccade.datasets.fixations.tables import (
+from saccade.datasets.fixations.exports import (
     NO_BOX,
     ROLES,
     FixationList,

@@ -5,7 +5,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
 
-from saccade.datasets.fixations.tables import Texts
+from saccade.datasets.fixations.exports import Texts
 from saccade.errors import LogError
 from saccade.io.files import IMAGE_SUFFIXES, natural_order, read_bytes, reading
 from saccade.io.image import read_header

@@ -11,6 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.datasets.fixations.checks import AXES, check_positions, is_outside, matrix_of
+from saccade.datasets.fixations.exports import (
+    ROLES,
+    FixationList,
+    RawFixations,
+    Texts,
+    rows_by,
+)
 from saccade.datasets.fixations.formats import read_recording
 from saccade.datasets.fixations.placement import (
     PLACEMENTS,
@@ -21,13 +28,6 @@ from saccade.datasets.fixations.placement import (
     require_aspect,
     resolve_images,
     to_image_pixels,
-)
-from saccade.datasets.fixations.tables import (
-    ROLES,
-    FixationList,
-    RawFixations,
-    Texts,
-    rows_by,
 )
 from saccade.datasets.fixations.trials import merge_eyes, number_trials
 from saccade.datasets.tables import write_table

@@ -7,7 +7,7 @@ from itertools import groupby
 
 import numpy as np
 
-from saccade.datasets.fixations.tables import RawFixations, rows_by
+from saccade.datasets.fixations.exports import RawFixations, rows_by
 from saccade.types import BoolArray, FloatArray, IntArray
 
 RUN = 3
