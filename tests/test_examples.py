@@ -47,6 +47,8 @@ FOUND = {
     "tensors": tensors,
 }
 """What each must say."""
+MARKS = {"drive": ["nightly"], "gaze": ["nightly"], "tensors": ["torch"]}
+"""When an example is not run with the others."""
 
 
 def test_there_is_a_check_of_every_example():
@@ -56,7 +58,11 @@ def test_there_is_a_check_of_every_example():
 @pytest.mark.parametrize(
     "example",
     [
-        pytest.param(path, id=path.stem, marks=[pytest.mark.torch] * (path.stem == "tensors"))
+        pytest.param(
+            path,
+            id=path.stem,
+            marks=[getattr(pytest.mark, name) for name in MARKS.get(path.stem, [])],
+        )
         for path in EXAMPLES
     ],
 )

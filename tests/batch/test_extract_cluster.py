@@ -28,6 +28,7 @@ def cluster(tmp_path, monkeypatch):
         yield cluster.scheduler_address, min(client.run(os.getpid).values())
 
 
+@pytest.mark.nightly
 def test_a_worker_that_is_killed_loses_nothing(cluster, run, tmp_path):
     address, worker = cluster
     source, out = tmp_path / "photos", tmp_path / "out"

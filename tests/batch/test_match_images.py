@@ -19,6 +19,7 @@ from saccade.batch.pairs import read_pairs, write_pairs
 from saccade.errors import ConfigError
 from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.hdf5 import group_of
+from support.nightly import nightly
 
 HALLWAY = [str(files("saccade") / "data" / f"hallway_{n}.jpg") for n in (1, 2)]
 JOB = Job("sift", saccade.SiftConfig(max_keypoints=200))
@@ -70,7 +71,7 @@ def as_expected(run, expected, pairs=None):
     return True
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, *nightly(2)])
 def test_all_pairs_are_those_of_match_and_verify(photos, expected, tmp_path, workers, monkeypatch):
     """The images of a pair may be in two blocks."""
     monkeypatch.setattr(extraction, "MIN_BLOCK", 3)

@@ -85,6 +85,7 @@ def test_a_calib_without_row_names_is_read(tmp_path, text, baseline):
         load_drive("auto", tmp_path)
 
 
+@pytest.mark.nightly
 def test_a_single_camera_finds_its_path_up_to_scale():
     drive = simulate_drive(DriveConfig(frames=60), 0)
     camera = replace(drive.camera, baseline=0.0, position=np.zeros(3))

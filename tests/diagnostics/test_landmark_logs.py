@@ -226,6 +226,7 @@ def test_labels_that_are_misread_at_times_do_not_change(later, found, good):
     assert [each.check for each in findings] == found
 
 
+@pytest.mark.nightly
 def test_a_run_with_halves_of_observations_is_judged(good):
     half = good.observation.copy()
     half[::5, 0] = half[2::5, 1] = np.nan

@@ -12,6 +12,7 @@ from saccade.slam.consistency import pose_nees
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
 from support.clustered_world import clustered_world
 from support.logs import without_names
+from support.nightly import nightly
 
 REACH, STEPS = 4.0, 240  # a lap
 
@@ -129,7 +130,7 @@ def test_a_map_with_labels_has_no_such_warning():
     assert "may be unreliable" in slam.run(without_names(log)).warning
 
 
-@pytest.mark.parametrize(("seed", "missing", "wrong"), [(3, 0.5, False), (4, 0.95, True)])
+@pytest.mark.parametrize(("seed", "missing", "wrong"), [(4, 0.95, True), *nightly((3, 0.5, False))])
 def test_a_map_with_few_labels_is_judged_too(seed, missing, wrong):
     log = simulate_world(WorldConfig.coarse(), seed)
     hidden = np.random.default_rng(seed).random(len(log.landmark)) < missing

@@ -37,6 +37,7 @@ from saccade.evaluation.prediction import (
     score_people,
 )
 from saccade.types import FixationTable
+from support.nightly import nightly
 
 SHAPE, SIZE = (12, 16), (120, 160)
 CONFIG = FittingConfig(folds=3)
@@ -87,16 +88,16 @@ def test_the_weights_of_a_simulated_density_are_found(rng):
     assert as_model(data, found).features == tuple(data.names)
 
 
-def test_the_order_is_found_where_there_is_one(rng):
+@pytest.mark.parametrize("near", [3.0, *nightly(0.0)])
+def test_the_order_is_found_where_there_is_one(rng, near):
     """Nearness to the last fixation has the weight by which the paths were drawn."""
-    for near in (3.0, 0.0):
-        data = simulated(rng, images=60, near=near)
-        found = fit(data, replace(CONFIG, penalty=1e-5))[len(data.names) + len(data.early) :]
-        basis = saccade_tables(SHAPE, SIZE)[0]
-        ours, true = basis @ found, near * basis[..., 3]
-        seen = (slice(8, 15), slice(12, 19))  # saccades that are often made
-        gap = ours[seen] - true[seen]
-        assert (gap - gap.mean()).std() < 0.25
+    data = simulated(rng, images=60, near=near)
+    found = fit(data, replace(CONFIG, penalty=1e-5))[len(data.names) + len(data.early) :]
+    basis = saccade_tables(SHAPE, SIZE)[0]
+    ours, true = basis @ found, near * basis[..., 3]
+    seen = (slice(8, 15), slice(12, 19))  # saccades that are often made
+    gap = ours[seen] - true[seen]
+    assert (gap - gap.mean()).std() < 0.25
 
 
 def test_the_gradient_is_that_of_differences(rng):

@@ -8,9 +8,10 @@ from saccade.evaluation.trajectory import score_drive
 from saccade.simulation import DriveConfig
 from saccade.simulation.gaze_drive import gaze_drive
 from saccade.visual.config import EGOMOTIONS
+from support.nightly import nightly
 
 
-@pytest.mark.parametrize("egomotion", EGOMOTIONS)
+@pytest.mark.parametrize("egomotion", [EGOMOTIONS[0], *nightly(*EGOMOTIONS[1:])])
 def test_a_drive_whose_camera_is_turned_is_repeated_to_the_bit(egomotion):
     config = DriveConfig(world="rooms", frames=10, image_size=(240, 180), size=(7.0, 5.5))
     (simulated, first), (_, second) = (

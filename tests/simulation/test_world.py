@@ -93,6 +93,7 @@ def test_worlds_that_cannot_be_are_named(setting):
         WorldConfig(**setting)
 
 
+@pytest.mark.nightly
 def test_the_default_filter_is_as_wrong_as_it_says():
     """And the source's is not, in a world with much noise."""
     world = WorldConfig.coarse()

@@ -11,6 +11,7 @@ from saccade.simulation import simulate_world
 from saccade.slam.recorded_log import slam_for
 from support.kidnapping import STEP, WORLD, kidnapped
 from support.logs import between, scan_of
+from support.nightly import nightly
 
 RECOVER = slam.EkfConfig(smooth=False)
 
@@ -21,7 +22,7 @@ def map_error(result, log):
 
 
 @pytest.mark.parametrize("named", [True, False])
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, *nightly(3)])
 def test_a_kidnapped_robot_is_found_and_its_map_is_kept(named, seed):
     log, clean = kidnapped(seed, named), kidnapped(seed, named, jump=0)
     result, undisturbed = slam.run(log, RECOVER), slam.run(clean, RECOVER)
@@ -43,7 +44,7 @@ def test_a_kidnapped_robot_is_found_and_its_map_is_kept(named, seed):
     assert np.linalg.norm((without.trajectory.pose - log.truth.pose)[-1, :2]) > 1.0
 
 
-@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("named", [False, *nightly(True)])
 def test_steps_have_the_bits_of_a_run(named):
     log = kidnapped(1, named)
     whole, live = slam.run(log, RECOVER), slam_for(log, RECOVER)

@@ -9,6 +9,7 @@ from saccade import slam
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import EkfConfig
 from support.logs import without_names
+from support.nightly import nightly
 
 FILTER = EkfConfig(smooth=False)
 KNOWN = EkfConfig(association="known", smooth=False)
@@ -37,7 +38,7 @@ def test_right_names_are_believed():
     np.testing.assert_array_equal(doubted.map.id, believed.map.id)
 
 
-@pytest.mark.parametrize("fraction", [0.01, 0.05])
+@pytest.mark.parametrize("fraction", [0.01, *nightly(0.05)])
 def test_wrong_names_are_refused_and_cost_little(fraction):
     log = simulate_world(WorldConfig(steps=700), seed=1)
     named, wrong = _wrong(log, fraction)
@@ -106,6 +107,7 @@ def test_names_that_agree_are_believed_against_the_filter():
     assert _rmse(log, doubted) < 1.5 * _rmse(log, believed)
 
 
+@pytest.mark.nightly
 def test_observations_without_a_name_are_associated_by_geometry():
     log = simulate_world(WorldConfig(), seed=0)
     hidden = np.random.default_rng(0).random(len(log.landmark)) < 0.5
@@ -132,6 +134,7 @@ def test_a_label_that_is_only_misread_is_no_landmark():
     assert len(result.map) == len(np.unique(log.landmark))
 
 
+@pytest.mark.nightly
 def test_a_loop_is_closed_by_a_label_where_half_of_the_labels_are_missing():
     """The first observation after the loop has no label, and fits a wrong landmark better."""
     log = simulate_world(WorldConfig.coarse(), 1)

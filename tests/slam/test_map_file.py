@@ -13,6 +13,7 @@ from saccade.slam.consistency import chi_square_band, pose_nees
 from saccade.slam.recorded_log import find_start, slam_for
 from support.circular_log import simulate
 from support.logs import between, with_observations, without_names
+from support.nightly import nightly
 
 
 def cut(log, pose):
@@ -80,7 +81,7 @@ def mapped(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize(("mode", "named"), [("continue", True), ("localize", False)])
+@pytest.mark.parametrize(("mode", "named"), [("continue", True), *nightly(("localize", False))])
 def test_another_run_in_the_map_is_consistent(mapped, mode, named, tmp_path):
     nees = []
     for seed in range(2):

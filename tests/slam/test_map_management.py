@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saccade import datasets, slam
@@ -68,6 +68,7 @@ def test_a_landmark_that_is_no_longer_there_is_culled_and_one_out_of_view_is_not
     )
 
 
+@settings(max_examples=30)
 @given(st.integers(0, 10**6))
 def test_counts_are_those_of_a_list(seed):
     rng = np.random.default_rng(seed)
@@ -171,6 +172,7 @@ def _check_cuts(log, config, cuts, rng):
     return whole
 
 
+@pytest.mark.nightly
 def test_the_past_of_gtsams_victoria_park_does_not_depend_on_the_future(rng):
     log = datasets.load("auto", files("saccade") / "data" / "victoria_park.txt")
     _check_cuts(without_names(between(log, 0, 3500)), SINGLE, 1, rng)

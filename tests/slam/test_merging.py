@@ -16,6 +16,7 @@ from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.merging import _fuse, _Maps
 from saccade.types import LandmarkMap
 from support.logs import between
+from support.nightly import nightly
 
 WORLD = WorldConfig(
     course_length=60, landmarks=60, landmark_spread=6, steps=250, range_limits=(0.5, 8.0)
@@ -109,7 +110,7 @@ def test_the_stretch_is_the_slope_of_a_regression(rng):
     assert variance == pytest.approx(0.05**2 / np.square(b - b.mean(0)).sum())
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, *nightly(1)])
 def test_a_map_of_ranges_that_are_too_long_is_not_merged(seed):
     log, other = (simulate_world(WORLD, each) for each in (seed, seed + 100))
     longer = replace(other, observation=other.observation * [1.08, 1.0])
@@ -119,7 +120,7 @@ def test_a_map_of_ranges_that_are_too_long_is_not_merged(seed):
         slam.merge_maps(first, mapped(longer))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [1, *nightly(0, 2)])
 def test_maps_are_merged_without_names(seed):
     first, second, transform = halves(seed)
     names = first.map.label, second.map.label

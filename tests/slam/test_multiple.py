@@ -13,6 +13,7 @@ from saccade.slam.association.alternatives import Alternatives
 from saccade.slam.association.outcomes import NEW
 from support.clustered_world import clustered_world
 from support.logs import scan_of, without_names
+from support.nightly import nightly
 
 SEVERAL = EkfConfig(association="hypotheses", estimate_systematic_errors=False)
 """The odometry of the clustered worlds has no systematic errors."""
@@ -26,7 +27,7 @@ def _wrong(log, association):
     return 1 - counts.max(1).sum() / used.sum()
 
 
-@pytest.mark.parametrize("seed", [1, 3, 4])
+@pytest.mark.parametrize("seed", [1, *nightly(3, 4)])
 def test_a_clustered_world_without_names_is_mapped_almost_as_with_them(seed):
     log = clustered_world(seed, steps=600)
     auto = dataclasses.replace(SEVERAL, association="auto")
@@ -38,6 +39,7 @@ def test_a_clustered_world_without_names_is_mapped_almost_as_with_them(seed):
     assert _wrong(log, result.association) < 0.1 < _wrong(log, single.association)
 
 
+@pytest.mark.nightly
 def test_a_map_from_wrong_odometry_may_be_unreliable(rng):
     log = without_names(clustered_world(1, steps=600))
     assert slam.run(log).warning == ""

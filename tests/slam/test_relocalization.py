@@ -10,6 +10,7 @@ from saccade.errors import ConfigError, LogError
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.filter.robot_models import wrap
 from support.logs import without_names
+from support.nightly import nightly
 
 SIGMA = np.array([0.05, 0.01])
 """Of a range in metres and a bearing in radians."""
@@ -144,7 +145,7 @@ def test_bad_input_is_refused():
         search.add(np.array([[np.nan, 0.0]]), np.eye(2)[None])
 
 
-@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("named", [False, *nightly(True)])
 def test_a_robot_that_starts_anywhere_in_a_saved_map_is_found(named, tmp_path):
     log = simulate_world(WorldConfig.loop(), seed=3)
     if not named:

@@ -5,7 +5,7 @@ distorted by OpenCV's model of a lens, averaged, blurred, and given noise.
 """
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import cv2
 import numpy as np
@@ -134,6 +134,12 @@ class Painter:
         return np.full(self.size[::-1], level, np.uint8)
 
 
+@cache
+def painter_of(lens):
+    """The painter of a lens, whose map of samples is made once."""
+    return Painter(lens)
+
+
 def _clipped(points, near=0.05):
     """The part of a quadrilateral (4, 3) in front of a camera."""
     kept = []
@@ -170,7 +176,7 @@ def paint_tag(painter, canvas, tag, R, center):
 
 def film_tag(tag, lens, pose, position, rotation=AHEAD, seed=0):
     """Image of a tag before a gray wall, from a camera on a robot at a pose (3,)."""
-    painter = Painter(lens)
+    painter = painter_of(lens)
     canvas = painter.canvas()
     paint_tag(painter, canvas, tag, *camera_pose(pose, position, rotation))
     return painter.expose(canvas, np.random.default_rng(seed))
@@ -274,7 +280,7 @@ class Room:
 
     @cached_property
     def painter(self):
-        return Painter(self.lens)
+        return painter_of(self.lens)
 
     @cached_property
     def images(self):

@@ -124,6 +124,7 @@ def test_blank_and_garbled_frames_are_bridged(drive, mapped, rng):
     assert score_drive(result.trajectory, drive.truth).ate_m < 0.06
 
 
+@pytest.mark.nightly
 def test_a_hand_over_the_lens_adds_no_error(drive, rng):
     noise = rng.integers(0, 256, (FRAMES, 240, 320), np.uint8)
 
@@ -135,6 +136,7 @@ def test_a_hand_over_the_lens_adds_no_error(drive, rng):
     assert score_drive(result.trajectory, drive.truth).ate_m < 0.1
 
 
+@pytest.mark.nightly
 def test_lamps_that_flicker_change_nothing_but_the_last_digits(drive, mapped):
     gain = np.exp(0.25 * np.random.default_rng(5).standard_normal(len(drive)))
 
@@ -151,6 +153,7 @@ def test_lamps_that_flicker_change_nothing_but_the_last_digits(drive, mapped):
     assert ours.inside_3sigma > 0.95
 
 
+@pytest.mark.nightly
 def test_odometry_that_jumps_is_rejected(drive):
     drive = drive.until(30)
     control = drive.control.copy()
@@ -183,6 +186,7 @@ def test_a_drive_without_usable_frames_is_refused(drive):
         visual.run(changed(drive, lost))
 
 
+@pytest.mark.nightly
 def test_a_camera_that_drops_out_leaves_a_consistent_map():
     """Odometry alone for 3 s; its systematic errors must be in the covariance."""
     squared = []

@@ -63,6 +63,7 @@ def test_tilt_displaces_points_above_the_camera(rng):
     assert_allclose(np.diagonal(level.covariance[0]), np.diagonal(np.cov(z)), rtol=0.02)
 
 
+@pytest.mark.nightly
 def test_a_rocking_robot_knows_that_its_map_is_flat():
     level, rocking = (winding(tilt=np.deg2rad(each)).until(60) for each in (0, 10))
     every = VisualConfig(detect_interval=1)

@@ -77,6 +77,7 @@ def test_a_robot_that_was_carried_away_is_found_in_its_map(drive, carried):
     assert offset[result.lost].max() < 0.1  # led back from where it was found
 
 
+@pytest.mark.nightly
 def test_a_robot_that_was_carried_in_the_dark_is_found(drive):
     kept, after = [*range(44), *range(54, FRAMES)], 44
     moved = kidnapped(drive, kept, still=range(35, 44), black=range(36, 44))
@@ -88,6 +89,7 @@ def test_a_robot_that_was_carried_in_the_dark_is_found(drive):
     assert (np.diff(sigma[after - 8 : after]) > 0).all()  # from the first black frame on
 
 
+@pytest.mark.nightly
 def test_a_robot_that_stands_in_the_dark_goes_on_where_it_stood(drive):
     kept = [*range(44), *([43] * 11), *range(44, FRAMES)]
     stood = kidnapped(drive, kept, still=range(43, 54), black=range(44, 54))
@@ -98,6 +100,7 @@ def test_a_robot_that_stands_in_the_dark_goes_on_where_it_stood(drive):
     assert score_drive(result.trajectory, stood.truth).inside_3sigma == 1.0
 
 
+@pytest.mark.nightly
 def test_a_robot_in_an_unknown_place_stays_lost_and_keeps_its_map():
     ring = simulate_drive(DriveConfig(frames=130))
     moved = kidnapped(ring, [*range(24), *range(110, 130)])

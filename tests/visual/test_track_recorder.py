@@ -20,6 +20,7 @@ def drive():
     return short_ring(FRAMES)
 
 
+@pytest.mark.nightly
 def test_recorded_tracks_close_the_same_loop(drive, tmp_path):
     by_images, recorded = record_tracks(drive)
     datasets.save_drive(tmp_path / "tracks", recorded)

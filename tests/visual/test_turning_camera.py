@@ -136,6 +136,7 @@ def test_tracks_of_a_turning_camera_know_its_turn(pan_drive):
     assert np.hypot(*error[:, :2].T).max() < 0.1
 
 
+@pytest.mark.nightly
 def test_a_second_camera_that_is_fixed_measures_the_motion_of_a_robot_that_looks_around(pan_drive):
     second = simulate_drive(replace(SMALL, field_of_view_deg=70.0), 1)
     measured = visual.measure_odometry(pan_drive, second)

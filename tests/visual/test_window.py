@@ -16,6 +16,7 @@ from saccade.visual.robot_motion import camera_motion, step_motions
 from saccade.visual.self_calibration import CalibrationDrift, SelfCalibration
 from saccade.visual.window import SlidingWindow
 from saccade.visual.window_equations import FACTOR_KERNEL_WIDTH, NormalEquations, WindowSteps
+from support.nightly import nightly
 
 CAMERA = Camera(1226, 370, 700.0, 700.0, 600.0, 180.0, 0.54, np.array([0.5, 0.0, 1.6]), AHEAD)
 CONTROL = np.array([0.8, 0.0, 0.02])
@@ -93,6 +94,7 @@ def test_the_motion_before_a_gap_longer_than_the_window_is_not_forgotten():
     assert abs(error[2]) < 0.3 * abs(odometry[2])
 
 
+@pytest.mark.nightly
 def test_a_window_has_less_error_than_pairs_of_frames():
     def error(window):
         config = VisualConfig(window=window)
@@ -112,13 +114,14 @@ def test_the_covariance_of_a_step_is_that_of_its_errors():
     assert 0.3 * 3 < squared.mean() < 3 * 3  # pixels of both frames, not one, err
 
 
-@pytest.mark.parametrize("distortion", [0.0, 0.03])
+@pytest.mark.parametrize("distortion", [0.03, *nightly(0.0)])
 def test_the_distortion_of_the_lens_is_found(distortion):
     _, _, window = drive(40, pixel=0.3, disparity=0.2, distortion=distortion)
     assert window.calibration.error[0] == pytest.approx(-distortion, abs=6e-3)
     assert abs(window.calibration.error[1]) < 0.2
 
 
+@pytest.mark.nightly
 def test_what_an_offset_of_the_disparities_does_to_the_pose_is_known():
     ends, window = [], None
     for offset in (-0.05, 0.05):  # too little to be corrected
@@ -138,7 +141,7 @@ def test_what_an_offset_of_the_disparities_does_to_the_pose_is_known():
     assert window.drift.covariance(np.pi / 2)[1, 1] == pytest.approx(spread[0, 0])
 
 
-@pytest.mark.parametrize("offset", [0.0, 0.8])
+@pytest.mark.parametrize("offset", [0.8, *nightly(0.0)])
 def test_an_offset_of_all_disparities_is_found_and_none_where_there_is_none(offset):
     _, _, window = drive(40, pixel=0.3, disparity=0.2, offset=offset)
     assert window.calibration.error[2] == pytest.approx(-offset, abs=0.15 if offset else 0)
