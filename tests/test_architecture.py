@@ -2,6 +2,7 @@
 
 import ast
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -130,6 +131,67 @@ def holds_kernels_alone(path, tree):
         assert node.module in known or own, (
             f"{path}: the cache of kernels does not know when {node.module} changes"
         )
+
+
+def values_of_constants(path):
+    """Names of constants that are numbers, with the text of their values."""
+    for node in tree_of(path).body:
+        if isinstance(node, ast.Assign):
+            target, value = node.targets[0], node.value
+        elif isinstance(node, ast.AnnAssign):
+            target, value = node.target, node.value
+        else:
+            continue
+        several = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
+        pairs = zip(target.elts, value.elts, strict=True) if several else [(target, value)]
+        for name, each in pairs:
+            if isinstance(name, ast.Name) and name.id.isupper() and is_number(each):
+                yield name.id, ast.unparse(each)
+
+
+def is_number(value):
+    """Whether an expression is made of numbers, such as `1e-3`, `(3, 2)` or `np.radians(30)`."""
+    nodes = [*ast.walk(value)] if value is not None else []
+    literals = [node.value for node in nodes if isinstance(node, ast.Constant)]
+    others = any(isinstance(node, (ast.Dict, ast.Lambda, ast.comprehension)) for node in nodes)
+    return bool(literals) and not others and all(type(each) in (int, float) for each in literals)
+
+
+def test_a_constant_has_one_value():
+    """Two modules give one name to equal numbers only; the textbook names its own as the source."""
+    values = {}
+    for path in sorted(SOURCE.rglob("*.py")):
+        if package_of(path) != "textbook":
+            for name, value in values_of_constants(path):
+                values.setdefault(name, {})[path.relative_to(SOURCE).as_posix()] = value
+    assert len(values) > 500
+    several = {name: where for name, where in values.items() if len({*where.values()}) > 1}
+    assert not several
+
+
+def test_no_module_is_in_an_import_circle():
+    """By the imports at the top of modules, which run when a module is loaded."""
+    modules = {
+        ".".join(("saccade", *path.relative_to(SOURCE).with_suffix("").parts)).removesuffix(
+            ".__init__"
+        ): path
+        for path in SOURCE.rglob("*.py")
+    }
+    imported = {
+        name: imports_at_the_top(path) & {*modules} - {name} for name, path in modules.items()
+    }
+    tuple(TopologicalSorter(imported).static_order())  # raises CycleError, which names the circle
+
+
+def imports_at_the_top(path):
+    """Full names that may be modules, of all imports that run when the module is loaded."""
+    found = set()
+    for node in tree_of(path).body:
+        if isinstance(node, ast.ImportFrom):
+            found |= {node.module} | {f"{node.module}.{name.name}" for name in node.names}
+        elif isinstance(node, ast.Import):
+            found |= {name.name for name in node.names}
+    return found
 
 
 def test_every_package_has_its_rule():

@@ -39,7 +39,7 @@ class Lens(NamedTuple):
 
 STILL = np.zeros(3)
 """Rotation or translation of points that are in the camera's frame."""
-ITERATIONS = (3, 100, 1e-12)
+TERMINATION = (3, 100, 1e-12)
 """OpenCV's termination criteria: maximum number of iterations, and accuracy in pixels."""
 
 
@@ -54,7 +54,7 @@ def _undistort_pinhole(xy: FloatArray, K: FloatArray, distortion: FloatArray) ->
     import cv2
 
     undistort: Any = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # in OpenCV 4 and 5
-    ideal = undistort(xy[:, None], K, distortion, R=np.eye(3), P=K, criteria=ITERATIONS)
+    ideal = undistort(xy[:, None], K, distortion, R=np.eye(3), P=K, criteria=TERMINATION)
     return np.asarray(ideal, np.float64).reshape(-1, 2)
 
 
@@ -68,7 +68,7 @@ def _project_fisheye(points: FloatArray, K: FloatArray, distortion: FloatArray) 
 def _undistort_fisheye(xy: FloatArray, K: FloatArray, distortion: FloatArray) -> FloatArray:
     import cv2
 
-    ideal = cv2.fisheye.undistortPoints(xy[:, None], K, distortion, P=K, criteria=ITERATIONS)
+    ideal = cv2.fisheye.undistortPoints(xy[:, None], K, distortion, P=K, criteria=TERMINATION)
     return np.asarray(ideal, np.float64).reshape(-1, 2)
 
 

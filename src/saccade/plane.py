@@ -9,7 +9,7 @@ from saccade.errors import LogError
 from saccade.motions import MOTIONS, RelativePoses, to_relative_poses
 from saccade.types import BoolArray, FloatArray, LandmarkLog
 
-NEAREST = 1e-9
+MIN_BEARING_DISTANCE = 1e-9
 """Minimum distance in meters for a defined bearing."""
 
 
@@ -77,7 +77,7 @@ def to_range_bearing(
     """
     x, y = xy[:, 0], xy[:, 1]
     r = np.hypot(x, y)
-    for k in np.flatnonzero(r < NEAREST)[:1].tolist():
+    for k in np.flatnonzero(r < MIN_BEARING_DISTANCE)[:1].tolist():
         raise LogError(f"{name_of(k)}: expected a landmark away from the robot, found range 0")
     J = np.empty((len(xy), 2, 2))
     J[:, 0, 0], J[:, 0, 1] = x / r, y / r

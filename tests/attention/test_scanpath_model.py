@@ -71,7 +71,7 @@ def test_the_density_is_the_formula(saliency, count):
 @pytest.mark.parametrize("max_trials", [0, 3, 400])
 def test_samples_have_the_density(saliency, monkeypatch, max_trials):
     """Whether all, some or none of them are accepted proposals; the second fixation, too."""
-    monkeypatch.setattr(scanpath_model, "MAX_TRIALS", max_trials)
+    monkeypatch.setattr(scanpath_model, "MAX_REJECTIONS", max_trials)
     count, start, maps = 40_000, (20.0, 30.0), SaliencyMaps(saliency, SHAPE)
     paths = saccade.sample_scanpaths(maps, CONFIG, count=count, fixations=2, seed=7, start=start).xy
     first = density_by_the_formula(saliency, [start])

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 import saccade
 from saccade.errors import ConfigError
 from saccade.gaze import POLICIES, Gazer
-from saccade.gaze.gazer import GOAL_DURATION, HORIZON, INHIBITION, MISS_MEMORY
+from saccade.gaze.gazer import GOAL_DURATION, HORIZON, INHIBITION_TIME, MISS_MEMORY
 from saccade.slam import EkfConfig, Slam
 from saccade.slam.filter.robot_models import observe
 from support.paths import ROOT
@@ -160,7 +160,7 @@ def test_landmarks_that_were_looked_at_are_inhibited_until_they_are_forgotten():
     made.record(pan=1.5, labels=[0])
     assert made.next().pan < -1
     made.record(pan=-1.5, labels=[1])
-    made.time += 10 * INHIBITION
+    made.time += 10 * INHIBITION_TIME
     assert made.next().pan > 1
 
 

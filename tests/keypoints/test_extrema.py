@@ -151,7 +151,10 @@ def test_a_step_that_leads_away_is_not_followed():
     for _ in range(20):
         dog = rng.standard_normal((3, 9, 9)).astype(np.float32)
         found = _extrema_kernels.refine_position(dog, 1, 4, 4, 0.1, -0.2, 0.3)
-        assert np.abs(np.subtract(found, (0.1, -0.2, 0.3))).max() < _extrema_kernels.MAX_CORRECTION
+        assert (
+            np.abs(np.subtract(found, (0.1, -0.2, 0.3))).max()
+            < _extrema_kernels.MAX_PEAK_CORRECTION
+        )
         strayed += found == (0.1, -0.2, 0.3)
     assert strayed > 0
 

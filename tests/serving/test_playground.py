@@ -8,9 +8,9 @@ import pytest
 
 from saccade.errors import ConfigError, LogError
 from saccade.serving.playground import (
-    MAX_LANDMARKS,
     MAX_SESSIONS,
     MAX_STEPS,
+    MAX_WORLD_LANDMARKS,
     Playground,
     PlaygroundNoise,
     Session,
@@ -108,8 +108,8 @@ def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
         ({"commands": [[0, -4]]}, "commands: expected a distance up to 2 m and up to half a turn"),
         ({"add": [[101, 0]]}, "add: expected at most 60 positions within 100 m"),
         ({"add": [[0, 0, 0]]}, "add: expected at most 60 positions"),
-        ({"add": [[0, 0]] * (MAX_LANDMARKS + 1)}, "add: expected at most 60 positions"),
-        ({"add": [[0, 0]] * MAX_LANDMARKS}, "landmarks: expected at most 44 more, found 60"),
+        ({"add": [[0, 0]] * (MAX_WORLD_LANDMARKS + 1)}, "add: expected at most 60 positions"),
+        ({"add": [[0, 0]] * MAX_WORLD_LANDMARKS}, "landmarks: expected at most 44 more, found 60"),
         ({"remove": [99]}, "remove: expected labels of landmarks, found [99]"),
         ({"remove": [[]]}, "remove: expected labels of landmarks"),
         ({"noise": []}, "noise: expected a table of settings"),

@@ -15,8 +15,8 @@ from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.charts import uncertainty_charts
 from saccade.viewing.page import Section
 from saccade.viewing.report import (
+    MAX_DESCRIBED_POINTS,
     MAX_MATCHES,
-    MAX_POINTS,
     ReportBuilder,
     image_part,
     match_part,
@@ -45,7 +45,9 @@ def _points(rng, count):
 
 def _image(rng):
     maps = {str(number): _noise(rng, 500, 500) for number in range(7)}
-    return image_part(SECTION, _noise(rng, 1300, 1300, 3), maps, PATH, _points(rng, 3 * MAX_POINTS))
+    return image_part(
+        SECTION, _noise(rng, 1300, 1300, 3), maps, PATH, _points(rng, 3 * MAX_DESCRIBED_POINTS)
+    )
 
 
 def _match(rng):

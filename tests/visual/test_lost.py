@@ -17,7 +17,7 @@ from saccade.types import THREE_SIGMA_2D, Trajectory
 from saccade.visual import VisualConfig
 from saccade.visual.lost import ImageEvidence
 from saccade.visual.optical_flow import PreparedFrame
-from saccade.visual.relocalization import LIMIT
+from saccade.visual.relocalization import MAX_IMAGE_EVIDENCE
 from support.short_ring import short_ring
 
 FRAMES = 64
@@ -145,7 +145,7 @@ def seen(image):
 
 def driven(rng, frames=30):
     """A test that has seen so many frames of a steady drive, and its last image."""
-    test = ImageEvidence(KidnappingDetector(False, 0.99, LIMIT), (2.0, 0.5))
+    test = ImageEvidence(KidnappingDetector(False, 0.99, MAX_IMAGE_EVIDENCE), (2.0, 0.5))
     image = scenery(rng)
     for _ in range(frames):
         image = np.roll(image, 1, axis=1)
@@ -177,7 +177,7 @@ def test_missed_landmarks_add_to_other_evidence_and_found_ones_refute_it(rng):
     assert test.detector.evidence == 0.0
     test.add_landmarks(expected=20, found=0, elsewhere=9)
     test.add_landmarks(expected=20, found=0, elsewhere=9)
-    assert 0 < test.detector.evidence < LIMIT
+    assert 0 < test.detector.evidence < MAX_IMAGE_EVIDENCE
     test.add_motion(seen(scenery(rng)), (STEP, SMALL), None, 0.1, 10, 0)
     assert test.detector.kidnapped
     test.add_landmarks(expected=20, found=8, elsewhere=0)

@@ -30,7 +30,7 @@ def fill_logits(
                     out[i, j] += factor * tables[t, row, first + j]
 
 
-FARTHEST = 20.0
+MAX_EXPONENT = 20.0
 """Maximum exponent of an evaluated Gaussian; smaller values, below 3e-9, are set to 0."""
 
 
@@ -87,7 +87,7 @@ def _inhibition_weight(model: Dynamics, x: float, y: float, path: FloatArray) ->
     for k in range(len(path) - 1, -1, -1):
         dx, dy = x - path[k, 0], y - path[k, 1]
         scaled = (dx * dx + dy * dy) / width
-        if scaled < FARTHEST:
+        if scaled < MAX_EXPONENT:
             weight *= 1 - strength * exp(-scaled)
         strength *= model.inhibition_decay
     return weight

@@ -190,7 +190,7 @@ def relative_log(values: FloatMap, cells: float) -> FloatArray:
 
 SCALES = (0.012, 0.025, 0.05, 0.1, 0.2, 0.4)
 """Standard deviations of the Gaussians around an earlier fixation."""
-NEAR = (0.03, 0.1)
+MIN_DIRECTION_DISTANCES = (0.03, 0.1)
 """Minimum distances for a direction to count."""
 LAGS = (1, 1, 1, 1, 1, 1, 1, 1, 2, 3, 4, 5, 6, 7, 8)
 """Number of fixations back from the next one, for each table."""
@@ -314,8 +314,8 @@ def saccade_tables(shape: tuple[int, int], image_shape: tuple[int, int]) -> Floa
     x, y = np.broadcast_arrays(x, y)
     r = np.hypot(x, y)
     radial = [np.exp(-((r / s) ** 2) / 2) for s in SCALES]
-    radial += [np.log1p((r / NEAR[0]) ** 2), r]
-    away = [1 - np.exp(-((r / s) ** 2) / 2) for s in NEAR]
+    radial += [np.log1p((r / MIN_DIRECTION_DISTANCES[0]) ** 2), r]
+    away = [1 - np.exp(-((r / s) ** 2) / 2) for s in MIN_DIRECTION_DISTANCES]
     cos, sin = x / np.maximum(r, 1e-9), y / np.maximum(r, 1e-9)
     cos2, sin2 = cos**2 - sin**2, 2 * sin * cos
     zeros = np.zeros_like(r)
@@ -364,6 +364,6 @@ def path_terms(
         dx, dy = (xy[-1] - xy[-2]) / max(image_shape)
         amplitude = float(np.hypot(dx, dy))
         cos, sin = dx / (amplitude or 1.0), dy / (amplitude or 1.0)
-        size = np.log(amplitude + NEAR[0])
+        size = np.log(amplitude + MIN_DIRECTION_DISTANCES[0])
     of_last = [1.0, cos, sin, cos**2 - sin**2, 2 * cos * sin, size, 1 / n, float(n == 1)]
     return anchors, np.array([*of_last, *(float(n >= lag) for lag in LAGS[8:])])

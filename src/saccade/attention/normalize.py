@@ -26,7 +26,7 @@ INHIBITION = (1.5, 0.25)
 """Strength and standard deviation of the surround's inhibition, in the units of `EXCITATION`."""
 GLOBAL_INHIBITION = 0.02
 """Amount subtracted in each iteration, as a fraction of the maximum of the map."""
-MIN_SIGMA = 0.5
+MIN_GAUSSIAN_SIGMA = 0.5
 """Minimum standard deviation in pixels for a sampled Gaussian to sum to its strength."""
 KERNEL_CUT = 0.01
 """Truncation of the Gaussians, as a fraction of their peak."""
@@ -139,7 +139,9 @@ def local_maxima(values: FloatMap, threshold: float, radius: int) -> FloatMap:
     return height[1:]
 
 
-def inhibit_laterally(values: FloatMap, iterations: int, min_sigma: float = MIN_SIGMA) -> FloatMap:
+def inhibit_laterally(
+    values: FloatMap, iterations: int, min_sigma: float = MIN_GAUSSIAN_SIGMA
+) -> FloatMap:
     """Lateral inhibition: iterated filtering by a difference of Gaussians.
 
     Each iteration is `m <- max(0, m + Gex * m - Gin * m - 0.02 max(m))`, Gex a narrow and

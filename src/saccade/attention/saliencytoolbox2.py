@@ -22,7 +22,7 @@ from saccade.attention.normalize import fraction_inside, inhibit_laterally
 from saccade.io.image import in_unit_range, repeat_gray
 from saccade.scale.pyramid import FloatMap, resize
 
-LUMA = (0.298936, 0.587043, 0.114021)
+BRIGHTNESS_WEIGHTS = (0.298936, 0.587043, 0.114021)
 """Brightness by red, green and blue."""
 KERNEL = np.array([1, 5, 10, 10, 5, 1, 1]) / 33
 """Kernel of the pyramids, applied as a convolution."""
@@ -48,7 +48,7 @@ def split_channels(
     del finest
     rgb = whole_levels(repeat_gray(in_unit_range(pixels, np.float64)))
     opponents = opponency(rgb, config.color, config.dark)
-    return 0, {"intensity": rgb @ np.array(LUMA), **opponents}
+    return 0, {"intensity": rgb @ np.array(BRIGHTNESS_WEIGHTS), **opponents}
 
 
 def halve(level: FloatMap) -> FloatMap:

@@ -40,7 +40,7 @@ from saccade.types import FloatArray, IntArray, Scanpath, ScanpathSamples
 
 BEAM_CELLS = 25
 """Maximum cells per side of the map in the beam search."""
-MAX_TRIALS = 400
+MAX_REJECTIONS = 400
 """Maximum number of rejections before a fixation is drawn from the full density, which is
 slower."""
 
@@ -184,7 +184,7 @@ def sample_scanpaths(
     cells = np.zeros((count, fixations + 1), np.int64)
     rng_xy, rng_duration = (np.random.default_rng(each) for each in (seed, (seed, 1)))
     sums = np.append(grid.mass.cumsum()[:-1], 1)
-    draw_paths(config.dynamics, grid, sums, rng_xy, MAX_TRIALS, paths, cells)
+    draw_paths(config.dynamics, grid, sums, rng_xy, MAX_REJECTIONS, paths, cells)
     scale = config.duration_mean / config.duration_shape
     duration = rng_duration.gamma(config.duration_shape, scale, (count, fixations + 1))
     return ScanpathSamples(

@@ -39,7 +39,7 @@ from saccade.attention.maps import SaliencyMaps
 from saccade.attention.normalize import rescale, sharpen, smooth
 from saccade.errors import ImageError, Settings, require, setting
 from saccade.io.image import check_image, in_unit_range
-from saccade.scale._pair_sums_kernels import MARGIN
+from saccade.scale._pair_sums_kernels import BORDER_WIDTH
 from saccade.scale.pair_sums import (
     Gradients,
     PairKernel,
@@ -275,7 +275,7 @@ def complete(sums: Float32Array, fraction: Float32Array) -> Float32Array:
 
 def existing_levels(shape: tuple[int, int], config: SymmetryConfig) -> tuple[int, ...]:
     """Levels on which an image of this shape is large enough for a pair."""
-    min_longer, min_shorter = 2 * (config.inner + MARGIN) + 1, 2 * MARGIN + 1
+    min_longer, min_shorter = 2 * (config.inner + BORDER_WIDTH) + 1, 2 * BORDER_WIDTH + 1
 
     def has_pairs(shape: tuple[int, int]) -> bool:
         return max(shape) >= min_longer and min(shape) >= min_shorter
@@ -435,8 +435,8 @@ def pairs_about(
     row, column = cell
     height, width = shape = channels[0].strength.shape
     dx, dy = kernel.offsets.T
-    inside = (row - dy >= MARGIN) & (row + dy < height - MARGIN)
-    inside &= (column - abs(dx) >= MARGIN) & (column + abs(dx) < width - MARGIN)
+    inside = (row - dy >= BORDER_WIDTH) & (row + dy < height - BORDER_WIDTH)
+    inside &= (column - abs(dx) >= BORDER_WIDTH) & (column + abs(dx) < width - BORDER_WIDTH)
     dx, dy, (e_x, e_y) = dx[inside], dy[inside], kernel.directions[inside].T
     weight = level_weight * kernel.weights[inside].astype(np.float64)
     i, j = (row + dy, column + dx), (row - dy, column - dx)

@@ -33,11 +33,11 @@ from saccade.types import BoolArray, Float32Array, FloatArray, Image
 
 WINDOW = (15, 15)
 """Width and height of the tracking window in pixels."""
-CORNERS = 200
+MAX_CAMERA_CORNERS = 200
 """Maximum number of corners for the estimate of camera motion."""
 QUALITY = 0.01
 """Minimum quality of a corner, as a fraction of the best corner's quality."""
-SPACING = 8
+MIN_CORNER_SPACING = 8
 """Minimum distance between corners, in pixels."""
 RANSAC_DISTANCE = 1.0
 """Maximum residual in pixels of a point that moves with the camera."""
@@ -71,7 +71,9 @@ def camera_motion(before: Float32Array, now: Float32Array) -> FloatArray:
     The result is the identity if too few corners agree or the corners lie close together, since an
     object moving before a uniform background is not camera motion. Arguments as for `tracked`.
     """
-    corners = np.asarray(cv2.goodFeaturesToTrack(before, CORNERS, QUALITY, SPACING), np.float32)
+    corners = np.asarray(
+        cv2.goodFeaturesToTrack(before, MAX_CAMERA_CORNERS, QUALITY, MIN_CORNER_SPACING), np.float32
+    )
     points = corners.reshape(-1, 2) if corners.ndim == 3 else np.zeros((0, 2), np.float32)
     if len(points) < MIN_TILES:
         return np.eye(3)
@@ -124,7 +126,7 @@ POOLING = 2.0
 """Standard deviation, in cells, of the Gaussian that averages the correlations."""
 REACH = 2
 """Radius in cells within which a saccade lands on the most salient cell."""
-MEMORY = 20
+MAX_TRACKED_FIXATIONS = 20
 """Number of past fixations that are tracked; the inhibition by earlier fixations has decayed."""
 
 
@@ -319,7 +321,7 @@ class _Gaze:
             cell = np.divide(shape, density.shape)[::-1]
             if (abs(position - self._path[-1]) <= cell).all():
                 position = self._path[-1]
-            self._path = np.vstack([self._path[-MEMORY:], position])
+            self._path = np.vstack([self._path[-MAX_TRACKED_FIXATIONS:], position])
             self._end = max(time, self._end + self._duration())
         return float(self._path[-1, 0]), float(self._path[-1, 1])
 

@@ -52,11 +52,11 @@ Format: TypeAlias = Literal["hdf5", "colmap"]
 FOLDER = "matches"
 FEATURES = "features"
 """Folder of the data set of keypoints."""
-MAX_IMAGES = 32
+IMAGES_PER_BLOCK = 32
 """Images in a block of features: a worker has two such blocks in memory."""
 STORED = ("matrix", "model", "homography")
 """Fields of a verification that are stored with its inliers."""
-MAX_PAIRS = 256
+PAIRS_PER_BLOCK = 256
 """Pairs in a block of matches."""
 
 
@@ -184,7 +184,7 @@ def match_images(
         job,
         features,
         workers=workers,
-        block_size=MAX_IMAGES if len(images) > MIN_BLOCKS * MAX_IMAGES else None,
+        block_size=IMAGES_PER_BLOCK if len(images) > MIN_BLOCKS * IMAGES_PER_BLOCK else None,
         should_stop=should_stop,
         on_progress=partial(on_progress, "images"),
     )
@@ -221,8 +221,8 @@ def plan_pairs(
             file_of[record.image], content_of[record.image] = file, record.content
     possible = [pair for pair in wanted if file_of.keys() >= {*pair}]
     blocks = []
-    for start in range(0, len(possible), MAX_PAIRS):
-        pairs = possible[start : start + MAX_PAIRS]
+    for start in range(0, len(possible), PAIRS_PER_BLOCK):
+        pairs = possible[start : start + PAIRS_PER_BLOCK]
         names = sorted({name for pair in pairs for name in pair})
         contents = [content_of[name] for name in names]
         text = json.dumps([asdict(config), job.fingerprint, pairs, contents])

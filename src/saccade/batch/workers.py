@@ -34,7 +34,7 @@ DIED = "the worker process died, perhaps for lack of memory"
 """Reason for a block without a report."""
 WORKER_MEMORY = 1_800_000_000
 """Bytes of a worker that analyzes images of 12 megapixels."""
-TIMEOUT = 20.0
+SCHEDULER_TIMEOUT = 20.0
 """Seconds in which a scheduler must answer."""
 
 Block = TypeVar("Block")
@@ -88,7 +88,7 @@ def _cluster(address: str) -> Iterator[Workers]:
     """The workers of a Dask cluster, which reruns the blocks of a worker that died."""
     distributed = import_optional("distributed", "cluster")
     try:
-        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
+        client = distributed.Client(address, timeout=SCHEDULER_TIMEOUT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigError(f"scheduler: expected one at {address}, found none: {error}") from error
     with client:

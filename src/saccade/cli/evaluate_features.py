@@ -13,7 +13,7 @@ from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import setting
 from saccade.evaluation.detectors import PEERS, find_detector
 from saccade.evaluation.features import (
-    RADIUS,
+    REPEAT_RADIUS,
     Degradation,
     FeatureScores,
     PairScores,
@@ -94,7 +94,7 @@ def features(options: FeatureOptions) -> Result:
         results[row] = scores
         if first.setdefault((count, degradation), scores) is not scores:
             differences[row] = scores.minus(first[count, degradation])
-    title = f"{len(found)} pairs in {len(sequences)} sequences, within {RADIUS:g} px"
+    title = f"{len(found)} pairs in {len(sequences)} sequences, within {REPEAT_RADIUS:g} px"
     tables = comparison(
         title,
         {name: scores.estimate() for name, scores in results.items()},

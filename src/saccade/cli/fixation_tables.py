@@ -30,9 +30,9 @@ FIXATIONS = (
     f"Fixations: {'; '.join(each.summary for each in reversed(FORMATS.values()))}; "
     "or a folder of such files."
 )
-DEGREE = 24.0
+PIXELS_PER_DEGREE = 24.0
 """Pixels per degree of visual angle by default: that of OSIE."""
-LARGEST = 1e6
+MAX_SCREEN_SIDE = 1e6
 """Maximum number of pixels along a side of a screen."""
 SCORES = ("AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)")
 """Columns of tables: the fields of `FixationScores`."""
@@ -81,7 +81,7 @@ class FixationOptions(Options):
     def data(self) -> FixationData:
         """Fixations inside their images, blurred by a degree of visual angle; prints remarks."""
         per_degree = self.pixels_per_degree
-        blur = DEGREE if per_degree is None else degree_sizes(per_degree)
+        blur = PIXELS_PER_DEGREE if per_degree is None else degree_sizes(per_degree)
         form = fixation_format(
             self.columns, self.xy, self.offset, self.placement or (), self.pixels_per_degree
         )
@@ -97,8 +97,8 @@ class FixationOptions(Options):
         sizes = len(set(found.sizes.values()))
         if sizes > 1 and per_degree is None:
             print_message(
-                f"fixations are blurred by {DEGREE:g} pixels on images of {sizes} sizes; "
-                "--pixels-per-degree sets one degree for each size"
+                f"fixations are blurred by {PIXELS_PER_DEGREE:g} pixels on images of {sizes} "
+                "sizes; --pixels-per-degree sets one degree for each size"
             )
         if found.outside:
             print_message(f"{found.outside} fixations outside their images are left out")
@@ -117,7 +117,7 @@ def degree_sizes(text: str) -> Callable[[tuple[int, int]], float]:
         values = {size.strip(): float(number.rstrip("%")) for size, _, number in pairs}
     except ValueError:
         values = {}
-    if not values or not all(0 < value < LARGEST for value in values.values()):
+    if not values or not all(0 < value < MAX_SCREEN_SIDE for value in values.values()):
         raise ConfigError(f"{expected} {text!r}")
 
     def of_size(size: tuple[int, int]) -> float:
@@ -176,6 +176,6 @@ def _two_numbers(text: str, option: str, expected: str) -> tuple[float, float]:
         first, second = (float(number) for number in text.split(","))
     except ValueError:
         first = second = inf
-    if not (abs(first) < LARGEST and abs(second) < LARGEST):
+    if not (abs(first) < MAX_SCREEN_SIDE and abs(second) < MAX_SCREEN_SIDE):
         raise ConfigError(f"{option}: expected {expected}, found {text!r}")
     return first, second

@@ -46,7 +46,7 @@ from saccade.viewing import (
     attention_figure,
     save_figures,
 )
-from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
+from saccade.viewing.report import MAX_DESCRIBED_POINTS, Part, ReportBuilder, image_part
 
 Format = Literal["npz", "csv", "png", "svg", "pdf"]
 """File formats of arrays, of tables of scanpaths, and of figures."""
@@ -143,7 +143,7 @@ TEXT = (
     "The cloud of thin lines is a hundred scanpaths drawn from the scanpath model; the amplitudes "
     "and directions of their saccades are below."
 )
-SAMPLES = 100
+CLOUD_SIZE = 100
 """Number of scanpaths in the cloud."""
 
 
@@ -177,7 +177,7 @@ def analyze_image(
         scan = most_probable_scanpath(maps, fixations=options.length)
     else:
         scan = scanpath(maps, network, fixations=options.length)
-    samples = sample_scanpaths(maps, count=SAMPLES, fixations=options.length)
+    samples = sample_scanpaths(maps, count=CLOUD_SIZE, fixations=options.length)
     layers = maps.layers
     pairs = attention.pairs(image, scan.xy)
     figure = attention_figure(image, layers, scan, pairs)
@@ -204,7 +204,7 @@ def analyze_image(
     section = Section(path.name, "" if len(builder) else TEXT)
 
     def part() -> Part:
-        strongest = SiftConfig(max_keypoints=MAX_POINTS, spread=True)
+        strongest = SiftConfig(max_keypoints=MAX_DESCRIBED_POINTS, spread=True)
         keypoints = Sift(strongest)(image) if options.keypoints else Keypoints.at([], 1)
         return image_part(section, image, layers, scan, keypoints, samples)
 

@@ -35,12 +35,14 @@ def tags(file: Sheet, /, options: TagsOptions = TagsOptions()) -> Result:
 
     Example: saccade tags --ids 0-13 --size 0.165 tags.pdf
     """
-    from saccade.viewing.tag_sheet import MAX_SIZE, write_tag_sheets
+    from saccade.viewing.tag_sheet import MAX_TAG_SIZE, write_tag_sheets
 
     size = options.size
     require(file.suffix.lower() == ".pdf", "file", "a name that ends in .pdf", file.name)
     config = TagConfig(options.family, size)
-    require(size <= MAX_SIZE, "size", f"at most {MAX_SIZE:g} m, so that it fits on A4", size)
+    require(
+        size <= MAX_TAG_SIZE, "size", f"at most {MAX_TAG_SIZE:g} m, so that it fits on A4", size
+    )
     ids = parse_ids(options.ids)
     cells = [(f"{config.family}:{each}", tag_cells(config.family, each)) for each in ids]
     write_tag_sheets(file, cells, size)

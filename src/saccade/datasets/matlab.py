@@ -18,7 +18,7 @@ from saccade.io.npz import check_unpacked
 from saccade.types import FloatArray
 
 HEADER = 128
-MAX_SIZE = 1 << 30
+MAX_VARIABLE_SIZE = 1 << 30
 """Maximum size of an uncompressed variable, in bytes."""
 MAX_DEPTH = 6
 """Maximum nesting depth of cells and structs."""
@@ -145,7 +145,7 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 def _decompress(payload: bytes) -> bytes:
     decompressor = zlib.decompressobj()
-    content = decompressor.decompress(payload, MAX_SIZE)
+    content = decompressor.decompress(payload, MAX_VARIABLE_SIZE)
     if not decompressor.eof:
         raise ValueError("a compressed variable is truncated, or too large")
     return content

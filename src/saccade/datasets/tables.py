@@ -20,6 +20,8 @@ from saccade.types import BoolArray, FloatArray, LandmarkMap, Trajectory
 
 LARGEST = 1e100
 """Maximum magnitude of numbers read; the square is still finite."""
+MAX_DURATION = 1e6
+"""Maximum duration of a log in seconds; longer logs have a corrupt time stamp."""
 MAX_SHOWN = 40
 """Maximum number of characters of a cell in a message."""
 DETECTED = "detected"

@@ -13,7 +13,7 @@ from saccade.visual.contradictions import StepSource
 
 MIN_SECONDS = 0.5
 """Minimum duration without images that determine the motion, in seconds."""
-MIN_FRACTION = 0.05
+MIN_STEP_FRACTION = 0.05
 """Minimum fraction of such steps in a drive, if all of them are short."""
 MIN_CONTRADICTIONS = 0.02
 """Minimum fraction of steps in which images and odometry contradict each other."""
@@ -79,7 +79,7 @@ def _check_blind(drive: Drive, blind: BoolArray) -> Iterator[Finding]:
     spans = [float(duration[a:b].sum()) for a, b in edges.reshape(-1, 2)]
     longest = max(spans, default=0.0)
     fraction = float(blind[1:].mean()) if len(blind) > 1 else 0.0
-    if longest < MIN_SECONDS and fraction < MIN_FRACTION:
+    if longest < MIN_SECONDS and fraction < MIN_STEP_FRACTION:
         return
     name, rest = "motion unknown", "there is no odometry: the last speed is assumed to go on"
     if drive.has_odometry:

@@ -13,9 +13,9 @@ import numpy as np
 
 from saccade.diagnostics.findings import AXES, Finding, counted
 from saccade.diagnostics.observation_pairs import (
+    EXACT_VARIANCE,
     FACTORS,
-    MIN_PAIRS,
-    SINGULAR,
+    MIN_LAG_PAIRS,
     Readings,
     gains,
     pairs,
@@ -38,9 +38,9 @@ from saccade.types import BoolArray, FloatArray, LandmarkLog
 
 MAX_BEARING = 2 * np.pi
 """Maximum bearing in radians, reached by the difference of two angles in (-pi, pi]."""
-FAR = 1000.0
+MAX_MEDIAN_RANGE = 1000.0
 """Maximum plausible median range of a robot's sensor, in meters."""
-MIN_GAIN = 0.5
+MIN_ALTERNATIVE_GAIN = 0.5
 """Minimum gain of an alternative in nats per pair, unless it has its own minimum."""
 MIN_WINS = 0.7
 """Minimum fraction of tenths of the log in which an alternative must be better."""
@@ -52,9 +52,9 @@ MIN_NOISE_GAIN = 0.15
 """Minimum gain of a factor outside `NOISE_FACTORS`, in nats per pair."""
 MIN_REPEATED = 10
 """Minimum number of poses that observe a label twice for the label to count as shared."""
-MIN_SEPARATION = 3.0
+MIN_REPEAT_SEPARATION = 3.0
 """Minimum distance of two observations with the same label, in standard deviations."""
-MAX_GAP = 20.0
+MAX_DURATION_RATIO = 20.0
 """Maximum duration of a step, relative to the 99th percentile of durations."""
 DEGREE = np.pi / 180
 """One degree in radians."""
@@ -70,7 +70,7 @@ class Rival(NamedTuple):
     readings: Readings
     advice: str | None = None
     """Advice in place of the usual one."""
-    min_gain: float = MIN_GAIN
+    min_gain: float = MIN_ALTERNATIVE_GAIN
 
 
 def shared_name_finding(
@@ -117,7 +117,9 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
     path = path_of(control)
     findings += [*check_steps(log.time, path), *check_truth_of_log(log, path)]
     median = float(np.median(log.observation[:, 0])) if whole.any() else 0.0
-    if median > FAR and not any("millimeters" in finding.check for finding in findings):
+    if median > MAX_MEDIAN_RANGE and not any(
+        "millimeters" in finding.check for finding in findings
+    ):
         what = f"half of the ranges exceed {median:.0f} m, which is far for a sensor"
         findings.append(Finding.of("far ranges", what, median))
     return (*findings, *_not_compared(log, np.asarray(whole), len(pairs(log)[0])))
@@ -132,7 +134,7 @@ def _not_compared(log: LandmarkLog, whole: BoolArray, compared: int) -> Iterator
     reasons = []
     if len(whole) and not whole.any():
         reasons.append("no observation has both range and bearing")
-    elif compared < MIN_PAIRS:
+    elif compared < MIN_LAG_PAIRS:
         reasons.append(
             f"only {compared} pairs of observations show the same landmark from different positions"
         )
@@ -157,10 +159,10 @@ def _observations_of(log: LandmarkLog, kept: BoolArray) -> LandmarkLog:
 def _check_gap(log: LandmarkLog) -> Iterator[Finding]:
     """Checks for a long step, in which odometry was lost."""
     duration = np.diff(log.time)
-    if len(duration) < MIN_PAIRS:
+    if len(duration) < MIN_LAG_PAIRS:
         return
     longest, usual = int(duration.argmax()), float(np.quantile(duration, 0.99))
-    if duration[longest] > MAX_GAP * usual:
+    if duration[longest] > MAX_DURATION_RATIO * usual:
         start, end = log.time[longest : longest + 2] - log.time[0]
         what = (
             f"steps are lost: there is no pose from {start:.1f} to {end:.1f} s after the first, "
@@ -180,11 +182,11 @@ def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Fin
         return
     xy = to_points(log.observation)
     C = point_covariance(log.observation, log.observation_covariance)
-    floor = SINGULAR * np.square(log.observation[b, :1, None]) + 1e-12
+    floor = EXACT_VARIANCE * np.square(log.observation[b, :1, None]) + 1e-12
     square = normalized_squared(xy[b] - xy[a], C[a] + C[b] + floor * np.eye(2))
     distance = np.hypot(*(xy[b] - xy[a]).T)
     step = np.hypot(*control[:, :2].T) + np.abs(control[:, 2]) * np.median(log.observation[:, 0])
-    apart = (square > MIN_SEPARATION**2) & (distance > np.quantile(step, 0.99))
+    apart = (square > MIN_REPEAT_SEPARATION**2) & (distance > np.quantile(step, 0.99))
     names, count = np.unique(log.landmark[a[apart]], return_counts=True)
     names = names[np.argsort(-count, kind="stable")][: int((count >= MIN_REPEATED).sum())]
     if len(names):
@@ -197,7 +199,7 @@ def _check_readings(
 ) -> Iterator[Finding]:
     """Yields the best alternative convention, if any, and a wrong scale of the noise."""
     a, b = pairs(log)
-    if len(a) < MIN_PAIRS:
+    if len(a) < MIN_LAG_PAIRS:
         return
     recorded, (factor, of_odometry) = gains(readings, a, b)
     least, most = NOISE_FACTORS

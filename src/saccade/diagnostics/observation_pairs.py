@@ -8,9 +8,9 @@ import numpy as np
 from saccade.plane import path_of, point_covariance, rotated, rotations, to_points
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
-MIN_PAIRS = 30
+MIN_LAG_PAIRS = 30
 """Minimum number of pairs of observations at one lag."""
-MAX_PAIRS = 2000
+MAX_LAG_PAIRS = 2000
 """Approximate maximum number of pairs at one lag."""
 MIN_MOTION = 0.08
 """Minimum relative movement of a landmark between the observations of a pair."""
@@ -18,7 +18,7 @@ MAX_MOTION = 0.45
 """Maximum median relative movement of the landmarks at a lag."""
 FACTORS: FloatArray = np.exp2(np.arange(-7.0, 8.0))
 """Candidate factors of the standard deviations."""
-SINGULAR = 1e-8
+EXACT_VARIANCE = 1e-8
 """Variance added to observations, relative to the squared range, since exact ones have none."""
 
 
@@ -75,10 +75,10 @@ def pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
         later = np.minimum(np.searchsorted(key, key + lag * (1 - 1e-6)), len(key) - 1)
         apart = key[later] - key
         first = np.flatnonzero((apart >= lag * (1 - 1e-6)) & (apart < 2 * lag))
-        first = first[:: 1 + len(first) // MAX_PAIRS]
+        first = first[:: 1 + len(first) // MAX_LAG_PAIRS]
         a, b = order[first], order[later[first]]
         lag *= 2
-        if len(a) < MIN_PAIRS:
+        if len(a) < MIN_LAG_PAIRS:
             continue
         ranges = np.maximum(log.observation[a, 0] + log.observation[b, 0], 1e-12)
         movement = np.hypot(*(xy[a] - xy[b]).T) / ranges
@@ -131,7 +131,7 @@ def residuals(log: Readings, a: IntArray, b: IntArray) -> tuple[FloatArray, Floa
     residual = xy[b] - carried - moved
     C = point_covariance(log.observation, log.observation_covariance)
     T, W = rotations(turn), rotations(-y[:, 2])
-    floor = SINGULAR * np.square(log.observation[b, :1]) + 1e-12
+    floor = EXACT_VARIANCE * np.square(log.observation[b, :1]) + 1e-12
     sensor = C[b] + T @ C[a] @ T.transpose(0, 2, 1) + floor[:, :, None] * np.eye(2)
     change = y[:, 3:] - x[:, 3:]
     odometry = W @ change[:, :4].reshape(-1, 2, 2) @ W.transpose(0, 2, 1)

@@ -28,7 +28,7 @@ MAX_TURN_BIAS = 2.0
 """Maximum usual bias of a gyroscope, in degrees per second."""
 STANDSTILL = 0.1
 """Maximum translation of a stationary camera, relative to odometry."""
-MAX_SLIP = 0.25
+MAX_SLIP_FRACTION = 0.25
 """Maximum fraction of steps with a stationary camera while odometry moves."""
 MAX_NOISE_RATIO = 2.0
 """Maximum ratio of the observed to the stated standard deviation of odometry errors."""
@@ -123,7 +123,7 @@ def check_direction(moving: MotionSeries) -> Iterator[Finding]:
     camera, odometry = moving.translation, moving.odometry[:, 0]
     still = 100 * float(np.mean(np.linalg.norm(camera, axis=1) < STANDSTILL * np.abs(odometry)))
     same_sign = float(np.mean(np.sign(camera[:, 0]) == np.sign(odometry)))
-    if still > 100 * MAX_SLIP:
+    if still > 100 * MAX_SLIP_FRACTION:
         what = f"the images stand still in {still:.0f} % of the steps in which odometry moves"
         yield Finding.of("standstill", what, still)
     elif same_sign < 0.25:

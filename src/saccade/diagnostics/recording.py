@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from saccade.diagnostics.findings import Finding, counted
-from saccade.diagnostics.survey import MIN_POINTS, Survey, repeated_observations
+from saccade.diagnostics.survey import MIN_MOTION_POINTS, Survey, repeated_observations
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame, Tracks
 from saccade.types import BoolArray, IntArray
@@ -104,7 +104,7 @@ def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
     sharpness = survey.sharpness[np.isfinite(survey.sharpness) & ~black]
     median = float(np.median(sharpness)) if len(sharpness) else 0.0
     blurred = (survey.sharpness < MIN_SHARPNESS * median) & ~black
-    empty = (survey.points < MIN_POINTS) & ~black & np.isfinite(survey.brightness)
+    empty = (survey.points < MIN_MOTION_POINTS) & ~black & np.isfinite(survey.brightness)
     if unreadable := survey.unreadable:
         first = next(iter(unreadable.values()))
         what = f"{counted(len(unreadable), 'frame', 'frames')} cannot be read; {first}"
@@ -119,7 +119,7 @@ def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
         yield Finding.in_frames("blurred frames", what, survey.frame[blurred])
     if empty.sum() > MAX_BAD_FRACTION * len(survey):
         count = counted(int(empty.sum()), "frame has", "frames have")
-        what = f"{count} fewer than {MIN_POINTS} points to track"
+        what = f"{count} fewer than {MIN_MOTION_POINTS} points to track"
         yield Finding.in_frames("empty frames", what, survey.frame[empty])
     step = np.abs(drive.control[np.maximum(survey.frame - 1, 0)]).max(1)
     copied = survey.copied & ((step > 0) | (not drive.has_odometry))

@@ -14,7 +14,7 @@ from saccade.slam.filter.robot_models import wrap
 from saccade.slam.relocalization import locate
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
-MIN_EXPECTED = 8.0
+MIN_EXPECTED_OBSERVATIONS = 8.0
 """Minimum number of expected observations at revisits for a landmark to be judged."""
 MISSED = 0.1
 """Largest fraction of its expected observations for a landmark that is a duplicate."""
@@ -33,11 +33,11 @@ MAX_UNUSED = 0.4
 """Largest fraction of unused observations in a right map."""
 MIN_COPIED = 0.5
 """Largest fraction of landmarks that match older landmarks by chance."""
-MIN_PAIRS = 8
+MIN_COPIED_LANDMARKS = 8
 """Least number of landmarks of a copy."""
 SAME_VIEW = 0.12
 """Distance between poses that observe the same landmarks, as a fraction of the sensor's range."""
-STRETCH = 0.06
+STRETCH_LENGTH = 0.06
 """Length of a stretch, as a fraction of the sensor's range."""
 SAME_TURN = 0.35
 """Largest turn in radians of the scans of a stretch."""
@@ -47,7 +47,7 @@ ALL_AROUND = 5.3
 """Least field of view in radians of a sensor that counts as omnidirectional."""
 GROUP = 8
 """Number of landmarks that are located together among the older ones."""
-SPACING = 0.3
+COPY_TOLERANCE = 0.3
 """Tolerance of a copied landmark, as a fraction of the distance between neighbors."""
 
 
@@ -75,7 +75,7 @@ def map_warning(
         if (again <= MISSED).any() or many:
             reasons.append(f"{rare} of {len(again)} landmarks are missing where the robot returns")
     pairs, copied = copied_landmarks(log, found.xy, association)
-    if copied > MIN_COPIED and pairs >= MIN_PAIRS:
+    if copied > MIN_COPIED and pairs >= MIN_COPIED_LANDMARKS:
         reasons.append(
             f"{pairs} landmarks are a copy of older ones elsewhere ({copied:.0%} of those that "
             "could be), as if the robot had been moved"
@@ -105,7 +105,7 @@ def reobserved(
     right, left = np.quantile(z[:, 1], [(1 - VIEW) / 2, (1 + VIEW) / 2])
     steps = np.diff(pose, axis=0, prepend=pose[:1])
     traveled = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))
-    length = max(STRETCH * reach, 1.5 * float(np.median(np.diff(traveled[scans]))), 1e-6)
+    length = max(STRETCH_LENGTH * reach, 1.5 * float(np.median(np.diff(traveled[scans]))), 1e-6)
     near = max(SAME_VIEW * reach, length)
     turned = np.cumsum(np.abs(wrap(steps[:, 2])))
     number = np.floor((traveled / length + turned / SAME_TURN)[scans])
@@ -132,7 +132,11 @@ def reobserved(
     later = in_view & _seen_nearby(seen, pairs[distance > reach])
     rate = (either & within).sum(0) / np.maximum(within.sum(0), 1)  # of each landmark in a visit
     expected, again = (later * rate).sum(0), (later & either).sum(0)
-    return np.where(expected < MIN_EXPECTED, np.nan, again / np.maximum(expected, MIN_EXPECTED))
+    return np.where(
+        expected < MIN_EXPECTED_OBSERVATIONS,
+        np.nan,
+        again / np.maximum(expected, MIN_EXPECTED_OBSERVATIONS),
+    )
 
 
 def _nearest_if_unused(
@@ -174,12 +178,12 @@ def copied_landmarks(log: LandmarkLog, xy: FloatArray, association: IntArray) ->
     order, best = np.argsort(first, kind="stable"), (0, 0.0)
     if len(xy) < 2 * GROUP:
         return best
-    tolerance = SPACING * float(np.median(np.asarray(cKDTree(xy).query(xy, 2)[0])[:, 1]))
+    tolerance = COPY_TOLERANCE * float(np.median(np.asarray(cKDTree(xy).query(xy, 2)[0])[:, 1]))
     R_xy = (tolerance / 3) ** 2 / 2 * np.eye(2)  # covariance of each of two points
     for i in range(GROUP, len(xy) - GROUP // 2, GROUP // 2):
         group, begins = order[i : i + GROUP], first[order[i]]
         older, newer = xy[last < begins], xy[first >= begins]
-        if len(older) < MIN_PAIRS or len(newer) < MIN_PAIRS:
+        if len(older) < MIN_COPIED_LANDMARKS or len(newer) < MIN_COPIED_LANDMARKS:
             continue
         center = xy[group].mean(0)
         located = locate(xy[group] - center, R_xy, older, np.tile(R_xy, (len(older), 1, 1)))

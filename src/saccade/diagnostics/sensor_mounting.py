@@ -20,7 +20,7 @@ from saccade.diagnostics.observation_pairs import Readings, gains, residuals
 from saccade.plane import path_of, rotated, rotations, to_points, to_robot_frame
 from saccade.types import FloatArray, IntArray
 
-ITERATIONS = 10
+REWEIGHTINGS = 10
 """Iterations of the reweighted least squares."""
 CAUCHY = 2.5
 """Scale of the Cauchy weights, in standard deviations."""
@@ -72,7 +72,7 @@ class Mounting:
         sigma = np.array([*np.maximum(bias, BIAS_SIGMA), TURN_SIGMA])
         prior = np.diag([*np.power(MOUNTING_SIGMA, -2.0), *sigma**-2.0])
         x = np.zeros(7)  # u, yaw, distance scale, turn per distance, distance per turn, turn scale
-        for _ in range(ITERATIONS):
+        for _ in range(REWEIGHTINGS):
             ahead = rotated(moved, np.full(len(a), -x[2]))
             J = np.empty((len(a), 2, 7))
             J[:, :, :2] = levers

@@ -13,21 +13,21 @@ from saccade.slam import SlamResult
 from saccade.slam.consistency import chi_square_gate
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
-MAX_UNUSED = 0.3
+MAX_UNUSED_FRACTION = 0.3
 """Maximum fraction of unused observations without a warning."""
 MAX_DUPLICATES = 0.1
 """Maximum fraction of duplicate landmarks (same label or position) without a warning."""
-MIN_OBSERVATIONS = 50
+MIN_TESTED_OBSERVATIONS = 50
 """Minimum number of observations for a test for changed labels."""
 MIN_REJECTED = 0.04
 """Minimum fraction of rejected or unused labeled observations for that test."""
 MIN_CHANGED = 0.15
 """Minimum fraction after the labels have changed; 5 % of wrong labels reach 0.1 in such a part."""
-MIN_JUMP = 3.0
+MIN_FRACTION_RATIO = 3.0
 """Minimum ratio of that fraction after and before the change."""
 MIN_LABEL_OBSERVATIONS = 16
 """Minimum number of observations of a label for a comparison of their positions."""
-MIN_FRACTION = 0.1
+MIN_MOVED_FRACTION = 0.1
 """Minimum fraction of a label's observations at its second position."""
 MIN_SECOND = 0.005
 """Minimum number of observations at the second position, as a fraction of all observations."""
@@ -41,13 +41,13 @@ ALL_SIDES_NIS = 1.15
 """Maximum mean NIS over its degrees of freedom without a warning; correct logs reach 1.03."""
 ONE_SIDED_NIS = 1.05
 """Maximum mean NIS over its degrees of freedom without a warning, for one-sided innovations."""
-MIN_SIDE = 0.1
+MIN_ONE_SIDED_MEAN = 0.1
 """Minimum mean of one-sided innovations, in standard deviations."""
 MAX_DISAGREEMENT = 0.02
 """Maximum relative error of odometry distances without a warning."""
 SCALE_SIGMAS = 4.0
 """Minimum ratio of that error to its standard deviation."""
-MIN_SEPARATION = 4.0
+MIN_POSITION_SEPARATION = 4.0
 """Minimum distance of two positions of a label, relative to their spread and uncertainty."""
 MAX_ORDER = 0.6
 """Maximum difference of the mean ranks in time between two positions of a shared label; for a label
@@ -80,7 +80,7 @@ def _symptoms(log: LandmarkLog, result: SlamResult, known: bool) -> Iterator[Fin
     if result.warning:
         unused = float(observations - used)
         yield Finding.of("map", result.warning, unused)
-    elif observations - used > MAX_UNUSED * observations:
+    elif observations - used > MAX_UNUSED_FRACTION * observations:
         what = f"{observations - used} of {observations} observations are not used"
         yield Finding.of("unused", what, float(observations - used))
     if result.lost is not None and len(result.lost) and result.lost[-1]:
@@ -118,7 +118,7 @@ def _check_innovations(log: LandmarkLog, result: SlamResult, known: bool) -> Ite
     mean, innovation = float(nis[used].mean()) if used.any() else 0.0, result.innovation[used]
     sigma = np.sqrt(result.innovation_covariance[used].diagonal(axis1=1, axis2=2))
     sides = (innovation / sigma).mean(0) if used.any() else np.zeros(2)  # range, bearing
-    limit = ONE_SIDED_NIS if np.abs(sides).max() > MIN_SIDE else ALL_SIDES_NIS
+    limit = ONE_SIDED_NIS if np.abs(sides).max() > MIN_ONE_SIDED_MEAN else ALL_SIDES_NIS
     if not what and used.sum() >= MIN_INNOVATIONS and mean > limit * dof:
         what = (
             f"the innovations are too large for the noise: their mean NIS is {mean:.2f}, not {dof}"
@@ -128,11 +128,11 @@ def _check_innovations(log: LandmarkLog, result: SlamResult, known: bool) -> Ite
     advice = None
     if known:
         advice = "First correct the cause above"
-    elif abs(sides[1]) > max(MIN_SIDE, abs(sides[0])):
+    elif abs(sides[1]) > max(MIN_ONE_SIDED_MEAN, abs(sides[0])):
         degrees, side = np.rad2deg(innovation[:, 1].mean()), ("right", "left")[int(sides[1] > 0)]
         what += f"; bearings are on average {abs(degrees):.1f} degrees {side} of the predicted"
         advice = "Check the yaw of the sensor (--sensor), and whether odometry turns to one side"
-    elif abs(sides[0]) > MIN_SIDE:
+    elif abs(sides[0]) > MIN_ONE_SIDED_MEAN:
         percent = 100 * float(innovation[:, 0].mean() / log.observation[used, 0].mean())
         side = ("shorter", "longer")[int(percent > 0)]
         what += f"; ranges are on average {abs(percent):.1f} % {side} than predicted"
@@ -214,12 +214,12 @@ def _change(rejected: BoolArray, names: IntArray) -> int | None:
         return None
     total = np.concatenate([[0], np.cumsum(rejected)])
     at = np.arange(count // 10, 9 * count // 10)
-    if count < MIN_OBSERVATIONS:
+    if count < MIN_TESTED_OBSERVATIONS:
         return None
     end = np.minimum(at + count // 5, count)
     before, after = total[at] / at, (total[end] - total[at]) / (end - at)
     best = int(np.argmax(after - before))
-    if after[best] < max(MIN_CHANGED, MIN_JUMP * before[best]):
+    if after[best] < max(MIN_CHANGED, MIN_FRACTION_RATIO * before[best]):
         return None
     first, last = int(at[best]), int(end[best])
     where = names[first:last][rejected[first:last]]
@@ -245,7 +245,7 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
             continue
         second = _split(position[rows])
         fraction = min(second.mean(), 1 - second.mean())
-        if fraction < MIN_FRACTION or fraction * len(rows) < MIN_SECOND * len(log.landmark):
+        if fraction < MIN_MOVED_FRACTION or fraction * len(rows) < MIN_SECOND * len(log.landmark):
             continue
         order = np.flatnonzero(second).mean() - np.flatnonzero(~second).mean()
         if abs(order) > MAX_ORDER * len(rows) / 2:
@@ -255,7 +255,7 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
         widths = [np.median(np.hypot(*(g - m).T)) for g, m in zip(groups, middles, strict=True)]
         distance = float(np.hypot(*(middles[0] - middles[1])))
         uncertainty = float(np.sqrt(np.median(variance[rows])))
-        if distance > MIN_SEPARATION * max(*widths, uncertainty):
+        if distance > MIN_POSITION_SEPARATION * max(*widths, uncertainty):
             found.append((name, int(fraction * len(rows)), distance))
     return found
 
@@ -265,7 +265,7 @@ def _split(xy: FloatArray) -> BoolArray:
     centered = xy - xy.mean(0)
     along = centered @ np.linalg.eigh(centered.T @ centered)[1][:, -1]
     ordered = np.sort(along)
-    margin = int(np.ceil(MIN_FRACTION * len(xy)))
+    margin = int(np.ceil(MIN_MOVED_FRACTION * len(xy)))
     gaps = np.diff(ordered)[margin - 1 : len(xy) - margin]
     return np.asarray(along > ordered[margin - 1 + int(np.argmax(gaps))])
 

@@ -28,13 +28,13 @@ from saccade.visual.robot_motion import CameraPose
 
 STRETCHES = 4
 """Number of evenly spaced sequences of successive frames in the survey of a long drive."""
-MAX_WIDTH = 800
+MAX_IMAGE_WIDTH = 800
 """Maximum width in pixels; larger images are reduced first."""
 MAX_EQUAL = 0.5
 """Maximum fraction of common tracks with equal positions; a frame with more is a copy."""
 MIN_COMMON_TRACKS = 5
 """Minimum number of common tracks of a copy."""
-UNKNOWN = np.full(3, np.nan)
+UNKNOWN_MOTION = np.full(3, np.nan)
 
 
 class FrameSurvey(NamedTuple):
@@ -46,8 +46,8 @@ class FrameSurvey(NamedTuple):
     sharpness: float = np.nan
     points: int = 0
     copied: bool = False
-    rotation: FloatArray = UNKNOWN
-    translation: FloatArray = UNKNOWN
+    rotation: FloatArray = UNKNOWN_MOTION
+    translation: FloatArray = UNKNOWN_MOTION
     metric: bool = False
 
 
@@ -97,7 +97,7 @@ def survey_drive(
         progress: function of the number of frames done and the total.
     """
     numbers = chosen_frames(len(drive), max_images)
-    factor = -(-drive.camera.width // MAX_WIDTH)
+    factor = -(-drive.camera.width // MAX_IMAGE_WIDTH)
     if _has_tracks(drive, numbers):
         numbers, factor = list(range(len(drive))), 1
     camera = reduced_camera(drive.camera, factor)
@@ -205,9 +205,9 @@ MIN_SPACING = 9
 """Minimum distance between corners in pixels."""
 MIN_DISPARITY = 2.0
 """Minimum disparity in pixels for a depth."""
-MIN_POINTS = 12
+MIN_MOTION_POINTS = 12
 """Minimum number of points for a motion estimate."""
-STANDSTILL = 0.2
+STILL_DISPLACEMENT = 0.2
 """Maximum median displacement of the points of a stationary camera, in pixels."""
 
 
@@ -302,7 +302,7 @@ def motion_between(
         The motion; None if too few points, or less than a third, agree.
     """
     known = np.isfinite(depth)
-    metric = bool(known.sum() >= MIN_POINTS)
+    metric = bool(known.sum() >= MIN_MOTION_POINTS)
     pose: CameraPose | None = None
     if metric:
         points = directions(camera, first[known]) * depth[known, None]
@@ -322,9 +322,9 @@ def motion_between(
 
 
 def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> CameraPose | None:
-    if len(first) < MIN_POINTS:
+    if len(first) < MIN_MOTION_POINTS:
         return None
-    if np.median(np.hypot(*(second - first).T)) < STANDSTILL:
+    if np.median(np.hypot(*(second - first).T)) < STILL_DISPLACEMENT:
         return np.eye(3), np.zeros(3)
     K = camera.matrix
     E, inliers = cv2.findEssentialMat(first, second, K, cv2.RANSAC, 0.999, MAX_REPROJECTION_ERROR)
@@ -337,14 +337,14 @@ def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> C
 
 
 def _most_agree(inliers: int, count: int) -> bool:
-    return inliers >= MIN_POINTS and inliers > count / 3
+    return inliers >= MIN_MOTION_POINTS and inliers > count / 3
 
 
 MIN_STEPS = 20
 """Minimum number of steps for a comparison of odometry with images."""
 MAX_LAG = 1.0
 """Maximum offset between the two clocks, in seconds."""
-MAX_ITERATIONS = 10
+MAX_REGRESSION_ITERATIONS = 10
 """Maximum number of iterations of the robust regression."""
 INLIER_SIGMAS = 3.0
 """Maximum residual of an inlier, in standard deviations."""
@@ -467,7 +467,7 @@ def fit(A: FloatArray, y: FloatArray) -> Fit | None:
     if len(y) < 5 * c:
         return None
     inlier = np.ones(len(y), bool)
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(MAX_REGRESSION_ITERATIONS):
         value, *_ = np.linalg.lstsq(A[inlier], y[inlier], rcond=None)
         residual = np.abs(y - A @ value)
         sigma = 1.4826 * float(np.median(residual)) + 1e-12

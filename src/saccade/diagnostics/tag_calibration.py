@@ -26,11 +26,11 @@ from saccade.slam import EkfConfig, Slam
 from saccade.slam.recorded_log import run
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap
 
-STEPS = 6
+CALIBRATION_STEPS = 6
 """Number of Gauss-Newton steps."""
 HUBER = 3.0
 """Normalized residual above which an observation has less weight."""
-MIN_OBSERVATIONS = 30
+MIN_TAG_OBSERVATIONS = 30
 """Minimum number of observations for an estimate."""
 SIGNIFICANCE = 4.0
 """Minimum size of a finding in standard deviations."""
@@ -111,7 +111,7 @@ def calibrate_tags(
     used = (rows >= 0) & (result.association >= 0)
     if result.lost is not None:
         used &= ~result.lost[log.observation_pose]
-    if used.sum() < MIN_OBSERVATIONS:
+    if used.sum() < MIN_TAG_OBSERVATIONS:
         return None
     problem = _Problem(log, axis, used, rows, known.xy, survey is not None)
     return problem.solve(result.trajectory.pose)
@@ -144,7 +144,7 @@ class _Problem:
         x, xy = np.zeros(PARAMETERS), self.xy.copy()
         first = 3 * self.num_poses
         size = first + PARAMETERS + (0 if self.surveyed else 2 * len(xy))
-        for _ in range(STEPS):
+        for _ in range(CALIBRATION_STEPS):
             rows = _Rows()
             self._add_odometry(rows, pose, x, first)
             self._add_tags(rows, pose, x, xy, first)

@@ -34,7 +34,7 @@ MODELS = (PEOPLE, OTHERS, WALK, STATIC, DENSITY, SAMPLED, SIMILAR)
 inhibition."""
 UNIFORM = 0.01
 """Weight of a uniform distribution in fixation densities, which keeps them positive."""
-SEED = 20102
+BOOTSTRAP_SEED = 20102
 """Seed of the bootstrap, fixed so that equal scores have equal intervals."""
 
 
@@ -156,5 +156,5 @@ def summary(rows: Iterable[PathRow | FixationRow]) -> Summary:
 
 def _mean_score(images: Mapping[str, Sequence[float]]) -> MeanScore:
     table = np.array([np.mean(values) for values in images.values()])[:, None]
-    low, high = mean_interval(table, SEED)
+    low, high = mean_interval(table, BOOTSTRAP_SEED)
     return MeanScore(float(table.mean()), float(low[0]), float(high[0]))

@@ -24,7 +24,7 @@ KINDS = {"noise": (0.0, 255.0), "contrast": (0.0, 1.0), "blur": (0.0, 100.0)}
 """Kinds of degradation, with the exclusive lower and inclusive upper limit of the amount."""
 MIDDLE_GRAY = 0.5
 """Gray level that contrast scaling leaves unchanged."""
-MAX_LEVEL = 255
+MAX_GRAY_LEVEL = 255
 
 
 @dataclass(frozen=True)
@@ -74,12 +74,12 @@ class Degradation:
         if self.kind == "noise":
             shape = (*image.shape[:2], *(1 for _ in image.shape[2:]))
             noise = np.random.default_rng(seed).standard_normal(shape, np.float32)
-            changed = image + noise * np.float32(self.amount / MAX_LEVEL)
+            changed = image + noise * np.float32(self.amount / MAX_GRAY_LEVEL)
         elif self.kind == "contrast":
             changed = MIDDLE_GRAY + (image - MIDDLE_GRAY) * np.float32(self.amount)
         else:
             changed = np.asarray(cv2.GaussianBlur(image, (0, 0), self.amount), np.float32)
-        return np.asarray(np.rint(changed.clip(0, 1) * MAX_LEVEL) / MAX_LEVEL, np.float32)
+        return np.asarray(np.rint(changed.clip(0, 1) * MAX_GRAY_LEVEL) / MAX_GRAY_LEVEL, np.float32)
 
 
 INLIER_PX = 2.0
@@ -107,7 +107,7 @@ def corner_error(
     return error if np.isfinite(error) else float("inf")
 
 
-RADIUS = 3.0
+REPEAT_RADIUS = 3.0
 """Default maximum distance of a repeated keypoint, in pixels of the second image."""
 
 
@@ -167,7 +167,7 @@ def score_pair(
     second: Features,
     homography: FloatArray,
     ratio: float = 0.8,
-    radius: float = RADIUS,
+    radius: float = REPEAT_RADIUS,
 ) -> PairScores:
     """Score the keypoints of two images related by a known homography.
 
@@ -271,7 +271,7 @@ def score_detector(
     pairs: Sequence[HomographyPair],
     degradation: Degradation | None = None,
     ratio: float = 0.8,
-    radius: float = RADIUS,
+    radius: float = REPEAT_RADIUS,
     progress: Callable[[int, int], object] | None = None,
 ) -> FeatureScores:
     """Score a detector on image pairs.

@@ -147,7 +147,7 @@ def _odometry_end(log: LandmarkLog, result: SlamResult) -> dict[str, float | Non
     return {name: float(np.hypot(*error[-1])) if len(error) else None}
 
 
-POSITION_TOLERANCE = 0.1
+OBSERVATION_TOLERANCE = 0.1
 """Tolerance between two observations of a landmark in meters, plus a tenth of it per meter of
 range, in addition to the standard deviations."""
 
@@ -176,7 +176,7 @@ def correct_associations(
     covariance = point_covariance(z, np.square(sigma)[:, :, None] * np.eye(2))
     covariance = turn @ covariance @ turn.transpose(0, 2, 1)
     _, first, index = np.unique(landmark, return_index=True, return_inverse=True)
-    tolerance = POSITION_TOLERANCE * (1 + z[:, 0] / 10) / np.sqrt(THREE_SIGMA_2D)
+    tolerance = OBSERVATION_TOLERANCE * (1 + z[:, 0] / 10) / np.sqrt(THREE_SIGMA_2D)
     covariance = covariance + covariance[first][index]
     covariance = covariance + np.square(tolerance)[:, None, None] * np.eye(2)
     difference = position - position[first][index]

@@ -90,7 +90,7 @@ def common_times(trajectory: Trajectory, truth: Trajectory) -> FloatArray:
 
 MIN_COMPARED = 10
 """Minimum number of poses with ground truth for meaningful errors."""
-MIN_FRACTION = 0.1
+MIN_TRUTH_FRACTION = 0.1
 """Minimum fraction of poses with ground truth for meaningful errors."""
 
 
@@ -99,7 +99,7 @@ def coverage_remarks(compared: int | None, poses: int) -> tuple[str, ...]:
     if compared is None or compared >= poses:
         return ()
     remark = f"truth for {compared} of {poses} poses: the errors refer to this part"
-    if compared < max(MIN_COMPARED, MIN_FRACTION * poses):
+    if compared < max(MIN_COMPARED, MIN_TRUTH_FRACTION * poses):
         remark = f"warning: truth for only {compared} of {poses} poses: not representative"
     return (remark,)
 

@@ -35,7 +35,7 @@ PIXEL_CENTER = np.float32(0.5)
 CENTERED = np.array([[1, 0, PIXEL_CENTER], [0, 1, PIXEL_CENTER], [0, 0, 1]])
 """Homogeneous transform from our pixel coordinates to COLMAP's."""
 TABLES = ("images", "cameras", "keypoints", "descriptors", "matches")
-MAX_IMAGES = 2147483647
+PAIR_ID_FACTOR = 2147483647
 """Factor with which COLMAP combines two image ids into a pair id."""
 CameraMode: TypeAlias = Literal["auto", "folder", "single", "image"]
 """Images that share a camera: COLMAP's choice by EXIF data, those of a folder, all, or none."""
@@ -282,7 +282,7 @@ def read_colmap(path: str | Path) -> ColmapFeatures:
     }
     matches = {}
     for pair_id, indices in pairs.items():
-        ids = divmod(pair_id, MAX_IMAGES)
+        ids = divmod(pair_id, PAIR_ID_FACTOR)
         if all(image_id in images and image_id in rows for image_id in ids):
             first, second = (images[image_id][0] for image_id in ids)
             matches[first, second] = indices.astype(np.int64)

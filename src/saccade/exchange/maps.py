@@ -12,7 +12,7 @@ from saccade.io.files import atomic_write
 from saccade.types import Float32Array
 
 MAP_FORMATS = ("npy", "mat", "png", "tiff")
-WHITE = 65535
+WHITE_LEVEL = 65535
 """Value of a PNG pixel that represents 1."""
 
 
@@ -45,7 +45,7 @@ def write_map(path: str | Path, values: Float32Array) -> None:
 
 def encode_png(values: Float32Array) -> bytes:
     """A map in [0, 1] as 16-bit PNG."""
-    return _encode(np.rint(values.clip(0, 1) * WHITE).astype(np.uint16), ".png")
+    return _encode(np.rint(values.clip(0, 1) * WHITE_LEVEL).astype(np.uint16), ".png")
 
 
 def _encode(pixels: npt.NDArray[Any], suffix: str = ".tiff") -> bytes:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 HORIZON = 2.0
 """Duration of the rollout in seconds."""
-SAMPLES = 4
+ROLLOUT_POSES = 4
 """Number of poses in the rollout, even."""
 MAX_LANDMARKS = 24
 """Largest number of landmarks in a decision, the nearest ones, of which no two share a square
@@ -39,7 +39,7 @@ RELATIVE_RANGE_SIGMA = 0.03
 """Default standard deviation of a range, as a fraction of the range."""
 BEARING_SIGMA = 0.01
 """Default standard deviation of a bearing, in radians."""
-MARGIN = 0.05
+VIEW_MARGIN = 0.05
 """Width of the margin at each side of the field of view, as a fraction; nothing in it is seen."""
 AREA = 1.0
 """Weight in nats of a view whose whole area is new."""
@@ -47,7 +47,7 @@ TEMPERATURE = 0.05
 """Temperature of the softmax that draws a pan, in nats."""
 GOAL_DURATION = 0.8
 """Duration in seconds for which a drawn pan is kept."""
-INHIBITION = 10.0
+INHIBITION_TIME = 10.0
 """Time constant of the inhibition of return, in seconds."""
 MISS_MEMORY = 30.0
 """Time constant of the decay of the number of misses of a landmark, in seconds."""
@@ -259,7 +259,7 @@ class Gazer:
         steps = np.minimum(np.arange(ceil(HORIZON / self.period)), len(self.plan) - 1)
         controls = self.plan[steps] if len(self.plan) else np.zeros((0, 2))
         poses, F, Q = [start], np.eye(3), np.zeros((3, 3))
-        for i, u in enumerate(np.array_split(controls, SAMPLES)):
+        for i, u in enumerate(np.array_split(controls, ROLLOUT_POSES)):
             if len(u) == 0:
                 poses.append(poses[-1])
                 continue
@@ -268,11 +268,11 @@ class Gazer:
             step, U, _ = as_relative_pose(u, np.diag(sigma**2 * abs(u[0])))
             moved, Fx, Fu = compose(poses[-1], step)
             poses.append(moved)
-            if i < SAMPLES // 2:
+            if i < ROLLOUT_POSES // 2:
                 F, Q = Fx @ F, Fx @ Q @ Fx.T + Fu @ U @ Fu.T
-        sampled, center = np.array(poses[1:]), poses[SAMPLES // 2]
+        sampled, center = np.array(poses[1:]), poses[ROLLOUT_POSES // 2]
         near = self._select(ids, xy, center)
-        turn = self.rate * HORIZON * np.arange(1, SAMPLES + 1)[:, None] / SAMPLES
+        turn = self.rate * HORIZON * np.arange(1, ROLLOUT_POSES + 1)[:, None] / ROLLOUT_POSES
         pan = self.pan + np.clip(self.candidates - self.pan, -turn, turn)  # (s, c)
         seen = self._sees(sampled, pan, xy[near]).mean(0)
         return View(center, F, Q, ids[near], xy[near], seen)
@@ -296,7 +296,7 @@ class Gazer:
         """(s, c, k) whether points (k, 2) are in view from poses (s, 3) with pans (s, c)."""
         offset = points - poses[:, None, :2]
         bearing = np.arctan2(offset[..., 1], offset[..., 0]) - poses[:, 2, None]
-        inside = np.abs(wrap(bearing[:, None] - pan[..., None])) < (0.5 - MARGIN) * self.fov
+        inside = np.abs(wrap(bearing[:, None] - pan[..., None])) < (0.5 - VIEW_MARGIN) * self.fov
         near = np.hypot(offset[..., 0], offset[..., 1]) < self.max_range
         return np.asarray(inside & near[:, None])
 
@@ -348,7 +348,7 @@ class Gazer:
         labels = self.slam.landmarks.labels_of(view.landmarks.tolist())
         salience = np.array([self.salience.get(label, 1.0) for label in labels])
         since = np.array([self.time - self.last_seen.get(label, -np.inf) for label in labels])
-        return np.asarray(view.seen @ (salience * -np.expm1(-since / INHIBITION)))
+        return np.asarray(view.seen @ (salience * -np.expm1(-since / INHIBITION_TIME)))
 
     def _cells(self, pose: FloatArray) -> IntArray:
         """(n, 2) cells of a square meter around a pose (3,), by their smallest x and y."""

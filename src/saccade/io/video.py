@@ -209,7 +209,7 @@ def open_video(path: str | Path) -> cv2.VideoCapture:
             return cv2.VideoCapture(str(path))
 
 
-TIMEOUT = 10.0
+FRAME_TIMEOUT = 10.0
 """Maximum time without a frame before a camera counts as ended, in seconds."""
 POLL = 0.1
 """Interval between checks of the stop condition, in seconds."""
@@ -266,7 +266,7 @@ class LiveVideo:
         """
         if self._is_file and self._taken == self._number:
             self._advance()
-        deadline = monotonic() + TIMEOUT
+        deadline = monotonic() + FRAME_TIMEOUT
         with self._arrived:
             while self._taken == self._number:
                 if self._ended or self._stopped() or monotonic() > deadline:
@@ -282,7 +282,7 @@ class LiveVideo:
         """Release the camera."""
         self._ended = True
         if self._reader.is_alive():
-            self._reader.join(TIMEOUT)
+            self._reader.join(FRAME_TIMEOUT)
         self._capture.release()
 
     def __enter__(self) -> Self:

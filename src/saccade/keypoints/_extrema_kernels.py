@@ -16,11 +16,11 @@ MAX_OVERSHOOT = 1.5
 OCTAVE_OVERLAP = 0.55
 """Largest distance in planes of an extremum beyond the last sample with two neighbors: two octaves
 agree to about 0.02."""
-MAX_CORRECTION = 0.25
+MAX_PEAK_CORRECTION = 0.25
 """Largest correction in samples of the quadratic's extremum by the polynomial."""
-RADIUS = 4
+POLYNOMIAL_RADIUS = 4
 """Number of samples of the polynomial on either side of the nearest sample."""
-NODES = np.arange(-RADIUS, RADIUS + 1)
+NODES = np.arange(-POLYNOMIAL_RADIUS, POLYNOMIAL_RADIUS + 1)
 LAGRANGE = np.array(
     [
         np.poly(np.delete(NODES, i))[::-1] / np.prod(n - np.delete(NODES, i))
@@ -268,7 +268,7 @@ def refine_position(
     octave.
     """
     height, width = dog.shape[1:]
-    if min(row, column, height - 1 - row, width - 1 - column) < RADIUS:
+    if min(row, column, height - 1 - row, width - 1 - column) < POLYNOMIAL_RADIUS:
         return x, y, scale
     weights_x, weights_y = np.empty((3, len(NODES))), np.empty((3, len(NODES)))
     columns = np.empty((3, len(NODES)))
@@ -284,7 +284,9 @@ def refine_position(
             if side == 0:
                 at, slope, bend = 1 - t * t, -2 * t, -2.0
             samples = dog[
-                plane + side, row - RADIUS : row + RADIUS + 1, column - RADIUS : column + RADIUS + 1
+                plane + side,
+                row - POLYNOMIAL_RADIUS : row + POLYNOMIAL_RADIUS + 1,
+                column - POLYNOMIAL_RADIUS : column + POLYNOMIAL_RADIUS + 1,
             ]
             level, dx, dy, dxx, dxy, dyy = interpolate(samples, weights_x, weights_y, columns)
             gx += at * dx
@@ -298,7 +300,7 @@ def refine_position(
             ys += slope * dy
         du, dv, dt, _ = _newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
         u, v, t = u + du, v + dv, t + dt
-        if not max(abs(u - start[0]), abs(v - start[1]), abs(t - start[2])) < MAX_CORRECTION:
+        if not max(abs(u - start[0]), abs(v - start[1]), abs(t - start[2])) < MAX_PEAK_CORRECTION:
             return x, y, scale
     return u, v, t
 

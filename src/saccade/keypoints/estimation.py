@@ -8,7 +8,7 @@ import numpy as np
 from saccade.io.image import quiet_opencv
 from saccade.keypoints.relative_pose import beyond_infinity, is_plausibly_near, pose_of
 from saccade.keypoints.two_view_fit import (
-    MIN_DECREASE,
+    MIN_LOSS_DECREASE,
     Fit,
     Geometry,
     Minimum,
@@ -24,7 +24,7 @@ SAMPLE_SIZE = {"fundamental": 7, "homography": 4, "essential": 5}
 """Correspondences that determine each geometry."""
 CONFIDENCE = {"fundamental": 0.9999, "homography": 0.9999, "essential": 0.999}
 """Probability that one of the samples has no wrong match, by geometry."""
-MAX_ITERATIONS = 10_000
+MAX_RANSAC_ITERATIONS = 10_000
 REFINED_TOLERANCES = 2.0
 """Largest error of a match in the refinement, in tolerances: the Cauchy loss discounts wrong
 matches, and inliers missed by the first estimate are recovered."""
@@ -67,7 +67,7 @@ class Estimator:
                 break
             chosen = matches.take(near)
             is_last = number == rounds - 1 and self.geometry != "essential"
-            decrease = MIN_DECREASE if is_last else ROUGH_DECREASE
+            decrease = MIN_LOSS_DECREASE if is_last else ROUGH_DECREASE
             better = minimize(matrix, self.geometry, chosen.positions, chosen.sigma, decrease)
             if better is None:
                 break
@@ -120,7 +120,7 @@ def sample_consensus(
                 found = cv2.findHomography(
                     *(first, second, cv2.USAC_MAGSAC, tolerance),
                     confidence=confidence,
-                    maxIters=MAX_ITERATIONS,
+                    maxIters=MAX_RANSAC_ITERATIONS,
                 )
             elif geometry == "fundamental":
                 found = cv2.findFundamentalMat(first, second, sampling(tolerance, confidence))
@@ -143,7 +143,7 @@ def sampling(tolerance: float, confidence: float) -> "cv2.UsacParams":
     """
     params = cv2.UsacParams()
     params.threshold, params.confidence = tolerance, confidence
-    params.maxIterations = MAX_ITERATIONS
+    params.maxIterations = MAX_RANSAC_ITERATIONS
     params.score = cv2.SCORE_METHOD_MSAC
     params.sampler, params.neighborsSearch = cv2.SAMPLING_UNIFORM, cv2.NEIGH_GRID
     params.loMethod = cv2.LOCAL_OPTIM_INNER_LO

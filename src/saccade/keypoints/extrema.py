@@ -9,7 +9,7 @@ from saccade.keypoints.sift_config import SiftConfig
 from saccade.scale.workspace import SERIAL, Workspace
 from saccade.types import Float32Array, FloatArray, IntArray
 
-ROW_BLOCK = 64
+EXTREMA_ROW_BLOCK = 64
 """Number of rows in the block of a thread."""
 DUPLICATE_RADIUS = 0.5
 """Largest distance, in samples and planes, of two positions of one extremum."""
@@ -60,7 +60,7 @@ def find_extrema(
         kept = values != 0
         found[block.start] = samples[kept], offsets[kept], values[kept]
 
-    workspace.run_in_blocks(search, max(height - 2 * border, 0), ROW_BLOCK)
+    workspace.run_in_blocks(search, max(height - 2 * border, 0), EXTREMA_ROW_BLOCK)
     parts = zip(*(found[row] for row in sorted(found)), strict=True)
     samples, offsets, values = map(np.concatenate, parts)
     position = samples + offsets[:, ::-1]  # (n, 3) plane, row and column

@@ -17,7 +17,7 @@ from saccade.types import BoolArray, IntArray, Keypoints
 
 WIDER = 2.0
 """Tolerance of the candidates, in tolerances of the verification."""
-FARTHEST = 95
+FARTHEST_PERCENTILE = 95
 """Percentile of the distances of the verified matches beyond which no other match is taken, since
 the ratio test is empty for a keypoint with one candidate."""
 
@@ -74,7 +74,7 @@ def match_guided(
     agree = inliers[nearest[inliers[:, 0]] == inliers[:, 1]]
     kept = passing(neighbors, ratio, power, mutual)
     if len(agree):
-        kept &= distance <= np.percentile(distance[agree[:, 0]], FARTHEST)
+        kept &= distance <= np.percentile(distance[agree[:, 0]], FARTHEST_PERCENTILE)
     index = np.flatnonzero(kept)
     found = np.stack([index, nearest[index]], axis=1)
     free = ~np.isin(inliers[:, 0], found[:, 0]) & ~np.isin(inliers[:, 1], found[:, 1])

@@ -24,7 +24,7 @@ Excluded: TypeAlias = Callable[[slice, slice], BoolArray]
 they are no neighbors."""
 Metric: TypeAlias = Literal["euclidean", "hamming"]
 """Distance of descriptors."""
-BITS = 64
+MAX_PACKED_BYTES = 64
 """Largest number of bytes of packed bits: ORB has 32, AKAZE 61, BRISK 64."""
 SIFT_LENGTH = 128
 
@@ -125,10 +125,10 @@ def is_hamming(descriptors: Descriptors, metric: Metric | None) -> bool:
     """
     is_bytes, size = descriptors.dtype == np.uint8, descriptors.shape[1]
     if metric is None:
-        known = not is_bytes or size <= BITS or size == SIFT_LENGTH
+        known = not is_bytes or size <= MAX_PACKED_BYTES or size == SIFT_LENGTH
         expected = f'"euclidean" or "hamming" for descriptors of {size} bytes'
         require(known, "metric", expected, metric)
-        return bool(is_bytes and size <= BITS)
+        return bool(is_bytes and size <= MAX_PACKED_BYTES)
     require(metric in ("euclidean", "hamming"), "metric", '"euclidean" or "hamming"', metric)
     bits = metric == "hamming"
     require(bool(is_bytes or not bits), "metric", "bytes of packed bits", descriptors.dtype)

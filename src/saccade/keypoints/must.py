@@ -12,7 +12,12 @@ from saccade.keypoints.detection import find_points, preferred, to_keypoints
 from saccade.keypoints.must_config import MustConfig
 from saccade.keypoints.scale_space_points import Points
 from saccade.scale.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
-from saccade.scale.scale_space import MIN_SIDE, ScaleSpace, gaussian_scale_space, interpolated
+from saccade.scale.scale_space import (
+    MIN_OCTAVE_SIDE,
+    ScaleSpace,
+    gaussian_scale_space,
+    interpolated,
+)
 from saccade.scale.workspace import Workspace, WorkspacePool
 from saccade.types import Float32Array, Image, Keypoints
 
@@ -83,7 +88,7 @@ def symmetric_points(
 ) -> tuple[Points, ScaleSpace]:
     """The maxima of symmetry over position and scale of a gray image, and its scale space."""
     sift, contrast = config.sift(), float(gray.std(dtype=np.float64))
-    min_side = max(MIN_SIDE, 2 * sift.border + 1)
+    min_side = max(MIN_OCTAVE_SIDE, 2 * sift.border + 1)
     space = gaussian_scale_space(
         gray, sift, min_side=min_side, further_planes=2, workspace=workspace
     )

@@ -21,21 +21,21 @@ from saccade.types import BoolArray, FloatArray
 
 MAX_EXCESS = 0.05
 """Largest distance from infinity that counts, in the plane z = 1."""
-UNKNOWN = 0.6
+UNKNOWN_DIRECTION = 0.6
 """Standard deviation of a direction in radians above which the direction is unknown: the covariance
 follows from derivatives, which hold for small errors."""
 CURVATURE_STEP = 0.5
 """Step of the second differences of the loss, in standard deviations."""
 MOST = 90
 """Percentile of the inverse depths of matches that are plausible."""
-NEAREST = 2.0
+MAX_PLAUSIBLE_INVERSE_DEPTH = 2.0
 """Largest inverse depth of a plausible match, in that percentile."""
 TWIN = 0.9
 """Points in front of the cameras in the second solution of a plane, as a fraction of those in the
 first, from which the two cannot be told apart."""
 SMALL_TURN = 1e-3
 """Largest angle in radians at which a rotation vector is linear in the matrix."""
-SAME_POSE = 1e-8
+SAME_SOLUTION = 1e-8
 """Squared difference of two solutions that are one."""
 
 
@@ -122,7 +122,7 @@ def with_unknown(pose: RelativePose) -> RelativePose:
     """The pose with an infinite covariance of its direction where that is as good as unknown."""
     assert pose.covariance is not None
     direction = pose.covariance[3:, 3:]
-    if np.isfinite(direction).all() and np.linalg.eigvalsh(direction)[-1] < UNKNOWN**2:
+    if np.isfinite(direction).all() and np.linalg.eigvalsh(direction)[-1] < UNKNOWN_DIRECTION**2:
         return pose
     return RelativePose(pose.rotation, pose.translation, unknown_direction(pose.covariance[:3, :3]))
 
@@ -177,7 +177,7 @@ def is_plausibly_near(pose: RelativePose, matches: Matches) -> BoolArray:
         nearness = (normal**2).sum(axis=1) / np.abs((np.cross(t, second) * normal).sum(axis=1))
     if not len(nearness):
         return np.zeros(0, np.bool_)
-    plausible: BoolArray = nearness <= NEAREST * np.percentile(nearness, MOST)
+    plausible: BoolArray = nearness <= MAX_PLAUSIBLE_INVERSE_DEPTH * np.percentile(nearness, MOST)
     return plausible
 
 
@@ -274,7 +274,7 @@ def planar_pose(
         for other, count in zip(solutions, counts, strict=True)
         if count >= TWIN * most
     ]
-    twins = [gap for gap in gaps if gap @ gap > SAME_POSE]
+    twins = [gap for gap in gaps if gap @ gap > SAME_SOLUTION]
     J = best.derivatives(homography)
     total = J @ covariance @ J.T
     for gap in twins[:1]:

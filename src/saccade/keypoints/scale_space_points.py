@@ -12,7 +12,7 @@ from saccade.scale.scale_space_config import ScaleSpaceConfig
 from saccade.scale.workspace import Workspace
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
 
-BLOCK_SIZE = 256
+POINTS_PER_BLOCK = 256
 """Number of points in the block of a thread."""
 
 Index: TypeAlias = npt.NDArray[Any]
@@ -84,7 +84,7 @@ def run_by_octave(
         def run(block: slice, octave: Float32Array = octave, index: IntArray = index) -> None:
             work(octave, index[block])
 
-        workspace.run_in_blocks(run, len(index), BLOCK_SIZE)
+        workspace.run_in_blocks(run, len(index), POINTS_PER_BLOCK)
 
 
 def locate(keypoints: Keypoints, space: ScaleSpace, config: ScaleSpaceConfig) -> Points:

@@ -17,7 +17,7 @@ from saccade.keypoints.detection import (
 )
 from saccade.keypoints.scale_space_points import check_keypoints, locate
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.scale.scale_space import MIN_SIDE, difference_of_gaussians, gaussian_scale_space
+from saccade.scale.scale_space import MIN_OCTAVE_SIDE, difference_of_gaussians, gaussian_scale_space
 from saccade.scale.workspace import WorkspacePool
 from saccade.types import Image, Keypoints
 
@@ -70,7 +70,7 @@ class Sift:
         """
         (gray, inside), config = gray_and_mask(image, mask), self.config  # (H, W) each
         with self._workspaces.workspace() as workspace:
-            min_side = max(MIN_SIDE, 2 * config.border + 1)
+            min_side = max(MIN_OCTAVE_SIDE, 2 * config.border + 1)
             space = gaussian_scale_space(gray, config, min_side=min_side, workspace=workspace)
             responses = (difference_of_gaussians(each, workspace) for each in space.octaves)  # B.1
             points = find_points(enumerate(responses), config, config.min_response, workspace)
@@ -110,8 +110,8 @@ class Sift:
             if len(keypoints) and not space.octaves:
                 height, width = gray.shape
                 raise ImageError(
-                    f"image: expected at least {MIN_SIDE} samples a side in the first octave "
-                    f"to describe keypoints, found an image of {width} x {height} px"
+                    f"image: expected at least {MIN_OCTAVE_SIDE} samples a side in the first "
+                    f"octave to describe keypoints, found an image of {width} x {height} px"
                 )
             points = locate(keypoints, space, config)
             if orient and config.upright:

@@ -30,9 +30,9 @@ MAX_CONDITION = 1e14
 """Largest condition number of the information of matches that determine a model."""
 MIN_FREEDOM = 0.05
 """Lower bound of one minus the leverage in the jackknife."""
-MAX_STEPS = 50
+MAX_FIT_STEPS = 50
 """Largest number of Gauss-Newton steps, halved ones included."""
-MIN_DECREASE = 1e-6
+MIN_LOSS_DECREASE = 1e-6
 """Smallest relative decrease of the loss before the fit has converged."""
 
 
@@ -128,7 +128,7 @@ def minimize(
     geometry: Geometry,
     matched: FloatArray,
     sigma: FloatArray,
-    min_decrease: float = MIN_DECREASE,
+    min_decrease: float = MIN_LOSS_DECREASE,
 ) -> Minimum | None:
     """The model of `refine`, without its covariance.
 
@@ -159,7 +159,9 @@ def minimize(
         return Minimum(matrix, 0.0, initial, back, geometry, width, z, J)
     scales = whitening_of(initial, matched, sigma) if geometry == "homography" else sigma
     factors = factors_of(initial, geometry)
-    minimize_loss(KINDS.index(geometry), factors, matched, scales, width, MAX_STEPS, min_decrease)
+    minimize_loss(
+        KINDS.index(geometry), factors, matched, scales, width, MAX_FIT_STEPS, min_decrease
+    )
     model = factors[0] @ factors[1] @ factors[2].T
     z, J = residuals(model)
     refined = back[0] @ model @ back[1]

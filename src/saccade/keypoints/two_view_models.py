@@ -41,7 +41,7 @@ INLIER_SIGMAS = 3.0
 """Largest residual of an inlier in standard deviations."""
 MIN_NOISE = 0.005
 """Smallest noise of the positions in pixels, for exact matches."""
-MIN_FRACTION = 0.4
+MIN_PLANAR_FRACTION = 0.4
 """Fraction of matches near a homography below which no model with two dimensions can win: its
 costs per match then exceed those of a general motion."""
 NOISE_STEPS = 3
@@ -68,9 +68,9 @@ LOG_FOCAL_SIGMA = 0.8
 """Standard deviation of the logarithm of the focal length about the width of the images."""
 PARAMETERS = {"still": 0, "turn": 3, "turn, uncalibrated": 6, "plane": 8}
 """Number of parameters of the models with two dimensions."""
-CELLS = (4, 8)
+GRID_CELLS = (4, 8)
 """Cells per side of the grid that holds the keypoints: for few, and for many inliers."""
-MANY = 64
+FINE_GRID_INLIERS = 64
 """Number of inliers from which the finer grid is used."""
 WATERMARK_CELLS = 0.3
 """Largest fraction of the cells with keypoints that a watermark covers."""
@@ -148,7 +148,7 @@ def select_model(
         return none
     near = matches.squared(found) < INLIER_SIGMAS**2 * 2
     chosen = (np.abs(general) < INLIER_SIGMAS) | near
-    if near.sum() < MIN_FRACTION * chosen.sum():
+    if near.sum() < MIN_PLANAR_FRACTION * chosen.sum():
         return none
     matches, general = matches.take(chosen), general[chosen]
     plane = polished(found, matches)
@@ -376,7 +376,7 @@ def is_watermark(inliers: FloatArray, keypoints: FloatArray) -> bool:
     """
     low = keypoints.min(axis=0)
     span = np.maximum(keypoints.max(axis=0) - low, 1e-9)
-    side = CELLS[len(inliers) >= MANY]
+    side = GRID_CELLS[len(inliers) >= FINE_GRID_INLIERS]
 
     def cells(xy: FloatArray) -> int:
         x, y = np.minimum((xy - low) / span * side, side - 1).astype(np.int64).T

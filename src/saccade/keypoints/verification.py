@@ -51,7 +51,7 @@ most one of them is right, and a geometry may agree with all of them by that pos
 MIN_UNCERTAINTY = 1.0
 """Standard deviation of the direction of motion in degrees below which the noise of the positions
 is negligible beside the parallax."""
-MIN_SIGMA = 0.02
+MIN_KEYPOINT_SIGMA = 0.02
 """Smallest error of a position, in pixels."""
 SCALE_ERROR = 0.064
 """Error of a position in each axis, in scales of its keypoint."""
@@ -491,5 +491,5 @@ def position_sigma(keypoints: Keypoints) -> FloatArray:
     """
     scale, response = keypoints.size.astype(np.float64) / 2, keypoints.response.astype(np.float64)
     noise = np.divide(NOISE_ERROR, response, out=np.zeros(len(scale)), where=response > 0)
-    sigma: FloatArray = np.maximum(np.hypot(SCALE_ERROR * scale, noise), MIN_SIGMA)
+    sigma: FloatArray = np.maximum(np.hypot(SCALE_ERROR * scale, noise), MIN_KEYPOINT_SIGMA)
     return sigma

@@ -7,7 +7,7 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.types import Float32Array, IntArray
 
-MARGIN = 1
+BORDER_WIDTH = 1
 """Width of the border without pairs, where half of the gradient lies outside the image."""
 UNSIGNED = np.uintp
 """Index type of the kernels, which spares Numba the check for negative indices."""
@@ -48,8 +48,8 @@ def add_isotropic(gradients: Gradients, pairs: PairKernel, out: Float32Array) ->
     for y in range(height):
         for k in range(len(offsets)):
             dx, dy = offsets[k]
-            edge = abs(dx) + MARGIN
-            if not (y - dy >= MARGIN and y + dy < height - MARGIN and 2 * edge < width):
+            edge = abs(dx) + BORDER_WIDTH
+            if not (y - dy >= BORDER_WIDTH and y + dy < height - BORDER_WIDTH and 2 * edge < width):
                 continue
             e_x, e_y = directions[k]
             row, up, down = UNSIGNED(y), UNSIGNED(y + dy), UNSIGNED(y - dy)
@@ -79,8 +79,8 @@ def add_radial(gradients: Gradients, pairs: PairKernel, out: Float32Array) -> No
                 sums[column] = 0
         for k in range(len(offsets)):
             dx, dy = offsets[k]
-            edge = abs(dx) + MARGIN
-            if not (y - dy >= MARGIN and y + dy < height - MARGIN and 2 * edge < width):
+            edge = abs(dx) + BORDER_WIDTH
+            if not (y - dy >= BORDER_WIDTH and y + dy < height - BORDER_WIDTH and 2 * edge < width):
                 continue
             e_x, e_y = directions[k]
             up, down, start = UNSIGNED(y + dy), UNSIGNED(y - dy), UNSIGNED(edge)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from saccade.scale._pair_sums_kernels import (
-    MARGIN,
+    BORDER_WIDTH,
     add_isotropic,
     add_radial,
 )
@@ -23,7 +23,7 @@ from saccade.scale._pair_sums_kernels import PairKernel as PairKernel
 from saccade.scale.pyramid import FloatMap
 from saccade.types import Float32Array
 
-TINY = 1e-30
+MIN_GRADIENT = 1e-30
 """Minimum magnitude of a gradient with a direction."""
 
 
@@ -61,7 +61,7 @@ def gradients_of(channel: FloatMap, gain: float, border: int = cv2.BORDER_REFLEC
     cosine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=border)
     sine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=border)
     magnitude = np.sqrt(cosine * cosine + sine * sine)
-    inverse = 1 / np.maximum(magnitude, np.float32(TINY))
+    inverse = 1 / np.maximum(magnitude, np.float32(MIN_GRADIENT))
     cosine *= inverse
     sine *= inverse
     magnitude *= np.float32(gain)
@@ -98,13 +98,14 @@ def sums_of(add: Callable[..., None], channels: list[Gradients], pairs: PairKern
 def fraction_inside(shape: tuple[int, ...], pairs: PairKernel) -> Float32Array:
     """(h, w) fraction of the weight of all pairs that lies inside the image."""
     reach = int(np.abs(pairs.offsets).max())
-    distance = np.arange(-MARGIN, reach + 1)  # distance to the outermost pixel with pairs
+    distance = np.arange(-BORDER_WIDTH, reach + 1)  # distance to the outermost pixel with pairs
     fits = (distance[:, None, None] >= pairs.offsets[:, 1]) & (
         distance[None, :, None] >= np.abs(pairs.offsets[:, 0])
     )
     weights = pairs.weights.astype(np.float64)
     fraction = (fits @ weights / weights.sum()).astype(np.float32)
     y, x = (
-        np.minimum(np.arange(side), np.arange(side)[::-1]).clip(0, reach + MARGIN) for side in shape
+        np.minimum(np.arange(side), np.arange(side)[::-1]).clip(0, reach + BORDER_WIDTH)
+        for side in shape
     )
     return np.asarray(fraction[np.ix_(y, x)])

@@ -13,7 +13,7 @@ from saccade.scale.scale_space_config import ScaleSpaceConfig
 from saccade.scale.workspace import SERIAL, Workspace
 from saccade.types import Float32Array, FloatArray, IntArray
 
-MIN_SIDE = 8
+MIN_OCTAVE_SIDE = 8
 """Minimum samples per side of an octave; smaller octaves are dominated by reflected borders."""
 
 NARROW_SIGMA = 0.8
@@ -44,7 +44,7 @@ def gaussian_scale_space(
     gray: Float32Array,
     config: ScaleSpaceConfig,
     *,
-    min_side: int = MIN_SIDE,
+    min_side: int = MIN_OCTAVE_SIDE,
     further_planes: int = 3,
     workspace: Workspace | None = None,
 ) -> ScaleSpace:

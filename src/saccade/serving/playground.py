@@ -15,23 +15,23 @@ from saccade.slam.consistency import chi_square_gate, normalized_squared, pose_n
 from saccade.slam.filter.robot_models import turn_then_translate, wrap
 from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, Trajectory
 
-MAX_LANDMARKS = 60
+MAX_WORLD_LANDMARKS = 60
 """Maximum number of landmarks in a world."""
 START = (0.0, -10.0, 0.0)
 """True first pose."""
-MIN_RANGE = 0.1
+MIN_OBSERVED_RANGE = 0.1
 """Minimum range of an observation, in meters."""
 RINGS = ((8.0, 7), (12.0, 9))
 """Radius in meters and number of landmarks of each initial ring."""
 MAX_SESSIONS = 64
 """Maximum number of sessions in memory, least recently used dropped first."""
-MAX_COORDINATE = 100.0
+MAX_LANDMARK_COORDINATE = 100.0
 """Maximum coordinate of a landmark along each axis, in meters."""
 MAX_STEPS = 5000
 """Maximum number of steps in a session."""
 MAX_STEPS_AT_ONCE = 50
 """Maximum number of steps in a request."""
-MAX_DISTANCE = 2.0
+MAX_STEP_DISTANCE = 2.0
 """Maximum distance of one step in meters."""
 MAX_TURN = np.pi
 """Maximum turn of one step in radians."""
@@ -85,7 +85,7 @@ class World:
 
     def add(self, xy: FloatArray) -> None:
         """Add landmarks (n, 2)."""
-        room = MAX_LANDMARKS - len(self.landmarks)
+        room = MAX_WORLD_LANDMARKS - len(self.landmarks)
         require(len(xy) <= room, "landmarks", f"at most {room} more", len(xy))
         self.landmarks |= dict(enumerate(xy, self._num_added))
         self._num_added += len(xy)
@@ -102,7 +102,7 @@ class World:
         labels = np.array([*self.landmarks], np.int64)
         offset = np.array([*self.landmarks.values()]).reshape(-1, 2) - self.pose[:2]
         distance = np.hypot(*offset.T)
-        observed = (distance >= MIN_RANGE) & (distance <= noise.max_range)
+        observed = (distance >= MIN_OBSERVED_RANGE) & (distance <= noise.max_range)
         bearing = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - self.pose[2])
         z = np.stack([distance, bearing], 1)[observed]
         sigma = np.empty(z.shape)
@@ -269,17 +269,20 @@ def commands_from(value: Any) -> list[FloatArray | None]:
     """The commands in a request; None stands still."""
     is_list = isinstance(value, list) and len(value) <= MAX_STEPS_AT_ONCE
     require(is_list, "commands", f"a list of at most {MAX_STEPS_AT_ONCE}", value)
-    limits = f"a distance up to {MAX_DISTANCE:g} m and up to half a turn, or null"
+    limits = f"a distance up to {MAX_STEP_DISTANCE:g} m and up to half a turn, or null"
     return [
-        None if each is None else _pairs("commands", [each], 1, (MAX_DISTANCE, MAX_TURN), limits)[0]
+        None
+        if each is None
+        else _pairs("commands", [each], 1, (MAX_STEP_DISTANCE, MAX_TURN), limits)[0]
         for each in value
     ]
 
 
 def positions(value: Any, name: str) -> FloatArray:
     """(n, 2) positions in a request."""
-    limits = f"at most {MAX_LANDMARKS} positions within {MAX_COORDINATE:g} m along each axis"
-    return _pairs(name, value, MAX_LANDMARKS, (MAX_COORDINATE, MAX_COORDINATE), limits)
+    largest, count = MAX_LANDMARK_COORDINATE, MAX_WORLD_LANDMARKS
+    limits = f"at most {count} positions within {largest:g} m along each axis"
+    return _pairs(name, value, count, (largest, largest), limits)
 
 
 def _pairs(

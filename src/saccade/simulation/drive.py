@@ -22,9 +22,9 @@ from saccade.simulation.floor_plan import drive_course
 from saccade.simulation.scene import ACROSS, DOWN, GROUND, Scene, floor_scene
 from saccade.types import Float32Array, FloatArray, Image, IntArray, LandmarkMap, Trajectory
 
-SAMPLES = (3, 2)
+SAMPLES_PER_PIXEL = (3, 2)
 """Samples per pixel, across and down, which are averaged."""
-NEAREST = 0.02
+NEAR_PLANE = 0.02
 """Near clipping plane, meters along the optical axis."""
 WAVES = 4
 """Number of sine waves in a drift."""
@@ -62,7 +62,7 @@ def render(
     size = (camera.width, camera.height)
     x, y = (
         (np.arange(side * samples) + 0.5) / samples - 0.5
-        for side, samples in zip(size, SAMPLES, strict=True)
+        for side, samples in zip(size, SAMPLES_PER_PIXEL, strict=True)
     )
     columns = intersect_walls(scene, camera, pose, x, right)
     across, down = _wall_texels(scene, camera, columns, y)
@@ -115,7 +115,7 @@ def intersect_walls(
         depth = (to_start * front).sum(1) / facing
         position = depth * (ray @ along.T) - (to_start * along).sum(1)
     slack = 1e-9 * length  # so that no ray passes between two adjacent walls
-    hit = (facing < 0) & (depth > NEAREST) & (position >= -slack) & (position <= length + slack)
+    hit = (facing < 0) & (depth > NEAR_PLANE) & (position >= -slack) & (position <= length + slack)
     depth = np.where(hit, depth, np.inf)
     wall = depth.argmin(1)
     rows = np.arange(len(x))
@@ -130,8 +130,8 @@ def _wall_texels(
 ) -> tuple[Float32Array, Float32Array]:
     """Column and row (rows, n) in the atlas of each sample, ignoring the ground."""
     texels = scene.wall_texels
-    i = _mipmap_level(texels * columns.stretch / SAMPLES[0], ACROSS)
-    j = _mipmap_level(texels * columns.depth / camera.fy / SAMPLES[1], DOWN)
+    i = _mipmap_level(texels * columns.stretch / SAMPLES_PER_PIXEL[0], ACROSS)
+    j = _mipmap_level(texels * columns.depth / camera.fy / SAMPLES_PER_PIXEL[1], DOWN)
     band = scene.band[columns.wall]
     left = np.stack([levels.left for levels in scene.wall_levels])[band, i]
     width = np.stack([levels.width for levels in scene.wall_levels])[band, i]
@@ -152,8 +152,10 @@ def _ground_texels(
     """Column and row (rows, n) in the atlas of each ground sample below the horizon."""
     depth = camera.fy * camera.position[2] / (y - camera.cy)
     texels, levels = scene.ground.texels, scene.ground_levels
-    long = depth**2 / (camera.fy * camera.position[2]) / SAMPLES[1]  # meters from sample to sample
-    wide = depth / camera.fx / SAMPLES[0]
+    long = (
+        depth**2 / (camera.fy * camera.position[2]) / SAMPLES_PER_PIXEL[1]
+    )  # meters from sample to sample
+    wide = depth / camera.fx / SAMPLES_PER_PIXEL[0]
     i = _mipmap_level(texels * np.sqrt(long * wide), GROUND)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     east, south = (camera_position(camera, pose, right) - scene.ground.corner) * (1, -1)

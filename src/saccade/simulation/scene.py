@@ -175,9 +175,9 @@ GROUND_TEXELS = 160.0
 """Texels per meter of ground."""
 CORNER = 0.35
 """Meters next to a corner without posters."""
-GROUP = 3
+POSTERS_PER_GROUP = 3
 """Number of posters of a group in a hall."""
-FRAMES = ((38, 34, 32), (232, 228, 220), (110, 74, 46), (64, 76, 92))
+POSTER_FRAMES = ((38, 34, 32), (232, 228, 220), (110, 74, 46), (64, 76, 92))
 """RGB of the posters' frames."""
 
 
@@ -401,15 +401,15 @@ def _grouped_posters(
     """Positions and largest widths of grouped posters on the outer walls of a hall."""
     (width, depth), spacing = config.size, config.poster_spacing
     ends = np.cumsum([0.0, depth, width, depth, width])
-    margin = CORNER + GROUP / 2 * spacing
+    margin = CORNER + POSTERS_PER_GROUP / 2 * spacing
     ahead = ends[3] - config.corridor / 2  # of the start
     for k in range(config.poster_groups):
         drawn = rng.uniform(-0.3, 0.3) if k else 0.0
         position = (ahead + (k + drawn) / config.poster_groups * ends[-1]) % ends[-1]
         wall = np.searchsorted(ends, position, side="right") - 1
         position = np.clip(position, ends[wall] + margin, ends[wall + 1] - margin)
-        for i in range(GROUP):
-            yield position + (i - (GROUP - 1) / 2) * spacing, spacing
+        for i in range(POSTERS_PER_GROUP):
+            yield position + (i - (POSTERS_PER_GROUP - 1) / 2) * spacing, spacing
 
 
 def _paint(
@@ -429,7 +429,7 @@ def _paint(
     center = float(np.clip(center, low + height / 2, high - height / 2))
     size = (round(height * aspect * TEXELS), round(height * TEXELS))
     border = round(0.03 * TEXELS)
-    frame = FRAMES[rng.integers(len(FRAMES))]
+    frame = POSTER_FRAMES[rng.integers(len(POSTER_FRAMES))]
     poster = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     borders = (border, border, border, border)
     poster = cv2.copyMakeBorder(poster, *borders, cv2.BORDER_CONSTANT, value=frame)

@@ -26,7 +26,7 @@ MIN_FACING = 0.4
 """Minimum cosine of the angle of incidence at which a tag is seen well."""
 MIN_PIXELS = 18.0
 """Minimum side of a tag that is seen well, in pixels."""
-MAX_POSES = 100
+MAX_LAP_POSES = 100
 """Maximum number of poses of a lap from which tags are viewed."""
 FINE = 16
 """Samples per texel along each side of a tag before it is averaged."""
@@ -61,7 +61,7 @@ def place_tags(
     ends = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
     half = config.tag_size * 0.625 + CLEARANCE  # with the border of a cell on each side
     poses = drive_course(replace(config, sway=0.0), np.random.SeedSequence(0))
-    poses = poses[: config.frames_per_lap : max(1, config.frames_per_lap // MAX_POSES)]
+    poses = poses[: config.frames_per_lap : max(1, config.frames_per_lap // MAX_LAP_POSES)]
     found = []
     for k in range(config.tags):
         along = (k + rng.random(CANDIDATES)) / config.tags * ends[-1]

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.special import chdtri
 
 from saccade.errors import LogError, require
-from saccade.slam.filter._kernels import TINY
+from saccade.slam.filter._kernels import NEGLIGIBLE_VARIANCE
 from saccade.slam.filter.robot_models import wrap
 from saccade.slam.filter.state import Errors
 from saccade.types import FloatArray, IntArray, Trajectory
@@ -19,7 +19,7 @@ from saccade.types import FloatArray, IntArray, Trajectory
 REGULAR = 1e-6
 """Smallest eigenvalue of the correlation matrix of a regular covariance."""
 
-MIN_OBSERVATIONS = 20
+MIN_WHITENED_INNOVATIONS = 20
 """Minimum number of innovations for a warning or a remark."""
 TOLERATED_FRACTION = 1.5
 """Largest factor between innovations and noise without a warning or a remark."""
@@ -53,7 +53,7 @@ class Consistency:
         found = []
         if self.rejected > WRONG_FRACTION:
             found.append(f"{self.rejected:.1%} of the labels contradict the map and were rejected")
-        if self._count < MIN_OBSERVATIONS:
+        if self._count < MIN_WHITENED_INNOVATIONS:
             return "; ".join(found)
         if self._factor > TOLERATED_FRACTION:
             found.append(
@@ -70,7 +70,7 @@ class Consistency:
     @property
     def verdict(self) -> str:
         """Whether the innovations fit their covariances; empty with few observations."""
-        if self._count < MIN_OBSERVATIONS:
+        if self._count < MIN_WHITENED_INNOVATIONS:
             return ""
         name = "consistent"
         if self._factor > TOLERATED_FRACTION:
@@ -85,7 +85,7 @@ class Consistency:
         found = []
         if 0 < self.rejected <= WRONG_FRACTION:
             found.append(f"{self.rejected:.2%} of the labels contradict the map: rejected")
-        if self._count < MIN_OBSERVATIONS:
+        if self._count < MIN_WHITENED_INNOVATIONS:
             return "; ".join(found)
         if self._factor < 1 / TOLERATED_FRACTION:
             found.append(
@@ -172,7 +172,7 @@ def pose_nees(estimate: Trajectory, truth: Trajectory, errors: Errors) -> FloatA
 
 def regular_nees(error: FloatArray, C: FloatArray) -> FloatArray:
     """(n,) NEES of errors (n, d) with covariances C (n, d, d); NaN where C is singular."""
-    scale = np.sqrt(np.maximum(C.diagonal(0, 1, 2), TINY))
+    scale = np.sqrt(np.maximum(C.diagonal(0, 1, 2), NEGLIGIBLE_VARIANCE))
     correlation = C / (scale[:, :, None] * scale[:, None, :])
     regular = np.linalg.eigvalsh(correlation)[:, 0] > REGULAR
     nees = np.full(len(error), np.nan)

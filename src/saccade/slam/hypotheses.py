@@ -32,7 +32,7 @@ SYSTEMATIC = 0.5
 landmark may differ: averaging does not make them smaller."""
 MAX_CO_OBSERVED = 0.1
 """Largest fraction of the observations of two landmarks in common scans for them to be one."""
-MIN_GAIN = 3.0
+MIN_MERGE_GAIN = 3.0
 """Minimum log-likelihood ratio for two landmarks to be one."""
 MORE_GAIN = 1.5
 """Increase of the log-likelihood ratio before a rejected merge is proposed again."""
@@ -40,9 +40,9 @@ MAX_EXPECTED = 10.0
 """Largest contribution of expected detections to the log-likelihood ratio of a merge."""
 MAX_JOINED = 4
 """Largest number of hypotheses that one hypothesis becomes after a scan."""
-MAX_DISTANCE = 4.0
+MERGE_SIGMAS = 4.0
 """Largest distance of two landmarks that may be one, in standard deviations."""
-EQUAL = 0.5
+EQUAL_SIGMAS = 0.5
 """Largest difference of poses and landmarks of equal hypotheses, in standard deviations: they
 differ in the observations of few scans, not in the map."""
 EQUAL_MAP = 1.5
@@ -73,7 +73,7 @@ class Hypothesis:
     co_observations: IntArray = field(default_factory=lambda: np.zeros((0, 0), np.int64))
     """(N, N) number of scans in which both landmarks were observed."""
     merge_threshold: dict[tuple[int, int], float] = field(default_factory=dict)
-    """Minimum log-likelihood ratio for a merge of two landmarks, by ids, besides `MIN_GAIN`."""
+    """Minimum log-likelihood ratio for a merge of two landmarks, by ids, over `MIN_MERGE_GAIN`."""
     matches: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) id of the landmark of each observation of the last scan, negative if it was not used."""
     innovations: Innovations = field(default_factory=lambda: new_innovations(0))
@@ -189,7 +189,7 @@ class Hypothesis:
         for j in observed.tolist():
             apart = co_observations[j] <= MAX_CO_OBSERVED * np.minimum(seen, seen[j])
             d = points - points[j]
-            bound = MAX_DISTANCE * (deviation + deviation[j] + SYSTEMATIC * point_sigma)
+            bound = MERGE_SIGMAS * (deviation + deviation[j] + SYSTEMATIC * point_sigma)
             near = np.flatnonzero(table.confirmed & apart & (np.hypot(d[:, 0], d[:, 1]) < bound))
             if len(near) == 0:
                 continue
@@ -204,9 +204,9 @@ class Hypothesis:
             pairs = [(min(i, j), max(i, j)) for i in near.tolist()]
             pairs = [(int(ids[i]), int(ids[j])) for i, j in pairs]
             threshold = np.array([self.merge_threshold.get(pair, 0.0) for pair in pairs])
-            gain[(nis > MAX_DISTANCE**2) | (gain < threshold)] = -np.inf
+            gain[(nis > MERGE_SIGMAS**2) | (gain < threshold)] = -np.inf
             i = int(gain.argmax())
-            if gain[i] > (MIN_GAIN if best is None else best[0]):
+            if gain[i] > (MIN_MERGE_GAIN if best is None else best[0]):
                 best = float(gain[i]), *pairs[i]
         return best
 
@@ -225,7 +225,9 @@ class Hypothesis:
     def equals(self, other: "Hypothesis", point_sigma: float) -> bool:
         """Whether the poses and the maps are nearly equal."""
         variance = np.maximum(self.ekf.pose_covariance.diagonal(), 0.0)
-        tolerance = np.maximum(EQUAL * np.sqrt(variance), [point_sigma, point_sigma, EQUAL_HEADING])
+        tolerance = np.maximum(
+            EQUAL_SIGMAS * np.sqrt(variance), [point_sigma, point_sigma, EQUAL_HEADING]
+        )
         if (np.abs(pose_difference(self.ekf.pose, other.ekf.pose)) > tolerance).any():
             return False
         confirmed = other.table.counts.confirmed
@@ -234,7 +236,7 @@ class Hypothesis:
             return len(one) == len(two)
         deviation = np.sqrt(other.ekf.landmark_covariances[confirmed].trace(0, 1, 2) / 2)
         distance = np.abs(one[:, None] - two).max(2)
-        equal = distance < np.maximum(EQUAL_MAP * point_sigma, EQUAL * deviation)
+        equal = distance < np.maximum(EQUAL_MAP * point_sigma, EQUAL_SIGMAS * deviation)
         return bool(equal.any(0).all() and equal.any(1).all())
 
 

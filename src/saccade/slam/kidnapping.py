@@ -23,7 +23,7 @@ from saccade.slam.results import PoseHypotheses
 from saccade.slam.scans import Scan
 from saccade.types import IntArray
 
-LIMIT = 14.0
+MIN_KIDNAPPING_EVIDENCE = 14.0
 """Minimum evidence (a log-likelihood ratio) for a robot to be kidnapped, reached by five scans."""
 REGAINED = 7.0
 """Largest evidence of scans that agree with the estimated pose again."""
@@ -71,7 +71,7 @@ class KidnappingDetector:
         self,
         enabled: bool,
         gate: float,
-        limit: float = LIMIT,
+        limit: float = MIN_KIDNAPPING_EVIDENCE,
         *,
         standing: bool = False,
         label_gate: float = 0.99999,

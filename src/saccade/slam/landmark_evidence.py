@@ -23,9 +23,9 @@ RAREST = 0.01
 """Least expected number of unexplained observations in a scan."""
 MAX_OBSERVATIONS = 2.0
 """Largest number of observations of an unexplained point that count."""
-MAX_POINTS = 32
+MAX_UNEXPLAINED_POINTS = 32
 """Largest number of unexplained points."""
-MAX_EVIDENCE = 3.0
+MAX_SCAN_EVIDENCE = 3.0
 """Largest evidence of one scan, of either sign: its misses have common causes."""
 MAX_LABEL_EVIDENCE = 7.0
 """Largest evidence of one scan by labels of landmarks that did not move."""
@@ -149,12 +149,12 @@ class LandmarkEvidence:
         )
         if standing:
             labels = -float(np.log(ratio[compared.labeled]).sum())
-            return max(min(labels, MAX_LABEL_EVIDENCE), -MAX_EVIDENCE)
+            return max(min(labels, MAX_LABEL_EVIDENCE), -MAX_SCAN_EVIDENCE)
         value = float(np.minimum(-np.log(ratio), MAX_UNEXPLAINED).sum())
         information = np.log1p(-compared.rate)  # of each miss, negative
         value += float(information @ (compared.observed - compared.rate))
         rarity = min(log((clutter + num_expected) / clutter), MAX_UNEXPLAINED)
-        return max(self._limit(value, f, compared, rarity), -MAX_EVIDENCE)
+        return max(self._limit(value, f, compared, rarity), -MAX_SCAN_EVIDENCE)
 
     def _limit(
         self, value: float, f: FilterState, compared: ScanComparison, rarity: float
@@ -173,7 +173,7 @@ class LandmarkEvidence:
             point = self._point_near(seen, 2 * self._gate * variance)
             limits.append((point, min(limit, max(MAX_OBSERVATIONS * limit - point.evidence, 0.0))))
         total = sum(limit for _, limit in limits)
-        limited = min(value, total, MAX_EVIDENCE)
+        limited = min(value, total, MAX_SCAN_EVIDENCE)
         if limited > 0:
             for point, limit in limits:
                 point.evidence += limited * limit / total
@@ -189,7 +189,7 @@ class LandmarkEvidence:
         if nearest is not None and squared_distance(nearest) <= max_square:
             nearest.x, nearest.y = seen.x, seen.y
             return nearest
-        if len(self.points) == MAX_POINTS:
+        if len(self.points) == MAX_UNEXPLAINED_POINTS:
             self.points.remove(min(self.points, key=lambda point: point.evidence))
         self.points.append(seen)
         return seen

@@ -20,16 +20,16 @@ from saccade.types import FloatArray, IntArray
 
 MAX_ITERATIONS = 50
 """Largest number of iterations of Levenberg-Marquardt."""
-MIN_DECREASE = 1e-5
+MIN_COST_DECREASE = 1e-5
 """Minimum relative decrease of the cost in an iteration; the estimate has converged otherwise."""
 MIN_DAMPING = 1e-9
 """Damping after a step that does not decrease the cost, relative to the diagonal of the normal
 equations. Until then the steps are undamped (Gauss-Newton)."""
 DAMPING_FACTOR = 100.0
 """Factor on the damping after a step that does not decrease the cost; its inverse after others."""
-STRETCH = 48
+POSES_PER_STRETCH = 48
 """Number of successive poses whose covariances are computed together."""
-NEGLIGIBLE = 1e-12
+NEGLIGIBLE_DERIVATIVE = 1e-12
 """Largest derivative of a pose by a landmark that is neglected."""
 MAX_SEARCHED_POSES = 20_000
 """Largest number of poses for which the order of elimination is searched: the search takes longer
@@ -249,16 +249,20 @@ class NormalEquations:
         L = cholesky(H_ll - H_pl.T @ X, lower=True)
         others = cho_solve((L, True), np.eye(len(L))) if len(L) else L  # SciPy 1.13 refuses none
         X = X.reshape(p // 3, 3, len(L))
-        for i in range(0, p // 3, STRETCH):  # X is almost zero for landmarks far from the poses
-            near = np.flatnonzero(np.abs(X[i : i + STRETCH]).max((0, 1)) > NEGLIGIBLE)
-            x = X[i : i + STRETCH, :, near]
+        for i in range(
+            0, p // 3, POSES_PER_STRETCH
+        ):  # X is almost zero for landmarks far from the poses
+            near = np.flatnonzero(
+                np.abs(X[i : i + POSES_PER_STRETCH]).max((0, 1)) > NEGLIGIBLE_DERIVATIVE
+            )
+            x = X[i : i + POSES_PER_STRETCH, :, near]
             weighted = x.reshape(3 * len(x), len(near)) @ others[np.ix_(near, near)]
-            given[i : i + STRETCH] += weighted.reshape(x.shape) @ x.transpose(0, 2, 1)
+            given[i : i + POSES_PER_STRETCH] += weighted.reshape(x.shape) @ x.transpose(0, 2, 1)
         return given, others
 
 
 def minimize(
-    measured: Measurements, start: Estimate, min_decrease: float = MIN_DECREASE
+    measured: Measurements, start: Estimate, min_decrease: float = MIN_COST_DECREASE
 ) -> tuple[Estimate, int]:
     """The least-squares estimate by Levenberg-Marquardt, and the number of iterations.
 

@@ -24,9 +24,9 @@ from saccade.slam.online import Slam
 from saccade.slam.relocalization import locate, pose_jacobians
 from saccade.types import FloatArray, IntArray
 
-GATE = chi_square_gate(2, 0.99)
+LANDMARK_GATE = chi_square_gate(2, 0.99)
 """Largest squared Mahalanobis distance of a pair of common landmarks."""
-SAME = chi_square_gate(3, 0.999)
+SAME_TRANSFORM = chi_square_gate(3, 0.999)
 """Largest squared Mahalanobis distance of equal transforms."""
 AMBIGUOUS = 2 * log(20)
 """Minimum difference of squared distances between the second nearest landmark and the nearest, for
@@ -39,7 +39,7 @@ MAX_GROUPS = 12
 """Largest number of groups, which are spread over the map."""
 MIN_PROBABILITY = 0.99
 """Minimum probability of the correspondence, against others and against none."""
-CONFIDENCE = 0.9999
+PASS_PROBABILITY = 0.9999
 """Probability with which consistent maps pass the test of their common landmarks."""
 DISTORTION = 0.0025
 """Standard deviation that is added to landmarks in that test, as a fraction of the map's extent. It
@@ -140,7 +140,7 @@ def _warnings(first: Slam, second: Slam, maps: "_Maps", fused: "_Fused") -> list
     """Why two maps should not be merged."""
     named = {"first": first, "second": second}
     found = [f"the {name} map: {each.warning}" for name, each in named.items() if each.warning]
-    limit = chi_square_gate(2 * len(fused.pairs) - 3, CONFIDENCE)
+    limit = chi_square_gate(2 * len(fused.pairs) - 3, PASS_PROBABILITY)
     added = (DISTORTION * float(np.ptp(maps.xy[0], axis=0).max())) ** 2
     P, Q = (C + added * np.eye(len(C)) for C in maps.P)
     nis = _fuse(maps._replace(P=(P, Q)), fused.pairs, fused.transform).nis
@@ -150,7 +150,7 @@ def _warnings(first: Slam, second: Slam, maps: "_Maps", fused: "_Fused") -> list
             f"{limit:.0f}"
         )
     stretch, variance = fused.stretch
-    if stretch**2 > chi_square_gate(1, CONFIDENCE) * (variance + MAX_STRETCH**2):
+    if stretch**2 > chi_square_gate(1, PASS_PROBABILITY) * (variance + MAX_STRETCH**2):
         sizes = [xy[rows].var(0).sum() for xy, rows in zip(maps.xy, fused.pairs.T, strict=True)]
         found.append(
             f"the second map {np.sqrt(sizes[1] / sizes[0]):.3f} times as large as the first; "
@@ -269,7 +269,7 @@ def _grown(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
         square[(labels[0] != labels[1]) & (labels[0] >= 0) & (labels[1] >= 0)] = np.inf
         square[fused.pairs[:, 0]] = square[:, fused.pairs[:, 1]] = np.inf
         nearest = square.argmin(1)
-        mutual = (square.argmin(0)[nearest] == i) & (square[i, nearest] < GATE)
+        mutual = (square.argmin(0)[nearest] == i) & (square[i, nearest] < LANDMARK_GATE)
         clear = square[i, nearest] + AMBIGUOUS
         square[i, nearest] = np.inf
         mutual &= (square.min(1) > clear) & (square.min(0)[nearest] > clear)
@@ -304,7 +304,10 @@ def _search(maps: _Maps) -> list[_Fused]:
     for fused in sorted(tried, key=lambda each: -each.log_odds):
         for other in found:
             C = fused.scale * fused.covariance + other.scale * other.covariance
-            if normalized_squared(pose_difference(fused.transform, other.transform), C) < SAME:
+            if (
+                normalized_squared(pose_difference(fused.transform, other.transform), C)
+                < SAME_TRANSFORM
+            ):
                 break
         else:
             found.append(fused)

@@ -21,7 +21,7 @@ MIN_LABELED = 2
 """Minimum number of matched points with labels."""
 SAME_POSE = chi_square_gate(3, 0.999)
 """Largest squared Mahalanobis distance of equal poses."""
-MAX_SLIP = 100.0
+MAX_SLIP_DISTANCE = 100.0
 """Largest squared Mahalanobis distance of a position that wrong odometry explains; a robot farther
 away was carried."""
 
@@ -113,7 +113,7 @@ class PoseSearch:
         assert self.hypotheses is not None
         S = self._ekf.pose_covariance + self.hypotheses.covariance[0]
         error = pose_difference(self.hypotheses.pose[0], self._ekf.pose)
-        return bool(normalized_squared(error[:2], S[:2, :2]) <= MAX_SLIP)
+        return bool(normalized_squared(error[:2], S[:2, :2]) <= MAX_SLIP_DISTANCE)
 
     def correct_pose(self) -> None:
         """Moves the robot of the filter to the most probable pose, as by unknown odometry.

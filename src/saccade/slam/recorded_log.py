@@ -34,13 +34,13 @@ from saccade.types import (
 
 START_PROBABILITY = 0.99
 """Minimum probability of the first pose."""
-MAX_SCANS = 50
+MAX_START_SCANS = 50
 """Largest number of scans for the search of the first pose."""
 MAX_SCANS_AT_LAST = 10
 """Largest number of scans for this search if the pose was saved with the map."""
-SAME_POSITION = 9.0
+SAME_LANDMARK = 9.0
 """Largest squared Mahalanobis distance of two landmarks that may be one."""
-SAME_POSE = 16.0
+CONFIRMED_POSE = 16.0
 """Largest squared Mahalanobis distance of a found pose that confirms the saved pose."""
 
 
@@ -225,7 +225,7 @@ def _misread(slam: Slam, log: LandmarkLog, association: IntArray, lost: BoolArra
     for i, label in enumerate(slam.landmarks.labels_of(ids.tolist())):
         if label is not None and 2 * used[label, int(ids[i])] <= total[label]:
             nis = normalized_squared(xy - xy[i], covariance + covariance[i])
-            if np.sum(nis < SAME_POSITION) > 1:
+            if np.sum(nis < SAME_LANDMARK) > 1:
                 found.append(ids[i])
     return np.array(found, np.int64)
 
@@ -269,7 +269,7 @@ def locate_start(slam: Slam, log: LandmarkLog) -> str:
     except LogError:
         return ""
     square = normalized_squared(pose_difference(pose, slam.pose), slam.pose_covariance + covariance)
-    if not unknown and square < SAME_POSE:
+    if not unknown and square < CONFIRMED_POSE:
         return ""
     slam.filter.reset_pose(pose, covariance)
     slam.start = "given"
@@ -307,7 +307,7 @@ def find_start(
         if step > 0:
             search.predict(log.control[step - 1], log.control_covariance[step - 1])
         scan = (log.observation_pose == step) & whole
-        if scans == (MAX_SCANS if anywhere else MAX_SCANS_AT_LAST):
+        if scans == (MAX_START_SCANS if anywhere else MAX_SCANS_AT_LAST):
             break
         if not scan.any():
             continue

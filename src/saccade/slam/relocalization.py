@@ -32,17 +32,17 @@ from saccade.types import BoolArray, FloatArray, IntArray
 
 NEIGHBORS = 4
 """Number of neighbors that define the local error of a landmark."""
-GATE = chi_square_gate(2, 0.99)
+POINT_GATE = chi_square_gate(2, 0.99)
 """Squared Mahalanobis distance within which a point is associated with its nearest landmark."""
-MIN_PAIRS = 4
+MIN_PROPOSING_PAIRS = 4
 """Number of pairs of observed points that always propose poses."""
-MAX_PAIRS = 12
+MAX_PROPOSING_PAIRS = 12
 """Largest number of pairs of observed points that propose poses; distant pairs come first."""
 MAX_LAYOUT_PROPOSALS = 5000
 """Largest number of proposed transforms of a layout of points."""
 MAX_LAYOUTS = 10
 """Largest number of refined transforms of a layout of points."""
-MEMORY = 10
+MAX_POINT_AGE = 10
 """Number of scans for which an observed point counts."""
 LABELED_MEMORY = 200
 """Number of scans for which an observed point with the label of a landmark counts: a camera that
@@ -55,15 +55,15 @@ ELSEWHERE = 0.05
 """Prior probability that the robot is outside of the map."""
 SETTLED = 0.999
 """Minimum total probability of the hypotheses for a scan without a new search."""
-NEGLIGIBLE = 1e-6
+NEGLIGIBLE_PROBABILITY = 1e-6
 """Least probability of a hypothesis."""
-ITERATIONS = 4
+REFINEMENT_STEPS = 4
 """Number of Gauss-Newton steps of a refinement."""
-SAME_POSITION = 0.5
+SAME_PROPOSAL = 0.5
 """Largest distance of equal proposals in meters; a tenth of it for refined poses."""
 SAME_HEADING = 0.1
 """Largest difference of headings of equal proposals in radians; a tenth of it for refined poses."""
-SAME_POSE = 9.0
+SAME_REFINED_POSE = 9.0
 """Largest squared Mahalanobis distance of equal refined poses."""
 
 
@@ -74,7 +74,8 @@ class Relocalizer:
         landmarks: (N, 2) meters.
         covariance: (N, 2, 2) of each landmark or, better, (2N, 2N) of all: correlations remove the
             common errors of neighboring landmarks.
-        max_proposals: largest number of proposed poses, except from the first `MIN_PAIRS` pairs.
+        max_proposals: largest number of proposed poses, except from the first
+            `MIN_PROPOSING_PAIRS` pairs.
         max_hypotheses: largest number of refined poses.
         wrong_label: probability that a label of a landmark is observed elsewhere. It is 1 for
             descriptors: the most similar landmark is then the label of every observation.
@@ -165,13 +166,13 @@ class Relocalizer:
         distinct: list[int] = []
         for i in range(len(pose)):
             e = pose_difference(pose[i], pose[distinct])
-            near = (np.hypot(e[:, 0], e[:, 1]) < SAME_POSITION / 10) & (
+            near = (np.hypot(e[:, 0], e[:, 1]) < SAME_PROPOSAL / 10) & (
                 np.abs(e[:, 2]) < SAME_HEADING / 10
             )
-            if not (near | (normalized_squared(e, covariance[distinct]) < SAME_POSE)).any():
+            if not (near | (normalized_squared(e, covariance[distinct]) < SAME_REFINED_POSE)).any():
                 distinct.append(i)
         found = self._posterior(pose[distinct], covariance[distinct], association[distinct])
-        likely = found.probability > NEGLIGIBLE
+        likely = found.probability > NEGLIGIBLE_PROBABILITY
         self._tracked, self._total = found.pose[likely], float(found.probability.sum())
         return found
 
@@ -192,7 +193,7 @@ class Relocalizer:
 
         The last position of a label replaces an earlier one.
         """
-        kept = self._age < np.where(self.labeled & self._has_labels, LABELED_MEMORY, MEMORY)
+        kept = self._age < np.where(self.labeled & self._has_labels, LABELED_MEMORY, MAX_POINT_AGE)
         points, covariances = self._points[kept], self._covariances[kept]
         old, age = self._labeled[kept], self._age[kept] + 1
         differ = (labeled[:, None] != old) & (labeled[:, None] >= 0) & (old >= 0)
@@ -231,7 +232,7 @@ class Relocalizer:
             if self._labeled[i] >= 0 and self._labeled[j] >= 0:
                 ends = np.array([[self._labeled[i], self._labeled[j]]])
             total += len(ends)
-            if number >= MIN_PAIRS and total > self._max_proposals:
+            if number >= MIN_PROPOSING_PAIRS and total > self._max_proposals:
                 break
             vector = self._landmarks[ends[:, 1]] - self._landmarks[ends[:, 0]]
             heading = np.arctan2(vector[:, 1], vector[:, 0])
@@ -250,9 +251,9 @@ class Relocalizer:
         separation = np.linalg.norm(self._points[ends[:, 0]] - self._points[ends[:, 1]], axis=1)
         order = np.argsort(-separation, kind="stable")[: np.count_nonzero(separation)]
         uses, chosen = np.zeros(len(self._points), np.int64), dict[int, None]()
-        for limit in range(1, MAX_PAIRS + 1):
+        for limit in range(1, MAX_PROPOSING_PAIRS + 1):
             for pair in order.tolist():
-                if len(chosen) == MAX_PAIRS:
+                if len(chosen) == MAX_PROPOSING_PAIRS:
                     return ends[list(chosen)]
                 if pair not in chosen and uses[ends[pair]].max() < limit:
                     uses[ends[pair]] += 1
@@ -276,7 +277,7 @@ class Relocalizer:
         variance = np.trace(self._covariances, axis1=1, axis2=2) / 2  # (k,)
         variance = variance + np.trace(self._errors, axis1=1, axis2=2).mean() / 2
         # Twice the variance: the proposed pose has errors of the same size.
-        scale, support = 2 * variance * GATE, np.empty(len(poses))
+        scale, support = 2 * variance * POINT_GATE, np.empty(len(poses))
         grid = build_grid(self._landmarks, float(scale.max()) ** 0.5)
         add_support(grid, poses, self._points, scale, support)
         return support
@@ -290,9 +291,9 @@ class Relocalizer:
             none = np.empty((0, len(self._points)), np.int64)
             return np.empty((0, 3)), np.empty((0, 3, 3)), none
         poses = poses.copy()
-        for _ in range(ITERATIONS):
+        for _ in range(REFINEMENT_STEPS):
             v, S, J, nearest = self._residuals(poses)
-            inside = normalized_squared(v, S) < GATE
+            inside = normalized_squared(v, S) < POINT_GATE
             matched = inside.sum(1) >= 2
             poses, v, S, J, inside, nearest = (
                 each[matched] for each in (poses, v, S, J, inside, nearest)
@@ -385,7 +386,7 @@ def _distinct(poses: FloatArray, count: int) -> FloatArray:
     while len(poses) > 0 and len(found) < count:
         found.append(poses[0])
         e = pose_difference(poses, poses[0])
-        near = (np.hypot(e[:, 0], e[:, 1]) < SAME_POSITION) & (np.abs(e[:, 2]) < SAME_HEADING)
+        near = (np.hypot(e[:, 0], e[:, 1]) < SAME_PROPOSAL) & (np.abs(e[:, 2]) < SAME_HEADING)
         poses = poses[~near]
     return np.array(found).reshape(-1, 3)
 
@@ -413,7 +414,7 @@ def _same_points(
     square[differ] = np.inf
     near = square.argmin(1)
     mutual = square.argmin(0)[near] == np.arange(len(new))
-    return np.where(mutual & (square[np.arange(len(new)), near] < GATE), near, -1)
+    return np.where(mutual & (square[np.arange(len(new)), near] < POINT_GATE), near, -1)
 
 
 def build_grid(landmarks: FloatArray, size: float) -> Grid:

@@ -19,7 +19,7 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.robot_models import as_relative_poses, wrap
 from saccade.slam.least_squares import (
     MAX_ITERATIONS,
-    MIN_DECREASE,
+    MIN_COST_DECREASE,
     Estimate,
     Measurements,
     NormalEquations,
@@ -43,7 +43,7 @@ MAX_BYTES = 2e9
 """Largest size of the covariances between poses and landmarks, in bytes."""
 ANYWHERE = (1e4, 1e4, 10.0)
 """Standard deviations in meters and radians of the motion of a kidnapped robot."""
-MAX_SIGMA = 1e4
+MAX_LANDMARK_SIGMA = 1e4
 """Largest standard deviation of a determined landmark, in meters."""
 MAX_TURN_SIGMA = 0.05
 """Largest standard deviation in radians of a rotation of the prior map as a whole. The Gaussian of
@@ -125,7 +125,7 @@ def smooth(
     config: EkfConfig = EkfConfig(),
     *,
     prior: Prior | None = None,
-    min_decrease: float = MIN_DECREASE,
+    min_decrease: float = MIN_COST_DECREASE,
 ) -> SlamResult:
     """Smooths a log over the association of the filter.
 
@@ -162,7 +162,7 @@ def smooth_log(
     lost: BoolArray | None,
     config: EkfConfig,
     prior: Prior | None = None,
-    min_decrease: float = MIN_DECREASE,
+    min_decrease: float = MIN_COST_DECREASE,
 ) -> Smoothed:
     """Smooths a log in the frame of the robot, from poses (t + 1, 3) and a map of n landmarks.
 
@@ -204,7 +204,7 @@ def smooth_log(
     n = len(best.landmark)
     row = 2 * np.arange(n)[:, None] + np.arange(2)
     covariance = others[row[:, :, None], row[:, None]]
-    if not (np.abs(covariance) < MAX_SIGMA**2).all():
+    if not (np.abs(covariance) < MAX_LANDMARK_SIGMA**2).all():
         raise LogError(f"smoothing: {_undetermined(landmarks, measured, best)}")
     weight = np.full(len(log.observation), np.nan)
     weight[association >= 0] = measured.weights(measured.observations(best))

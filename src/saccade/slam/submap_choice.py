@@ -20,7 +20,7 @@ LARGE_MAP = 200
 """Minimum number of landmarks for "auto" to use submaps."""
 MAX_FRACTION = 0.25
 """Largest submap that "auto" enters, as a fraction of the map."""
-MARGIN = 1.5
+SUBMAP_MARGIN = 1.5
 """Distance that a robot can move in a submap, as a fraction of the range of its scans."""
 MAX_BIAS = 0.1
 """Largest relative error of the distances that the odometry reports."""
@@ -78,7 +78,7 @@ class SubmapChoice:
         ekf.leave()
         self._length = self._variance = 0.0
         self._advance(scan)
-        self._radius = max(needed, self._needed) * (1 + MARGIN) + self._reach
+        self._radius = max(needed, self._needed) * (1 + SUBMAP_MARGIN) + self._reach
         self._needed = needed
         predicted, S = ekf.predict_observations()
         q = predicted[:, 0]

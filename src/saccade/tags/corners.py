@@ -21,11 +21,11 @@ ENDS = 0.12
 """Fraction of a side next to each corner that is not used."""
 PROFILE = 25
 """Number of samples across an edge."""
-HALF_WIDTH = (1.0, 3.0)
+HALF_PROFILE = (1.0, 3.0)
 """Minimum and maximum of half the length of the profile across an edge, in pixels."""
 MIN_STEP = 12.0
 """Minimum increase of the gray level across an edge."""
-MAX_CORRECTION = 3.0
+MAX_CORNER_CORRECTION = 3.0
 """Maximum distance between a corner as detected and as refined, in pixels."""
 
 
@@ -46,11 +46,13 @@ def refined_corners(
     for _ in range(2):
         found, noise, blur = _intersect_edges(gray, found, cells, bent)
         apart = np.linalg.norm(found - corners, axis=2).max(1)
-        found = np.where((apart <= MAX_CORRECTION)[:, None, None], found, corners)
+        found = np.where((apart <= MAX_CORNER_CORRECTION)[:, None, None], found, corners)
     narrow = _side_widths(found).min(1) / cells  # pixels, of the smallest cell
     by_blur = BLUR_FACTOR * np.square(blur / np.maximum(narrow, 0.5))
     sigma = np.sqrt(SHARED_SIGMA**2 + np.square(by_blur) + np.square(noise))
-    return found, np.where(np.isfinite(sigma) & (apart <= MAX_CORRECTION), sigma.clip(max=1.0), 1.0)
+    return found, np.where(
+        np.isfinite(sigma) & (apart <= MAX_CORNER_CORRECTION), sigma.clip(max=1.0), 1.0
+    )
 
 
 def _side_widths(corners: FloatArray) -> FloatArray:
@@ -70,7 +72,7 @@ def _intersect_edges(
     Also (k,) the standard deviation of the lines by their residuals, and (k,) the blur, in pixels.
     """
     along, length, outward = _sides(corners)
-    half = np.clip(0.9 * _side_widths(corners).min(1) / cells, *HALF_WIDTH)  # (k,)
+    half = np.clip(0.9 * _side_widths(corners).min(1) / cells, *HALF_PROFILE)  # (k,)
     fraction = np.linspace(ENDS, 1 - ENDS, POINTS)
     offset = np.linspace(-1, 1, PROFILE) * half[:, None]  # (k, m)
     points = corners[:, :, None] + fraction[:, None] * along[:, :, None]  # (k, 4, n, 2)

@@ -25,9 +25,9 @@ MAX_ENLARGED = 160_000
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
 TILT_SIGMA = 1.0
 """Standard deviation of the orientation of a tag before it is observed, in radians."""
-STEPS = 3
+TAG_POSE_STEPS = 3
 """Number of Gauss-Newton steps from the closed-form pose of a tag."""
-NEAREST = 1e-3
+MIN_TAG_DISTANCE = 1e-3
 """Minimum distance of a tag from the robot's origin in meters."""
 SIDE = np.array([[-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0.5, 0.0]])
 """(4, 3) corners of a tag of unit size, in the order of OpenCV."""
@@ -170,7 +170,7 @@ class Tags:
         above = center @ camera.rotation[2]
         tilt = np.square(np.radians(config.tilt_sigma_deg) * above)
         covariance = Rc @ C @ Rc.T + tilt[:, None, None] * np.eye(2)
-        away = np.hypot(xy[:, 0], xy[:, 1]) > NEAREST
+        away = np.hypot(xy[:, 0], xy[:, 1]) > MIN_TAG_DISTANCE
         xy = np.where(away[:, None], xy, (1.0, 0.0))
         z, R = to_range_bearing(xy, covariance, str)
         return z, R, above + camera.position[2], away
@@ -220,7 +220,7 @@ def locate_center(
         return None
     pose = np.concatenate([r[0].ravel(), t[0].ravel()])
     prior = np.diag([TILT_SIGMA**-2] * 3 + [0.0] * 3) * sigma**2
-    for _ in range(STEPS):
+    for _ in range(TAG_POSE_STEPS):
         projected, jacobian = cv2.projectPoints(square, pose[:3], pose[3:], K, None)
         J = np.asarray(jacobian)[:, :6]
         A = J.T @ J + prior

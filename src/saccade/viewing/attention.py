@@ -33,7 +33,7 @@ AXIS_REACH = 0.8
 """Half length of an axis, as a fraction of its longest pair."""
 MIN_WIDTH = 0.5
 """Line width of a pair of strength 0, in points."""
-MAX_WIDTH = 1.6
+MAX_LINE_WIDTH = 1.6
 """Line width of the strongest pair at a point, in points."""
 
 
@@ -126,7 +126,7 @@ def draw_pair_lines(axes: Axes, pairs: SymmetricPairs) -> None:
     """
     fraction = pairs.strength / pairs.strength.max(initial=1e-30)
     strong, fraction = pairs[fraction >= MIN_STRENGTH], fraction[fraction >= MIN_STRENGTH]
-    width = MIN_WIDTH + (MAX_WIDTH - MIN_WIDTH) * fraction
+    width = MIN_WIDTH + (MAX_LINE_WIDTH - MIN_WIDTH) * fraction
     lines = np.stack([strong.first, strong.second], axis=1)
     length = STROKE * np.hypot(*(strong.first - strong.second).T)
     axes.add_collection(LineCollection(list(lines), colors=ORANGE, linewidths=width))

@@ -32,9 +32,9 @@ from saccade.viewing.style import (
     rgb_levels,
 )
 
-WIDTH = 1280
+MAP_WIDTH = 1280
 """Width of a frame of the map in pixels."""
-HEIGHT = 720
+MAP_HEIGHT = 720
 """Height of a frame in pixels."""
 CAMERA_WIDTH = 640
 """Width of the camera image beside the map, in pixels."""
@@ -42,7 +42,7 @@ ROBOT = [(14, 0), (-9, 8), (-5, 0), (-9, -8), (14, 0)]
 """Outline of an arrowhead that points along x."""
 LAST_FRAMES = 36
 """Number of times the last frame of a map is repeated."""
-RADIUS = 4
+CIRCLE_RADIUS = 4
 """Radius of the circle around a landmark in the camera image, in pixels."""
 KINDS = (("new", ORANGE), ("tracked", GREEN), ("re-identified", RED))
 """Label and color of each `ObservedLandmarks.kind`."""
@@ -146,7 +146,7 @@ def drive_frames(
     Yields:
         Frames (720, 1920, 3) in RGB.
     """
-    camera = np.zeros((HEIGHT, CAMERA_WIDTH, 3), np.uint8)
+    camera = np.zeros((MAP_HEIGHT, CAMERA_WIDTH, 3), np.uint8)
     for number, map_frame in enumerate(map_frames(snapshots, time, odometry, eye_at, observed)):
         if number < len(snapshots):
             step = snapshots[number].step
@@ -158,14 +158,14 @@ class _MapCanvas:
     """A figure whose background is drawn once; each frame redraws the rest."""
 
     def __init__(self, box: FloatArray, *, has_odometry: bool) -> None:
-        figure = Figure(figsize=(WIDTH / 100, HEIGHT / 100), dpi=100)
+        figure = Figure(figsize=(MAP_WIDTH / 100, MAP_HEIGHT / 100), dpi=100)
         self.canvas = cast("Any", FigureCanvasAgg(figure))
         axes = self.axes = figure.add_axes((0.06, 0.08, 0.92, 0.84))
         width, height = (box[1] - box[0]).tolist()
-        aspect = 0.92 * WIDTH / (0.84 * HEIGHT)
+        aspect = 0.92 * MAP_WIDTH / (0.84 * MAP_HEIGHT)
         half = np.array([max(width, aspect * height), max(height, width / aspect)]) / 2
         map_axes(axes, box.mean(0) + np.array([-half, half]))
-        self.view_length = VIEW_LENGTH * 2 * half[0] / (0.92 * WIDTH)
+        self.view_length = VIEW_LENGTH * 2 * half[0] / (0.92 * MAP_WIDTH)
         (self.odometry,) = axes.plot([], [], color=GRAY, linewidth=1, label="odometry alone")
         (self.path,) = axes.plot([], [], color=BLUE, linewidth=2, label="estimate")
         self.view = Polygon(np.zeros((1, 2)), fc=(BLUE, 0.25), ec=BLUE)
@@ -245,12 +245,12 @@ def _camera_panel(
     observed: ObservedLandmarks,
 ) -> Frame:
     """The image with its landmarks, and below it with its saliency map."""
-    panel = np.full((HEIGHT, CAMERA_WIDTH, 3), 255, np.uint8)
+    panel = np.full((MAP_HEIGHT, CAMERA_WIDTH, 3), 255, np.uint8)
     if image is None:
         return panel
     rgb = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image[:, :, :3]
     height, width = rgb.shape[:2]
-    scale = min(CAMERA_WIDTH / width, (HEIGHT / 2 - 30) / height)
+    scale = min(CAMERA_WIDTH / width, (MAP_HEIGHT / 2 - 30) / height)
     size = (round(width * scale), round(height * scale))
     small = cv2.resize(np.ascontiguousarray(rgb), size, interpolation=cv2.INTER_AREA)
     marked = small.copy()
@@ -263,14 +263,16 @@ def _camera_panel(
                 cv2.circle(marked, center, LIT_RADIUS, (255, 255, 255), -1, cv2.LINE_AA)
                 cv2.circle(marked, center, LIT_RADIUS - 2, LIT_COLOR, -1, cv2.LINE_AA)
             else:
-                cv2.circle(marked, center, RADIUS, rgb_levels(KINDS[kind][1]), 2, cv2.LINE_AA)
+                cv2.circle(
+                    marked, center, CIRCLE_RADIUS, rgb_levels(KINDS[kind][1]), 2, cv2.LINE_AA
+                )
     left = (CAMERA_WIDTH - size[0]) // 2
     shown = [("landmarks", marked)]
     if attention is not None:
         saliency = cv2.resize(attention(image), size, interpolation=cv2.INTER_LINEAR).clip(0, 1)
         heat = heat_colors(np.asarray((saliency * 255).round(), np.uint8))
         shown += [("attention", cv2.addWeighted(small, 1 - HEAT_OPACITY, heat, HEAT_OPACITY, 0))]
-    for top, (title, picture) in zip((0, HEIGHT // 2), shown, strict=False):
+    for top, (title, picture) in zip((0, MAP_HEIGHT // 2), shown, strict=False):
         panel[top + 26 : top + 26 + size[1], left : left + size[0]] = picture
         _write(panel, title, left + 4, top, "0.2")
     for column, (label, color) in enumerate(KINDS):

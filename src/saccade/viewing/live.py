@@ -14,7 +14,7 @@ from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, rgb_levels
 
 ROBOT_LENGTH = 0.5
 """Length of the arrow that is the robot, in meters."""
-MAX_POINTS = 2000
+MAX_LIVE_POSES = 2000
 """Maximum number of poses of a trajectory, which is sent again with each snapshot."""
 
 
@@ -68,10 +68,12 @@ class LiveMap:
         self.path = np.concatenate([self.path, snapshot.path[:, :2]])
         self.stream.set_time("pose", sequence=step)
         self.stream.set_time("time", duration=float(self.time[step] - self.time[0]))
-        self._log_lines("map/trajectory", [self.path[:: len(self.path) // MAX_POINTS + 1]], BLUE)
+        self._log_lines(
+            "map/trajectory", [self.path[:: len(self.path) // MAX_LIVE_POSES + 1]], BLUE
+        )
         if self.dead_reckoning is not None:
             odometry = self.dead_reckoning.pose[: step + 1, :2]
-            self._log_lines("map/odometry", [odometry[:: step // MAX_POINTS + 1]], GRAY)
+            self._log_lines("map/odometry", [odometry[:: step // MAX_LIVE_POSES + 1]], GRAY)
         rays = [np.stack([pose[:2], each]) for each in landmarks[snapshot.observed]]
         self._log_lines("map/observed", rays, GREEN)
         for entity, centers, covariances, color in (

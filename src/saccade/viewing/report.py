@@ -20,7 +20,7 @@ SCRIPTS: dict[str, tuple[str, ...]] = {
 """Additional scripts for each kind of part."""
 MAX_LENGTH = 4_700_000
 """Maximum characters of all parts, for a page under 5 MB."""
-MAX_POINTS = 400
+MAX_DESCRIBED_POINTS = 400
 """Maximum number of interest points, shown with their descriptors."""
 MAX_MATCHES = 5000
 """Maximum number of matches of two photographs."""
@@ -110,14 +110,14 @@ def image_part(
         image: (H, W, 3) in [0, 1].
         maps: by title; each (h, w), not negative.
         path: fixations.
-        keypoints: the first `MAX_POINTS` are shown.
+        keypoints: the first `MAX_DESCRIBED_POINTS` are shown.
         samples: more scanpaths, with the distributions of their saccades.
     """
     data: dict[str, Any] = {
         "image": photograph(image),
         "maps": maps_data(maps),
         "scanpath": scanpath_data(path),
-        "points": points_data(keypoints[:MAX_POINTS]),
+        "points": points_data(keypoints[:MAX_DESCRIBED_POINTS]),
     }
     if samples is not None and samples.xy.size:
         data["samples"] = {"xy": samples.xy.ravel(), "length": samples.xy.shape[1]}

@@ -20,7 +20,7 @@ MAX_ROWS = 24_000
 """Maximum number of landmarks in all snapshots; with more, snapshots are left out."""
 MAX_INTERVALS = 30_000
 """Maximum number of intervals of uninterrupted observation."""
-MAX_GAP = 2
+MAX_POSE_GAP = 2
 """Maximum difference of pose numbers between two observations of an interval."""
 MAX_IMAGES = 160
 """Maximum number of camera images."""
@@ -142,7 +142,7 @@ def _intervals(observed: ObservedLandmarks, time: FloatArray) -> dict[str, Float
     id_step = np.unique(np.stack([observed.id, observed.step], 1), axis=0).reshape(-1, 2)
     id_of, step = id_step.T
     begins = np.ones(len(id_of), np.bool_)
-    begins[1:] = (np.diff(id_of) != 0) | (np.diff(step) > MAX_GAP)
+    begins[1:] = (np.diff(id_of) != 0) | (np.diff(step) > MAX_POSE_GAP)
     first = np.flatnonzero(begins)
     count = np.diff(np.append(first, len(id_of)))
     return {

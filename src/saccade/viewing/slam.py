@@ -15,7 +15,7 @@ ELLIPSE_SCALE = sqrt(THREE_SIGMA_2D)
 """Semi-axes of a 99.73 % ellipse, in standard deviations."""
 ELLIPSE_LABEL = "3 sigma (99.7 %)"
 """Name of such an ellipse in legends."""
-CORNERS = 48
+ELLIPSE_CORNERS = 48
 """Corners of the polygon that approximates an ellipse."""
 LONG_SIDE = 8.8
 """Longer side of the map in inches."""
@@ -100,7 +100,7 @@ def _mark_lost(axes: Axes, trajectory: Trajectory, lost: BoolArray) -> None:
 def ellipse_outlines(
     centers: FloatArray, covariance: FloatArray | None, magnification: float = 1
 ) -> FloatArray:
-    """Covariance ellipses as polygons (n, `CORNERS`, 2); none without covariances.
+    """Covariance ellipses as polygons (n, `ELLIPSE_CORNERS`, 2); none without covariances.
 
     Args:
         centers: (n, 2).
@@ -108,12 +108,12 @@ def ellipse_outlines(
         magnification: factor on the axes.
     """
     if covariance is None:
-        return np.empty((0, CORNERS, 2))
+        return np.empty((0, ELLIPSE_CORNERS, 2))
     values, vectors = np.linalg.eigh(covariance)
     roots = vectors * np.sqrt(values.clip(0))[:, None, :]  # (n, 2, 2)
-    angle = np.arange(CORNERS) * (2 * np.pi / CORNERS)
+    angle = np.arange(ELLIPSE_CORNERS) * (2 * np.pi / ELLIPSE_CORNERS)
     scale = ELLIPSE_SCALE * magnification
-    circle = scale * np.stack([np.cos(angle), np.sin(angle)])  # (2, CORNERS)
+    circle = scale * np.stack([np.cos(angle), np.sin(angle)])  # (2, ELLIPSE_CORNERS)
     return np.asarray(centers[:, None] + (roots @ circle).transpose(0, 2, 1))
 
 

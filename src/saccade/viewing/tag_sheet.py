@@ -18,7 +18,7 @@ INCH = 25.4
 """Millimeters per inch."""
 RULER = 100.0
 """Length of the line that checks the scale of a print, in millimeters."""
-MARGIN = 5.0
+PRINT_MARGIN = 5.0
 """Width of the margin that a printer leaves white, in millimeters."""
 
 
@@ -28,7 +28,7 @@ def write_tag_sheets(path: str | Path, tags: Sequence[tuple[str, BoolArray]], si
     Args:
         path: the file.
         tags: label of each tag, and its cells (n, n), True where white.
-        size: side of the black square in meters, at most `MAX_SIZE`.
+        size: side of the black square in meters, at most `MAX_TAG_SIZE`.
 
     Raises:
         OutputError: the file cannot be written.
@@ -39,7 +39,7 @@ def write_tag_sheets(path: str | Path, tags: Sequence[tuple[str, BoolArray]], si
             pages.savefig(_sheet(label, cells, 1000 * size))
 
 
-MAX_SIZE = (A4[0] - 2 * MARGIN) / 1000
+MAX_TAG_SIZE = (A4[0] - 2 * PRINT_MARGIN) / 1000
 """Largest side of a black square on a sheet, in meters."""
 
 
@@ -50,7 +50,7 @@ def _sheet(label: str, cells: BoolArray, side: float) -> Figure:
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(0, height))
     axes.set_axis_off()
     cell, left = side / len(cells), (width - side) / 2
-    top = height - left - MARGIN
+    top = height - left - PRINT_MARGIN
     corners = np.array([[0, 0], [1, 0], [1, -1], [0, -1], [0, 0]]) * cell
     squares = [
         Outline(corners + np.array([left + column * cell, top - row * cell]), closed=True)

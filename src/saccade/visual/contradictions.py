@@ -13,7 +13,7 @@ from saccade.slam.consistency import normalized_squared
 from saccade.types import BoolArray, FloatArray
 from saccade.visual.egomotion import Correspondences, Egomotion, MotionEstimate, estimate_motion
 
-MAX_NIS = 25.0
+MAX_MOTION_NIS = 25.0
 """Maximum normalized squared difference of a motion and its expectation (3 degrees of freedom)."""
 RELATIVE_SIGMA = 0.02
 """Relative standard deviation of motions by calibration, which their covariances lack."""
@@ -109,7 +109,7 @@ def agrees(motion: Egomotion, expected: MotionEstimate) -> bool:
     control, covariance = expected
     calibration = RELATIVE_SIGMA * np.abs(motion.control) + LEAST_SIGMA
     total = motion.covariance + covariance + np.diag(np.square(calibration))
-    return bool(normalized_squared(motion.control - control, total) < MAX_NIS)
+    return bool(normalized_squared(motion.control - control, total) < MAX_MOTION_NIS)
 
 
 def is_large(

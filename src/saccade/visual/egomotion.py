@@ -18,13 +18,13 @@ MAX_INVERSE_DEPTH = 1.0
 """Upper bound of the estimated inverse depths, in 1 / meters."""
 DEFAULT_DEPTH = 50.0
 """Linearization point of unknown depths, in meters."""
-MIN_INLIERS = 6
+MIN_MOTION_INLIERS = 6
 """Minimum number of inliers of a motion."""
-INLIER_SIGMAS = 4.0
+MOTION_INLIER_SIGMAS = 4.0
 """Maximum residual of an inlier, in standard deviations."""
 MAX_REPROJECTION_ERROR = 1.5
 """Maximum reprojection error of an inlier of RANSAC, in pixels."""
-MAX_TRIALS = 100
+RANSAC_SAMPLES = 100
 """Number of samples of RANSAC."""
 MAX_RELATIVE_SIGMA = 0.5
 """Maximum relative standard deviation of an inverse depth used by RANSAC."""
@@ -34,9 +34,9 @@ two frames: a prior for motions that odometry predicts."""
 KERNEL_WIDTHS = (16.0, 8.0, 4.0, 2.0)
 """Widths of the robust kernel in successive iterations, in standard deviations (graduated
 non-convexity). Later iterations use the last width; after RANSAC the last two suffice."""
-MAX_ITERATIONS = 12
+MAX_MOTION_ITERATIONS = 12
 """Maximum number of Gauss-Newton iterations."""
-CONVERGED = 1e-6
+CONVERGED_MOTION = 1e-6
 """Maximum change of a converged motion, in radians and meters."""
 
 
@@ -111,7 +111,7 @@ def estimate_motion(
     `kernel` are the widths of the robust kernel (see `KERNEL_WIDTHS`). Returns None if the motion
     has too few inliers.
     """
-    if len(points.previous) < MIN_INLIERS:
+    if len(points.previous) < MIN_MOTION_INLIERS:
         return None
     if prior is None:
         initial = _ransac_motion(camera, points)
@@ -126,7 +126,7 @@ def estimate_motion(
         J = robot_motion(camera, R, np.zeros(3), before).jacobian
         weight = J.T @ np.linalg.solve(with_off_plane(prior[1]), J)
     widths = kernel or (KERNEL_WIDTHS[-2:] if prior is None else KERNEL_WIDTHS)
-    for i in range(MAX_ITERATIONS):
+    for i in range(MAX_MOTION_ITERATIONS):
         offset = np.append(cv2.Rodrigues(R @ initial[0].T)[0], t - initial[1])
         width = widths[min(i, len(widths) - 1)]
         information, gradient, squared, inverse_depth = normal_equations(
@@ -135,10 +135,10 @@ def estimate_motion(
         information += weight + 1e-9 * np.eye(6)
         step = np.linalg.solve(information, gradient - weight @ offset)
         R, t = cv2.Rodrigues(step[:3])[0] @ R, t + step[3:]
-        if i >= len(widths) and np.abs(step).max() < CONVERGED:
+        if i >= len(widths) and np.abs(step).max() < CONVERGED_MOTION:
             break
-    inliers = squared < INLIER_SIGMAS**2
-    if inliers.sum() < MIN_INLIERS:
+    inliers = squared < MOTION_INLIER_SIGMAS**2
+    if inliers.sum() < MIN_MOTION_INLIERS:
         return None
     control, off_plane, J = robot_motion(camera, R, t, before)
     J = J[:3]
@@ -211,13 +211,13 @@ def with_off_plane(covariance: FloatArray) -> FloatArray:
 def _ransac_motion(camera: Camera, points: Correspondences) -> CameraPose | None:
     """Initial motion from the points of known depth; None if RANSAC fails."""
     known = points.inverse_depth_sigma < MAX_RELATIVE_SIGMA * points.inverse_depth
-    if known.sum() < MIN_INLIERS:
+    if known.sum() < MIN_MOTION_INLIERS:
         return None
     xyz = directions(camera, points.previous[known]) / points.inverse_depth[known, None]
     solution = perspective_n_point(
         camera, xyz, points.current[known], method=cv2.SOLVEPNP_EPNP, confidence=0.999
     )
-    return None if solution is None or solution[2] < MIN_INLIERS else solution[:2]
+    return None if solution is None or solution[2] < MIN_MOTION_INLIERS else solution[:2]
 
 
 def perspective_n_point(
@@ -230,7 +230,7 @@ def perspective_n_point(
     """
     solved, rotation, translation, inliers = cv2.solvePnPRansac(
         *(points, xy, camera.matrix, None),
-        iterationsCount=MAX_TRIALS,
+        iterationsCount=RANSAC_SAMPLES,
         reprojectionError=MAX_REPROJECTION_ERROR,
         confidence=confidence,
         flags=method,

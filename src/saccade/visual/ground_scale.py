@@ -14,11 +14,11 @@ from saccade.visual.egomotion import Egomotion
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.robot_motion import CameraPose
 
-NEAR = 6.0
+MIN_GROUND_DISTANCE = 6.0
 """Minimum distance of the sampled ground in front of the camera, in meters."""
-FAR = 16.0
+MAX_GROUND_DISTANCE = 16.0
 """Maximum distance of the sampled ground, in meters."""
-HALF_WIDTH = 1.3
+GROUND_HALF_WIDTH = 1.3
 """Half the width of the sampled ground, in meters."""
 ROW_STEP = 3
 """Spacing of the sampled rows, in pixels."""
@@ -26,7 +26,7 @@ COLUMN_STEP = 4
 """Spacing of the sampled columns, in pixels."""
 BLUR_SIGMA = 1.5
 """Standard deviation of the Gaussian filter, in pixels."""
-TILT_SIGMA = np.radians((0.7, 1.0))
+GROUND_TILT_SIGMAS = np.radians((0.7, 1.0))
 """Standard deviations of the ground's pitch and roll relative to the robot, in radians."""
 MIN_VISIBLE = 0.3
 """Minimum fraction of the samples inside the next image."""
@@ -35,9 +35,9 @@ NOISE_CORRELATION = 7.0
 ground from the plane."""
 MIN_DISTANCE = 0.3
 """Minimum length of a measured translation, in camera heights."""
-MAX_ITERATIONS = 15
+MAX_GROUND_ITERATIONS = 15
 """Maximum number of Gauss-Newton iterations."""
-CONVERGED = 1e-3
+CONVERGED_DISTANCE = 1e-3
 """Maximum relative change of a converged distance."""
 DISTANCE_NOISE = 0.04
 """Relative standard deviation of a measured distance."""
@@ -77,7 +77,7 @@ class GroundTracker:
         )
         intensity = before[rows, columns].astype(np.float64)
         state = self._align(intensity, with_gradients(after), motion)
-        if state is None or (np.abs(state[1:]) > 1.5 * TILT_SIGMA).any():
+        if state is None or (np.abs(state[1:]) > 1.5 * GROUND_TILT_SIGMAS).any():
             return None
         return float(state[0]) * height
 
@@ -89,9 +89,12 @@ class GroundTracker:
         initial = length / float(self._camera.position[2])
         direction = motion.translation / length
         axes = self._plane_axes(direction)
-        state, prior = np.array([initial, 0.0, 0.0]), np.diag(np.append(0.0, TILT_SIGMA**-2.0))
+        state, prior = (
+            np.array([initial, 0.0, 0.0]),
+            np.diag(np.append(0.0, GROUND_TILT_SIGMAS**-2.0)),
+        )
         brightness = None  # gain and offset, negated
-        for _ in range(MAX_ITERATIONS):
+        for _ in range(MAX_GROUND_ITERATIONS):
             normal = axes.T @ np.append(1.0, state[1:])
             plane = np.stack([normal, state[0] * axes[1], state[0] * axes[2]])
             pose = motion.rotation, state[0] * direction
@@ -112,7 +115,7 @@ class GroundTracker:
             state, brightness = state + step[:3], step[3:]
             if not 0 < state[0] < 10 * initial:
                 return None
-            if abs(step[0]) < CONVERGED * state[0]:
+            if abs(step[0]) < CONVERGED_DISTANCE * state[0]:
                 return state
         return None
 
@@ -162,8 +165,8 @@ def _ground_samples(camera: Camera) -> IntArray:
     rows = np.arange(camera.height - 4, 0, -ROW_STEP)
     steepness = down[1] * (rows - camera.cy) / camera.fy + down[2]
     depth = camera.position[2] / np.where(steepness > 0, steepness, np.nan)
-    near = (depth > NEAR) & (depth < FAR)
-    half = camera.fx * HALF_WIDTH / depth[near]
+    near = (depth > MIN_GROUND_DISTANCE) & (depth < MAX_GROUND_DISTANCE)
+    half = camera.fx * GROUND_HALF_WIDTH / depth[near]
     steps = COLUMN_STEP * np.arange(camera.width) + 0 * half[:, None]
     columns = (camera.cx - half[:, None] + steps).astype(np.int64)
     kept = (steps < 2 * half[:, None]) & (columns >= 0) & (columns < camera.width)

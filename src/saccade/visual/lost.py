@@ -23,7 +23,7 @@ MAX_EVIDENCE = 6.0
 ORDINARY_NIS = 9.0
 """Maximum normalized innovation squared of an ordinary motion (3 degrees of freedom). Undisturbed
 drives stay below, with the smaller one of odometry and last motion; a jump of 0.3 m exceeds 100."""
-MIN_POINTS = 20
+MIN_TRACKED_POINTS = 20
 """Minimum number of tracked points for a failed motion estimate to count as evidence."""
 VIEW_SHIFT = 2
 """Maximum shift between two reduced images that are compared, in pixels."""
@@ -43,17 +43,17 @@ BLIND_EVIDENCE = 0.7
 """Evidence of a blank frame of a standing robot, which may be carried."""
 DISCOUNT = 0.97
 """Factor of the evidence after a frame with an ordinary motion."""
-NEGLIGIBLE = 0.1
+NEGLIGIBLE_EVIDENCE = 0.1
 """Maximum evidence that is reset to zero."""
 TURN_RADIUS = 2.0
 """Distance that changes the view as much as a turn by one radian, in meters."""
-MIN_EXPECTED = 5
+MIN_EXPECTED_LANDMARKS = 5
 """Minimum number of lost landmarks expected in view for missing ones to be evidence."""
 MIN_FOUND = 4
 """Minimum number of re-identified landmarks that refutes kidnapping."""
 LANDMARK_MEMORY = 30.0
 """Number of detections in the running mean of the fraction without a re-identification."""
-MIN_FRACTION = 0.01
+MIN_UNIDENTIFIED_FRACTION = 0.01
 """Minimum fraction of detections without a re-identification."""
 MAX_MISSED = 3.0
 """Maximum evidence from landmarks. It is below the limit, since an obstacle hides many landmarks
@@ -132,7 +132,7 @@ class ImageEvidence:
         deviation = (difference - self.difference - usual) / spread
         contradiction = self._evidence_of_motion(odometry, motion, seconds)
         self.detector.add(contradiction)
-        verified = inliers >= max(MIN_POINTS, points / 2)
+        verified = inliers >= max(MIN_TRACKED_POINTS, points / 2)
         continued = contradiction == 0.0 if verified else deviation <= ORDINARY_VIEW
         if verified and continued:
             self._learn(difference)
@@ -141,8 +141,8 @@ class ImageEvidence:
             self.detector.add(BLIND_EVIDENCE)
         elif not verified and deviation > ORDINARY_VIEW:
             self.detector.add(self._evidence_of_view(deviation, motion is None, points))
-        self.attempts += points >= MIN_POINTS
-        self.failures += motion is None and points >= MIN_POINTS
+        self.attempts += points >= MIN_TRACKED_POINTS
+        self.failures += motion is None and points >= MIN_TRACKED_POINTS
         if continued:
             self._discount(verified)
         if motion is not None and seconds > 0:
@@ -158,7 +158,7 @@ class ImageEvidence:
         self.detector.add(-self.blind)
         if verified and not self.detector.kidnapped:
             self.detector.discount(DISCOUNT)
-        if self.detector.evidence < NEGLIGIBLE:
+        if self.detector.evidence < NEGLIGIBLE_EVIDENCE:
             self.detector.reset()
             self.missed = 0.0
 
@@ -173,9 +173,9 @@ class ImageEvidence:
             self.missed = self.blind = 0.0
         elif elsewhere >= MIN_ELSEWHERE and elsewhere > 2 * found:
             self._add_missed(ELSEWHERE_EVIDENCE)
-        elif found == 0 and expected >= MIN_EXPECTED and self.detector.evidence > 0:
-            self._add_missed(-log(max(self.without, MIN_FRACTION)))
-        if expected >= MIN_EXPECTED:
+        elif found == 0 and expected >= MIN_EXPECTED_LANDMARKS and self.detector.evidence > 0:
+            self._add_missed(-log(max(self.without, MIN_UNIDENTIFIED_FRACTION)))
+        if expected >= MIN_EXPECTED_LANDMARKS:
             self.without += (float(found == 0) - self.without) / LANDMARK_MEMORY
 
     def _add_missed(self, evidence: float) -> None:
@@ -202,7 +202,9 @@ class ImageEvidence:
     def _evidence_of_view(self, deviation: float, failed: bool, points: int) -> float:
         """Evidence of a view that deviates from the last one, and of a failed motion estimate."""
         by_view = max(deviation**2 / 2 - VIEW_OFFSET, 0.0)
-        failure = -log(self.failures / self.attempts) if failed and points >= MIN_POINTS else 0.0
+        failure = (
+            -log(self.failures / self.attempts) if failed and points >= MIN_TRACKED_POINTS else 0.0
+        )
         return min(by_view + failure, MAX_EVIDENCE)
 
     def _learn(self, difference: float) -> None:

@@ -10,7 +10,7 @@ ODOMETRY_ERRORS = 3
 """Number of errors: scale of odometry, scale of the camera, turn rate."""
 MAX_OUTAGE = 5.0
 """Duration without camera that the covariance of the turn rate covers, in seconds."""
-MAX_NIS = 9.0
+MAX_DISTANCE_NIS = 9.0
 """Maximum normalized innovation squared of a measured distance (3 sigma)."""
 
 
@@ -83,7 +83,7 @@ class OdometryErrors:
         """
         J, innovation = np.array([1.0, 1.0, 0.0]), ratio - 1.0 - float(self.error[1])
         variance = DISTANCE_NOISE**2
-        if innovation**2 < MAX_NIS * (J @ self.covariance @ J + variance):
+        if innovation**2 < MAX_DISTANCE_NIS * (J @ self.covariance @ J + variance):
             self.update(np.outer(J, J) / variance, J * innovation / variance)
 
     def update(self, information: FloatArray, gradient: FloatArray) -> FloatArray:

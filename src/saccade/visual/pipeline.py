@@ -36,7 +36,7 @@ from saccade.visual.tag_landmarks import TagLandmarks, require_tags, with_labels
 from saccade.visual.unscaled_camera import UnscaledCameraMotionEstimator
 from saccade.visual.visual_map import VisualMap
 
-MIN_POINTS = 0.4
+MIN_TRACKED_FRACTION = 0.4
 """Minimum number of tracked points of a turning camera, as a fraction of `max_tracks`; with fewer,
 new points are detected ahead of time."""
 MIN_TURN = 0.05
@@ -203,7 +203,7 @@ class Pipeline:
             return features
         before, now = (camera.rotation[:, 2] for camera in self.motion.cameras)
         turned = np.linalg.norm(now - before) > MIN_TURN
-        many = len(self.tracked) > MIN_POINTS * self.config.max_tracks
+        many = len(self.tracked) > MIN_TRACKED_FRACTION * self.config.max_tracks
         leaves = self._gaze is not None and self._gaze.is_leaving
         if many and not turned and not leaves:
             return features

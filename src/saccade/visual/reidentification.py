@@ -21,7 +21,7 @@ HEIGHT_TOLERANCE = 0.15
 plus the same fraction of the range."""
 POSITION_TOLERANCE = 0.05
 """Largest difference of the position, in meters plus the same fraction of the range."""
-SAME_POSITION = 1.0
+SAME_POINT = 1.0
 """Largest distance of two landmarks in meters that may be one point, mapped twice."""
 REMATCH_RADIUS = 4.0
 """Pixels within which a tracked point is re-matched."""
@@ -139,7 +139,7 @@ def _match_in_view(
     mutual = candidates.argmin(0)[nearest] == np.arange(len(a))
     index, rows = np.flatnonzero(mutual), in_view[nearest[mutual]]
     offset = xy - xy[rows][:, None]
-    apart = np.hypot(offset[..., 0], offset[..., 1]) > SAME_POSITION
+    apart = np.hypot(offset[..., 0], offset[..., 1]) > SAME_POINT
     rival = np.where(apart, squared[index], np.inf).min(1)
     unique = squared[index, rows] < ratio**2 * rival
     return index[unique], rows[unique]

@@ -17,7 +17,7 @@ from saccade.visual.points import TrackedPoints
 from saccade.visual.reidentification import descriptor_matches, has_same_height
 from saccade.visual.visual_map import VisualMap
 
-LIMIT = 4.0
+MAX_IMAGE_EVIDENCE = 4.0
 """Largest evidence from images of a robot that is not kidnapped. It is smaller than for landmark
 scans, since frames contradict the motion more rarely than scans contradict the map."""
 MIN_LANDMARKS = 8
@@ -41,7 +41,7 @@ class Relocalization:
 
     def __init__(self, visual_map: VisualMap, config: VisualConfig) -> None:
         self._map, self._motion, self._config = visual_map, visual_map.motion, config
-        self._detector = KidnappingDetector(False, config.gate, LIMIT)
+        self._detector = KidnappingDetector(False, config.gate, MAX_IMAGE_EVIDENCE)
         self._evidence = ImageEvidence(self._detector, config.acceleration_sigma)
         self._hypotheses: PoseHypotheses | None = None  # of a frame with detections
         self._blind = 0.0  # seconds without sight and motion
@@ -133,7 +133,7 @@ class Relocalization:
     def contradict(self) -> None:
         """Begins the search, since tags agree on another pose."""
         if self._config.recover and not self.lost:
-            self._detector.add(LIMIT)
+            self._detector.add(MAX_IMAGE_EVIDENCE)
             self._begin()
 
     def confirm(self) -> None:

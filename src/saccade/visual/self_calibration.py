@@ -27,7 +27,7 @@ OFFSET = 2
 """Index of the disparity offset."""
 TRACK_CORRELATION = 12.0
 """Variance inflation of the estimates, as the errors of a track are correlated."""
-MIN_GAIN = 12.0
+MIN_OFFSET_GAIN = 12.0
 """Minimum gain of the log-likelihood of held-out residuals for a correction of the offset. The gain
 reaches 8 by chance."""
 
@@ -82,7 +82,7 @@ class SelfCalibration:
         curvature = float(information[::-1] @ offset**2)
         fraction = min(max(slope / max(curvature, 1e-12), 0.0), 1.0)
         gain = fraction * slope - fraction**2 * curvature / 2
-        return fraction if gain > MIN_GAIN else 0.0
+        return fraction if gain > MIN_OFFSET_GAIN else 0.0
 
 
 def calibration_jacobian(camera: Camera, observed: FloatArray) -> FloatArray:

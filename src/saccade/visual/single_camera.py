@@ -19,7 +19,7 @@ from saccade.visual.robot_motion import camera_motion
 
 STEP_SIGMA = 0.05
 """Relative standard deviation of the length of a step."""
-MIN_PARALLAX = 1e-4
+MIN_RAY_ANGLE = 1e-4
 """Minimum angle between two rays that are triangulated, in radians."""
 
 
@@ -116,13 +116,13 @@ class CameraTrajectory:
         a, b, c, p, q = ((u * v).sum(1) for u, v in pairs)
         determinant = a * c - b * b
         sine = np.sqrt(np.maximum(determinant, 0.0) / (a * c))
-        intersect = sine > MIN_PARALLAX
+        intersect = sine > MIN_RAY_ANGLE
         depth = (c * p - b * q) / np.where(intersect, determinant, 1.0)
         first_depth = (b * p - a * q) / np.where(intersect, determinant, 1.0)
         angle_sigma = np.sqrt(2) * pixel_sigma / camera.fx
         steps = np.maximum(len(self.translation) - 1 - points.first_frame, 1)
         relative_sigma = np.hypot(
-            angle_sigma / np.maximum(sine, MIN_PARALLAX), STEP_SIGMA / np.sqrt(steps)
+            angle_sigma / np.maximum(sine, MIN_RAY_ANGLE), STEP_SIGMA / np.sqrt(steps)
         )
         known = intersect & (depth > 0) & (first_depth > 0)
         return np.where(known, depth, np.nan), np.where(known, depth * relative_sigma, np.nan)

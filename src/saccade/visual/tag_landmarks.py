@@ -24,11 +24,11 @@ from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.tag_pose import LatestTags
 from saccade.visual.visual_map import VisualMap
 
-GATE = chi_square_gate(2, 0.9999)
+TAG_GATE = chi_square_gate(2, 0.9999)
 """Largest normalized innovation squared of a tag that agrees with the map."""
 CONFIRM_AFTER = 2
 """Sightings of a tag that make it a landmark; fewer may be of a phantom."""
-MAX_SIGMA = (1.0, 0.3)
+MAX_TAG_SIGMAS = (1.0, 0.3)
 """Largest standard deviations of an expected range and bearing, in meters and radians, of a tag
 that confirms the pose of a robot that counts as lost."""
 MOVED_AFTER = 10
@@ -97,7 +97,7 @@ class TagLandmarks:
         known = np.flatnonzero(rows >= 0)
         expected = self._map.predict_observations(rows[known])
         at_known = observations[known]
-        agree = normalized_squared(*self._map.innovations(at_known, expected)) <= GATE
+        agree = normalized_squared(*self._map.innovations(at_known, expected)) <= TAG_GATE
         self._judge([labels[i] for i in known.tolist()], agree)
         if self._unmatched and self._agree_elsewhere():
             return True
@@ -125,8 +125,8 @@ class TagLandmarks:
             return None
         ekf, expected = self._map.ekf, self._map.predict_observations(rows[known])
         squared = normalized_squared(*self._map.innovations(observations[known], expected))
-        sharp = np.sqrt(np.diagonal(expected.covariance, axis1=1, axis2=2)) < MAX_SIGMA
-        if (squared[sharp.all(1)] <= GATE).any():
+        sharp = np.sqrt(np.diagonal(expected.covariance, axis1=1, axis2=2)) < MAX_TAG_SIGMAS
+        if (squared[sharp.all(1)] <= TAG_GATE).any():
             return ekf.pose, ekf.pose_covariance
         return self._pose()
 

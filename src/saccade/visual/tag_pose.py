@@ -11,9 +11,9 @@ from saccade.visual.points import RangeBearings
 
 PROBABILITY = 0.99
 """Probability with which tags that did not move agree on the robot's pose."""
-MIN_SEPARATION = 0.3
+MIN_TAG_SEPARATION = 0.3
 """Minimum distance in meters between two tags that determine a heading."""
-STEPS = 5
+ROBOT_POSE_STEPS = 5
 """Number of Gauss-Newton steps."""
 MAX_VARIANCE = 1.0
 """Largest variance in square meters of the position of a tag that was seen earlier."""
@@ -66,12 +66,12 @@ class LatestTags:
             return None
         m, P = (np.array(each) for each in zip(*(places[label] for label in labels), strict=True))
         q, C = (np.array(e) for e in zip(*(self._seen[label] for label in labels), strict=True))
-        if np.hypot(*(m - m.mean(0)).T).max() < MIN_SEPARATION / 2:
+        if np.hypot(*(m - m.mean(0)).T).max() < MIN_TAG_SEPARATION / 2:
             return None
         a, b = q - q.mean(0), m - m.mean(0)
         heading = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
         pose = np.append(m.mean(0) - rotations(np.array([heading]))[0] @ q.mean(0), heading)
-        for _ in range(STEPS):
+        for _ in range(ROBOT_POSE_STEPS):
             R = rotations(pose[2:])[0]
             arm = q @ R.T  # (k, 2)
             W = np.linalg.inv(R @ C @ R.T + P)

@@ -17,12 +17,12 @@ from saccade.visual.robot_motion import CameraPose, step_motions
 from saccade.visual.self_calibration import CALIBRATION_SIGMA, CalibrationDrift, SelfCalibration
 from saccade.visual.window_equations import NormalEquations, WindowPoints, WindowSteps
 
-ITERATIONS = 2
+WINDOW_ITERATIONS = 2
 """Number of Gauss-Newton iterations after each frame, from the estimate after the last frame."""
 OFF_PLANE_ACCELERATION_SIGMA = (0.5, 0.2, 0.2)
 """Standard deviations of the changes of vertical speed (m/s) and of the rates of roll and pitch
 (rad/s) in a second."""
-MAX_INVERSE_DEPTH = 10.0
+MAX_WINDOW_INVERSE_DEPTH = 10.0
 """Upper bound of the estimated inverse depths, in 1 / meters."""
 
 
@@ -145,7 +145,7 @@ class SlidingWindow:
         free = slice(poses.start, errors.stop)  # the first pose is fixed
         window_points = WindowPoints(camera, corrected, sigma, R0, t0)
         prior, error = np.linalg.inv(self._errors.covariance + 1e-14 * np.eye(m)), np.zeros(m)
-        for _ in range(ITERATIONS):
+        for _ in range(WINDOW_ITERATIONS):
             equations = NormalEquations(errors.stop)
             now = self._rotation, self._translation
             gain, offset = window_points.eliminate(now, points, equations)
@@ -159,7 +159,7 @@ class SlidingWindow:
             change, before = np.asarray(np.linalg.solve(total, right), np.float64), error
             error = error + change[-m:]
             points += offset - gain[:, :, poses] @ change[:-m]
-            points[:, 2] = points[:, 2].clip(0.0, MAX_INVERSE_DEPTH)
+            points[:, 2] = points[:, 2].clip(0.0, MAX_WINDOW_INVERSE_DEPTH)
             self._move(change[:-m])
         ray = np.append(points[:, :2], np.ones((len(points), 1)), 1)
         position = ((ray - points[:, 2:] * t0)[:, None] @ R0)[:, 0]

@@ -38,7 +38,7 @@ ROOT = "mav0"
 """Folder of the sensors."""
 TRUTH_FOLDERS = ("state_groundtruth_estimate0", "leica0", "vicon0")
 NANOSECOND = 1e-9
-MAX_TIME_DIFFERENCE = 0.005
+MAX_PAIR_TIME_DIFFERENCE = 0.005
 """Maximum time difference between the images of a pair, in seconds."""
 
 
@@ -77,7 +77,7 @@ def read_euroc_drive(path: Path) -> Drive:
         other = read_camera_file(root / "cam1" / SENSOR_FILE, size).camera
         pair = rectify(camera, pose, other, sensor_pose(root / "cam1" / SENSOR_FILE), str(root))
         camera, maps, rotation = pair.camera, (pair.left, pair.right), pair.rotation
-        nearest = associate(time, other_time, MAX_TIME_DIFFERENCE).tolist()
+        nearest = associate(time, other_time, MAX_PAIR_TIME_DIFFERENCE).tolist()
         right = image_files(lambda i: others[nearest[i]] if nearest[i] >= 0 else None)
     calibration = Calibration(camera)
     frames = FrameTimes.sort(time, str(root / "cam0" / "data"))

@@ -28,7 +28,7 @@ from saccade.types import FloatArray
 
 DEPTH_UNIT = 1 / 5000
 """Meters per step of a depth image."""
-MAX_TIME_DIFFERENCE = 0.02
+MAX_DEPTH_TIME_DIFFERENCE = 0.02
 """Seconds between a color image and its depth image."""
 CAMERAS = {
     1: ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
@@ -47,7 +47,7 @@ def read_tum_drive(path: Path) -> Drive:
     depth = None
     if (path / "depth.txt").exists():
         depth_time, depth_files = _read_list(path / "depth.txt")
-        nearest = associate(recorded, depth_time, MAX_TIME_DIFFERENCE)
+        nearest = associate(recorded, depth_time, MAX_DEPTH_TIME_DIFFERENCE)
         beside = [depth_files[i] if i >= 0 else None for i in nearest.tolist()]
         depth = image_files(beside.__getitem__)
     truth = None

@@ -30,11 +30,12 @@ OUTSIDE = 0.1
 SHIFTED = 0.03
 """Maximum fraction of fixations outside if options bring three quarters of these inside."""
 FEWEST = 5
-"""Minimum number of fixations outside for positions to be checked, in `MANY` or more."""
-MANY = 50
+"""Minimum number of fixations outside for positions to be checked, in `MIN_CENTERED_FIXATIONS` or
+more."""
+MIN_CENTERED_FIXATIONS = 50
 """Minimum number of fixations for a check that they reach the middle of their images."""
 FEW_OUTSIDE = 0.25
-"""Maximum fraction outside, among fewer than `MANY` fixations."""
+"""Maximum fraction outside, among fewer than `MIN_CENTERED_FIXATIONS` fixations."""
 SEVERAL = 8
 """Minimum number of fixations for a check that they reach a fifth of their images."""
 EXTENT = (0.02, 0.98)
@@ -43,9 +44,9 @@ ENLARGED = 1.1
 """Minimum scale suggested; some fixations outside their images resemble a smaller scale."""
 SPREAD = 0.25
 """Minimum extent of plausible fixations, as a fraction of the images."""
-EQUAL = 0.05
+EQUAL_COST = 0.05
 """Maximum difference of the costs of two options that fit equally."""
-SAME = 0.002
+SAME_FIXATION = 0.002
 """Maximum distance of equal positions, as a fraction of the images."""
 SCREENS = (
     *((640, 480), (800, 600), (1024, 768), (1152, 864), (1280, 720), (1280, 800), (1280, 960)),
@@ -101,7 +102,7 @@ def check_positions(
     if is_too_small(low, high, side, n):
         cure = cures(given, sizes, screen, outside=n) or UNIT_HINT
         raise LogError(f"{found}, found {span}: {cure} ({PIXELS})")
-    few = n < MANY
+    few = n < MIN_CENTERED_FIXATIONS
     if count < (2 if few else FEWEST) or (few and count <= FEW_OUTSIDE * n):
         return ""
     found += f", found {count} of {n} fixations outside"
@@ -129,7 +130,11 @@ def is_too_small(low: FloatArray, high: FloatArray, side: FloatArray, count: int
     largest = np.maximum(np.abs(low), np.abs(high))
     if (largest <= NORMALIZED).all() and side.min() > SMALLEST_SIDE:
         return True
-    if count >= MANY and (high < side / 2).all() and (high - low < side / 2).all():
+    if (
+        count >= MIN_CENTERED_FIXATIONS
+        and (high < side / 2).all()
+        and (high - low < side / 2).all()
+    ):
         return bool((low > -side / 4).all())
     return count >= SEVERAL and bool((largest < side / 5).all())
 
@@ -150,10 +155,10 @@ def cures(
     fits.sort(key=lambda each: each[0])
     chosen = list[Option]()
     for cost, option in fits:
-        if cost > fits[0][0] + EQUAL or len(chosen) == 2:
+        if cost > fits[0][0] + EQUAL_COST or len(chosen) == 2:
             break
         apart = (np.abs(option.xy - each.xy) / sizes for each in chosen)
-        if all(float(np.median(each.max(axis=1))) > SAME for each in apart):
+        if all(float(np.median(each.max(axis=1))) > SAME_FIXATION for each in apart):
             chosen.append(option)
     words = " or ".join(each.words for each in chosen)
     return f"pass {words}" if words else degree_hint(given, sizes)
@@ -224,7 +229,7 @@ def shifted(given: FloatArray, sizes: FloatArray) -> Iterator[Option]:
     screens = (
         f"--placement centered {w},{h} or "
         for w, h in SCREENS
-        if np.abs((np.array([w, h]) - side) / 2 - corner).max() < EQUAL / 2 * side.min()
+        if np.abs((np.array([w, h]) - side) / 2 - corner).max() < EQUAL_COST / 2 * side.min()
     )
     if (np.abs(corner / side + 0.5) < 0.1).all():
         words = f"--xy pix (about the center, y up) or {words}, and --axes=x,-y if y points up"

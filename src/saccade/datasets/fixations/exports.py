@@ -241,7 +241,7 @@ BEGAZE = Export(
 """Event export of SMI BeGaze."""
 EVENT_HEADER = "Table Header for Fixations"
 """Line of a list of events of SMI's IDF Event Detector."""
-START = 1 << 16
+RECOGNITION_BYTES = 1 << 16
 """Number of bytes by which a format is recognized."""
 
 
@@ -372,7 +372,7 @@ def header_of(path: Path) -> set[str]:
 
 def _first_text(path: Path) -> str:
     with reading(path, LogError), open_file(path) as file:
-        return decode_text(file.read(START)[:START])
+        return decode_text(file.read(RECOGNITION_BYTES)[:RECOGNITION_BYTES])
 
 
 def is_event_list(path: Path) -> bool:

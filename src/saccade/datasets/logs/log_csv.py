@@ -38,7 +38,7 @@ from saccade.landmark_names import parse_name
 from saccade.motions import MOTIONS
 from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory, invalid_range_bearing
 
-ROUNDING = 1e-9
+EIGENVALUE_ROUNDING = 1e-9
 """Tolerance for negative eigenvalues of a covariance due to rounding, relative to the largest."""
 UNUSED_VARIANCE = 1.0
 """Placeholder variance of a component that was not measured; it is never used."""
@@ -297,7 +297,7 @@ def _covariances(table: TextTable, names: tuple[str, ...], assumed: FloatArray) 
     both = missing[:, :, None] | missing[:, None]
     covariances = np.where(both, UNUSED_VARIANCE * np.eye(len(names)), covariances)
     eigenvalues = np.linalg.eigvalsh(covariances)  # ascending
-    negative = eigenvalues[:, 0] < -ROUNDING * eigenvalues[:, -1].clip(0)
+    negative = eigenvalues[:, 0] < -EIGENVALUE_ROUNDING * eigenvalues[:, -1].clip(0)
     for k in np.flatnonzero(negative)[:1].tolist():
         raise table.rows[k].error(
             f"a covariance of {', '.join(names)} (no negative variance)",

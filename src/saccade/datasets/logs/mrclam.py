@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from saccade.datasets.logs.conversions import OdometryNoise, integrate, start_of
-from saccade.datasets.tables import Archive, read_table
+from saccade.datasets.tables import MAX_DURATION, Archive, read_table
 from saccade.errors import LogError, require
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
@@ -14,8 +14,6 @@ ROBOTS = 5
 """Number of robots: subjects 1 to 5 are robots, all others are landmarks."""
 MAX_STEP = 0.5
 """Maximum time between poses of the log, in seconds."""
-MAX_DURATION = 1e6
-"""Maximum duration in seconds; longer logs have a corrupt time stamp."""
 STALE_LIMIT = 0.2
 """Maximum delay in seconds of the first odometry sample's time stamp relative to the second. Most
 logs of set 9 have such a first sample, which is dropped."""
@@ -23,7 +21,7 @@ MRCLAM_ODOMETRY = OdometryNoise(distance=0.05, turn=0.1, drift=0.03)
 """Random odometry errors of set 6 over 1 to 16 s, measured against motion capture."""
 MRCLAM_SENSOR = (0.08, 0.012)
 """Standard deviations of range (m) and bearing (rad)."""
-MAX_BEARING = 1.0
+MAX_CAMERA_BEARING = 1.0
 """Maximum bearing in radians; half the field of view of these robots is less."""
 UTIAS_BARCODES = (5, 14, 41, 32, 23)
 """Barcodes on the robots of the published sets, used to identify these sets."""
@@ -138,7 +136,7 @@ def read_mrclam(
         )
     observation = measurements[:, 2:].copy()
     if platform.depth is not None:
-        bearing = np.clip(observation[:, 1], -MAX_BEARING, MAX_BEARING)
+        bearing = np.clip(observation[:, 1], -MAX_CAMERA_BEARING, MAX_CAMERA_BEARING)
         observation[:, 0] /= platform.depth * np.cos(bearing)
     return LandmarkLog(
         name=f"{path.stem}, robot {robot}",

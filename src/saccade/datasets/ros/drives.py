@@ -62,7 +62,7 @@ from saccade.io.files import reading
 from saccade.io.image import decode_stored
 from saccade.types import FloatArray, Image, IntArray
 
-MAX_TIME_DIFFERENCE = 0.01
+MAX_FRAME_TIME_DIFFERENCE = 0.01
 """Maximum time difference between the images of a frame, in seconds."""
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
@@ -84,7 +84,7 @@ _ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
 """Number type, channels, and OpenCV's conversion to RGB."""
 RECTIFIED = "rect(ified)?|undist(ort(ed)?)?"
 """Pattern of words in the names of topics with rectified images."""
-STILL = 1e-4
+MAX_FIXED_ROTATION = 1e-4
 """Maximum rotation of a fixed camera, in radians."""
 MAX_ROLL = 0.02
 """Maximum roll about the optical axis of a pan-tilt camera, in radians."""
@@ -158,7 +158,7 @@ def _associated_images(bag: Bag, topic: str | None, time: FloatArray) -> ImageSo
     if topic is None:
         return None
     stamps, seconds = bag.stamps(topic)
-    nearest = associate(time, seconds, MAX_TIME_DIFFERENCE)
+    nearest = associate(time, seconds, MAX_FRAME_TIME_DIFFERENCE)
     return _topic_images(bag, topic, np.where(nearest >= 0, stamps[nearest], -1))
 
 
@@ -210,7 +210,7 @@ def mounted(
         center moves.
     """
     R = poses.rotation
-    if _angle(R, R[0]) < STILL:
+    if _angle(R, R[0]) < MAX_FIXED_ROTATION:
         return replace(camera, position=poses.position[0].copy(), rotation=R[0].copy()), [], ()
     x, y, z = R[:, :, 2].T  # optical axis
     directions = zip(np.arctan2(y, x).tolist(), np.arcsin(z.clip(-1, 1)).tolist(), strict=True)

@@ -27,7 +27,7 @@ from saccade.datasets.logs.conversions import (
 )
 from saccade.datasets.ros.bags import FIELDS, Bag, Transforms, bare, pose_of, poses_from, stamp_of
 from saccade.datasets.ros.messages import Detection, landmark_topics, parse_labels, read_detections
-from saccade.datasets.tables import LARGEST
+from saccade.datasets.tables import LARGEST, MAX_DURATION
 from saccade.errors import LogError, LogWarning
 from saccade.frames import Poses
 from saccade.io.files import reading
@@ -36,7 +36,7 @@ from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 MAX_STEP = 0.5
 """Maximum time between poses of the log, in seconds."""
-MIN_RANGE = 1e-3
+MIN_LANDMARK_RANGE = 1e-3
 """Minimum range of a landmark with a bearing, in meters."""
 BASE = "base_link"
 """Name of the robot frame, if the odometry has no frame name."""
@@ -44,12 +44,10 @@ PLANE = [0, 7, 35]
 """Indices of the variances of x, y and heading in a ROS covariance of 36 numbers."""
 MAX_SPEED = 50.0
 """Maximum speed in meters or radians per second; beyond it the odometry was reset."""
-UNKNOWN_SPEED = 0.5
+RESET_SPEED = 0.5
 """Standard deviation of the speed during a reset, in meters or radians per second."""
 MAX_RATE_VARIANCE = 100.0
 """Minimum variance of a speed that means unknown, in SI units."""
-MAX_DURATION = 1e5
-"""Maximum duration in seconds; longer logs have a corrupt time stamp."""
 
 
 class BagOdometry(NamedTuple):
@@ -118,7 +116,7 @@ def _odometry(
     variance[is_known] = (np.square(duration) * twist)[is_known]
     is_reset = np.maximum(distance, turn) > MAX_SPEED * duration[:, 0]
     is_reset |= long_steps(path.time, path.pose)[1]
-    motion[is_reset], variance[is_reset] = 0.0, np.square(UNKNOWN_SPEED * duration)[is_reset]
+    motion[is_reset], variance[is_reset] = 0.0, np.square(RESET_SPEED * duration)[is_reset]
     if is_reset.any():
         count = int(is_reset.sum())
         _warn(f"{bag.path}, {source} was reset {count} times; the motion there is unknown")
@@ -169,7 +167,9 @@ def _log(
     detections = sorted(detections, key=lambda each: each.time)
     xy, covariance = _on_robot(detections, transforms, odometry.base, name)
     time = np.array([each.time for each in detections])
-    usable = (time >= first) & (time <= last) & (np.hypot(*xy.T) > MIN_RANGE)  # False for NaN
+    usable = (
+        (time >= first) & (time <= last) & (np.hypot(*xy.T) > MIN_LANDMARK_RANGE)
+    )  # False for NaN
     if not usable.any():
         raise LogError(
             f"{name}: expected landmarks during the odometry, {first:.3f} to {last:.3f} s; found "

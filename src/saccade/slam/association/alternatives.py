@@ -14,7 +14,7 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.robot_models import difference
 from saccade.types import FloatArray, IntArray
 
-ROUNDING = 1e-15
+MIN_DETERMINANT_RATIO = 1e-15
 """Least ratio of the determinant of a covariance to the product of its variances."""
 
 
@@ -139,4 +139,6 @@ class Alternative(NamedTuple):
 def log_determinant(C: FloatArray) -> FloatArray:
     """Logarithms of the determinants of covariances (..., 2, 2)."""
     square = C[..., 0, 0] * C[..., 1, 1]
-    return np.asarray(np.log(np.maximum(square - C[..., 0, 1] * C[..., 1, 0], ROUNDING * square)))
+    return np.asarray(
+        np.log(np.maximum(square - C[..., 0, 1] * C[..., 1, 0], MIN_DETERMINANT_RATIO * square))
+    )

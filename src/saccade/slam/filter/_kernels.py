@@ -31,9 +31,9 @@ MIN_RANGE = 1e-6
 """Meters; a landmark closer than this to the robot has no bearing."""
 SINGULAR = 1e-13
 """An innovation variance below this fraction of the terms that it is the sum of counts as zero."""
-ROUNDING = 1e-9
+VARIANCE_ROUNDING = 1e-9
 """Fraction of a variance by which rounding may make an update subtract more than all of it."""
-TINY = 1e-100
+NEGLIGIBLE_VARIANCE = 1e-100
 """Square meters or radians; variances below it are zero."""
 
 
@@ -250,7 +250,7 @@ def _update_landmark(
     V = f.downdates[now.downdates : now.downdates + 2]
     _multiply_covariance(f, m, B, V)  # C.13
     for i in range(r):
-        if V[0, i] * V[0, i] + V[1, i] * V[1, i] > P[i, i] * (1 + ROUNDING):
+        if V[0, i] * V[0, i] + V[1, i] * V[1, i] > P[i, i] * (1 + VARIANCE_ROUNDING):
             V[0, i] = V[1, i] = 0.0
     _downdate_blocks(f, V)  # C.11, W S W^T = V^T V
     for i in range(r):
@@ -340,11 +340,11 @@ def _whiten(
             S[i, j], A[i, j] = D[i, j] + scale * noise[i, j], 0.0
     i = 0 if S[0, 0] * s1 >= S[1, 1] * s0 else 1
     j, si, sj = 1 - i, s0 if i == 0 else s1, s1 if i == 0 else s0
-    if S[i, i] > SINGULAR * si + TINY:
+    if S[i, i] > SINGULAR * si + NEGLIGIBLE_VARIANCE:
         ratio = S[i, j] / S[i, i]
         rest = S[j, j] - ratio * S[i, j]
         A[i, i] = 1 / sqrt(S[i, i])
-        if rest > SINGULAR * sj + TINY:
+        if rest > SINGULAR * sj + NEGLIGIBLE_VARIANCE:
             A[j, j] = 1 / sqrt(rest)
             A[j, i] = -ratio * A[j, j]
     x[0], x[1] = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
@@ -380,9 +380,9 @@ def _downdate_blocks(f: FilterState, V: FloatArray) -> None:
     r, blocks, x, y = f.robot_size, f.blocks, V[0], V[1]
     for i in range(f.now.landmarks):
         m = r + 2 * i
-        if x[m] * x[m] + y[m] * y[m] > blocks[i, 0] * (1 + ROUNDING):
+        if x[m] * x[m] + y[m] * y[m] > blocks[i, 0] * (1 + VARIANCE_ROUNDING):
             x[m] = y[m] = 0.0
-        if x[m + 1] * x[m + 1] + y[m + 1] * y[m + 1] > blocks[i, 2] * (1 + ROUNDING):
+        if x[m + 1] * x[m + 1] + y[m + 1] * y[m + 1] > blocks[i, 2] * (1 + VARIANCE_ROUNDING):
             x[m + 1] = y[m + 1] = 0.0
         blocks[i, 0] -= x[m] * x[m] + y[m] * y[m]
         blocks[i, 1] -= x[m] * x[m + 1] + y[m] * y[m + 1]

@@ -7,9 +7,9 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.types import FloatArray
 
-LARGEST = 1e9
+MAX_MAGNITUDE = 1e9
 """Meters or radians; larger numbers are invalid, and their squares might overflow."""
-SLACK = 1e-9
+COVARIANCE_ROUNDING = 1e-9
 """Rounding tolerance of a covariance, as a fraction of its largest entry."""
 
 
@@ -37,13 +37,16 @@ def first_invalid(
                 C[1, 1] += min_sigma * min_sigma
         for i in range(c):
             for j in range(c):
-                if not (abs(C[i, j]) < LARGEST * LARGEST and abs(values[n, i]) < LARGEST):
+                if not (
+                    abs(C[i, j]) < MAX_MAGNITUDE * MAX_MAGNITUDE
+                    and abs(values[n, i]) < MAX_MAGNITUDE
+                ):
                     return n
                 largest = max(largest, abs(C[i, j]))
         for i in range(c if largest > 0 else 0):
             for j in range(i + 1):
-                rest = C[i, j] + (SLACK * largest if i == j else 0.0)
-                if abs(C[i, j] - C[j, i]) > SLACK * largest:
+                rest = C[i, j] + (COVARIANCE_ROUNDING * largest if i == j else 0.0)
+                if abs(C[i, j] - C[j, i]) > COVARIANCE_ROUNDING * largest:
                     return n
                 for m in range(j):
                     rest -= root[i, m] * root[j, m]

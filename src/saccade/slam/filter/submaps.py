@@ -37,7 +37,7 @@ MIN_SPARE = 8
 """Minimum number of landmarks that can be added to a submap before its arrays grow."""
 ROUNDING = 1e-14
 """Relative rounding error of variances: smaller ones count as zero."""
-NEGLIGIBLE = 1e-7
+NEGLIGIBLE_REDUCTION = 1e-7
 """Smallest variance reduction that is applied outside of a submap, as a fraction of the smallest
 variance there."""
 ROBOT_SCALARS = (
@@ -208,7 +208,7 @@ class _Deferred(NamedTuple):
         state = f.state[rest] + E @ delta
 
         values, vectors = np.linalg.eigh(_block(local, points, points))  # Psi
-        least = NEGLIGIBLE * f.blocks[submap.rest][:, ::2].min()
+        least = NEGLIGIBLE_REDUCTION * f.blocks[submap.rest][:, ::2].min()
         products = []
         for sign in (-1.0, 1.0):
             kept = sign * values > ROUNDING

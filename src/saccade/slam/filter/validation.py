@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import LogError
-from saccade.slam.filter._validation_kernels import LARGEST, first_invalid
+from saccade.slam.filter._validation_kernels import MAX_MAGNITUDE, first_invalid
 from saccade.types import FloatArray, invalid_range_bearing
 
 MIN_SIGMA = 1e-4
@@ -19,13 +19,13 @@ def check_vector(name: str, value: FloatArray, size: int | None = None) -> Float
     """The numbers as an array (size,), all finite.
 
     Raises:
-        LogError: it has another shape, or a number is not finite or beyond `LARGEST`.
+        LogError: it has another shape, or a number is not finite or beyond `MAX_MAGNITUDE`.
     """
     array = as_numbers(name, value)
     if array.ndim != 1 or (size is not None and len(array) != size):
         raise LogError(f"{name}: expected {size or 'some'} numbers, found shape {array.shape}")
-    if not (np.abs(array) < LARGEST).all():  # NaN is not under anything
-        raise LogError(f"{name}: expected numbers within {LARGEST:g}, found {array.tolist()}")
+    if not (np.abs(array) < MAX_MAGNITUDE).all():  # NaN is not under anything
+        raise LogError(f"{name}: expected numbers within {MAX_MAGNITUDE:g}, found {array.tolist()}")
     return array
 
 
@@ -40,8 +40,8 @@ def check_covariance(name: str, value: FloatArray, size: int) -> FloatArray:
         raise LogError(f"{name}: expected shape {(size, size)}, found {matrix.shape}")
     if first_invalid(np.zeros((1, size)), matrix[None].copy(), 1.0, 0.0) == 0:
         expected = "a symmetric matrix without negative eigenvalues"
-        if not (np.abs(matrix) < LARGEST**2).all():
-            expected = f"numbers within {LARGEST**2:g}"
+        if not (np.abs(matrix) < MAX_MAGNITUDE**2).all():
+            expected = f"numbers within {MAX_MAGNITUDE**2:g}"
         raise LogError(f"{name}: expected {expected}, found {matrix.tolist()}")
     return matrix
 

@@ -22,7 +22,7 @@ from saccade.viewing.slam import (
 )
 from saccade.viewing.style import BLUE, DIVERGING, GRAY, ORANGE, RED, hide_ticks
 
-MAX_SCANS = 8
+MAX_SHOWN_SCANS = 8
 """Maximum number of scans shown."""
 MIN_ELLIPSE_FRACTION = 0.08
 """Minimum size of the largest ellipse after magnification, as a fraction of the map's width."""
@@ -83,12 +83,13 @@ class FilterTrace(NamedTuple):
 
 
 def trace_filter(log: LandmarkLog, ekf_slam: Any, last_scan: int | None = None) -> FilterTrace:
-    """Run the filter of the textbook, and keep its last `MAX_SCANS` scans.
+    """Run the filter of the textbook, and keep its last `MAX_SHOWN_SCANS` scans.
 
     Args:
         log: with landmark labels.
         ekf_slam: the class `EkfSlam`.
-        last_scan: number of the last scan, from 1; by default `MAX_SCANS`, or the last of the log.
+        last_scan: number of the last scan, from 1; by default `MAX_SHOWN_SCANS`, or the last of
+            the log.
 
     Raises:
         LogError: the log has no landmark labels, or fewer scans.
@@ -97,7 +98,7 @@ def trace_filter(log: LandmarkLog, ekf_slam: Any, last_scan: int | None = None) 
         raise LogError(f"{log.name}: expected labels for all observations, as in appendix C")
     ekf, index_of = ekf_slam(log.start), dict[int, int]()
     trace = FilterTrace({"predict": [], "update": [], "augment": []}, [])
-    number, last = 1, last_scan or MAX_SCANS
+    number, last = 1, last_scan or MAX_SHOWN_SCANS
 
     def current() -> State:
         return State(np.array(ekf.s), np.array(ekf.P))
@@ -120,9 +121,11 @@ def trace_filter(log: LandmarkLog, ekf_slam: Any, last_scan: int | None = None) 
         if len(observations):
             count = "1 landmark" if len(index_of) == 1 else f"{len(index_of)} landmarks"
             trace.scans.append((f"scan {number}: {count}", current()))
-            del trace.scans[:-MAX_SCANS]
+            del trace.scans[:-MAX_SHOWN_SCANS]
             for steps in trace.steps.values():
-                steps[:] = [each for each in steps if each.scan > number - MAX_SCANS] or steps[-1:]
+                steps[:] = [
+                    each for each in steps if each.scan > number - MAX_SHOWN_SCANS
+                ] or steps[-1:]
             number += 1
         if number > last:
             break
