@@ -27,7 +27,8 @@ from measuring import arguments, require_one_thread, with_interval
 from saccade import Sift, SiftConfig, match, verify
 from saccade.datasets.drives.loading import load_drive
 from saccade.evaluation.trajectory import umeyama
-from saccade.exchange.colmap import ColmapCamera, import_pycolmap, read_colmap, write_colmap
+from saccade.exchange import ColmapCamera, read_colmap, write_colmap
+from saccade.exchange.colmap import import_pycolmap
 from saccade.frames import Drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.types import FloatArray, Keypoints

@@ -13,6 +13,7 @@ import saccade
 from saccade import exchange
 from saccade.errors import ConfigError, KeypointsError
 from saccade.exchange.colmap import import_pycolmap
+from saccade.exchange.colmap_cameras import LENSES
 from support.keypoint_files import HALLWAY, assert_same, random_points
 
 EXACT = ("size", "angle", "descriptors")
@@ -114,6 +115,11 @@ def test_points_come_back_as_they_were(pycolmap, rng, tmp_path):
     assert list(found.matches) == [("a.jpg", "b.jpg")]
     np.testing.assert_array_equal(found.matches["a.jpg", "b.jpg"][:, ::-1], pairs["b.jpg", "a.jpg"])
     assert repr(found) == "ColmapFeatures(4 images, 1 matched pairs)"
+    some = exchange.read_colmap(tmp_path / "x.db", ["b.jpg", "bare.jpg", "unknown.jpg"])
+    assert list(some.keypoints) == ["b.jpg", "bare.jpg"]
+    assert (some.matches, some.shapes) == ({}, shapes)
+    both = exchange.read_colmap(tmp_path / "x.db", ["b.jpg", "a.jpg"])
+    np.testing.assert_array_equal(both.matches["a.jpg", "b.jpg"], found.matches["a.jpg", "b.jpg"])
 
 
 @pytest.mark.parametrize("columns", [2, 6])
@@ -170,12 +176,13 @@ def test_reading_changes_nothing(tmp_path):
     rows = np.array([[10.5, 20.5, 2, 0.25]], "<f4")
     database = sqlite3.connect(path)
     database.executescript(
-        "CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY, height INTEGER, width INTEGER);"
+        "CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY, model INTEGER, width INTEGER,"
+        " height INTEGER, params BLOB);"
         "CREATE TABLE images (image_id INTEGER PRIMARY KEY, name TEXT, camera_id INTEGER);"
         "CREATE TABLE keypoints (image_id INTEGER, rows INTEGER, cols INTEGER, data BLOB);"
         "CREATE TABLE descriptors (image_id INTEGER, rows INTEGER, cols INTEGER, data BLOB);"
         "CREATE TABLE matches (pair_id INTEGER, rows INTEGER, cols INTEGER, data BLOB);"
-        "INSERT INTO cameras VALUES (1, 480, 640);"
+        "INSERT INTO cameras VALUES (1, 0, 640, 480, NULL);"
         "INSERT INTO images VALUES (7, 'old.jpg', 1);"
     )
     database.execute("INSERT INTO keypoints VALUES (7, 1, 4, ?)", (rows.tobytes(),))
@@ -189,6 +196,7 @@ def test_reading_changes_nothing(tmp_path):
     database.commit()
     with pytest.raises(KeypointsError, match=r"x\.db: expected a COLMAP database: keypoints of 7"):
         exchange.read_colmap(path)
+    assert not exchange.read_colmap(path, ["other.jpg"]).keypoints
     database.close()
 
 
@@ -233,6 +241,29 @@ def test_a_camera_is_shared_or_given_for_each_image(pycolmap, rng, tmp_path):
     found, rigs = _cameras_of(pycolmap, tmp_path / "x.db")
     assert [found[name][1] for name in "ab"] == ["PINHOLE", "OPENCV"]
     assert rigs == 2
+
+
+def test_cameras_of_a_database_project_as_colmaps(pycolmap, rng, tmp_path):
+    """The record that drives have and `verify` takes, for each lens model that OpenCV has too."""
+    small = (500.0, 510.0, 330.0, 250.0, -0.1, 0.02, 1e-3, -2e-3, 1e-3, 1e-2, 1e-3, 1e-4)
+    cameras = {}
+    for model, (_, names) in LENSES.items():
+        count = len(names.split())
+        params = small[:count] if names.startswith("fx") else (500.0, *small[2 : count + 1])
+        cameras[model] = exchange.ColmapCamera(model, params, (640, 480))
+    points = {name: random_points(rng, 3) for name in cameras}
+    exchange.write_colmap(
+        tmp_path / "x.db", points, dict.fromkeys(points, (480, 640)), cameras=cameras
+    )
+    read = exchange.read_colmap(tmp_path / "x.db").cameras
+    xyz = np.c_[rng.uniform(-0.5, 0.5, (20, 2)), np.ones(20)]
+    for model, camera in cameras.items():
+        assert read[model] == camera
+        theirs = pycolmap.Camera(model=model, width=640, height=480, params=camera.params)
+        expected = theirs.img_from_cam(xyz) - 0.5
+        np.testing.assert_allclose(read[model].to_camera().project(xyz), expected, atol=1e-6)
+    with pytest.raises(ConfigError, match=r"camera: expected one of .*PINHOLE.*found 'FOV'"):
+        exchange.ColmapCamera("FOV", (1, 1, 1, 1, 1), (9, 9)).to_camera()
 
 
 @pytest.mark.parametrize(

@@ -269,12 +269,13 @@ def _homographies(folder: Path) -> None:
 def _colmap(path: Path) -> None:
     with sqlite3.connect(path) as database:
         database.executescript(
-            "CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY, width INTEGER, height INTEGER);"
+            "CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY, model INTEGER, width INTEGER,"
+            " height INTEGER, params BLOB);"
             "CREATE TABLE images (image_id INTEGER PRIMARY KEY, name TEXT, camera_id INTEGER);"
             "CREATE TABLE keypoints (image_id INTEGER, rows INTEGER, cols INTEGER, data BLOB);"
             "CREATE TABLE descriptors (image_id INTEGER, rows INTEGER, cols INTEGER, data BLOB);"
             "CREATE TABLE matches (pair_id INTEGER, rows INTEGER, cols INTEGER, data BLOB);"
-            "INSERT INTO cameras VALUES (1, 32, 24);"
+            "INSERT INTO cameras VALUES (1, 0, 32, 24, NULL);"
             "INSERT INTO images VALUES (1, 'a.png', 1), (2, 'b.png', 1);"
         )
         rows = np.ones((5, 4), "<f4").tobytes()

@@ -90,7 +90,8 @@ def test_masks_have_the_names_of_colmap(scene, tmp_path, name):
     cv2.imwrite(str(images / "whole.png"), np.rint(scene * 255))
     cv2.imwrite(str(masks / (name if name == "b.png" else f"{name}.png")), disc(scene.shape))
     source = open_source(f"{images}/**/*")
-    extract(source, Job("sift", masks=str(masks)), str(tmp_path / "out"))
+    with pytest.warns(ImageWarning, match=r"whole\.png: found no mask"):
+        extract(source, Job("sift", masks=str(masks)), str(tmp_path / "out"))
     found = {each.image: each.points for each in read_points(str(tmp_path / "out"))}
     assert (np.hypot(*(found[name].xy - CENTER).T) < RADIUS + 1).all()
     assert 0 < len(found[name]) < len(found["whole.png"])
@@ -109,7 +110,8 @@ def test_broken_masks_are_named(tmp_path):
     (tmp_path / "a.jpg.png").write_bytes(b"no image")
     with pytest.raises(ImageError, match=r"a\.jpg\.png: expected a mask"):
         read_mask(tmp_path, "a.jpg")
-    assert read_mask(tmp_path, "b.jpg") is None
+    with pytest.warns(ImageWarning, match=r"image: found no mask .*b\.jpg\.png; the whole image"):
+        assert read_mask(tmp_path, "b.jpg") is None
     with pytest.raises(ConfigError, match=r"NAME\.png"):
         Job("sift", masks=str(tmp_path / "none"))
     with pytest.raises(ConfigError, match="masks"):

@@ -105,6 +105,11 @@ def test_what_cannot_be_matched(rng):
         match(described, points(None))
     with pytest.raises(ConfigError, match=r"second: expected descriptors of length 128.*found 64"):
         match(described, points(np.zeros((3, 64), np.uint8)))
+    for value in (np.nan, np.inf, 1e30):
+        broken = np.zeros((3, 64), np.float32)
+        broken[1, 5] = value
+        with pytest.raises(ConfigError, match=r"second: expected finite descriptors.*keypoint 1"):
+            match(points(np.zeros((3, 64), np.float32)), points(broken))
     for ratio in (0, -1, 1.5, float("nan")):
         with pytest.raises(ConfigError, match="ratio: expected"):
             match(described, described, ratio=ratio)

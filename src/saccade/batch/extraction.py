@@ -9,9 +9,7 @@ processed, so that every image is in one file at most, whenever a run ends.
 import hashlib
 import json
 import time
-import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import chain
@@ -46,13 +44,13 @@ from saccade.batch.sources import (
 from saccade.batch.storage import Store
 from saccade.batch.stored import read_stored, stored_points
 from saccade.batch.workers import DIED, run_blocks
-from saccade.errors import ConfigError, ImageError, ImageWarning, KeypointsError, SaccadeError
+from saccade.errors import ConfigError, ImageError, KeypointsError, SaccadeError
 from saccade.exchange.arrow import column, rows_of, write_rows
 from saccade.exchange.maps import encode_png
 from saccade.extras import name_of
 from saccade.io.files import FORMATS
 from saccade.io.masks import read_mask
-from saccade.io.preparation import opaque_part, stretch_contrast
+from saccade.io.preparation import opaque_part, stretch_contrast, warnings_of
 from saccade.keypoints.detectors import (
     DETECTORS,
     call,
@@ -242,10 +240,10 @@ def _extract_images(
             image = decode(content, item.name, keep_alpha=job.has_points)
             if job.stretch:
                 image = stretch_contrast(image, name=item.name)
-            mask = None
-            if job.masks is not None:
-                mask = read_mask(Path(job.masks), item.name, orientation_of(content))
             with warnings_of(item.name):
+                mask = None
+                if job.masks is not None:
+                    mask = read_mask(Path(job.masks), item.name, orientation_of(content))
                 found = features(item.name, image, orientation_of(content), mask)
             if isinstance(found, np.ndarray):
                 with store.writing(f"{MAP_FOLDER}/{item.name}.png") as path:
@@ -275,17 +273,6 @@ def _extract_images(
         records.append(asdict(record))
         if batch.num_rows:
             yield batch
-
-
-@contextmanager
-def warnings_of(name: str) -> Iterator[None]:
-    """Issues the warnings of a block with the name of the image."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", ImageWarning)
-        yield
-    for each in caught:
-        text = str(each.message).removeprefix("image: ")
-        warnings.warn(f"{name}: {text}", each.category, stacklevel=3)
 
 
 def check_schema(batch: pa.RecordBatch, schema: pa.Schema, name: str) -> None:

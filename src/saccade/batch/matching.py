@@ -36,7 +36,8 @@ from saccade.batch.stored import check_stored
 from saccade.batch.workers import DIED, count_workers, run_blocks
 from saccade.errors import KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
-from saccade.exchange.colmap import CameraMode, Cameras, check_cameras
+from saccade.exchange.colmap import CameraMode, check_cameras
+from saccade.exchange.colmap_cameras import Cameras
 from saccade.extras import import_optional
 from saccade.io.files import atomic_write, locked, reading
 from saccade.io.npz import read_arrays, save_arrays
@@ -77,7 +78,8 @@ class MatchConfig(Settings):
     metric: Metric | None = None
     """See `saccade.match`."""
     guided: bool = False
-    """Whether verified pairs are matched again along their geometry; see `saccade.match_guided`."""
+    """Whether verified pairs are matched again along their geometry, with a ratio halfway between
+    `ratio` and 1; see `saccade.match_guided`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -252,7 +254,7 @@ def match_block(config: MatchConfig, features: str, out: str, block: PairBlock) 
             )
             if config.guided:
                 indices, verified = verified_again(
-                    *(*both, indices, verified),
+                    *(*both, indices, verified, config.ratio),
                     mutual=config.mutual,
                     metric=config.metric,
                     tolerance=config.tolerance,

@@ -29,8 +29,7 @@ def read_stored(path: Path, names: Collection[str]) -> Mapping[str, Keypoints]:
     """
     if path.suffix.lower() != DATABASE:
         return read_hdf5(path, names)
-    found = read_colmap(path).keypoints
-    return {name: points for name, points in found.items() if name in names}
+    return read_colmap(path, names).keypoints
 
 
 def check_stored(path: Path, names: Collection[str]) -> None:
@@ -41,7 +40,7 @@ def check_stored(path: Path, names: Collection[str]) -> None:
         ConfigError: it has none of the images, or h5py is not installed.
     """
     is_database = path.suffix.lower() == DATABASE
-    known = [*read_colmap(path).keypoints] if is_database else names_in(path)
+    known = [*read_colmap(path, ()).shapes] if is_database else names_in(path)
     if not {*known} & {*names}:
         example = f"such as {known[0]!r}" if known else "none"
         raise ConfigError(
@@ -73,9 +72,13 @@ def stored_points(
     points = stored[name]
     if points.descriptors is None:
         raise KeypointsError(f"{name}: expected descriptors in the file of features, found none")
+    invalid = ~np.isfinite(points.descriptors).all(axis=1)
+    if invalid.any():
+        row, found = int(np.argmax(invalid)), "NaN or infinity"
+        raise KeypointsError(f"{name}: expected finite descriptors, found {found} in row {row}")
     points = upright_keypoints(points, image.shape, orientation)
     height, width = image.shape[:2]
-    outside = ((points.xy < -1) | (points.xy > [width, height])).any(axis=1)
+    outside = ~((points.xy >= -1) & (points.xy <= [width, height])).all(axis=1)
     if outside.any():
         x, y = points.xy[int(np.argmax(outside))]
         raise KeypointsError(

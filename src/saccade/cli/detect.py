@@ -23,7 +23,8 @@ from saccade.cli.options import (
 from saccade.cli.output import Result, Table, relative_names
 from saccade.errors import require, setting
 from saccade.exchange.colmap import CameraMode as ColmapMode
-from saccade.exchange.colmap import Cameras, check_cameras, parse_cameras
+from saccade.exchange.colmap import check_cameras
+from saccade.exchange.colmap_cameras import Cameras, parse_cameras
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.io.image import as_rgb, read_image

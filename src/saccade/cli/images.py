@@ -11,6 +11,7 @@ from saccade.cli.output import INTERRUPTED, names_for, print_message, stop_on_in
 from saccade.errors import ImageError, OutputError, SaccadeError
 from saccade.io.files import is_invalid_name, natural_order
 from saccade.io.image import find_images
+from saccade.io.preparation import warnings_of
 
 Row: TypeAlias = dict[str, Any]
 """Result of an image, for --json."""
@@ -92,13 +93,15 @@ def analyze_each(
     """
     paths = [path for each in images for path in images_of(each, out)]
     if len(paths) == 1:
-        return [analyze(paths[0], paths[0].stem)], 0
+        with warnings_of(str(paths[0])):
+            return [analyze(paths[0], paths[0].stem)], 0
     rows: list[Row] = []
     failed = 0
     with stop_on_interrupt("stopping after this image") as stopped:
         for path, name in tracked(names_for(paths).items(), f"{len(paths)} images", len(paths)):
             try:
-                rows.append(analyze(path, name))
+                with warnings_of(str(path)):
+                    rows.append(analyze(path, name))
             except SaccadeError as error:
                 if isinstance(error, OutputError) and not is_invalid_name(error):
                     raise

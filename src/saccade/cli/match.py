@@ -30,11 +30,12 @@ from saccade.cli.output import (
     write_text,
 )
 from saccade.errors import require, setting
-from saccade.exchange.colmap import parse_cameras
+from saccade.exchange.colmap_cameras import parse_cameras
 from saccade.extras import import_optional
 from saccade.io.files import results_in
 from saccade.io.image import as_rgb
 from saccade.io.masks import check_masks
+from saccade.io.preparation import warnings_of
 from saccade.keypoints import Verification, verify
 from saccade.keypoints import match as nearest_matches
 from saccade.keypoints.detectors import DEFAULT_DETECTOR, keypoints_of
@@ -85,8 +86,8 @@ class MatchOptions(DetectorOptions, JsonOptions):
     min_inliers: int = setting(MIN_INLIERS, 1)
     """Smallest number of distinct inliers of an accepted geometry."""
     guided: bool = False
-    """Match verified pairs again along their epipolar lines or homography, with a looser ratio
-    test, and verify the result."""
+    """Match verified pairs again along their epipolar lines or homography, and verify the result.
+    Its ratio test lies halfway between --ratio and 1."""
     camera: CameraModel = None
     camera_mode: CameraMode = None
     workers: Annotated[int | None, EXECUTION] = setting(None, 1)
@@ -171,17 +172,21 @@ def match_images(
     out, geometry = options.out, options.verification
     figures = figure_formats(options.formats)
     check_masks(options.masks)
-    inputs = [options.read(each, each.name) for each in (first, second)]
-    points = [keypoints_of(detector(*each)) for each in inputs]
-    images = as_rgb(inputs[0][0]), as_rgb(inputs[1][0])
-    keypoints = points[0], points[1]
+    found = []
+    for path in paths:
+        with warnings_of(str(path)):
+            image, mask = options.read(path, path.name)
+            found.append((as_rgb(image), keypoints_of(detector(image, mask))))
+    images, keypoints = (found[0][0], found[1][0]), (found[0][1], found[1][1])
     pairs = nearest_matches(*keypoints, ratio=options.ratio)
     verified = None
     if geometry is not None:
         verified = verify(*keypoints, pairs, geometry, options.tolerance, options.min_inliers)
         if options.guided:
-            tolerance = options.tolerance
-            pairs, verified = verified_again(*keypoints, pairs, verified, tolerance=tolerance)
+            ratio, tolerance = options.ratio, options.tolerance
+            pairs, verified = verified_again(
+                *keypoints, pairs, verified, ratio=ratio, tolerance=tolerance
+            )
     inliers = None if verified is None else verified.inliers
     figure = match_figure(images, keypoints, pairs, inliers)
     picture = save_figures(figure, out / "matches", figures)

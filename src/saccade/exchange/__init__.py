@@ -1,6 +1,7 @@
 """Reads and writes keypoints and maps in the formats of other programs."""
 
-from saccade.exchange.colmap import ColmapCamera, ColmapFeatures, read_colmap, write_colmap
+from saccade.exchange.colmap import ColmapFeatures, read_colmap, write_colmap
+from saccade.exchange.colmap_cameras import ColmapCamera, read_cameras
 from saccade.exchange.csv_npz import read_npz, write_csv, write_npz
 from saccade.exchange.hdf5 import read_hdf5, read_hloc_matches, write_hdf5, write_hloc_matches
 from saccade.exchange.maps import write_map
@@ -11,6 +12,7 @@ __all__ = [
     "ColmapCamera",
     "ColmapFeatures",
     "from_opencv",
+    "read_cameras",
     "read_colmap",
     "read_hdf5",
     "read_hloc_matches",

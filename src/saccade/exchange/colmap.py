@@ -6,19 +6,25 @@ COLMAP centers the first pixel at (0.5, 0.5), `Keypoints` at (0, 0). COLMAP's sc
 
 import sqlite3
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import groupby
+from itertools import chain, combinations, groupby
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol, Self, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import ConfigError, KeypointsError, OutputError, require
+from saccade.errors import KeypointsError, OutputError, require
+from saccade.exchange.colmap_cameras import (
+    PIXEL_CENTER,
+    Cameras,
+    ColmapCamera,
+    camera_of_row,
+)
 from saccade.exchange.orientation import (
     orientation_of,
     stored_keypoints,
@@ -26,12 +32,10 @@ from saccade.exchange.orientation import (
     to_stored,
 )
 from saccade.extras import import_optional
-from saccade.io.files import atomic_write, check_file, read_text, reading
+from saccade.io.files import atomic_write, check_file, reading
 from saccade.io.keypoint_fields import check_name, checked, keypoints_from
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
-PIXEL_CENTER = np.float32(0.5)
-"""Center of the first pixel in COLMAP."""
 CENTERED = np.array([[1, 0, PIXEL_CENTER], [0, 1, PIXEL_CENTER], [0, 0, 1]])
 """Homogeneous transform from our pixel coordinates to COLMAP's."""
 TABLES = ("images", "cameras", "keypoints", "descriptors", "matches")
@@ -60,72 +64,11 @@ class ColmapFeatures:
     """Matches by pair of image names: (m, 2) indices into their points."""
     shapes: Mapping[str, tuple[int, int]]
     """(H, W) of every image."""
+    cameras: Mapping[str, ColmapCamera]
+    """Camera of every image; equal ones are one object."""
 
     def __repr__(self) -> str:
         return f"ColmapFeatures({len(self.keypoints)} images, {len(self.matches)} matched pairs)"
-
-
-class ColmapCamera(NamedTuple):
-    """A COLMAP camera, in pixels with the first centered at (0.5, 0.5)."""
-
-    model: str
-    """Camera model, such as PINHOLE."""
-    params: tuple[float, ...] = ()
-    """Parameters, such as fx, fy, cx, cy; guessed if empty."""
-    size: tuple[int, int] | None = None
-    """Width and height of the images; None for any size."""
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Parses MODEL or MODEL,PARAMETER,...; raises `ConfigError`."""
-        model, *words = text.split(",")
-        return cls(model.strip().upper(), _numbers("camera", "MODEL,fx,fy,cx,cy or alike", words))
-
-
-Cameras: TypeAlias = ColmapCamera | Mapping[str, ColmapCamera] | None
-"""A camera for all images, a camera per image, or None for COLMAP's guess."""
-
-
-def read_cameras(path: Path) -> dict[str, ColmapCamera]:
-    """Reads the cameras of images from a list in hloc's form.
-
-    Each line has NAME MODEL WIDTH HEIGHT PARAMETER ...
-
-    Raises:
-        ConfigError: the list cannot be read, or a line is malformed.
-    """
-    with reading(path, ConfigError):
-        lines = read_text(path).splitlines()
-    cameras = {}
-    for number, line in enumerate(lines, 1):
-        name, *words = line.split() or ["#"]
-        if not name.startswith("#"):
-            where, expected = f"{path}, line {number}", "NAME MODEL WIDTH HEIGHT PARAMETER ..."
-            require(len(words) > 2, where, expected, line[:80])
-            width, height, *values = _numbers(where, expected, words[1:])
-            size = int(width), int(height)
-            cameras[name] = ColmapCamera(words[0].upper(), tuple(values), size)
-    return cameras
-
-
-def _numbers(name: str, expected: str, words: Sequence[str]) -> tuple[float, ...]:
-    try:
-        values = tuple(map(float, words))
-    except ValueError:
-        values = (np.nan,)
-    require(bool(np.isfinite(values).all()), name, expected, " ".join(words)[:80])
-    return values
-
-
-def parse_cameras(text: str | None) -> Cameras:
-    """Parses --camera: a camera for all images, or a file for `read_cameras`.
-
-    Raises:
-        ConfigError: the text is neither.
-    """
-    if text is None:
-        return None
-    return read_cameras(Path(text)) if Path(text).is_file() else ColmapCamera.parse(text)
 
 
 def check_cameras(cameras: Cameras) -> None:
@@ -251,30 +194,42 @@ def write_colmap(
                 database.write_two_view_geometry(ids[first], ids[second], views)
 
 
-def read_colmap(path: str | Path) -> ColmapFeatures:
+def read_colmap(path: str | Path, names: Collection[str] | None = None) -> ColmapFeatures:
     """Reads a database of any version, without pycolmap; it is opened read-only.
 
     Positions and shapes refer to the stored pixels, independent of EXIF orientations.
+
+    Args:
+        path: the database.
+        names: images whose keypoints and matches are read; None for all. Shapes and cameras are
+            those of all images.
 
     Raises:
         KeypointsError: the file is missing, has another format, or its descriptors are not bytes.
     """
     path = Path(path)
     uri = f"{path.resolve().as_uri()}?mode=ro"
-    with reading(path, KeypointsError, "a COLMAP database", sqlite3.Error), ExitStack() as stack:
+    broken = (sqlite3.Error, TypeError, ValueError)
+    with reading(path, KeypointsError, "a COLMAP database", *broken), ExitStack() as stack:
         check_file(path)
         database = stack.enter_context(closing(sqlite3.connect(uri, uri=True)))
         _check_tables(database)
+        shape_of, cameras = {}, {}
+        query = "SELECT camera_id, height, width, model, params FROM cameras"
+        for camera_id, height, width, model, params in database.execute(query):
+            shape_of[camera_id] = height, width
+            cameras[camera_id] = camera_of_row(model, (width, height), params)
         images = {
-            image_id: (name, (height, width))
-            for image_id, name, height, width in database.execute(
-                "SELECT image_id, name, height, width FROM images JOIN cameras USING (camera_id) "
-                "ORDER BY image_id"
+            image_id: (name, camera_id)
+            for image_id, name, camera_id in database.execute(
+                "SELECT image_id, name, camera_id FROM images ORDER BY image_id"
             )
+            if camera_id in cameras
         }
-        rows = _blobs(database, "keypoints", "image_id", np.float32)
-        descriptors = _blobs(database, "descriptors", "image_id", np.uint8)
-        pairs = _blobs(database, "matches", "pair_id", np.uint32)
+        one, two = (None, None) if names is None else _keys_of(images, names)
+        rows = _blobs(database, "keypoints", "image_id", np.float32, one)
+        descriptors = _blobs(database, "descriptors", "image_id", np.uint8, one)
+        pairs = _blobs(database, "matches", "pair_id", np.uint32, two)
     keypoints = {
         name: _points(f"{path}: {name}", rows[image_id], descriptors.get(image_id))
         for image_id, (name, _) in images.items()
@@ -286,7 +241,9 @@ def read_colmap(path: str | Path) -> ColmapFeatures:
         if all(image_id in images and image_id in rows for image_id in ids):
             first, second = (images[image_id][0] for image_id in ids)
             matches[first, second] = indices.astype(np.int64)
-    return ColmapFeatures(keypoints, matches, dict(images.values()))
+    shapes = {name: shape_of[camera_id] for name, camera_id in images.values()}
+    named = {name: cameras[camera_id] for name, camera_id in images.values()}
+    return ColmapFeatures(keypoints, matches, shapes, named)
 
 
 def import_pycolmap() -> Any:
@@ -431,10 +388,19 @@ def _check_tables(database: sqlite3.Connection) -> None:
 
 
 def _blobs(
-    database: sqlite3.Connection, table: str, key: str, dtype: type[np.generic]
+    database: sqlite3.Connection,
+    table: str,
+    key: str,
+    dtype: type[np.generic],
+    chosen: Sequence[int] | None,
 ) -> dict[int, npt.NDArray[Any]]:
-    """The (rows, cols) arrays of a table by key."""
-    cursor = database.execute(f"SELECT {key}, rows, cols, data FROM {table} ORDER BY {key}")
+    """The (rows, cols) arrays of a table by key; those of chosen keys, or all."""
+    query = f"SELECT {key}, rows, cols, data FROM {table}"
+    if chosen is None:
+        cursor: Iterable[Any] = database.execute(f"{query} ORDER BY {key}")
+    else:
+        one = f"{query} WHERE {key} = ?"
+        cursor = chain.from_iterable(database.execute(one, (each,)) for each in chosen)
     little = np.dtype(dtype).newbyteorder("<")
     arrays = {}
     for identity, rows, columns, data in cursor:
@@ -446,6 +412,15 @@ def _blobs(
             )
         arrays[identity] = np.frombuffer(data or b"", little).reshape(rows, columns)
     return arrays
+
+
+def _keys_of(
+    images: Mapping[int, tuple[str, int]], names: Collection[str]
+) -> tuple[list[int], list[int]]:
+    """The keys of images by their names, and of their pairs."""
+    wanted = {*names}
+    ids = sorted(image_id for image_id, (name, _) in images.items() if name in wanted)
+    return ids, [first * PAIR_ID_FACTOR + second for first, second in combinations(ids, 2)]
 
 
 def _points(source: str, rows: npt.NDArray[Any], descriptors: npt.NDArray[Any] | None) -> Keypoints:

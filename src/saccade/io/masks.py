@@ -1,11 +1,12 @@
 """Masks of images in a folder, named as COLMAP names them."""
 
+import warnings
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from saccade.errors import ImageError, require
+from saccade.errors import ImageError, ImageWarning, require
 from saccade.io.files import read_bytes, reading
 from saccade.io.image import TURNS, quiet_opencv
 from saccade.types import BoolArray
@@ -33,7 +34,7 @@ def mask_file(folder: Path, name: str) -> Path | None:
 
 
 def read_mask(folder: Path, name: str, orientation: int = 1) -> BoolArray | None:
-    """(H, W) where the mask of an image is not black, upright; None without a mask.
+    """(H, W) where the mask of an image is not black, upright; None without a mask, with a warning.
 
     Args:
         folder: of the masks, in stored pixels of the images.
@@ -45,6 +46,8 @@ def read_mask(folder: Path, name: str, orientation: int = 1) -> BoolArray | None
     """
     path = mask_file(folder, name)
     if path is None:
+        message = f"image: found no mask {folder / name}.png; the whole image is used"
+        warnings.warn(message, ImageWarning, stacklevel=2)
         return None
     with reading(path, ImageError):
         data = np.frombuffer(read_bytes(path), np.uint8)

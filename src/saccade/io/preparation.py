@@ -1,6 +1,8 @@
 """Images as detectors need them: transparent pixels as a mask, and contrast over thresholds."""
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +20,18 @@ STEP = 4
 MANY = 100_000
 DEFECTS = 4
 """Number of the darkest and of the brightest pixels that may be defects of the sensor."""
+
+
+@contextmanager
+def warnings_of(name: str) -> Iterator[None]:
+    """Issues the warnings of a block with the name of the image."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ImageWarning)
+        yield
+    for each in caught:
+        text = str(each.message).removeprefix("image: ")
+        named = text if text.startswith(f"{name}: ") else f"{name}: {text}"
+        warnings.warn(named, each.category, stacklevel=3)
 
 
 def opaque_part(image: Image) -> tuple[Image, BoolArray | None]:

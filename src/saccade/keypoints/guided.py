@@ -87,6 +87,7 @@ def verified_again(
     second: Keypoints,
     pairs: IntArray,
     verification: Verification,
+    ratio: float | None = 0.8,
     mutual: bool = True,
     metric: Metric | None = None,
     tolerance: float = 2.0,
@@ -98,12 +99,14 @@ def verified_again(
         second: see `match_guided`.
         pairs: see `match_guided`.
         verification: by a fundamental matrix or a homography.
+        ratio: of the first matches; that of the guided ones lies halfway between it and 1.
         mutual: see `saccade.match`.
         metric: see `saccade.match`.
         tolerance: of the verification, in pixels.
     """
     guided = match_guided(
         *(first, second, pairs, verification),
+        ratio=None if ratio is None else (1 + ratio) / 2,
         mutual=mutual,
         metric=metric,
         tolerance=WIDER * tolerance,

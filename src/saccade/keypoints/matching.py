@@ -55,7 +55,8 @@ def match(
 
     Raises:
         ConfigError: the ratio is not in (0, 1], or the keypoints have no descriptors,
-            or descriptors of different lengths or kinds, or of no known metric.
+            or descriptors of different lengths or kinds, with NaN or infinity, or of no known
+            metric.
 
     Source: Lowe (2004), section 7.1.
     """
@@ -196,4 +197,15 @@ def _descriptors(keypoints: Keypoints, name: str) -> Descriptors:
             f"{name}: expected descriptors (n, d) of numbers for {len(keypoints)} keypoints, "
             f"found {rows.dtype} of shape {rows.shape}"
         )
-    return rows if rows.dtype == np.uint8 else rows.astype(np.float32)
+    if rows.dtype == np.uint8:
+        return rows
+    with np.errstate(over="ignore"):
+        floats = rows.astype(np.float32)
+        valid = np.isfinite(np.einsum("ij,ij->i", floats, floats))
+    if not valid.all():
+        row = int(np.argmin(valid))
+        raise ConfigError(
+            f"{name}: expected finite descriptors whose squares are float32, found "
+            f"{rows[row].min()} to {rows[row].max()} for keypoint {row}"
+        )
+    return floats
