@@ -40,7 +40,7 @@ def probe(tmp_path):
     """A copy of `saccade` of one package, with two kernel files and another file."""
     package = tmp_path / "saccade"
     (package / "probe").mkdir(parents=True)
-    for name in ("_jit.py", "errors.py"):
+    for name in ("_jit.py", "_compiler.py", "errors.py"):
         shutil.copy(SOURCE / name, package / name)
     for name in ("__init__.py", "probe/__init__.py", "probe/words.py"):
         (package / name).write_text("")

@@ -78,7 +78,7 @@ class FilterState:
 
 @kernel()
 def bind_state(fields: tuple[Any, ...]) -> FilterState:
-    """A state of these fields, in their order, see `_jit.share`."""
+    """A state of these fields, in their order, see `_compiler.share`."""
     return FilterState(*fields)
 
 

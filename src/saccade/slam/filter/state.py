@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from saccade._jit import blas, share
+from saccade._compiler import blas, share
 from saccade.slam.filter._state_kernels import (
     INVARIANT,
     MAX_HEADING_GROWTH,
@@ -77,6 +77,7 @@ def new_state(
     state[:r], P[:r, :r] = robot, covariance
     heading = covariance[2, 2]
     return share(
+        FilterState,
         bind_state,
         r,
         errors,
