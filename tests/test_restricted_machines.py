@@ -154,7 +154,7 @@ def test_an_error_that_nobody_foresaw_is_one_line(run, monkeypatch):
     def fails(*_):
         raise RuntimeError("several\nlines")
 
-    monkeypatch.setattr("saccade.cli.look.read_image", fails)
+    monkeypatch.setattr("saccade.cli.look_image.read_image", fails)
     with pytest.raises(RuntimeError, match="several"):
         run("look", "a.png")
     monkeypatch.delenv(TRACEBACK)

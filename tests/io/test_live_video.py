@@ -37,7 +37,7 @@ class Device:
 @pytest.fixture
 def device(monkeypatch):
     device = Device(6)
-    monkeypatch.setattr(live_video.cv2, "VideoCapture", lambda number: device)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
     return device
 
 
@@ -59,7 +59,7 @@ def test_the_latest_frame_of_a_camera_is_taken_and_the_others_counted(device):
 
 
 def test_a_camera_without_frames_is_refused(monkeypatch):
-    monkeypatch.setattr(live_video.cv2, "VideoCapture", lambda number: Device(0))
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: Device(0))
     with pytest.raises(ImageError, match="camera 0: expected a camera, an address or a video"):
         LiveVideo("0")
 

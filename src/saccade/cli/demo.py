@@ -42,7 +42,8 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
 
     Example: saccade demo --out saccade-demo
     """
-    from saccade.cli.look import LookOptions, analyze_image
+    from saccade.cli.look import LookOptions
+    from saccade.cli.look_image import analyze_image
     from saccade.cli.match import MatchOptions, match_images
     from saccade.cli.slam_options import SlamOptions
     from saccade.cli.slam_run import map_log

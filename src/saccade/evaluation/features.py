@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from saccade.datasets.homography_pairs import HomographyPair
 from saccade.errors import ConfigError, require
@@ -224,6 +223,8 @@ def nearest_distance(xy: FloatArray, others: FloatArray) -> FloatArray:
     """(n,) distance of each point to the nearest other point; infinite without other points."""
     if not len(xy) or not len(others):
         return np.full(len(xy), np.inf)
+    from scipy.spatial import cKDTree  # slow to import
+
     return np.asarray(cKDTree(others).query(xy)[0], np.float64)
 
 

@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
 from saccade.attention._fitting_kernels import add_likelihood
 from saccade.attention.combined import AttentionConfig, FaceDetector, attention_saliency
@@ -174,6 +173,8 @@ def fit(
             gradient[k + e :] += np.tensordot(of_table, data.tables[size], 3)
         value = total / count + config.penalty / 2 * scaled @ scaled
         return float(value), gradient / scale / count + config.penalty * scaled
+
+    from scipy.optimize import minimize  # slow to import
 
     found = minimize(
         *(objective, np.zeros(len(scale))),

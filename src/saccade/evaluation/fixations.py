@@ -9,7 +9,6 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from saccade.errors import ImageError
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -88,6 +87,8 @@ def score(
     relative: Map = saliency
     blurred: Map = saliency
     if density:
+        from scipy.ndimage import gaussian_filter  # slow to import
+
         p = distribution(saliency)
         if len(others):
             relative = p / (distribution(baseline) + BASELINE_FLOOR / p.size)
@@ -171,6 +172,8 @@ def fixation_density(fixations: FloatArray, shape: tuple[int, int], sigma: float
 @lru_cache(maxsize=8)
 def _gaussian_at_all(side: int, sigma: float) -> FloatArray:
     """(side, side) matrix whose rows are Gaussians around each sample, truncated at 4 sigma."""
+    from scipy.ndimage import gaussian_filter1d  # slow to import
+
     return np.asarray(gaussian_filter1d(np.eye(side), sigma, mode="constant", truncate=4.0))
 
 

@@ -6,7 +6,6 @@ from math import isnan
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
-from scipy.stats import bootstrap
 
 from saccade.errors import ImageError
 from saccade.types import FloatArray
@@ -95,6 +94,8 @@ def mean_interval(table: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]
     """
     if len(table) < 2:
         return table.mean(axis=0), table.mean(axis=0)
+    from scipy.stats import bootstrap  # slow to import
+
     interval = bootstrap(
         (table,),
         np.mean,

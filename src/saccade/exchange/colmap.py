@@ -14,7 +14,6 @@ from itertools import chain, combinations, groupby
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeAlias
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -289,6 +288,8 @@ def _image_folder(
     sizes: Mapping[str, tuple[int, int]], files: Mapping[str, Path]
 ) -> Iterator[Path]:
     """A folder with links to the files of images, and black images of the size of the others."""
+    import cv2  # slow to import
+
     with tempfile.TemporaryDirectory(prefix="saccade-") as folder:
         for name, (height, width) in sizes.items():
             path = Path(folder, name)

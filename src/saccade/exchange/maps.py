@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -49,6 +48,8 @@ def encode_png(values: Float32Array) -> bytes:
 
 
 def _encode(pixels: npt.NDArray[Any], suffix: str = ".tiff") -> bytes:
+    import cv2  # slow to import
+
     encoded, packed = cv2.imencode(suffix, pixels)
     if not encoded:
         raise OutputError(f"map of shape {pixels.shape}: cannot be written by OpenCV")

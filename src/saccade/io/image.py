@@ -11,10 +11,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-import cv2
 import numpy as np
 import numpy.typing as npt
-from PIL import Image as Pillow
 
 from saccade.errors import ImageError, ImageWarning
 from saccade.io.files import (
@@ -227,6 +225,8 @@ def read_header(data: bytes, name: str) -> Header:
     Raises:
         ImageError: not an image, or the header gives an enormous size.
     """
+    from PIL import Image as Pillow  # slow to import
+
     if gray := find_gray_alpha(data, name):
         multiplied = gray.multiplied
         return Header(gray.width, gray.height, gray.orientation, True, multiplied=multiplied)
@@ -252,6 +252,8 @@ def _read(path: Path) -> bytes:
 
 def _decode(data: bytes, name: str) -> npt.NDArray[Any]:
     """The stored pixels of a file: (H, W), or (H, W, 3) RGB, or (H, W, 4) RGBA."""
+    import cv2  # slow to import
+
     if not data:
         raise ImageError(f"{name}: expected an image, found an empty file")
     if _is_truncated(data):
@@ -278,6 +280,8 @@ def _decode(data: bytes, name: str) -> npt.NDArray[Any]:
 
 def _with_opacity(pixels: npt.NDArray[Any], data: bytes) -> npt.NDArray[Any]:
     """(H, W, 4) from a gray image (H, W) whose alpha OpenCV does not read."""
+    from PIL import Image as Pillow  # slow to import
+
     with Pillow.open(BytesIO(data)) as image:
         if image.format == "TIFF":
             return np.asarray(image.convert("LA").convert("RGBA"))
@@ -524,6 +528,8 @@ def _is_truncated(data: bytes) -> bool:
 @contextmanager
 def quiet_opencv() -> Iterator[None]:
     """Silences OpenCV's log within the block, since errors are raised as exceptions."""
+    import cv2  # slow to import
+
     logging: Any = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, 5
     level = logging.getLogLevel()
     logging.setLogLevel(SILENT)

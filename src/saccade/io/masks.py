@@ -3,7 +3,6 @@
 import warnings
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from saccade.errors import ImageError, ImageWarning, require
@@ -44,6 +43,8 @@ def read_mask(folder: Path, name: str, orientation: int = 1) -> BoolArray | None
     Raises:
         ImageError: the file is no image.
     """
+    import cv2  # slow to import
+
     path = mask_file(folder, name)
     if path is None:
         message = f"image: found no mask {folder / name}.png; the whole image is used"

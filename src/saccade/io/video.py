@@ -5,9 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Condition, Thread
 from time import monotonic
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +14,9 @@ from saccade.errors import ImageError
 from saccade.io.files import VIDEO_SUFFIXES, atomic_write, check_file, open_file, reading
 from saccade.io.image import quiet_opencv
 from saccade.types import FloatArray, Image
+
+if TYPE_CHECKING:
+    import cv2
 
 USUAL_RATE = 30.0
 """Frames per second of a camera or video without a known rate."""
@@ -69,13 +71,16 @@ class FrameClock:
     A frame without a later time stamp than the frame before it follows at the mean rate.
     """
 
-    def __init__(self, capture: cv2.VideoCapture) -> None:
+    def __init__(self, capture: "cv2.VideoCapture") -> None:
+        import cv2  # slow to import
+
         self._capture, self._rate = capture, capture.get(cv2.CAP_PROP_FPS) or USUAL_RATE
+        self._stamp = cv2.CAP_PROP_POS_MSEC
         self._first = self._last = -np.inf
 
     def read(self) -> float:
         """Seconds since the first frame, of the frame that was grabbed last."""
-        stamp = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        stamp = self._capture.get(self._stamp) / 1000
         if not self._last < stamp < np.inf:
             stamp = self._last + 1 / self._rate if self._last > -np.inf else 0.0
         if self._first == -np.inf:
@@ -120,6 +125,8 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
     Raises:
         OutputError: the file cannot be written.
     """
+    import cv2  # slow to import
+
     writers: list[cv2.VideoWriter] = []
     with atomic_write(path) as temporary:
 
@@ -148,6 +155,8 @@ class VideoFrames:
     """
 
     def __init__(self, path: str | Path) -> None:
+        import cv2  # slow to import
+
         self.path = Path(path)
         self.times = frame_times(path)
         """(n,) seconds since the first frame, of each frame."""
@@ -192,12 +201,14 @@ def _check_written(path: Path) -> None:
     capture.release()
 
 
-def open_video(path: str | Path) -> cv2.VideoCapture:
+def open_video(path: str | Path) -> "cv2.VideoCapture":
     """Opens a file safely; OpenCV alone would open devices and expand name patterns.
 
     Raises:
         ImageError: there is no such file, or it is an image.
     """
+    import cv2  # slow to import
+
     with reading(path, ImageError, "the name of a file", ValueError):
         check_file(Path(path))
         with open_file(Path(path)) as file:
@@ -233,6 +244,8 @@ class LiveVideo:
         self.name = f"camera {source}"
         self.dropped = 0
         """Number of frames dropped while others were processed."""
+        import cv2  # slow to import
+
         self._is_file, self._stopped = is_video(source) and "://" not in source, stopped
         self._capture = open_video(source) if self._is_file else _open_device(source)
         self._clock = FrameClock(self._capture)
@@ -308,7 +321,9 @@ class LiveVideo:
             self._advance()
 
 
-def _open_device(source: str) -> cv2.VideoCapture:
+def _open_device(source: str) -> "cv2.VideoCapture":
+    import cv2  # slow to import
+
     with quiet_opencv():
         if source.isascii() and source.isdecimal() and len(source) < 4:
             return cv2.VideoCapture(int(source))

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 
 from saccade.errors import ConfigError, DriveError
@@ -15,7 +14,7 @@ from saccade.types import FloatArray
 
 CALIBRATIONS = "cam|calib|intrinsic|^ost$"
 """Pattern of file names that must be calibrations; other files may have any content."""
-UNREADABLE = (cv2.error, SystemError, OSError, LookupError, AttributeError, TypeError, ValueError)
+UNREADABLE = (SystemError, OSError, LookupError, AttributeError, TypeError, ValueError)
 """Exceptions raised for a file that is not a calibration; OpenCV raises SystemError."""
 
 
@@ -154,7 +153,12 @@ def _parse(path: Path) -> Any:
     """The content of a file, read by OpenCV; YAML is adapted to its parser.
 
     Type tags are removed, since OpenCV may loop forever on a broken tag.
+
+    Raises:
+        ValueError: OpenCV cannot read the file.
     """
+    import cv2  # slow to import
+
     text = re.sub(r"![\w!-]+|type_id=\S+?(?=[\s>])", "", read_text(path))
     if path.suffix.lower() != ".xml":
         text = re.sub(r"(?m)^(%YAML.*|---.*|\.\.\.)$", "", text)
@@ -167,8 +171,11 @@ def _parse(path: Path) -> Any:
             return [value(node.at(i)) for i in range(node.size())]
         return node.string() if node.isString() else node.real()
 
-    storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    return value(storage.root())  # nodes are valid only while their storage exists
+    try:
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        return value(storage.root())  # nodes are valid only while their storage exists
+    except cv2.error as error:
+        raise ValueError(error.err) from error
 
 
 def _camera(

@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from PIL import Image as Pillow
 
 from saccade.datasets.drives.calibration import (
     CAMERA_FILE,
@@ -223,6 +222,8 @@ def choose_camera(cameras: Sequence[CameraFile], image: Path | None) -> Camera:
 def exif_focal_length(image: Path, width: int) -> float | None:
     """Focal length in pixels from the EXIF tags of an image; None if unknown."""
     try:
+        from PIL import Image as Pillow  # slow to import
+
         with Pillow.open(image) as opened:
             tags = opened.getexif().get_ifd(EXIF_FOLDER)
         focal = float(tags.get(FOCAL_LENGTH_35MM, 0) or 0) * width / FILM_WIDTH

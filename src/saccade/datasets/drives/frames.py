@@ -6,7 +6,6 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -128,6 +127,8 @@ def frame_reader(
         maps: maps of the left and right images, which rectify them; by default both are
             undistorted by the calibration.
     """
+    import cv2  # slow to import
+
     camera = calibration.camera
     own = camera.maps_to(camera.undistorted) if camera.is_distorted else None
     of_left, of_right = (own, own) if maps is None else maps

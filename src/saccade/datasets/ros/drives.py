@@ -25,7 +25,6 @@ from pathlib import Path
 from posixpath import commonpath
 from typing import Any
 
-import cv2
 import numpy as np
 
 from saccade.datasets.drives.calibration import (
@@ -65,23 +64,23 @@ from saccade.types import FloatArray, Image, IntArray
 MAX_FRAME_TIME_DIFFERENCE = 0.01
 """Maximum time difference between the images of a frame, in seconds."""
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-_ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
+_ENCODINGS: dict[str, tuple[type[np.generic], int, str | None]] = {
     "mono8": (np.uint8, 1, None),
     "8UC1": (np.uint8, 1, None),
     "rgb8": (np.uint8, 3, None),
-    "bgr8": (np.uint8, 3, cv2.COLOR_BGR2RGB),
-    "8UC3": (np.uint8, 3, cv2.COLOR_BGR2RGB),
-    "rgba8": (np.uint8, 4, cv2.COLOR_RGBA2RGB),
-    "bgra8": (np.uint8, 4, cv2.COLOR_BGRA2RGB),
+    "bgr8": (np.uint8, 3, "BGR2RGB"),
+    "8UC3": (np.uint8, 3, "BGR2RGB"),
+    "rgba8": (np.uint8, 4, "RGBA2RGB"),
+    "bgra8": (np.uint8, 4, "BGRA2RGB"),
     "mono16": (np.uint16, 1, None),
     "16UC1": (np.uint16, 1, None),
     "32FC1": (np.float32, 1, None),
-    "bayer_rggb8": (np.uint8, 1, cv2.COLOR_BayerBG2RGB),
-    "bayer_bggr8": (np.uint8, 1, cv2.COLOR_BayerRG2RGB),
-    "bayer_gbrg8": (np.uint8, 1, cv2.COLOR_BayerGR2RGB),
-    "bayer_grbg8": (np.uint8, 1, cv2.COLOR_BayerGB2RGB),
+    "bayer_rggb8": (np.uint8, 1, "BayerBG2RGB"),
+    "bayer_bggr8": (np.uint8, 1, "BayerRG2RGB"),
+    "bayer_gbrg8": (np.uint8, 1, "BayerGR2RGB"),
+    "bayer_grbg8": (np.uint8, 1, "BayerGB2RGB"),
 }
-"""Number type, channels, and OpenCV's conversion to RGB."""
+"""Number type, channels, and the name of OpenCV's conversion to RGB."""
 RECTIFIED = "rect(ified)?|undist(ort(ed)?)?"
 """Pattern of words in the names of topics with rectified images."""
 MAX_FIXED_ROTATION = 1e-4
@@ -255,7 +254,11 @@ def pixels_of(message: Any, name: str) -> Image:
     pixels = np.ascontiguousarray(rows).view(kind).astype(number)
     if channels > 1:
         pixels = pixels.reshape(height, width, channels)
-    return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    if conversion is None:
+        return pixels
+    import cv2  # slow to import
+
+    return cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}"))
 
 
 def calibration_of(
