@@ -72,7 +72,11 @@ def kernel(fastmath: Iterable[str] = (), *, inline: bool = False) -> Callable[[F
         A decorator; the compiled function keeps its plain Python body as `.py_func`
         unless Numba's JIT is switched off.
     """
-    return lambda function: cast("F", Kernel(function, fastmath, inline=inline))
+
+    def declare(function: F) -> F:
+        return cast("F", Kernel(function, fastmath, inline=inline))
+
+    return declare
 
 
 @dataclass_transform(eq_default=False)
