@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from saccade import ImageWarning, Keypoints, match, triangulate, verify
+from saccade.frames import Camera
 from saccade.keypoints.relative_pose import decomposed, difference
 from saccade.keypoints.two_view_models import TurningCamera, gric
 
@@ -85,10 +86,13 @@ def test_the_model_is_that_of_the_scene(rng, model, geometry, wrong):
     found = verify(first, second, PAIRS, geometry, **names)
     assert found.model == model
     assert found.inliers[round(wrong * COUNT) :].mean() > 0.95
-    if (model, geometry) == ("planar", "essential"):
+    if geometry == "fundamental":
+        assert np.linalg.norm(found.F) == pytest.approx(1)
+    elif model in ("general", "planar"):
         t = found.pose.translation
         cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
-        np.testing.assert_allclose(found.E, cross @ found.pose.rotation, atol=1e-12)
+        np.testing.assert_allclose(found.E, cross @ found.pose.rotation, atol=1e-9)
+    if (model, geometry) == ("planar", "essential"):
         assert found.inliers[: round(wrong * COUNT)].mean() < 0.05 if wrong else True
     if geometry == "essential" and model in ("panoramic", "still"):
         assert found.pose.direction_sigma == np.inf
@@ -120,17 +124,47 @@ def test_unmoved_matches_in_a_corner_are_a_watermark(rng):
     first, second = (Keypoints.at(np.r_[corner, each], 3) for each in others)
     found = verify(first, second, np.stack([np.arange(60)] * 2, 1))
     assert found.model == "watermark"
+    # Of matches that are wrong, some agree with any fundamental matrix.
+    some = [Keypoints.at(np.r_[corner[:25], each[:10], each], 3) for each in others]
+    assert verify(*some, PAIRS[:35]).model == "watermark"
+    along, side = rng.uniform(0, 600, (320, 2)), rng.integers(0, 2, 320)
+    along[np.arange(320), side] = rng.choice([5, 595], 320) + rng.normal(0, 3, 320)
+    frame = [Keypoints.at(np.r_[along, each], 3) for each in others]
+    assert verify(*frame, np.stack([np.arange(320)] * 2, 1)).model == "watermark"
     spread = Keypoints.at(rng.uniform(0, 600, (100, 2)), 3)
     assert verify(spread, spread, np.stack([np.arange(100)] * 2, 1)).model == "still"
 
 
+@pytest.mark.parametrize("wrong", [0, 12])
+@pytest.mark.parametrize("geometry", ["fundamental", "essential"])
+def test_a_plane_with_few_matches_is_a_plane(rng, geometry, wrong):
+    """A general motion agrees with them too, with a direction that is certain and wrong."""
+    names = {"intrinsics": K1} if geometry == "essential" else {}
+    index = PAIRS[COUNT - 40 - wrong :]
+    models = []
+    for _ in range(10):
+        first, second, _ = two_views(rng, "planar")
+        second.xy[COUNT - 40 - wrong : COUNT - 40] = rng.uniform([0, 0], [1280, 720], (wrong, 2))
+        models.append(verify(first, second, index, geometry, **names).model)
+    assert models.count("planar") >= 9
+
+
+@pytest.mark.parametrize("jitter", [0, 0.01])
 @pytest.mark.parametrize("shared", [0, 1])
-def test_matches_of_one_point_are_one(rng, shared):
+def test_matches_of_one_point_are_one(rng, shared, jitter):
     xy = rng.uniform(0, 1000, (2, 60, 2))
-    xy[shared, :27] = [583, 931]
+    xy[shared, :27] = [583.5, 931.5] + jitter * rng.normal(size=(27, 2))
     first, second = (Keypoints.at(each, 3) for each in xy)
     for geometry in ("fundamental", "homography"):
         assert verify(first, second, PAIRS[:60], geometry).matrix is None
+
+
+def test_a_mirrored_image_is_remarked_with_any_geometry(rng):
+    first, second, _ = two_views(rng, "planar")
+    mirrored = Keypoints.at(second.xy * [-1, 1] + [1280, 0], 3)
+    with pytest.warns(ImageWarning, match="verify: the matches are mirrored"):
+        verify(first, mirrored, PAIRS)
+    verify(first, mirrored, PAIRS, mirrored=False)
 
 
 def test_mirrored_homographies(rng):
@@ -161,6 +195,23 @@ def test_two_cameras_with_lenses(rng):
     information = np.linalg.inv(covariance[good] * (T @ T))
     squared = np.einsum("ni,nij,nj->n", error, information, error)
     assert 0.3 < np.median(squared) / 2.37 < 2  # the median of chi^2 of 3 dimensions
+
+
+def test_pixels_grow_towards_the_rim_of_a_wide_image(rng):
+    """Right matches there are kept, and weigh as much as they are exact."""
+    lens = {"lens": "fisheye", "distortion": (0.02, -0.01, 0.003, -0.001)}
+    camera = Camera.from_matrix([[450, 0, 640], [0, 450, 480], [0, 0, 1]], (1280, 960), **lens)
+    squared = []
+    for _ in range(10):
+        depth = rng.uniform(4, 12, COUNT)
+        xyz = np.c_[rng.uniform(-1.5, 1.5, (COUNT, 2)), np.ones(COUNT)] * depth[:, None]
+        xy = [camera.project(each) for each in (xyz, xyz @ R.T + T)]
+        noisy = [Keypoints.at(each + rng.normal(0, 0.3, each.shape), 3) for each in xy]
+        found = verify(*noisy, PAIRS, "essential", intrinsics=camera)
+        assert found.inliers.mean() > 0.98
+        error = cv2.Rodrigues(R @ found.pose.rotation.T)[0][:, 0]
+        squared.append(error @ np.linalg.solve(found.pose.covariance[:3, :3], error))
+    assert 0.4 < np.mean(squared) / 3 < 1.9  # .995 of chi-square with 30 degrees of freedom
 
 
 def test_triangulated_points_are_opencvs(rng):

@@ -365,6 +365,8 @@ def test_what_cannot_be_verified(rng):
     lost = Keypoints.at(np.full((5, 2), np.nan), 3)
     with pytest.raises(KeypointsError, match="keypoints: expected finite positions"):
         verify(points, lost, np.zeros((1, 2), int))
+    with pytest.raises(KeypointsError, match="keypoints: expected finite sizes"):
+        verify(points, Keypoints.at(points.xy, np.nan), np.zeros((1, 2), int))
     with pytest.raises(KeypointsError, match="pairs: expected indices below 5 and 5, found 0 to 5"):
         verify(points, points, np.array([[0, 5]]))
 

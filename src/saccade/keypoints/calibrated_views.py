@@ -16,6 +16,11 @@ from saccade.types import FloatArray
 Intrinsics: TypeAlias = npt.ArrayLike | Camera | Sequence[npt.ArrayLike | Camera]
 """A (3, 3) camera matrix or a camera of both images, or a pair of these."""
 
+LENS_STEP = 1e-4
+"""Step of the differences of a lens model, in the plane z = 1."""
+MIN_AREA = 1e-12
+"""Smallest area of that plane in an image, in square pixels."""
+
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -26,10 +31,23 @@ class View:
     camera: Camera | None = None
     """Camera with a lens model; None without distortion."""
 
-    @property
-    def pixel(self) -> float:
-        """Size of a pixel in the plane z = 1."""
-        return float(1 / np.sqrt(self.matrix[0, 0] * self.matrix[1, 1]))
+    def pixel(self, rays: FloatArray) -> FloatArray:
+        """(m,) size of a pixel in the plane z = 1 at positions (m, 2) there.
+
+        Behind a lens that is the root of the area of a pixel, which grows towards the rim of a
+        wide image.
+        """
+        if self.camera is None:
+            return np.full(len(rays), 1 / np.sqrt(self.matrix[0, 0] * self.matrix[1, 1]))
+        points = np.c_[rays, np.ones(len(rays))]
+        by_x, by_y = (
+            (self.camera.project(points + step) - self.camera.project(points - step))
+            / (2 * LENS_STEP)
+            for step in LENS_STEP * np.eye(3)[:2]
+        )
+        area = np.abs(by_x[:, 0] * by_y[:, 1] - by_x[:, 1] * by_y[:, 0])
+        sizes: FloatArray = 1 / np.sqrt(np.maximum(area, MIN_AREA))
+        return sizes
 
     def rays(self, xy: FloatArray) -> FloatArray:
         """(m, 2) positions in the plane z = 1 of pixels (m, 2); NaN outside the lens model."""
@@ -78,9 +96,10 @@ def view_of(intrinsics: Any, distortion: Any = None) -> View:
 def matches_in(matched: FloatArray, sigma: FloatArray, views: tuple[View, View] | None) -> Matches:
     """Matches in the planes z = 1 of calibrated views, else in pixels."""
     if views is None:
-        return Matches(matched, sigma)
+        return Matches(matched, sigma, np.ones(sigma.shape))
     rays = [
         view.rays(matched[:, part])
         for view, part in zip(views, (slice(2), slice(2, 4)), strict=True)
     ]
-    return Matches(np.hstack(rays), sigma * [view.pixel for view in views])
+    pixel = np.stack([view.pixel(each) for view, each in zip(views, rays, strict=True)], axis=1)
+    return Matches(np.hstack(rays), sigma * pixel, pixel)

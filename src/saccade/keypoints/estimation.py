@@ -44,12 +44,11 @@ class Estimator:
     geometry: Geometry
     tolerance: float
     """In pixels."""
-    pixels: FloatArray
-    """(2,) size of a pixel of both images in the coordinates of the matches."""
 
     def estimate(self, matches: Matches) -> tuple[FloatArray, Fit | None] | None:
         """The (3, 3) matrix, and its refinement if there is one; None without a matrix."""
-        tolerance = self.tolerance * float(np.sqrt(self.pixels.prod()))
+        pixel = float(np.sqrt(np.median(matches.pixel, axis=0).prod())) if len(matches.pixel) else 1
+        tolerance = self.tolerance * pixel
         matrix = sample_consensus(matches.positions, self.geometry, tolerance)
         if matrix is None:
             return None
@@ -96,13 +95,13 @@ class Estimator:
         positions = matches.positions
         if self.geometry == "homography":
             gap = project(matrix, positions[:, :2]) - positions[:, 2:]
-            errors = np.nan_to_num(np.hypot(*gap.T), nan=np.inf) / self.pixels[1]
+            errors = np.nan_to_num(np.hypot(*gap.T), nan=np.inf) / matches.pixel[:, 1]
         else:
-            errors = np.abs(sampson_distances(matrix, positions, self.pixels))
+            errors = np.abs(sampson_distances(matrix, positions, matches.pixel))
         if self.geometry == "essential":
             pose = pose_of(matrix, positions[errors < self.tolerance])
             beyond = beyond_infinity(pose.rotation, pose.translation, positions)
-            errors = np.hypot(errors, beyond / float(np.hypot(*self.pixels) / np.sqrt(2)))
+            errors = np.hypot(errors, beyond / (np.hypot(*matches.pixel.T) / np.sqrt(2)))
         return np.asarray(errors < self.tolerance)
 
 

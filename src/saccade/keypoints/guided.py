@@ -126,10 +126,10 @@ def excluded_by(
     """The pairs of keypoints that do not agree with a geometry."""
     H, views = verification.H, verification.views
     x1, x2 = (each.xy.astype(np.float64) for each in (first, second))
-    pixels = np.ones(2)
+    pixel1, pixel2 = np.ones(len(x1)), np.ones(len(x2))
     if views is not None:
-        pixels = np.array([view.pixel for view in views])
         x1, x2 = views[0].rays(x1), views[1].rays(x2)
+        pixel1, pixel2 = views[0].pixel(x1), views[1].pixel(x2)
     if H is not None:
         if views is not None:  # `H` is in pixels without distortion
             x1, x2 = (project(view.matrix, x) for view, x in zip(views, (x1, x2), strict=True))
@@ -145,8 +145,8 @@ def excluded_by(
     assert matrix is not None
     first_rays, second_rays = homogeneous(x1), homogeneous(x2)
     lines2 = first_rays @ matrix.T
-    variance1 = ((second_rays @ matrix[:, :2]) ** 2).sum(axis=1) * pixels[0] ** 2
-    variance2 = (lines2[:, :2] ** 2).sum(axis=1) * pixels[1] ** 2
+    variance1 = ((second_rays @ matrix[:, :2]) ** 2).sum(axis=1) * pixel2**2
+    variance2 = (lines2[:, :2] ** 2).sum(axis=1) * pixel1**2
 
     def off_line(rows: slice, columns: slice) -> BoolArray:
         gap = second_rays[rows] @ lines2[columns].T

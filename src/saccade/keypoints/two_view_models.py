@@ -47,10 +47,15 @@ costs per match then exceed those of a general motion."""
 NOISE_STEPS = 3
 KEPT_VARIANCE = 0.9733
 """Variance of a standard normal variable that is at most `INLIER_SIGMAS`."""
+DECISIVE = 10.0
+"""Decrease of the criterion with which a general motion is preferred: twice the logarithm of a
+Bayes factor that is very strong evidence (Kass & Raftery 1995). Few matches on a plane agree with
+general motions too, and these may be far from the right one."""
 DOMINANT = 0.8
 """Fraction of matches near a plane from which their residuals may raise the noise."""
 MAX_FACTOR = 1.3
-"""Largest ratio of that noise to the noise of the general model."""
+"""Largest ratio of that noise to the noise of the general model; with few matches, `INLIER_SIGMAS`
+standard deviations of that noise."""
 SEARCH_SIGMAS = 6.0
 """Tolerance of the search for a homography, in standard deviations of both positions."""
 SEARCH_ITERATIONS = 300
@@ -68,10 +73,11 @@ LOG_FOCAL_SIGMA = 0.8
 """Standard deviation of the logarithm of the focal length about the width of the images."""
 PARAMETERS = {"still": 0, "turn": 3, "turn, uncalibrated": 6, "plane": 8}
 """Number of parameters of the models with two dimensions."""
-GRID_CELLS = (4, 8)
-"""Cells per side of the grid that holds the keypoints: for few, and for many inliers."""
-FINE_GRID_INLIERS = 64
-"""Number of inliers from which the finer grid is used."""
+GRID_CELLS = (4, 8, 16)
+"""Cells per side of the grids that hold the keypoints. The finest is used that has no more cells
+than there are inliers."""
+MIRRORED = 0.8
+"""Smallest fraction of the area of triangles that turn the other way round in a mirror."""
 WATERMARK_CELLS = 0.3
 """Largest fraction of the cells with keypoints that a watermark covers."""
 
@@ -92,10 +98,16 @@ class Matches:
     """(m, 4) rows x1, y1, x2, y2, in pixels or in the planes z = 1."""
     sigma: FloatArray
     """(m, 2) standard deviations of both positions."""
+    pixel: FloatArray
+    """(m, 2) sizes of a pixel at both positions."""
 
     def take(self, index: BoolArray) -> "Matches":
         """The matches of a mask."""
-        return Matches(self.positions[index], self.sigma[index])
+        return Matches(self.positions[index], self.sigma[index], self.pixel[index])
+
+    def noisier(self, factor: float) -> "Matches":
+        """The matches with all standard deviations times a factor."""
+        return replace(self, sigma=self.sigma * factor)
 
     def squared(self, homography: FloatArray) -> FloatArray:
         """(m,) squared residuals of a homography in variances; infinite on its horizon."""
@@ -155,8 +167,10 @@ def select_model(
     if near.sum() >= DOMINANT * chosen.sum():
         # A general model among wrong matches on a plane underestimates the noise.
         on_plane = np.sort(matches.squared(plane))[: int(near.sum())]
-        factor = float(np.clip(np.sqrt(on_plane.mean() / 2), 1, MAX_FACTOR))
-        matches, general = Matches(matches.positions, matches.sigma * factor), general / factor
+        freedom = max(len(general) - parameters, 1)
+        limit = max(MAX_FACTOR, 1 + INLIER_SIGMAS / np.sqrt(2 * freedom))
+        factor = float(np.clip(np.sqrt(on_plane.mean() / 2), 1, limit))
+        matches, general = matches.noisier(factor), general / factor
     cost = gric(general**2, 3, parameters)
     candidates: list[tuple[Model, int, Callable[[], FloatArray]]] = [
         ("still", PARAMETERS["still"], lambda: np.eye(3)),
@@ -164,13 +178,14 @@ def select_model(
     ]
     if calibrated:
         candidates.append(("panoramic", PARAMETERS["turn"], lambda: rotation_of(matches)))
-    costs = [
-        (gric(matches.squared(model), 2, count), name, model)
-        for name, count, fit in candidates
-        for model in [fit()]
-    ]
-    least, name, model = min(costs, key=lambda each: each[0])
-    if least >= cost:
+    costs = []
+    for name, count, fit in candidates:
+        model = fit()
+        squared = matches.squared(model)
+        if np.count_nonzero(squared < INLIER_SIGMAS**2 * 2) >= MIN_PLANAR_FRACTION * len(squared):
+            costs.append((gric(squared, 2, count), name, model))
+    least, name, model = min(costs, key=lambda each: each[0], default=(np.inf, "general", plane))
+    if least >= cost + DECISIVE:
         return none
     if not calibrated and name == "planar":
         turn = uncalibrated_turn(plane, matches)
@@ -367,6 +382,19 @@ def least_squares(camera: TurningCamera, residuals: Residuals) -> TurningCamera:
     return camera
 
 
+def seems_mirrored(inliers: FloatArray) -> bool:
+    """Whether triangles of matches turn the other way round in the second image, by their areas.
+
+    Args:
+        inliers: (m, 4) rows x1, y1, x2, y2.
+    """
+    corners = inliers[: len(inliers) // 3 * 3].reshape(-1, 3, 2, 2)
+    sides = corners[:, 1:] - corners[:, :1]  # (t, 2 sides, 2 images, 2)
+    first, second = np.linalg.det(sides.transpose(2, 0, 1, 3))
+    areas = np.sqrt(np.abs(first * second))
+    return bool(areas[first * second < 0].sum() > MIRRORED * areas.sum())
+
+
 def is_watermark(inliers: FloatArray, keypoints: FloatArray) -> bool:
     """Whether unmoved matches lie in a small part of the images, as of a caption or time stamp.
 
@@ -376,7 +404,7 @@ def is_watermark(inliers: FloatArray, keypoints: FloatArray) -> bool:
     """
     low = keypoints.min(axis=0)
     span = np.maximum(keypoints.max(axis=0) - low, 1e-9)
-    side = GRID_CELLS[len(inliers) >= FINE_GRID_INLIERS]
+    side = max((each for each in GRID_CELLS if each**2 <= len(inliers)), default=GRID_CELLS[0])
 
     def cells(xy: FloatArray) -> int:
         x, y = np.minimum((xy - low) / span * side, side - 1).astype(np.int64).T

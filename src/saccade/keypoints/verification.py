@@ -35,6 +35,7 @@ from saccade.keypoints.two_view_models import (
     Selection,
     is_watermark,
     noise_of,
+    seems_mirrored,
     select_model,
 )
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
@@ -45,6 +46,8 @@ PARAMETERS = {"fundamental": 7, "essential": 5}
 """Number of parameters of a general motion."""
 MIN_INLIERS = 15
 """Smallest number of distinct inliers of an accepted geometry, COLMAP's default."""
+SAME = 1.0
+"""Side in pixels of the cells in which positions count as one."""
 MAX_SHARED = 2
 """Largest number of distinct partners of a position whose matches take part in the estimation: at
 most one of them is right, and a geometry may agree with all of them by that position alone."""
@@ -68,8 +71,8 @@ class Verification:
     geometry: Geometry
     """Kind of `matrix`."""
     matrix: FloatArray | None
-    """(3, 3), whose properties by kind are `F`, `E` and `H`; None where there are too few
-    inliers."""
+    """(3, 3), whose properties by kind are `F`, `E` and `H`, which state its scale; None where
+    there are too few inliers."""
     inliers: BoolArray
     """(m,) which matches are consistent with it; all false without a matrix."""
     covariance: FloatArray | None = None
@@ -95,12 +98,18 @@ class Verification:
 
     @property
     def F(self) -> FloatArray | None:  # noqa: N802
-        """(3, 3) fundamental matrix, x2' F x1 = 0 in homogeneous pixels (x, y, 1)."""
+        """(3, 3) fundamental matrix, x2' F x1 = 0 in homogeneous pixels (x, y, 1).
+
+        Its norm, the root of the sum of the squared entries, is 1.
+        """
         return self.matrix if self.geometry == "fundamental" else None
 
     @property
     def E(self) -> FloatArray | None:  # noqa: N802
-        """(3, 3) essential matrix, x2' E x1 = 0 in the planes z = 1 of the cameras."""
+        """(3, 3) essential matrix, x2' E x1 = 0 in the planes z = 1 of the cameras.
+
+        It is [t]x R of `pose`, whose translation has length 1, where that is not 0.
+        """
         return self.matrix if self.geometry == "essential" else None
 
     @property
@@ -159,14 +168,15 @@ def verify(
         geometry: "fundamental", "homography" or "essential".
         tolerance: inlier threshold in pixels, over 0.
         min_inliers: smallest number of distinct inliers of an accepted geometry: positions in the
-            first image or in the second, whichever are fewer.
+            first image or in the second, whichever are fewer; those of a cell as large as the
+            tolerance are one.
         intrinsics: for "essential": a (3, 3) camera matrix or a `saccade.frames.Camera` of both
             images, or a pair of these.
         distortion: OpenCV's coefficients of a pinhole camera, for camera matrices; a pair of
             lists for a pair of cameras.
         mirrored: whether a homography may mirror the image, as a map whose y points up: True for
             mirrored ones alone, False for none; None tries them where no other is found, and
-            warns.
+            warns. With another geometry None warns of matches that seem mirrored.
 
     Returns:
         The same for the same matches in any order. Keypoints that share a position and differ in
@@ -175,7 +185,7 @@ def verify(
     Raises:
         ConfigError: another geometry, a tolerance that is not over 0, an essential matrix without
             intrinsics, or invalid ones.
-        KeypointsError: pairs that are not indices, or positions that are not finite.
+        KeypointsError: pairs that are not indices, or positions or sizes that are not finite.
 
     Source: OpenCV's USAC, for homographies with the score of MAGSAC++; Barath et al. (2020).
     """
@@ -185,9 +195,12 @@ def verify(
     views = None if geometry != "essential" else views_of(intrinsics, distortion)
     matched, sigma = matched_positions(first, second, pairs)
     keypoints = np.concatenate([first.xy, second.xy]).astype(np.float64)
+    keypoints = keypoints[is_finite(keypoints)]
     options = (geometry, tolerance, min_inliers, views)
     if not mirrored:
         found = verify_positions(matched, sigma, *options, keypoints=keypoints)
+        if mirrored is None and found.model == "general" and geometry != "homography":
+            warn_of_mirror(matched[found.inliers])
         if found.matrix is not None or mirrored is False or geometry != "homography":
             return found
     require(geometry == "homography", "mirrored", "a homography", geometry)
@@ -203,6 +216,17 @@ def verify(
             stacklevel=2,
         )
     return unmirrored(found)
+
+
+def warn_of_mirror(inliers: FloatArray) -> None:
+    """Warns if inliers (m, 4) of an epipolar geometry seem to be mirrored."""
+    if seems_mirrored(inliers):
+        warnings.warn(
+            "verify: the matches are mirrored; mirror one of the images, or ask for a homography "
+            "with mirrored=True; mirrored=False if they are right",
+            ImageWarning,
+            stacklevel=3,
+        )
 
 
 def unmirrored(found: Verification) -> Verification:
@@ -265,7 +289,10 @@ def matched_positions(
     sigma = [
         position_sigma(each)[index] for each, index in zip((first, second), pairs.T, strict=True)
     ]
-    return matched, np.stack(sigma, 1)
+    errors = np.stack(sigma, 1)
+    if not np.isfinite(errors).all():
+        raise KeypointsError("keypoints: expected finite sizes, found NaN or infinity")
+    return matched, errors
 
 
 def verify_positions(
@@ -296,11 +323,12 @@ def verify_positions(
     row = row.ravel()
     smallest = np.full((len(rows), 2), np.inf)
     np.minimum.at(smallest, row, given.sigma)
-    matches = Matches(rows, smallest)
+    pixel, pixels = np.empty((len(rows), 2)), np.empty((len(rows), 4))
+    pixel[row], pixels[row] = given.pixel, matched
+    matches = Matches(rows, smallest, pixel)
     usable = is_finite(rows)
-    usable[usable] = is_unshared(rows[usable])
-    pixels = np.ones(2) if views is None else np.array([view.pixel for view in views])
-    estimator = Estimator(geometry, tolerance, pixels)
+    usable[usable] = is_unshared(np.floor(pixels[usable] / SAME))
+    estimator = Estimator(geometry, tolerance)
     found = estimator.estimate(matches.take(usable))
     if found is None:
         return none
@@ -309,9 +337,13 @@ def verify_positions(
     finite = is_finite(rows)
     scale = 1.0 if fit is None else fit.scale
     inliers[finite] = estimator.inliers(matrix, matches.take(finite))
-    if count_distinct(rows[inliers]) < min_inliers:
+    if count_distinct(np.floor(pixels[inliers] / tolerance)) < min_inliers:
         return none
     covariance = None if fit is None else fit.covariance
+    if geometry == "fundamental":
+        length = float(np.linalg.norm(matrix))
+        matrix = matrix / length
+        covariance = None if covariance is None else covariance / length**2
     if geometry == "homography":
         matrix, covariance = scaled_homography(matrix, covariance)
     verified = Verification(
@@ -324,12 +356,10 @@ def verify_positions(
         views=views,
     )
     if geometry == "essential":
-        verified = replace(verified, pose=pose_of(matrix, rows[inliers], covariance))
+        verified = with_scale_of_pose(verified, pose_of(matrix, rows[inliers], covariance))
     if keypoints is None:
         return verified
-    positions = np.full((len(rows), 2), np.nan)
-    positions[row] = matched[:, :2]
-    chosen = matches.take(usable), inliers[usable], positions[usable]
+    chosen = matches.take(usable), inliers[usable], pixels[usable, :2]
     result = with_model(verified, *chosen, keypoints)
     if geometry != "essential" or result.model != "planar" or result.pose is None:
         return result
@@ -361,6 +391,15 @@ def with_matrix_of_pose(verified: Verification, pose: RelativePose) -> Verificat
     return replace(verified, matrix=matrix, covariance=covariance)
 
 
+def with_scale_of_pose(verified: Verification, pose: RelativePose) -> Verification:
+    """The verification with a pose, and with its essential matrix at the scale of the pose."""
+    matrix, covariance = verified.matrix, verified.covariance
+    assert matrix is not None
+    scale = float((cross_matrix(pose.translation) @ pose.rotation * matrix).sum()) / 2
+    covariance = None if covariance is None else covariance / scale**2
+    return replace(verified, matrix=matrix / scale, covariance=covariance, pose=pose)
+
+
 def with_model(
     verified: Verification,
     matches: Matches,
@@ -383,25 +422,24 @@ def with_model(
     parameters = PARAMETERS.get(geometry, PARAMETERS["fundamental"])
     scale = verified.scale
     if geometry == "homography":
-        pixels = np.ones(2)
-        estimator = Estimator(
-            "fundamental", 2 * scale * float(np.median(matches.sigma)) + 1, pixels
-        )
+        estimator = Estimator("fundamental", 2 * scale * float(np.median(matches.sigma)) + 1)
         found = estimator.estimate(matches)
         general = None if found is None else found[0]
     z = np.full(len(matches.positions), np.inf)
     if general is not None:
         z = sampson_distances(general, matches.positions, matches.sigma)
         scale = noise_of(z[inliers], parameters)
-    pixel = 1.0 if verified.views is None else verified.views[0].pixel
+    pixel = float(np.median(matches.pixel[:, 0]))
     scale = max(scale, MIN_NOISE * pixel / float(np.median(matches.sigma)))
-    scaled = Matches(matches.positions, matches.sigma * scale)
+    scaled = matches.noisier(scale)
     selection = select_model(scaled, z / scale, parameters, calibrated=verified.views is not None)
     model: Model = selection.model
     if selection.homography is None:
         return with_covariance(replace(verified, model=model), matches.take(inliers))
-    if model == "still" and is_watermark(positions[inliers], keypoints):
-        model = "watermark"
+    if model == "still":
+        unmoved = scaled.squared(selection.homography) < REFINED_SIGMAS**2 * 2
+        if is_watermark(positions[unmoved], keypoints):
+            model = "watermark"
     pixels_to = selection.homography
     if verified.views is not None:
         K1, K2 = (view.matrix for view in verified.views)
