@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import surveyed_tags
 from saccade import slam
 from saccade.types import LandmarkMap
 
@@ -109,3 +110,13 @@ def test_while_mapping_a_single_tag_has_moved_and_two_have_not():
     found, error = steps[-1]
     assert not found.lost
     assert error < 0.3
+
+
+@pytest.mark.parametrize(("seed", "surveyed", "max_tags"), [(4, 6, 2), (6, 6, 1)])
+def test_tags_that_are_not_surveyed_are_not_taken_for_those_that_are(seed, surveyed, max_tags):
+    """By geometry alone, some of them lie as surveyed tags do from another pose."""
+    among = surveyed_tags.drive(seed, surveyed_tags.LOST, max_tags)
+    found = surveyed_tags.follow(among, None, slam.EkfConfig(), surveyed)
+    assert not found.wrong.any()
+    assert not found.lost[-1]
+    assert found.error[-50:].max() < 0.5

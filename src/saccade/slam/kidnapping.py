@@ -189,7 +189,7 @@ class KidnappingDetector:
             self._doubt = self._search_in(ekf, table)
         if self._doubt is None:
             return doubtful and self._standing
-        self._doubt.add(scan.z, scan.R, table.landmarks_of(scan.labels))
+        self._doubt.add(scan.z, scan.R, table.searched_for(scan.labels))
         elsewhere = self._doubt.is_sure and self._doubt.is_elsewhere()
         return doubtful and (self._standing or elsewhere)
 
@@ -227,7 +227,7 @@ class KidnappingDetector:
                 self.reset()
                 return none
             if self._doubt is None and len(scan.z) > 0:
-                search.add(scan.z, scan.R, table.landmarks_of(scan.labels))
+                search.add(scan.z, scan.R, table.searched_for(scan.labels))
             self.begin(search)
             self._doubt = None
             self.evidence = min(self.evidence, self.limit)
@@ -238,7 +238,7 @@ class KidnappingDetector:
             search.predict(*scan.control[:2])
         if len(scan.z) == 0:
             return none
-        search.add(scan.z, scan.R, table.landmarks_of(scan.labels))
+        search.add(scan.z, scan.R, table.searched_for(scan.labels))
         self.evidence = min(self.evidence, self.limit)
         self._agreeing = 0 if self.contradicted else self._agreeing + 1
         agrees = self.evidence < REGAINED or self._agreeing > MAX_AGREEING_SCANS

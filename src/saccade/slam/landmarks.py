@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from saccade.landmark_names import Label, labels_of
 from saccade.slam._evidence_kernels import BEARING_BINS, RANGE_BINS, detection_cells
-from saccade.slam.association.outcomes import DROPPED, UNDECIDED
+from saccade.slam.association.outcomes import DROPPED, UNDECIDED, UNUSED
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.robot_models import observe
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Table, column
@@ -249,6 +249,18 @@ class LandmarkTable:
         known = self.labels
         found = [known[label].landmark if label in known else -1 for label in labels]
         return np.array(found, np.int64)
+
+    def searched_for(self, labels: Sequence[Label | None]) -> IntArray:
+        """`landmarks_of` for the search of a pose in the map.
+
+        `UNUSED` for a label of no landmark where all landmarks have labels: by geometry alone the
+        observation would be taken for one of them.
+        """
+        found = self.landmarks_of(labels)
+        if self.has_unlabeled or len(self.labels) == 0:
+            return found
+        foreign = np.array([label is not None for label in labels], np.bool_) & (found < 0)
+        return np.where(foreign, UNUSED, found)
 
     def labels_of(self, landmarks: Iterable[int]) -> list[Label | None]:
         """Label of each landmark, by ids; None for a landmark without a label."""

@@ -381,7 +381,7 @@ class Slam:
             self.kidnapping.begin(self._search_anywhere(table.counts.id[table.in_map]))
         assert self.kidnapping.search is not None
         seen = scan.complete
-        landmarks = table.landmarks_of(self.spell(seen.labels))
+        landmarks = table.searched_for(self.spell(seen.labels))
         return self.kidnapping.search.add(seen.z, seen.R, landmarks)
 
     def spell(self, labels: Sequence[Label | None]) -> list[Label | None]:

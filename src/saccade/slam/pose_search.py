@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from saccade.plane import rotations
+from saccade.slam.association.outcomes import UNUSED
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.robot_models import pose_difference
@@ -60,6 +61,7 @@ class PoseSearch:
         self._search = Relocalizer(positions, covariance[r:, r:], wrong_label=wrong_label)
         if not anywhere:
             self._search.propose(ekf.pose)
+        self._used = np.empty(0, np.bool_)  # observations of the last scan
         self.hypotheses: PoseHypotheses | None = None
         """Hypotheses of the pose at the last scan, with the ids of landmarks."""
 
@@ -68,14 +70,20 @@ class PoseSearch:
         self._search.predict(u, U)
 
     def add(self, z: FloatArray, R: FloatArray, labeled: IntArray) -> PoseHypotheses:
-        """Updates the hypotheses by a scan, with ids `labeled` (k,) of labels, -1 for none."""
+        """Updates the hypotheses by a scan, with ids `labeled` (k,) of labels, -1 for none.
+
+        `UNUSED` leaves an observation out.
+        """
+        self._used = labeled != UNUSED
+        z, R, labeled = z[self._used], R[self._used], labeled[self._used]
         row = np.searchsorted(self.landmarks, labeled).clip(0, len(self.landmarks) - 1)
         rows = np.where(self.landmarks[row] == labeled, row, -1)
         R = R + self._ekf.range_error_variances(z)[:, None, None] * np.diag([1.0, 0.0])
         found = self._search.add(self._ekf.without_range_errors(z), R, rows)
         ids = np.append(self.landmarks, -1)  # the last element stands for no landmark
         self.hypotheses = found = replace(found, association=ids[found.association])
-        self.agreeing = self.agreeing + 1 if self.is_sure else 0
+        if len(z) > 0:
+            self.agreeing = self.agreeing + 1 if self.is_sure else 0
         return found
 
     @property
@@ -99,7 +107,9 @@ class PoseSearch:
     def latest(self) -> IntArray:
         """(k,) landmark of each observation of the last scan by the first hypothesis, else -1."""
         assert self.hypotheses is not None
-        return np.asarray(self.hypotheses.association[0][self._search.latest], np.int64)
+        found = np.full(len(self._used), -1)
+        found[self._used] = self.hypotheses.association[0][self._search.latest]
+        return found
 
     def is_elsewhere(self) -> bool:
         """Whether the most probable pose differs from the pose of the filter."""

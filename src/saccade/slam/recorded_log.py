@@ -301,7 +301,7 @@ def find_start(
     wrong = slam.kidnapping.landmark_evidence.wrong_label
     new_search = partial(PoseSearch, ekf, ekf.ids, anywhere=anywhere, wrong_label=wrong)
     search = new_search(min_probability=START_PROBABILITY, scans=1) if anywhere else new_search()
-    labels = slam.landmarks.landmarks_of(slam.spell(labels_of(log.landmark, log.text_names)))
+    labels = slam.landmarks.searched_for(slam.spell(labels_of(log.landmark, log.text_names)))
     whole = ~np.isnan(log.observation).any(1)
     for step in range(len(log.time)):
         if step > 0:

@@ -137,8 +137,11 @@ class Alternative(NamedTuple):
 
 
 def log_determinant(C: FloatArray) -> FloatArray:
-    """Logarithms of the determinants of covariances (..., 2, 2)."""
+    """Logarithms of the determinants of covariances (..., 2, 2).
+
+    Infinite where rounding in a diverged estimate made a variance negative: nothing is near.
+    """
     square = C[..., 0, 0] * C[..., 1, 1]
-    return np.asarray(
-        np.log(np.maximum(square - C[..., 0, 1] * C[..., 1, 0], MIN_DETERMINANT_RATIO * square))
-    )
+    least = np.maximum(square - C[..., 0, 1] * C[..., 1, 0], MIN_DETERMINANT_RATIO * square)
+    valid = (C[..., 0, 0] > 0) & (C[..., 1, 1] > 0)
+    return np.asarray(np.log(np.where(valid, least, np.inf)))

@@ -7,4 +7,5 @@ DROPPED = -2
 UNDECIDED = -3
 """To be associated by geometry."""
 UNUSED = -4
-"""A partial observation of no landmark of the map: it cannot add one."""
+"""A partial observation of no landmark of the map, which cannot add one; in the search of a pose,
+an observation with a label of no landmark."""
