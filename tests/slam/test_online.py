@@ -65,7 +65,6 @@ def test_one_covariance_serves_all_observations_and_the_map_is_read_by_label():
     assert len(one.map) == 0  # a label that was read once may be wrong
     one.step(1.0, z=z, R=R, labels=["door", 7])
     assert (one.map.id.tolist(), one.map.label.tolist()) == ([0, 1], ["door", "7"])
-    np.testing.assert_array_equal(one.joint_covariance(np.array([1]))[:3, :3], one.pose_covariance)
 
 
 def test_an_estimate_that_diverges_is_named():

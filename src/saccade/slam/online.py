@@ -178,12 +178,6 @@ class Slam:
         labels = label_array(self.landmarks.labels_of(ids.tolist()))
         return SlamMap(ids, labels, ekf.landmarks[kept], ekf.landmark_covariances[kept])
 
-    def joint_covariance(self, landmarks: IntArray) -> FloatArray:
-        """(3 + 2k, 3 + 2k) of the pose and of landmarks (k,), by their ids."""
-        C, r = self.filter.marginal(landmarks), len(self.filter.robot_state)
-        kept = np.delete(np.arange(len(C)), np.s_[3:r])
-        return C[np.ix_(kept, kept)]
-
     def step(
         self,
         time: float,
