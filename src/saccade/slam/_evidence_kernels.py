@@ -14,16 +14,24 @@ RANGE_BINS = 96
 """Bins of the detection rate by range: quarters of an octave from 0.24 mm to 4 km."""
 BEARING_BINS = 24
 """Bins of the detection rate by bearing."""
+PRIOR_CHECKS = 4.0
+"""Initial number of checks without a detection in each bin, so that new bins expect none."""
 
 
 @kernel()
-def detection_cells(predicted: FloatArray, cell: IntArray) -> None:
-    """Fills the cell of the table of detection rates of each predicted observation (n, 2)."""
+def detection_rates(
+    predicted: FloatArray, counts: FloatArray, cell: IntArray, rate: FloatArray
+) -> None:
+    """Fills the cell of each predicted observation (n, 2), and the detection rate there.
+
+    `counts` (2, cells) are the detections and the checks in each cell of range and bearing.
+    """
     for j in range(len(predicted)):
         octaves = 4 * log2(max(predicted[j, 0], 1e-6)) + RANGE_BINS / 2
         row = min(max(int(octaves), 0), RANGE_BINS - 1)
         sector = int((predicted[j, 1] / (2 * pi) + 0.5) * BEARING_BINS) % BEARING_BINS
         cell[j] = row * BEARING_BINS + sector
+        rate[j] = counts[0, cell[j]] / (counts[1, cell[j]] + PRIOR_CHECKS)
 
 
 @kernel()
@@ -35,9 +43,10 @@ def compare_scan(
     confirmed: BoolArray,
     max_range: float,
     gate: float,
+    counts: FloatArray,
     rate: FloatArray,
-    cell: IntArray,
-    observer: IntArray,
+    observed: BoolArray,
+    explained: BoolArray,
     sums: FloatArray,
 ) -> int:
     """Compares observations with landmarks in view that are confirmed (N,) or labeled.
@@ -50,16 +59,18 @@ def compare_scan(
         confirmed: (N,) whether a landmark is expected without a label.
         max_range: meters to the most distant landmark in view.
         gate: squared Mahalanobis distance within which an observation may be of a landmark.
-        rate: (cells,) detection rates.
-        cell: (N,) is filled with the cell of each landmark in view.
-        observer: (N,) is filled with the observation of which it is the likeliest landmark, or -1.
+        counts: (2, cells) detections and checks in each cell of the view.
+        rate: (N,) is filled with the detection rate of each landmark in view.
+        observed: (N,) is filled with whether an observation has it as its likeliest landmark.
+        explained: (k,) is filled with whether an observation is the likeliest one of its likeliest
+            landmark.
         sums: (k, 2) is filled with the sum of densities, and the sum of densities times detection
             rates.
 
     Returns:
         c, the number of landmarks in view.
     """
-    landmark, count = np.empty(len(cell), np.int64), 0
+    landmark, count = np.empty(len(rate), np.int64), 0
     for i in range(f.now.landmarks):
         m = f.robot_size + 2 * i
         is_near = hypot(f.state[m] - f.state[0], f.state[m + 1] - f.state[1]) <= max_range
@@ -73,9 +84,8 @@ def compare_scan(
     predicted, S, square = np.empty((count, 2)), np.empty((count, 2, 2)), np.empty((len(z), count))
     expected_observations(f, landmark, predicted, S)
     mahalanobis_distances(predicted, S, z, R, gate, square)
-    detection_cells(predicted, cell)
-    observer[:count] = -1
-    likelihood = np.zeros(count)
+    detection_rates(predicted, counts, np.empty(count, np.int64), rate)
+    observer, likelihood = np.full(count, -1), np.zeros(count)
     for k in range(len(z)):
         sums[k, 0] = sums[k, 1] = 0.0
         likeliest, most = -1, 0.0
@@ -92,9 +102,13 @@ def compare_scan(
             area = 2 * pi * min(sqrt(a * d - b * b), max_range)
             density = exp(-square[k, j] / 2) / area
             sums[k, 0] += density
-            sums[k, 1] += rate[cell[j]] * density
+            sums[k, 1] += rate[j] * density
             if density > most:
                 likeliest, most = j, density
         if likeliest >= 0 and most > likelihood[likeliest]:
             observer[likeliest], likelihood[likeliest] = k, most
+    for j in range(count):
+        observed[j] = observer[j] >= 0
+        if observed[j]:
+            explained[observer[j]] = True
     return count

@@ -135,8 +135,8 @@ class KidnappingDetector:
         f, confirmed, landmarks = ekf.active, table.counts.confirmed, self.landmark_evidence
         if ekf.submap is not None:
             confirmed = confirmed[table.rows(ekf.active_ids)]
-        rates = table.detection_rates
-        compared = landmarks.compare(f, scan, confirmed, ekf.rows(labeled), rates)
+        counts = table.detection_counts
+        compared = landmarks.compare(f, scan, confirmed, ekf.rows(labeled), counts)
         if compared.num_contradicted_labels > 0:
             compared = self._without_accepted(ekf, labeled, compared)
         standing = self._are_labels_evidence(ekf, table, scan, compared)

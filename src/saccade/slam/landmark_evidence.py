@@ -93,24 +93,22 @@ class LandmarkEvidence:
         scan: Scan,
         confirmed: BoolArray,
         rows: IntArray,
-        rates: FloatArray,
+        counts: FloatArray,
     ) -> ScanComparison:
         """Compares a scan with landmarks in view that are `confirmed` (N,) or labeled.
 
-        The landmarks of labels are at `rows` (k,); others are negative. The detection rates are
-        those of `LandmarkTable.detection_rates`.
+        The landmarks of labels are at `rows` (k,); others are negative. The detections and
+        checks are those of `LandmarkTable.detection_counts`.
         """
         k, N = len(scan.z), f.now.landmarks
         max_range = max(self.max_range, *scan.z[:, 0].tolist())
-        cell, observer, sums = np.empty(N, np.int64), np.empty(N, np.int64), np.empty((k, 2))
+        rate, observed, explained = np.empty(N), np.empty(N, np.bool_), np.zeros(k, np.bool_)
+        sums = np.empty((k, 2))
         count = compare_scan(
-            *(f, scan.z, scan.R, rows, confirmed, max_range, self._gate, rates),
-            *(cell, observer, sums),
+            *(f, scan.z, scan.R, rows, confirmed, max_range, self._gate, counts),
+            *(rate, observed, explained, sums),
         )
-        cell, observer = cell[:count], observer[:count]
-        explained = np.zeros(k, np.bool_)
-        explained[observer[observer >= 0]] = True
-        rate, labeled = rates[cell], rows >= 0
+        rate, labeled = rate[:count], rows >= 0
         num_labeled = int(np.count_nonzero(labeled))
         contradicted = labeled & (sums[:, 0] == 0) if num_labeled > 0 else labeled
         return ScanComparison(
@@ -120,7 +118,7 @@ class LandmarkEvidence:
             density=sums[:, 0],
             expected_density=sums[:, 1],
             explained=explained,
-            observed=observer >= 0,
+            observed=observed[:count],
             rate=rate,
             num_expected=float(rate.sum()),
             view=2 * pi * max_range,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.landmark_names import Label, labels_of
-from saccade.slam._evidence_kernels import BEARING_BINS, RANGE_BINS, detection_cells
+from saccade.slam._evidence_kernels import BEARING_BINS, RANGE_BINS, detection_rates
 from saccade.slam.association.outcomes import DROPPED, UNDECIDED, UNUSED
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.robot_models import observe
@@ -19,8 +19,6 @@ MAX_AMBIGUOUS = 0.5
 """Largest fraction of ambiguous observations without a warning."""
 CHECKS = 4
 """Number of checks between removals of landmarks: a removal costs more than a step."""
-PRIOR_CHECKS = 4.0
-"""Initial number of checks without a detection in each bin, so that new bins expect none."""
 ESTABLISHED = 3
 """Minimum number of accepted observations for a label to be known to be of its landmark."""
 DescriptorArray: TypeAlias = npt.NDArray[np.generic]
@@ -226,12 +224,12 @@ class LandmarkTable:
         The expected detection is the mean detection rate of confirmed landmarks at the same range
         and bearing in earlier scans.
         """
-        table, cell = self.counts, np.empty(len(predicted), np.int64)
-        detection_cells(predicted, cell)
-        counted = self.detections.reshape(2, -1)
+        table, counted = self.counts, self.detection_counts
+        cell, rate = np.empty(len(predicted), np.int64), np.empty(len(predicted))
+        detection_rates(predicted, counted, cell, rate)
         hits, checks = counted[:, cell]
         detected = table.last_observed[rows] == self.scans
-        table.expected[rows] += hits / (checks + PRIOR_CHECKS)
+        table.expected[rows] += rate
         table.detected[rows] += detected
         known, p = table.confirmed[rows], (hits + 1) / (checks + 2)
         self.log_likelihood += float(np.log(np.where(detected, p, 1 - p))[known].sum())
@@ -239,10 +237,9 @@ class LandmarkTable:
         np.add.at(counted[1], cell[known], 1.0)
 
     @property
-    def detection_rates(self) -> FloatArray:
-        """(cells,) rate at which landmarks are detected in each cell of the view."""
-        hits, checks = self.detections.reshape(2, -1)
-        return np.asarray(hits / (checks + PRIOR_CHECKS))
+    def detection_counts(self) -> FloatArray:
+        """(2, cells) detections and checks in each cell of the view."""
+        return self.detections.reshape(2, -1)
 
     def landmarks_of(self, labels: Sequence[Label | None]) -> IntArray:
         """(k,) id of the landmark of each label, -1 for none."""
