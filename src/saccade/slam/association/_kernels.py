@@ -7,8 +7,8 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import (
     MIN_RANGE,
-    error_factor,
     expected_observation,
+    is_relative,
     wrapped,
 )
 from saccade.slam.filter._state_kernels import FilterState
@@ -99,7 +99,7 @@ def prefilter_landmarks(
     e, factor, offset, scale_sigma = f.range_errors, 1.0, 0.0, 0.0
     if e > 0:
         factor, offset = 1 + s[e], s[e + 1]
-        scale_sigma = sqrt(abs(P[e, e])) * error_factor(f, e) / factor
+        scale_sigma = sqrt(abs(P[e, e])) / (1.0 if is_relative(f, e) else factor)
         range_sigma += sqrt(abs(P[e + 1, e + 1]))
     for i in range(f.now.landmarks):
         m = r + 2 * i

@@ -11,7 +11,7 @@ coordinates of the covariance, the observation Jacobian depends on f alone, and 
 the landmarks' covariance by the noise of the heading only. In the standard filter a is zero.
 
 A common scale of odometry, ranges and map is unobservable, too. In the invariant filter, errors of
-the two scale factors are relative, see `error_factor`, and their Jacobians are those at f: then the
+the two scale factors are relative, see `is_relative`, and their Jacobians are those at f: then the
 direction of a common scale, f for the points, 1 for the odometry and -1 for the ranges, is the same
 at every step, and no observation appears to measure it.
 
@@ -101,12 +101,19 @@ def predict(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None
 
 
 @kernel()
-def error_factor(f: FilterState, i: int) -> float:
-    """Factor that converts the error of the scale in row i to the error of its state.
+def is_relative(f: FilterState, i: int) -> bool:
+    """Whether the error of the robot's state in row i is relative: that of a scale, 1 + s."""
+    return bool(f.errors == INVARIANT and i > 2 and (i == 3 or i == f.range_errors))
 
-    In the invariant filter the error is relative to the scale, 1 + s.
+
+@kernel()
+def fill_error_factors(f: FilterState, mean: FloatArray, factor: FloatArray) -> None:
+    """Fill the factors (r,) that convert errors of the robot's states to errors of their scales.
+
+    The states of a mean (n,) need not be those of f.
     """
-    return float(1 + f.state[i]) if f.errors == INVARIANT else 1.0
+    for i in range(len(factor)):
+        factor[i] = 1 + mean[i] if is_relative(f, i) else 1.0
 
 
 @kernel()
@@ -414,7 +421,7 @@ def retract(f: FilterState, first: float, second: float, V: FloatArray) -> None:
     p, q, along, across = _similarity(invariant * growth, invariant * turn)
     for i in range(2, r):
         d = first * V[0, i] + second * V[1, i]
-        if invariant > 0 and (i == 3 or i == e):  # a scale
+        if is_relative(f, i):
             s[i] = (1 + s[i]) * exp(d) - 1
         else:
             s[i] += d

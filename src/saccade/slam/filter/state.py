@@ -16,6 +16,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from saccade._compiler import blas, share
+from saccade.slam.filter._kernels import fill_error_factors
 from saccade.slam.filter._state_kernels import (
     INVARIANT,
     MAX_HEADING_GROWTH,
@@ -424,12 +425,9 @@ def _up_to_date(
 
 
 def _error_factors(f: FilterState, mean: FloatArray) -> FloatArray:
-    """(r,) factors of the robot's errors at this mean (n,), see `_kernels.error_factor`."""
-    factors = np.ones(f.robot_size)
-    if f.errors == INVARIANT:
-        scales = [3, f.range_errors] if f.range_errors > 0 else [3]
-        scales = [i for i in scales if i < f.robot_size]
-        factors[scales] += mean[scales]
+    """(r,) factors of the robot's errors at this mean (n,)."""
+    factors = np.empty(f.robot_size)
+    fill_error_factors(f, mean, factors)
     return factors
 
 
