@@ -39,7 +39,7 @@ def _unchanged(control: Numbers) -> tuple[Numbers, Numbers]:
 
 def _turn_then_translate(control: Numbers) -> tuple[Numbers, Numbers]:
     """A turn, then a distance straight ahead (C.5, C.9)."""
-    d, turn = control.T
+    d, turn = control[:, 0], control[:, 1]
     c, s = np.cos(turn), np.sin(turn)
     step, J = np.empty((len(control), 3)), np.zeros((len(control), 3, 2))
     x, y = d * c, d * s
@@ -76,7 +76,10 @@ def find_motion(name: str, owner: str = "motion") -> Motion:
 
 def motion_of_size(size: int) -> Motion | None:
     """The first motion whose controls have this number of columns; None without one."""
-    return next((each for each in MOTIONS.values() if len(each.columns) == size), None)
+    for motion in MOTIONS.values():
+        if len(motion.columns) == size:
+            return motion
+    return None
 
 
 class RelativePoses(NamedTuple):

@@ -330,7 +330,7 @@ class Slam:
             rejected = np.zeros(len(scan.z), np.bool_)
         return StepResult(
             *self.hypotheses.pose,
-            np.maximum(best.matches, -1),
+            np.maximum(best.matches, -1) if len(scan.z) > 0 else best.matches,
             *best.innovations,
             rejected,
             best.culled,

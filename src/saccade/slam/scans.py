@@ -86,8 +86,7 @@ def checked_scan(
     """
     seconds, moved = as_number("time", time), None
     if control is not None:
-        step, C, by_error = as_relative_pose(control, U, motion)
-        moved = step, C * config.motion_noise_scale**2, by_error
+        moved = as_relative_pose(control, U, motion, config.motion_noise_scale)
     z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
     if z.size == 0:
         return Scan(seconds, moved, *NO_SCAN)

@@ -176,7 +176,7 @@ def pose_difference(pose: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def as_relative_pose(
-    control: npt.ArrayLike, covariance: npt.ArrayLike | None, motion: str = ""
+    control: npt.ArrayLike, covariance: npt.ArrayLike | None, motion: str = "", scale: float = 1.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Relative pose (3,) of a control, its covariance and its Jacobian by systematic errors (3, 3).
 
@@ -184,6 +184,7 @@ def as_relative_pose(
         control: (c,).
         covariance: (c, c).
         motion: name in `saccade.motions.MOTIONS`; by default the first with c columns.
+        scale: factor of the standard deviations.
 
     Raises:
         LogError: an argument is invalid, or there is no such motion.
@@ -193,7 +194,7 @@ def as_relative_pose(
     if kind is None:
         sizes = " or ".join(sorted({str(len(each.columns)) for each in MOTIONS.values()}))
         raise LogError(f"control: expected {sizes} numbers, found shape {u.shape}")
-    u, U = check_gaussian("control", u, covariance, len(kind.columns))
+    u, U = check_gaussian("control", u, covariance, len(kind.columns), scale**2)
     step, C, by_error = as_relative_poses(kind, u[None], U[None])
     return step[0], C[0], by_error[0]
 
@@ -209,6 +210,6 @@ def as_relative_poses(
         covariance: (t, c, c).
     """
     step, J = kind.relative_poses(control)
-    C, by_error = np.empty((2, len(step), 3, 3))
-    convert_controls(control, covariance, np.array(J, np.float64), C, by_error)
+    C, by_error = np.empty((len(step), 3, 3)), np.empty((len(step), 3, 3))
+    convert_controls(control, covariance, np.ascontiguousarray(J, np.float64), C, by_error)
     return step, C, by_error

@@ -47,16 +47,16 @@ def check_covariance(name: str, value: FloatArray, size: int) -> FloatArray:
 
 
 def check_gaussian(
-    name: str, value: FloatArray, covariance: npt.ArrayLike | None, size: int
+    name: str, value: FloatArray, covariance: npt.ArrayLike | None, size: int, factor: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Copies of the numbers (size,) and of their covariance (size, size).
+    """Copies of the numbers (size,) and of their covariance (size, size), times a factor.
 
     Raises:
         LogError: see `check_vector` and `check_covariance`.
     """
     mean, C = np.array(value), np.array(as_numbers(f"covariance of the {name}", covariance))
     known = mean.shape == (size,) and C.shape == (size, size)
-    if not known or first_invalid(mean[None], C[None], 1.0, 0.0) == 0:
+    if not known or first_invalid(mean[None], C[None], factor, 0.0) == 0:
         check_vector(name, mean, size)
         check_covariance(f"covariance of the {name}", C, size)
     return mean, C
