@@ -110,3 +110,19 @@ def test_the_first_scan_may_have_as_many_landmarks_as_a_large_map(rng):
     z = np.column_stack([*rng.uniform([[1], [-3]], [[100], [3]], (2, submap_choice.LARGE_MAP))])
     live.step(0.0, z=z, R=np.diag([1e-4, 1e-6]), labels=np.arange(len(z)))
     assert len(live.filter) == submap_choice.LARGE_MAP
+
+
+def test_rows_are_those_of_ids_in_the_order_of_the_state(rng):
+    """Against NumPy's search of sorted arrays; landmark 4 was removed, and 9 is added next."""
+    ekf = slam.EkfSlam(np.zeros(3), np.eye(3) * 1e-4)
+    for _ in range(9):
+        ekf.augment(rng.uniform([2, -1], [9, 1]), np.eye(2) * 1e-2)
+    ekf.remove(np.array([4]))
+    kept = np.delete(np.arange(9), 4)
+    asked = np.array([-2, -1, 0, 3, 5, 8, 9, 11])
+    expected = [-2, -1, *np.searchsorted(kept, [0, 3, 5, 8]), 8, 10]
+    np.testing.assert_array_equal(ekf.rows(asked), expected)
+    ekf.enter(np.array([1, 4, 6]))  # rows of landmarks 1, 5 and 7
+    np.testing.assert_array_equal(
+        ekf.rows(np.array([-1, 0, 1, 5, 6, 7, 8, 9])), [-1, -1, 0, 1, -1, 2, -1, 3]
+    )

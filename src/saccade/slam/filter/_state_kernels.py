@@ -91,6 +91,30 @@ def num_rows(f: FilterState) -> int:
 
 
 @kernel()
+def find_rows(f: FilterState, landmarks: IntArray, rows: IntArray) -> None:
+    """Fill the rows (k,) of landmarks by their ids, -1 for landmarks outside of the state.
+
+    Negative ids stay, and ids of landmarks that are yet to be added have the rows behind.
+    """
+    ids, N, next_id = f.ids, int(f.now.landmarks), int(f.now.next_id)
+    for k in range(len(landmarks)):
+        wanted = landmarks[k]
+        if wanted < 0:
+            rows[k] = wanted
+        elif wanted >= next_id:
+            rows[k] = N + wanted - next_id
+        else:
+            start, end = 0, N  # the row is in [start, end)
+            while start < end:
+                middle = (start + end) // 2
+                if ids[middle] < wanted:
+                    start = middle + 1
+                else:
+                    end = middle
+            rows[k] = start if start < N and ids[start] == wanted else -1
+
+
+@kernel()
 def read_block(P: FloatArray, rows: IntArray, columns: IntArray, block: FloatArray) -> None:
     """Fill block (m, k) with the elements at these rows and columns of the symmetric P."""
     for i in range(len(rows)):

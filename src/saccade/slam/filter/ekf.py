@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from saccade.errors import LogError, require
 from saccade.slam.filter._kernels import predict, retract, update, write_pose
-from saccade.slam.filter._state_kernels import INVARIANT, FilterState
+from saccade.slam.filter._state_kernels import INVARIANT, FilterState, find_rows
 from saccade.slam.filter.predictions import (
     Innovations,
     PredictedObservations,
@@ -324,15 +324,11 @@ class EkfSlam:
         Negative ids stay, and ids of landmarks that are yet to be added have the rows behind.
         """
         f = self.active
-        N, next_id = f.now.landmarks, f.now.next_id
-        if next_id == N:  # none is missing
+        if f.now.next_id == f.now.landmarks:  # none is missing
             return landmarks
-        rows = f.ids[:N].searchsorted(landmarks)
-        if self.submap is not None:
-            known = f.ids[np.minimum(rows, max(N - 1, 0))] == landmarks
-            rows = np.where(known | (landmarks >= next_id), rows, -1)
-        rows = rows + np.maximum(landmarks - next_id, 0)
-        return np.where(landmarks < 0, landmarks, rows)
+        rows = np.empty(len(landmarks), np.int64)
+        find_rows(f, landmarks, rows)
+        return rows
 
     def _check_ids(self, landmark: IntArray) -> None:
         """Raises unless ids (k,) are of the map, new ones in their order, or negative."""

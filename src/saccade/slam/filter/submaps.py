@@ -81,9 +81,9 @@ class Submap:
         """Prepares for observations of the landmarks in these rows (k,) of `state`."""
         r = self.state.robot_size
         rows = rows[(rows >= 0) & (rows < len(self.inside))]
-        new = np.unique(rows[~self.spanned[r + 2 * rows]])
+        new = rows[~self.spanned[r + 2 * rows]]
         if len(new) > 0:
-            self.extend(state_rows(new, r)[r:])
+            self.extend(state_rows(np.unique(new), r)[r:])
 
     def extend(self, rows: IntArray) -> None:
         """Adds the columns of T for these rows (m,): the next block of its Cholesky root."""
