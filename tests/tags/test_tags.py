@@ -11,6 +11,7 @@ from saccade.diagnostics.tag_calibration import check_tags
 from saccade.errors import ConfigError, DriveError, LogError
 from saccade.frames import Camera
 from saccade.simulation import DriveConfig, simulate_drive, tag_layout
+from saccade.simulation.wall_tags import place_tags
 from saccade.tags import FAMILIES, observe_tags, parse_ids, parse_sizes, tag_cells
 from support.nightly import nightly
 from support.tag_rooms import (
@@ -262,3 +263,13 @@ def test_simulated_tags_are_where_the_layout_has_them():
     assert np.median(np.abs(log.observation[:, 0] / ranges - 1)) < 0.01
     with pytest.raises(ConfigError, match="tags"):
         tag_layout(DriveConfig.hall())
+
+
+@pytest.mark.parametrize("count", [30, 80])
+def test_tags_of_a_simulated_drive_do_not_hang_over_each_other(count):
+    config = replace(DriveConfig.hall(), tags=count)
+    corners = np.array([(0.0, 0.0), (9.0, 0.0), (9.0, 6.0), (0.0, 6.0), (0.0, 0.0)])
+    tags = place_tags(config, corners, [], np.random.default_rng(count))
+    along = np.array([tag.along for tag in tags])
+    assert len(tags) > count / 3
+    assert np.diff(np.sort(along)).min() > 1.25 * config.tag_size  # the tag and its white border

@@ -1,8 +1,10 @@
 """`saccade demo`: attention, matching and SLAM on data that ships with the package."""
 
+import sys
 from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
+from subprocess import DEVNULL, Popen
 from typing import TYPE_CHECKING, Any
 
 from saccade.cli.options import JsonOptions, OutputFolder
@@ -19,6 +21,8 @@ LEAD = (
     "Guivant and E. Nebot, as distributed with GTSAM, BSD. The last drive is simulated: a robot "
     "points its camera where it expects the most information about its pose and the map."
 )
+COMPILE_AHEAD = "from saccade.cli.demo import compile_ahead; compile_ahead()"
+"""Program of the process that compiles the later kernels while the first parts run."""
 SEED = 0
 """Seed of the simulated drive."""
 FRAMES = 80
@@ -52,7 +56,8 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
 
     out = options.out
     builder = ReportBuilder("saccade demo", LEAD)
-    with results_in(out), as_file(files("saccade") / "data") as data:
+    ahead = Popen([sys.executable, "-c", COMPILE_AHEAD], stdout=DEVNULL, stderr=DEVNULL)
+    with results_in(out), as_file(files("saccade") / "data") as data, ahead:
         with progress_bar("attention: saliency and scanpath"):
             photo = data / "chelsea.jpg"
             looking = LookOptions(keypoints=True, out=out)
@@ -61,6 +66,7 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
         with progress_bar("interest points: two views of a hallway"):
             hallway = data / "hallway_1.jpg", data / "hallway_2.jpg"
             match = match_images(Sift(), hallway, MatchOptions(out=out), builder)
+        ahead.wait()
         with progress_bar("EKF-SLAM: a car in Victoria Park") as progress:
             mapping = SlamOptions(out=out)
             log = mapping.load(data / "victoria_park.txt")
@@ -77,6 +83,22 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
     ]
     row = {"page": str(page), "look": look, "match": match, "slam": slam, "drive": drive}
     return Result(row, [Table("saccade demo", ["file", "content"], rows)])
+
+
+def compile_ahead() -> None:
+    """Compiles the kernels of two-view geometry and of the filter, into the cache on disk."""
+    import numpy as np
+
+    from saccade.keypoints import verify
+    from saccade.simulation import WorldConfig, simulate_world
+    from saccade.slam import run
+    from saccade.types import Keypoints
+
+    points = np.random.default_rng(SEED).uniform((-1, -1, 3), (1, 1, 5), (60, 3))
+    views = points, np.add(points, (0.3, 0, 0.1))
+    first, second = (Keypoints.at(300 * xyz[:, :2] / xyz[:, 2:], 1.0) for xyz in views)
+    verify(first, second, np.arange(len(points))[:, None].repeat(2, 1))
+    run(simulate_world(WorldConfig(steps=60)))
 
 
 def _drive(out: Path, builder: "ReportBuilder") -> dict[str, Any]:

@@ -76,7 +76,7 @@ class DriveConfig(Settings):
     mirrored_posters: bool = False
     """Whether each poster is symmetric about its vertical axis."""
     tags: int = setting(0, 0, 500)
-    """Number of tags (tag36h11) on the outer walls."""
+    """Number of tags (tag36h11) on the outer walls, as far as there is room."""
     tag_size: float = setting(0.4, 0.05, 0.8)
     """Side of the black square of a tag, in meters."""
     turning_radius: float = 1.8

@@ -50,7 +50,8 @@ def place_tags(
 ) -> list[WallTag]:
     """Places tags along connected walls, one in each of `config.tags` sections of equal length.
 
-    In its section a tag hangs where the robot sees it most often.
+    In its section a tag hangs where the robot sees it most often, beside the tags before it; a tag
+    without room is left out.
 
     Args:
         config: settings of the drive.
@@ -62,16 +63,19 @@ def place_tags(
     half = config.tag_size * 0.625 + CLEARANCE  # with the border of a cell on each side
     poses = drive_course(replace(config, sway=0.0), np.random.SeedSequence(0))
     poses = poses[: config.frames_per_lap : max(1, config.frames_per_lap // MAX_LAP_POSES)]
-    found = []
+    found = list[WallTag]()
     for k in range(config.tags):
         along = (k + rng.random(CANDIDATES)) / config.tags * ends[-1]
         above = rng.uniform(0.0, MAX_ABOVE)
-        to_corner = np.abs(along[:, None] - ends).min(1) - half
+        room = np.abs(along[:, None] - ends).min(1) - half
+        if found:
+            hung = np.array([tag.along for tag in found])
+            room = np.minimum(room, np.abs(along[:, None] - hung).min(1) - 2 * half)
         to_poster = [np.abs(along - center) - width / 2 - half for center, width in posters]
-        free = np.minimum(to_corner, np.min([np.full(CANDIDATES, 1.0), *to_poster], axis=0))
+        free = np.minimum(room, np.min([np.full(CANDIDATES, 1.0), *to_poster], axis=0))
         seen = _views(config, _on_walls(corners, ends, along), poses)
-        best = int(np.argmax(np.where(free > 0, seen, np.where(to_corner > 0, seen, -2) - 1)))
-        if to_corner[best] > 0:
+        best = int(np.argmax(np.where(free > 0, seen, np.where(room > 0, seen, -2) - 1)))
+        if room[best] > 0:
             low, high = half, config.wall_height - half
             height = float(np.clip(config.camera_height + above, low, high))
             found.append(WallTag(k, float(along[best]), height))
