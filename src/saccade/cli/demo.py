@@ -56,8 +56,12 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
 
     out = options.out
     builder = ReportBuilder("saccade demo", LEAD)
-    ahead = Popen([sys.executable, "-c", COMPILE_AHEAD], stdout=DEVNULL, stderr=DEVNULL)
-    with results_in(out), as_file(files("saccade") / "data") as data, ahead:
+    command = [sys.executable, "-c", COMPILE_AHEAD]
+    with (
+        results_in(out),
+        as_file(files("saccade") / "data") as data,
+        Popen(command, stdout=DEVNULL, stderr=DEVNULL) as ahead,
+    ):
         with progress_bar("attention: saliency and scanpath"):
             photo = data / "chelsea.jpg"
             looking = LookOptions(keypoints=True, out=out)
