@@ -145,7 +145,8 @@ def our_features(
     views = {pair: verify(*map(keypoints.get, pair), each) for pair, each in matches.items()}
     shapes = dict.fromkeys(keypoints, given.images[0].shape)
     camera = given.camera or ColmapCamera("SIMPLE_RADIAL")
-    write_colmap(database, keypoints, shapes, matches, views, cameras=camera)
+    found = (keypoints, shapes, matches, views)
+    write_colmap(database, *found, cameras=camera, camera_mode="single")
     return detection
 
 

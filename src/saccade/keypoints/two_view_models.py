@@ -16,6 +16,8 @@ import cv2
 import numpy as np
 
 from saccade.io.image import quiet_opencv
+from saccade.keypoints._two_view_kernels import KINDS
+from saccade.keypoints._two_view_kernels import minimize as minimize_loss
 from saccade.keypoints.two_view_fit import (
     CROSS,
     Residuals,
@@ -26,6 +28,7 @@ from saccade.keypoints.two_view_fit import (
     robust_sigma,
     solved,
     squared_errors,
+    whitening_of,
 )
 from saccade.types import BoolArray, FloatArray
 
@@ -59,12 +62,15 @@ standard deviations of that noise."""
 SEARCH_SIGMAS = 6.0
 """Tolerance of the search for a homography, in standard deviations of both positions."""
 SEARCH_ITERATIONS = 300
+POLISH_WIDTH = 1.2
+"""Width of the Cauchy loss of a homography that is selected, in standard deviations, chosen among
+.8, 1.2, 1.7 and 3 by planes with few matches."""
 POLISH_STEPS = 5
-"""Number of steps of reweighted least squares."""
+"""Number of steps of least squares."""
 SMALL_STEP = 1e-7
-"""Change of a homography of unit norm, in normalized coordinates, that ends the steps."""
+"""Change of a rotation, in radians, that ends the steps."""
 SMALL_DECREASE = 1e-4
-"""Relative decrease of the errors of a turn that no longer matters to the selection."""
+"""Relative decrease of the errors of a model that no longer matters to the selection."""
 FOCAL_LENGTHS = np.geomspace(0.4, 5, 10)
 """Focal lengths from which a turn of an uncalibrated camera is fitted, in widths of the images."""
 CENTER_SIGMA = 0.1
@@ -212,27 +218,18 @@ def search_homography(matches: Matches) -> FloatArray | None:
 
 
 def polished(homography: FloatArray, matches: Matches) -> FloatArray:
-    """The homography after a few steps of least squares with Cauchy weights."""
+    """The homography after a few Gauss-Newton steps with the Cauchy loss."""
     T1, T2 = normalization(matches.positions[:, :2]), normalization(matches.positions[:, 2:])
     scaled = np.hstack([project(T1, matches.positions[:, :2]),
                         project(T2, matches.positions[:, 2:])])  # fmt: skip
     sigma = matches.sigma * [T1[0, 0], T2[0, 0]]
     model = T2 @ homography @ np.linalg.inv(T1)
     model /= np.linalg.norm(model)
-    residuals = residuals_of("homography", model, scaled, sigma)
-    for _ in range(POLISH_STEPS):
-        z, J = residuals(model)
-        weight = 1 / (1 + (z**2).sum(axis=1, keepdims=True) / INLIER_SIGMAS)
-        rows = (J * weight[:, :, None]).reshape(-1, 9)
-        # The scale of a homography is free: steps are orthogonal to it.
-        normal = rows.T @ rows + float((rows**2).sum()) * np.outer(model, model)
-        step = solved(normal, -rows.T @ (z * weight).ravel())
-        if not np.isfinite(step).all():
-            break
-        model = model + step.reshape(3, 3)
-        model /= np.linalg.norm(model)
-        if np.abs(step).max() < SMALL_STEP:
-            break
+    factors = np.stack([np.eye(3), model, np.eye(3)])
+    scales = whitening_of(model, scaled, sigma)
+    width, kind = POLISH_WIDTH, KINDS.index("homography")
+    minimize_loss(kind, factors, scaled, scales, width, POLISH_STEPS, SMALL_DECREASE)
+    model = factors[1]
     result: FloatArray = np.linalg.inv(T2) @ model @ T1
     return result
 
@@ -248,9 +245,11 @@ def rotation_of(matches: Matches) -> FloatArray:
     rays = [homogeneous(matches.positions[:, part]) for part in (slice(2), slice(2, 4))]
     first, second = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in rays)
     noise = np.hypot(*matches.sigma.T)
-    weight = 1 / noise**2
+    weight, R = 1 / noise**2, np.eye(3)
     for _ in range(POLISH_STEPS):
-        R = nearest_rotation((second * weight[:, None]).T @ first)
+        before, R = R, nearest_rotation((second * weight[:, None]).T @ first)
+        if np.abs(R - before).max() < SMALL_STEP:
+            break
         gap = np.linalg.norm(second - first @ R.T, axis=1)
         width = max(robust_sigma(gap), 1e-12)
         weight = 1 / noise**2 / (1 + (gap / width) ** 2)
