@@ -227,7 +227,7 @@ class Slam:
         self.start = "given"
         self._prepare(scan)
         result = self._step(scan)
-        check_diverged(result.pose, self.num_steps)
+        check_diverged(result.pose, result.covariance, self.num_steps)
         self._time, self.num_steps = scan.time, self.num_steps + 1
         return result
 

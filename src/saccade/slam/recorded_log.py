@@ -248,7 +248,7 @@ def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory
         if scan.control is not None:
             ekf.predict(*scan.control, checked=True)
         pose[i], covariance[i] = ekf.pose, ekf.pose_covariance
-        check_diverged(pose[i], i)
+        check_diverged(pose[i], covariance[i], i)
     return Trajectory(log.time, pose, covariance)
 
 

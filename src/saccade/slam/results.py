@@ -167,14 +167,16 @@ class SlamResult(Pictured):
         )
 
 
-def check_diverged(pose: FloatArray, number: int) -> None:
-    """Checks that a pose (3,) did not diverge.
+def check_diverged(pose: FloatArray, covariance: FloatArray, number: int) -> None:
+    """Checks that a pose (3,) and its covariance (3, 3) did not diverge.
 
     Raises:
         LogError: names the pose by its number.
     """
     x, y, theta = pose.tolist()
-    if not (abs(x) < MAX_COORDINATE and abs(y) < MAX_COORDINATE and isfinite(theta)):
+    is_near = abs(x) < MAX_COORDINATE and abs(y) < MAX_COORDINATE
+    is_known = covariance[0, 0] < MAX_COORDINATE**2 and covariance[1, 1] < MAX_COORDINATE**2
+    if not (is_near and is_known and isfinite(theta)):
         raise LogError(
             f"pose {number}: expected a position within {MAX_COORDINATE:g} m, found that the "
             "estimate diverged; observations or controls contradict their standard deviations"
