@@ -65,7 +65,7 @@ class EkfConfig(Settings):
     (`saccade.slam.smooth`). `Slam.step` is causal anyway."""
     submaps: Literal["auto", "always", "never"] = "auto"
     """Compressed filter: whether steps change only the landmarks around the robot, and all others
-    later; with "auto" in maps of 200 landmarks and more. The estimate is equal up to rounding."""
+    later; with "auto" in maps of 350 landmarks and more. The estimate is equal up to rounding."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -16,12 +16,14 @@ from saccade.slam.landmarks import LandmarkTable
 from saccade.slam.scans import Scan
 from saccade.types import IntArray
 
-LARGE_MAP = 200
+LARGE_MAP = 350
 """Minimum number of landmarks for "auto" to use submaps."""
 MAX_FRACTION = 0.25
 """Largest submap that "auto" enters, as a fraction of the map."""
-SUBMAP_MARGIN = 1.5
-"""Distance that a robot can move in a submap, as a fraction of the range of its scans."""
+SUBMAP_MARGINS = (1.5, 2.5)
+"""Least and largest distance that a robot can move in a submap, in ranges of its scans."""
+MARGIN_LANDMARKS = 2000
+"""Landmarks for each range of this distance: leaving a submap costs more in a larger map."""
 MAX_BIAS = 0.1
 """Largest relative error of the distances that the odometry reports."""
 
@@ -78,7 +80,9 @@ class SubmapChoice:
         ekf.leave()
         self._length = self._variance = 0.0
         self._advance(scan)
-        self._radius = max(needed, self._needed) * (1 + SUBMAP_MARGIN) + self._reach
+        low, high = SUBMAP_MARGINS
+        margin = min(max(len(ekf) / MARGIN_LANDMARKS, low), high)
+        self._radius = max(needed, self._needed) * (1 + margin) + self._reach
         self._needed = needed
         predicted, S = ekf.predict_observations()
         q = predicted[:, 0]
