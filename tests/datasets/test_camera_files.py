@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from saccade.datasets import load_drive
+from saccade.datasets import load_camera, load_drive
 from saccade.errors import DriveError
 from support.error_checks import refuses
 
@@ -135,6 +135,21 @@ def test_images_of_a_fisheye_lens_are_undistorted(write, name, text):
     assert not drive.camera.is_distorted
     expected = cv2.fisheye.undistortImage(PIXELS, K, D[:4], Knew=K)
     np.testing.assert_allclose(drive.load(1).image, expected, atol=2)
+
+
+def test_a_camera_is_read_from_its_file(tmp_path):
+    """As `verify` takes it, for images that are in no drive."""
+    path = tmp_path / "left.yml"
+    path.write_text(opencv(camera_matrix=K, distortion_coefficients=D))
+    camera = load_camera(path, (80, 60))
+    np.testing.assert_allclose(camera.matrix, K)
+    xyz = np.array([[0.1, -0.2, 1], [0.3, 0.1, 2]])
+    theirs = cv2.projectPoints(xyz, np.zeros(3), np.zeros(3), K, D)[0][:, 0]
+    np.testing.assert_allclose(camera.project(xyz), theirs, atol=1e-9)
+    with pytest.raises(DriveError, match=r"left\.yml: width: expected"):
+        load_camera(path)
+    (tmp_path / "camera.toml").write_text(f"{TOML}distortion = {D.tolist()}\n")
+    assert load_camera(tmp_path / "camera.toml").distortion == tuple(D)
 
 
 def test_the_rational_model_has_eight_coefficients(write):

@@ -1,6 +1,7 @@
 """The public names of `saccade.datasets`, loaded when they are first used."""
 
 from saccade.datasets import fixations as fixations
+from saccade.datasets.drives.calibration import load_camera as load_camera
 from saccade.datasets.drives.loading import DriveKind as DriveKind
 from saccade.datasets.drives.loading import load_drive as load_drive
 from saccade.datasets.drives.writing import save_drive as save_drive

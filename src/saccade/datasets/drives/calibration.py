@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from saccade.datasets.drives.camera_files import read_camera_file
 from saccade.datasets.tables import Archive
 from saccade.errors import ConfigError, DriveError, Settings, setting
 from saccade.frames import Camera
@@ -50,6 +51,22 @@ class Calibration(Settings):
     """Standard deviations of systematic odometry errors, as in `Drive`."""
     start: tuple[float, float, float] | None = setting(None, -1e9, 1e9)
     """Pose at the first frame; None if unknown."""
+
+
+def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:
+    """The camera of a calibration file: a drive's camera.toml, or YAML or XML of OpenCV or ROS.
+
+    Args:
+        path: file with one camera.
+        size: width and height of the images, for a file without them.
+
+    Raises:
+        DriveError: the file is missing or no calibration, has another lens model, or no size.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".toml":
+        return read_calibration(path).camera
+    return read_camera_file(path, size or (0, 0)).camera
 
 
 def read_calibration(path: Path) -> Calibration:

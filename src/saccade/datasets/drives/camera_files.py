@@ -125,6 +125,8 @@ def read_camera_file(path: Path, size: tuple[int, int]) -> CameraFile:
     """
     try:
         camera = _camera(str(path), _parse(path), "", size)
+    except DriveError:
+        raise
     except UNREADABLE as error:
         reason = one_line(error) if isinstance(error, OSError) else "found other text"
         raise DriveError(f"{path}: expected a calibration of a camera: {reason}") from error
