@@ -44,7 +44,7 @@ class Snapshots {
   }
 }
 
-/** Bounds of the fitted map: the trajectories but dead reckoning, and the final landmarks. */
+/** Bounds of the fitted map: the trajectories but dead reckoning, and the final landmarks with their ellipses. */
 function boundsOf(data, snapshots) {
   const box = [Infinity, Infinity, -Infinity, -Infinity];
   const add = (x, y) => {
@@ -56,9 +56,13 @@ function boundsOf(data, snapshots) {
     for (let i = 0; i < trajectory.time.length && trajectory.time[i] <= end; i++) add(trajectory.xy[2 * i], trajectory.xy[2 * i + 1]);
   }
   const last = snapshots.length - 1;
-  for (let row = snapshots.first[last]; row < snapshots.first[last + 1]; row++) {
-    const [x, y] = snapshots.landmark(row);
-    add(x, y);
+  const rows = Array.from({ length: snapshots.first[last + 1] - snapshots.first[last] }, (_, i) => snapshots.first[last] + i);
+  const landmarks = rows.map((row) => snapshots.landmark(row));
+  for (const [x, y] of landmarks) add(x, y);
+  const limit = 0.1 * Math.max(box[2] - box[0], box[3] - box[1]); // or uncertain landmarks would shrink the map
+  for (const [x, y, xx, , yy] of landmarks) {
+    const [across, up] = [xx, yy].map((variance) => Math.min(limit, data.ellipse_scale * Math.sqrt(variance)));
+    add(x - across, y - up); add(x + across, y + up);
   }
   return box;
 }
