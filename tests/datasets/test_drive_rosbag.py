@@ -113,6 +113,15 @@ def test_a_camera_that_pans_and_tilts_has_a_turn_in_each_frame(bag, rotation_at)
     assert drive.assumptions == ()
 
 
+def test_a_camera_without_a_transform_is_told(bag):
+    def make(messages):
+        return (each for each in turning(messages, nod) if each[1] != TRANSFORMS)
+
+    (told,) = load_drive("auto", bag(make)).assumptions
+    assert "no transform from base_link to camera" in told
+    assert "camera.toml" in told
+
+
 def test_an_optical_center_off_the_axis_is_told(bag):
     drive = load_drive("auto", bag(lambda messages: turning(messages, pan_and_tilt, arm=0.2)))
     (told,) = drive.assumptions

@@ -180,9 +180,15 @@ def _mounted_calibration(
         return calibration, [], ()
     first, part = bag.first(odometry), bag.first(left).header.frame_id
     on_robot = Transforms.read(bag).without(bare(first.header.frame_id))
-    poses = on_robot.poses(bare(first.child_frame_id), bare(part), time)
+    robot = bare(first.child_frame_id)
+    poses = on_robot.poses(robot, bare(part), time)
     if poses is None:
-        return calibration, [], ()
+        assumption = (
+            f"{bag.path}: no transform from {robot or 'the robot'} to {bare(part) or left}: the "
+            f"camera is assumed at the robot's origin, looking ahead; {CAMERA_FILE} beside the bag "
+            "gives position and rotation"
+        )
+        return calibration, [], (assumption,)
     camera, turns, assumptions = mounted(calibration.camera, poses, f"{bag.path}, {left}")
     return replace(calibration, camera=camera), turns, assumptions
 
