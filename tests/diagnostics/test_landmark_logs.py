@@ -235,3 +235,11 @@ def test_a_run_with_halves_of_observations_is_judged(good):
     unnamed = replace(log, landmark=np.full(len(log.landmark), -1))
     findings = check_run(unnamed, slam.run(unnamed), check_log(unnamed))
     assert [each.check for each in findings] == ["unused"]  # halves name no landmark
+
+
+def test_odometry_that_turns_too_far_is_left_to_the_filter():
+    """It resembles a wrong order of motion, or noise that is stated too small."""
+    sensors = {"odometry_percent": 0.5, "range_percent": 1.0, "bearing_sigma_deg": 0.5}
+    world = WorldConfig(heading_drift_deg=2.0, steps=250, **sensors)
+    for seed in range(2):
+        assert check_log(simulate_world(world, seed)) == ()

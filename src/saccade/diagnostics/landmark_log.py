@@ -34,7 +34,7 @@ from saccade.plane import (
     to_points,
 )
 from saccade.slam.consistency import normalized_squared
-from saccade.types import BoolArray, FloatArray, LandmarkLog
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
 MAX_BEARING = 2 * np.pi
 """Maximum bearing in radians, reached by the difference of two angles in (-pi, pi]."""
@@ -46,6 +46,10 @@ MIN_WINS = 0.7
 """Minimum fraction of tenths of the log in which an alternative must be better."""
 SIMILAR_GAIN = 0.8
 """Minimum ratio of two gains for an ambiguous cause: motion order or mounting of the sensor."""
+TURN_DRIFTS = np.deg2rad([-3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0])
+"""Errors of the turn of odometry, in radians per meter."""
+MIN_DRIFT_GAIN = 0.15
+"""Minimum gain of one of them, in nats per pair."""
 NOISE_FACTORS = (1 / 12, 1.5)
 """Minimum and maximum factor of the standard deviations without a finding."""
 MIN_NOISE_GAIN = 0.15
@@ -201,6 +205,7 @@ def _check_readings(
     a, b = pairs(log)
     if len(a) < MIN_LAG_PAIRS:
         return
+    readings = _without_drift(readings, a, b)
     recorded, (factor, of_odometry) = gains(readings, a, b)
     least, most = NOISE_FACTORS
     accepted = FACTORS[(least <= FACTORS) & (most >= FACTORS)]
@@ -223,6 +228,21 @@ def _check_readings(
         noun = "log" if of_odometry == factor else "observations"
         what = f"the standard deviations of the {noun} are about {times:.0f} times too {word}"
         yield Finding.of("noise", what, factor, advice=f"{verb} them by {times:.0f}")
+
+
+def _without_drift(log: Readings, a: IntArray, b: IntArray) -> Readings:
+    """The log with odometry that turns otherwise for each meter, if that explains it better.
+
+    The filter estimates such an error. Left in, it resembles a wrong order of motion, or noise.
+    """
+    x, y, turn = log.control.T
+    path = np.hypot(x, y)
+    turned = [
+        replace(log, control=np.column_stack([x, y, turn + drift * path])) for drift in TURN_DRIFTS
+    ]
+    gain = [gains(each, a, b)[0].mean() for each in (log, *turned)]
+    best = int(np.argmax(gain))
+    return (log, *turned)[best] if gain[best] > gain[0] + MIN_DRIFT_GAIN else log
 
 
 def _likeliest(found: dict[str, tuple[float, Rival]], mounted: float, where: str) -> Finding:
