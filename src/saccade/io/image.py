@@ -4,7 +4,7 @@ import re
 import struct
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from itertools import islice
@@ -89,6 +89,8 @@ SILENT = 0
 OVERSHOOT = 1e-3
 """Accepted overshoot of float values beyond [0, 1], due to interpolation and rounding."""
 
+InBlocks: TypeAlias = Callable[[Callable[[slice], None], int, int], None]
+"""Function that calls a function on slices of a number of items, of a size."""
 GRAY_ROWS = 16
 """Number of rows of an image that are converted to gray at once."""
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
@@ -382,12 +384,19 @@ def repeat_gray(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return pixels if pixels.ndim == 3 else np.repeat(pixels[:, :, None], 3, axis=2)
 
 
-def as_gray(image: Image, name: str = "image") -> Float32Array:
+def in_turn(work: Callable[[slice], None], items: int, block_size: int) -> None:
+    """Calls a function on consecutive slices of `block_size` items."""
+    for start in range(0, items, block_size):
+        work(slice(start, min(start + block_size, items)))
+
+
+def as_gray(image: Image, name: str = "image", run_in_blocks: InBlocks = in_turn) -> Float32Array:
     """Converts an image to (H, W) gray in [0, 1] (ITU-R BT.601 weights).
 
     Args:
         image: see `saccade.types.Image`.
         name: for error messages.
+        run_in_blocks: function that calls another on slices of the rows, perhaps in threads.
 
     Raises:
         ImageError: as `check_image`.
@@ -396,9 +405,11 @@ def as_gray(image: Image, name: str = "image") -> Float32Array:
     if pixels.ndim == 2:
         return in_unit_range(pixels)
     luma = np.empty(pixels.shape[:2], np.float32)
-    for start in range(0, len(luma), GRAY_ROWS):  # in the cache, in a third of the time
-        rows = slice(start, start + GRAY_ROWS)
+
+    def convert(rows: slice) -> None:
         np.einsum("hwc,c->hw", in_unit_range(pixels[rows]), LUMA, out=luma[rows])
+
+    run_in_blocks(convert, len(luma), GRAY_ROWS)  # in the cache, in a third of the time
     return luma
 
 

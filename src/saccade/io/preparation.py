@@ -8,7 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError, ImageWarning, require
-from saccade.io.image import as_gray, check_image, in_unit_range, repeat_gray
+from saccade.io.image import (
+    InBlocks,
+    as_gray,
+    check_image,
+    in_turn,
+    in_unit_range,
+    repeat_gray,
+)
 from saccade.types import BoolArray, Float32Array, Image
 
 OPAQUE = 0.5
@@ -64,18 +71,21 @@ def opaque_part(image: Image) -> tuple[Image, BoolArray | None]:
     return colors[rows, columns], opaque
 
 
-def gray_and_mask(image: Image, mask: npt.ArrayLike | None) -> tuple[Float32Array, BoolArray]:
+def gray_and_mask(
+    image: Image, mask: npt.ArrayLike | None, run_in_blocks: InBlocks = in_turn
+) -> tuple[Float32Array, BoolArray]:
     """(H, W) gray in [0, 1], and where both a mask and the alpha channel allow points.
 
     Args:
         image: see `saccade.types.Image`.
         mask: (H, W), not zero where points are kept; None for everywhere.
+        run_in_blocks: see `as_gray`.
 
     Raises:
         ImageError: an invalid image, or a mask of another shape.
     """
     colors, opaque = opaque_part(image)
-    gray = as_gray(colors)
+    gray = as_gray(colors, run_in_blocks=run_in_blocks)
     inside = check_mask(mask, gray.shape)
     return gray, inside if opaque is None else inside & opaque
 

@@ -87,8 +87,16 @@ def oriented(
 
 def by_strength(points: Points, space: ScaleSpace, config: SiftConfig) -> IntArray:
     """Indices of the points by falling strength, then row, column, size and angle."""
-    xy, sigma = points.image_coordinates(space)
-    return np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -strength(points, space, config)))
+    falling = -strength(points, space, config)
+    order = np.argsort(falling, kind="stable")
+    equal = falling[order][1:] == falling[order][:-1]
+    tied = np.flatnonzero(np.r_[equal, False] | np.r_[False, equal])
+    some = points.take(order[tied])  # all keys for equal strengths alone, in half of the time
+    xy, sigma = some.image_coordinates(space)
+    order[tied] = order[
+        tied[np.lexsort((some.angle, sigma, xy[:, 0], xy[:, 1], falling[order[tied]]))]
+    ]
+    return order
 
 
 def strength(points: Points, space: ScaleSpace, config: SiftConfig) -> Float32Array:

@@ -68,8 +68,9 @@ class Sift:
             ImageError: not an image, empty, not finite, outside [0, 1], or the mask does
                 not have its shape.
         """
-        (gray, inside), config = gray_and_mask(image, mask), self.config  # (H, W) each
+        config = self.config
         with self._workspaces.workspace() as workspace:
+            gray, inside = gray_and_mask(image, mask, workspace.run_in_blocks)  # (H, W) each
             min_side = max(MIN_OCTAVE_SIDE, 2 * config.border + 1)
             space = gaussian_scale_space(gray, config, min_side=min_side, workspace=workspace)
             responses = (difference_of_gaussians(each, workspace) for each in space.octaves)  # B.1
