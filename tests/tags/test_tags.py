@@ -1,10 +1,13 @@
 """Tags in rendered images, compared with the renderer's truth and with OpenCV."""
 
 from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from matplotlib.backends.backend_pdf import PdfPages
 
 from saccade import TagConfig, Tags, slam, visual
 from saccade.diagnostics.tag_calibration import check_tags
@@ -273,3 +276,22 @@ def test_tags_of_a_simulated_drive_do_not_hang_over_each_other(count):
     along = np.array([tag.along for tag in tags])
     assert len(tags) > count / 3
     assert np.diff(np.sort(along)).min() > 1.25 * config.tag_size  # the tag and its white border
+
+
+def test_printed_tags_have_their_size(run, monkeypatch):
+    """OpenCV finds the tags on the pages, as they are drawn at 100 pixels per inch."""
+    pages, write = [], PdfPages.savefig
+    monkeypatch.setattr(
+        PdfPages, "savefig", lambda self, page: (pages.append(page), write(self, page))
+    )
+    assert run("tags", "--ids", "3,5", "--size", "0.08", "tags.pdf")[0] == 0
+    assert Path("tags.pdf").read_bytes().startswith(b"%PDF")
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    for page, expected in zip(pages, (3, 5), strict=True):
+        drawing = BytesIO()
+        page.savefig(drawing, format="png", dpi=100)
+        image = cv2.imdecode(np.frombuffer(drawing.getvalue(), np.uint8), cv2.IMREAD_GRAYSCALE)
+        (corners,), ids, _ = cv2.aruco.ArucoDetector(family).detectMarkers(image)
+        assert ids.item() == expected
+        sides = np.hypot(*(corners[0] - np.roll(corners[0], 1, axis=0)).T)
+        np.testing.assert_allclose(sides, 80 / 25.4 * 100, atol=2)
