@@ -68,3 +68,13 @@ def test_only_a_changed_kernel_file_makes_the_cache_stale(probe):
     file = probe / "_other_kernels.py"  # of the kernel that is called
     file.write_text(OTHER.replace("2 * x", "5 * x"))
     assert run(probe) == ["10.0", "False"]
+
+
+def test_a_kernel_travels_to_another_process_by_its_name():
+    code = (
+        "import copy, pickle, sys; from saccade.scale import _pair_sums_kernels as k; "
+        "made = k.add_radial; again = pickle.loads(pickle.dumps(made)); "
+        "assert again is made is copy.deepcopy(made); assert not hasattr(made, '__array__'); "
+        "assert 'numba' not in sys.modules"
+    )
+    run_python("-c", code, check=True)

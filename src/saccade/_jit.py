@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import update_wrapper
+from pkgutil import resolve_name
 from threading import Lock
 from typing import Any, TypeVar, cast, dataclass_transform
 
@@ -33,7 +34,12 @@ class Kernel:
         return self.load()(*arguments)
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
         return getattr(self.load(), name)  # Numba asks a kernel in another one for its type
+
+    def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
+        return resolve_name, (f"{self._function.__module__}:{self._function.__qualname__}",)
 
     def load(self) -> Callable[..., Any]:
         """Numba's dispatcher; it takes the place of the kernel."""
