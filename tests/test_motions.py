@@ -1,14 +1,18 @@
 """Contract over the table of motions: every row works everywhere."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from saccade import slam
+from saccade import slam, textbook
 from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
 from saccade.errors import LogError
-from saccade.motions import MOTIONS
+from saccade.motions import MOTIONS, Motion
 from saccade.slam.filter.robot_models import as_relative_poses
 from saccade.types import LandmarkLog
+from saccade.viewing.textbook.ekf import trace_filter
+from support.logs import scan_of
 from support.oracles_slam import numerical_jacobian
 
 every = pytest.mark.parametrize("name", MOTIONS)
@@ -85,3 +89,35 @@ def test_a_log_is_written_read_and_run(name, rng, tmp_path):
 def test_an_unknown_motion_is_refused_with_the_known_ones(rng):
     with pytest.raises(LogError, match="motion: expected one of compose, turn_then_translate"):
         slam.Slam(motion="fly").step(0.0, np.zeros(3), np.eye(3))
+
+
+def test_an_own_motion_works_where_a_name_does(rng):
+    """An arc of a length and a turn, whose chord leads to the pose of the closed form."""
+
+    def arc(control):
+        d, turn = control.T
+        c, s = np.sinc(turn / (2 * np.pi)) * np.array([np.cos(turn / 2), np.sin(turn / 2)])
+        step, J = np.stack([d * c, d * s, turn], 1), np.zeros((len(control), 3, 2))
+        J[:, 0, 0], J[:, 1, 0], J[:, 2, 1] = c, s, 1.0
+        small = 1e-6  # the derivative by the turn, numerically
+        for side in (-1, 1):
+            t = turn + side * small
+            chord = d * np.sinc(t / (2 * np.pi))
+            ends = chord * np.array([np.cos(t / 2), np.sin(t / 2)])
+            J[:, :2, 1] += side / (2 * small) * ends.T
+        return step, J
+
+    own = Motion(("arc", "turn"), arc)
+    named = _log("turn_then_translate", rng)
+    log = replace(named, motion=own)
+    moved = slam.dead_reckon(log).pose
+    turns = log.control[:, 1]
+    radius = log.control[:, 0] / turns  # x = r sin, y = r (1 - cos) in the frame of the start
+    first = [radius[0] * np.sin(turns[0]), radius[0] * (1 - np.cos(turns[0])), turns[0]]
+    np.testing.assert_allclose(moved[1], first, atol=1e-12)
+    whole = slam.run(log)
+    live = slam.Slam(motion=own)
+    for i in range(6):
+        step = live.step(*scan_of(log, i))
+    np.testing.assert_allclose(step.pose, whole.filtered.pose[-1], atol=1e-9)
+    trace_filter(log, textbook.EkfSlam, 3)

@@ -27,7 +27,8 @@ class Motion:
 
     columns: tuple[str, ...]
     """Names of the c numbers of a control, as in the header of a CSV log: lengths in meters, then
-    an angle in radians."""
+    the turn in radians. The systematic errors are those of the first length and of the turn, so
+    that speeds, durations and wheels are to be converted before."""
     relative_poses: Callable[[Numbers], tuple[Numbers, Numbers]]
     """Converts controls (t, c) to relative poses (t, 3); also returns their Jacobians (t, 3, c)."""
 
@@ -59,18 +60,21 @@ RELATIVE = next(iter(MOTIONS))
 """Name of the motion whose controls are relative poses."""
 
 
-def find_motion(name: str, owner: str = "motion") -> Motion:
-    """The motion with this name.
+def find_motion(name: str | Motion, owner: str = "motion") -> Motion:
+    """The motion with this name, or a user's motion itself.
 
     Args:
-        name: name in `MOTIONS`.
+        name: name in `MOTIONS`, or a `Motion`.
         owner: what has the motion, for the message.
 
     Raises:
         LogError: there is none.
     """
+    if isinstance(name, Motion):
+        return name
     if name not in MOTIONS:
-        raise LogError(f"{owner}: expected one of {', '.join(MOTIONS)}, found {name!r}")
+        names = ", ".join(MOTIONS)
+        raise LogError(f"{owner}: expected one of {names}, or a Motion, found {name!r}")
     return MOTIONS[name]
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.motions import MOTIONS, RelativePoses, to_relative_poses
+from saccade.motions import RelativePoses, find_motion, to_relative_poses
 from saccade.types import BoolArray, FloatArray, LandmarkLog
 
 MIN_BEARING_DISTANCE = 1e-9
@@ -133,7 +133,7 @@ def in_robot_frame(log: LandmarkLog) -> LandmarkLog:
 
 def relative_poses_of(log: LandmarkLog) -> RelativePoses:
     """The controls of a log as relative poses."""
-    return to_relative_poses(MOTIONS[log.motion], log.control, log.control_covariance)
+    return to_relative_poses(find_motion(log.motion), log.control, log.control_covariance)
 
 
 MIN_STEPS = 20

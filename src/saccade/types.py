@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from saccade.errors import DriveError, KeypointsError, LogError
 from saccade.landmark_names import name_texts, number_names
-from saccade.motions import RELATIVE, find_motion
+from saccade.motions import RELATIVE, Motion, find_motion
 from saccade.pictured import Pictured
 
 
@@ -412,8 +412,9 @@ class LandmarkLog:
     """(k, 2, 2); entries of a component that is NaN are ignored."""
     landmark: IntArray
     """(k,) name of the landmark as a number, -1 if unknown; text is numbered (see `names`)."""
-    motion: str = RELATIVE
-    """Kind of the controls, a name in `motions.MOTIONS`; by default relative poses."""
+    motion: str | Motion = RELATIVE
+    """Kind of the controls, a name in `motions.MOTIONS`, or a `Motion`; by default relative
+    poses."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviations of systematic odometry errors: the relative error of the distance, the
     turn in radians per meter of distance, and the distance in meters per radian of turn."""

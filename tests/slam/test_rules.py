@@ -1,5 +1,6 @@
 """Every row of the table of association rules, measured in a run and not read from the row."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -86,3 +87,27 @@ def test_help_and_page_have_every_rule(run):
     for name in RULES:
         assert f" {name}, " in shown
         assert f"| `{name}` |" in page
+
+
+def test_an_own_function_is_named_on_the_command_line_and_in_settings(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own_pairs.py").write_text(
+        "from saccade.slam.association.rules import nearest_first\n\n"
+        "def pairs(distance):\n    return nearest_first(distance)\n"
+    )
+    (tmp_path / "own.toml").write_text('association = "own_pairs:pairs"\n')
+    assert run("simulate", "world", "--config", _short_world(tmp_path), "--out", "w")[0] == 0
+    log, found = "w/log.csv", []
+    for words in (["--association", "own_pairs:pairs"], ["--config", "own.toml"]):
+        code, out, _ = run("slam", log, *words, "--out", "out", "--json")
+        assert code == 0
+        row = json.loads(out)
+        assert row["settings"]["association"] == "own_pairs:pairs"
+        found.append(row["observations_used"])
+    named = json.loads(run("slam", log, "--association", "nearest", "--out", "out", "--json")[1])
+    assert found == [named["observations_used"]] * 2
+
+
+def _short_world(folder):
+    (folder / "world.toml").write_text("steps = 60\n")
+    return folder / "world.toml"

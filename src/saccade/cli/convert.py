@@ -10,17 +10,22 @@ from saccade import datasets
 from saccade.cli.options import OUTPUT, JsonOptions
 from saccade.cli.output import Result, facts_table
 from saccade.cli.recordings import LogOptions
+from saccade.datasets.logs.formats import LOG_FORMATS
 from saccade.errors import require
 from saccade.extras import import_optional
+
+FORMATS_HELP = (
+    f"Format of FILE: {' or '.join(name for name, form in LOG_FORMATS.items() if form.write)} "
+    "for logs, colmap or hdf5 for keypoints; by default from its suffix."
+)
+"""Help of --to."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConvertOptions(LogOptions, JsonOptions):
     """Options of `saccade convert`."""
 
-    to: Annotated[str | None, OUTPUT] = None
-    """Format of FILE: csv or g2o for logs, colmap or hdf5 for keypoints; by default from its
-    suffix."""
+    to: Annotated[str | None, OUTPUT, Parameter(help=FORMATS_HELP)] = None
 
 
 Log: TypeAlias = Annotated[

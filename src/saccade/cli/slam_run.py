@@ -26,10 +26,8 @@ from saccade.diagnostics.slam_run import check_run
 from saccade.diagnostics.truth import with_usable_truth
 from saccade.errors import ConfigError, LogError
 from saccade.evaluation.runs import lost_times, summarize_run
-from saccade.extras import import_function
 from saccade.landmark_names import name_texts
 from saccade.slam import EkfConfig, Slam, SlamResult, dead_reckon
-from saccade.slam.association.rules import Pairing
 from saccade.slam.recorded_log import find_start, run, slam_for
 from saccade.types import (
     FloatArray,
@@ -232,11 +230,6 @@ def _first_pose(slam: Slam, log: LandmarkLog, start: str) -> tuple[FloatArray, F
     return np.array(parse_pose("--start", start, "last, search, log or X,Y,HEADING")), None
 
 
-def _rule(name: str) -> str | Pairing:
-    """A rule by its name, or module:function."""
-    return import_function("association", name) if ":" in name else name
-
-
 def filter_of(options: SlamOptions, log: LandmarkLog) -> Slam:
     """The filter for a log; --map supplies the map, and the settings unless others are given.
 
@@ -245,7 +238,7 @@ def filter_of(options: SlamOptions, log: LandmarkLog) -> Slam:
     """
     settings: EkfConfig = options.settings("slam")
     if options.association is not None:
-        settings = replace(settings, association=_rule(options.association))
+        settings = replace(settings, association=options.association)
     if options.no_smooth:
         settings = replace(settings, smooth=False)
     if options.map_file is None:

@@ -265,7 +265,7 @@ class Gazer:
                 continue
             u = u.sum(0)
             sigma = np.append(np.full(len(u) - 1, self._odometry[0]), self._odometry[1])
-            step, U, _ = as_relative_pose(u, np.diag(sigma**2 * abs(u[0])))
+            step, U, _ = as_relative_pose(u, np.diag(sigma**2 * abs(u[0])), self.slam.motion)
             moved, Fx, Fu = compose(poses[-1], step)
             poses.append(moved)
             if i < ROLLOUT_POSES // 2:

@@ -19,7 +19,7 @@ class EkfConfig(Settings):
     """Error parametrization: right-invariant, which stays consistent, or as published."""
     association: str | Rule | Pairing = "auto"
     """Data association: a name in `association.rules.RULES`, a `Rule`, or a function that pairs
-    observations with landmarks by geometry alone (`Pairing`)."""
+    observations with landmarks by geometry alone (`Pairing`), itself or as module:function."""
     gate: float = setting(0.99, above=0, below=1)
     """Association by geometry: probability to accept an observation of a landmark."""
     new_gate: float = setting(0.9999, above=0, below=1)

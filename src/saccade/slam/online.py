@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 
 from saccade.errors import ConfigError, LogError, require
 from saccade.landmark_names import Label, TagSpelling, label_array
+from saccade.motions import Motion
 from saccade.slam.association.labels import LabelAssociation
 from saccade.slam.association.outcomes import DROPPED, NEW, UNUSED
 from saccade.slam.association.partial import associate_partial
@@ -52,8 +53,8 @@ class Slam:
         map: known landmarks, as from `datasets.load_map`, with -1 in `id` for landmarks without a
             label. The start then has the standard deviations `EkfConfig.start_sigma` or, if these
             are zero, half a meter and a tenth of a radian.
-        motion: kind of the controls, a name in `saccade.motions.MOTIONS`; by default the first
-            with the number of columns of a control: relative poses, or distance and turn.
+        motion: kind of the controls, a name in `saccade.motions.MOTIONS`, or a `Motion`; by default
+            the first with the number of columns of a control: relative poses, or distance and turn.
 
     Raises:
         LogError: here and in `step`, an argument is not a number, not finite or of a wrong shape.
@@ -82,7 +83,7 @@ class Slam:
         range_errors: tuple[float, float] = (0.0, 0.0),
         mode: Literal["continue", "localize"] = "continue",
         map: LandmarkMap | None = None,
-        motion: str = "",
+        motion: str | Motion = "",
     ) -> None:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
         by_odometry, by_range = config.systematic_sigmas(odometry_bias, range_errors)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from saccade.errors import LogError
 from saccade.landmark_names import Label, labels_of, parse_labels
-from saccade.motions import MOTIONS
+from saccade.motions import Motion, find_motion
 from saccade.plane import in_robot_frame
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.robot_models import as_relative_pose, as_relative_poses
@@ -75,7 +75,7 @@ def checked_scan(
     z: npt.ArrayLike | None,
     R: npt.ArrayLike | None,
     labels: npt.ArrayLike | None,
-    motion: str = "",
+    motion: str | Motion = "",
 ) -> Scan:
     """Validated copies of the arguments of `Slam.step`, with the noise scales of the settings.
 
@@ -110,7 +110,7 @@ def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
     u, U = (np.array(each, np.float64, order="C") for each in (log.control, log.control_covariance))
     z, R = np.array(log.observation, np.float64), np.array(log.observation_covariance, np.float64)
     check_all("control", u, U, config.motion_noise_scale**2)
-    steps = as_relative_poses(MOTIONS[log.motion], u, U)
+    steps = as_relative_poses(find_motion(log.motion), u, U)
     missing = _check_observations(z, R, config)
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1)).tolist()
     labels = labels_of(log.landmark, log.text_names)

@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.motions import MOTIONS, SYSTEMATIC_ERRORS
+from saccade.motions import SYSTEMATIC_ERRORS, find_motion
 from saccade.plane import (
     in_robot_frame,
     path_of,
@@ -283,7 +283,7 @@ def _measurements(
     """
     moves, used = np.flatnonzero(np.diff(variable)), np.flatnonzero(association >= 0)
     moved = as_relative_poses(
-        MOTIONS[log.motion], log.control[moves], log.control_covariance[moves]
+        find_motion(log.motion), log.control[moves], log.control_covariance[moves]
     )
     step, covariance, by_bias = moved
     covariance[np.isin(moves, cuts)] += np.diag(np.square(ANYWHERE))

@@ -35,7 +35,7 @@ from saccade.datasets.tables import (
 from saccade.errors import LogError, LogWarning
 from saccade.io.files import read_text
 from saccade.landmark_names import parse_name
-from saccade.motions import MOTIONS
+from saccade.motions import MOTIONS, Motion, find_motion
 from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory, invalid_range_bearing
 
 EIGENVALUE_ROUNDING = 1e-9
@@ -55,9 +55,9 @@ _COMMENTS = {
 """Fields of a log that a comment "# NAME: numbers" declares, and the meaning of their numbers."""
 
 
-def columns_of(motion: str) -> list[str]:
+def columns_of(motion: str | Motion) -> list[str]:
     """The header of a log with controls of this motion."""
-    control = MOTIONS[motion].columns
+    control = find_motion(motion).columns
     return [
         *("time", *_START, *control, *covariance_names(control)),
         *("landmark", *_OBSERVATION, *covariance_names(_OBSERVATION)),
@@ -76,7 +76,7 @@ def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
 
     The true trajectory is written at the times of the poses; true landmarks are not.
     """
-    control = MOTIONS[log.motion].columns
+    control = find_motion(log.motion).columns
     poses, observations = np.arange(len(log.time)), np.arange(len(log.observation))
     pose_row = poses + np.searchsorted(log.observation_pose, poses)
     observation_row = observations + log.observation_pose + 1
@@ -123,7 +123,7 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
     table = read_csv(file, _check_header)
     _empty_nan(table)
     motion = _motion_of(table.names)
-    control = MOTIONS[motion].columns
+    control = find_motion(motion).columns
     if not table.rows:
         raise LogError(f"{table.header.path}: expected a row for the first pose, found none")
     controls, observations = _rows_of_each(table, control)

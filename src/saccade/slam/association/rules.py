@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
 
 from saccade.errors import LogError, require
+from saccade.extras import import_function
 from saccade.types import FloatArray, IntArray
 
 Pairing: TypeAlias = Callable[[FloatArray], IntArray]
@@ -87,6 +89,8 @@ RULES: dict[str, Rule] = {
 def rule_of(association: object) -> Rule:
     """The rule of a name, a `Rule` itself, or a rule by geometry alone with a `Pairing`.
 
+    A `Pairing` is a function, or its name as module:function.
+
     Raises:
         ConfigError: an unknown name, or neither a name nor a function.
     """
@@ -94,9 +98,17 @@ def rule_of(association: object) -> Rule:
         return association
     if callable(association):
         return Rule(_name_of(association), "an own function", _checked(association))
+    if isinstance(association, str) and ":" in association:
+        return _imported(association)
     known = isinstance(association, str) and association in RULES
     require(known, "association", f"{', '.join(RULES)}, or a function", association)
     return RULES[str(association)]
+
+
+@cache
+def _imported(name: str) -> Rule:
+    """The rule of the function at module:function."""
+    return rule_of(import_function("association", name))
 
 
 def _name_of(function: Pairing) -> str:

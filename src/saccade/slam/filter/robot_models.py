@@ -176,14 +176,18 @@ def pose_difference(pose: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def as_relative_pose(
-    control: npt.ArrayLike, covariance: npt.ArrayLike | None, motion: str = "", scale: float = 1.0
+    control: npt.ArrayLike,
+    covariance: npt.ArrayLike | None,
+    motion: str | Motion = "",
+    scale: float = 1.0,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Relative pose (3,) of a control, its covariance and its Jacobian by systematic errors (3, 3).
 
     Args:
         control: (c,).
         covariance: (c, c).
-        motion: name in `saccade.motions.MOTIONS`; by default the first with c columns.
+        motion: name in `saccade.motions.MOTIONS`, or a `Motion`; by default the first with c
+            columns.
         scale: factor of the standard deviations.
 
     Raises:

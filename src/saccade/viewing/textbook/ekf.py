@@ -11,6 +11,8 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
 from saccade.errors import LogError
+from saccade.motions import RelativePoses
+from saccade.plane import relative_poses_of
 from saccade.textbook.ekf_slam import Augmentation, Prediction, Update, f, g, h
 from saccade.types import FloatArray, LandmarkLog
 from saccade.viewing.slam import (
@@ -99,6 +101,7 @@ def trace_filter(log: LandmarkLog, ekf_slam: Any, last_scan: int | None = None) 
     ekf, index_of = ekf_slam(log.start), dict[int, int]()
     trace = FilterTrace({"predict": [], "update": [], "augment": []}, [])
     number, last = 1, last_scan or MAX_SHOWN_SCANS
+    moves = relative_poses_of(log)
 
     def current() -> State:
         return State(np.array(ekf.s), np.array(ekf.P))
@@ -107,7 +110,7 @@ def trace_filter(log: LandmarkLog, ekf_slam: Any, last_scan: int | None = None) 
         trace.steps[name].append(Transition(number, before, current(), result, *observation))
 
     for pose in range(len(log.time)):
-        for u, U in _controls(log, pose - 1) if pose else ():
+        for u, U in _controls(log, moves, pose - 1) if pose else ():
             keep("predict", current(), ekf.predict(u, U))
         observations = np.flatnonzero(log.observation_pose == pose)
         for i in observations:
@@ -188,16 +191,17 @@ def filter_results(trace: FilterTrace) -> dict[str, dict[str, str]]:
     }
 
 
-def _controls(log: LandmarkLog, step: int) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _controls(
+    log: LandmarkLog, moves: RelativePoses, step: int
+) -> Iterator[tuple[FloatArray, FloatArray]]:
     """The control of a step as (d, phi) with its covariance.
 
-    A control that translates before it turns becomes two, without its lateral uncertainty.
+    A relative pose, which translates before it turns, becomes two, without its lateral uncertainty.
     """
-    u, U = log.control[step], log.control_covariance[step]
     if log.motion == "turn_then_translate":
-        yield u, U
+        yield log.control[step], log.control_covariance[step]
         return
-    forward, left, turn = u
+    (forward, left, turn), U = moves.step[step], moves.covariance[step]
     phi = np.arctan2(left, forward)
     yield np.array([np.hypot(forward, left), phi]), np.diag([U[0, 0], 0.0])
     yield np.array([0.0, turn - phi]), np.diag([0.0, U[2, 2]])
