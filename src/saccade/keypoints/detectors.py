@@ -110,13 +110,14 @@ def make_detector(
         settings = row.settings() if settings is None else settings
         if max_keypoints is not None:
             settings = replace(settings, max_keypoints=max_keypoints)
+        max_keypoints = settings.max_keypoints
         function = resolve_name(row.path)(settings, threads=threads)
     name = name_of(detector)
 
     def detect(image: Image, mask: npt.ArrayLike | None = None) -> Detections:
         if row is not None:
             found = function(image, mask)
-            return found if isinstance(found, Regions) else described(found, image)
+            return found if isinstance(found, Regions) else described(found, image, max_keypoints)
         return own_detections(function, image, name, mask, max_keypoints)
 
     return detect
@@ -142,7 +143,11 @@ def own_detections(
         if each is not None:
             detections = kept(detections, np.flatnonzero(inside(detections.xy, each, colors)))
     detections = kept(detections, slice(max_keypoints))
-    return detections if isinstance(detections, Regions) else described(detections, colors)
+    return (
+        detections
+        if isinstance(detections, Regions)
+        else described(detections, colors, max_keypoints)
+    )
 
 
 def own_function(detector: str | Callable[..., Any]) -> Callable[..., Any]:
@@ -188,13 +193,16 @@ def as_detections(found: Any, name: str) -> Detections:
         raise ConfigError(str(error)) from error
 
 
-def described(keypoints: Keypoints, image: Image) -> Keypoints:
-    """The keypoints, described by SIFT if they have no descriptors."""
+def described(keypoints: Keypoints, image: Image, count: int | None) -> Keypoints:
+    """The keypoints, described by SIFT if they have no descriptors; then at most `count`.
+
+    SIFT makes a keypoint of each dominant orientation of a point.
+    """
     if keypoints.descriptors is not None:
         return keypoints
     from saccade.keypoints.sift import Sift  # slow to import
 
-    return Sift().describe(image, keypoints, orient=not keypoints.angle.any())
+    return Sift().describe(image, keypoints, orient=not keypoints.angle.any())[:count]
 
 
 def inside(xy: npt.ArrayLike, mask: npt.ArrayLike, image: Image) -> BoolArray:
