@@ -15,6 +15,7 @@ more than four standard deviations, from the third scan with a tag on.
 """
 
 from dataclasses import replace
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -51,12 +52,14 @@ def course(rng: np.random.Generator, begin: float, steps: int) -> FloatArray:
 
 
 def pushed_to(rng: np.random.Generator, pose: FloatArray) -> FloatArray:
-    """A pose in the field at a distance of 11 m."""
-    while True:
+    """A pose in the field at a distance of 11 m, or less where no point is that far."""
+    for attempt in count():
         angle = rng.uniform(-np.pi, np.pi)
-        xy = pose[:2] + PUSH * np.array([np.cos(angle), np.sin(angle)])
+        distance = PUSH * 0.99 ** (attempt // 100)
+        xy = pose[:2] + distance * np.array([np.cos(angle), np.sin(angle)])
         if (xy > 0.5).all() and (xy < np.array(FIELD) - 0.5).all():
             return np.append(xy, rng.uniform(-np.pi, np.pi))
+    raise AssertionError
 
 
 def drive(seed: int, fault: str, max_tags: int = 2) -> Drive:

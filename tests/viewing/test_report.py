@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.charts import innovation_charts, uncertainty_charts
@@ -130,9 +131,11 @@ def test_a_map_is_scrubbed_played_and_explored(opened):
 
     canvas = page.locator("canvas.ground")
     box = canvas.bounding_box()
-    wide, high = 8.0, 3.0  # meters, of all that is there at the end
+    ellipse = 0.2 * np.sqrt(chi2.ppf(0.9973, 2))  # of the landmark in the corner
+    wide, high = 8.0 + ellipse, 3.0 + ellipse  # meters, of all that is there at the end
     scale = 0.92 * min(box["width"] / wide, box["height"] / high)
-    at = (LANDMARKS[1] - [4, 2.5]) * [scale, -scale] + [box["width"] / 2, box["height"] / 2]
+    center = np.array([4.0, 2.5]) + ellipse / 2
+    at = (LANDMARKS[1] - center) * [scale, -scale] + [box["width"] / 2, box["height"] / 2]
     canvas.click(position={"x": float(at[0]), "y": float(at[1])})
     detail = page.locator(".detail")
     assert detail.locator("h3").inner_text() == "Landmark 1"
