@@ -40,7 +40,7 @@ class PoseHypotheses:
 
 MAX_COORDINATE = 1e9
 """Largest coordinate of a pose in meters; beyond it the estimate has diverged."""
-MAX_VARIANCE = 1e36
+MAX_POSE_VARIANCE = 1e36
 """Largest variance of a position in square meters: products of larger ones overflow."""
 
 
@@ -177,7 +177,7 @@ def check_diverged(pose: FloatArray, covariance: FloatArray, number: int) -> Non
     """
     x, y, theta = pose.tolist()
     is_near = abs(x) < MAX_COORDINATE and abs(y) < MAX_COORDINATE
-    is_known = covariance[0, 0] < MAX_VARIANCE and covariance[1, 1] < MAX_VARIANCE
+    is_known = covariance[0, 0] < MAX_POSE_VARIANCE and covariance[1, 1] < MAX_POSE_VARIANCE
     if not (is_near and is_known and isfinite(theta)):
         raise LogError(
             f"pose {number}: expected a position within {MAX_COORDINATE:g} m, found that the "
