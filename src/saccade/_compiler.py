@@ -101,7 +101,7 @@ def share(fields: type[T], make: Callable[[tuple[Any, ...]], T], *values: Any) -
     """
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return make(values)
-    _register(fields)
+    _register(cast("Any", fields))
     shared = make(tuple(_record(v) if isinstance(v, ctypes.Structure) else v for v in values))
     names = inspect.get_annotations(fields)
     vars(shared).update(zip(names, values, strict=True), _made=(fields, make, values))
