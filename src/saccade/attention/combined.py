@@ -101,28 +101,41 @@ class AttentionConfig(Settings):
 
 
 class Channel(NamedTuple):
-    """A channel of the sum."""
+    """A channel of the sum, which is a model of its own as well."""
 
     weight: str
     """Field of its weight in `AttentionConfig`; a channel of weight 0 is not computed."""
-    maps: Callable[[npt.NDArray[Any], AttentionConfig, bool], SaliencyMaps]
-    """Its maps, of any size, from a validated image and the settings; the last argument is
+    settings: type[Settings]
+    """Class of its settings; `AttentionConfig` may have a field of them under its name."""
+    maps: Callable[[npt.NDArray[Any], Any, bool], SaliencyMaps]
+    """Its maps, of any size, from a validated image and its settings; the last argument is
     `keep_features`."""
 
 
 CHANNELS = {
     "contrast": Channel(
         "contrast_weight",
-        lambda pixels, config, keep: contrast_maps(pixels, config.contrast, keep_features=keep),
+        ContrastConfig,
+        lambda pixels, settings, keep: contrast_maps(pixels, settings, keep_features=keep),
     ),
     "symmetry": Channel(
-        "symmetry_weight", lambda pixels, config, _: symmetry_maps(pixels, config.symmetry)
+        "symmetry_weight",
+        SymmetryConfig,
+        lambda pixels, settings, _: symmetry_maps(pixels, settings),
     ),
     "boolean": Channel(
-        "boolean_weight", lambda pixels, config, _: boolean_maps(pixels, config.boolean)
+        "boolean_weight", BooleanConfig, lambda pixels, settings, _: boolean_maps(pixels, settings)
     ),
 }
 """The channels of the sum by name, in the order of their layers."""
+
+
+def channel_maps(
+    name: str, pixels: npt.NDArray[Any], config: AttentionConfig, *, keep_features: bool = False
+) -> SaliencyMaps:
+    """Maps of a channel with its settings in the configuration, or else its default."""
+    row = CHANNELS[name]
+    return row.maps(pixels, getattr(config, name, None) or row.settings(), keep_features)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -201,7 +214,7 @@ def attention_maps(
     """Attention saliency of a validated image; see `attention_saliency`."""
     config = config or AttentionConfig()
     channels = {
-        name: row.maps(pixels, config, keep_features)
+        name: channel_maps(name, pixels, config, keep_features=keep_features)
         for name, row in CHANNELS.items()
         if getattr(config, row.weight) > 0
     }

@@ -25,6 +25,7 @@ from saccade.attention.combined import (
     AttentionMaps,
     FaceDetector,
     attention_maps,
+    channel_maps,
 )
 from saccade.attention.maps import SaliencyMaps
 from saccade.errors import Settings, require
@@ -110,7 +111,7 @@ def base_maps(
     found = attention_maps(pixels, config, keep_features=True, faces=faces)
     shape = found.saliency.shape
     channels = {
-        name: row.maps(pixels, config, False).saliency
+        name: channel_maps(name, pixels, config).saliency
         if getattr(config, row.weight) == 0
         else found.channels[name].saliency
         for name, row in CHANNELS.items()

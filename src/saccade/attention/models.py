@@ -7,16 +7,13 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from saccade.attention.boolean_maps import BooleanConfig, boolean_saliency
-from saccade.attention.combined import AttentionConfig, attention_saliency
-from saccade.attention.contrast import contrast_saliency
-from saccade.attention.contrast_config import ContrastConfig
+from saccade.attention.combined import CHANNELS, AttentionConfig, Channel, attention_saliency
 from saccade.attention.fitted import FittedModel
 from saccade.attention.maps import SaliencyMaps
-from saccade.attention.symmetry import SymmetryConfig, symmetric_pairs_at, symmetry_saliency
+from saccade.attention.symmetry import SymmetryConfig, symmetric_pairs_at
 from saccade.attention.values import as_saliency
 from saccade.errors import ConfigError, Settings
-from saccade.io.image import in_unit_range, repeat_gray
+from saccade.io.image import check_image, in_unit_range, repeat_gray
 from saccade.types import Float32Array, SymmetricPairs
 
 
@@ -29,11 +26,18 @@ class SaliencyModel(NamedTuple):
     """Class of its settings, whose class methods are the presets."""
 
 
+def _of_channel(row: Channel) -> SaliencyModel:
+    """The model of a channel alone."""
+
+    def maps(image: npt.NDArray[Any], settings: Any) -> SaliencyMaps:
+        return row.maps(check_image(image), settings, False)
+
+    return SaliencyModel(maps, row.settings)
+
+
 MODELS = {
     "attention": SaliencyModel(attention_saliency, AttentionConfig),
-    "contrast": SaliencyModel(contrast_saliency, ContrastConfig),
-    "symmetry": SaliencyModel(symmetry_saliency, SymmetryConfig),
-    "boolean": SaliencyModel(boolean_saliency, BooleanConfig),
+    **{name: _of_channel(row) for name, row in CHANNELS.items()},
 }
 """The models by name, which is also the name of their settings."""
 Saliency: TypeAlias = Callable[[npt.NDArray[Any]], Any]
