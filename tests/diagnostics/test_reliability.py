@@ -121,6 +121,7 @@ def test_rooms_that_are_alike_are_no_copy(rng):
     assert warning(log_of(pose, row, z), pose, xy, association) == ""
 
 
+@pytest.mark.nightly
 def test_a_map_with_labels_has_no_such_warning():
     log = clustered_world(1, steps=600)
     turned = log.control.copy()

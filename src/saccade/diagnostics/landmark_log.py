@@ -205,7 +205,20 @@ def _check_readings(
     a, b = pairs(log)
     if len(a) < MIN_LAG_PAIRS:
         return
-    readings = _without_drift(readings, a, b)
+    found = [*_compare(log, readings, sensor, a, b)]
+    if found and (straight := _without_drift(readings, a, b)) is not readings:
+        found = [*_compare(log, straight, sensor, a, b)]
+    yield from found
+
+
+def _compare(
+    log: LandmarkLog,
+    readings: Readings,
+    sensor: tuple[float, float, float],
+    a: IntArray,
+    b: IntArray,
+) -> Iterator[Finding]:
+    """Yields what explains the pairs of observations a and b better than the log does."""
     recorded, (factor, of_odometry) = gains(readings, a, b)
     least, most = NOISE_FACTORS
     accepted = FACTORS[(least <= FACTORS) & (most >= FACTORS)]
