@@ -13,7 +13,7 @@ import saccade
 from saccade import exchange
 from saccade.errors import ConfigError, KeypointsError
 from saccade.exchange.colmap import import_pycolmap
-from saccade.exchange.colmap_cameras import LENSES
+from saccade.exchange.colmap_cameras import LENS_PARAMETERS
 from support.keypoint_files import HALLWAY, assert_same, random_points
 
 EXACT = ("size", "angle", "descriptors")
@@ -247,7 +247,7 @@ def test_cameras_of_a_database_project_as_colmaps(pycolmap, rng, tmp_path):
     """The record that drives have and `verify` takes, for each lens model that OpenCV has too."""
     small = (500.0, 510.0, 330.0, 250.0, -0.1, 0.02, 1e-3, -2e-3, 1e-3, 1e-2, 1e-3, 1e-4)
     cameras = {}
-    for model, (_, names) in LENSES.items():
+    for model, (_, names) in LENS_PARAMETERS.items():
         count = len(names.split())
         params = small[:count] if names.startswith("fx") else (500.0, *small[2 : count + 1])
         cameras[model] = exchange.ColmapCamera(model, params, (640, 480))

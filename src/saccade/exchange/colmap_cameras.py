@@ -7,7 +7,7 @@ from typing import NamedTuple, Self, TypeAlias
 import numpy as np
 
 from saccade.errors import ConfigError, require
-from saccade.frames import Camera
+from saccade.frames import LENSES, Camera
 from saccade.io.files import read_text, reading
 
 PIXEL_CENTER = 0.5
@@ -17,7 +17,7 @@ MODELS = (
     *("FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"),
 )
 """COLMAP's camera models, in the order of their numbers in a database."""
-LENSES = {
+LENS_PARAMETERS = {
     "SIMPLE_PINHOLE": ("pinhole", "f cx cy"),
     "PINHOLE": ("pinhole", "fx fy cx cy"),
     "SIMPLE_RADIAL": ("pinhole", "f cx cy k1"),
@@ -29,11 +29,8 @@ LENSES = {
     "RADIAL_FISHEYE": ("fisheye", "f cx cy k1 k2"),
 }
 """Lens model of `saccade.frames.Camera` and names of the parameters, by COLMAP's model."""
-COEFFICIENTS = {
-    "pinhole": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
-    "fisheye": ("k1", "k2", "k3", "k4"),
-}
-"""Distortion coefficients of the lens models, in OpenCV's order."""
+MAX_COEFFICIENTS = 8
+"""Number of distortion coefficients of a pinhole that COLMAP's models have, of those of OpenCV."""
 
 
 class ColmapCamera(NamedTuple):
@@ -56,8 +53,9 @@ class ColmapCamera(NamedTuple):
             ConfigError: a model without a counterpart, another number of parameters, no size, or
                 parameters out of range.
         """
-        require(self.model in LENSES, "camera", f"one of {', '.join(LENSES)}", self.model)
-        lens, names = LENSES[self.model]
+        known = ", ".join(LENS_PARAMETERS)
+        require(self.model in LENS_PARAMETERS, "camera", f"one of {known}", self.model)
+        lens, names = LENS_PARAMETERS[self.model]
         valid = len(self.params) == len(names.split())
         require(valid, "camera", f"{self.model} with {names}", self.params)
         size = self.size or size
@@ -65,7 +63,8 @@ class ColmapCamera(NamedTuple):
             raise ConfigError("size: expected width and height of the images, found None")
         values = dict(zip(names.split(), self.params, strict=True))
         focal = values.get("f", 0.0)
-        distortion = tuple(values.get(name, 0.0) for name in COEFFICIENTS[lens])
+        coefficients = LENSES[lens].parameters[:MAX_COEFFICIENTS]
+        distortion = tuple(values.get(name, 0.0) for name in coefficients)
         return Camera(
             *size,
             values.get("fx", focal),
