@@ -74,8 +74,10 @@ def stored_points(
         raise KeypointsError(f"{name}: expected descriptors in the file of features, found none")
     invalid = ~np.isfinite(points.descriptors).all(axis=1)
     if invalid.any():
-        row, found = int(np.argmax(invalid)), "NaN or infinity"
-        raise KeypointsError(f"{name}: expected finite descriptors, found {found} in row {row}")
+        row = int(np.argmax(invalid))
+        raise KeypointsError(
+            f"{name}: expected finite descriptors, found NaN or infinity in row {row}"
+        )
     points = upright_keypoints(points, image.shape, orientation)
     height, width = image.shape[:2]
     outside = ~((points.xy >= -1) & (points.xy <= [width, height])).all(axis=1)

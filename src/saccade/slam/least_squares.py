@@ -249,15 +249,13 @@ class NormalEquations:
         L = cholesky(H_ll - H_pl.T @ X, lower=True)
         others = cho_solve((L, True), np.eye(len(L))) if len(L) else L  # SciPy 1.13 refuses none
         X = X.reshape(p // 3, 3, len(L))
-        for i in range(
-            0, p // 3, POSES_PER_STRETCH
-        ):  # X is almost zero for landmarks far from the poses
-            near = np.flatnonzero(
-                np.abs(X[i : i + POSES_PER_STRETCH]).max((0, 1)) > NEGLIGIBLE_DERIVATIVE
-            )
-            x = X[i : i + POSES_PER_STRETCH, :, near]
+        for i in range(0, p // 3, POSES_PER_STRETCH):
+            poses = slice(i, i + POSES_PER_STRETCH)
+            # X is almost zero for landmarks far from the poses
+            near = np.flatnonzero(np.abs(X[poses]).max((0, 1)) > NEGLIGIBLE_DERIVATIVE)
+            x = X[poses, :, near]
             weighted = x.reshape(3 * len(x), len(near)) @ others[np.ix_(near, near)]
-            given[i : i + POSES_PER_STRETCH] += weighted.reshape(x.shape) @ x.transpose(0, 2, 1)
+            given[poses] += weighted.reshape(x.shape) @ x.transpose(0, 2, 1)
         return given, others
 
 

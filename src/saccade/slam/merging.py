@@ -304,10 +304,8 @@ def _search(maps: _Maps) -> list[_Fused]:
     for fused in sorted(tried, key=lambda each: -each.log_odds):
         for other in found:
             C = fused.scale * fused.covariance + other.scale * other.covariance
-            if (
-                normalized_squared(pose_difference(fused.transform, other.transform), C)
-                < SAME_TRANSFORM
-            ):
+            error = pose_difference(fused.transform, other.transform)
+            if normalized_squared(error, C) < SAME_TRANSFORM:
                 break
         else:
             found.append(fused)

@@ -167,9 +167,8 @@ def _log(
     detections = sorted(detections, key=lambda each: each.time)
     xy, covariance = _on_robot(detections, transforms, odometry.base, name)
     time = np.array([each.time for each in detections])
-    usable = (
-        (time >= first) & (time <= last) & (np.hypot(*xy.T) > MIN_LANDMARK_RANGE)
-    )  # False for NaN
+    usable = (time >= first) & (time <= last)
+    usable &= np.hypot(*xy.T) > MIN_LANDMARK_RANGE  # False for NaN
     if not usable.any():
         raise LogError(
             f"{name}: expected landmarks during the odometry, {first:.3f} to {last:.3f} s; found "
