@@ -24,9 +24,9 @@ def photograph(path, place=None):
     image = Image.new("RGB", (32, 24))
     exif = image.getexif()
     if place is not None:
-        gps = exif.get_ifd(0x8825)
-        gps[1], gps[3] = "S" if place[0] < 0 else "N", "W" if place[1] < 0 else "E"
-        gps[2], gps[4] = map(degrees_minutes_seconds, place)
+        latitude, longitude = map(degrees_minutes_seconds, place)
+        south, west = place[0] < 0, place[1] < 0
+        exif[0x8825] = {1: "NS"[south], 2: latitude, 3: "EW"[west], 4: longitude}
     image.save(path, exif=exif)
 
 

@@ -40,7 +40,7 @@ def test_the_camera_of_bare_images_is_guessed_and_said(tmp_path):
 
 def test_exif_and_given_intrinsics_replace_the_guess(tmp_path):
     exif = Pillow.Exif()
-    exif.get_ifd(0x8769)[0xA405] = 72
+    exif[0x8769] = {0xA405: 72}
     write_images(tmp_path, exif=exif)
     drive = load_drive("auto", tmp_path)
     assert drive.camera.fx == 160  # twice the width of the film

@@ -359,10 +359,9 @@ def test_images_are_imported_as_by_colmap(pycolmap, rng, tmp_path, mode):
         image = Image.new("RGB", size)
         exif = image.getexif()
         exif[0x010F], exif[0x0110], exif[0x0112] = "Maker", "Model", 6 if number == 2 else 1
-        exif.get_ifd(0x8769)[0xA405] = 28 + number
-        gps = exif.get_ifd(0x8825)
-        gps[1], gps[2], gps[3], gps[4] = "N", (35.0, 5.0, float(number)), "E", (138.0, 51.0, 0.0)
-        gps[5], gps[6] = b"\0", 100.0
+        exif[0x8769] = {0xA405: 28 + number}
+        place = {1: "N", 2: (35.0, 5.0, float(number)), 3: "E", 4: (138.0, 51.0, 0.0)}
+        exif[0x8825] = {**place, 5: b"\0", 6: 100.0}
         image.save(files[name], exif=exif)
         points[name] = random_points(rng, 5)
         shapes[name] = size[::-1] if number != 2 else size

@@ -81,7 +81,8 @@ class Painter:
         grid = np.stack(np.meshgrid(x, y), -1).reshape(-1, 1, 2)
         K, D = lens.matrix, np.array(lens.distortion or (0.0,) * 5)
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-        ideal = cv2.undistortPoints(grid, K, D, None, None, K, criteria).reshape(-1, 2)
+        undistort = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # in OpenCV 4 and 5
+        ideal = undistort(grid, K, D, R=None, P=K, criteria=criteria).reshape(-1, 2)
         offset = (np.array(self.size) / SAMPLES - lens.size) / 2
         samples = ((ideal + offset + 0.5) * SAMPLES - 0.5).astype(np.float32)
         samples = samples.reshape(len(y), len(x), 2)

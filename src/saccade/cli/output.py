@@ -7,7 +7,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from threading import Event
@@ -84,7 +84,8 @@ def progress_bar(description: str, total: int | None = None) -> Iterator[Progres
 
     console = Console(stderr=True)
     hidden, known = not console.is_terminal, total
-    with progress.Progress(console=console, transient=True, disable=hidden) as bar:
+    bar = progress.Progress(console=console, transient=True)
+    with nullcontext() if hidden else bar:  # Rich before 14.3 ends a hidden bar with an empty line
         task, printed = bar.add_task(escape(description), total=total), time.monotonic()
 
         def update(done: int, total: int | None = None, stage: str = "") -> None:
