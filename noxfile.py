@@ -69,9 +69,11 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 CORE_TESTS = ("attention", "exchange", "io", "keypoints", "scale", "slam", "viewing", "visual")
 """Folders of the tests that depend on the versions of libraries; all tests with `-- tests`."""
+EXTRAS = ".[parquet,hdf5,colmap,ros,cluster,serve,live]"
+"""All but PyTorch, which is large."""
 TESTING = (
     *("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100", "gtsam>=4.3"),
-    *("pandas>=2.2", "rosbags>=0.11"),
+    *("pandas>=2.2", "polars>=2.1", "duckdb>=2.0", "evo>=1.30", "httpx>=0.27", "httpx2>=2.0"),
 )
 """What these tests need besides the extras; always the newest."""
 
@@ -94,7 +96,7 @@ def newest(session: nox.Session) -> None:
 @nox.session(python=PYTHONS[0])
 def oldest(session: nox.Session) -> None:
     """The oldest of everything that pyproject.toml allows."""
-    session.install("--resolution", "lowest-direct", ".[parquet,hdf5]")
+    session.install("--resolution", "lowest-direct", EXTRAS)
     session.install(*TESTING)
     run_tests(session)
 
@@ -116,7 +118,7 @@ def jit(session: nox.Session, numba: str) -> None:
 def opencv(session: nox.Session, opencv: str) -> None:
     """Both of OpenCV's major versions."""
     wanted = f"opencv-python-headless=={opencv}.*"
-    session.install("--upgrade", ".[parquet,hdf5]", wanted, *TESTING)
+    session.install("--upgrade", EXTRAS, wanted, *TESTING)
     run_tests(session)
 
 
