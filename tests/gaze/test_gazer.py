@@ -1,7 +1,9 @@
 """The gazer against an update of the filter, and what each of its terms is for."""
 
+import sys
 from dataclasses import replace
 from math import radians
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -190,6 +192,11 @@ def test_a_camera_turns_within_its_limits_and_no_faster_than_its_rate(policy):
     assert policy == "fixed" or np.ptp(pan) > 0.2
 
 
+def test_a_policy_may_be_named_as_module_and_function(monkeypatch):
+    monkeypatch.setitem(sys.modules, "own_gaze", SimpleNamespace(to_the_left=lambda made: 0.7))
+    assert gazer(robot(), "own_gaze:to_the_left").next().pan == pytest.approx(0.7)
+
+
 def test_help_and_page_have_every_policy(run):
     shown = " ".join(run("simulate", "--help")[1].replace("│", "").split())
     page = (ROOT / "docs" / "gaze.md").read_text(encoding="utf-8")
@@ -213,6 +220,8 @@ def test_a_policy_of_ones_own_is_a_function_of_the_gazer():
         {"rate": 0.0},
         {"period": 2 * HORIZON},
         {"policy": "clever"},
+        {"policy": 3},
+        {"policy": "no_such_module:policy"},
         {"pan_sigma": -0.1},
     ],
 )

@@ -36,12 +36,12 @@ def photos(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(params=[*DETECTORS, "harris"])
+@pytest.fixture(params=[*DETECTORS, "added-by-this-test"])
 def name(request, monkeypatch):
     """Every name in the table, and one that a row of its own adds."""
     if request.param not in DETECTORS:
         config = DETECTORS["sift"].settings
-        row = Detector("corners", f"{OWN}:harris", config, "contrast_threshold")
+        row = Detector("corners", f"{OWN}:corner_detector", config, "contrast_threshold")
         monkeypatch.setitem(DETECTORS, request.param, row)
         monkeypatch.setitem(
             GROUPS, request.param, {"title": row.summary, "first": [], "sliders": {}}

@@ -8,7 +8,7 @@ import numpy as np
 import saccade
 
 
-def harris(settings, threads=None):
+def corner_detector(settings, threads=None):
     """OpenCV's Harris corners, which have no descriptors, as a detector of the table."""
 
     def detect(image, mask=None):

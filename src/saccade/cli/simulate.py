@@ -16,16 +16,13 @@ from saccade.cli.options import (
     SettingsOptions,
 )
 from saccade.cli.output import Result, facts_table, progress_bar
-from saccade.errors import ConfigError, require, setting
-from saccade.extras import import_function
+from saccade.errors import ConfigError, setting
 from saccade.gaze import POLICIES
 from saccade.io.files import results_in
 
 if TYPE_CHECKING:
     from saccade.simulation import WorldConfig
 
-GAZE = f"{', '.join(POLICIES)}, or module:function"
-"""Gaze policies of `--gaze`."""
 GAZE_SUMMARIES = "; ".join(f"{row.name}: {row.summary}" for row in POLICIES.values())
 GAZE_HELP = (
     f"Gaze policy that turns the camera during mapping, or module:function. {GAZE_SUMMARIES}."
@@ -103,10 +100,8 @@ def simulate(kind: World, /, options: SimulateOptions = SimulateOptions()) -> Re
     if gaze is None:
         simulated = simulate_drive(settings, seed)
     else:
-        require(gaze in POLICIES or ":" in gaze, "gaze", f"one of {GAZE}", gaze)
-        policy = gaze if gaze in POLICIES else import_function("gaze", gaze)
         with progress_bar("looking", settings.frames) as update:
-            simulated, _ = gaze_drive(settings, policy, seed, update, egomotion=options.egomotion)
+            simulated, _ = gaze_drive(settings, gaze, seed, update, egomotion=options.egomotion)
     out = options.out or Path("saccade-simulated-drive")
     with progress_bar("rendering", len(simulated)) as update:
         datasets.save_drive(out, simulated, update)

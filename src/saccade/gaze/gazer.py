@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import require
+from saccade.extras import import_function
 from saccade.landmark_names import parse_labels
 from saccade.slam.filter.robot_models import (
     as_relative_pose,
@@ -80,7 +81,8 @@ class Gazer:
         max_range: largest range of an observation, in meters.
         pan: least and greatest pan, in radians to the left of the heading.
         rate: angular rate of the camera, in radians per second.
-        policy: a name in `POLICIES`, or a function from the gazer to a pan in radians.
+        policy: a name in `POLICIES`; or a function from the gazer to a pan in radians, or its name
+            as module:function.
         period: seconds between decisions, and of one control of a plan.
         seed: seed of the policy "random".
         odometry: standard deviations of the motion after one meter, in meters and radians.
@@ -89,7 +91,7 @@ class Gazer:
             bearings that are measured there, without the error of the pan.
 
     Raises:
-        ConfigError: an argument is out of its range.
+        ConfigError: an argument is out of its range, or the policy unknown.
 
     Examples:
         >>> import numpy as np
@@ -124,8 +126,6 @@ class Gazer:
         require(rate > 0, "rate", "over 0", rate)
         require(0 < period <= HORIZON, "period", f"over 0 and up to {HORIZON}", period)
         require(0 <= pan_sigma <= 1, "pan_sigma", "from 0 to 1", pan_sigma)
-        known = callable(policy) or policy in POLICIES
-        require(known, "policy", f"one of {', '.join(POLICIES)}", policy)
         self.slam, self.fov, self.max_range, self.limits = slam, fov, max_range, pan
         self.rate, self.period = rate, period
         self.pan = float(np.clip(0.0, *pan))
@@ -142,7 +142,7 @@ class Gazer:
         """Decayed number of misses of each landmark and the time of the last one, by label."""
         self.candidates = np.linspace(*pan, max(1, ceil(3 * (pan[1] - pan[0]) / fov)) + 1)
         """(c,) candidate pans, at most a third of the field of view apart."""
-        self._policy: Policy = policy if callable(policy) else POLICIES[policy].pan
+        self._policy: Policy = policy_of(policy)
         self._reason = "a custom policy"
         self._rng = np.random.default_rng(seed)
         self._goal, self._decided = 0.0, -np.inf
@@ -387,6 +387,24 @@ POLICIES: dict[str, GazePolicy] = {
     )
 }
 """The policies by name."""
+
+
+def policy_of(policy: str | Policy) -> Policy:
+    """The policy of a name in `POLICIES`, or a function itself or by its name as module:function.
+
+    Raises:
+        ConfigError: an unknown name, neither a name nor a function, or a failed import.
+    """
+    if callable(policy):
+        return policy
+    if isinstance(policy, str) and ":" in policy:
+        return import_function("gaze policy", policy)
+    known = isinstance(policy, str) and policy in POLICIES
+    names = f"{', '.join(POLICIES)}, module:function, or a function"
+    require(known, "gaze policy", names, policy)
+    return POLICIES[policy].pan
+
+
 Sensor = Callable[[FloatArray], FloatArray]
 """Standard deviations (k, 2) of ranges and bearings that are measured at ranges (k,)."""
 

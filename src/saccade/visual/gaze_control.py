@@ -6,7 +6,7 @@ from math import atan, pi, radians
 import numpy as np
 
 from saccade.frames import Camera, Gaze, GazeLimits
-from saccade.gaze import Gazer, Policy
+from saccade.gaze import Gazer, Policy, policy_of
 from saccade.plane import steps_between
 from saccade.types import FloatArray, IntArray
 from saccade.visual.config import EgomotionSource
@@ -29,7 +29,7 @@ class GazeControl:
     """Decides after each frame where to look next.
 
     Args:
-        policy: name of a policy of the `Gazer`, or a function from the gazer to a pan.
+        policy: policy of the `Gazer`: its name, or a function itself or as module:function.
         camera: camera as mounted, looking ahead.
         limits: limits of the pan.
         turn: function that carries a decision out, of the time in seconds and the gaze.
@@ -46,6 +46,7 @@ class GazeControl:
         seed: int = 0,
         interval: float = 0.2,
     ) -> None:
+        policy_of(policy)  # refuses an unknown one before the first frame
         self._policy, self._camera, self._limits = policy, camera, limits
         self._turn, self._seed, self._interval = turn, seed, interval
         self._gazer: Gazer | None = None
