@@ -45,8 +45,11 @@ def pytest_configure(config):
 
     Which of them are imported depends on the tests that a worker happened to run before. Before
     all tests, compile what most of them call, which each worker would do for itself otherwise:
-    the filter here and SIFT in another process.
+    the filter here and SIFT in another process. Workers share the cores, so that threads of BLAS
+    would only wait for each other: one for each.
     """
+    if config.getoption("numprocesses"):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if hypothesis.settings.default.derandomize:
         providers.is_local_module_file = lambda path: False
     if config.args_source is pytest.Config.ArgsSource.TESTPATHS and not hasattr(
