@@ -60,12 +60,26 @@ def test_demo_makes_a_page_of_four_results(run, tmp_path, monkeypatch):
     whole = SlamOptions.load
     monkeypatch.setattr(SlamOptions, "load", lambda *paths: between(whole(*paths), 0, 2000))
     monkeypatch.setattr("saccade.cli.demo.FRAMES", 8)
+    monkeypatch.setattr("saccade.batch.workers.count_workers", lambda count: 1)
     code, out, err = run("demo")
     assert code == 0
     page = (tmp_path / "saccade-demo" / "index.html").read_text()
     assert page.count("<section") == 4
     assert "saccade-demo/index.html" in out.replace("\n", "")
     assert "try: saccade look" in err
+
+
+@pytest.mark.nightly
+def test_the_processes_of_the_demo_change_nothing(run, tmp_path, monkeypatch):
+    for workers in (1, 2):
+        monkeypatch.setattr("saccade.batch.workers.count_workers", lambda _, n=workers: n)
+        assert run("demo", "--out", f"by_{workers}")[0] == 0
+    one, two = (tmp_path / f"by_{workers}" for workers in (1, 2))
+    names = [each.relative_to(one) for each in one.rglob("*") if each.is_file()]
+    assert {each.relative_to(two) for each in two.rglob("*") if each.is_file()} == set(names)
+    for name in names:
+        if name.name != "run.json":  # names the folder
+            assert (one / name).read_bytes() == (two / name).read_bytes(), name
 
 
 @pytest.mark.parametrize("kind", kinds())

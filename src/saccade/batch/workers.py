@@ -3,6 +3,7 @@
 Number of threads and signals are set in worker processes only.
 """
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -131,10 +132,11 @@ def _processes(count: int) -> Iterator[Workers]:
 
 
 def _initialize_worker(lifeline: Connection) -> None:
-    """One thread, no Ctrl-C, and an exit when the parent closes its end of the pipe."""
+    """One thread, messages as the command prints them, no Ctrl-C, and an exit with the parent."""
     threadpool_limits(1)  # of NumPy's BLAS
     cv2.setNumThreads(1)
     warnings.showwarning = _print_warning
+    logging.basicConfig(format="saccade: %(message)s", stream=sys.stderr)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_after, args=(lifeline,), daemon=True).start()
 

@@ -1,18 +1,19 @@
 """`saccade demo`: attention, matching and SLAM on data that ships with the package."""
 
-import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
-from subprocess import DEVNULL, Popen
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from saccade.cli.options import JsonOptions, OutputFolder
 from saccade.cli.output import Result, Table, print_message, progress_bar
-from saccade.io.files import results_in
+from saccade.errors import OutputError
+from saccade.io.files import joining_results, results_in
 
 if TYPE_CHECKING:
-    from saccade.viewing.report import ReportBuilder
+    from saccade.viewing.report import Part, ReportBuilder
 
 LEAD = (
     "Attention selects where to look in an image, interest points select what to keep, the "
@@ -21,14 +22,15 @@ LEAD = (
     "Guivant and E. Nebot, as distributed with GTSAM, BSD. The last drive is simulated: a robot "
     "points its camera where it expects the most information about its pose and the map."
 )
-COMPILE_AHEAD = "from saccade.cli.demo import compile_ahead; compile_ahead()"
-"""Program of the process that compiles the later kernels while the first parts run."""
 SEED = 0
 """Seed of the simulated drive."""
 FRAMES = 80
 """Number of frames of the simulated drive."""
 FRAMES_PER_LAP = 56
 """Number of frames of one of its laps."""
+
+Rows: TypeAlias = dict[str, dict[str, Any]]
+"""What the commands would print as JSON, by their names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,67 +48,81 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
 
     Example: saccade demo --out saccade-demo
     """
-    from saccade.cli.look import LookOptions
-    from saccade.cli.look_image import analyze_image
-    from saccade.cli.match import MatchOptions, match_images
-    from saccade.cli.slam_options import SlamOptions
-    from saccade.cli.slam_run import map_log
-    from saccade.keypoints import Sift
+    from saccade.batch.workers import DIED, count_workers, run_blocks
     from saccade.viewing.report import ReportBuilder
 
     out = options.out
-    builder = ReportBuilder("saccade demo", LEAD)
-    command = [sys.executable, "-c", COMPILE_AHEAD]
+    done: dict[Callable[..., Rows], tuple[Rows, Sequence[Part]]] = {}
     with (
         results_in(out),
-        as_file(files("saccade") / "data") as data,
-        Popen(command, stdout=DEVNULL, stderr=DEVNULL) as ahead,
+        progress_bar("images, a log and a simulated drive", len(EXAMPLES)) as progress,
     ):
-        with progress_bar("attention: saliency and scanpath"):
-            photo = data / "chelsea.jpg"
-            looking = LookOptions(keypoints=True, out=out)
-            attention = looking.attention_model(looking.model, free_viewing=True)
-            look, _ = analyze_image(photo, photo.stem, attention, looking, builder)
-        with progress_bar("interest points: two views of a hallway"):
-            hallway = data / "hallway_1.jpg", data / "hallway_2.jpg"
-            match = match_images(Sift(), hallway, MatchOptions(out=out), builder)
-        ahead.wait()
-        with progress_bar("EKF-SLAM: a car in Victoria Park") as progress:
-            mapping = SlamOptions(out=out)
-            log = mapping.load(data / "victoria_park.txt")
-            slam = map_log(log, mapping, progress, builder)
-        drive = _drive(out, builder)
+        runs = run_blocks(partial(run_example, out), EXAMPLES, workers=count_workers(len(EXAMPLES)))
+        for example, found in runs:
+            if found is None:
+                raise OutputError(f"{out}: {DIED}")
+            done[example] = found
+            progress(len(done))
+        builder = ReportBuilder("saccade demo", LEAD)
+        for part in (part for example in EXAMPLES for part in done[example][1]):
+            builder.add(partial(replace, part))
         page = builder.write(out / "index.html")
     print_message(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")
-    rows = [
+    rows = {name: row for example in EXAMPLES for name, row in done[example][0].items()}
+    look, match, slam, drive = (rows[name] for name in ("look", "match", "slam", "drive"))
+    cells = [
         [look["picture"], f"{len(look['scanpath'])} fixations"],
         [match["picture"], f"{match['matches']} matches"],
         [slam["files"]["picture"], f"{slam['landmarks']} landmarks by laser"],
         [drive["files"]["film"], f"{drive['landmarks']} landmarks by camera"],
         [str(page), "all results, interactive"],
     ]
-    row = {"page": str(page), "look": look, "match": match, "slam": slam, "drive": drive}
-    return Result(row, [Table("saccade demo", ["file", "content"], rows)])
+    table = Table("saccade demo", ["file", "content"], cells)
+    return Result({"page": str(page), **rows}, [table])
 
 
-def compile_ahead() -> None:
-    """Compiles the kernels of two-view geometry and of the filter, into the cache on disk."""
-    import numpy as np
+def run_example(
+    out: Path, example: Callable[[Path, Path, "ReportBuilder"], Rows]
+) -> tuple[Rows, Sequence["Part"]]:
+    """Runs an example, perhaps in a process of its own; its rows, and its parts of the report."""
+    from saccade.cli import prepare_libraries
+    from saccade.viewing.report import ReportBuilder
 
-    from saccade.keypoints import verify
-    from saccade.simulation import WorldConfig, simulate_world
-    from saccade.slam import run
-    from saccade.types import Keypoints
-
-    points = np.random.default_rng(SEED).uniform((-1, -1, 3), (1, 1, 5), (60, 3))
-    views = points, np.add(points, (0.3, 0, 0.1))
-    first, second = (Keypoints.at(300 * xyz[:, :2] / xyz[:, 2:], 1.0) for xyz in views)
-    verify(first, second, np.arange(len(points))[:, None].repeat(2, 1))
-    run(simulate_world(WorldConfig(steps=60)))
+    prepare_libraries()
+    builder = ReportBuilder("", "")
+    with joining_results(out), as_file(files("saccade") / "data") as data:
+        rows = example(data, out, builder)
+    return rows, builder.parts
 
 
-def _drive(out: Path, builder: "ReportBuilder") -> dict[str, Any]:
-    """Map of a simulated drive through a hall with few posters."""
+def _look_and_match(data: Path, out: Path, builder: "ReportBuilder") -> Rows:
+    from saccade.cli.look import LookOptions
+    from saccade.cli.look_image import analyze_image
+    from saccade.cli.match import MatchOptions, match_images
+    from saccade.keypoints import Sift
+
+    photo = data / "chelsea.jpg"
+    looking = LookOptions(keypoints=True, out=out)
+    attention = looking.attention_model(looking.model, free_viewing=True)
+    look, _ = analyze_image(photo, photo.stem, attention, looking, builder)
+    hallway = data / "hallway_1.jpg", data / "hallway_2.jpg"
+    return {
+        "look": look,
+        "match": match_images(Sift(), hallway, MatchOptions(out=out), builder),
+    }
+
+
+def _map_a_log(data: Path, out: Path, builder: "ReportBuilder") -> Rows:
+    from saccade.cli.slam_options import SlamOptions
+    from saccade.cli.slam_run import map_log
+
+    options = SlamOptions(out=out)
+    log = options.load(data / "victoria_park.txt")
+    return {"slam": map_log(log, options, _report_nothing, builder)}
+
+
+def _map_a_drive(_: Path, out: Path, builder: "ReportBuilder") -> Rows:
+    """A simulated drive through a hall with few posters."""
     from saccade.cli.drive_run import write_results
     from saccade.cli.run_output import RunOutput
     from saccade.simulation import DriveConfig
@@ -122,8 +138,14 @@ def _drive(out: Path, builder: "ReportBuilder") -> dict[str, Any]:
     )
     settings, recorder = replace(SETTINGS, egomotion="wheels"), SnapshotRecorder(FRAMES // 2)
     output = RunOutput(out=out / "drive", film=True)
-    with progress_bar("visual SLAM: a robot that looks around") as progress:
-        drive, result = gaze_drive(hall, "active", SEED, progress, recorder, settings.egomotion)
-        return write_results(
-            *(drive, settings, output, progress, result, recorder.snapshots, builder)
-        )
+    drive, result = gaze_drive(hall, "active", SEED, None, recorder, settings.egomotion)
+    mapped = result, recorder.snapshots
+    return {"drive": write_results(drive, settings, output, _report_nothing, *mapped, builder)}
+
+
+def _report_nothing(done: int, total: int | None = None, stage: str = "") -> None:
+    """The progress of an example: the terminal shows that of the demo."""
+
+
+EXAMPLES = (_look_and_match, _map_a_log, _map_a_drive)
+"""In their order in the report; the first two compile different kernels, side by side."""

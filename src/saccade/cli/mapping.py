@@ -54,7 +54,7 @@ def write_run(
 
     The run is added to `report`; None writes a report for this run alone.
     """
-    builder = report or ReportBuilder(title, lead)
+    builder = ReportBuilder(title, lead) if report is None else report
     builder.add(part)
     if report is None:
         files = {**files, "report": builder.write(out / "report.html")}

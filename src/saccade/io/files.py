@@ -229,6 +229,19 @@ def results_in(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
+def joining_results(folder: Path) -> Iterator[None]:
+    """Keeps the files that this process writes with the results that another one publishes.
+
+    The other process, which is in a `results_in` block for the folder, waits for this one.
+    """
+    token = _RESULTS.set(folder.absolute())
+    try:
+        yield
+    finally:
+        _RESULTS.reset(token)
+
+
+@contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Creates an output folder and locks it against other runs.
 

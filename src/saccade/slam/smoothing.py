@@ -17,6 +17,7 @@ from saccade.plane import (
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.robot_models import as_relative_poses, wrap
+from saccade.slam.filter.state import one_blas_thread
 from saccade.slam.least_squares import (
     MAX_ITERATIONS,
     MIN_COST_DECREASE,
@@ -195,8 +196,9 @@ def smooth_log(
     initial = _initial_poses(log, poses, lost, cuts)[first]
     start = Estimate(initial, landmarks.xy, prior.mean.bias)
     try:
-        best, iterations = minimize(measured, start, min_decrease)
-        pose_covariance, others = NormalEquations(measured, best).covariances()
+        with one_blas_thread():
+            best, iterations = minimize(measured, start, min_decrease)
+            pose_covariance, others = NormalEquations(measured, best).covariances()
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise LogError(f"smoothing: {_undetermined(landmarks, measured, start)}") from error
     if iterations == MAX_ITERATIONS:

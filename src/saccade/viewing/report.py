@@ -71,6 +71,11 @@ class ReportBuilder:
     def __len__(self) -> int:
         return len(self._parts)
 
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The parts that are kept, in order."""
+        return tuple(self._parts)
+
     def write(self, path: Path) -> Path:
         """Write the page; returns its path."""
         more = f" {self._omitted} more did not fit on this page." if self._omitted else ""

@@ -270,7 +270,7 @@ def flush(f: FilterState) -> None:
     r, n, now = f.robot_size, state_size(f), f.now
     n = auxiliary_rows(f).stop if f.auxiliary > 0 else n
     parts = ((-1.0, f.downdates, now.downdates), (1.0, f.updates, now.updates))
-    with _one_blas_thread():
+    with one_blas_thread():
         for sign, rows, used in parts:
             if used > 0:
                 size = byref(c_int(len(f.state)))
@@ -304,7 +304,7 @@ def flush_rows(f: FilterState) -> None:
     now, end = f.now, state_size(f)
     start = max(now.flushed, f.robot_size)
     now.flushed = start + FLUSHED_ROWS
-    with _one_blas_thread():
+    with one_blas_thread():
         for sign, rows, used in (-1, f.downdates, now.downdates), (1, f.updates, now.updates):
             if used > 0:
                 size, height = byref(c_int(len(f.state))), min(FLUSHED_ROWS, end - start)
@@ -329,8 +329,11 @@ def flush_rows(f: FilterState) -> None:
 
 
 @contextmanager
-def _one_blas_thread() -> Iterator[None]:
-    """Limits the BLAS to one thread, as threads wait for each other longer than one works."""
+def one_blas_thread() -> Iterator[None]:
+    """Limits the BLAS to one thread: sums of several would depend on their number.
+
+    In the filter they would also wait for each other longer than one works.
+    """
     libraries = _blas().lib_controllers
     threads = [(each, each.num_threads) for each in libraries]
     threads = [(each, number) for each, number in threads if number > 1]
