@@ -100,6 +100,7 @@ BAD_INPUT = {
     "nothing": (["look"], ["requires an argument"]),
     "no name": (["look", ""], ["empty name"]),
     "bad command": (["slan"], ['Did you mean "slam"?; see saccade --help']),
+    "help of none": (["slan", "--help"], ['Did you mean "slam"?; see saccade --help']),
     "out of range": (
         ["match", *HALLWAY, "--tolerance", "0"],
         ["tolerance: expected at least 0.01"],

@@ -149,11 +149,12 @@ def run_command(words: Sequence[str]) -> int:
         SaccadeError: invalid input, or failed output.
     """
     asked = [each for each in words if each not in HELP]
-    _, apps, _ = app.parse_commands(asked)
+    _, apps, rest = app.parse_commands(asked)
     for each in apps:
         if each.default_command is not None:
             each.help = _joined_lines(getdoc(each.default_command) or "")
-    if len(asked) < len(words):
+    unknown = rest and apps[-1].default_command is None
+    if len(asked) < len(words) and not unknown:
         app.help_print(asked)
         return 0
     command, bound, _ = app.parse_args(words, print_error=False, exit_on_error=False)
