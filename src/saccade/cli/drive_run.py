@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -228,12 +228,17 @@ def film_frames(
     result: VisualResult,
 ) -> Iterator[Image]:
     """Frames of a film: the camera image with landmarks and saliency, and the growing map."""
+    frame_at = lru_cache(1)(partial(read_frame, drive))
+
+    def image(number: int) -> Image | None:
+        frame = frame_at(number)
+        return None if frame is None else frame.image
 
     def saliency(image: Image) -> Float32Array:
         return attention_saliency(image).saliency
 
     def eye(number: int) -> Eye | None:
-        frame = read_frame(drive, number)
+        frame = frame_at(number)
         if frame is None or frame.turn is None:
             return None
         field_of_view = 2 * float(np.arctan(drive.camera.width / 2 / drive.camera.fx))
@@ -241,7 +246,7 @@ def film_frames(
 
     odometry = result.odometry if drive.has_odometry else None
     return drive_frames(
-        *(snapshots, drive.time, odometry, partial(image_of, drive), saliency),
+        *(snapshots, drive.time, odometry, image, saliency),
         observed_landmarks(result),
         eye_at=eye if eye(0) is not None else None,
     )

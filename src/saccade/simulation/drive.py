@@ -278,7 +278,7 @@ class PanCamera:
         for k in range(1, len(self._start)):
             end = self._start[k + 1] if k + 1 < len(self._start) else np.inf
             turned = self.limits.rate * max(0.0, min(end, time) - self._start[k])
-            pan += float(np.clip(self._target[k] - pan, -turned, turned))
+            pan += max(-turned, min(turned, self._target[k] - pan))
         return pan
 
     def measured(self, time: float) -> CameraTurn:
