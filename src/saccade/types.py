@@ -197,6 +197,10 @@ class Regions:
 
 def check_pairs(pairs: IntArray, counts: tuple[int, int], name: str) -> None:
     """Raise `KeypointsError` unless `pairs` are (m, 2) indices below the `counts` of two images."""
+    if not isinstance(pairs, np.ndarray):
+        raise KeypointsError(
+            f"{name}: expected an array (m, 2), found a {type(pairs).__name__}; use np.array(...)"
+        )
     if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
         raise KeypointsError(
             f"{name}: expected whole numbers of shape (m, 2), "

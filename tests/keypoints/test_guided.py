@@ -79,6 +79,8 @@ def test_nothing_is_guided_without_a_geometry(rng):
     np.testing.assert_array_equal(match_guided(first, second, pairs, view), pairs)
     with pytest.raises(KeypointsError, match="pairs: expected those that were verified"):
         match_guided(first, second, pairs[1:], view)
+    with pytest.raises(KeypointsError, match=r"pairs: expected an array \(m, 2\), found a list"):
+        match_guided(first, second, pairs.tolist(), view)
     for names in ({"ratio": 1.5}, {"tolerance": 0.0}):
         with pytest.raises(ConfigError, match=next(iter(names))):
             match_guided(first, second, pairs, view, **names)

@@ -360,6 +360,9 @@ def test_what_cannot_be_verified(rng):
             verify(points, points, np.zeros((0, 2), int), tolerance=tolerance)
     with pytest.raises(KeypointsError, match=r"pairs: expected .*\(m, 2\), found .* \(3,\)"):
         verify(points, points, np.arange(3))
+    for several in ([(0, 0), (1, 1)], []):
+        with pytest.raises(KeypointsError, match=r"pairs: expected an array .* found a list"):
+            verify(points, points, several)
     with pytest.raises(KeypointsError, match=r"pairs: expected whole numbers.*found float64"):
         verify(points, points, np.zeros((1, 2)))
     lost = Keypoints.at(np.full((5, 2), np.nan), 3)

@@ -13,7 +13,7 @@ from saccade.keypoints.matching import (
 )
 from saccade.keypoints.two_view_fit import homogeneous, project
 from saccade.keypoints.verification import Verification, verify
-from saccade.types import BoolArray, IntArray, Keypoints
+from saccade.types import BoolArray, IntArray, Keypoints, check_pairs
 
 WIDER = 2.0
 """Tolerance of the candidates, in tolerances of the verification."""
@@ -61,6 +61,7 @@ def match_guided(
     """
     check_ratio(ratio)
     require(0 < tolerance < np.inf, "tolerance", "pixels over 0", tolerance)
+    check_pairs(pairs, (len(first), len(second)), "pairs")
     if len(pairs) != len(verification.inliers):
         sizes = f"{len(pairs)} and {len(verification.inliers)}"
         raise KeypointsError(f"pairs: expected those that were verified, found {sizes}")
