@@ -175,9 +175,11 @@ FORMATS = {
     ),
 }
 DEFECTS = [
-    ("csv", FORMATS["csv"].text, "", "line 1: expected the columns time, x, y, heading, forward"),
+    ("csv", FORMATS["csv"].text, "", "line 1: expected the columns time, forward, left, turn, "),
     ("csv", "bearing,", "azimuth,", "line 1: ", "found 'azimuth'"),
-    ("csv", "landmark,range", "range,range", "line 1: ", "found one twice"),
+    ("csv", "landmark,range", "range,range", "line 1: ", "found range twice"),
+    ("csv", ",bearing,", ",baring,", "line 1: expected the column bearing (see", "'baring'"),
+    ("csv", ",cov_turn_turn", ",cov_trn_turn", "line 1: expected the column cov_turn_turn (see"),
     ("csv", ",cov_turn_turn", "", "found no cov_turn_turn"),
     (
         "csv",

@@ -7,6 +7,7 @@ meters and radians. A comment "# sensor: x, y, yaw" gives the pose of the sensor
 
 import re
 import warnings
+from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from saccade.datasets.logs.conversions import (
     sensor_variances,
 )
 from saccade.datasets.tables import (
+    MAX_SHOWN,
     Row,
     TextTable,
     covariance_names,
@@ -244,12 +246,17 @@ def _check_header(header: Row) -> None:
         if set(covariance_names(group)) & set(names):
             required += [f"cov_{name}_{name}" for name in group]
     required += ["true_x", "true_y"] * bool({*_TRUTH} & set(names))
-    found = [repr(name[:40]) for name in names if name not in known]
+    unknown = [name[:MAX_SHOWN] for name in names if name not in known]
+    absent = [name for name in known if name not in names]
+    near = get_close_matches(unknown[0], absent, 1) if unknown else []
+    if near:
+        raise header.error(f"the column {near[0]} (see Logs in docs/slam.md)", repr(unknown[0]))
+    found = [repr(name) for name in unknown]
     found += [f"no {name}" for name in required if name not in names]
-    found += ["one twice"] if len(set(names)) < len(names) else []
+    found += [f"{name} twice" for name in known if names.count(name) > 1]
     if found:
-        columns = f"the columns {', '.join(known)}, each once (see Logs in docs/slam.md)"
-        raise header.error(columns, found[0])
+        needed = f"the columns {', '.join(required)} and no others than in docs/slam.md"
+        raise header.error(needed, found[0])
 
 
 def _rows_of_each(table: TextTable, control: tuple[str, ...]) -> tuple[IntArray, IntArray]:
