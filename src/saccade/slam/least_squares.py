@@ -247,7 +247,7 @@ class NormalEquations:
         H_pl, H_ll = self._H[:p, p:], self._H[p:, p:].toarray()
         given, X = _solve_chain(self._H[:p, :p], H_pl.toarray("C"))
         L = cholesky(H_ll - H_pl.T @ X, lower=True)
-        others = cho_solve((L, True), np.eye(len(L))) if len(L) else L  # SciPy 1.13 refuses none
+        others = cho_solve((L, True), np.eye(len(L)))
         X = X.reshape(p // 3, 3, len(L))
         for i in range(0, p // 3, POSES_PER_STRETCH):
             poses = slice(i, i + POSES_PER_STRETCH)
