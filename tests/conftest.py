@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import hypothesis
@@ -12,7 +13,7 @@ from hypothesis.internal.conjecture import providers
 
 import saccade
 from saccade.cli import TRACEBACK, main
-from saccade.simulation import DriveConfig, WorldConfig, simulate_drive, simulate_world
+from saccade.simulation import WorldConfig, simulate_world
 from support.filmed_wall import filmed
 from support.limits import PAGE_TIMEOUT
 from support.paths import SHARED
@@ -21,7 +22,7 @@ os.environ[TRACEBACK] = "1"  # or an error that nobody foresaw would look like o
 __all__ = ["filmed"]
 
 CHROMIUM = Path("/usr/bin/chromium")
-SIFT = "import numpy, saccade; saccade.Sift()(numpy.random.default_rng(0).random((64, 64)))"
+COMPILE_IMAGES = Path(__file__).parent / "support" / "compile_images.py"
 
 hypothesis.settings.register_profile(
     "saccade",
@@ -55,9 +56,10 @@ def pytest_configure(config):
     if config.args_source is pytest.Config.ArgsSource.TESTPATHS and not hasattr(
         config, "workerinput"
     ):
-        with subprocess.Popen([sys.executable, "-c", SIFT], stderr=subprocess.DEVNULL):
-            saccade.slam.run(simulate_world(WorldConfig(steps=60)))
-        saccade.visual.run(simulate_drive(DriveConfig(frames=3, image_size=(64, 48))))
+        with subprocess.Popen([sys.executable, COMPILE_IMAGES], stderr=subprocess.DEVNULL):
+            log = simulate_world(WorldConfig(steps=60))
+            saccade.slam.run(log)
+            saccade.slam.run(replace(log, landmark=np.full(len(log.landmark), -1)))
 
 
 def pytest_collection_modifyitems(items):
