@@ -10,8 +10,10 @@ from markdown.postprocessors import Postprocessor
 from markdown.preprocessors import Preprocessor
 
 from appendices import steps_markdown
+from saccade.viewing.textbook.walkthrough import code_html
 
 UNNAMED = re.compile(r"<th( [^>]*)?></th>")
+CODE = re.compile(r"<code>([^<]*)</code>")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 STEPS = re.compile(r"<!-- steps of appendix ([ABC]) -->")
 AFTER_SNIPPETS = 31.5
@@ -29,12 +31,13 @@ class Generated(Preprocessor):
 class Accessible(Postprocessor):
     """Replaces formulas by MathML, which browsers and screen readers support without a script.
 
-    Empty table headings become plain cells, which screen readers skip.
+    Empty table headings become plain cells, which screen readers skip. Code breaks between tokens.
     """
 
     def run(self, text: str) -> str:
         """The HTML of a page."""
-        return UNNAMED.sub(r"<td\1></td>", FORMULA.sub(_formula, text))
+        text = UNNAMED.sub(r"<td\1></td>", FORMULA.sub(_formula, text))
+        return CODE.sub(lambda found: code_html(found[1]), text)
 
 
 class GeneratedExtension(Extension):

@@ -51,6 +51,8 @@ WIDE_TEX = 36
 """Maximum number of characters of TeX for a formula that fits a phone."""
 WIDE_CODE = 40
 """Maximum number of characters of a line of code that fits a phone."""
+HYPHENATED = re.compile(rf"(?<!\S)(?=\S*-\S)\S{{2,{WIDE_CODE}}}(?!\S)")
+"""Token after whose hyphen a browser would break the line."""
 
 
 @dataclass(frozen=True)
@@ -202,6 +204,16 @@ def equations_html(equations: Sequence[Sequence[str]], code: Mapping[str, Code])
     return f'<div class="equations">\n{"".join(rows)}</div>'
 
 
+def code_html(text: str) -> str:
+    """Code whose lines break between tokens only.
+
+    Args:
+        text: escaped as HTML.
+    """
+    unbroken = HYPHENATED.sub('<span class="unbroken">\\g<0></span>', text)
+    return f"<code>{unbroken}</code>"
+
+
 @cache
 def mathml() -> dict[str, str]:
     """The formulas of the steps as MathML, by their TeX."""
@@ -244,7 +256,7 @@ def _equation_html(number: str, tex: str, code: Code) -> str:
     is_long = max(map(len, code.text.splitlines())) > WIDE_CODE
     long = scrollable(f"code of {name}") if is_long else ""
     lines = (
-        f"<pre{long}><code>{escape(code.text)}</code></pre>"
+        f"<pre{long}>{code_html(escape(code.text))}</pre>"
         f'<p class="where">{escape(code.file)}, line {code.line}</p>'
     )
     return (
@@ -258,6 +270,6 @@ def _prose_html(text: str) -> str:
     text = re.sub(r" \(\[[^\]]+\]\([^)]+\)\)", "", text)
     link = re.compile(r"\[([^\]]+)\]\([^)]+\)")
     return "".join(
-        f"<code>{escape(part)}</code>" if i % 2 else escape(link.sub(r"\1", part))
+        code_html(escape(part)) if i % 2 else escape(link.sub(r"\1", part))
         for i, part in enumerate(text.split("`"))
     )
