@@ -14,7 +14,7 @@ from saccade.datasets import save_drive
 from saccade.datasets.drives.calibration import read_calibration
 from saccade.errors import SaccadeError
 from saccade.io.files import one_line
-from support.documentation import PAGES, code_of, commands_of
+from support.documentation import PAGES, code_of, commands_of, shell_of
 from support.extraction import check_whole, extract_here, photographs
 from support.paths import ROOT
 from support.small_drive import small_drive
@@ -76,11 +76,18 @@ def test_the_code_of_a_page_runs_and_finds_something(name, tmp_path, monkeypatch
 
 
 def test_every_command_of_a_page_can_be_pasted():
-    """The command line takes it as it stands: no prose behind it, no option that is gone."""
-    pages = [ROOT / "README.md", *PAGES]
-    commands = [(page, each) for page in pages for each in commands_of(page.read_text("utf-8"))]
+    """The command line takes it as it stands: no prose behind it, no option that is gone.
+
+    A comment has a line of its own, without quotes: the shell of macOS passes what stands behind
+    a command as arguments.
+    """
+    pages = {page: page.read_text("utf-8") for page in (ROOT / "README.md", *PAGES)}
+    lines = [(page, line) for page, text in pages.items() for line in shell_of(text)]
+    wrong = [
+        f"{page.name}: {line}" for page, line in lines if re.search(r"\S\s+#|^#.*[';()]", line)
+    ]
+    commands = [(page, each) for page, text in pages.items() for each in commands_of(text)]
     assert len(commands) > 60
-    wrong = []
     for page, (_, *words) in commands:
         try:
             app.parse_args(words, print_error=False, exit_on_error=False)

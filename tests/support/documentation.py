@@ -28,11 +28,19 @@ def code_of(text: str) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
+def shell_of(text: str) -> list[str]:
+    """The lines of the shell blocks of a page, those of lists and notes too."""
+    lines, language = [], None
+    for line in map(str.strip, text.replace("\\\n", " ").splitlines()):
+        if fence := re.match(r"```(\w*)", line):
+            language = fence[1] if language is None else None
+        elif language in ("", "bash", "sh"):
+            lines.append(line)
+    return lines
+
+
 def commands_of(text: str) -> list[list[str]]:
     """The words of each `saccade` command in the shell blocks of a page."""
-    blocks = re.findall(r"^```(\w*).*?\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-    shell = "".join(block for language, block in blocks if language in ("", "bash", "sh"))
-    indented = "".join(re.findall(r"^ {4}.*\n", text, re.MULTILINE))
-    lines = map(str.strip, (shell + indented).replace("\\\n", " ").splitlines())
-    words = (shlex.split(line, comments=True) for line in lines if line.startswith("saccade "))
-    return [each for each in words if not {"|", ">", "&&"} & set(each)]
+    parts = (part.strip() for line in shell_of(text) for part in re.split(r"&&|[|>]", line))
+    commands = (re.sub(r"^uv run (--no-dev )?", "", part) for part in parts)
+    return [shlex.split(each) for each in commands if each.startswith("saccade ")]
