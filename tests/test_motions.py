@@ -1,5 +1,6 @@
 """Contract over the table of motions: every row works everywhere."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from saccade.motions import MOTIONS, Motion
 from saccade.slam.filter.robot_models import as_relative_poses
 from saccade.types import LandmarkLog
 from saccade.viewing.textbook.ekf import trace_filter
+from support.documentation import table_of
 from support.logs import scan_of
 from support.oracles_slam import numerical_jacobian
 
@@ -33,6 +35,14 @@ def _log(name, rng):
         observation_covariance=np.tile(np.diag([0.04, 0.01]), (6, 1, 1)),
         landmark=np.arange(6) % 2,
     )
+
+
+def test_the_page_of_logs_lists_every_motion_with_its_columns():
+    found = {}
+    for columns, _, content in table_of("slam.md", "column", "row", "content"):
+        for name in re.findall(r"^motion `(\w+)`", content):
+            found[name] = tuple(re.findall(r"`(\w+)`", columns))
+    assert found == {name: motion.columns for name, motion in MOTIONS.items()}
 
 
 @every

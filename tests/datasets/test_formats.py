@@ -13,6 +13,7 @@ from saccade.datasets.logs.formats import LOG_FORMATS
 from saccade.datasets.recordings import is_log
 from saccade.errors import ConfigError, SaccadeError
 from saccade.simulation import WorldConfig, simulate_world
+from support.documentation import table_of
 from support.error_checks import refuses
 
 FREIBURG = "ODOMETRY 0.1 0.5 0.05\nSENSOR 3 2.0 0.3\nODOMETRY 0 0.5 0\nSENSOR 4 2.5 -0.3\n"
@@ -80,6 +81,21 @@ def test_the_help_names_every_format(capsys, command, table):
     run_command([command, "--help"])
     shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert f"[choices: {', '.join(table)}]" in shown
+
+
+@pytest.mark.parametrize(
+    ("page", "header", "table"),
+    [
+        ("slam.md", ("format", "files", "written"), LOG_FORMATS),
+        ("drives.md", ("kind", "recognized by"), DRIVE_FORMATS),
+    ],
+)
+def test_the_page_lists_every_format(page, header, table):
+    rows = {name.strip("`"): cells for name, *cells in table_of(page, *header)}
+    assert {*rows} == {*table}
+    if "written" in header:
+        written = {name for name, cells in rows.items() if cells[-1].startswith("yes")}
+        assert written == {name for name, form in table.items() if form.write}
 
 
 def test_a_written_log_may_have_any_suffix(tmp_path):

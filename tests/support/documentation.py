@@ -23,6 +23,15 @@ def prose_of(page: Path) -> str:
     )
 
 
+def table_of(page: str, *header: str) -> list[list[str]]:
+    """The cells of the rows of a table, by the page's name and the first words of its header."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    lines = text[text.index(f"\n| {' | '.join(header)} |") :].lstrip().partition("\n\n")[0]
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in lines.splitlines()[2:]
+    ]
+
+
 def code_of(text: str) -> list[str]:
     """The Python of a page or a section, block by block."""
     return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
