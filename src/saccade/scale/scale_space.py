@@ -119,7 +119,12 @@ def first_plane(
         gray = upsampled(gray)
     elif spacing < 1:  # sample X lies at pixel X / 2 - 1 / 4
         gray = np.asarray(cv2.resize(gray, (2 * gray.shape[1], 2 * gray.shape[0])), np.float32)
-    plane = blurred(gray, blur, kernel_radius, corrected=centered, workspace=workspace)
+    plane = blurred(
+        *(gray, blur, kernel_radius),
+        corrected=centered,
+        out=workspace.array("first plane", 0, gray.shape),
+        workspace=workspace,
+    )
     return plane, np.zeros(2)
 
 
@@ -179,19 +184,31 @@ def downsampled(
     if any(even):
         sigma_y, sigma_x = (sqrt(max(blur**2 - variance_of_mean * e, 0.01)) for e in even)
         plane = blurred(
-            before, sigma_x, kernel_radius, sigma_y=sigma_y, corrected=True, workspace=workspace
+            *(before, sigma_x, kernel_radius),
+            sigma_y=sigma_y,
+            corrected=True,
+            out=workspace.array("between octaves", 0, before.shape),
+            workspace=workspace,
         )
-    start = [0.5, 0.5]
-    for axis, side in enumerate(plane.shape):
-        lines = np.moveaxis(plane, axis, 0)
-        if even[axis]:
-            lines = (lines[::2] + lines[1::2]) * np.float32(0.5)
-        else:
-            first = (side + 1) // 2 % 2 == 0
-            start[axis] = float(first)
-            lines = lines[int(first) :: 2]
-        plane = np.moveaxis(lines, 0, axis)
-    return plane, np.array(start[::-1])
+    sides = [(side + 1) // 2 for side in plane.shape]
+    first = [0 if e else int(side % 2 == 0) for e, side in zip(even, sides, strict=True)]
+    kept = [side - each for side, each in zip(sides, first, strict=True)]
+    result = np.empty(kept, np.float32)
+
+    def fill(rows: slice) -> None:
+        part = plane[first[0] + 2 * rows.start : first[0] + 2 * rows.stop]
+        for axis in (0, 1):
+            lines = np.moveaxis(part, axis, 0)
+            if even[axis]:
+                lines = (lines[::2] + lines[1::2]) * np.float32(0.5)
+            else:
+                lines = lines[axis * first[1] :: 2]
+            part = np.moveaxis(lines, 0, axis)
+        result[rows] = part
+
+    workspace.run_in_blocks(fill, kept[0], ROW_BLOCK)
+    start = [0.5 if e else float(each) for e, each in zip(even, first, strict=True)]
+    return result, np.array(start[::-1])
 
 
 def interpolated(plane: Float32Array, origin: FloatArray, shape: tuple[int, ...]) -> Float32Array:
@@ -258,13 +275,17 @@ def blurred(
 
     def blur(rows: slice) -> None:
         first, last = max(rows.start - radius, 0), min(rows.stop + radius, height)
-        part = cv2.sepFilter2D(
-            plane[first:last], -1, kernel_x, kernel_y, borderType=cv2.BORDER_REFLECT_101
+        part = workspace.array("rows", rows.start // share, (last - first, plane.shape[1]))
+        cv2.sepFilter2D(
+            *(plane[first:last], -1, kernel_x, kernel_y),
+            dst=part,
+            borderType=cv2.BORDER_REFLECT_101,
         )
         result[rows] = part[rows.start - first : rows.stop - first]
 
+    share = -(-height // workspace.threads)
     if workspace.threads > 1 and height >= ROW_BLOCK:
-        workspace.run_in_blocks(blur, height, -(-height // workspace.threads))
+        workspace.run_in_blocks(blur, height, share)
     else:
         cv2.sepFilter2D(
             plane, -1, kernel_x, kernel_y, dst=result, borderType=cv2.BORDER_REFLECT_101
