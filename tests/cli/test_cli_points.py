@@ -4,7 +4,6 @@ import csv
 import json
 from importlib.resources import files
 from pathlib import Path
-from shutil import copyfile
 
 import cv2
 import h5py
@@ -28,13 +27,14 @@ def rows_of(table):
 @pytest.mark.parametrize("command", ["detect", "look"])
 def test_a_name_that_is_too_long_for_results_loses_that_image_alone(run, tmp_path, command):
     (tmp_path / "in").mkdir()
-    for name in ("a", "x" * 250, "z"):
-        copyfile(HALLWAY[0], tmp_path / "in" / f"{name}.jpg")
+    small = cv2.resize(cv2.imread(str(HALLWAY[0])), (160, 120), interpolation=cv2.INTER_AREA)
+    for name in ("x" * 250, "z"):
+        cv2.imwrite(str(tmp_path / "in" / f"{name}.jpg"), small)
     code, _, err = run(command, tmp_path / "in", "--out", tmp_path / "out")
     assert code == 1
     assert "File name too long" in err
-    assert "1 of 3 images left out" in err
-    assert {path.name[:2] for path in (tmp_path / "out").iterdir()} >= {"a.", "z."}
+    assert "1 of 2 images left out" in err
+    assert {path.name[:2] for path in (tmp_path / "out").iterdir()} >= {"z."}
 
 
 def test_detect_writes_every_format(run):
