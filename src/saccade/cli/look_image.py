@@ -59,6 +59,9 @@ def analyze_image(
 
     Returns:
         The row for --json, and the scanpath with samples of the scanpath model.
+
+    Raises:
+        ConfigError: a map named by --layers that the model does not have.
     """
     image, out = read_image(path), options.out / f"{name}.look"
     try:
@@ -71,6 +74,8 @@ def analyze_image(
         scan = scanpath(maps, network, fixations=options.length)
     samples = sample_scanpaths(maps, count=CLOUD_SIZE, fixations=options.length)
     layers = maps.layers
+    for each in options.layers or () if options.maps else ():
+        require(each in layers, "layers", f"names of {', '.join(layers)}", each)
     pairs = attention.pairs(image, scan.xy)
     figure = attention_figure(image, layers, scan, pairs)
     picture = save_figures(figure, out, figure_formats(options.formats))
@@ -107,16 +112,10 @@ def analyze_image(
 def write_maps(
     out: Path, name: str, layers: Mapping[str, Float32Array], options: "LookOptions"
 ) -> list[str]:
-    """Write the maps (H, W) selected by --layers, or all, to one folder each; return the files.
-
-    Raises:
-        ConfigError: unknown map for this model.
-    """
+    """Write the maps (H, W) selected by --layers, or all, to one folder each; return the files."""
     from saccade.exchange import write_map
 
     chosen = options.layers or list(layers)
-    for each in chosen:
-        require(each in layers, "layers", f"names of {', '.join(layers)}", each)
     files = list[str]()
     for kind in options.maps or ():
         for each in chosen:
