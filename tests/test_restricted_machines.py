@@ -97,6 +97,12 @@ MISSING = {
     ("bare", "extract"): "parquet: needs pyarrow",
 }
 """What is told of a library that is missing."""
+USUAL = {
+    "offline": "look",
+    **dict.fromkeys(("ascii", "all-closed", "gone-folder"), "convert"),
+    **dict.fromkeys(("closed", "full-disk"), "detect"),
+}
+"""A command that is run in an environment, if not `config`."""
 ONCE = {("full-disk", "convert --to"), ("full", "config"), *MISSING}
 """Commands that once did not withstand an environment, beside one or several of each."""
 
@@ -105,7 +111,7 @@ def cases():
     """Pairs of an environment and a command: a few of each, more where many are asked for."""
     for i, environment in enumerate(ENVIRONMENTS):
         for j, name in enumerate(COMMANDS):
-            usual = name == ("look", "convert", "config")[i % 3] and environment[:3] != "no-"
+            usual = USUAL.get(environment, "config") == name and environment[:3] != "no-"
             if usual or (environment, name) in ONCE or (EXAMPLES > 12 and (i + j) % 6 == 0):
                 yield environment, name
 
