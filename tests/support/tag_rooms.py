@@ -13,7 +13,7 @@ import numpy as np
 from saccade.frames import AHEAD, Camera, CameraTurn, Drive, Frame
 from saccade.types import LandmarkMap, Trajectory
 
-SAMPLES = 3
+SAMPLES = 2
 """Samples per pixel, across and down."""
 MARGIN = 1.25
 """Size of the undistorted image, as a multiple of the image."""
@@ -79,10 +79,12 @@ class Painter:
             (np.arange(side * SAMPLES) + 0.5) / SAMPLES - 0.5 for side in lens.size
         )  # of the samples, in pixels
         grid = np.stack(np.meshgrid(x, y), -1).reshape(-1, 1, 2)
-        K, D = lens.matrix, np.array(lens.distortion or (0.0,) * 5)
-        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-        undistort = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # in OpenCV 4 and 5
-        ideal = undistort(grid, K, D, R=None, P=K, criteria=criteria).reshape(-1, 2)
+        K, ideal = lens.matrix, grid.reshape(-1, 2)
+        if lens.distortion:
+            D = np.array(lens.distortion)
+            criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+            undistort = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # OpenCV 4 and 5
+            ideal = undistort(grid, K, D, R=None, P=K, criteria=criteria).reshape(-1, 2)
         offset = (np.array(self.size) / SAMPLES - lens.size) / 2
         samples = ((ideal + offset + 0.5) * SAMPLES - 0.5).astype(np.float32)
         samples = samples.reshape(len(y), len(x), 2)
