@@ -58,10 +58,15 @@ def test_a_loop_is_smoothed(drive, mapped):
     assert mapped.estimate == "smoothed"
     assert (smoothed < 1.05 * filtered).all()
     assert smoothed.mean() < 0.9 * filtered.mean()
-    plain = visual.run(drive, VisualConfig(smooth=False))
+
+
+def test_smoothing_leaves_the_filter_as_it_is(drive):
+    plain, smoothed = (
+        visual.run(drive.until(10), VisualConfig(smooth=smooth)) for smooth in (False, True)
+    )
     assert plain.estimate == "filtered"
-    np.testing.assert_array_equal(plain.trajectory.pose, mapped.filtered.pose)
-    np.testing.assert_array_equal(plain.map.id, mapped.map.id)
+    np.testing.assert_array_equal(plain.trajectory.pose, smoothed.filtered.pose)
+    np.testing.assert_array_equal(plain.map.id, smoothed.map.id)
 
 
 def test_reidentified_landmarks_are_the_same(drive, mapped):
@@ -98,7 +103,7 @@ def test_every_frame_is_read_once(drive):
 
 
 def test_the_map_keeps_to_its_budget(drive):
-    few = visual.run(drive.until(24), VisualConfig(max_landmarks=30))
+    few = visual.run(drive.until(12), VisualConfig(max_landmarks=30))
     assert len(few.map) == len(few.descriptors) == 30
     assert (np.diff(few.map.id) > 0).all()
 

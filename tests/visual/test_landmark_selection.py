@@ -18,7 +18,9 @@ from saccade.visual.selection import rematch_rate, saliency_at
 
 @pytest.fixture(scope="module")
 def drive():
-    return simulate_drive(DriveConfig(frames=6))
+    made = simulate_drive(DriveConfig(frames=4))
+    pictures = [made.load(number) for number in range(len(made))]
+    return replace(made, load=pictures.__getitem__)
 
 
 def points(xy, descriptors=None):

@@ -14,6 +14,7 @@ from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.consistency import normalized_squared
 from saccade.slam.kidnapping import KidnappingDetector
 from saccade.types import THREE_SIGMA_2D, Trajectory
+from saccade.viewing.snapshots import SnapshotRecorder
 from saccade.visual import VisualConfig
 from saccade.visual.lost import ImageEvidence
 from saccade.visual.optical_flow import PreparedFrame
@@ -57,13 +58,13 @@ JUMP, AFTER = [*range(40), *range(50, FRAMES)], 40
 
 @pytest.fixture(scope="module")
 def carried(drive):
-    """The drive of a robot that was carried away on its way back, and its result."""
-    moved = kidnapped(drive, JUMP)
-    return moved, visual.run(moved)
+    """The drive of a robot that was carried away on its way back, its result and its snapshots."""
+    moved, recorder = kidnapped(drive, JUMP), SnapshotRecorder()
+    return moved, visual.run(moved, recorder=recorder), recorder.snapshots
 
 
 def test_a_robot_that_was_carried_away_is_found_in_its_map(drive, carried):
-    moved, result = carried
+    moved, result, _ = carried
     distance = np.hypot(*(drive.truth.pose[50] - drive.truth.pose[40])[:2])
     assert distance > 1.5
     assert not result.lost[:AFTER].any()
@@ -113,9 +114,10 @@ def test_a_robot_in_an_unknown_place_stays_lost_and_keeps_its_map():
     assert inside[0] < THREE_SIGMA_2D
 
 
-def test_the_times_at_which_it_was_lost_are_reported(carried, run, tmp_path):
-    moved, _ = carried
+def test_the_times_at_which_it_was_lost_are_reported(carried, run, tmp_path, monkeypatch):
+    moved, *mapped = carried
     datasets.save_drive(tmp_path / "carried", moved)
+    monkeypatch.setattr("saccade.cli.drive_run.map_recorded", lambda drive, *_: (drive, *mapped))
     code, out, _ = run("drive", tmp_path / "carried", "--out", tmp_path / "out")
     assert code == 0
     (times,) = json.loads((tmp_path / "out" / "run.json").read_text())["lost"]
@@ -126,8 +128,8 @@ def test_the_times_at_which_it_was_lost_are_reported(carried, run, tmp_path):
 
 
 def test_a_robot_that_shall_not_recover_is_never_lost(carried):
-    moved, _ = carried
-    assert not visual.run(moved.until(AFTER + 4), VisualConfig(recover=False)).lost.any()
+    moved, *_ = carried
+    assert not visual.run(moved.until(AFTER + 2), VisualConfig(recover=False)).lost.any()
 
 
 STEP = np.array([0.1, 0.0, 0.0])
