@@ -15,7 +15,7 @@ from saccade.cli.output import names_for
 from saccade.cli.slam_options import SlamOptions
 from saccade.settings import kinds, load_settings
 from support.logs import between
-from support.pictures import looks_like_a_picture
+from support.pictures import looks_like_a_picture, without_figures
 
 DATA = Path(str(files("saccade") / "data"))
 ROCKET = DATA / "rocket.jpg"
@@ -49,7 +49,8 @@ def shrunken(source, path, width=160, height=120):
     return path
 
 
-def test_settings_within_settings_can_be_handed_back(run, tmp_path):
+def test_settings_within_settings_can_be_handed_back(run, tmp_path, monkeypatch):
+    without_figures(monkeypatch)
     photo = shrunken(ROCKET, tmp_path / "rocket.png")
     text = run("config", "attention", "--preset", "kootstra2010")[1]
     (tmp_path / "mine.toml").write_text(text)
@@ -140,7 +141,8 @@ def test_bad_input_gets_one_clear_line(run, tmp_path, what):
     assert all(word in err for word in expected), err
 
 
-def test_one_bad_image_does_not_stop_the_others(run, tmp_path):
+def test_one_bad_image_does_not_stop_the_others(run, tmp_path, monkeypatch):
+    without_figures(monkeypatch)
     (tmp_path / "bad.png").write_bytes(b"?")
     photo = shrunken(HALLWAY[0], tmp_path / "hallway_1.jpg")
     for words in (("detect", "--max", 5), ("look",)):
@@ -257,7 +259,8 @@ def test_models_that_are_none_are_named(run, gazes, options, words):
     assert words in err
 
 
-def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
+def test_a_model_is_fitted_and_looks(run, gazes, tmp_path, monkeypatch):
+    without_figures(monkeypatch)
     with (tmp_path / "gazes.csv").open("a") as table:
         for number in (2, 3):
             (gazes / f"{number}.jpg").write_bytes((gazes / f"{number - 2}.jpg").read_bytes())

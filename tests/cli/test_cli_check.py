@@ -43,7 +43,7 @@ def test_programs_get_every_number(run, sequence):
 @pytest.fixture
 def log(tmp_path):
     world = WorldConfig(
-        course_length=30.0, curvature_amplitude=1.5, steps=300, step_length=0.5,
+        course_length=30.0, curvature_amplitude=1.5, steps=200, step_length=0.5,
         range_limits=(0.5, 8.0),
     )  # fmt: skip
     save(tmp_path / "log.csv", mounted(simulate_world(world, 1), (0.0, 0.3, 0.0)))

@@ -22,9 +22,9 @@ PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
-    """The first 300 lines of the park."""
+    """The first 150 lines of the park."""
     path = tmp_path_factory.mktemp("log") / "park.txt"
-    path.write_text("".join(PARK.read_text().splitlines(keepends=True)[:300]))
+    path.write_text("".join(PARK.read_text().splitlines(keepends=True)[:150]))
     return path
 
 

@@ -21,7 +21,7 @@ from saccade.serving.controls import controls
 from saccade.serving.playground import Playground
 from saccade.settings import load_settings, settings_from
 from support.limits import TIMEOUT
-from support.pictures import png
+from support.pictures import png, without_figures
 
 pytest.importorskip("starlette", reason="the extra serve is not installed")
 import anyio
@@ -278,7 +278,8 @@ def test_the_copied_files_have_the_settings(tmp_path):
         assert load_settings(kind, path=path) == settings_from(kind, settings, "request")
 
 
-def test_the_page_opens_with_the_scanpath_of_look(tmp_path, run):
+def test_the_page_opens_with_the_scanpath_of_look(tmp_path, run, monkeypatch):
+    without_figures(monkeypatch)
     _, out, _ = run("look", PHOTO, "--json")
     expected = json.loads(out)["images"][0]["scanpath"]
     tables = {}

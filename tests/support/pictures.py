@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from pathlib import Path
 
 import cv2
 
@@ -23,3 +24,14 @@ def png(side, rows):
     header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
     start = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header)
     return start + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+
+
+def without_figures(monkeypatch):
+    """Let `look` write empty files for its figures: to draw one takes a second."""
+
+    def empty(_, path, formats):
+        Path(f"{path}.{formats[0]}").touch()
+        return f"{path}.{formats[0]}"
+
+    monkeypatch.setattr("saccade.cli.look_image.attention_figure", lambda *_: None)
+    monkeypatch.setattr("saccade.cli.look_image.save_figures", empty)
