@@ -28,8 +28,8 @@ TEXTS = WHOLE | dict(zip(SECTIONS[::2], SECTIONS[1::2], strict=True))
 PEERS = re.compile(r"^(?:import|from) (skimage|pycolmap|torch)", re.M)
 
 
-LOG_LINES = 2000
-"""Number of lines of the recorded log that the pages map: 62 landmarks."""
+LOG_LINES = 1000
+"""Number of lines of the recorded log that the pages map."""
 
 
 def run_code(text, folder):

@@ -24,7 +24,7 @@ from support.killed_process import deadly
 from support.limits import TIMEOUT
 
 IMAGES = 15
-KILLS = 10
+KILLS = 6
 GONE = 7
 """Number of an image."""
 

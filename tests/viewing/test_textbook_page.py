@@ -15,6 +15,7 @@ import saccade
 from saccade import textbook
 from saccade.errors import LogError
 from saccade.textbook.pop_out import pop_out_display, target_rank
+from saccade.viewing.textbook import walkthrough
 from saccade.viewing.textbook.ekf import simulated_log, trace_filter
 from saccade.viewing.textbook.walkthrough import Walkthrough, load_steps
 from support.accessibility import assert_accessible
@@ -34,7 +35,7 @@ def made(tmp_path_factory):
     """The photo, the JSON and the page."""
     folder = tmp_path_factory.mktemp("made")
     photo = folder / "photo.png"
-    cv2.imwrite(str(photo), cv2.imread(str(DATA / "chelsea.jpg"))[60:180, 100:260])
+    cv2.imwrite(str(photo), cv2.imread(str(DATA / "chelsea.jpg"))[80:160, 130:230])
     row = json_of("textbook", photo, "--out", folder / "out")
     return photo, row, (folder / "out" / "report.html").read_text(encoding="utf-8")
 
@@ -63,7 +64,8 @@ def test_the_page_holds_every_equation_with_its_code_and_every_picture(made, bro
     shown.close()
 
 
-def test_a_log_is_walked_through_by_appendix_c(run, tmp_path):
+def test_a_log_is_walked_through_by_appendix_c(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(walkthrough, "save_webp", lambda figure, file: None)  # drawn above
     code, out, _ = run("textbook", DATA / "victoria_park.txt", "--json")
     assert code == 0
     assert json.loads(out)["results"].keys() == {"C"}
@@ -149,8 +151,8 @@ def test_invalid_parameters_are_refused(made, run, change, words):
 
 
 def test_a_red_bar_pops_out_by_the_default_but_not_by_the_equations_as_printed():
-    displays = [pop_out_display(seed) for seed in range(5)]
-    for image, *bars in displays[:2]:
+    displays = [pop_out_display(seed) for seed in range(3)]
+    for image, *bars in displays[:1]:
         assert target_rank(textbook.contrast_saliency(image).saliency, *bars) > 1
     for image, *bars in displays:
         assert target_rank(saccade.contrast_saliency(image).saliency, *bars) == 1
