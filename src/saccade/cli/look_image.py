@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 LEAD = "Saliency by contrast, symmetry and Boolean maps, and scanpaths."
 TEXT = (
     "The map overlays the photograph, and the scanpath plays at a quarter of the model's speed. "
-    "The cloud of thin lines is a hundred scanpaths drawn from the scanpath model; the amplitudes "
-    "and directions of their saccades are below."
+    "A hundred scanpaths drawn from the scanpath model can be shown as a cloud of thin lines; the "
+    "amplitudes and directions of their saccades are below."
 )
 CLOUD_SIZE = 100
 """Number of scanpaths in the cloud."""

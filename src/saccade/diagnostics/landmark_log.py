@@ -295,8 +295,8 @@ def _mounted_at(mounting: Mounting, sensor: tuple[float, float, float]) -> str:
     x, y, yaw = mounting.after(sensor)
     sigma = mounting.sigma
     return (
-        f"the sensor is mounted {x:.2f} +- {sigma[0]:.2f} m ahead and {y:.2f} +- {sigma[1]:.2f} m "
-        f"to the left of the robot's origin and turned by {np.rad2deg(yaw):.1f} +- "
+        f"the sensor is mounted {x:.2f} ± {sigma[0]:.2f} m ahead and {y:.2f} ± {sigma[1]:.2f} m "
+        f"to the left of the robot's origin and turned by {np.rad2deg(yaw):.1f} ± "
         f"{np.rad2deg(sigma[2]):.1f} degrees, not as the log has it"
     )
 

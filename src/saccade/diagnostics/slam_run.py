@@ -149,7 +149,7 @@ def _check_scale(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     if abs(difference) > max(MAX_DISAGREEMENT, SCALE_SIGMAS * sigma):
         side = "longer" if difference > 0 else "shorter"
         what = (
-            f"ranges are {100 * abs(difference):.1f} +- {100 * sigma:.1f} % {side} than expected "
+            f"ranges are {100 * abs(difference):.1f} ± {100 * sigma:.1f} % {side} than expected "
             f"from odometry: either they are wrong (estimated {100 * errors[0]:+.1f} %), or the "
             f"distances of odometry are (true ones {100 * bias[0]:+.1f} %)"
         )

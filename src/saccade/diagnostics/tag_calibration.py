@@ -244,7 +244,7 @@ def _findings(found: TagCalibration, size: float | None) -> Iterator[tuple[float
         significance = abs(value) / max(sigma, 1e-12)
         if significance < SIGNIFICANCE or abs(value) < minimum:
             continue
-        percent = f"{100 * abs(value):.1f} +- {100 * sigma:.1f} %"
+        percent = f"{100 * abs(value):.1f} ± {100 * sigma:.1f} %"
         if number == 0:
             what = f"the tags are {percent} {'larger' if value > 0 else 'smaller'} than declared"
             if size is not None:
@@ -255,14 +255,14 @@ def _findings(found: TagCalibration, size: float | None) -> Iterator[tuple[float
             finding = Finding.of("focal length", f"{what}declared", 100 * value)
         elif number == 2:
             side = "left" if value > 0 else "right"
-            degrees = f"{np.degrees(abs(value)):.1f} +- {np.degrees(sigma):.1f} degrees"
+            degrees = f"{np.degrees(abs(value)):.1f} ± {np.degrees(sigma):.1f} degrees"
             what = f"the camera is turned {degrees} further to the {side} than declared"
             advice = "Correct the rotation in camera.toml"
             value = float(np.degrees(value))
             finding = Finding.of("camera yaw", what, value, advice=advice)
         else:
             way = (("ahead", "back"), ("to the left", "to the right"))[number - 3][int(value < 0)]
-            what = f"the camera is mounted {abs(value):.2f} +- {sigma:.2f} m further {way} "
+            what = f"the camera is mounted {abs(value):.2f} ± {sigma:.2f} m further {way} "
             advice = "Correct the position in camera.toml"
             finding = Finding.of("camera position", f"{what}than declared", value, advice=advice)
         yield significance, finding

@@ -1,6 +1,7 @@
 """Summaries of SLAM runs and camera drives, with errors against ground truth."""
 
 from dataclasses import asdict, fields
+from math import floor, log10
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ GROSS_WEIGHT = 0.25
 """Maximum weight of a gross error (over 5 sigma) in the smoothing."""
 GPS_INLIERS = 0.9
 """Fraction of GPS positions used; the rest may be multipath reflections."""
+MAX_DIGITS = 6
+"""Maximum number of decimals of an estimated bias in words."""
 
 
 def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
@@ -92,7 +95,7 @@ def _odometry_biases(result: SlamResult) -> dict[str, Any]:
         (100.0, "cm per radian"),
     )
     words = (
-        f"{factor * mean:+.2f} ± {factor * std:.2f} {unit}"
+        f"{_with_deviation(factor * mean, factor * std)} {unit}"
         for (mean, std), (factor, unit) in zip(pairs.tolist(), units, strict=True)
     )
     return {
@@ -100,6 +103,13 @@ def _odometry_biases(result: SlamResult) -> dict[str, Any]:
         "odometry_bias_sigma": dict(zip(names, pairs[:, 1].tolist(), strict=True)),
         "odometry_correction": ", ".join(words),
     }
+
+
+def _with_deviation(mean: float, std: float) -> str:
+    """Both to the second digit of the standard deviation."""
+    digits = 1 - floor(log10(std)) if std > 0 else 2
+    digits = min(max(digits, 0), MAX_DIGITS)
+    return f"{mean:+.{digits}f} ± {std:.{digits}f}"
 
 
 def _doubt(result: SlamResult) -> str:

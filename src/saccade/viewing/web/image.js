@@ -189,7 +189,7 @@ function mapChoice(element, heat) {
  */
 kinds.image = (element, data) => {
   let { image, scanpath: path, points } = data;
-  const shown = { path: true, points: false, samples: true };
+  const shown = { path: true, points: false, samples: false };
   const samples = data.samples;
   let fixation = path.time.length;
   const photo = make("img", { class: "photo", alt: "The photograph" });
@@ -235,7 +235,7 @@ kinds.image = (element, data) => {
   const layers = make("div", { class: "layers" },
     toggle("scanpath", "orange", true, (on) => { shown.path = on; draw(); }), pointBox);
   if (samples) {
-    layers.append(toggle(`${samples.xy.length / 2 / samples.length} sampled scanpaths`, "blue", true,
+    layers.append(toggle(`${samples.xy.length / 2 / samples.length} sampled scanpaths`, "blue", false,
       (on) => { shown.samples = on; draw(); }));
   }
   element.append(make("div", { class: "stage" }, make("div", { class: "main" }, box, play.element, layers), side));

@@ -96,7 +96,7 @@ function saccadeFigures(samples, image) {
   const horizontal = direction.filter((_, i) => i % 8 <= 1 || i % 8 === 7).reduce((a, b) => a + b, 0);
   const figure = (name, text, draw) => {
     const canvas = make("canvas", { class: name, role: "img", "aria-label": text });
-    const redraw = () => draw(canvas);
+    const redraw = () => { if (canvas.clientHeight) draw(canvas); };
     new ResizeObserver(redraw).observe(canvas);
     onTheme(redraw);
     return make("figure", { class: "saccades" }, make("figcaption", {}, text), canvas);
