@@ -122,7 +122,7 @@ def first_plane(
     plane = blurred(
         *(gray, blur, kernel_radius),
         corrected=centered,
-        out=workspace.array("first plane", 0, gray.shape),
+        out=workspace.array("plane", 0, gray.shape),
         workspace=workspace,
     )
     return plane, np.zeros(2)
@@ -187,7 +187,7 @@ def downsampled(
             *(before, sigma_x, kernel_radius),
             sigma_y=sigma_y,
             corrected=True,
-            out=workspace.array("between octaves", 0, before.shape),
+            out=workspace.array("plane", 0, before.shape),
             workspace=workspace,
         )
     sides = [(side + 1) // 2 for side in plane.shape]
