@@ -126,6 +126,22 @@ def test_a_wrong_log_is_refused_or_its_cause_is_named_first(kind, good):
 MOUNTINGS = [(0.3, 0.0, 0.0), (0.0, -0.3, 0.0), (0.0, 0.0, np.deg2rad(5)), (0.3, 0.3, -0.5)]
 
 
+def test_a_slip_of_odometry_that_labels_correct_is_reported():
+    """One step that is declared 1.04 m and half a radian too far."""
+    log = simulate_world(WORLD, 2)
+    slip, control = np.array([1.0, 0.3, 0.5]), log.control.copy()
+    control[150] += slip
+    slipped = replace(log, control=control)
+    result = slam.run(slipped)
+    (finding,) = check_run(slipped, result, check_log(slipped))
+    assert finding.check == "corrected"
+    assert finding.value == pytest.approx(np.hypot(*slip[:2]), abs=0.15)
+    (pose,) = np.flatnonzero(result.corrections.any(1))
+    assert 151 <= pose < 156
+    assert result.corrections[pose, 2] == pytest.approx(-slip[2], abs=0.05)
+    assert not slam.run(log).corrections.any()
+
+
 @pytest.mark.parametrize(
     ("sensor", "known"),
     [*((sensor, (0.0, 0.0, 0.0)) for sensor in MOUNTINGS), (MOUNTINGS[3], (0.5, 0.0, 0.25))],

@@ -299,6 +299,10 @@ FINDINGS = {
         *("warning", "m", "a robot that was carried away and found again"),
         "Check what happened there; the trajectory in between is uncertain",
     ),
+    "corrected": Kind(
+        *("warning", "m", "odometry that slipped or lost steps, by the labels of landmarks"),
+        "Check the odometry before this time; the trajectory there is uncertain",
+    ),
     "tag size": Kind(
         *("warning", "%", "tags of another size than declared"),
         "Measure the side of the black square",

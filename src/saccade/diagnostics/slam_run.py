@@ -89,6 +89,7 @@ def _symptoms(log: LandmarkLog, result: SlamResult, known: bool) -> Iterator[Fin
         what = f"the run ends lost: the last {seconds:.1f} s rely on odometry alone"
         yield Finding.of("lost", what, seconds)
     yield from _check_moved(log, result)
+    yield from _check_corrections(log, result)
     yield from _check_innovations(log, result, known)
     if not known:
         yield from _check_scale(log, result)
@@ -109,6 +110,19 @@ def _check_moved(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
             f"contradict it, and at {found:.1f} s it was found {hypot(x, y):.1f} m away"
         )
         yield Finding.of("moved", what, hypot(x, y))
+
+
+def _check_corrections(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
+    """Reports each pose that labels corrected."""
+    if result.corrections is None:
+        return
+    for i in np.flatnonzero(result.corrections.any(1)).tolist():
+        x, y, turn = result.corrections[i].tolist()
+        what = (
+            f"odometry led to a wrong pose: at {log.time[i] - log.time[0]:.1f} s the labels of "
+            f"landmarks corrected it by {hypot(x, y):.1f} m and {np.rad2deg(turn):.0f} degrees"
+        )
+        yield Finding.of("corrected", what, hypot(x, y))
 
 
 def _check_innovations(log: LandmarkLog, result: SlamResult, known: bool) -> Iterator[Finding]:

@@ -84,6 +84,8 @@ class KidnappingDetector:
         """Whether the last scan contradicts the estimated pose."""
         self.blocks_update = False
         """Whether the last scan must not update the filter."""
+        self.correction = np.zeros(3)
+        """(3,) displacement by which labels corrected the pose before the last scan, else zero."""
         self.evidence = 0.0
         """Cumulative evidence."""
         self.landmark_evidence = LandmarkEvidence(chi_square_gate(2, gate))
@@ -125,6 +127,7 @@ class KidnappingDetector:
         A scan that does not contradict the estimated pose updates the averages.
         """
         self.contradicted, self.blocks_update = False, self.lost
+        self.correction = np.zeros(3)
         if self._doubt is not None and scan.control is not None:
             self._doubt.predict(*scan.control[:2])
         if not self.enabled or len(scan.z) == 0:
@@ -142,7 +145,7 @@ class KidnappingDetector:
         standing = self._are_labels_evidence(ekf, table, scan, compared)
         doubt = self._doubt
         if doubt is not None and standing and not self._standing and self._is_slip(doubt):
-            doubt.correct_pose()
+            self.correction = doubt.correct_pose()
             self.reset()
             return
         latest = landmarks.evaluate(f, compared, standing=standing)

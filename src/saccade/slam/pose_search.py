@@ -125,11 +125,11 @@ class PoseSearch:
         error = pose_difference(self.hypotheses.pose[0], self._ekf.pose)
         return bool(normalized_squared(error[:2], S[:2, :2]) <= MAX_SLIP_DISTANCE)
 
-    def correct_pose(self) -> None:
+    def correct_pose(self) -> FloatArray:
         """Moves the robot of the filter to the most probable pose, as by unknown odometry.
 
         In contrast to `reset_pose`, the new pose still depends on the map, which the observations
-        that follow correct, too.
+        that follow correct, too. Returns the displacement (3,), in the frame of the robot.
         """
         assert self.hypotheses is not None
         pose, C = self._ekf.pose, np.array(self.hypotheses.covariance[0])
@@ -140,6 +140,7 @@ class PoseSearch:
         C[:, :2] = C[:, :2] @ turn.T
         wide = np.diag([*np.full(2, C[:2, :2].trace() / 2), MIN_HEADING_SIGMA**2])
         self._ekf.predict(moved, PRIOR_WEIGHT * (C + wide), np.zeros((3, 3)), checked=True)
+        return moved
 
     def reset_pose(self) -> None:
         """Gives the filter the most probable pose.

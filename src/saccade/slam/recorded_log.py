@@ -147,6 +147,7 @@ def _filtered(
     odometry = dead_reckon(log, slam.config)
     pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
     lost, rejected = np.zeros(poses, np.bool_), np.zeros(k, np.bool_)
+    corrections = np.zeros((poses, 3))
     association, innovations = np.full(k, -1), new_innovations(k)  # the association has ids
     hundredth, start, begins, doubted = poses // 100 + 1, 0, len(slam.filter) == 0, 0
     slam.num_steps = max(slam.num_steps - 1, 0)  # the first pose of the log is its present pose
@@ -155,6 +156,7 @@ def _filtered(
         result = slam.process(scan)
         rows = slice(start, start := start + len(scan.z))
         pose[i], covariance[i] = result.pose, result.covariance
+        corrections[i] = slam.kidnapping.correction
         if result.lost:  # since the first scan of the evidence, the change point of the CUSUM
             lost[min(doubted, i) : i + 1] = True
         elif slam.kidnapping.evidence < MIN_CONTRADICTION:
@@ -202,6 +204,7 @@ def _filtered(
         ),
         nonlinearity=slam.filter.nonlinearity,
         lost=lost,
+        corrections=corrections,
         session=slam.landmarks.counts.session[slam.landmarks.in_map],
     )
 

@@ -160,6 +160,9 @@ class SlamResult(Pictured):
     lost: BoolArray | None = None
     """(t + 1,) whether the robot is kidnapped at each pose, from the first scan that contradicts
     the filter. In a step it is lost once the evidence suffices, and dead reckoning then."""
+    corrections: FloatArray | None = None
+    """(t + 1, 3) displacement by which labels corrected each pose, in the frame of the robot, as
+    after a slip of the odometry; zero for most."""
     session: IntArray | None = None
     """(n,) session in which each landmark of the map was added, from 0, see `Slam.load`."""
 
