@@ -47,7 +47,8 @@ def test_a_run_writes_all_that_is_known(made, short):
     trajectory = file_interface.read_tum_trajectory_file(files["trajectory"])
     assert trajectory.num_poses == row["poses"] == len(result.trajectory)
     landmarks, poses, seen = (
-        pandas.read_csv(files[each]) for each in ("landmarks", "poses", "innovations")
+        pandas.read_csv(files[each], float_precision="round_trip")
+        for each in ("landmarks", "poses", "innovations")
     )
     assert len(landmarks) == row["landmarks"] == len(result.map)
     assert {"id", "x", "y", "cov_xx", "cov_xy", "cov_yy"} <= set(landmarks)
