@@ -3,7 +3,9 @@
 Values that are read, and round trips, are in the tests of each format.
 """
 
+import shutil
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,14 +49,26 @@ TABLES = [
 """Targets whose file is a table of text."""
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A function that gives the folder of a target's whole recording."""
+
+    @cache
+    def made(name: str) -> Path:
+        folder = tmp_path_factory.mktemp("whole")
+        TARGETS[name].make(folder)
+        return folder
+
+    return made
+
+
 @pytest.fixture
-def recording(tmp_path):
-    """A function that makes the recording of a target, with a change of the bytes of its file."""
+def recording(tmp_path, whole):
+    """A function that copies the recording of a target, with a change of the bytes of its file."""
 
     def make(name: str, change: Callable[[bytes], bytes] | None) -> tuple[object, str]:
         target, folder = TARGETS[name], tmp_path / name
-        folder.mkdir()
-        target.make(folder)
+        shutil.copytree(whole(name), folder)
         file = folder / target.file
         if change is None:
             file.unlink()

@@ -10,20 +10,10 @@ from saccade import slam
 from saccade.datasets import load
 from saccade.slam import inverse_observe
 from support.alignment import align
+from support.nightly import nightly
 
-
-@pytest.fixture(scope="module")
-def text_log():
-    return files("saccade") / "data" / "victoria_park.txt"
-
-
-@pytest.fixture(scope="module")
-def filtered(text_log):
-    """Without weights: the loss of GTSAM's graphs here is the plain one."""
-    log = load("isam", text_log)
-    return log, slam.run(
-        log, slam.EkfConfig(huber=np.inf, association="known", estimate_systematic_errors=False)
-    )
+UNWEIGHTED = slam.EkfConfig(huber=np.inf, association="known", estimate_systematic_errors=False)
+"""The loss of GTSAM's graphs here is the plain one."""
 
 
 def _smoothed_map(graph, pose_keys, result):
@@ -46,11 +36,17 @@ def _median_distance(ours, theirs):
     return np.median(apart)
 
 
-def test_map_agrees_with_gtsams_own_reading_of_the_file(text_log, filtered):
-    log, result = filtered
-    graph, _ = gtsam.load2D(str(text_log))
+@pytest.mark.parametrize(("lines", "landmarks"), [(2500, None), *nightly((None, 151))])
+def test_map_agrees_with_gtsams_own_reading_of_the_file(lines, landmarks, tmp_path):
+    whole = (files("saccade") / "data" / "victoria_park.txt").read_text().splitlines()[:lines]
+    (tmp_path / "log.txt").write_text("\n".join(whole) + "\n")
+    log = load("isam", tmp_path / "log.txt")
+    result = slam.run(log, UNWEIGHTED)
+    graph, _ = gtsam.load2D(str(tmp_path / "log.txt"))
     smoothed = _smoothed_map(graph, log.time.astype(int).tolist(), result)
-    assert len(result.map) == 151
+    read = {line.split()[2] for line in whole if line.startswith("LANDMARK")}
+    assert len(result.map) == len(read)
+    assert landmarks in (None, len(read))
     assert _median_distance(result.map.xy, smoothed) < 0.65
 
 

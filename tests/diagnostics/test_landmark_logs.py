@@ -17,7 +17,7 @@ from support.logs import mounted, with_observations
 WORLD = WorldConfig(
     course_length=30.0,
     curvature_amplitude=1.5,
-    steps=300,
+    steps=140,
     step_length=0.5,
     landmarks=20,
     range_limits=(0.5, 8.0),

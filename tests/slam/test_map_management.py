@@ -99,7 +99,7 @@ def test_counts_are_those_of_a_list(seed):
 
 def test_early_observations_of_a_candidate_are_not_lost(rng):
     """When it is confirmed has no influence on the estimate: it is in the filter from the first."""
-    log = without_names(simulate(rng)[0])
+    log = without_names(simulate(rng, steps=150)[0])
     runs = [slam.run(log, replace(SINGLE, confirm_after=times)) for times in (1, 4)]
     one, four = (run.filtered for run in runs)
     assert one.pose.tobytes() == four.pose.tobytes()
@@ -109,7 +109,7 @@ def test_early_observations_of_a_candidate_are_not_lost(rng):
 
 
 def test_the_unit_of_the_clock_does_not_matter(rng):
-    log = without_names(simulate(rng)[0])
+    log = without_names(simulate(rng, steps=120)[0])
     result = slam.run(log)
     assert len(result.map) >= 15
     for unit in (1e-9, 1000.0):
@@ -144,7 +144,9 @@ def test_no_observations_and_only_culled_landmarks_are_warnings(rng):
 
 def test_snapshots_show_landmarks_without_candidates(rng):
     recorder = SnapshotRecorder(frames=1000)
-    result = slam.run(without_names(simulate(rng)[0]), EkfConfig(smooth=False), recorder=recorder)
+    result = slam.run(
+        without_names(simulate(rng, steps=100)[0]), EkfConfig(smooth=False), recorder=recorder
+    )
     assert len(recorder.snapshots[0].landmarks) == 0
     assert len(recorder.snapshots[5].observed) > 0
     np.testing.assert_array_equal(recorder.snapshots[-1].landmarks, result.map.xy)

@@ -25,7 +25,7 @@ WORLD = WorldConfig(
 
 def mapped(log):
     """The map of a log with names."""
-    robot = slam.slam_for(log)
+    robot = slam.slam_for(log, slam.EkfConfig(smooth=False))
     slam.run(log, initial=robot)
     return robot
 

@@ -86,9 +86,9 @@ def test_the_pose_has_the_mean_and_the_covariance_of_the_mixture():
 
 
 def test_names_end_the_hypotheses():
-    log = clustered_world(1, steps=300)
-    late = np.where(log.observation_pose > 150, log.landmark, -1)
-    live = slam.slam_for(log, dataclasses.replace(SEVERAL, association="auto"))
+    log = clustered_world(1, steps=200)
+    late = np.where(log.observation_pose > 100, log.landmark, -1)
+    live = slam.slam_for(log, dataclasses.replace(SEVERAL, association="auto", smooth=False))
     slam.run(dataclasses.replace(log, landmark=late), initial=live)
     assert live.hypotheses.branching is False
     labels, counts = np.unique(late, return_counts=True)
@@ -106,8 +106,8 @@ def test_a_new_landmark_costs_what_its_density_says():
 
 
 def test_steps_and_copies_have_the_bits_of_a_run():
-    log = without_names(clustered_world(2, steps=160))
-    config = dataclasses.replace(SEVERAL, max_hypotheses=6)
+    log = without_names(clustered_world(2, steps=110))
+    config = dataclasses.replace(SEVERAL, max_hypotheses=6, smooth=False)
     whole = slam.run(log, config)
     live, poses, several = slam.slam_for(log, config), [], 0
     for i in range(len(log.time)):

@@ -60,7 +60,8 @@ def entries(monkeypatch):
     st.integers(0, 1000),
 )
 def test_estimates_are_those_of_the_whole_map(kind, association, bias, view, seed):
-    world = dataclasses.replace(WORLD, field_of_view_deg=view)
+    small = {"course_length": 50.0, "steps": 220, "landmarks": 50}
+    world = dataclasses.replace(WORLD, field_of_view_deg=view, **small)
     log = dataclasses.replace(simulate_world(world, seed), odometry_bias=bias)
     config = EkfConfig(
         errors=kind, association=association, confirm_after=2, submaps="never", smooth=False

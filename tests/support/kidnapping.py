@@ -8,7 +8,7 @@ from saccade.simulation import WorldConfig, simulate_world
 from support.logs import with_observations, without_names
 
 WORLD = WorldConfig(
-    course_length=60, landmarks=60, landmark_spread=6, steps=800, range_limits=(0.5, 8.0)
+    course_length=60, landmarks=60, landmark_spread=6, steps=640, range_limits=(0.5, 8.0)
 )
 STEP, JUMP = 300, 60  # 15 m on the course
 

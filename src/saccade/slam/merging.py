@@ -220,8 +220,8 @@ def _fuse(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
     T, moved = transform.copy(), b
     for _ in range(MAX_ITERATIONS):
         R = rotations(T[2])
-        turn = np.kron(np.eye(len(b)), R)
-        Q_turned = turn @ Q @ turn.T
+        Q_turned = (R @ Q.reshape(len(b), 2, -1)).reshape(len(Q), -1, 2) @ R.T
+        Q_turned = Q_turned.reshape(Q.shape)
         v = (a[pairs[:, 0]] - b[pairs[:, 1]] @ R.T - T[:2]).ravel()  # (2 m,)
         S = cho_factor(P[np.ix_(rows, rows)] + Q_turned[np.ix_(columns, columns)])
         J = pose_jacobians(moved @ R.T).reshape(-1, 3)  # (2 N, 3)
