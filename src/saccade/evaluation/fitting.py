@@ -175,13 +175,15 @@ def fit(
         return float(value), gradient / scale / count + config.penalty * scaled
 
     from scipy.optimize import minimize  # slow to import
+    from threadpoolctl import threadpool_limits
 
-    found = minimize(
-        *(objective, np.zeros(len(scale))),
-        jac=True,
-        method="L-BFGS-B",
-        options={"maxiter": config.iterations},
-    )
+    with threadpool_limits(1, user_api="blas"):  # the matrices are too small for several threads
+        found = minimize(
+            *(objective, np.zeros(len(scale))),
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": config.iterations},
+        )
     return np.asarray(found.x / scale)
 
 
