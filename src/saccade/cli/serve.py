@@ -46,13 +46,13 @@ def serve(options: ServeOptions = ServeOptions()) -> None:
 
     from saccade.cli.output import print_message
     from saccade.extras import import_optional
-    from saccade.serving.analysis import PhotoAnalyzer
-    from saccade.serving.controls import controls
-    from saccade.serving.playground import Playground
 
     uvicorn = import_optional("uvicorn", "serve")
     import_optional("starlette", "serve")
+    from saccade.serving.analysis import PhotoAnalyzer
     from saccade.serving.app import application
+    from saccade.serving.controls import controls
+    from saccade.serving.playground import Playground
 
     data = files("saccade") / "data"
     names = sorted(each.name for each in data.iterdir() if each.name.endswith(".jpg"))
