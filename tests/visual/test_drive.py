@@ -20,12 +20,17 @@ from saccade.visual import VisualConfig
 from saccade.visual.contradictions import StepSource
 from support.short_ring import short_ring
 
-FRAMES = 48
+FRAMES, LONG = 32, 48
 
 
 @pytest.fixture(scope="module")
 def drive():
     return short_ring(FRAMES)
+
+
+@pytest.fixture(scope="module")
+def long_drive():
+    return short_ring(LONG)
 
 
 @pytest.fixture(scope="module")
@@ -110,40 +115,40 @@ def test_the_map_keeps_to_its_budget(drive):
 
 def test_blank_and_garbled_frames_are_bridged(drive, mapped, rng):
     def hidden(number, frame):
-        if number in (9, 10, 11):
+        if number in (6, 7, 8):
             return replace(frame, image=np.zeros_like(frame.image), right=None)
+        if number == 13:
+            raise ImageError("13.png: cannot be read: no such file")
         if number == 20:
-            raise ImageError("20.png: cannot be read: no such file")
-        if number == 30:
             pixels = rng.integers(0, 256, frame.image.shape, np.uint8)
             return replace(frame, image=pixels, right=pixels)
         return frame
 
     result = visual.run(changed(drive, hidden))
     assert len(result.trajectory) == len(drive)
-    assert np.flatnonzero(result.sources == StepSource.DROPPED).tolist() == [30]
+    assert np.flatnonzero(result.sources == StepSource.DROPPED).tolist() == [20]
     assert not result.lost.any()
-    assert result.remarks == ("20.png: cannot be read: no such file",)
+    assert result.remarks == ("13.png: cannot be read: no such file",)
     spread = np.linalg.det(result.filtered.covariance[:, :2, :2])
-    assert spread[11] > 1.2 * np.linalg.det(mapped.filtered.covariance[11, :2, :2])
+    assert spread[8] > 1.2 * np.linalg.det(mapped.filtered.covariance[8, :2, :2])
     assert score_drive(result.trajectory, drive.truth).ate_m < 0.06
 
 
 @pytest.mark.nightly
-def test_a_hand_over_the_lens_adds_no_error(drive, rng):
-    noise = rng.integers(0, 256, (FRAMES, 240, 320), np.uint8)
+def test_a_hand_over_the_lens_adds_no_error(long_drive, rng):
+    noise = rng.integers(0, 256, (LONG, 240, 320), np.uint8)
 
     def covered(number, frame):
         hand = cv2.GaussianBlur(noise[number], (0, 0), 3)
         return replace(frame, image=hand, right=hand) if 24 <= number < 30 else frame
 
-    result = visual.run(changed(drive, covered))
-    assert score_drive(result.trajectory, drive.truth).ate_m < 0.1
+    result = visual.run(changed(long_drive, covered))
+    assert score_drive(result.trajectory, long_drive.truth).ate_m < 0.1
 
 
 @pytest.mark.nightly
-def test_lamps_that_flicker_change_nothing_but_the_last_digits(drive, mapped):
-    gain = np.exp(0.25 * np.random.default_rng(5).standard_normal(len(drive)))
+def test_lamps_that_flicker_change_nothing_but_the_last_digits(long_drive):
+    gain = np.exp(0.25 * np.random.default_rng(5).standard_normal(LONG))
 
     def lit(number, frame):
         left, right = (
@@ -152,15 +157,17 @@ def test_lamps_that_flicker_change_nothing_but_the_last_digits(drive, mapped):
         )
         return replace(frame, image=left, right=right)
 
-    result = visual.run(changed(drive, lit))
-    ours, steady = (score_drive(each.trajectory, drive.truth) for each in (result, mapped))
+    ours, steady = (
+        score_drive(visual.run(each).trajectory, long_drive.truth)
+        for each in (changed(long_drive, lit), long_drive)
+    )
     assert ours.ate_m < steady.ate_m + 0.01
     assert ours.inside_3sigma > 0.95
 
 
 @pytest.mark.nightly
-def test_odometry_that_jumps_is_rejected(drive):
-    drive = drive.until(30)
+def test_odometry_that_jumps_is_rejected(long_drive):
+    drive = long_drive.until(30)
     control = drive.control.copy()
     control[15] += [2.0, 0.0, 0.5]
     result = visual.run(replace(drive, control=control))
