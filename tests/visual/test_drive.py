@@ -232,13 +232,13 @@ def test_a_calibration_of_other_images_is_refused(drive):
 
 
 def test_drive_writes_its_files(drive, run, tmp_path):
-    datasets.save_drive(tmp_path / "ring", drive.until(9))
+    datasets.save_drive(tmp_path / "ring", drive.until(6))
     (tmp_path / "few.toml").write_text("max_landmarks = 25\n")
     words = ("--out", "made", "--config", "few.toml", "--film", "--json")
     code, out, _ = run("drive", tmp_path / "ring", *words)
     assert code == 0
     row = json.loads(out)
-    assert row["frames"] == 9
+    assert row["frames"] == 6
     assert row["landmarks"] == 25
     assert row["ate_m"] < row["odometry"]["ate_m"]
     for path in row["files"].values():

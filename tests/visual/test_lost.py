@@ -21,12 +21,17 @@ from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.relocalization import MAX_IMAGE_EVIDENCE
 from support.short_ring import short_ring
 
-FRAMES = 64
+FRAMES, LONG = 56, 64
 
 
 @pytest.fixture(scope="module")
 def drive():
     return short_ring(FRAMES)
+
+
+@pytest.fixture(scope="module")
+def long_drive():
+    return short_ring(LONG)
 
 
 def kidnapped(drive, kept, still=(), black=()):
@@ -53,7 +58,7 @@ def error_at_the_end(result, drive):
     return score_drive(result.trajectory, drive.truth).end_m
 
 
-JUMP, AFTER = [*range(40), *range(50, FRAMES)], 40
+JUMP, AFTER = [*range(32), *range(42, FRAMES)], 32
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +70,7 @@ def carried(drive):
 
 def test_a_robot_that_was_carried_away_is_found_in_its_map(drive, carried):
     moved, result, _ = carried
-    distance = np.hypot(*(drive.truth.pose[50] - drive.truth.pose[40])[:2])
+    distance = np.hypot(*(drive.truth.pose[42] - drive.truth.pose[32])[:2])
     assert distance > 1.5
     assert not result.lost[:AFTER].any()
     assert result.lost[AFTER]
@@ -79,9 +84,9 @@ def test_a_robot_that_was_carried_away_is_found_in_its_map(drive, carried):
 
 
 @pytest.mark.nightly
-def test_a_robot_that_was_carried_in_the_dark_is_found(drive):
-    kept, after = [*range(44), *range(54, FRAMES)], 44
-    moved = kidnapped(drive, kept, still=range(35, 44), black=range(36, 44))
+def test_a_robot_that_was_carried_in_the_dark_is_found(long_drive):
+    kept, after = [*range(44), *range(54, LONG)], 44
+    moved = kidnapped(long_drive, kept, still=range(35, 44), black=range(36, 44))
     result = visual.run(moved)
     assert result.lost[after]
     assert not result.lost[-1]
@@ -91,9 +96,9 @@ def test_a_robot_that_was_carried_in_the_dark_is_found(drive):
 
 
 @pytest.mark.nightly
-def test_a_robot_that_stands_in_the_dark_goes_on_where_it_stood(drive):
-    kept = [*range(44), *([43] * 11), *range(44, FRAMES)]
-    stood = kidnapped(drive, kept, still=range(43, 54), black=range(44, 54))
+def test_a_robot_that_stands_in_the_dark_goes_on_where_it_stood(long_drive):
+    kept = [*range(44), *([43] * 11), *range(44, LONG)]
+    stood = kidnapped(long_drive, kept, still=range(43, 54), black=range(44, 54))
     result = visual.run(stood)
     assert result.lost[53]
     assert not result.lost[54:].any()
