@@ -122,13 +122,14 @@ def test_a_function_works_as_a_detector(function, photos, tmp_path, run):
         stored = exchange.read_hdf5(each.files["features"])["0.png"]
         np.testing.assert_allclose(stored.descriptors, points.descriptors, atol=1e-5)
     assert len(runs[0].matched[0].indices) > 5
-    code, out, _ = run("match", photos, "--detector", text, "--out", "m", "--json")
+    code, out, _ = run("match", photos, "--detector", text, "--out", "m", "--workers", 1, "--json")
     assert (code, json.loads(out)["matches"]) == (0, len(runs[0].matched[0].indices))
 
 
 def test_a_function_is_extracted_and_done_again_if_its_source_changes(photos, run, tmp_path):
-    for text in (f"{OWN}:gray_patches", f"{OWN}:brightness"):
-        code, out, _ = run("extract", photos, "--what", text, "--out", text[-3:], "--json")
+    for workers, text in ((2, f"{OWN}:gray_patches"), (1, f"{OWN}:brightness")):
+        words = "--what", text, "--out", text[-3:], "--workers", workers
+        code, out, _ = run("extract", photos, *words, "--json")
         assert (code, json.loads(out)["images"]) == (0, 2)
     (stored, _) = read_points("hes")
     assert stored.points.descriptors.dtype == np.float32

@@ -242,7 +242,7 @@ def test_drives_without_odometry_or_tags_are_refused(room):
 
 
 def test_tags_join_the_landmarks_of_images():
-    config = replace(DriveConfig.hall(), tags=6, frames=24)
+    config = replace(DriveConfig.hall(), tags=6, frames=16)
     drive = simulate_drive(config, 3)
     result = visual.run(drive, tags=TagConfig(size=config.tag_size))
     assert set(result.tags.values()) <= set(result.map.names.tolist())
@@ -257,7 +257,7 @@ def test_tags_join_the_landmarks_of_images():
 
 def test_simulated_tags_are_where_the_layout_has_them():
     config = replace(DriveConfig.hall(), tags=6, frames=60)
-    drive, layout = simulate_drive(config, 3), tag_layout(config, 3)
+    drive, layout = simulate_drive(config, 3).until(36), tag_layout(config, 3)
     log = observe_tags(drive, TagConfig(size=config.tag_size)).log
     place = dict(zip(layout.names.tolist(), layout.xy, strict=True))
     pose = drive.truth.pose[log.observation_pose]
